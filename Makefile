@@ -18,7 +18,7 @@ WHAT ?=
 YIELD := nice -n 19
 
 .PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
-    long-computed test-newer-pythons soak bench evidence docs release setup lock clean firmware \
+    long-computed test-newer-pythons soak bench evidence margins docs release setup lock clean firmware \
     test-firmware
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
@@ -88,6 +88,10 @@ evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" 
 	@test -z "$(FLIGHTS)" || $(BIN)/groundstation evidence $(FLIGHTS) --write docs/evidence.md
 	@$(BIN)/groundstation-sim gale --ours 3 --write docs/evidence.md
 	@$(BIN)/groundstation-sim firmware --write docs/evidence.md
+
+margins: setup ## every law tuned by one search under the same floors, in minutes: table, picture, evaluations
+	@$(YIELD) $(BIN)/groundstation-sim compare --equal-margins --seeds 10 --workers $(WORKERS) \
+	    --table docs/equal-margins.csv --plot docs/equal-margins.png --write docs/explanation/equal-margins.md
 
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim reference --write docs/reference

@@ -100,6 +100,15 @@ def _compare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=count, default=3, metavar="N", help="fly each with seeds 0 to N-1 (default 3)")
     parser.add_argument("--duration", type=seconds, default=60.0, metavar="S", help="of each flight (default 60 s)")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="for all")
+    parser.add_argument(
+        "--equal-margins", action="store_true", help="tune each by the same search under the same floors, then fly them"
+    )
+    parser.add_argument(
+        "--trials", type=count, default=32, metavar="N", help="with it: sets of gains each (default 32)"
+    )
+    parser.add_argument(
+        "--table", type=path, metavar="FILE.csv", help="with it: every evaluation; those there are not flown again"
+    )
     parser.add_argument("--workers", type=count, metavar="N", help="processes at once (default: one a core)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     parser.add_argument("--plot", type=path, metavar="FILE.png", help="draw it too; needs matplotlib")

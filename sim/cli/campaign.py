@@ -5,12 +5,14 @@ import json
 import os
 import shlex
 import sys
+import textwrap
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 
 import msgspec
 
+from groundstation.config import ConfigError
 from groundstation.settings import Config
 from sim.batch import choose_stages
 from sim.cli.console import ProgressBar
@@ -74,6 +76,8 @@ def compare(args: argparse.Namespace) -> int:
         check_plot(args.plot)
     if args.write is not None:
         check_markers(args.write)
+    if args.equal_margins:
+        return _at_equal_margins(args)
     quiet = args.json or not sys.stderr.isatty()
     with ExitStack() as stack:
         shown: list[ProgressBar] = []  # once something flies: what can't fly says so without a bar
@@ -98,6 +102,54 @@ def compare(args: argparse.Namespace) -> int:
     if args.write is not None:
         write_between_markers(args.write, found.rows, _comparison(args))
     print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else text_table(found.rows))
+    return 0
+
+
+def _at_equal_margins(args: argparse.Namespace) -> int:
+    """Tune every law under the same floors, and refly the best of each."""
+    from sim.cli.tune import need_optuna
+    from sim.studies import (
+        SEARCHED_LAWS,
+        compare_at_equal_margins,
+        describe_terms,
+        draw_equal_margins,
+        equal_margins_table,
+        put_between_markers,
+        read_trials,
+        write_trials,
+    )
+    from sim.studies.tune import Flyers
+
+    need_optuna()
+    for option in ("scenarios", "overrides"):
+        if getattr(args, option):
+            raise ConfigError(f"--{option}".replace("overrides", "set"), "is told by --equal-margins itself")
+    known = {law.name.partition(",")[0] for law in SEARCHED_LAWS}
+    for name in args.controllers or ():
+        if name not in known:
+            raise ConfigError("--controllers", f"expected some of {sorted(known)}, got {name!r}")
+    laws = [law for law in SEARCHED_LAWS if not args.controllers or law.name.partition(",")[0] in args.controllers]
+    quiet = args.json or not sys.stderr.isatty()
+    with (
+        Flyers(args.workers or os.cpu_count() or 1) as flyers,
+        ProgressBar("evaluations", (args.trials + 1) * len(laws), quiet=quiet) as progress,
+    ):
+        found = compare_at_equal_margins(
+            flyers,
+            trials=args.trials,
+            seeds=args.seeds,
+            laws=laws,
+            known=read_trials(args.table) if args.table is not None else None,
+            on_done=lambda done, of: progress.at(done),
+        )
+    if args.table is not None:
+        write_trials(args.table, found.trials)
+    if args.plot is not None:
+        draw_equal_margins(found.rows).savefig(args.plot, dpi=150)
+    table = f"{equal_margins_table(found.rows)}\n\n{textwrap.fill(describe_terms(args.trials, args.seeds), 118)}"
+    if args.write is not None:
+        put_between_markers(args.write, table)
+    print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else table)
     return 0
 
 

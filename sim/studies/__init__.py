@@ -21,6 +21,15 @@ if TYPE_CHECKING:
         text_table,
         write_between_markers,
     )
+    from sim.studies.equal_margins import (
+        SEARCHED_LAWS,
+        compare_at_equal_margins,
+        describe_terms,
+        draw_equal_margins,
+        equal_margins_table,
+        read_trials,
+        write_trials,
+    )
     from sim.studies.gale import gale_command
     from sim.studies.vectors import LIMIT, worst_disagreement
 
@@ -43,6 +52,15 @@ _MODULES = {
         "rows",
         "text_table",
         "write_between_markers",
+    ),
+    "equal_margins": (
+        "SEARCHED_LAWS",
+        "compare_at_equal_margins",
+        "describe_terms",
+        "draw_equal_margins",
+        "equal_margins_table",
+        "read_trials",
+        "write_trials",
     ),
     "gale": ("gale_command",),
     "vectors": ("LIMIT", "worst_disagreement"),

@@ -11,9 +11,9 @@ from groundstation.settings import Config
 from sim.__main__ import main
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.tune import Flyers, report, stage_scenarios
-from sim.studies.tune.flights import Sortie, SortieOutcome, fly_sortie, sorties
-from sim.studies.tune.margins import DELAY, GAIN_DOWN, failure
+from sim.studies.tune import DELAY, Flyers, SortieOutcome, failure, report, sorties, stage_scenarios
+from sim.studies.tune.flights import Sortie, fly_sortie
+from sim.studies.tune.margins import GAIN_DOWN
 
 DURATION_S = 18.0
 BAD = """

@@ -18,11 +18,17 @@ from links.mavlink import MavlinkLinkConfig
 from sim.scenarios import SCENARIOS
 from sim.studies.tune import (
     AXES,
+    DELAY,
     SEARCH_SEED,
     Floors,
     Flyers,
+    Key,
     Search,
+    SortieOutcome,
     TuningTrial,
+    failure,
+    limit_cm,
+    loses_proof,
     markdown_table,
     own,
     run,
@@ -32,18 +38,8 @@ from sim.studies.tune import (
     text,
     with_gains,
 )
-from sim.studies.tune.flights import KEYS, Key, Sortie, SortieOutcome, fit_scenario, loses_proof
-from sim.studies.tune.margins import (
-    DELAY,
-    GAIN_DOWN,
-    GAIN_UP,
-    Margin,
-    MarginReport,
-    boundary,
-    failure,
-    format_margin,
-    limit_cm,
-)
+from sim.studies.tune.flights import KEYS, Sortie, fit_scenario
+from sim.studies.tune.margins import GAIN_DOWN, GAIN_UP, Margin, MarginReport, boundary, format_margin
 from sim.studies.tune.tune import BROKEN, short_of, try_gains
 
 KINDS: dict[str, ControllerConfig] = {

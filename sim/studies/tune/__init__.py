@@ -2,14 +2,28 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.studies.tune.flights import Flyers, Staged, own, space, stage_scenarios, station_of, with_gains
-    from sim.studies.tune.margins import AXES, criterion, markdown_table, report, text
+    from sim.studies.tune.flights import (
+        Flyers,
+        Key,
+        SortieOutcome,
+        Staged,
+        loses_proof,
+        own,
+        sorties,
+        space,
+        stage_scenarios,
+        station_of,
+        with_gains,
+    )
+    from sim.studies.tune.margins import AXES, DELAY, criterion, failure, limit_cm, markdown_table, report, text
     from sim.studies.tune.tune import (
         SEARCH_SEED,
         Evidence,
         Floors,
         Search,
         TuningTrial,
+        broken_cost,
+        geometric_mean,
         margins_table,
         run,
         table,
@@ -19,14 +33,28 @@ if TYPE_CHECKING:
     )
 
 _MODULES = {
-    "flights": ("Flyers", "Staged", "own", "space", "stage_scenarios", "station_of", "with_gains"),
-    "margins": ("AXES", "criterion", "markdown_table", "report", "text"),
+    "flights": (
+        "Flyers",
+        "Key",
+        "SortieOutcome",
+        "Staged",
+        "loses_proof",
+        "own",
+        "sorties",
+        "space",
+        "stage_scenarios",
+        "station_of",
+        "with_gains",
+    ),
+    "margins": ("AXES", "DELAY", "criterion", "failure", "limit_cm", "markdown_table", "report", "text"),
     "tune": (
         "Evidence",
         "Floors",
         "SEARCH_SEED",
         "Search",
         "TuningTrial",
+        "broken_cost",
+        "geometric_mean",
         "margins_table",
         "run",
         "table",

@@ -334,6 +334,16 @@ class SortieOutcome(NamedTuple):
     """From 15 s on; None where it did not get to its end."""
     why: str
     """How it ended, as a sentence."""
+    effort_rad_s: float = 0.0
+    """Of its commands, see :class:`sim.runs.referee.FlightVerdict`."""
+    saturated: float = 0.0
+    """Share of the commands after 5 s in which any of the four was clamped."""
+
+    def describe(self) -> str:
+        """How it flew, in words."""
+        if self.rms_cm is None:
+            return self.why
+        return f"RMS {self.rms_cm:.2f} cm, {100.0 * self.saturated:.1f} % of the commands at a limit"
 
     @property
     def cost_cm(self) -> float:
@@ -345,7 +355,9 @@ def fly_sortie(sortie: Sortie) -> SortieOutcome:
     """Fly it."""
     world, config = sortie.stage.world, sortie.stage.config
     result = fly(world, config, seed=sortie.seed, duration_s=sortie.duration_s)
-    return SortieOutcome(result.verdict.rms_cm if result.completed else None, result.why)
+    verdict = result.verdict
+    rms_cm = verdict.rms_cm if result.completed else None
+    return SortieOutcome(rms_cm, result.why, verdict.effort_rad_s or 0.0, verdict.saturated_fraction)
 
 
 def sorties(stage: Staged, seeds: Sequence[int], duration_s: float) -> list[Sortie]:

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from time import monotonic  # noqa: TID251  # when to stop searching; no flight sees it
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import msgspec
 
@@ -155,6 +155,11 @@ def _judge(
     return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=broken, cost=cost)
 
 
+def broken_cost(excess: float) -> float:
+    """What the sampler hears of gains that break a constraint by ``excess``: more than of any that do not."""
+    return BROKEN + math.log(max(excess, 1.0))
+
+
 def words(axis: MarginAxis, value: float) -> str:
     """``extra command delay 22 ms``, ``thrust gain 0.75``."""
     name = axis.label.partition(",")[0]
@@ -166,6 +171,10 @@ def geometric_mean(values: Sequence[float]) -> float:
     return math.exp(sum(map(math.log, values)) / len(values))
 
 
+Judge: TypeAlias = Callable[[Search, dict[str, float], Flyers, int], TuningTrial]
+"""Flies one set of gains, the how-manieth of its search, and says what it is worth."""
+
+
 def run(
     search: Search,
     flyers: Flyers,
@@ -173,12 +182,14 @@ def run(
     trials: int,
     timeout_s: float = math.inf,
     journal: Path | None = None,
+    judge: Judge | None = None,
     on_trial: Callable[[TuningTrial, TuningTrial], None] = lambda trial, best: None,
 ) -> list[TuningTrial]:
     """Try until there are ``trials`` sets of gains, or ``timeout_s`` is over; returns them as they were tried.
 
     With ``journal`` every trial is kept there as soon as it is done, and those that are there are not flown again.
-    ``on_trial`` hears each, with the best so far.
+    ``judge`` flies each set of gains and says what it is worth: :func:`try_gains`, or as it. ``on_trial`` hears each,
+    with the best so far.
 
     Raises:
         ConfigError: the journal can't be used, or holds another search.
@@ -198,17 +209,17 @@ def run(
         if "trial" in kept.user_attrs:
             take(msgspec.convert(kept.user_attrs["trial"], TuningTrial))
     while len(done) < trials and (not done or monotonic() - began < timeout_s):
-        take(_next(search, study, flyers, len(done)))
+        take(_next(search, study, flyers, len(done), judge or try_gains))
     return done
 
 
-def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int) -> TuningTrial:
+def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int, judge: Judge) -> TuningTrial:
     from optuna.distributions import FloatDistribution
     from optuna.trial import TrialState, create_trial
 
     ranges: Any = {key.name: FloatDistribution(key.low, key.high, log=True) for key in search.keys}
     if number == 0:
-        trial = try_gains(search, {key.name: key.start for key in search.keys}, flyers, number)
+        trial = judge(search, {key.name: key.start for key in search.keys}, flyers, number)
         inside = {key.name: min(max(key.start, key.low), key.high) for key in search.keys}
         kept = {"trial": msgspec.to_builtins(trial)}
         study.add_trial(create_trial(params=inside, distributions=ranges, value=trial.cost, user_attrs=kept))
@@ -221,7 +232,7 @@ def _next(search: Search, study: "optuna.Study", flyers: Flyers, number: int) ->
             if loses_proof(with_gains(search.stages[0].config.controller, gains)):
                 study.tell(asked, state=TrialState.FAIL)
                 continue
-            trial = try_gains(search, gains, flyers, number)
+            trial = judge(search, gains, flyers, number)
         except BaseException:
             study.tell(asked, state=TrialState.FAIL)
             raise
