@@ -129,27 +129,28 @@ def _at_equal_margins(args: argparse.Namespace) -> int:
         if name not in known:
             raise ConfigError("--controllers", f"expected some of {sorted(known)}, got {name!r}")
     laws = [law for law in SEARCHED_LAWS if not args.controllers or law.name.partition(",")[0] in args.controllers]
+    table: Path | None = args.table
+    steps = sum(args.trials + 1 if law.start else 2 for law in laws)
     quiet = args.json or not sys.stderr.isatty()
     with (
         Flyers(args.workers or os.cpu_count() or 1) as flyers,
-        ProgressBar("evaluations", (args.trials + 1) * len(laws), quiet=quiet) as progress,
+        ProgressBar("evaluations", steps, quiet=quiet) as progress,
     ):
         found = compare_at_equal_margins(
             flyers,
             trials=args.trials,
             seeds=args.seeds,
             laws=laws,
-            known=read_trials(args.table) if args.table is not None else None,
-            on_done=lambda done, of: progress.at(done),
+            known=read_trials(table) if table is not None else None,
+            keep=lambda tried: None if table is None else write_trials(table, tried),
+            on_done=progress.at,
         )
-    if args.table is not None:
-        write_trials(args.table, found.trials)
     if args.plot is not None:
         draw_equal_margins(found.rows).savefig(args.plot, dpi=150)
-    table = f"{equal_margins_table(found.rows)}\n\n{textwrap.fill(describe_terms(args.trials, args.seeds), 118)}"
+    shown = f"{equal_margins_table(found.rows)}\n\n{textwrap.fill(describe_terms(args.trials, args.seeds), 118)}"
     if args.write is not None:
-        put_between_markers(args.write, table)
-    print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else table)
+        put_between_markers(args.write, shown)
+    print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else shown)
     return 0
 
 

@@ -209,20 +209,22 @@ def compare_at_equal_margins(
     seeds: int = SEEDS,
     laws: Sequence[SearchedLaw] = SEARCHED_LAWS,
     known: dict[str, list[TuningTrial]] | None = None,
-    on_done: Callable[[int, int], None] = lambda done, of: None,
+    keep: Callable[[dict[str, list[TuningTrial]]], None] = lambda trials: None,
+    on_done: Callable[[int], None] = lambda done: None,
 ) -> EqualMargins:
     """Search the gains of each of ``laws`` with ``trials`` evaluations, and refly the best with ``seeds`` others.
 
-    Laws of which ``known`` has as many evaluations are not searched again. ``on_done`` hears how many evaluations of how many are done; flights of the end count as one each law.
+    Laws of which ``known`` has as many evaluations are not searched again. ``keep`` is shown all evaluations after each
+    law. ``on_done`` hears how many evaluations are done; the flights at the end count as one each law.
     """
     searched: dict[str, list[TuningTrial]] = {}
     rows: list[EqualMarginsRow] = []
-    done, of = 0, sum(trials if law.start else 1 for law in laws) + len(laws)
+    done = 0
 
     def count() -> None:
         nonlocal done
         done += 1
-        on_done(done, of)
+        on_done(done)
 
     for law in laws:
         search, kept = _search(law), (known or {}).get(law.name, [])
@@ -235,6 +237,7 @@ def compare_at_equal_margins(
             found = [EqualTerms()(search, {}, flyers, 0)]
             count()
         searched[law.name] = found
+        keep(searched)
         # Of those that keep the floors the best; where none does, the least broken.
         rows.append(_refly(law, min(found, key=lambda trial: trial.cost), len(found), flyers, seeds))
         count()

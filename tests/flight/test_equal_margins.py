@@ -1,0 +1,181 @@
+"""``compare --equal-margins``: who may win a search, what is kept of it, and what the table and the picture say."""
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from groundstation.config import ConfigError
+from groundstation.core.control.baselines import Pid
+from sim.__main__ import parser
+from sim.cli import commands
+from sim.studies import compare_at_equal_margins, draw_equal_margins, equal_margins_table, read_trials, write_trials
+from sim.studies import equal_margins as module
+from sim.studies.equal_margins import (
+    EFFORT_RAD_S,
+    FLOORS,
+    LQG_CM,
+    SEARCHED_LAWS,
+    EqualMarginsRow,
+    EqualTerms,
+    SearchedLaw,
+    find_dominators,
+    make_wrong,
+)
+from sim.studies.tune import Flyers, Search, TuningTrial, stage_scenarios
+from sim.studies.tune.flights import Sortie, SortieOutcome
+from sim.studies.tune.tune import BROKEN
+
+LAW = SearchedLaw("pid", "pid", {"p_position": 2.0, "p_velocity": 5.0})
+
+
+class Judges(Flyers):
+    """Knows what every flight comes to without flying it: the stiffer, the closer, the more effort, the less margin."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.flights: list[Sortie] = []
+
+    def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
+        self.flights += work
+        return [self.judged(sortie) for sortie in work]
+
+    def judged(self, sortie: Sortie) -> SortieOutcome:
+        gains, world = sortie.stage.config.controller, sortie.stage.world
+        assert isinstance(gains, Pid) and gains.actuator_compensation
+        if gains.p_position > 4.0 and world.command_delay_s:
+            return SortieOutcome(50.0, "flown to the end", 0.3)
+        if gains.p_position > 3.5 and sortie.stage.scenario == "rotors_mqx_radio":
+            return SortieOutcome(0.5, "flown to the end", 0.3, saturated=0.4)
+        if gains.p_velocity > 14.0:
+            return SortieOutcome(None, "crashed: hit the floor")
+        return SortieOutcome(2.0 / gains.p_position, "flown to the end", 0.06 * gains.p_velocity)
+
+
+def search() -> Search:
+    return module._search(LAW)
+
+
+def judged(position: float, velocity: float, best_cm: float = math.inf) -> tuple[TuningTrial, Judges]:
+    judges = Judges()
+    return EqualTerms(best_cm)(search(), {"p_position": position, "p_velocity": velocity}, judges, 1), judges
+
+
+def test_gains_that_keep_every_floor_cost_what_they_err() -> None:
+    trial, judges = judged(2.0, 5.0)
+    assert trial.broken == [] and trial.cost == trial.rms_cm == pytest.approx(1.0)
+    assert len(judges.flights) == 2 + 2 + 2 * sum(not floor.only for floor in FLOORS) + 2
+    assert {sortie.seed for sortie in judges.flights} == {100}  # none that is reflown
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "why"),
+    [
+        (4.5, 5.0, "rotors_mqx_radio: RMS 0.50 cm, 40.0 % of the commands at a limit"),
+        (2.0, 11.0, "paper: effort 0.66 rad/s"),
+        (2.0, 15.0, "paper: crashed: hit the floor"),
+    ],
+)
+def test_what_breaks_a_floor_never_wins_and_says_which(position: float, velocity: float, why: str) -> None:
+    trial, _ = judged(position, velocity)
+    assert trial.broken == [why]
+    assert trial.cost >= BROKEN
+
+
+def test_a_delay_that_is_not_borne_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "ROTORS_SATURATED", 1.0)
+    assert judged(4.5, 5.0)[0].broken == ["paper, 21.5 ms more command delay: RMS 50.0 cm"]
+
+
+def test_what_does_not_beat_the_best_so_far_is_not_put_to_the_floors() -> None:
+    trial, judges = judged(2.0, 5.0, best_cm=0.9)
+    assert len(judges.flights) == 2
+    assert trial.cost > 0.9
+
+
+def test_a_floor_makes_one_thing_wrong_by_what_is_told() -> None:
+    paper, adverse = stage_scenarios(["paper", "adverse"], None, [])
+    for floor in FLOORS:
+        for stage in (paper, adverse):
+            world = make_wrong(stage, floor).world
+            changed = [name for name in world.__struct_fields__ if getattr(world, name) != getattr(stage.world, name)]
+            assert changed == [floor.field]
+            assert make_wrong(stage, floor).config == stage.config
+    slow = next(floor for floor in FLOORS if floor.field == "rate_lag_s" and floor.value == 1.5)
+    assert make_wrong(adverse, slow).world.rate_lag_s == pytest.approx(1.5 * adverse.config.vehicle.rate_lag_s)
+
+
+def test_a_search_is_kept_as_a_table_and_not_flown_again(tmp_path: Path) -> None:
+    kept: list[dict[str, list[TuningTrial]]] = []
+    found = compare_at_equal_margins(Judges(), trials=6, seeds=2, laws=[LAW], keep=lambda all_: kept.append(dict(all_)))
+    assert kept == [found.trials]
+    path = tmp_path / "trials.csv"
+    assert read_trials(path) == {}
+    write_trials(path, found.trials)
+    judges = Judges()
+    again = compare_at_equal_margins(judges, trials=6, seeds=2, laws=[LAW], known=read_trials(path))
+    assert [row.gains for row in again.rows] == [pytest.approx(row.gains) for row in found.rows]
+    assert {sortie.seed for sortie in judges.flights} == {0, 1}
+    best = min(found.trials["pid"], key=lambda trial: trial.cost)
+    assert found.rows[0].gains == best.gains and found.rows[0].keeps and found.rows[0].evaluations == 6
+    path.write_text("dear diary\n1\n", "utf-8")
+    with pytest.raises(ConfigError, match="no table of evaluations"):
+        read_trials(path)
+
+
+def row(law: str, rms_cm: float, effort: float, delay_s: float, *, keeps: bool = True) -> EqualMarginsRow:
+    both = ("paper", "adverse")
+    return EqualMarginsRow(
+        law=law,
+        gains={"k": 1.0},
+        evaluations=3,
+        keeps=keeps,
+        rms_cm={**dict.fromkeys(module.REFLOWN, None), **dict.fromkeys(both, rms_cm)},
+        effort_rad_s=dict.fromkeys(both, effort),
+        delay_s=dict.fromkeys(both, delay_s),
+    )
+
+
+def test_who_dominates_is_as_close_as_calm_and_as_tolerant_and_better_in_one() -> None:
+    ours = row("adaptive", 0.1, 0.4, 0.03)
+    assert find_dominators([ours, row("indi", 0.1, 0.4, 0.03)]) == []
+    assert find_dominators([ours, row("indi", 0.09, 0.41, 0.03)]) == []
+    assert find_dominators([ours, row("indi", 0.09, 0.4, 0.03, keeps=False)]) == []
+    assert find_dominators([ours, row("indi", 0.1, 0.4, 0.031)]) == [
+        "indi dominates adaptive in `paper`",
+        "indi dominates adaptive in `adverse`",
+    ]
+
+
+def test_table_and_picture_have_every_law_and_the_limit() -> None:
+    rows = [row("adaptive", 0.1, 0.4, 0.03), row("pid", 0.3, 0.1, 0.05, keeps=False)]
+    table = equal_margins_table(rows)
+    assert "| adaptive | 0.1 | crash | 0.1 |" in table and "| 30 / 30 | all |" in table and "not all" in table
+    figure = draw_equal_margins(rows)
+    for panel, limit in zip(figure.axes, (*[LQG_CM["paper"]] * 2, *[LQG_CM["adverse"]] * 2), strict=True):
+        labels = {line.get_label(): line for line in panel.get_lines()}
+        assert {"adaptive", "pid", "LQG limit"} <= set(labels)
+        assert next(iter(labels["LQG limit"].get_ydata())) == limit
+
+
+def test_every_law_is_searched_over_gains_that_it_has_and_ours_as_shipped_keeps_the_floors() -> None:
+    for law in SEARCHED_LAWS:
+        (stage,) = module._stages(law, ["paper"])
+        told = msgspec.to_builtins(stage.config.controller)
+        assert {name: told[name] for name in law.start} == law.start
+    shipped = next(law for law in SEARCHED_LAWS if not law.start)
+    assert EqualTerms()(module._search(shipped), {}, Flyers(1), 0).broken == []
+    assert set(EFFORT_RAD_S) == {"paper", "adverse"}
+
+
+def test_the_command_refuses_what_equal_margins_tell_themselves() -> None:
+    def told(*words: str) -> argparse.Namespace:
+        return parser().parse_args(["compare", "--equal-margins", *words])
+
+    with pytest.raises(ConfigError, match="--scenarios: is told by --equal-margins itself"):
+        commands.compare(told("--scenarios", "paper"))
+    with pytest.raises(ConfigError, match="--controllers: expected some of"):
+        commands.compare(told("--controllers", "mine:make"))
