@@ -58,7 +58,7 @@ SEARCHED_LAWS = (
     SearchedLaw(
         "adaptive",
         "adaptive",
-        {"k2": 2.0, "k3": 4.0, "k3_down": 8.0, "kb": 0.5, "kappa": 15.0, "sigma_slope": 4.0, "rho_slope": 2.0},
+        {"k2": 2.0, "k3": 4.0, "kb": 0.5, "kappa": 15.0, "sigma_slope": 4.0, "rho_slope": 2.0},
     ),
     SearchedLaw("adaptive, as shipped", "adaptive", {}),
     SearchedLaw(
@@ -89,7 +89,7 @@ FLOORED = ("paper", "adverse")
 ON_ROTORS = ("rotors_mqx", "rotors_mqx_radio")
 REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", *ON_ROTORS)
 EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
-"""Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the seeds."""
+"""Most that may be commanded: the median over the seeds."""
 SCATTER = 1.05
 """What one flight may have more of it in a search."""
 ROTORS_CM, ROTORS_SATURATED = 1.0, 0.01

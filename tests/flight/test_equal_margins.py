@@ -13,21 +13,27 @@ from groundstation.config import ConfigError
 from groundstation.core.control.baselines import Pid
 from sim.__main__ import parser
 from sim.cli import commands
-from sim.studies import compare_at_equal_margins, draw_equal_margins, equal_margins_table, read_trials, write_trials
+from sim.studies import (
+    SEARCHED_LAWS,
+    compare_at_equal_margins,
+    draw_equal_margins,
+    equal_margins_table,
+    read_trials,
+    write_trials,
+)
 from sim.studies import equal_margins as module
 from sim.studies.equal_margins import (
     EFFORT_RAD_S,
     FLOORS,
     LQG_CM,
-    SEARCHED_LAWS,
     EqualMarginsRow,
     EqualTerms,
     SearchedLaw,
     find_dominators,
     make_wrong,
 )
-from sim.studies.tune import Flyers, Search, TuningTrial, stage_scenarios
-from sim.studies.tune.flights import Sortie, SortieOutcome
+from sim.studies.tune import Flyers, Search, SortieOutcome, TuningTrial, stage_scenarios
+from sim.studies.tune.flights import Sortie
 from sim.studies.tune.tune import BROKEN
 
 LAW = SearchedLaw("pid", "pid", {"p_position": 2.0, "p_velocity": 5.0})

@@ -6,6 +6,7 @@ own vehicle.
 """
 
 import math
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 from pathlib import Path
@@ -15,7 +16,9 @@ import msgspec
 from msgspec import inspect as mi
 
 from groundstation.config import ConfigError, load
+from groundstation.core import Tick
 from groundstation.core.control import ControllerConfig, Custom, Gains, bound_decrease
+from groundstation.core.messages import STEADY_S
 from groundstation.core.vehicle import Vehicle
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config, LinkConfig
@@ -335,7 +338,7 @@ class SortieOutcome(NamedTuple):
     why: str
     """How it ended, as a sentence."""
     effort_rad_s: float = 0.0
-    """Of its commands, see :class:`sim.runs.referee.FlightVerdict`."""
+    """RMS from 15 s on of the commanded roll and pitch rates less their low-pass of ``EFFORT_S``."""
     saturated: float = 0.0
     """Share of the commands after 5 s in which any of the four was clamped."""
 
@@ -351,13 +354,28 @@ class SortieOutcome(NamedTuple):
         return CRASH_CM if self.rms_cm is None else min(self.rms_cm, CRASH_CM)
 
 
+EFFORT_S = 0.15
+"""Slower changes of the commanded body rates are the figure's own [s]."""
+
+
 def fly_sortie(sortie: Sortie) -> SortieOutcome:
     """Fly it."""
     world, config = sortie.stage.world, sortie.stage.config
-    result = fly(world, config, seed=sortie.seed, duration_s=sortie.duration_s)
+    slow, before, squares = [0.0, 0.0], 0.0, array("d")
+
+    def note(tick: Tick) -> None:
+        nonlocal before, slow
+        rates, now = tick.decision.drive.rates[:2], tick.flight_time_s
+        keep, before = math.exp((before - now) / EFFORT_S), now
+        slow = [rate + keep * (old - rate) for rate, old in zip(rates, slow, strict=True)]
+        if now >= STEADY_S:
+            squares.append(0.5 * sum((rate - old) ** 2 for rate, old in zip(rates, slow, strict=True)))
+
+    result = fly(world, config, seed=sortie.seed, duration_s=sortie.duration_s, on_tick=note)
     verdict = result.verdict
     rms_cm = verdict.rms_cm if result.completed else None
-    return SortieOutcome(rms_cm, result.why, verdict.effort_rad_s or 0.0, verdict.saturated_fraction)
+    effort = math.sqrt(sum(squares) / len(squares)) if squares else 0.0
+    return SortieOutcome(rms_cm, result.why, effort, verdict.saturated_fraction)
 
 
 def sorties(stage: Staged, seeds: Sequence[int], duration_s: float) -> list[Sortie]:
