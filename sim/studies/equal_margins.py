@@ -90,7 +90,7 @@ ON_ROTORS = ("rotors_mqx", "rotors_mqx_radio")
 REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", *ON_ROTORS)
 EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
 """Most that may be commanded: the median over the seeds."""
-SCATTER = 1.05
+SCATTER = 1.1
 """What one flight may have more of it in a search."""
 ROTORS_CM, ROTORS_SATURATED = 1.0, 0.01
 """On rotors no more error [cm], and no more of the commands at a limit [-]."""

@@ -82,7 +82,7 @@ def test_gains_that_keep_every_floor_cost_what_they_err() -> None:
     ("position", "velocity", "why"),
     [
         (4.5, 5.0, "rotors_mqx_radio: RMS 0.50 cm, 40.0 % of the commands at a limit"),
-        (2.0, 11.0, "paper: effort 0.66 rad/s"),
+        (2.0, 12.0, "paper: effort 0.72 rad/s"),
         (2.0, 15.0, "paper: crashed: hit the floor"),
     ],
 )
