@@ -227,6 +227,18 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     assert facts["pose_hz"] == pytest.approx(50.0, rel=0.01)
 
 
+def test_stamps_that_are_off_leave_the_filter_consistent_and_cost_nothing_across_the_motion() -> None:
+    exact, late = (
+        examine_flight(recorded("fast", f"sim.pose_jitter_s={jitter_s}", duration_s=20.0)[0])
+        for jitter_s in (0.0, 0.001)
+    )
+    assert late["jitter_ms"] == pytest.approx(1.0, rel=0.15)
+    assert 0.9 * exact["nis3"] < late["nis3"] < 1.4
+    across = [one["prediction"]["60"]["across_mm"] for one in (exact, late)]
+    assert across[1] < 1.5 * across[0]
+    assert late["prediction"]["60"]["rms_mm"] < late["prediction"]["60"]["pvt_rms_mm"]
+
+
 @pytest.mark.parametrize("name", ["px4_takeoff", "ardupilot_landing"])
 def test_prediction_of_an_autopilots_flight_is_no_worse_than_constant_velocity(name: str, tmp_path: Path) -> None:
     facts = examine_flight(imported(tmp_path, GOLDEN / f"{name}.tlog", "ardupilot-tlog"))

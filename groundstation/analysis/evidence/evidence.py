@@ -48,7 +48,7 @@ from groundstation.analysis.shadow import (
     thrust_shares,
 )
 from groundstation.config import ConfigError, from_dict, parse_toml
-from groundstation.core.estimation import ModelEstimator
+from groundstation.core.estimation import JITTER_SHOWS, ModelEstimator
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand
@@ -492,7 +492,7 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
     gains = msgspec.structs.replace(
         config.controller,
         pose_noise_m=max(noise.across_m, 1e-6),
-        pose_jitter_s=noise.jitter_s,
+        pose_jitter_s=noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0,
         acceleration_noise=wander,
     )
     estimator = ModelEstimator(config.vehicle, gains)

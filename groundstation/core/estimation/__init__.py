@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         Positive,
     )
     from groundstation.core.estimation.observer import (
+        JITTER_SHOWS,
         AlongTrack,
         Covariance,
         Densities,
@@ -53,6 +54,7 @@ _MODULES = {
         "Covariance",
         "Densities",
         "Effectiveness",
+        "JITTER_SHOWS",
         "StampNoise",
         "correct",
         "correct_attitude",
