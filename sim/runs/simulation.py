@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
@@ -33,7 +34,7 @@ from sim.runs.flight import Result, fly
 from sim.scenarios import BETAFLIGHT, choose, prepare, prepare_own
 from sim.world import World
 
-DURATION_S = 60.0
+DURATION_S, LONGEST_S = 60.0, 86400.0
 """How long a flight lasts if nobody says."""
 T = TypeVar("T")
 
@@ -53,6 +54,13 @@ class Run(FlightData):
     def __getattr__(self, name: str) -> Any:
         """Say why there is nothing to read where nothing was recorded."""
         raise AttributeError(f"this flight was not recorded, or there is no such thing: {name}")
+
+    def __repr__(self) -> str:
+        """For a notebook: what was flown, and how well."""
+        rms = self.facts["rms_cm"]
+        error = f"RMS error {rms:.2f} cm" if rms is not None else "no steady part"
+        went = f"{error} in {self.facts['duration_s']:g} s" if self.completed else f"not completed: {self.why}"
+        return f"<Run of {self.facts['scenario']}, {self.facts['controller']}, seed {self.facts['seed']}: {went}>"
 
     @property
     def completed(self) -> bool:
@@ -126,7 +134,12 @@ def simulate(
     kind = lend_name(controller, own)
     if trajectory is not None:
         told.append(f"trajectory.kind={lend_name(trajectory, own)}")
-    flown, link = choose(scenario, autopilot, link)
+    flown, link = choose(scenario, autopilot, link, source)
+    if duration is not None and not (isinstance(duration, Real) and 0.0 < duration <= LONGEST_S):
+        raise ConfigError("--duration", f"expected seconds, more than 0 and at most {LONGEST_S:g}, got {duration!r}")
+    if not (isinstance(seed, Integral) and seed >= 0):
+        raise ConfigError("--seed", f"expected a whole number, 0 or more, got {seed!r}")
+    seed, duration = int(seed), None if duration is None else float(duration)  # NumPy's are no JSON
     if config is not None and autopilot == BETAFLIGHT:
         raise ConfigError("--config", "Betaflight flies one vehicle of a scenario")
     if config is not None and (source, link) != ("vicon", "mavlink"):

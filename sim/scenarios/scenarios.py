@@ -362,13 +362,24 @@ def by_betaflight(scenario: Scenario) -> Scenario:
     )
 
 
-def choose(name: str, autopilot: str, link: str | None) -> tuple[Scenario, str]:
+ENDS = {
+    "source": ("vicon", "natnet", "qualisys", "odometry", "vision", "json"),
+    "link": ("mavlink", "dsm", "crsf", "rf_bridge"),
+    "autopilot": ("px4", "ardupilot", BETAFLIGHT),
+}
+"""What can be simulated: where poses come from, how commands leave, and who flies by them."""
+
+
+def choose(name: str, autopilot: str, link: str | None, source: str = "vicon") -> tuple[Scenario, str]:
     """The scenario called ``name`` as ``autopilot`` flies it, and the link: ``link``, or the usual one.
 
     Raises:
-        ConfigError: there is no such scenario, or Betaflight does not hear that link.
+        ConfigError: there is no such scenario, source, link or autopilot, or Betaflight does not hear that link.
     """
     scenario = scenario_of(name)
+    for end, told in (("source", source), ("link", link or "mavlink"), ("autopilot", autopilot)):
+        if told not in ENDS[end]:
+            raise ConfigError(f"--{end}", f"expected one of {list(ENDS[end])}, got {told!r}")
     if autopilot != BETAFLIGHT:
         return scenario, link or "mavlink"
     if link == "mavlink":

@@ -18,8 +18,10 @@ import groundstation as gs
 from groundstation.analysis import export_command
 from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError, UserCodeFault
+from sim.__main__ import parser
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
+from sim.scenarios.scenarios import ENDS
 from tests.recordings import recorded
 
 ROOT = Path(__file__).parents[2]
@@ -226,6 +228,40 @@ def test_a_recording_without_truth_says_that_its_error_is_against_the_estimate(t
     assert gs.load(path).error_against == "truth"
     with pytest.raises(ConfigError, match="LOG"):
         gs.load(ROOT / "README.md")
+
+
+@pytest.mark.parametrize(("told", "says"), [
+    ({"scenario": "calm"}, "--scenario: expected one of"),
+    ({"source": "gps"}, "--source: expected one of ['vicon', 'natnet'"),
+    ({"link": "wifi"}, "--link: expected one of ['mavlink', 'dsm'"),
+    ({"autopilot": "ours"}, "--autopilot: expected one of ['px4', 'ardupilot'"),
+    ({"duration": -1}, "--duration: expected seconds, more than 0"),
+    ({"duration": math.nan}, "--duration: expected seconds, more than 0"),
+    ({"duration": "a minute"}, "--duration: expected seconds, more than 0"),
+    ({"seed": 0.5}, "--seed: expected a whole number"),
+])  # fmt: skip
+def test_an_argument_that_means_nothing_is_refused_with_what_is_accepted(told: dict[str, Any], says: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        gs.simulate(**{"duration": 2.0, **told})
+    assert str(refused.value).startswith(says)
+
+
+def test_the_program_and_the_library_offer_the_same_ends() -> None:
+    for word, known in ENDS.items():
+        for name in known:
+            args = parser().parse_args(["fly", f"--{word}", name])
+            assert getattr(args, word) == name
+    with pytest.raises(SystemExit):
+        parser().parse_args(["fly", "--source", "gps"])
+
+
+def test_numbers_may_be_numpys() -> None:
+    again = gs.simulate("paper", duration=np.float64(2.0), seed=np.int64(0))
+    assert again.facts == gs.simulate("paper", duration=2, seed=0).facts | {"wall_s": again.facts["wall_s"]}
+
+
+def test_a_run_shows_itself_in_a_line(run: gs.Run) -> None:
+    assert re.fullmatch(r"<Run of paper, \S+, seed \d+: (RMS error [\d.]+ cm|no steady part) in [\d.]+ s>", repr(run))
 
 
 # ---- the documents
