@@ -5,6 +5,7 @@ this module finds those packages beside it from then on, so only programs do, an
 ``python -P -m groundstation.runtime.launch MODULE …`` (links/core/lazy.py).
 """
 
+import gc
 import runpy
 import sys
 from importlib import import_module
@@ -39,7 +40,10 @@ def run_groundstation_sim() -> int:
 
 
 def _run(package: str) -> int:
-    code: int = import_module(f"{package}.__main__").main()
+    try:
+        code: int = import_module(f"{package}.__main__").main()
+    finally:
+        gc.freeze()  # else Python ends by looking for garbage in all that was loaded, for longer than --help takes
     return code
 
 
