@@ -2,11 +2,13 @@
 
 import asyncio
 import contextlib
+import gc
 import os
 
 import pytest
 
-from groundstation.runtime import cancel_task, precise_loop
+from groundstation.interfaces.service.flights import calm_memory
+from groundstation.runtime import cancel_task, precise_loop, rare_collections
 from groundstation.runtime.clock import CANCEL_AGAIN_S, PreciseSelector
 from tests.loops import in_virtual_time
 
@@ -69,3 +71,13 @@ def test_a_task_that_forgets_its_cancellation_is_cancelled_again_and_what_it_fai
             await cancel_task(failing)
 
     in_virtual_time(scene())
+
+
+def test_a_start_collects_garbage_rarely_and_a_flight_in_real_time_little_at_a_time() -> None:
+    before = gc.get_threshold()
+    with rare_collections():
+        assert gc.get_threshold()[0] >= 50 * 700
+        calm_memory()
+        assert gc.get_threshold() == (700, 10, 1000)
+    assert gc.get_threshold() == before
+    assert gc.get_freeze_count() == 0
