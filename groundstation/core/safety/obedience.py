@@ -37,8 +37,7 @@ from typing import NamedTuple
 
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose
-from groundstation.core.safety.images import SETTLES, WIND_M, Images
-from groundstation.core.safety.rivals import LEAPS_AS, NOISES, STAYS_S, Rivals
+from groundstation.core.safety.rivals import LEAPS_AS, NOISES, SETTLES, STAYS_S, WIND_M, Images, Rivals
 from groundstation.core.vehicle import ActuatorResponse, Motion
 
 NODE_S, HALF_NODE_S = 0.1, 0.05 - 1e-6
