@@ -228,13 +228,28 @@ class FoxgloveScene:
         return self._messages.Timestamp(sec=told["sec"], nsec=told["nsec"])
 
 
+CURVES = {
+    "Distance from the reference [m]": ("errors/error_m", "truth/error_m"),
+    "Position and reference, NED [m]": ("estimate/position_ned", "reference/position_ned"),
+    "Thrust [N]": ("command/thrust_n", "estimate/thrust_n"),
+    "Body rates [rad/s]": ("command/rates_rad_s",),
+    "Wind, estimated and true [m/s²]": ("adaptation/b_hat_m_s2", "truth/wind_m_s2"),
+}
+"""What Rerun's layout shows over time: channels and their fields."""
+SHOWN = frozenset(itertools.chain.from_iterable(CURVES.values()))
+
+
 class RerunScene:
     """A recording's messages into a stream of Rerun's, gathered until :meth:`flush`: the scene, a curve a number."""
 
-    def __init__(self, stream: Any) -> None:
-        """``stream`` is a rerun.RecordingStream; its layout and what never changes are sent now."""
+    def __init__(self, stream: Any, *, live: bool = False) -> None:
+        """``stream`` is a rerun.RecordingStream; its layout and what never changes are sent now.
+
+        ``live``: only the curves of the layout, as each has its price, however short it is.
+        """
         import rerun as rr
 
+        self._live = live
         self._rr, self._stream, self._scene = rr, stream, Scene()
         self._began_ns: int | None = None
         self._rows: dict[str, list[tuple[float, dict[str, float]]]] = {}
@@ -276,9 +291,12 @@ class RerunScene:
         elif not entry.topic.startswith(("/raw", "/tf", "/pose")):
             from groundstation.analysis.recordings import flatten
 
-            row = {key: float(value) for key, value in flatten(entry.value(), "") if isinstance(value, int | float)}
-            row.pop("time_s", None)
-            self._rows.setdefault(entry.topic.strip("/"), []).append((time_s, row))
+            topic, told = entry.topic.strip("/"), entry.value()
+            told.pop("time_s", None)
+            if self._live:
+                told = {name: told[name] for name in told if f"{topic}/{name}" in SHOWN}
+            row = {key: float(value) for key, value in flatten(told, "") if isinstance(value, int | float)}
+            self._rows.setdefault(topic, []).append((time_s, row))
 
     def _draw(self, path: str, time_s: float, kind: Any, **parts: Any) -> None:
         _, times, columns = self._drawn.setdefault(path, (kind, [], {name: [] for name in parts}))
@@ -307,14 +325,7 @@ def _lay_out() -> Any:
     """Rerun's layout: the room on the left, errors, thrust, rates and words on the right."""
     import rerun.blueprint as rrb
 
-    plots = {
-        "Distance from the reference [m]": ["errors/error_m", "truth/error_m"],
-        "Position and reference, NED [m]": ["estimate/position_ned/**", "reference/position_ned/**"],
-        "Thrust [N]": ["command/thrust_n", "estimate/thrust_n"],
-        "Body rates [rad/s]": ["command/rates_rad_s/**"],
-        "Wind, estimated and true [m/s²]": ["adaptation/b_hat_m_s2/**", "truth/wind_m_s2/**"],
-    }
-    shown = [rrb.TimeSeriesView(contents=[f"/{path}" for path in paths], name=name) for name, paths in plots.items()]
+    shown = [rrb.TimeSeriesView(contents=[f"/{one}/**" for one in paths], name=name) for name, paths in CURVES.items()]
     eye = rrb.EyeControls3D(position=(-3.0, 2.0, -3.0), look_target=(0.0, 0.0, -0.9), eye_up=(0.0, 0.0, -1.0))
     room = rrb.Spatial3DView(origin="world", name="Room", eye_controls=eye)
     words = rrb.TextLogView(origin="log", name="Log")
@@ -396,12 +407,15 @@ async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:
     print(f"{recording.path}: in Rerun, which listens at {host}:{port}", flush=True)
     stream = rr.RecordingStream("groundstation", recording_id=recording.path.stem)
     stream.connect_grpc(f"rerun+http://{host}:{port}/proxy")
-    scene = RerunScene(stream)
+    scene = RerunScene(stream, live=is_being_written(recording.path))
+    loop, due_s = asyncio.get_running_loop(), 0.0
     for entry in recording.follow():
         if entry is not None:
             scene.add(entry)
             continue
-        scene.flush()
+        if loop.time() >= due_s:
+            due_s = loop.time() + DRAW_S
+            scene.flush()
         await asyncio.sleep(POLL_S)
     scene.flush()
     stream.flush()
