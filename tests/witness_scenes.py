@@ -79,6 +79,8 @@ class Scene:
     """From when to when no pose comes [s]."""
     stamped: bool = True
     """Whether the autopilot's time is known; else messages are true as they come."""
+    gyros: bool = True
+    """Whether the autopilot tells its rates; a radio does not."""
     until_s: float = 20.0
     lies: tuple[tuple[float, Lie], ...] = field(default=())
     """From when on the tracker says something else."""
@@ -108,7 +110,7 @@ class Scene:
             if rng.random() >= self.told_loss:
                 arrival = max(arrival + 1e-6, time_s + late)
                 stamp = time_s + self.clocks_apart_s if self.stamped else arrival
-                events.append((arrival, n, Attitude(stamp, *told)))
+                events.append((arrival, n, Attitude(stamp, told[0], told[1] if self.gyros else None)))
         events.sort(key=lambda event: event[:2])
         for arrival, _, what in events:
             yield arrival, what

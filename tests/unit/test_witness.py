@@ -32,6 +32,7 @@ TRUE: dict[str, Scene] = {
     "telemetry that jitters without stamps": Scene(told_jitter_s=0.09, stamped=False),
     "late telemetry without stamps": Scene(told_late_s=0.09, stamped=False),
     "a slow telemetry radio": Scene(told_hz=12.5, told_late_s=0.1, told_jitter_s=0.1),
+    "a radio": Scene(told_hz=10.0, told_late_s=0.03, told_jitter_s=0.025, stamped=False, gyros=False),
     "half the telemetry lost": Scene(told_loss=0.5),
     "an estimator that wanders": Scene(slow_error_deg=2.0),
     "an estimator that is pulled upright": Scene(pulled_upright=0.2),
