@@ -98,10 +98,11 @@ def integrate(
     ey = k2 * ey + by - drag * (vy + h * my)
     ez = k2 * ez + bz - drag * (vz + h * mz)
     s, d = h / 6.0, h * h / 6.0
-    return Body(
+    after = (
         (px + h * vx + d * (ax + 2.0 * mx), py + h * vy + d * (ay + 2.0 * my), pz + h * vz + d * (az + 2.0 * mz)),
         (vx + s * (ax + 4.0 * mx + ex), vy + s * (ay + 4.0 * my + ey), vz + s * (az + 4.0 * mz + ez)),
         q2,
         thrust,
         (cx + keep * dx, cy + keep * dy, cz + keep * dz),
     )
+    return tuple.__new__(Body, after)  # by its name it would take three times as long

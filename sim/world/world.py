@@ -279,6 +279,7 @@ class Wind:
         """Take the world's wind figures, and rows of three standard normal numbers for the turbulence."""
         self._world = world
         self._normals = normals
+        self._restless = bool(world.wind_turbulence) or any(world.tunnel.rest_m_s2)
         self._index = -1
         self._eddies: Eddies | None = None
         self._felt: Vec3 = (0.0, 0.0, 0.0)
@@ -291,9 +292,9 @@ class Wind:
         x, y, z = steady(self._world, flight_time)
         if self.push != (0.0, 0.0, 0.0):
             x, y, z = x + self.push[0], y + self.push[1], z + self.push[2]
-        rest = self._world.tunnel.rest_m_s2
-        if not self._world.wind_turbulence and not any(rest):
+        if not self._restless:
             return (x, y, z)
+        rest = self._world.tunnel.rest_m_s2
         index = cell(flight_time)
         while self._index < index:
             if self._world.wind_turbulence:

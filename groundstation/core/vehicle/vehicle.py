@@ -310,7 +310,7 @@ def integrate(
     rate_lag: float,
 ) -> Motion:
     """``motion`` after ``duration`` [s] of one ``drive`` and a constant ``disturbance`` [m/s², NED]."""
-    still = ActuatorResponse(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)
+    still = new(ActuatorResponse, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO))
     x, y, z = disturbance
     after = integrate_actuators(ops, still, drive, duration, thrust_lag, rate_lag)
     return integrate_motion(motion, after, duration, mass, (x, y, z + gravity))
