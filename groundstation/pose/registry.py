@@ -29,10 +29,6 @@ PoseConfig = (
 )
 """The configuration of one source; a new source adds its own here."""
 
-Recorded = TlogConfig | CsvConfig
-"""The sources that play recordings: they must never fly a vehicle."""
-
-
 ShowsOthers = ViconConfig | NatNetConfig | QualisysConfig | LibmotioncaptureConfig | JsonConfig
 """The sources that show other bodies too."""
 
