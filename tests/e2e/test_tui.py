@@ -337,3 +337,14 @@ def test_the_order_to_kill_is_whole_at_every_width(columns: int) -> None:
         assert knob.region.width >= len("^K^K KILL") and knob.region.right <= columns
 
     play(scene, Fixed(flown(10.0)), (columns, 24))
+
+
+def test_the_check_that_stands_in_the_way_is_whole_where_the_others_have_no_room() -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: "FAIL" in text(pilot, Preflight))
+        await pilot.pause(0.3)
+        shown = " ".join(text(pilot, Preflight).split())
+        assert "FAIL floor: it stands at +1.00 m, flight.floor_z_m says +0.00 m: correct it" in shown
+        assert "PASS" in shown
+
+    play(scene, Fixed(on_ground()), (44, 13))

@@ -256,7 +256,8 @@ def test_the_program_and_the_library_offer_the_same_ends() -> None:
 
 
 def test_numbers_may_be_numpys() -> None:
-    again = gs.simulate("paper", duration=np.float64(2.0), seed=np.int64(0))
+    told: dict[str, Any] = {"duration": np.float64(2.0), "seed": np.int64(0)}
+    again = gs.simulate("paper", **told)
     assert again.facts == gs.simulate("paper", duration=2, seed=0).facts | {"wall_s": again.facts["wall_s"]}
 
 

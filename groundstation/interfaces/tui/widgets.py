@@ -362,13 +362,16 @@ class Preflight(Widget):
             self.refresh()
 
     def render(self) -> Content:
-        """One below the other, wrapped where there is room for all."""
-        rows = [Content.assemble(*row) for row in check_rows(self._checks or ())]
+        """One below the other, wrapped where there is room for all; what stands in the way is whole in any case."""
+        rows = check_rows(self._checks or ())
         width, room = max(1, self.size.width), self.size.height
-        wrapped = [line for row in rows for line in row.wrap(width)]
-        return Content("\n").join(
-            wrapped if len(wrapped) <= room else [row.truncate(width, ellipsis=True) for row in rows]
-        )
+        wrapped = [Content.assemble(*row).wrap(width) for row in rows]
+        if sum(map(len, wrapped)) > room:
+            wrapped = [
+                lines if row[0][1] else [Content.assemble(*row).truncate(width, ellipsis=True)]
+                for row, lines in zip(rows, wrapped, strict=True)
+            ]
+        return Content("\n").join([line for lines in wrapped for line in lines])
 
 
 class Numbers(Widget):
