@@ -195,7 +195,9 @@ def test_stamps_that_are_early_or_late_by_chance_are_told_from_noise(jitter_s: f
     speed = np.stack([0.6 * np.cos(3.0 * at), 0.3 * np.sin(5.0 * at), 0.0 * at], axis=1)
     left = rng.normal(0.0, 3e-4, (2000, 3)) + rng.normal(0.0, jitter_s, 2000)[:, None] * speed
     place = np.stack([0.2 * np.sin(3.0 * at), -0.06 * np.cos(5.0 * at), 0.0 * at], axis=1) + left
-    found = jitter_of(measure_jitter(at, left, place))
+    measured = measure_jitter(at, left, place)
+    assert abs(measured.across - 9e-8) < 3.0 * measured.across_deviation < 3e-8
+    found = jitter_of(measured)
     assert found.interval is not None
     assert found.interval[0] <= jitter_s <= found.interval[1]
     assert found.interval[1] - found.interval[0] < 7e-4

@@ -103,14 +103,16 @@ def measure_noise(at_s: Column, left: Column) -> NoiseLevel:
 
 
 class StampJitter(NamedTuple):
-    """Variances, and one deviation of the second."""
+    """Variances, and one deviation of each."""
 
     across: float
     """Of position noise per axis [m²]."""
     along: float
     """Of the stamps [s²]: what an unbiased guess has, so below 0 where there is none."""
     deviation: float
-    """Infinite where there is too little, or the vehicle moves too slowly."""
+    """Of ``along``; infinite where there is too little, or the vehicle moves too slowly."""
+    across_deviation: float = math.inf
+    """Of ``across``."""
 
 
 def measure_jitter(at_s: Column, left: Column, position: Column) -> StampJitter:
@@ -142,7 +144,7 @@ def measure_jitter(at_s: Column, left: Column, position: Column) -> StampJitter:
     scores = np.stack([parts[3] - level * parts[0] - slope * parts[1], parts[4] - level * parts[1] - slope * parts[2]])
     inverse = np.linalg.inv(matrix)
     cover = inverse @ (scores @ scores.T) @ inverse * blocks / (blocks - 2)
-    return StampJitter(level, slope, math.sqrt(float(cover[1, 1])))
+    return StampJitter(level, slope, math.sqrt(float(cover[1, 1])), math.sqrt(float(cover[0, 0])))
 
 
 UNSEEN_FRAMES = 0.02
@@ -365,13 +367,15 @@ def _latency(seen: FlightStretch) -> IdentifiedParameter:
     return judge_parameter(name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note)
 
 
+JITTER_SPREAD = 1.5
+"""What the model leaves of the motion is noise along it, too: the same of the jitter, counted over 30 flights."""
 ENOUGH_JITTER_S = 0.002
 """Where more than this could be, the flight tells nothing of it [s]."""
 
 
 def jitter_of(jitter: StampJitter) -> IdentifiedParameter:
     """The jitter of stamps as a parameter: its square is what has a symmetric interval."""
-    half = WIDE * jitter.deviation
+    half = WIDE * JITTER_SPREAD * jitter.deviation
     title = "jitter of stamps"
     if not math.sqrt(max(jitter.along, 0.0) + half) - math.sqrt(max(jitter.along, 0.0)) <= ENOUGH_JITTER_S:
         return IdentifiedParameter(
@@ -393,6 +397,10 @@ def _rest(
         return math.hypot(deviation, DRAG_MODEL * value)
 
     place, turn = measure_noise(seen.at_s, pushed.left), measure_noise(seen.at_s, turned.left)
+    jitter = measure_jitter(seen.at_s, pushed.left, seen.position_ned)
+    if jitter.along > WIDE * JITTER_SPREAD * jitter.deviation:  # of the two, what does not come of the stamps
+        level = math.sqrt(jitter.across)
+        place = NoiseLevel(level, 0.5 * jitter.across_deviation / level)
 
     def noise_of(name: str, title: str, unit: str, level: NoiseLevel) -> IdentifiedParameter:
         spread = math.hypot(level.deviation, WHITE * level.value)
@@ -413,7 +421,7 @@ def _rest(
             )
         ),
         _latency(seen),
-        jitter_of(measure_jitter(seen.at_s, pushed.left, seen.position_ned)),
+        jitter_of(jitter),
         noise_of("position_noise", "position noise per axis", "m", place),
         noise_of("attitude_noise", "attitude noise per axis", "rad", turn),
     ]
