@@ -3,11 +3,13 @@
 import math
 import struct
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry import so3
+from links.bridge.codec import StationEnd, Welcome
 from links.core import Command, Segment
 from links.rf import Arm, Channels, CrsfLinkConfig, FramePacer, Give, encode_attitude
 from links.rf.codec import RfTelemetry
@@ -84,6 +86,20 @@ def test_an_attitude_is_reported_at_once_and_with_about_when_it_was() -> None:
     told = bench.pacer.report(bench.now).telemetry
     assert told.attitude_s == pytest.approx(bench.now - TOLD_LATE_S)
     assert bench.pacer.report(bench.now + 0.1).telemetry.attitude_s == told.attitude_s
+
+
+def test_a_bridge_s_attitude_is_of_the_stations_own_clock() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = encode_attitude(0.0, 0.1, 0.0)
+    bench.frame()
+    there = bench.pacer.report(bench.now)
+    end = StationEnd(bytes(32), Welcome(bytes(16), bytes(16), 0.0, CrsfLinkConfig().manner, there), 0.0)
+    end._clock.narrow(99.0, 101.0, 0.0)
+    here = end.ours(there)
+    assert there.telemetry.attitude_s is not None
+    assert here.telemetry.attitude_s == pytest.approx(there.telemetry.attitude_s + 100.0, abs=1e-3)
+    assert here.telemetry.attitude == there.telemetry.attitude
+    assert end.ours(msgspec.structs.replace(there, telemetry=RfTelemetry())).telemetry == RfTelemetry()
 
 
 def test_what_is_told_is_reported_and_forgotten_after_a_while() -> None:
