@@ -34,7 +34,7 @@ def make_hand(
             )
         elif move.kind in ("turn", "back"):
             angle = TURN_RAD * size * (2.0 if move.name == "turn right" else 1.0)
-            attitude = _turned(attitude, (angle * x, angle * y, angle * z))
+            attitude = _turn(attitude, (angle * x, angle * y, angle * z))
         stops.append((place, attitude))
 
     def at(time_s: float) -> tuple[Vec3, Quat]:
@@ -44,7 +44,7 @@ def make_hand(
         (p, q), (r, s) = stops[leg], stops[leg + 1]
         tremor = tuple(2e-3 * math.sin(9.0 * time_s + phase) for phase in (0.0, 1.0, 2.0))
         way = so3.rotation_vector(so3.multiply(so3.conjugate(q), s))
-        turn = _turned(q, (share * way[0], share * way[1], share * way[2]))
+        turn = _turn(q, (share * way[0], share * way[1], share * way[2]))
         turn = so3.rotate(turn, (4.0 * tremor[1], 4.0 * tremor[2], 4.0 * tremor[0]))
         x, y, z = (a + share * (b - a) + t for a, b, t in zip(p, r, tremor, strict=True))
         return (x, y, z), turn
@@ -52,7 +52,7 @@ def make_hand(
     return at
 
 
-def _turned(q: Quat, angle: Vec3) -> Quat:
+def _turn(q: Quat, angle: Vec3) -> Quat:
     """As :func:`groundstation.core.geometry.so3.rotate`, for large angles too."""
     size = math.hypot(*angle)
     k = math.sin(0.5 * size) / size if size > 1e-9 else 0.5

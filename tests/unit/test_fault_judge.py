@@ -9,7 +9,7 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Quadrotor, Wind
 from tests.proving.faults import FAULTS, MOMENTS, REASONS, Exemption, Fault, Poses, Row, deal_cells
 from tests.proving.faults.faults import FROM_START, OBEYING
-from tests.proving.faults.judge import LIMITS, Answer, Thrust, Truth, judged
+from tests.proving.faults.judge import LIMITS, Answer, Thrust, Truth, judge
 from tests.proving.faults.table import page
 
 FALSE = Fault("made up", poses=Poses.FALSE)
@@ -50,7 +50,7 @@ def verdict(
     state: str = "hold",
 ) -> Row:
     """The row of a made-up flight; of one that stood still where nothing else is told."""
-    return judged(
+    return judge(
         "made up", fault, state, moved(lambda t: (0.0, 0.0, -1.0)) if truth is None else truth, answers,
         wrong="", exemption=exemption, begun_s=0.0, drift_m=0.0, touchdown_m_s=touchdown_m_s, thrust=thrust,
         land_s=land_s,

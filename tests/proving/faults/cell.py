@@ -43,7 +43,7 @@ from tests.proving.faults.fault import (
     Scene,
 )
 from tests.proving.faults.faults import FAULTS
-from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, broken, exempted, judged
+from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, broken, exemption_of, judge
 
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
@@ -95,7 +95,7 @@ def fly_cell(
 
 def not_struck(fault: str, state: str, why: str, scenario: str = "paper") -> Row:
     """The row of a flight that never came to its strike."""
-    return judged(
+    return judge(
         fault, FAULTS[fault], state, Truth(0.0), [],
         wrong=why, exemption=Exemption.NONE, begun_s=0.0, drift_m=0.0, touchdown_m_s=None, scenario=scenario,
     )  # fmt: skip
@@ -137,7 +137,7 @@ async def fly_here(
             over.set_result(None)
 
     def look(seen: Truth) -> None:
-        if broken(fault, state, seen, exempted(fault, state)):
+        if broken(fault, state, seen, exemption_of(fault, state)):
             decide()
 
     def newtons(time_s: float, signal: float) -> float:
@@ -199,14 +199,14 @@ async def fly_here(
     if split is not None:
         name = split()
         fault = FAULTS[name]
-    exemption = exempted(fault, state)
+    exemption = exemption_of(fault, state)
     autopilot = _Autopilot(answered)
     going_on = asyncio.ensure_future(_break(scene, fault))
     watching = asyncio.ensure_future(autopilot.watch(stage))
     homing = asyncio.ensure_future(_return(flight, moves)) if state == "moving" else over
     timing: asyncio.Future[None] = over
     if exemption is Exemption.NOT_OBSERVABLE:
-        timing = asyncio.ensure_future(_flown(stage, JUDGED_S))
+        timing = asyncio.ensure_future(_fly_on(stage, JUDGED_S))
         timing.add_done_callback(lambda _: decide())
     ends: set[asyncio.Future[Any]] = {turning, flying, over}
     await asyncio.wait(ends, timeout=LIMIT_S + figure_s, return_when=asyncio.FIRST_COMPLETED)
@@ -230,7 +230,7 @@ async def fly_here(
     answers.sort()
     restless = "" if rests else "it does not come to rest" if ended else "it does not end"
     weak = Exemption.WEAK if _too_weak(stage, world) else Exemption.NONE
-    return judged(
+    return judge(
         name, fault, state, truth, answers,
         wrong=restless or wrong,
         exemption=exemption or weak,
@@ -245,13 +245,13 @@ async def fly_here(
 
 async def _strike(scene: Scene, name: str, moves: Moves, truth: Truth) -> tuple[float, Vec3]:
     """Wait for the moment; when and where it is."""
-    await reached(MOMENTS[name], scene.flight, scene.stage, moves)
+    await reach(MOMENTS[name], scene.flight, scene.stage, moves)
     now = scene.now_s
     moves.struck = True
     return now, truth.strike(now)
 
 
-async def reached(moment: Moment, flight: Flight, stage: Stage, moves: Moves) -> None:
+async def reach(moment: Moment, flight: Flight, stage: Stage, moves: Moves) -> None:
     """Return at ``moment``; a point to go to, or a failsafe descent, is asked for: no flight comes to it by itself."""
     loop = asyncio.get_running_loop()
     while True:
@@ -283,7 +283,7 @@ async def _break(scene: Scene, fault: Fault) -> None:
     await fault.strike(scene)
 
 
-async def _flown(stage: Stage, for_s: float) -> None:
+async def _fly_on(stage: Stage, for_s: float) -> None:
     """Return ``for_s`` [s] from now, or from when it leaves the floor."""
     loop, flown_s = asyncio.get_running_loop(), 0.0
     while flown_s < for_s:

@@ -49,7 +49,7 @@ BROKEN: dict[str, Fault] = {
         "the vehicle is seen 1 m away from where it is", strikes.shows(pictures.teleport), poses=Poses.GONE
     ),
     "yaw flip": Fault(
-        "the vehicle is seen turned by 180°", strikes.shows(pictures.turned(0.0, 0.0, 180.0)), poses=Poses.GONE
+        "the vehicle is seen turned by 180°", strikes.shows(pictures.turn_axes(0.0, 0.0, 180.0)), poses=Poses.GONE
     ),
     "marker swap": Fault(
         "our body and another change names",
@@ -168,7 +168,7 @@ LYING: dict[str, Fault] = {
     },
     "body carried": Fault(
         "the poses are those of a body beside it that is carried around at 0.5 m/s",
-        strikes.shows(pictures.carried),
+        strikes.shows(pictures.carry),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
@@ -193,55 +193,55 @@ LYING: dict[str, Fault] = {
     ),
     "x mirrored": Fault(
         "the position's north is south",
-        strikes.shows(pictures.mapped(((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))),
+        strikes.shows(pictures.map_positions(((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "y mirrored": Fault(
         "the position's east is west",
-        strikes.shows(pictures.mapped(((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))),
+        strikes.shows(pictures.map_positions(((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "z mirrored": Fault(
         "the position's up is down",
-        strikes.shows(pictures.mapped(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)))),
+        strikes.shows(pictures.map_positions(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)))),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "x and y swapped": Fault(
         "the position's north and east have changed places",
-        strikes.shows(pictures.mapped(((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))),
+        strikes.shows(pictures.map_positions(((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "roll and pitch swapped": Fault(
         "roll is seen as pitch, and pitch as roll",
-        strikes.shows(pictures.swapped),
+        strikes.shows(pictures.swap_axes),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "roll mirrored": Fault(
-        "roll has the wrong sign", strikes.shows(pictures.signed(-1.0, 1.0)), poses=Poses.FALSE, states=FROM_START
+        "roll has the wrong sign", strikes.shows(pictures.flip_signs(-1.0, 1.0)), poses=Poses.FALSE, states=FROM_START
     ),
     "pitch mirrored": Fault(
-        "pitch has the wrong sign", strikes.shows(pictures.signed(1.0, -1.0)), poses=Poses.FALSE, states=FROM_START
+        "pitch has the wrong sign", strikes.shows(pictures.flip_signs(1.0, -1.0)), poses=Poses.FALSE, states=FROM_START
     ),
     "yaw off by 14°": Fault(
         "the vehicle is seen turned by 14°",
-        strikes.shows(pictures.turned(0.0, 0.0, 14.0)),
+        strikes.shows(pictures.turn_axes(0.0, 0.0, 14.0)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "yaw off by 90°": Fault(
         "the vehicle is seen turned by 90°",
-        strikes.shows(pictures.turned(0.0, 0.0, 90.0)),
+        strikes.shows(pictures.turn_axes(0.0, 0.0, 90.0)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "yaw off by 180°": Fault(
         "the vehicle is seen turned by 180° from the beginning; later this is *yaw flip*",
-        strikes.shows(pictures.turned(0.0, 0.0, 180.0)),
+        strikes.shows(pictures.turn_axes(0.0, 0.0, 180.0)),
         poses=Poses.FALSE,
         states=("start",),
     ),
@@ -252,20 +252,20 @@ LYING: dict[str, Fault] = {
     ),
     "tilt off by 14°": Fault(
         "the vehicle is seen to lean by 14° more than it does",
-        strikes.shows(pictures.turned(14.0, 0.0, 0.0)),
+        strikes.shows(pictures.turn_axes(14.0, 0.0, 0.0)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "m for mm": Fault(
         "positions are a thousandth of what they are",
-        strikes.shows(pictures.scaled(1e-3)),
+        strikes.shows(pictures.scale_positions(1e-3)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     **{
         f"position {share:g} of itself": Fault(
             f"positions go only {share:g} of the way that the vehicle goes",
-            strikes.shows(pictures.scaled(share)),
+            strikes.shows(pictures.scale_positions(share)),
             poses=Poses.FALSE,
             states=states,
         )
@@ -276,7 +276,7 @@ LYING: dict[str, Fault] = {
     },
     "mm for m": Fault(
         "positions are a thousand times what they are",
-        strikes.shows(pictures.scaled(1e3)),
+        strikes.shows(pictures.scale_positions(1e3)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),

@@ -246,7 +246,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """Why it is not; else what the flight said of it."""
 
 
-def exempted(fault: Fault, state: str) -> Exemption:
+def exemption_of(fault: Fault, state: str) -> Exemption:
     """What can't be asked of ``fault`` in ``state``: who has not left the floor does not fall."""
     flying = MOMENTS[state].flying or fault.exemption is Exemption.NOT_OBSERVABLE
     return fault.exemption if flying else Exemption.NONE
@@ -266,7 +266,7 @@ def broken(fault: Fault, state: str, truth: Truth, exemption: Exemption) -> str:
     return ""
 
 
-def judged(
+def judge(
     name: str,
     fault: Fault,
     state: str,
@@ -293,9 +293,9 @@ def judged(
         wrong,
         broken(fault, state, truth, exemption),
         "" if exemption in FALLS else _too_hard(fault, state, truth, touchdown_m_s),
-        "" if thrust is None else _pushed(fault, thrust, land_s),
+        "" if thrust is None else _judge_push(fault, thrust, land_s),
         _flew_on(fault, truth, answers, exemption),
-        _convicted(fault, answers),
+        _find_conviction(fault, answers),
     ]
     wrong = next((one for one in found if one), "")
     said = answers[0][2] if answers else ""
@@ -335,7 +335,7 @@ def _too_hard(fault: Fault, state: str, truth: Truth, touchdown_m_s: float | Non
     return "" if met else f"it met the floor at {touchdown_m_s:.2f} m/s"
 
 
-def _pushed(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
+def _judge_push(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
     """What commands pushed with after the answer; while poses are true a law may push as it must."""
     if land_s is not None and thrust.last_lift_s > land_s + ACKNOWLEDGED_S:
         return f"a command that lifts left {thrust.last_lift_s - land_s:.2f} s after LAND was acknowledged"
@@ -355,7 +355,7 @@ def _flew_on(fault: Fault, truth: Truth, answers: Sequence[Answer], exemption: E
     return "" if truth.off_m <= COURSE_M or not truth.led else f"it flew on {truth.off_m:.2f} m off its course"
 
 
-def _convicted(fault: Fault, answers: Sequence[Answer]) -> str:
+def _find_conviction(fault: Fault, answers: Sequence[Answer]) -> str:
     """False answers, where poses are true and the vehicle obeys."""
     said = next((why for _, _, why in answers if why.startswith(CONVICTED)), "") if fault.obeys else ""
     return f"true poses were convicted: {said}" if said else ""

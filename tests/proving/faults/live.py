@@ -35,7 +35,7 @@ from sim.world import World
 from tests.proving.faults.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, hover_n, not_struck
 from tests.proving.faults.fault import MOMENTS, Fault, Moves
 from tests.proving.faults.faults import FAULTS
-from tests.proving.faults.judge import LIFTS, Answer, Row, Thrust, Truth, exempted, judged, set_point
+from tests.proving.faults.judge import LIFTS, Answer, Row, Thrust, Truth, exemption_of, judge, set_point
 
 CONNECT, PUBLISH, PINGREQ = 1, 3, 12
 CONNACK = b"\x20\x03\x00\x00\x00"
@@ -467,10 +467,10 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     for time_s, share in scene.frames:
         pushing.told(time_s, share)
     pushing.end(loop.time())
-    return judged(
+    return judge(
         name, fault, state, truth, answers,
         wrong=wrong,
-        exemption=exempted(fault, state),
+        exemption=exemption_of(fault, state),
         begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,

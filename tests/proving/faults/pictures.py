@@ -150,7 +150,7 @@ def resting(struck: Struck) -> Picture:
     return _ours(lambda time_s, position, attitude: _noisy(struck, place, level))
 
 
-def carried(struck: Struck) -> Picture:
+def carry(struck: Struck) -> Picture:
     """A body that a hand takes from beside ours, and carries around: up by 0.3 m, and to and fro at 0.5 m/s."""
     yaw = so3.euler_zyx(struck.attitude)[2]
 
@@ -194,7 +194,7 @@ def drift(speed_m_s: float) -> Callable[[Struck], Picture]:
     return make
 
 
-def mapped(rows: tuple[Vec3, Vec3, Vec3]) -> Callable[[Struck], Picture]:
+def map_positions(rows: tuple[Vec3, Vec3, Vec3]) -> Callable[[Struck], Picture]:
     """The world's axes are mixed up by a matrix, about the place where ours is; its attitude stays true."""
 
     def make(struck: Struck) -> Picture:
@@ -210,9 +210,9 @@ def mapped(rows: tuple[Vec3, Vec3, Vec3]) -> Callable[[Struck], Picture]:
     return make
 
 
-def scaled(share: float) -> Callable[[Struck], Picture]:
+def scale_positions(share: float) -> Callable[[Struck], Picture]:
     """Lengths are told in another unit, about the place where ours is."""
-    return mapped(((share, 0.0, 0.0), (0.0, share, 0.0), (0.0, 0.0, share)))
+    return map_positions(((share, 0.0, 0.0), (0.0, share, 0.0), (0.0, 0.0, share)))
 
 
 def late_position(delay_s: float) -> Callable[[Struck], Picture]:
@@ -253,7 +253,7 @@ def smoothed_position(tau_s: float) -> Callable[[Struck], Picture]:
 # ---- attitudes that are not so
 
 
-def turned(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Callable[[Struck], Picture]:
+def turn_axes(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Callable[[Struck], Picture]:
     """The body's axes are found turned by these angles [deg]."""
     turn = so3.from_euler_zyx(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
 
@@ -273,7 +273,7 @@ def turning(struck: Struck) -> Picture:
     return _ours(change)
 
 
-def swapped(struck: Struck) -> Picture:
+def swap_axes(struck: Struck) -> Picture:
     """Roll is seen as pitch, and pitch as roll."""
 
     def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
@@ -283,7 +283,7 @@ def swapped(struck: Struck) -> Picture:
     return _ours(change)
 
 
-def signed(roll: float, pitch: float) -> Callable[[Struck], Picture]:
+def flip_signs(roll: float, pitch: float) -> Callable[[Struck], Picture]:
     """Roll or pitch has the wrong sign: each is multiplied by what is told."""
 
     def make(struck: Struck) -> Picture:
