@@ -13,6 +13,8 @@ from groundstation.core.control import (
     CertificateReading,
     ControllerConfig,
     Descent,
+    ask,
+    clamp_command,
     make_controller,
     plan_bring_down,
     plan_model_descent,
@@ -225,20 +227,20 @@ class Pilot:
 
     def tick(self, time_s: float) -> Tick:
         """The command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
-        pose, trajectory, descent = self._pose, self._trajectory, self._descent
-        assert pose is not None and trajectory is not None, "tick() needs a pose and a trajectory"
+        pose, descent = self._pose, self._descent
+        assert pose is not None and self._trajectory is not None, "tick() needs a pose and a trajectory"
         acting = time_s + self._vehicle.acting_delay_s
         estimate = self._estimator.predict(acting)
         flight_time = acting - self._start
-        reference = trajectory.at(flight_time)
-        if descent is not None:
-            reference = Reference(estimate.motion.position, self._sink)
-        elif self.suspicious:  # no error is believed: what is left is the trim of before
-            motion = estimate.motion
-            reference = Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
+        reference = self._reference_at(estimate)
         interval = 0.0 if self._last is None else time_s - self._last
         self._last = time_s
-        decision = (descent or self._controller).decide(estimate, reference, interval)
+        law = self._decide if descent is None else descent.decide
+        decision = law(estimate, reference, interval)
+        if descent is None and self.suspicious:  # a body that obeys answers, and is suspect no longer
+            (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
+            drive, _ = clamp_command(self._vehicle, decision.drive.thrust, (roll + more, pitch + also, yaw))
+            decision = decision._replace(drive=drive)
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
@@ -247,6 +249,25 @@ class Pilot:
         seen = self._watch.look(time_s, estimate.motion, decision)
         command = self._command(decision.drive, parts)
         return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
+
+    def _reference_at(self, estimate: Estimate) -> Reference:
+        """What is to be flown at the instant of ``estimate``."""
+        motion = estimate.motion
+        if self._descent is not None:
+            return Reference(motion.position, self._sink)
+        assert self._trajectory is not None, "nothing is tracked without a trajectory"
+        reference = self._trajectory.at(estimate.time_s - self._start)
+        if self.suspicious:  # no error is believed: what is left is the trim of before
+            return Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
+        return reference
+
+    def _decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command of the law."""
+        law, sooner_s = self._controller, self._vehicle.sooner_s
+        if sooner_s == 0.0 or not isinstance(law, Adaptive):
+            return law.decide(estimate, reference, interval_s)
+        sooner = self._estimator.predict(estimate.time_s - sooner_s)
+        return law.decide_apart((sooner, self._reference_at(sooner)), (estimate, reference), interval_s)
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """The last command, where the poses are not believed any more: down on the model, from what it was before.
@@ -344,6 +365,7 @@ class Pilot:
                 disturbance=disturbance,
                 thrust_lag=vehicle.thrust_lag_s,
                 rate_lag=vehicle.rate_lag_s,
+                drag=vehicle.drag_per_s,
             )
         return motion
 

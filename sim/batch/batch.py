@@ -27,7 +27,7 @@ from groundstation.settings import Config
 from sim.batch.estimator import BatchEstimator, BatchWatch
 from sim.batch.kernel import Array, Index
 from sim.batch.stages import BatchStage, Numpy, Stages, columns, pick, put, zeros
-from sim.runs import CONFIRM_S, CRASH_M, SETTLED_M, sought
+from sim.runs import CONFIRM_S, CRASH_M, SETTLED_M, Effort, sought
 from sim.world import (
     Actuators,
     Body,
@@ -400,6 +400,7 @@ class Flights(NamedTuple):
     max_m: Array
     settle_s: Array
     """nan where it never settled."""
+    effort_rad_s: Array
     saturated: Array
     lyapunov_start: Array
     lyapunov_floor: Array
@@ -430,6 +431,7 @@ class Marks:
         self._thrusts = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
         self._v: list[Array] = []
+        self._effort, self._efforts, self._steady = Effort(), np.zeros(count), 0
 
     def mark_failed(self, who: Any) -> None:
         """These flights have failed."""
@@ -442,6 +444,10 @@ class Marks:
         if time_s >= SATURATION_FROM_S:
             self._saturated += decision.saturated
             self._late += 1
+        square = self._effort.square(time_s, decision.drive.rates)
+        if time_s >= STEADY_FROM_S:
+            self._efforts += square
+            self._steady += 1
         x, y, z = seen.b_hat
         self._b_hat = np.maximum(self._b_hat, x * x + y * y + z * z)
         if 0.0 < time_s < STEADY_FROM_S:
@@ -480,6 +486,7 @@ class Marks:
             rms_m=np.sqrt(self._squares / max(self._steps, 1)) + nan,
             max_m=self._max + nan,
             settle_s=settled + nan,
+            effort_rad_s=np.sqrt(self._efforts / max(self._steady, 1)) + nan,
             saturated=self._saturated / max(self._late, 1),
             lyapunov_start=self._v[0],
             lyapunov_floor=floor + nan,
@@ -499,22 +506,27 @@ class BatchPilot:
         self._vehicle, self._gains, self._period, self._stages = vehicle, gains, period_s, stages
         self._decide: BatchStage | None = None
 
-    def decide(self, estimate: Estimate, reference: Reference) -> Decision:
-        """One command each."""
+    def decide(self, at: Sequence[tuple[Estimate, Reference]]) -> Decision:
+        """One command each, for one instant, or for two where thrust and rates act at two: the sooner, the later."""
         if self._decide is None:  # the first, before which there is nothing to remember
             pilot = Adaptive(self._vehicle, self._gains, arrays())
-            decision = pilot.decide(estimate, reference, 0.0)
+            decision = _decide(pilot, at, 0.0)
             self._decide = self._stages(self._decide_each, columns(pilot.memory, np.size(decision.saturated)))
             return decision
-        drive, saturated, seen = self._decide((estimate, msgspec.structs.astuple(reference)))
+        given = tuple((estimate, msgspec.structs.astuple(reference)) for estimate, reference in at)
+        drive, saturated, seen = self._decide(given)
         return Decision(drive, saturated, Diagnostics(*seen))
 
     def _decide_each(self, ops: Ops, memory: Any, given: Any) -> Any:
-        estimate, reference = given
         pilot = Adaptive(self._vehicle, self._gains, ops)
         pilot.memory = memory
-        drive, saturated, seen = pilot.decide(estimate, Reference(*reference), self._period)
+        at = [(estimate, Reference(*reference)) for estimate, reference in given]
+        drive, saturated, seen = _decide(pilot, at, self._period)
         return pilot.memory, (drive, saturated, msgspec.structs.astuple(seen))
+
+
+def _decide(pilot: Adaptive, at: Sequence[tuple[Estimate, Reference]], interval_s: float) -> Decision:
+    return pilot.decide(*at[0], interval_s) if len(at) == 1 else pilot.decide_apart(at[0], at[1], interval_s)
 
 
 HANDSHAKE_S = 1.2
@@ -599,6 +611,7 @@ def fly_batch(
     trajectory = config.trajectory.build()
     watch = BatchWatch(fleet.count, gains, period)
     marks = Marks(fleet.count, duration_s, vehicle, gains, watch)
+    everyone = np.arange(fleet.count)
     for frame in range(-math.ceil(release_s / period), math.ceil(duration_s / period - 1e-9)):
         time = frame * period
         for who, stamp, position, attitude in fleet.arrived(time):
@@ -613,8 +626,12 @@ def fly_batch(
             estimator.release()
         # Where poses stay away too long commands stop, and with them the flight.
         marks.mark_failed(time > estimator.stamp_s + config.flight.coast_s)
-        estimate = estimator.predict(time + vehicle.acting_delay_s)
-        decision = pilot.decide(estimate, trajectory.at(time + vehicle.acting_delay_s))
+        at = []
+        for sooner_s in dict.fromkeys((vehicle.sooner_s, 0.0)):
+            acting = time + vehicle.acting_delay_s - sooner_s
+            # A copy: what is predicted shares arrays with the estimator's state, which the next one moves on.
+            at.append((pick(estimator.predict(acting), everyone), trajectory.at(acting)))
+        estimate, decision = at[-1][0], pilot.decide(at)
         estimator.take_command(frame, decision.drive)
         if on_commands is not None:
             on_commands(time, decision.drive)

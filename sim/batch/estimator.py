@@ -40,6 +40,7 @@ from groundstation.core.estimation import (
     update_covariance,
     update_effectiveness,
     weigh_along,
+    widen_covariance,
 )
 from groundstation.core.geometry import Ops, Real, Vec3
 from groundstation.core.messages import Decision, Estimate
@@ -162,7 +163,9 @@ class BatchEstimator:
         dt = stamp - old.stamp
         model = self._at(old, dt)
         expected = predict_covariance(old.covariance, dt, self._densities)
+        step = innovation(position, model.position)
         if (told := self._gains.pose_jitter_s) == 0.0:
+            expected = widen_covariance(ops, expected, noise, step)
             across2, track, along = expected.pp + noise, old.track, None
             gain, covariance = update_covariance(expected, noise)
         else:
@@ -175,11 +178,12 @@ class BatchEstimator:
             wide, narrow = (
                 Covariance(*(ops.where(off, a, b) for a, b in zip(one, expected, strict=True))) for one in both
             )
-            across2, along2 = wide.pp + across, narrow.pp + across + jitter2 * speed2
+            most = across + jitter2 * speed2
+            wide, narrow = widen_covariance(ops, wide, most, step), widen_covariance(ops, narrow, most, step)
+            across2, along2 = wide.pp + across, narrow.pp + most
             gain, covariance = update_covariance(wide, across)
-            more, narrow = update_covariance(narrow, across + jitter2 * speed2)
+            more, narrow = update_covariance(narrow, most)
             track, along = AlongTrack(axis, narrow), weigh_along(ops, axis, gain, more, across2, along2)
-        step = innovation(position, model.position)
         rate = old.rate
         now = correct(old.disturbance, dt, rate)
         place, speed = model.position, model.velocity
@@ -241,7 +245,8 @@ class BatchEstimator:
         """The motion ``h`` [s] after the newest pose; commands have been rolled until then."""
         north, east, down = old.disturbance
         mass: Any = self._vehicle.mass_kg / old.effectiveness.value
-        return integrate_motion(old.motion, old.driven, h, mass, (north, east, down + self._gains.gravity), old.rate)
+        other = (north, east, down + self._gains.gravity)
+        return integrate_motion(old.motion, old.driven, h, mass, other, old.rate, self._vehicle.drag_per_s)
 
     def _measure_noise(self, ops: Ops, old: Filtered, stamp: Any, position: Any) -> Any:
         """As :meth:`ModelEstimator._measure_noise`."""

@@ -4,7 +4,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.runs.fleet import FleetMission, fly_fleet, fly_fleet_real, percentile
     from sim.runs.flight import CONFIRM_S, MISSION_CONFIRM_S, MissionResult, confirm_at, fly, fly_mission, from_floor
-    from sim.runs.referee import CRASH_M, SETTLED_M, TrueTrack, sought
+    from sim.runs.referee import CRASH_M, SETTLED_M, Effort, TrueTrack, sought
     from sim.runs.server import place_fleet, serve, serve_fleet
     from sim.runs.simulation import RECORDING, Run, lend_name, run_beside, simulate
     from sim.runs.stage import Stage
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "fleet": ("FleetMission", "fly_fleet", "fly_fleet_real", "percentile"),
     "flight": ("CONFIRM_S", "MISSION_CONFIRM_S", "MissionResult", "confirm_at", "fly", "fly_mission", "from_floor"),
-    "referee": ("CRASH_M", "SETTLED_M", "TrueTrack", "sought"),
+    "referee": ("CRASH_M", "Effort", "SETTLED_M", "TrueTrack", "sought"),
     "server": ("place_fleet", "serve", "serve_fleet"),
     "simulation": ("RECORDING", "Run", "lend_name", "run_beside", "simulate"),
     "stage": ("Stage",),

@@ -82,6 +82,30 @@ def summarize_errors(errors: list[float]) -> dict[str, float | None]:
     }
 
 
+EFFORT_S = 0.15
+"""Slower changes of the commanded body rates are the figure's own [s]."""
+
+
+class Effort:
+    """How hard the vehicle is worked: the commanded roll and pitch rates [rad/s] less their low-pass of ``EFFORT_S``.
+
+    Numbers, or arrays of shape (N,).
+    """
+
+    def __init__(self) -> None:
+        """Nothing was commanded yet."""
+        self._slow: Any = None
+        self._time = 0.0
+
+    def square(self, time_s: float, rates: Any) -> Any:
+        """The mean square of both for one more command, at ``time_s`` [s]: [rad²/s²]."""
+        rates = rates[:2]
+        keep = math.exp(-(time_s - self._time) / EFFORT_S)
+        slow = rates if self._slow is None else [r + keep * (s - r) for r, s in zip(rates, self._slow, strict=True)]
+        self._slow, self._time = slow, time_s
+        return 0.5 * sum((r - s) ** 2 for r, s in zip(rates, slow, strict=True))
+
+
 class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """The figures of one flight. Lengths of the errors are true position against reference, at plant steps."""
 
@@ -106,6 +130,8 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     thrust_min_n: float | None
     thrust_max_n: float | None
     """Commanded thrust over the whole flight [N]."""
+    effort_rad_s: float | None
+    """RMS over the steady part of what :class:`Effort` has of each command; None where the flight ended before it."""
     saturated_fraction: float
     """Share of the commands after 5 s in which any of the four was clamped."""
     lyapunov_increase_max: float | None
@@ -145,6 +171,7 @@ class Referee:
         self._moves: list[tuple[float, Vec3, Vec3]] = []
         """Time [s], true velocity [m/s], and acceleration by the thrust and mass as told [m/s²]; both NED."""
         self._effectiveness = array("d")
+        self._effort, self._squares = Effort(), array("d")
         self._states: list[str] = []
         self._believed = SteadyError()
         self._warnings: list[str] = []
@@ -158,6 +185,7 @@ class Referee:
             (tick.flight_time_s, d.drive.thrust, d.saturated, d.diagnostics.v_known, d.diagnostics.b_hat)
         )
         self._effectiveness.append(estimate.effectiveness)
+        self._squares.append(self._effort.square(tick.flight_time_s, d.drive.rates))
         self._winds.append(wind)
         self._wanted.append(sought(wind, estimate, self._told_kg))
         more = estimate.motion.thrust / self._told_kg
@@ -185,6 +213,7 @@ class Referee:
         late = [i for i, tick in enumerate(self._ticks) if tick[0] >= SATURATION_FROM_S]
         everything = self._lyapunov()
         values = [v for v, tick in zip(everything, self._ticks, strict=False) if tick[0] >= steady_s]
+        efforts = [x for x, tick in zip(self._squares, self._ticks, strict=True) if tick[0] >= steady_s]
         end = self._ticks[-1][0] if self._ticks else 0.0
         last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
         thrusts = [tick[1] for tick in self._ticks]
@@ -199,6 +228,7 @@ class Referee:
             thrust_effectiveness=sum(self._effectiveness[i] for i in last) / len(last) if last else 1.0,
             thrust_min_n=min(thrusts, default=None),
             thrust_max_n=max(thrusts, default=None),
+            effort_rad_s=math.sqrt(sum(efforts) / len(efforts)) if efforts else None,
             saturated_fraction=sum(self._ticks[i][2] for i in late) / len(late) if late else 0.0,
             lyapunov_increase_max=max((b - a for a, b in zip(values, values[1:], strict=False)), default=None),
             lyapunov_start=everything[0] if everything else None,

@@ -170,6 +170,7 @@ _TOLD_QUAD1KG = Vehicle(
     thrust_min_n=0.5,
     thrust_lag_s=0.030,
     rate_lag_s=0.020,
+    drag_per_s=0.998,  # what `groundstation identify` finds on an excitation flight of it
     frame_period_s=0.010,
     size_m=0.8,
     wind_share=1.0,
@@ -183,9 +184,8 @@ _TOLD_GALE = Vehicle(
     thrust_curve=gale.THRUST_CURVE,
     hover_thrust=gale.HOVER,
     rate_limits_deg_s=(220.0, 220.0, 200.0),
-    # Commands are computed for the instant at which the later of thrust and rates begins to answer: 60 ms of delay in
-    # thrust alone would have rates come so much too early. So the delay is told as a part of the lag.
-    thrust_lag_s=gale.THRUST_LAG_S + gale.THRUST_DELAY_S,
+    thrust_lag_s=gale.THRUST_LAG_S,
+    thrust_delay_s=gale.THRUST_DELAY_S,
     rate_lag_s=1.0 / gale.ATTITUDE_RAD_S,
     frame_period_s=1.0 / gale.POSE_HZ,
     size_m=0.8,
@@ -487,6 +487,7 @@ def world_of(air: World, told: Config) -> World:
         command_delay_s=vehicle.command_delay_s,
         thrust_delay_s=vehicle.thrust_delay_s,
         rate_delay_s=vehicle.rate_delay_s,
+        drag_per_s=vehicle.drag_per_s or air.drag_per_s,
         frame_period_s=vehicle.frame_period_s,
     )
 

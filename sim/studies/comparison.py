@@ -8,7 +8,6 @@ A comparison as a picture: RMS error by scenario, and the error through the gust
 import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
 import math
 import sys
-from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -142,7 +141,7 @@ class ComparedFlight(msgspec.Struct, frozen=True):
     rms_cm: float | None
     max_cm: float | None
     settle_s: float | None
-    effort: float | None
+    effort_rad_s: float | None
     trace: list[float] | None
     """True error [cm] from the start on, every :data:`TRACE_S`; only where asked for."""
 
@@ -164,8 +163,8 @@ class ComparisonRow(msgspec.Struct, frozen=True):
     max_cm: float | None
     settle_s: float | None
     """Time after which the error stays below 10 cm; None too where most flights never get there."""
-    effort: float | None
-    """√(mean |ω|² / (1 rad/s)² + var T / (m g)²) of the commands over the steady part [-]."""
+    effort_rad_s: float | None
+    """How hard the vehicle is worked: see :class:`sim.runs.FlightVerdict`."""
 
 
 def cases(scenarios: Iterable[str], controllers: Sequence[str], overrides: Sequence[str] = ()) -> list[Case]:
@@ -189,22 +188,16 @@ def _short_name(name: str, among: Sequence[str]) -> str:
 def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) -> ComparedFlight:
     """Fly one case once."""
     world, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
-    rates, thrusts = array("d"), array("d")
     track, start = TrueTrack(), math.inf
 
     def on_tick(tick: Tick) -> None:
         nonlocal start
         start = tick.estimate.time_s - tick.flight_time_s
-        if tick.flight_time_s >= STEADY_S:
-            x, y, z = tick.decision.drive.rates
-            rates.append(x * x + y * y + z * z)
-            thrusts.append(tick.decision.drive.thrust)
 
     result = fly(
         world, config, seed=seed, duration_s=duration_s, on_tick=on_tick, on_step=track.step if traced else None
     )
     verdict = result.verdict
-    weight = config.vehicle.mass_kg * config.controller.gravity
     trace = None
     if traced:
         errors = track.errors(config.trajectory.build(), start)
@@ -221,7 +214,7 @@ def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) 
         verdict.rms_cm,
         verdict.max_cm,
         verdict.settle_s,
-        _effort(rates, thrusts, weight) if rates else None,
+        verdict.effort_rad_s,
         trace,
     )
 
@@ -299,19 +292,13 @@ def _row(case: Case, flights: list[ComparedFlight]) -> ComparisonRow:
         rms_cm_max=max(known, default=None),
         max_cm=_middle([one.max_cm for one in flights], crashed),
         settle_s=settled if not crashed and math.isfinite(settled) else None,
-        effort=_middle([one.effort for one in flights], crashed),
+        effort_rad_s=_middle([one.effort_rad_s for one in flights], crashed),
     )
 
 
 def _middle(values: list[float | None], crashed: int) -> float | None:
     known = [value for value in values if value is not None]
     return median(known) if known and not crashed else None
-
-
-def _effort(rates: Sequence[float], thrusts: Sequence[float], weight: float) -> float:
-    mean = sum(thrusts) / len(thrusts)
-    swing = sum((thrust - mean) ** 2 for thrust in thrusts) / len(thrusts) / weight**2
-    return math.sqrt(sum(rates) / len(rates) + swing)
 
 
 BEGIN, END = "<!-- figures:begin -->", "<!-- figures:end -->"
@@ -396,7 +383,7 @@ def _cells(row: ComparisonRow) -> tuple[str, ...]:
         spread,
         _number(row.max_cm, 2),
         settled,
-        _number(row.effort, 3),
+        _number(row.effort_rad_s, 2),
         survived,
     )
 

@@ -216,7 +216,7 @@ def _lead_ms(height: Column, asked: Column) -> Column:
     return lead
 
 
-_THRUST_S, _RATES_S = gale.THRUST_LAG_S + gale.THRUST_DELAY_S, 1.0 / gale.ATTITUDE_RAD_S
+_THRUST_S, _RATES_S = gale.THRUST_LAG_S, 1.0 / gale.ATTITUDE_RAD_S
 WRONG = {
     "told right": (),
     "lags and delay told 20 ms too short": (

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from groundstation.core.control import Law, backstep
+from groundstation.core.control import Law, LawState, backstep
 from groundstation.core.geometry import FLOATS, Vec3
 
 LIMIT = 1e-9
@@ -48,20 +48,20 @@ def worst_disagreement(path: Path) -> tuple[float, int]:
 
 def _compare(vector: dict[str, Any]) -> list[tuple[float, float]]:
     """(actual, expected) of every number of one vector."""
-    law = Law(**{ours: vector["parameters"][theirs] for theirs, ours in _PARAMETERS.items()})
+    told = {ours: vector["parameters"][theirs] for theirs, ours in _PARAMETERS.items()}
+    law = Law(**told, k3_down=told["k3"])
     given, reference = vector["input"], vector["input"]["reference"]
-    step = backstep(
-        FLOATS,
-        law,
-        mass=vector["parameters"]["mass"],
-        z1=_difference(given["position"], reference["position"]),
-        z1_dot=_difference(given["velocity"], reference["velocity"]),
-        attitude=tuple(given["attitude_wxyz"]),
-        thrust=given["thrust"],
-        b_hat=tuple(given["b_hat"]),
-        acceleration=tuple(reference["acceleration"]),
-        jerk=tuple(reference["jerk"]),
+    state = LawState(
+        _difference(given["position"], reference["position"]),
+        _difference(given["velocity"], reference["velocity"]),
+        tuple(given["velocity"]),
+        tuple(given["attitude_wxyz"]),
+        given["thrust"],
+        tuple(given["b_hat"]),
+        tuple(reference["acceleration"]),
+        tuple(reference["jerk"]),
     )
+    step = backstep(FLOATS, law, state, mass=vector["parameters"]["mass"])
     names = {"V_known": "v_known", "W": "w"}
     pairs: list[tuple[float, float]] = []
     for name, expected in vector["output"].items():

@@ -41,7 +41,7 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(scenario: str, overri
     for seed in range(SEEDS):
         verdict = flown(scenario, *overrides, seed=seed, duration_s=DURATION_S).verdict
         assert 100.0 * batch.rms_m[seed] == pytest.approx(verdict.rms_cm, abs=1e-4)
-        assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.005)
+        assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.006)  # two steps of the plant
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_a_vehicle_of_a_kilogram_holds_its_place_in_three_quarters_of_its_weight
     assert not lost < 0.1
 
 
-LAG_3X = f"sim.thrust_lag_s={3.0 * SCENARIOS['paper'].world.thrust_lag_s}"
+LAG_2X = f"sim.thrust_lag_s={2.0 * SCENARIOS['paper'].world.thrust_lag_s}"
 TWO_LOOKS = 0.006
 """As a share of the commands of 8 s: rounding may move what is clamped, or lasts, by a command."""
 
@@ -112,7 +112,7 @@ TWO_LOOKS = 0.006
     ("scenario", "overrides", "violated", "suspended"),
     [
         ("adverse", (), 0.0, 0.0),  # the seeds' first moments alone
-        ("paper", (LAG_3X,), 0.5, 0.0),  # V above its bound
+        ("paper", (LAG_2X,), 0.5, 0.0),  # V above its bound
         ("paper", ("controller.b_bound=0.5", "sim.wind_mean=[0.9, 0, 0]"), 0.5, 0.0),  # |b̂| above B
         ("paper", ("sim.thrust_gain=0.7",), 0.0, 0.1),  # thrust at its limit
     ],

@@ -71,12 +71,12 @@ def compared(folder: Path) -> list[dict[str, Any]]:
 def test_each_controller_has_a_row_with_every_figure(compared: list[dict[str, Any]]) -> None:
     assert [row["controller"] for row in compared] == list(CONTROLLERS)
     for row in compared:
-        assert row.keys() >= {"scenario", "controller", "rms_cm", "max_cm", "settle_s", "effort", "survived"}
+        assert row.keys() >= {"scenario", "controller", "rms_cm", "max_cm", "settle_s", "effort_rad_s", "survived"}
         assert row["scenario"] == SCENARIO
         assert (row["rms_cm"] is None) == (row["survived"] is False)
         if row["survived"]:
             assert 0.0 < row["rms_cm_min"] == row["rms_cm"] == row["rms_cm_max"] < row["max_cm"]
-            assert row["effort"] > 0.0
+            assert row["effort_rad_s"] > 0.0
 
 
 def test_ours_beats_every_baseline(compared: list[dict[str, Any]]) -> None:
@@ -128,7 +128,7 @@ def test_figures_are_medians_with_their_spread() -> None:
 
 def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
     (row,) = rows(made_up("pid", [3.0, None, 2.0]))
-    assert (row.rms_cm, row.rms_cm_min, row.max_cm, row.settle_s, row.effort) == (None,) * 5
+    assert (row.rms_cm, row.rms_cm_min, row.max_cm, row.settle_s, row.effort_rad_s) == (None,) * 5
     assert (row.survived, row.crashed) == (False, 1)
     assert "1 of 3 crashed" in markdown_table([row])
     assert "2 of 3" in text_table([row])

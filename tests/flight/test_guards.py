@@ -156,14 +156,15 @@ def test_who_takes_over_between_two_heartbeats_keeps_it_although_the_vehicle_the
         assert states(flown)[-1] == "handed_over"
 
 
-def test_a_gust_beyond_all_limits_lands() -> None:
+def test_a_gust_beyond_all_limits_ends_the_flight_softly() -> None:
     async def script(_: Flight, __: Stage) -> None:
         return
 
     flown = mission(script, "sim.wind_step=[6.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
     assert not flown.landed
     assert flown.fault
-    assert states(flown)[-1] == "landed", flown.why
+    assert flown.touchdown_m_s is not None
+    assert flown.touchdown_m_s < 2.5  # on the model where the step looks like a hand's
     assert flown.tilt_max_deg < 60.0
 
 

@@ -70,6 +70,14 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
     assert value("attitude_noise") == pytest.approx(0.004, rel=0.1)
 
 
+def test_the_drag_that_its_scenario_tells_quad1kg_is_what_is_found_in_flight(tmp_path: Path) -> None:
+    flight = recorded("quad1kg", *SET[:2], "vehicle.drag_per_s=0", seed=1, duration_s=SECONDS)[0]
+    one = printed(flight, tmp_path / "found.toml")["parameters"]["drag"]
+    told = SCENARIOS["quad1kg"].told.drag_per_s
+    assert one["interval"][0] < told < one["interval"][1]
+    assert told == pytest.approx(one["value"], abs=0.001)
+
+
 def test_every_figure_has_an_interval_a_unit_and_what_was_told() -> None:
     assert facts()["whole"]
     units = {"thrust_lag": "s", "drag": "1/s", "position_noise": "m", "attitude_noise": "rad", "thrust_scale": ""}

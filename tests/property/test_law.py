@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control import Law, backstep, yaw_rate
-from groundstation.core.control.backstepping import LawOutput, axis, growth, project, saturation, within
+from groundstation.core.control import Law, LawState, backstep, yaw_rate
+from groundstation.core.control.backstepping import LawOutput, axis, growth, project, saturation, turn_rates, within
 from groundstation.core.geometry import FLOATS, Quat, Vec3, arrays, so3
 
 LAW = Law()
@@ -23,6 +23,7 @@ gains = st.builds(
     Law,
     k2=st.floats(0.2, 5.0),
     k3=st.floats(0.2, 8.0),
+    k3_down=st.floats(0.2, 20.0),
     kb=st.floats(0.1, 5.0),
     sigma_bound=st.floats(0.3, 3.0),
     sigma_slope=st.floats(0.3, 5.0),
@@ -38,6 +39,11 @@ gains = st.builds(
 
 def quaternion(angles: Vec3) -> Quat:
     return so3.from_euler_zyx(*angles)
+
+
+def vec3(values: Any) -> Vec3:
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)
 
 
 def dot(a: Vec3, b: Vec3) -> float:
@@ -125,7 +131,7 @@ def test_projection_p4_is_n_times_smooth_across_the_inner_sphere(direction: Vec3
     assert deviation <= 20.0 * (1 + math.hypot(*xi)) * (4.1 * h / 2.25) ** (order + 1)
 
 
-@given(gains, vec, vec, angle, st.floats(0.3, 3.0), vec, vec, vec, vec, st.floats(0.05, 2.0))
+@given(gains, vec, vec, angle, st.floats(0.3, 3.0), vec, vec, vec, vec, vec, st.floats(0.05, 2.0), st.floats(0.0, 2.0))
 def test_v_falls_exactly_by_w_on_the_ideal_plant(
     law: Law,
     z1: Vec3,
@@ -136,31 +142,35 @@ def test_v_falls_exactly_by_w_on_the_ideal_plant(
     b: Vec3,
     acceleration: Vec3,
     jerk: Vec3,
+    speed_d: Vec3,
     mass: float,
+    drag: float,
 ) -> None:
     """V˙ = -W + b̃ᵀ(ξ - Proj): the derivative of V along the plant, by differences, against the law's own W."""
     b_hat = within(FLOATS, b_hat, law.b_bound)
     thrust = lift * mass * law.gravity
     q = quaternion(angles)
-    state: dict[str, Any] = {"mass": mass, "acceleration": acceleration, "jerk": jerk}
-    step = backstep(FLOATS, law, z1=z1, z1_dot=z1_dot, attitude=q, thrust=thrust, b_hat=b_hat, **state)
+    v = np.add(z1_dot, speed_d)
+    state = LawState(z1, z1_dot, vec3(v), q, thrust, b_hat, acceleration, jerk)
+    step = backstep(FLOATS, law, state, mass=mass, drag=drag)
+    assert turn_rates(FLOATS, law, state, mass=mass, drag=drag) == (step.rate_x, step.rate_y)
 
     def v_after(h: float) -> float:
         """V a moment later: the plant of section 1 with the law's Ṫ, ω and b̂˙ held."""
         down = so3.third_column(q)
-        accel = [-thrust / mass * down[i] + (law.gravity if i == 2 else 0.0) + b[i] - acceleration[i] for i in range(3)]
-        later = backstep(
-            FLOATS,
-            law,
-            z1=_sum(z1, z1_dot, h, accel),
-            z1_dot=tuple(z1_dot[i] + h * accel[i] for i in range(3)),  # type: ignore[arg-type]  # three components
-            attitude=so3.rotate(q, (h * step.rate_x, h * step.rate_y, 0.4 * h)),
-            thrust=thrust + h * step.thrust_rate,
-            b_hat=tuple(b_hat[i] + h * step.b_hat_dot[i] for i in range(3)),  # type: ignore[arg-type]  # three components
-            mass=mass,
-            acceleration=tuple(acceleration[i] + h * jerk[i] for i in range(3)),  # type: ignore[arg-type]  # three components
-            jerk=jerk,
+        moved = np.array([0.0, 0.0, law.gravity]) - thrust / mass * np.array(down) + b - drag * v
+        accel = moved - acceleration
+        after = LawState(
+            vec3(z1 + h * np.array(z1_dot) + 0.5 * h * h * accel),
+            vec3(z1_dot + h * accel),
+            vec3(v + h * moved),
+            so3.rotate(q, (h * step.rate_x, h * step.rate_y, 0.4 * h)),
+            thrust + h * step.thrust_rate,
+            vec3(b_hat + h * np.array(step.b_hat_dot)),
+            vec3(acceleration + h * np.array(jerk)),
+            jerk,
         )
+        later = backstep(FLOATS, law, after, mass=mass, drag=drag)
         error = [b[i] - b_hat[i] - h * step.b_hat_dot[i] for i in range(3)]
         return later.v_known + 0.5 / law.kb * sum(x * x for x in error)
 
@@ -169,11 +179,6 @@ def test_v_falls_exactly_by_w_on_the_ideal_plant(
     slope = (v_after(h) - v_after(-h)) / (2.0 * h)
     # b̂ lies within B, so Proj = ξ and the last term vanishes.
     assert slope == pytest.approx(-step.w, rel=2e-4, abs=1e-4 * (1.0 + v_after(0.0)) * speed)
-
-
-def _sum(z1: Vec3, z1_dot: Vec3, h: float, accel: list[float]) -> Vec3:
-    x, y, z = (z1[i] + h * z1_dot[i] + 0.5 * h * h * accel[i] for i in range(3))
-    return (x, y, z)
 
 
 @given(st.lists(st.tuples(any_vec, st.floats(0.0, 10.0)), max_size=30), gains)
@@ -198,37 +203,16 @@ def numbers(step: LawOutput) -> list[float]:
 def test_outputs_are_finite_for_any_finite_input(
     z1: Vec3, z1_dot: Vec3, angles: Vec3, thrust: float, b_hat: Vec3, acceleration: Vec3, jerk: Vec3
 ) -> None:
-    step = backstep(
-        FLOATS,
-        LAW,
-        mass=0.08,
-        z1=z1,
-        z1_dot=z1_dot,
-        attitude=quaternion(angles),
-        thrust=thrust,
-        b_hat=b_hat,
-        acceleration=acceleration,
-        jerk=jerk,
-    )
+    state = LawState(z1, z1_dot, z1_dot, quaternion(angles), thrust, b_hat, acceleration, jerk)
+    step = backstep(FLOATS, LAW, state, mass=0.08)
     assert all(math.isfinite(x) for x in numbers(step))
 
 
 def test_what_is_suspended_learns_nothing() -> None:
     def learns(suspended: bool) -> Vec3:
-        step = backstep(
-            FLOATS,
-            LAW,
-            mass=0.08,
-            z1=(0.1, -0.2, 0.1),
-            z1_dot=(0.0, 0.1, 0.0),
-            attitude=quaternion((0.1, 0.0, 0.0)),
-            thrust=0.8,
-            b_hat=(0.1, 0.2, 0.3),
-            acceleration=(0.0, 0.0, 0.0),
-            jerk=(0.0, 0.0, 0.0),
-            witness=(0.3, 0.3, 0.3),
-            suspended=suspended,
-        )
+        speed, level, b_hat = (0.0, 0.1, 0.0), quaternion((0.1, 0.0, 0.0)), (0.1, 0.2, 0.3)
+        state = LawState((0.1, -0.2, 0.1), speed, speed, level, 0.8, b_hat, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        step = backstep(FLOATS, LAW, state, mass=0.08, witness=(0.3, 0.3, 0.3), suspended=suspended)
         return step.b_hat_dot
 
     assert learns(True) == (0.0, 0.0, 0.0)
@@ -258,30 +242,19 @@ def test_arrays_of_vehicles_agree_with_one_vehicle_at_a_time(states: list[tuple[
     def column(values: list[Any]) -> Any:
         return tuple(np.array(x) for x in zip(*values, strict=True))
 
-    batch = backstep(
-        ops,
-        LAW,
-        mass=0.08,
-        z1=column([s[0] for s in states]),
-        z1_dot=column([s[1] for s in states]),
-        attitude=column(quaternions),
-        thrust=column([(s[3],) for s in states])[0],
-        b_hat=column([s[4] for s in states]),
-        acceleration=(0.0, 0.0, 0.0),
-        jerk=column([s[5] for s in states]),
+    of_all = LawState(
+        column([s[0] for s in states]),
+        column([s[1] for s in states]),
+        column([s[1] for s in states]),
+        column(quaternions),
+        column([(s[3],) for s in states])[0],
+        column([s[4] for s in states]),
+        (0.0, 0.0, 0.0),
+        column([s[5] for s in states]),
     )
+    batch = backstep(ops, LAW, of_all, mass=0.08, drag=0.3)
     for i, s in enumerate(states):
-        single = backstep(
-            FLOATS,
-            LAW,
-            mass=0.08,
-            z1=s[0],
-            z1_dot=s[1],
-            attitude=quaternions[i],
-            thrust=s[3],
-            b_hat=s[4],
-            acceleration=(0.0, 0.0, 0.0),
-            jerk=s[5],
-        )
+        one = LawState(s[0], s[1], s[1], quaternions[i], s[3], s[4], (0.0, 0.0, 0.0), s[5])
+        single = backstep(FLOATS, LAW, one, mass=0.08, drag=0.3)
         for a, e in zip(numbers(batch), numbers(single), strict=True):
             assert abs(np.asarray(a)[i] - e) <= 1e-9 * max(1.0, abs(e))

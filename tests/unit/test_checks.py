@@ -50,7 +50,7 @@ def check(
     return next(one for one in seen if one.name == name)
 
 
-GENTLE = {"kind": "adaptive", "b_bound": 1.0, "sigma_bound": 0.3}
+GENTLE = {"kind": "adaptive", "b_bound": 1.0, "sigma_bound": 0.3, "sigma_slope": 3.0, "rho_slope": 1.0}
 CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("pose rate", {}, Verdict.PASS),
     ("pose rate", {"stands": standing(30.0)}, Verdict.WARN),

@@ -74,7 +74,7 @@ def test_bounds_follow_the_default_and_hold_the_value_in_force_and_what_the_key_
     assert space(Gains(k2=0.1), ["controller.k2"]) == [Key("k2", 0.1, 8.0, 0.1)]
     assert space(Gains(k2=9.5), ["k2"]) == [Key("k2", 0.5, 9.5, 9.5)]
     assert space(Gains(attitude_gain=0.5), ["attitude_gain"]) == [Key("attitude_gain", 0.25, 1.0, 0.5)]
-    assert space(Gains(), ["k3=2:5"]) == [Key("k3", 2.0, 5.0, 4.0)]
+    assert space(Gains(), ["k3=2:5"]) == [Key("k3", 2.0, 5.0, 5.0)]
 
 
 def test_a_gain_that_is_switched_off_stays_off_unless_it_is_named() -> None:

@@ -409,6 +409,7 @@ KEYS = {
     "thrust_curve": "thrust_curve",
     "thrust_lag_s": "thrust_lag",
     "rate_lag_s": "rate_lag",
+    "drag_per_s": "drag",
 }
 """Key of a vehicle → parameter that it takes as it is."""
 DELAYS = {"thrust_delay_s": "thrust_delay", "rate_delay_s": "rate_delay"}
@@ -418,7 +419,6 @@ BESIDE = (
     "thrust_sag",
     "yaw_rate_lag",
     "yaw_rate_delay",
-    "drag",
     "pose_latency",
     "stamp_jitter",
     "position_noise",
@@ -442,7 +442,8 @@ def file_text(found: IdentifiedVehicle) -> str:
         one = parameters[name]
         notes[key] = describe_parameter(one)
         if one.value is not None:
-            values[key] = _round(max(one.value, 0.0))
+            sure = name != "drag" or (one.interval is not None and one.interval[0] > 0.0)
+            values[key] = _round(max(one.value, 0.0)) if sure else 0.0
     _split_delays(found, values, notes)
     if told.link.thrust_curve is not None:
         values["thrust_curve"] = told.vehicle.thrust_curve

@@ -408,7 +408,15 @@ def _rest(
 
     return [
         judge_parameter(
-            "drag", "linear drag", "1/s", drag, of_drag(drag, drag_spread), 0.2, moved=moved.pushed, note=DRAG_NOTE
+            "drag",
+            "linear drag",
+            "1/s",
+            drag,
+            of_drag(drag, drag_spread),
+            0.2,
+            moved=moved.pushed,
+            told=seen.config.vehicle.drag_per_s,
+            note=DRAG_NOTE,
         ),
         *(
             judge_parameter(name, title, "1/s", value, of_drag(value, spread), 0.2, moved=moved.pushed)

@@ -3,8 +3,16 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.control.adaptive import Adaptive, Gains, Uncompensated, bound_decrease
-    from groundstation.core.control.attitude import acceleration, half_angle_error, length, push, sine_error, turning
-    from groundstation.core.control.backstepping import Law, backstep, yaw_rate
+    from groundstation.core.control.attitude import (
+        acceleration,
+        clamp_command,
+        half_angle_error,
+        length,
+        push,
+        sine_error,
+        turning,
+    )
+    from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
     from groundstation.core.control.bring_down import OFF, plan_bring_down
     from groundstation.core.control.certificate import (
         LASTING_S,
@@ -18,13 +26,13 @@ if TYPE_CHECKING:
         thrust_bound,
     )
     from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
-    from groundstation.core.control.descent import Descent
+    from groundstation.core.control.descent import Descent, ask
     from groundstation.core.control.model_descent import plan_model_descent
 
 _MODULES = {
     "adaptive": ("Adaptive", "Gains", "Uncompensated", "bound_decrease"),
-    "attitude": ("acceleration", "half_angle_error", "length", "push", "sine_error", "turning"),
-    "backstepping": ("Law", "backstep", "yaw_rate"),
+    "attitude": ("acceleration", "clamp_command", "half_angle_error", "length", "push", "sine_error", "turning"),
+    "backstepping": ("Law", "LawState", "backstep", "yaw_rate"),
     "bring_down": ("OFF", "plan_bring_down"),
     "certificate": (
         "CertificateMonitor",
@@ -38,7 +46,7 @@ _MODULES = {
         "thrust_bound",
     ),
     "controllers": ("ControllerConfig", "Custom", "make_controller"),
-    "descent": ("Descent",),
+    "descent": ("Descent", "ask"),
     "model_descent": ("plan_model_descent",),
 }
 

@@ -32,11 +32,15 @@ def length(v: Vec3) -> float:
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-def acceleration(motion: Motion, disturbance: Vec3, mass: float, gravity: float) -> Vec3:
-    """What the model says that the vehicle does now [m/s², NED], ``disturbance`` included."""
-    x, y, z = third_column(motion.attitude)
+def acceleration(motion: Motion, disturbance: Vec3, mass: float, gravity: float, drag: float = 0.0) -> Vec3:
+    """What the model says that the vehicle does now [m/s², NED], ``disturbance`` and linear ``drag`` [1/s] included."""
+    (x, y, z), (a, b, c) = third_column(motion.attitude), motion.velocity
     f = motion.thrust / mass
-    return (disturbance[0] - f * x, disturbance[1] - f * y, gravity + disturbance[2] - f * z)
+    return (
+        disturbance[0] - f * x - drag * a,
+        disturbance[1] - f * y - drag * b,
+        gravity + disturbance[2] - f * z - drag * c,
+    )
 
 
 def sine_error(attitude: Quat, along: Vec3) -> tuple[float, float]:

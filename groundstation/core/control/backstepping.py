@@ -23,7 +23,7 @@ Elementwise: floats, or arrays of shape (N,).
 """
 
 import math
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
@@ -32,26 +32,28 @@ from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, third_col
 
 
 class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Gains of the pure law. Defaults: the paper's where it gives them (section VI), else docs/explanation/law.md.
+    """Gains of the pure law. Defaults and where they come from: docs/explanation/law.md; the paper's are said beside.
 
     It stands on :class:`Estimation` only because a struct has one base; the law reads ``gravity`` of it.
     """
 
     k2: Positive = 2.0
     """Gain on ρ(z2) [m/s²]; paper: 2."""
-    k3: Positive = 4.0
+    k3: Positive = 5.0
     """Gain on z3 [1/s]; paper: 4."""
-    kb: NonNegative = 1.0
+    k3_down: Positive = 14.0
+    """The same for the vertical axis [1/s], on which nothing but thrust acts; paper: 4."""
+    kb: NonNegative = 0.4
     """Adaptation gain [1/s² per m/s² of V's gradient]; paper: 1; 0 switches adaptation off."""
     k_yaw: NonNegative = 1.0
     """Heading gain [1/s]."""
     sigma_bound: Positive = 1.5
     """M: bound of σ [m/s]; paper: 1.5."""
-    sigma_slope: Positive = 3.0
+    sigma_slope: Positive = 4.5
     """r: slope of σ at 0 [1/s]; paper: 3."""
     rho_bound: Positive = 1.0
     """Bound of ρ [-]."""
-    rho_slope: Positive = 1.0
+    rho_slope: Positive = 3.0
     """Slope of ρ at 0 [s/m]."""
     velocity_scale: Positive = 1.0
     """c: how fast Ω grows beyond M [m/s]."""
@@ -206,7 +208,7 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
     v_terms: Vec3
     """Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½ z3ᵀz3: all of V but its b̃ term."""
     w_terms: Vec3
-    """σᵀσ, k2 z2ᵀρ(z2), k3 z3ᵀz3: all of W."""
+    """σᵀσ, k2 z2ᵀρ(z2), z3ᵀ k3 z3: all of W."""
 
     @property
     def v_known(self) -> Real:
@@ -215,7 +217,7 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def w(self) -> Real:
-        """W = σᵀσ + k2 z2ᵀρ(z2) + k3 z3ᵀz3."""
+        """W = σᵀσ + k2 z2ᵀρ(z2) + z3ᵀ k3 z3."""
         return self.w_terms[0] + self.w_terms[1] + self.w_terms[2]
 
 
@@ -252,18 +254,34 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> BacksteppingAxis:
     return BacksteppingAxis(x1, x2, z2, s, s1, u_star, du_dz1, u_x2, dv_dz2, v_sigma, v_omega, s * s, k2 * z2 * rho)
 
 
+class LawState(NamedTuple):
+    """What one evaluation of the law is of."""
+
+    z1: Vec3
+    """p - pd [m], NED."""
+    z1_dot: Vec3
+    """v - p˙d [m/s], NED."""
+    velocity: Vec3
+    """v [m/s], NED: what drag acts on."""
+    attitude: Quat
+    """Unit quaternion, body FRD to world NED."""
+    thrust: Real
+    """T [N]; the law needs T > 0 and takes at least a thousandth of the weight."""
+    b_hat: Vec3
+    """b̂ [m/s²], NED."""
+    acceleration: Vec3
+    """p¨d [m/s²], NED."""
+    jerk: Vec3
+    """p⃛d [m/s³], NED."""
+
+
 def backstep(
     ops: Ops,
     law: Law,
+    state: LawState,
     *,
     mass: Real,
-    z1: Vec3,
-    z1_dot: Vec3,
-    attitude: Quat,
-    thrust: Real,
-    b_hat: Vec3,
-    acceleration: Vec3,
-    jerk: Vec3,
+    drag: float = 0.0,
     witness: Vec3 | None = None,
     suspended: bool = False,
 ) -> LawOutput:
@@ -272,18 +290,43 @@ def backstep(
     Args:
         ops: elementary functions (floats, or arrays of shape (N,)).
         law: gains.
+        state: where, of which vehicle and reference.
         mass: [kg].
-        z1: p - pd [m], NED.
-        z1_dot: v - p˙d [m/s], NED.
-        attitude: unit quaternion, body FRD to world NED.
-        thrust: T [N]; the law needs T > 0 and takes at least a thousandth of the weight.
-        b_hat: b̂ [m/s²], NED.
-        acceleration: p¨d [m/s²], NED.
-        jerk: p⃛d [m/s³], NED.
+        drag: linear drag c as told: -c v is a part of the acceleration [1/s].
         witness: κ (d̂ - b̂) [m/s³ per kb], a second witness of the disturbance (composite adaptation), or None.
             It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005).
         suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
+    (x, y, z), (z3x, z3y, z3z), xi, edge, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
+    if witness is not None:
+        more = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
+        b_dot = _adaptation(ops, law, kb, more, state.b_hat, edge)
+    aside, down = z3x * z3x + z3y * z3y, z3z * z3z
+    return LawOutput(
+        mass * turn[2],  # (10)
+        -(mass / thrust) * turn[1],
+        (mass / thrust) * turn[0],
+        b_dot,
+        (x.z1, y.z1, z.z1),
+        (x.z2, y.z2, z.z2),
+        (z3x, z3y, z3z),
+        (x.u_star, y.u_star, z.u_star),
+        (x.v_sigma + y.v_sigma + z.v_sigma, x.v_omega + y.v_omega + z.v_omega, 0.5 * (aside + down)),
+        (x.w_sigma + y.w_sigma + z.w_sigma, x.w_rho + y.w_rho + z.w_rho, law.k3 * aside + law.k3_down * down),
+    )
+
+
+def turn_rates(
+    ops: Ops, law: Law, state: LawState, *, mass: Real, drag: float = 0.0, suspended: bool = False
+) -> tuple[Real, Real]:
+    """ω1 and ω2 [rad/s] alone of what :func:`backstep` says of the same."""
+    *_, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
+    return -(mass / thrust) * turn[1], (mass / thrust) * turn[0]
+
+
+def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, suspended: bool) -> Any:
+    """The three axes, z3, ξ, the projection's edge, kb as it acts, b̂˙ = kb Proj(ξ, b̂), T, and y of (10), FRD."""
+    z1, z1_dot, velocity, attitude, thrust, b_hat, acceleration, jerk = state
     lim = POSITION_LIMIT
     clamp = ops.clamp
     x = axis(ops, law, z1[0], z1_dot[0])
@@ -292,41 +335,35 @@ def backstep(
     thrust = clamp(thrust, 1e-3 * mass * law.gravity, 1e6)
     down = third_column(attitude)
     f = -thrust / mass
-    ux = f * down[0] + b_hat[0] - clamp(acceleration[0], -lim, lim)
-    uy = f * down[1] + b_hat[1] - clamp(acceleration[1], -lim, lim)
-    uz = f * down[2] + law.gravity + b_hat[2] - clamp(acceleration[2], -lim, lim)
+    ax, ay, az = clamp(acceleration[0], -lim, lim), clamp(acceleration[1], -lim, lim), clamp(acceleration[2], -lim, lim)
+    ux = f * down[0] + b_hat[0] - ax
+    uy = f * down[1] + b_hat[1] - ay
+    uz = f * down[2] + law.gravity + b_hat[2] - az
+    jx, jy, jz = clamp(jerk[0], -lim, lim), clamp(jerk[1], -lim, lim), clamp(jerk[2], -lim, lim)
+    if drag:
+        vx, vy, vz = velocity
+        ux, uy, uz = ux - drag * vx, uy - drag * vy, uz - drag * vz
+        # û moves by -c v˙, of which û + p¨d is known, and -c b̃ is left to the adaptation.
+        jx, jy, jz = jx + drag * (ux + ax), jy + drag * (uy + ay), jz + drag * (uz + az)
     z3x, z3y, z3z = ux - x.u_star, uy - y.u_star, uz - z.u_star  # (7)
-
-    xi: Vec3 = (x.dv_dz2 - x.du_dz2 * z3x, y.dv_dz2 - y.du_dz2 * z3y, z.dv_dz2 - z.du_dz2 * z3z)
-    active = ops.where(suspended, 0.0, law.kb)
+    xi: Vec3 = (
+        x.dv_dz2 - (x.du_dz2 + drag) * z3x,
+        y.dv_dz2 - (y.du_dz2 + drag) * z3y,
+        z.dv_dz2 - (z.du_dz2 + drag) * z3z,
+    )
     edge = brink(ops, b_hat, bound=law.b_bound, epsilon=law.epsilon, order=law.projection_order)
-    b_dot_all = b_dot = _adaptation(ops, law, active, xi, b_hat, edge)  # (8)
-    if witness is not None:
-        more = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
-        b_dot_all = _adaptation(ops, law, active, more, b_hat, edge)
-
+    kb = ops.where(suspended, 0.0, law.kb)
+    b_dot = _adaptation(ops, law, kb, xi, b_hat, edge)  # (8)
     k3 = law.k3
     turn = to_body(
         attitude,
         (
-            k3 * z3x + x.dv_dz2 + b_dot[0] - clamp(jerk[0], -lim, lim) - _u_star_rate(x, ux),
-            k3 * z3y + y.dv_dz2 + b_dot[1] - clamp(jerk[1], -lim, lim) - _u_star_rate(y, uy),
-            k3 * z3z + z.dv_dz2 + b_dot[2] - clamp(jerk[2], -lim, lim) - _u_star_rate(z, uz),
+            k3 * z3x + x.dv_dz2 + b_dot[0] - jx - _u_star_rate(x, ux),
+            k3 * z3y + y.dv_dz2 + b_dot[1] - jy - _u_star_rate(y, uy),
+            law.k3_down * z3z + z.dv_dz2 + b_dot[2] - jz - _u_star_rate(z, uz),
         ),
     )
-    z3z3 = z3x * z3x + z3y * z3y + z3z * z3z
-    return LawOutput(
-        mass * turn[2],  # (10)
-        -(mass / thrust) * turn[1],
-        (mass / thrust) * turn[0],
-        b_dot_all,
-        (x.z1, y.z1, z.z1),
-        (x.z2, y.z2, z.z2),
-        (z3x, z3y, z3z),
-        (x.u_star, y.u_star, z.u_star),
-        (x.v_sigma + y.v_sigma + z.v_sigma, x.v_omega + y.v_omega + z.v_omega, 0.5 * z3z3),
-        (x.w_sigma + y.w_sigma + z.w_sigma, x.w_rho + y.w_rho + z.w_rho, k3 * z3z3),
-    )
+    return (x, y, z), (z3x, z3y, z3z), xi, edge, kb, b_dot, thrust, turn
 
 
 def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink | None) -> Vec3:

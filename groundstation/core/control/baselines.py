@@ -188,7 +188,8 @@ def track_on_se3(
 ) -> Decision:
     """Geometric tracking (Lee, Leok, McClamroch 2010) ``against`` an acceleration that changes by ``against_dot``."""
     motion, kx, kv = estimate.motion, gains.k_position, gains.k_velocity
-    now = acceleration(motion, estimate.disturbance, vehicle.mass_kg / estimate.effectiveness, gains.gravity)
+    mass = vehicle.mass_kg / estimate.effectiveness
+    now = acceleration(motion, estimate.disturbance, mass, gains.gravity, vehicle.drag_per_s)
     feedback: list[float] = []
     slope: list[float] = []
     for i in range(3):
@@ -259,7 +260,7 @@ class L1Controller:
         share = 1.0 - math.exp(-gains.bandwidth_rad_s * interval_s)
         nothing = (0.0, 0.0, 0.0)
         mass = self._vehicle.mass_kg / estimate.effectiveness
-        known = acceleration(motion, nothing, mass, gains.gravity)
+        known = acceleration(motion, nothing, mass, gains.gravity, self._vehicle.drag_per_s)
         before = motion.velocity if self._predicted is None else self._predicted
         predicted: list[float] = []
         filtered: list[float] = []
@@ -327,7 +328,8 @@ class PidController:
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
-        now = acceleration(motion, estimate.disturbance, self._vehicle.mass_kg / estimate.effectiveness, gains.gravity)
+        mass, drag = self._vehicle.mass_kg / estimate.effectiveness, self._vehicle.drag_per_s
+        now = acceleration(motion, estimate.disturbance, mass, gains.gravity, drag)
         goal = self._velocity(motion.position, reference)
         error = (goal[0] - motion.velocity[0], goal[1] - motion.velocity[1], goal[2] - motion.velocity[2])
         feed, integral = reference.acceleration_ned, self._integral
@@ -435,7 +437,7 @@ class IndiController:
     def _filter(self, estimate: Estimate, interval: float) -> tuple[Vec3, Vec3]:
         """Acceleration and push (T/m) R e3 [m/s², NED], both through the same first-order filter."""
         motion, mass = estimate.motion, self._vehicle.mass_kg / estimate.effectiveness
-        now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity)
+        now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity, self._vehicle.drag_per_s)
         x, y, z = third_column(motion.attitude)
         f = motion.thrust / mass
         given: Vec3 = (f * x, f * y, f * z)

@@ -81,9 +81,9 @@ def acceleration_sup(accelerations: list[Vec3]) -> float:
     return max((math.hypot(*a) for a in accelerations), default=0.0)
 
 
-COVERED_RATE_M_S3 = 3.0
+COVERED_RATE_M_S3 = 8.0
 """β: how fast b̂ and û may be moved by wind and actuators, and the bound still hold [m/s³]. The sine gusts of `adverse`
-have 0.9; a tilt rate that is off by 0.2 rad/s has 2."""
+have 0.9; a tilt rate that is off by 0.8 rad/s, as behind the front of `gust_front`, has 8."""
 
 
 class Decrease(NamedTuple):
@@ -105,11 +105,11 @@ def decrease(law: Law) -> Decrease:
     left = 1.0
     if name.startswith("composite") and isinstance(law, Gains):
         beyond = max(1.0, ((law.b_bound + law.epsilon) / law.b_bound) ** 2 - 1.0)
-        left = 1.0 - 0.5 * law.kb * beyond * math.sqrt(law.kappa / law.k3)
+        left = 1.0 - 0.5 * law.kb * beyond * math.sqrt(law.kappa / min(law.k3, law.k3_down))
     # Without a d̂ of its own nothing stands for b̃: V_known may rise by what the last term of V can give.
     spare = 0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb if name.startswith("paper") else 0.0
     share = 0.0 if name.startswith("none") else 0.5 * left
-    return Decrease(name, share, COVERED_RATE_M_S3**2 / (2.0 * left * law.k3), spare)
+    return Decrease(name, share, COVERED_RATE_M_S3**2 / (2.0 * left * min(law.k3, law.k3_down)), spare)
 
 
 class Measure(NamedTuple):

@@ -3,7 +3,8 @@
 The push that takes the velocity to (0, 0, sink), tilted a little at most; the attitude follows it by its sine error.
 It holds no place: what is left of the wind's estimate, it drifts with. An estimate that is wrong must not make it
 climb: an integral of the sinking speed's error outweighs it. Blind, it asks the speed for nothing either: it levels
-into the wind it knew and pushes a little less than what hovers, and with time ever less.
+into the wind it knew and pushes a little less than what hovers, and with time ever less; and it asks the poses
+whether they are this vehicle's, by turning it to and fro by half a degree: in calm air nothing else would tell soon.
 """
 
 import math
@@ -32,6 +33,15 @@ BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
 """By then it should be down [s]; from there on the pull grows [m/s³], as what hovers was not what it was taken for."""
 BLIND_WIND_M_S2 = 1.5
 """Of an estimated disturbance so much is believed when blind, on each axis."""
+
+ASK_RAD_S, ASK_S = 0.2, 0.4
+"""A question to the poses: the axis that it leans about circles; so fast is the turn [rad/s], so long one round [s]."""
+
+
+def ask(time_s: float) -> tuple[float, float]:
+    """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by half a degree."""
+    phase = 2.0 * math.pi * time_s / ASK_S
+    return ASK_RAD_S * math.cos(phase), ASK_RAD_S * math.sin(phase)
 
 
 class Descent:
@@ -65,6 +75,7 @@ class Descent:
         if upright < 0.0:  # beyond 90° the sine falls again: turn as hard as at 90°
             n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
             roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
+        also = ask(self._blind_s) if self.blind else (0.0, 0.0)
         mass = self._vehicle.mass_kg / estimate.effectiveness
         # A leaning vehicle lifts less, one far over nothing that helps.
         lift = (
@@ -77,6 +88,6 @@ class Descent:
             estimate,
             reference,
             mass * lift,
-            (ATTITUDE_GAIN * roll, ATTITUDE_GAIN * pitch, 0.0),
+            (ATTITUDE_GAIN * roll + also[0], ATTITUDE_GAIN * pitch + also[1], 0.0),
             wanted=wanted,
         )

@@ -98,5 +98,6 @@ def plan_model_descent(
             disturbance=disturbance,
             thrust_lag=vehicle.thrust_lag_s,
             rate_lag=vehicle.rate_lag_s,
+            drag=vehicle.drag_per_s,
         )
     return (*parts, Segment(OFF_S, 0.0, ZERO))

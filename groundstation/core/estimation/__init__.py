@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         update_effectiveness,
         update_moving_covariance,
         weigh_along,
+        widen_covariance,
     )
 
 _MODULES = {
@@ -73,6 +74,7 @@ _MODULES = {
         "update_effectiveness",
         "update_moving_covariance",
         "weigh_along",
+        "widen_covariance",
     ),
 }
 

@@ -35,6 +35,7 @@ from groundstation.core.estimation.observer import (
     update_effectiveness,
     update_moving_covariance,
     weigh_along,
+    widen_covariance,
 )
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.messages import Estimate, Pose
@@ -84,7 +85,7 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """What the model's acceleration may do from one instant to the next [m/s² per √Hz]."""
     wind_noise: Positive = 0.1
     """How the disturbance may jump [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s has 0.18."""
-    wind_rate_noise: Positive = 1.7
+    wind_rate_noise: Positive = 1.2
     """How its rate may jump [m/s⁴ per √Hz]: larger follows gusts faster and takes more noise for wind."""
 
     effectiveness_deviation: NonNegative = 0.15
@@ -143,6 +144,7 @@ class ModelEstimator:
         """How far the newest pose was from where the model had the vehicle [m]."""
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
+        self._drag = vehicle.drag_per_s
         white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
         self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
         self._noise = gains.pose_noise_m**2
@@ -275,11 +277,13 @@ class ModelEstimator:
         self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
         disturbance = correct(self._disturbance, dt, self._disturbance_rate)
         expected, track, noise, late2 = self._expect(pose, dt, model.velocity)
+        expected = widen_covariance(FLOATS, expected, noise + late2, step)
         gain, self._covariance = update_covariance(expected, noise)
         across2, along = expected.pp + noise, None
         if track is not None:
-            along2 = track.covariance.pp + noise + late2
-            more, covariance = update_covariance(track.covariance, noise + late2)
+            narrow = widen_covariance(FLOATS, track.covariance, noise + late2, step)
+            along2 = narrow.pp + noise + late2
+            more, covariance = update_covariance(narrow, noise + late2)
             along, track = (
                 weigh_along(FLOATS, track.axis, gain, more, across2, along2),
                 track._replace(covariance=covariance),
@@ -452,4 +456,4 @@ class ModelEstimator:
         """``motion`` of the newest pose ``h`` [s] later, after commands that did what ``given`` says."""
         x, y, z = self._disturbance
         mass = self._mass / self._effectiveness.value
-        return integrate_motion(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate)
+        return integrate_motion(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate, self._drag)

@@ -27,7 +27,7 @@ rests. Every change of thrust or tilt tells them apart. Elementwise: floats, or 
 import math
 from typing import NamedTuple
 
-from groundstation.core.geometry import Ops, Quat, Real, Vec3, conjugate, multiply, rotate, rotation_vector
+from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, conjugate, multiply, rotate, rotation_vector
 from groundstation.core.vehicle import ZERO, ActuatorResponse, new
 
 
@@ -95,6 +95,25 @@ def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
         cc + q.disturbance_rate * h,
     )
     return new(Covariance, after)
+
+
+UNEXPECTED, WIDEST = 4.0, 20.0
+"""An innovation of more than so many times its expected square widens the covariance, by up to so much [-]."""
+
+
+def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance:
+    """``s`` as it must have been for the innovation ``step`` [m] to be no surprise, with position noise ``r`` [m²].
+
+    A front of wind is a jump that the chain's noise does not have. Σ then grows as a whole, so that what the chain
+    does in its next poses is believed sooner; larger than FΣFᵀ it may be at any time (docs/explanation/law.md, 5.5).
+    """
+    x, y, z = step
+    share = (x * x + y * y + z * z) / (3.0 * UNEXPECTED * (s.pp + r))
+    if ops is FLOATS and share <= 1.0:
+        return s
+    k = ops.clamp(share, 1.0, WIDEST)
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
+    return new(Covariance, (k * pp, k * pv, k * pd, k * pc, k * vv, k * vd, k * vc, k * dd, k * dc, k * cc))
 
 
 def update_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:

@@ -314,7 +314,7 @@ class Guards:
         """
         self._config = config
         self._around = ProximityMonitor(fence, separation)
-        self._thrust_max = vehicle.thrust_max_n
+        self._thrust_max, self._drag = vehicle.thrust_max_n, vehicle.drag_per_s
         self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
         self._period_s = period_s
         self._gravity = gravity
@@ -386,8 +386,9 @@ class Guards:
 
     def _tilt_error(self, tick: GuardInput) -> GuardFinding | None:
         c = self._config
-        a, d = tick.reference.acceleration_ned, tick.estimate.disturbance
-        x, y, z = d[0] - a[0], d[1] - a[1], self._gravity + d[2] - a[2]
+        a, d, p = tick.reference.acceleration_ned, tick.estimate.disturbance, tick.estimate.motion.velocity
+        k = self._drag
+        x, y, z = d[0] - k * p[0] - a[0], d[1] - k * p[1] - a[1], self._gravity + d[2] - k * p[2] - a[2]
         u, v, w = third_column(tick.estimate.motion.attitude)
         cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
         error = angle_deg(cosine)

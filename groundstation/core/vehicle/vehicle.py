@@ -32,6 +32,10 @@ Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 
 
+APART_S = 0.002
+"""Delays of thrust and of rates that are closer are taken for one [s]."""
+
+
 class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Mass, limits and lags. Defaults: the paper's Blade mQX."""
 
@@ -66,6 +70,8 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """From the actuators seeing a command to thrust beginning to follow it, with its lag [s]."""
     rate_delay_s: NonNegative = 0.0
     """The same for body rates [s]: rotors and the autopilot's rate loop answer like a lag behind a delay."""
+    drag_per_s: NonNegative = 0.0
+    """Linear drag: deceleration per speed [1/s]; 0 leaves it to what is found out as wind."""
     frame_period_s: Positive = 0.0225
     """How long a command is held: the period of command frames [s]."""
     size_m: Positive = 0.3
@@ -100,6 +106,12 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         """The largest disturbance that ``wind_share`` leaves thrust for, at ``gravity`` [m/s²]."""
         return self.wind_share * (self.thrust_max_n / self.mass_kg - gravity)
 
+    @property
+    def sooner_s(self) -> float:
+        """How much sooner one of thrust and rates begins to act than the other [s]; 0 where that is next to nothing."""
+        apart_s = abs(self.thrust_delay_s - self.rate_delay_s)
+        return apart_s if apart_s > APART_S else 0.0
+
     @classmethod
     def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
         """``table`` on top of a vehicle file: TOML with the keys of this section, and all of them.
@@ -129,8 +141,8 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
 
 
 _OPTIONAL = (
-    "preset", "file", "command_delay_s", "thrust_delay_s", "rate_delay_s", "thrust_curve", "hover_thrust",
-    "hover_range", "size_m", "hover_n", "wind_share",
+    "preset", "file", "command_delay_s", "thrust_delay_s", "rate_delay_s", "drag_per_s", "thrust_curve",
+    "hover_thrust", "hover_range", "size_m", "hover_n", "wind_share",
 )  # fmt: skip
 """What a vehicle file may leave out."""
 
@@ -263,7 +275,13 @@ def integrate_actuators(
 
 
 def integrate_motion(
-    motion: Motion, after: ActuatorResponse, duration: Real, mass: Real, other: Vec3, other_rate: Vec3 = ZERO
+    motion: Motion,
+    after: ActuatorResponse,
+    duration: Real,
+    mass: Real,
+    other: Vec3,
+    other_rate: Vec3 = ZERO,
+    drag: float = 0.0,
 ) -> Motion:
     """``motion`` after ``duration`` [s] in which commands did what ``after`` says.
 
@@ -274,6 +292,7 @@ def integrate_motion(
         mass: [kg].
         other: all other acceleration, gravity and wind, at the beginning [m/s², NED]; exact, whatever the duration.
         other_rate: how it moves [m/s³, NED].
+        drag: linear drag c, -c v on top of it [1/s]; to third order in c ``duration``.
     """
     h, k = duration, -1.0 / mass
     half, third = 0.5 * h, h / 3.0
@@ -294,6 +313,17 @@ def integrate_motion(
         thrust,
         rates,
     )
+    if drag:
+        (x, y, z), (u, v, w) = moved[0], moved[1]
+        # ∫v dt is the way itself; ∫∫v dt dt by the way and the speed at its beginning, exact for a steady push.
+        k, share = drag * h / 3.0, drag * h * h / 6.0
+        way = (
+            x - px - k * (x - px) - share * vx,
+            y - py - k * (y - py) - share * vy,
+            z - pz - k * (z - pz) - share * vz,
+        )
+        place = (px + way[0], py + way[1], pz + way[2])
+        moved = (place, (u - drag * way[0], v - drag * way[1], w - drag * way[2]), attitude, thrust, rates)
     return new(Motion, moved)
 
 
@@ -308,12 +338,13 @@ def integrate(
     disturbance: Vec3,
     thrust_lag: float,
     rate_lag: float,
+    drag: float = 0.0,
 ) -> Motion:
-    """``motion`` after ``duration`` [s] of one ``drive`` and a constant ``disturbance`` [m/s², NED]."""
+    """``motion`` after ``duration`` [s] of one ``drive``, a constant ``disturbance`` [m/s², NED], and linear drag."""
     still = new(ActuatorResponse, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO))
     x, y, z = disturbance
     after = integrate_actuators(ops, still, drive, duration, thrust_lag, rate_lag)
-    return integrate_motion(motion, after, duration, mass, (x, y, z + gravity))
+    return integrate_motion(motion, after, duration, mass, (x, y, z + gravity), ZERO, drag)
 
 
 def approach(ops: Ops, duration: Real, lag: float) -> Real:

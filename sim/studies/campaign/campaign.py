@@ -72,6 +72,8 @@ class CampaignRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Largest true position error over the steady part [cm]."""
     settle_s: float | None
     """First time after which the error stays below 10 cm [s]; empty also where it never settled."""
+    effort_rad_s: float | None
+    """RMS over the steady part of the commanded roll and pitch rates less their low-pass of 0.15 s [rad/s]."""
     saturated: float
     """Share of the commands after 5 s in which any of the four was clamped [-]."""
     lyapunov_start: float

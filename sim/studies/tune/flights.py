@@ -289,6 +289,7 @@ def fit_scenario(scenario: Scenario, station: Config) -> Scenario:
         command_delay_s=vehicle.command_delay_s,
         thrust_delay_s=max(0.0, truth.thrust_delay_s - told.thrust_delay_s + vehicle.thrust_delay_s),
         rate_delay_s=max(0.0, truth.rate_delay_s - told.rate_delay_s + vehicle.rate_delay_s),
+        drag_per_s=max(0.0, truth.drag_per_s - told.drag_per_s + vehicle.drag_per_s),
         pose_latency_s=max(0.0, truth.pose_latency_s - scenario.told_latency_s + latency_s),
         pose_rate_hz=rate_hz,
         frame_period_s=_period_s(station),
