@@ -110,9 +110,11 @@ def _limits(world: World, config: Config) -> Flown:
 
 def _drag(world: World, config: Config) -> Flown:
     none = (0.0, 0.0, 0.0)
-    return msgspec.structs.replace(
+    world = msgspec.structs.replace(
         world, drag_per_s=0.0, drag_body_per_s=none, inflow_drag_per_m=(0.0, 0.0), inflow_lift_per_m=0.0
-    ), config
+    )
+    vehicle = msgspec.structs.replace(config.vehicle, drag_per_s=0.0)
+    return world, msgspec.structs.replace(config, vehicle=vehicle)
 
 
 def _thrust(world: World, config: Config) -> Flown:

@@ -58,7 +58,7 @@ SEARCHED_LAWS = (
     SearchedLaw(
         "adaptive",
         "adaptive",
-        {"k2": 2.0, "k3": 4.0, "kb": 0.5, "kappa": 15.0, "sigma_slope": 4.0, "rho_slope": 2.0},
+        {"k2": 2.0, "k3": 4.0, "k3_down": 8.0, "kb": 0.5, "kappa": 15.0, "sigma_slope": 4.0, "rho_slope": 2.0},
     ),
     SearchedLaw("adaptive, as shipped", "adaptive", {}),
     SearchedLaw(
@@ -87,9 +87,9 @@ SPREAD = 3.0
 FLOORED = ("paper", "adverse")
 """Judged, and kept flying with what :data:`FLOORS` has wrong."""
 ON_ROTORS = ("rotors_mqx", "rotors_mqx_radio")
-REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", *ON_ROTORS)
+REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", "rotors_mqx_radio")
 EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
-"""Most that may be commanded: the median over the seeds."""
+"""Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the seeds."""
 SCATTER = 1.1
 """What one flight may have more of it in a search."""
 ROTORS_CM, ROTORS_SATURATED = 1.0, 0.01
@@ -238,8 +238,13 @@ def compare_at_equal_margins(
             count()
         searched[law.name] = found
         keep(searched)
-        # Of those that keep the floors the best; where none does, the least broken.
-        rows.append(_refly(law, min(found, key=lambda trial: trial.cost), len(found), flyers, seeds))
+        # Of those that keep the floors the best; where none does, the least broken. What a table has is judged anew.
+        ranked = sorted(found, key=lambda trial: trial.cost)
+        best = ranked[0]
+        if law.start and len(kept) >= trials:
+            again = (EqualTerms()(search, one.gains, flyers, one.number) for one in ranked if not one.broken)
+            best = next((one for one in again if not one.broken), best)
+        rows.append(_refly(law, best, len(found), flyers, seeds))
         count()
     return EqualMargins(searched, rows)
 

@@ -198,8 +198,9 @@ def track_on_se3(
         ea = now[i] - reference.acceleration_ned[i]
         feedback.append(reference.acceleration_ned[i] - kx * ex - kv * ev - against[i])
         slope.append(reference.jerk_ned[i] - kx * ev - kv * ea - against_dot[i])
-    nothing = (0.0, 0.0, 0.0)
-    along, _ = push((feedback[0], feedback[1], feedback[2]), nothing, gains.gravity, math.radians(gains.tilt_limit_deg))
+    (vx, vy, vz), drag = motion.velocity, -vehicle.drag_per_s
+    told = (drag * vx, drag * vy, drag * vz)
+    along, _ = push((feedback[0], feedback[1], feedback[2]), told, gains.gravity, math.radians(gains.tilt_limit_deg))
     ex, ey = sine_error(motion.attitude, along)
     wx, wy = turning(motion.attitude, along, (-slope[0], -slope[1], -slope[2]))
     return outlet.decide(
@@ -339,7 +340,9 @@ class PidController:
             feed[1] + p * error[1] + integral[1] - d * now[1],
             feed[2] + p * error[2] + integral[2] - d * now[2],
         )
-        along, cut = push(wanted, (0.0, 0.0, 0.0), gains.gravity, math.radians(gains.tilt_limit_deg))
+        vx, vy, vz = motion.velocity
+        told = (-drag * vx, -drag * vy, -drag * vz)
+        along, cut = push(wanted, told, gains.gravity, math.radians(gains.tilt_limit_deg))
         if not (cut or self._saturated):  # else it would wind up
             k, bound = interval_s * gains.i_velocity, gains.integral_bound
             self._integral = (

@@ -6,7 +6,6 @@ own vehicle.
 """
 
 import math
-from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 from pathlib import Path
@@ -16,9 +15,7 @@ import msgspec
 from msgspec import inspect as mi
 
 from groundstation.config import ConfigError, load
-from groundstation.core import Tick
 from groundstation.core.control import ControllerConfig, Custom, Gains, bound_decrease
-from groundstation.core.messages import STEADY_S
 from groundstation.core.vehicle import Vehicle
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config, LinkConfig
@@ -339,7 +336,7 @@ class SortieOutcome(NamedTuple):
     why: str
     """How it ended, as a sentence."""
     effort_rad_s: float = 0.0
-    """RMS from 15 s on of the commanded roll and pitch rates less their low-pass of ``EFFORT_S``."""
+    """Of its commands, see :class:`sim.runs.referee.FlightVerdict`."""
     saturated: float = 0.0
     """Share of the commands after 5 s in which any of the four was clamped."""
 
@@ -355,28 +352,13 @@ class SortieOutcome(NamedTuple):
         return CRASH_CM if self.rms_cm is None else min(self.rms_cm, CRASH_CM)
 
 
-EFFORT_S = 0.15
-"""Slower changes of the commanded body rates are the figure's own [s]."""
-
-
 def fly_sortie(sortie: Sortie) -> SortieOutcome:
     """Fly it."""
     world, config = sortie.stage.world, sortie.stage.config
-    slow, before, squares = [0.0, 0.0], 0.0, array("d")
-
-    def note(tick: Tick) -> None:
-        nonlocal before, slow
-        rates, now = tick.decision.drive.rates[:2], tick.flight_time_s
-        keep, before = math.exp((before - now) / EFFORT_S), now
-        slow = [rate + keep * (old - rate) for rate, old in zip(rates, slow, strict=True)]
-        if now >= STEADY_S:
-            squares.append(0.5 * sum((rate - old) ** 2 for rate, old in zip(rates, slow, strict=True)))
-
-    result = fly(world, config, seed=sortie.seed, duration_s=sortie.duration_s, on_tick=note)
+    result = fly(world, config, seed=sortie.seed, duration_s=sortie.duration_s)
     verdict = result.verdict
     rms_cm = verdict.rms_cm if result.completed else None
-    effort = math.sqrt(sum(squares) / len(squares)) if squares else 0.0
-    return SortieOutcome(rms_cm, result.why, effort, verdict.saturated_fraction)
+    return SortieOutcome(rms_cm, result.why, verdict.effort_rad_s or 0.0, verdict.saturated_fraction)
 
 
 def sorties(stage: Staged, seeds: Sequence[int], duration_s: float) -> list[Sortie]:
