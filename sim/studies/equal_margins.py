@@ -214,10 +214,11 @@ def compare_at_equal_margins(
 ) -> EqualMargins:
     """Search the gains of each of ``laws`` with ``trials`` evaluations, and refly the best with ``seeds`` others.
 
-    Laws of which ``known`` has as many evaluations are not searched again. ``keep`` is shown all evaluations after each
-    law. ``on_done`` hears how many evaluations are done; the flights at the end count as one each law.
+    Laws of which ``known`` has as many evaluations are not searched again, but the best there is judged anew. ``keep``
+    is shown all evaluations after each law. ``on_done`` hears how many are done; the flights at the end count as one
+    each law.
     """
-    searched: dict[str, list[TuningTrial]] = {}
+    searched = dict(known or {})
     rows: list[EqualMarginsRow] = []
     done = 0
 

@@ -125,7 +125,8 @@ def test_a_search_is_kept_as_a_table_and_not_flown_again(tmp_path: Path) -> None
     judges = Judges()
     again = compare_at_equal_margins(judges, trials=6, seeds=2, laws=[LAW], known=read_trials(path))
     assert [row.gains for row in again.rows] == [pytest.approx(row.gains) for row in found.rows]
-    assert {sortie.seed for sortie in judges.flights} == {0, 1}
+    plain = {sortie.seed for sortie in judges.flights if sortie.seed != 100}
+    assert plain == {0, 1} and len(judges.flights) < 60  # the best is judged anew, and no more
     best = min(found.trials["pid"], key=lambda trial: trial.cost)
     assert found.rows[0].gains == best.gains and found.rows[0].keeps and found.rows[0].evaluations == 6
     path.write_text("dear diary\n1\n", "utf-8")
