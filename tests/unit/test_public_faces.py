@@ -22,8 +22,8 @@ def test_every_public_name_can_be_imported_and_is_told_of(face: ModuleType) -> N
 
 
 def test_the_two_lines_of_the_face_fly() -> None:
-    world, config = sim.prepare(sim.SCENARIOS["paper"], ["vehicle.mass_kg=0.9"])
-    assert config.vehicle.mass_kg == 0.9
+    world, config = sim.prepare(sim.SCENARIOS["paper"], ["vehicle.mass_kg=0.09"])
+    assert config.vehicle.mass_kg == 0.09
     result = sim.fly(world, config, seed=0, duration_s=2.0)
     assert result.completed and result.datagrams > 0
 

@@ -169,10 +169,10 @@ def test_another_controller_has_no_bound() -> None:
 
 def test_d_is_noise_and_what_moves() -> None:
     gains = Gains()
-    left = 1.0 - 0.5 * 0.4 * math.sqrt(25.0 / 5.0)
+    left = 1.0 - 0.5 * 0.4 * math.sqrt(28.0 / 5.0)
     assert decrease(gains).share == pytest.approx(0.5 * left)
     assert decrease(gains).power == pytest.approx(COVERED_RATE_M_S3**2 / (2.0 * left * 5.0))
-    assert noise_power(gains, 0.0003, 0.02) == pytest.approx(0.32, abs=0.01)
+    assert noise_power(gains, 0.0003, 0.02) == pytest.approx(0.44, abs=0.01)
     assert noise_power(gains, 0.001, 0.02) > 2.0 * noise_power(gains, 0.0003, 0.02)
 
 

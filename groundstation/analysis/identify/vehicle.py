@@ -308,7 +308,7 @@ def _lags(
     def lag_of(
         name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
     ) -> IdentifiedParameter:
-        enough = max(0.0075, 0.25 * value)
+        enough = max(0.01, 0.25 * value)
         spread = math.hypot(deviation, MODEL * value)
         return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
 
