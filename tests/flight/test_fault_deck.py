@@ -43,7 +43,6 @@ CELLS = [
     ("estimator reset", "tracking", "flies on"),
     ("wireless", "moving", "flies on"),
     ("push", "moving", "flies on"),
-    ("y frozen", "moving", "aborted"),
 ]
 
 
