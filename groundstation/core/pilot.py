@@ -234,7 +234,12 @@ class Pilot:
         acting = time_s + self._vehicle.acting_delay_s
         estimate = self._estimator.predict(acting)
         flight_time = acting - self._start
-        reference = self._reference_at(estimate)
+        reference = self._trajectory.at(flight_time)
+        if descent is not None:
+            reference = Reference(estimate.motion.position, self._sink)
+        elif self.suspicious:  # no error is believed: what is left is the trim of before
+            motion = estimate.motion
+            reference = Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
         interval = 0.0 if self._last is None else time_s - self._last
         self._last = time_s
         law = self._decide if descent is None else descent.decide
@@ -253,24 +258,13 @@ class Pilot:
         command = self._command(decision.drive, parts)
         return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
 
-    def _reference_at(self, estimate: Estimate) -> Reference:
-        """What is to be flown at the instant of ``estimate``."""
-        motion = estimate.motion
-        if self._descent is not None:
-            return Reference(motion.position, self._sink)
-        assert self._trajectory is not None, "nothing is tracked without a trajectory"
-        reference = self._trajectory.at(estimate.time_s - self._start)
-        if self.suspicious:  # no error is believed: what is left is the trim of before
-            return Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
-        return reference
-
     def _decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command of the law."""
         law, sooner_s = self._controller, self._vehicle.sooner_s
         if sooner_s == 0.0 or not isinstance(law, Adaptive):
             return law.decide(estimate, reference, interval_s)
         sooner = self._estimator.predict(estimate.time_s - sooner_s)
-        return law.decide_apart((sooner, self._reference_at(sooner)), (estimate, reference), interval_s)
+        return law.decide_apart(sooner, estimate, reference, interval_s)
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """The last command, where the poses are not believed any more: down on the model, from what it was before.

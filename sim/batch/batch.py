@@ -506,27 +506,28 @@ class BatchPilot:
         self._vehicle, self._gains, self._period, self._stages = vehicle, gains, period_s, stages
         self._decide: BatchStage | None = None
 
-    def decide(self, at: Sequence[tuple[Estimate, Reference]]) -> Decision:
+    def decide(self, estimates: Sequence[Estimate], reference: Reference) -> Decision:
         """One command each, for one instant, or for two where thrust and rates act at two: the sooner, the later."""
         if self._decide is None:  # the first, before which there is nothing to remember
             pilot = Adaptive(self._vehicle, self._gains, arrays())
-            decision = _decide(pilot, at, 0.0)
+            decision = _decide(pilot, estimates, reference, 0.0)
             self._decide = self._stages(self._decide_each, columns(pilot.memory, np.size(decision.saturated)))
             return decision
-        given = tuple((estimate, msgspec.structs.astuple(reference)) for estimate, reference in at)
-        drive, saturated, seen = self._decide(given)
+        drive, saturated, seen = self._decide((tuple(estimates), msgspec.structs.astuple(reference)))
         return Decision(drive, saturated, Diagnostics(*seen))
 
     def _decide_each(self, ops: Ops, memory: Any, given: Any) -> Any:
         pilot = Adaptive(self._vehicle, self._gains, ops)
         pilot.memory = memory
-        at = [(estimate, Reference(*reference)) for estimate, reference in given]
-        drive, saturated, seen = _decide(pilot, at, self._period)
+        estimates, reference = given
+        drive, saturated, seen = _decide(pilot, estimates, Reference(*reference), self._period)
         return pilot.memory, (drive, saturated, msgspec.structs.astuple(seen))
 
 
-def _decide(pilot: Adaptive, at: Sequence[tuple[Estimate, Reference]], interval_s: float) -> Decision:
-    return pilot.decide(*at[0], interval_s) if len(at) == 1 else pilot.decide_apart(at[0], at[1], interval_s)
+def _decide(pilot: Adaptive, estimates: Sequence[Estimate], reference: Reference, interval_s: float) -> Decision:
+    if len(estimates) == 1:
+        return pilot.decide(estimates[0], reference, interval_s)
+    return pilot.decide_apart(estimates[0], estimates[1], reference, interval_s)
 
 
 HANDSHAKE_S = 1.2
@@ -626,12 +627,11 @@ def fly_batch(
             estimator.release()
         # Where poses stay away too long commands stop, and with them the flight.
         marks.mark_failed(time > estimator.stamp_s + config.flight.coast_s)
-        at = []
-        for sooner_s in dict.fromkeys((vehicle.sooner_s, 0.0)):
-            acting = time + vehicle.acting_delay_s - sooner_s
-            # A copy: what is predicted shares arrays with the estimator's state, which the next one moves on.
-            at.append((pick(estimator.predict(acting), everyone), trajectory.at(acting)))
-        estimate, decision = at[-1][0], pilot.decide(at)
+        acting = time + vehicle.acting_delay_s
+        # Copies: what is predicted shares arrays with the estimator's state, which the next one moves on.
+        instants = dict.fromkeys((acting - vehicle.sooner_s, acting))
+        estimates = [pick(estimator.predict(instant), everyone) for instant in instants]
+        estimate, decision = estimates[-1], pilot.decide(estimates, trajectory.at(acting))
         estimator.take_command(frame, decision.drive)
         if on_commands is not None:
             on_commands(time, decision.drive)

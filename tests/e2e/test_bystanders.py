@@ -63,7 +63,7 @@ def left(script: Script | None) -> list[Frame]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sim.runs.flight.VirtualTimeLoop", loop)
-        flown = fly_mission(WORLD, CONFIG, seed=4, script=script)
+        flown = fly_mission(WORLD, CONFIG, seed=5, script=script)
     assert flown.landed, flown.why
     return sent
 

@@ -101,7 +101,7 @@ def test_the_command_of_each_flight_flies_it_again(
     for row in rows:
         assert _call([*shlex.split(command(_campaign(), row.seed)), "--json"], monkeypatch) == 0
         verdict = json.loads(capsys.readouterr().out)
-        assert verdict["rms_cm"] == pytest.approx(row.rms_cm, abs=1e-4)
+        assert verdict["rms_cm"] == pytest.approx(row.rms_cm, abs=1e-3)
         assert verdict["max_cm"] == pytest.approx(row.max_cm, abs=1e-3)
 
 

@@ -80,7 +80,6 @@ class Adaptive:
         self._witnessed: Vec3 | None = None
         self._jerk: Vec3 | None = None
         self._slope: Vec3 = (0.0, 0.0, 0.0)
-        self._sooner: tuple[Vec3 | None, Vec3] = (self._slope, self._slope)
         self._thrust_sent: Real | None = None
         self._saturated = False
 
@@ -101,28 +100,24 @@ class Adaptive:
     @property
     def memory(self) -> tuple[Any, ...]:
         """All that one command leaves for the next, as nested tuples; to be given back as it was taken."""
-        return self.b_hat, self._witnessed, self._jerk, self._slope, self._sooner, self._thrust_sent, self._saturated
+        return self.b_hat, self._witnessed, self._jerk, self._slope, self._thrust_sent, self._saturated
 
     @memory.setter
     def memory(self, memory: tuple[Any, ...]) -> None:
-        self.b_hat, self._witnessed, self._jerk, self._slope, self._sooner, self._thrust_sent, self._saturated = memory
+        self.b_hat, self._witnessed, self._jerk, self._slope, self._thrust_sent, self._saturated = memory
 
-    def decide_apart(
-        self, sooner: tuple[Estimate, Reference], later: tuple[Estimate, Reference], interval_s: float
-    ) -> Decision:
+    def decide_apart(self, sooner: Estimate, later: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command where thrust and rates begin to act at two instants: each is the law's for its own.
 
         A state that is predicted beyond it has rates (or thrust) in it that are still to be decided: the law would
-        take its own answer for the vehicle's, and swing.
+        take its own answer for the vehicle's, and swing. ``reference`` is that of the ``later`` instant; the other
+        follows from its derivatives.
         """
         memory, vehicle = self.memory, self._vehicle
-        if self._jerk is not None:
-            self._jerk, self._slope = self._sooner
-        first, early, _ = self.decide(*sooner, interval_s)
-        before = self._jerk, self._slope
+        before = move_back(reference, vehicle.sooner_s)
+        first, early, _ = self.decide(sooner, before, interval_s)
         self.memory = memory
-        last, late, seen = self.decide(*later, interval_s)
-        self._sooner = before
+        last, late, seen = self.decide(later, reference, interval_s)
         thrust_first = vehicle.thrust_delay_s < vehicle.rate_delay_s
         drive = ActuatorCommand(first.thrust, last.rates) if thrust_first else ActuatorCommand(last.thrust, first.rates)
         return Decision(drive, early | late, seen)
@@ -286,6 +281,20 @@ class Adaptive:
         inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
         p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
         return new(ActuatorCommand, (inside, (p, q, r))), (inside != thrust) | (p != x) | (q != y) | (r != z)
+
+
+def move_back(reference: Reference, by_s: float) -> Reference:
+    """``reference`` as it was ``by_s`` [s] before, by its derivatives."""
+    p, v, a, j, yaw, yaw_rate = (getattr(reference, name) for name in reference.__struct_fields__)
+    h, half, third = -by_s, 0.5 * by_s * by_s, -by_s * by_s * by_s / 6.0
+    return Reference(
+        _add(_add(_add(p, h, v), half, a), third, j),
+        _add(_add(v, h, a), half, j),
+        _add(a, h, j),
+        j,
+        yaw + h * yaw_rate,
+        yaw_rate,
+    )
 
 
 def _add(a: Vec3, k: Real, b: Vec3) -> Vec3:
