@@ -319,9 +319,12 @@ def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns
         assert "control is free: c takes it" in text(pilot, Banner) and "q quit" in text(pilot, Tabs)
         for page, part in (("2", "law"), ("3", "pose"), ("3", "link")):
             await pilot.press(page)
-            await pilot.pause(0.5)
-            drawn = str(pilot.app.screen.query_one(f"#{part}").render())
-            assert drawn and "…" not in drawn.replace("… ", ""), drawn
+
+            def is_whole(part: str = part) -> bool:
+                drawn = str(pilot.app.screen.query_one(f"#{part}").render())
+                return bool(drawn) and "…" not in drawn.replace("… ", "")
+
+            await until(pilot, is_whole)
 
     more = {"poses_dropped": dropped, "link": link, "attitude": turned, "rms_m": math.nan}
     play(scene, Fixed(flown(10.0, **more)), (columns, 24))
