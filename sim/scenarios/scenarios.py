@@ -189,6 +189,7 @@ _TOLD_GALE = Vehicle(
     rate_lag_s=1.0 / gale.ATTITUDE_RAD_S,
     frame_period_s=1.0 / gale.POSE_HZ,
     size_m=0.8,
+    wind_share=0.658,  # 12 m/s²
 )
 
 
@@ -236,7 +237,6 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
         world=world,
         told=_TOLD_GALE,
         told_latency_s=gale.POSE_LATENCY_S,
-        told_more=("controller.b_bound=12.0",),
         figure=_gale_course,
     )
 

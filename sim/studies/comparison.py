@@ -325,7 +325,7 @@ def text_table(rows: Sequence[ComparisonRow]) -> str:
         shown.append("  ".join(cells).rstrip())
     note = "medians over the seeds; errors are true ones, from 15 s on; settled: the error stays below 10 cm"
     return "\n".join(
-        [*shown, "", note, "effort: RMS of body rates [rad/s] and of thrust about its mean [m g], commanded"]
+        [*shown, "", note, "effort: RMS of the commanded roll and pitch rates less their low-pass of 0.15 s [rad/s]"]
     )
 
 
