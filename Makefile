@@ -106,6 +106,7 @@ broker: ## run an MQTT broker with TLS and passwords; made in runs/broker, for B
 
 setup: .venv/.synced ## prepare .venv from the lock
 
+# uv trusts whom the machine trusts, as pip does: a proxy may have a certificate of its own. Where there is no list, its own.
 .venv/.synced: pyproject.toml uv.lock .ci/uv.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 	    echo "This project needs Python 3.11 or newer, but '$(PYTHON)' is $$($(PYTHON) --version 2>&1 || true)." >&2; \
@@ -113,7 +114,9 @@ setup: .venv/.synced ## prepare .venv from the lock
 	@echo "setting up .venv: the first time takes as long as the downloads"
 	@test -x $(BIN)/pip || $(PYTHON) -m venv --clear .venv || { rm -rf .venv; exit 1; }
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r .ci/uv.txt
-	@test -w "$${HOME:-/}" || export UV_NO_CACHE=1; $(BIN)/uv sync --quiet --frozen --python $(BIN)/python
+	@test -w "$${HOME:-/}" || export UV_NO_CACHE=1; \
+	! $(BIN)/python -c 'import ssl; ssl.create_default_context().get_ca_certs()[0]' 2>/dev/null || export UV_SYSTEM_CERTS=1; \
+	$(BIN)/uv sync --quiet --frozen --python $(BIN)/python
 	@touch $@
 
 # Else each worker would compile all of them beside the others.

@@ -289,7 +289,8 @@ def _write_npz(tables: "Tables", target: Path) -> None:
     import numpy as np
 
     columns: Any = {f"{topic}.{name}": column for topic, table in tables.items() for name, column in table.items()}
-    np.savez_compressed(target, **columns)
+    with target.open("wb") as file:  # which keeps the name that was asked for
+        np.savez_compressed(file, **columns)
 
 
 def _write_mat(tables: "Tables", target: Path) -> None:

@@ -372,6 +372,7 @@ def write_rrd(recording: Recording, topics: Collection[str], target: Path) -> di
 
 PORTS = {"rerun": 9876, "foxglove": 8765}
 """The viewers, and the port where each is usually found."""
+ELSEWHERE = "look by --in foxglove, or take `groundstation export --format rrd` to where there is one"
 POLL_S = 0.1
 """How often it looks whether more was recorded [s]."""
 
@@ -418,18 +419,23 @@ async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:
             scene.flush()
         await asyncio.sleep(POLL_S)
     scene.flush()
-    stream.flush()
+    try:
+        stream.flush()
+    except RuntimeError:
+        raise ValueError(f"what listens at {host}:{port} takes nothing: it is no Rerun, or has just ended") from None
     stream.disconnect()
 
 
 async def _open_rerun(host: str, port: int) -> None:
     """Open a window, which outlives us, and wait until it listens."""
+    if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"))):
+        raise ConfigError("--in", f"no screen to open Rerun's window on (DISPLAY is not set): {ELSEWHERE}")
     words = [sys.executable, "-m", "rerun", "--bind", host, "--port", str(port), "--expect-data-soon"]
     quiet = os.environ | {"RUST_LOG": "error"}
     window = subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True, env=quiet)  # noqa: ASYNC220, S603  # rerun-sdk's own program
     while not await _answers(host, port):
         if window.poll() is not None:
-            raise ConfigError("--in", "Rerun's window can't be opened here: look on with --in foxglove, or --listen")
+            raise ConfigError("--in", f"Rerun's window can't be opened here: {ELSEWHERE}")
         await asyncio.sleep(POLL_S)
 
 

@@ -29,6 +29,7 @@ from groundstation.config.schema import (
     dotted_key,
     inspect_struct,
     kinds,
+    locate,
     strip_metadata,
 )
 
@@ -215,8 +216,7 @@ def from_dict(
     try:
         return msgspec.convert(whole, root)
     except msgspec.ValidationError as error:  # what only a __post_init__ could see
-        text, _, where = str(error).partition(" - at `$.")
-        where = where.rstrip("`")
+        where, text = locate(error)
         name, colon, rest = text.partition(": ")
         if colon and not where and name in changed:  # of the root itself: its message begins with the key
             where, text = name, rest

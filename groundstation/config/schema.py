@@ -138,6 +138,12 @@ class ConfigError(Exception):
         self.source = source
 
 
+def locate(error: msgspec.ValidationError) -> tuple[str, str]:
+    """The dotted key that ``error`` is about (empty: the whole), and what is wrong there."""
+    text, _, where = str(error).partition(" - at `$")
+    return where.rstrip("`").lstrip("."), text
+
+
 class Problem(Exception):
     """A key that is wrong, and why."""
 

@@ -84,7 +84,7 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
     lines += [
         "",
         f"{'wind, true':24}{_vector(facts['wind_true'])} m/s² (north, east, down; mean of the last second)",
-        f"{'disturbance, true':24}{_vector(facts['disturbance_true'])} m/s²: wind, drag, thrust and mass that are off",
+        f"{'disturbance, true':24}{_vector(facts['disturbance_true'])} m/s²: wind; drag, thrust, mass not as told",
         f"{'disturbance, estimated':24}{_vector(facts['disturbance_found'])} m/s²: b̂, and thrust that is off by λ̂",
         f"{'thrust, estimated':24}{100.0 * facts['thrust_effectiveness']:.1f} % of what was told",
     ]

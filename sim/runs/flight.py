@@ -122,9 +122,7 @@ async def _fly(
 ) -> dict[str, Any]:
     loop = asyncio.get_running_loop()
     assert isinstance(loop, VirtualTimeLoop)
-    referee = Referee(
-        world, config.vehicle.mass_kg, config.controller.kb if isinstance(config.controller, Law) else None
-    )
+    referee = Referee(world, config.vehicle, config.controller.kb if isinstance(config.controller, Law) else None)
 
     def step(time_s: float, position: Vec3) -> None:
         referee.track.step(time_s, position)

@@ -14,6 +14,7 @@ from groundstation.core.geometry import Vec3, third_column
 from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Estimate, SteadyError
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
+from groundstation.core.vehicle import Vehicle
 from sim.world import World
 
 SETTLED_M = 0.10
@@ -121,8 +122,8 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     wind_estimate: Vec3
     """Mean b̂ over the last second [m/s², NED]."""
     disturbance_true: Vec3 = (0.0, 0.0, 0.0)
-    """Mean acceleration over the last second beyond that of the thrust and mass as told [m/s², NED]: the wind, drag,
-    and what thrust and mass are off."""
+    """Mean acceleration over the last second beyond that of thrust, mass and drag as told [m/s², NED]: the wind, drag
+    that was not told, and what thrust and mass are off."""
     disturbance_found: Vec3 = (0.0, 0.0, 0.0)
     """The same as b̂ and λ̂ together make it out [m/s², NED]."""
     thrust_effectiveness: float
@@ -155,13 +156,13 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
 class Referee:
     """Sees every step of the plant and every command of one flight."""
 
-    def __init__(self, world: World, told_kg: float, kb: float | None) -> None:
-        """Take the truth, and the mass that the controller was told [kg].
+    def __init__(self, world: World, told: Vehicle, kb: float | None) -> None:
+        """Take the truth, and the vehicle that the controller was told.
 
         ``kb`` weighs b̃ in V (0: V without that term; None: the controller has no V at all).
         """
         self._world = world
-        self._told_kg = told_kg
+        self._told = told
         self._kb = kb
         self.track = TrueTrack()
         """Takes the steps of the plant."""
@@ -169,7 +170,7 @@ class Referee:
         self._winds: list[Vec3] = []
         self._wanted: list[Vec3] = []
         self._moves: list[tuple[float, Vec3, Vec3]] = []
-        """Time [s], true velocity [m/s], and acceleration by the thrust and mass as told [m/s²]; both NED."""
+        """Time [s], true velocity [m/s], and acceleration by thrust, mass and drag as told [m/s²]; both NED."""
         self._effectiveness = array("d")
         self._effort, self._squares = Effort(), array("d")
         self._states: list[str] = []
@@ -187,10 +188,10 @@ class Referee:
         self._effectiveness.append(estimate.effectiveness)
         self._squares.append(self._effort.square(tick.flight_time_s, d.drive.rates))
         self._winds.append(wind)
-        self._wanted.append(sought(wind, estimate, self._told_kg))
-        more = estimate.motion.thrust / self._told_kg
-        x, y, z = third_column(estimate.motion.attitude)
-        self._moves.append((tick.time_s, velocity, (-more * x, -more * y, self._world.gravity - more * z)))
+        self._wanted.append(sought(wind, estimate, self._told.mass_kg))
+        push, drag = estimate.motion.thrust / self._told.mass_kg, self._told.drag_per_s
+        x, y, z = (-push * r - drag * v for r, v in zip(third_column(estimate.motion.attitude), velocity, strict=True))
+        self._moves.append((tick.time_s, velocity, (x, y, self._world.gravity + z)))
         self._states.append(tick.seen.state)
         if tick.seen.warning:
             self._warnings.append(f"{tick.flight_time_s:.2f} {tick.seen.warning}")

@@ -38,6 +38,11 @@ def test_what_the_law_makes_out_is_told_beside_what_it_should(wrong: str) -> Non
         assert true[2] - wind[2] > 0.5, "the vehicle sinks by more than the wind"
 
 
+def test_drag_that_was_told_is_no_disturbance() -> None:
+    facts = simulate("quad1kg", duration=18.0, record=False).facts
+    assert math.dist(facts["disturbance_true"], facts["disturbance_found"]) < 0.1
+
+
 def test_a_controller_without_v_says_so() -> None:
     assert re.search(r"V above its bound +–$", screen("pid"), re.MULTILINE)
     assert re.search(r"V above its bound +\d", screen())

@@ -1,5 +1,7 @@
 """Lines and orders of the core API: whatever a client sends, it comes out as an order, or as words why it is none."""
 
+import re
+
 import msgspec
 import pytest
 from hypothesis import given
@@ -94,7 +96,19 @@ def test_the_points_of_an_order_reach_the_flight() -> None:
     ["[[1, 2]]", "[[1, 2, 3, 4, 5]]", "[[1, 2, 1e9]]", "[[1, 2, null]]", "[]", "[" + "[0,0,-1]," * 64 + "[0,0,-1]]"],
 )
 def test_points_that_are_none_are_no_order(points: str) -> None:
-    assert isinstance(decode_order(f'{{"id": 2, "ask": "goto", "points": {points}}}'.encode()), str)
+    refused = decode_order(f'{{"id": 2, "ask": "goto", "points": {points}}}'.encode())
+    assert isinstance(refused, str) and refused.startswith("not an order: ") and "$" not in refused
+
+
+@pytest.mark.parametrize(("numbers", "says"), [
+    ((1, 2, 1e9), "down_m: expected a number from -1000 to 1000, got 1000000000.0"),
+    ((1, float("nan"), 0), "east_m: expected a number from -1000 to 1000, got nan"),
+    (("1", 2, 0), "north_m: expected a number from -1000 to 1000, got '1'"),
+    ((1, 2, 0, -400), "yaw_deg: expected a number from -360 to 360, got -400"),
+])  # fmt: skip
+def test_a_point_that_a_program_makes_is_held_to_what_the_wire_takes(numbers: tuple[float, ...], says: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(says)):
+        Waypoint(*numbers)
 
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.sampled_from([*Ask, "take", "give", "leave"])), max_size=40))

@@ -134,6 +134,7 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("words", "says"), [
     (["goto", "nan", "0", "-1"], "goto: NORTH: expected a number from -1000 to 1000, got 'nan'"),
     (["goto", "0", "0", "-1", "1e9"], "goto: YAW: expected a number from -360 to 360, got '1e9'"),
+    (["follow", "turned.csv"], "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
     (["follow", "huge.csv"], "huge.csv: longer than a file of 64 points can be"),
     (["follow", "empty.csv"], "empty.csv: expected a line of names"),
@@ -151,6 +152,7 @@ def test_points_that_lead_nowhere_are_refused_before_anybody_is_asked(
     Path("empty.csv").touch()
     Path("picture.csv").write_bytes(bytes(range(256)))
     Path("nan.csv").write_text(head + "nan,0,-1\n0,0,-1\n")
+    Path("turned.csv").write_text("north_m,east_m,down_m,yaw_deg\n0,0,-1,90\n0,0,-1,400\n")
     Path("many.csv").write_text(head + "".join(f"{0.1 * i},0,-1\n" for i in range(65)))
     monkeypatch.setattr("sys.argv", ["groundstation", "request", *words])
     assert main() == 2

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
         SourceError,
     )
     from groundstation.core.messages.snapshot import (
+        FARTHEST_M,
         MOST_POINTS,
         ROUNDING_S,
         SATURATION_FROM_S,
         STEADY_S,
+        TURN_DEG,
         Ask,
         Certificate,
         Check,
@@ -54,6 +56,7 @@ _MODULES = {
         "Certificate",
         "Check",
         "Diagnostics",
+        "FARTHEST_M",
         "MOST_POINTS",
         "ROUNDING_S",
         "RemoteAsk",
@@ -63,6 +66,7 @@ _MODULES = {
         "STEADY_S",
         "Snapshot",
         "SteadyError",
+        "TURN_DEG",
         "Verdict",
         "Waypoint",
         "Waypoints",

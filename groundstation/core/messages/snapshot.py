@@ -215,7 +215,9 @@ class Ask(StrEnum):
 RemoteAsk = Literal["hold", "return", "track", "goto", "land", "descend", "abort", "kill"]
 """What may be asked from afar: everything but to arm."""
 
-_Metres = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
+FARTHEST_M, TURN_DEG = 1000.0, 360.0
+"""A point of a request lies within these, along each axis and in heading."""
+_Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 
 class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
@@ -225,8 +227,20 @@ class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
     east_m: _Metres
     down_m: _Metres
     """1 m up is -1."""
-    yaw_deg: Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)] | None = None
+    yaw_deg: Annotated[float, msgspec.Meta(ge=-TURN_DEG, le=TURN_DEG)] | None = None
     """Heading there, from north towards east; None: as it was."""
+
+    def __post_init__(self) -> None:
+        """Hold a point that a program makes to what the wire takes.
+
+        Raises:
+            ValueError: a coordinate is no number, or too far away.
+        """
+        most = dict.fromkeys(("north_m", "east_m", "down_m"), FARTHEST_M)
+        for name, far in most.items() if self.yaw_deg is None else (most | {"yaw_deg": TURN_DEG}).items():
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and abs(value) <= far):  # also NaN
+                raise ValueError(f"{name}: expected a number from {-far:g} to {far:g}, got {value!r}")
 
     @property
     def place_ned(self) -> Vec3:

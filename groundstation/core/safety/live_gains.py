@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import msgspec
 
+from groundstation.config import locate
 from groundstation.core.control import Gains
 from groundstation.core.messages import Estimate, Reply
 from groundstation.core.trajectory import Reference
@@ -94,7 +95,7 @@ class LiveGains:
         try:
             msgspec.convert({**msgspec.structs.asdict(gains), name: value}, type(gains))
         except msgspec.ValidationError as error:
-            return Reply(False, f"{key}: {error}")
+            return Reply(False, f"{key}: {locate(error)[1]}")
         if not math.isfinite(value) or not now / STEP_FACTOR - 1e-12 <= value <= now * STEP_FACTOR + 1e-12:
             return Reply(False, f"{key} is {now:g}: one change goes to {now / STEP_FACTOR:g} at least and "
                          f"{now * STEP_FACTOR:g} at most, got {value:g}")  # fmt: skip

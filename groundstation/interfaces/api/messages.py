@@ -28,6 +28,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 
+from groundstation.config import locate
 from groundstation.core.messages import Ask, Snapshot, Waypoints, ensure_points
 
 VERSION = 1
@@ -164,6 +165,8 @@ def decode_order(line: bytes) -> ClientOrder | str:
     """The order in ``line``, or why it is none."""
     try:
         return msgspec.json.decode(line, type=ClientOrder)
+    except msgspec.ValidationError as error:
+        return ": ".join(part for part in ("not an order", *locate(error)) if part)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
         return f"not an order: {error}"
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 
 from groundstation.config import ConfigError, dump, load
-from groundstation.core.messages import MOST_POINTS, Ask, Request, Waypoint
+from groundstation.core.messages import FARTHEST_M, MOST_POINTS, TURN_DEG, Ask, Request, Waypoint
 from groundstation.core.mission import FINAL, TABLE, Event, State
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
@@ -194,7 +194,7 @@ def request(args: argparse.Namespace) -> int:
 
 COURSE_LETTERS = 100_000
 """A file of as many points as one request may hold is far shorter."""
-AXES_OF_GOTO = (("NORTH", 1000.0), ("EAST", 1000.0), ("DOWN", 1000.0), ("YAW", 360.0))
+AXES_OF_GOTO = (("NORTH", FARTHEST_M), ("EAST", FARTHEST_M), ("DOWN", FARTHEST_M), ("YAW", TURN_DEG))
 
 
 def _read_number(name: str, word: str, most: float) -> float:
@@ -244,10 +244,13 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
         return ()
     if len(rows) > MOST_POINTS:
         raise ConfigError(ask, f"expected at most {MOST_POINTS} points, got {len(rows)}")
-    try:
-        return tuple(msgspec.convert(row, Waypoint) for row in rows)
-    except msgspec.ValidationError as error:
-        raise ConfigError(ask, str(error)) from None
+    points = []
+    for number, row in enumerate(rows, start=1):
+        try:
+            points.append(Waypoint(*row))
+        except ValueError as error:
+            raise ConfigError(ask, f"{where[0]}: point {number}: {error}") from None
+    return tuple(points)
 
 
 def stop_all(args: argparse.Namespace) -> int:
