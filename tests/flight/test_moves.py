@@ -112,7 +112,6 @@ def test_points_are_flown_one_after_the_other() -> None:
         ([Waypoint(3.5, 0.0, 0.0)], "point 1 of 1, [3.5, 0.0, 0.0], is 0.50 m outside the fence"),
         ([NEAR, Waypoint(0.0, 0.0, 0.9)], "point 2 of 2, [0.0, 0.0, 0.9], is 0.10 m above the floor"),
         ([Waypoint(0.0, 0.0, -2.0)], "0.50 m outside the fence"),
-        ([Waypoint(math.nan, 0.0, 0.0)], "above the floor"),
     ],
 )
 def test_a_point_that_can_not_be_held_at_is_refused_before_anything_moves(points: list[Waypoint], says: str) -> None:
