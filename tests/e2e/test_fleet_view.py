@@ -9,6 +9,7 @@ from textual.widgets import DataTable, Static
 
 from groundstation.interfaces.mqtt import FleetMonitor, MqttBroker, from_url
 from groundstation.interfaces.tui.fleet import FleetScreen
+from groundstation.interfaces.tui.widgets import Banner
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.proving.bench.mqtt import run
 from tests.sample_flight import sample
@@ -21,8 +22,12 @@ def shown(screen: FleetScreen) -> list[list[str]]:
     return [[str(cell) for cell in table.get_row_at(index)] for index in range(table.row_count)]
 
 
-def told(screen: FleetScreen, name: str) -> str:
-    return str(screen.query_one(name, Static).content)
+def told(screen: FleetScreen) -> str:
+    return str(screen.query_one("#details", Static).content)
+
+
+def headline(screen: FleetScreen) -> str:
+    return str(screen.query_one(Banner).render())
 
 
 def hear(fleet: FleetMonitor, name: str, state: str, now_s: float) -> None:
@@ -31,7 +36,7 @@ def hear(fleet: FleetMonitor, name: str, state: str, now_s: float) -> None:
     fleet.hear(f"groundstation/{name}/snapshot", msgspec.json.encode(snapshot), now_s)
 
 
-@pytest.mark.parametrize("size", [(80, 24), (160, 48)])
+@pytest.mark.parametrize("size", [(60, 20), (80, 24), (160, 48)])
 def test_keys_sort_and_choose_and_the_worst_is_seen_first(size: tuple[int, int]) -> None:
     async def scene() -> None:
         screen = FleetScreen(from_url("mqtt://127.0.0.1:1"))  # nobody is there
@@ -42,18 +47,26 @@ def test_keys_sort_and_choose_and_the_worst_is_seen_first(size: tuple[int, int])
             screen.draw()
             await pilot.pause()
             assert [cells[:2] for cells in shown(screen)] == [["c", "!!ABORTED"], ["b", "▲ TRACKING"], ["a", "· READY"]]
-            assert told(screen, "#details").startswith("c: ABORTED - following the trajectory")
+            assert told(screen).startswith("c: ABORTED - following the trajectory")
             await pilot.press("down")
             await pilot.pause()
-            assert told(screen, "#details").startswith("b: TRACKING")
+            assert told(screen).startswith("b: TRACKING")
             await pilot.press("s")
             await pilot.pause()
             assert [cells[0] for cells in shown(screen)] == ["a", "b", "c"]
-            assert told(screen, "#details").startswith("b: TRACKING")  # the same one as before
+            assert told(screen).startswith("b: TRACKING")  # the same one as before
             hear(screen.fleet, "b", "landing", now_s + 0.1)
             screen.draw()
             assert shown(screen)[1][1] == "▲ LANDING"
             assert screen.query_one("#details").region.bottom <= size[1]
+            table = screen.query_one(DataTable)
+            assert table.virtual_size.width <= size[0]
+            assert [str(column.label) for column in table.columns.values()][-1] == (
+                "data" if size[0] == 60 else "newest event"
+            )
+            screen._trouble = "mqtts://broker.lab.example:8883 as viewer: Connection refused"
+            screen.draw()
+            assert "Connection refused" in " ".join(headline(screen).split())
             await pilot.press("q")
 
     asyncio.run(scene())
@@ -73,13 +86,13 @@ def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
     async def scene() -> None:
         screen = FleetScreen(lab.address("viewer"))
         async with screen.run_test(size=(100, 30)):
-            await until(screen, lambda: "none has published" in told(screen, "#banner"))
+            await until(screen, lambda: "none has published" in headline(screen))
             await say(lab.address("quad2"), "groundstation/quad2/state", b"offline")
             await until(screen, lambda: [cells[:2] for cells in shown(screen)] == [["quad2", "  OFFLINE"]])
             lab.kill()
-            await until(screen, lambda: f"localhost:{lab.port}: " in told(screen, "#banner"))
+            await until(screen, lambda: f"localhost:{lab.port}: " in headline(screen))
             await lab.begin()
-            await until(screen, lambda: "1 offline" in told(screen, "#banner"))
+            await until(screen, lambda: "1 offline" in headline(screen))
             await say(lab.address("quad2"), "groundstation/quad2/state", b"ready")
             await until(screen, lambda: shown(screen)[0][1] == "!!NO DATA")
 

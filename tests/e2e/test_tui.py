@@ -294,6 +294,7 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
 @pytest.mark.parametrize(("words", "says"), [
     (["flight.mcap"], "--screenshot FILE.svg draws a picture of it"),
     (["--socket", "nobody.sock"], "groundstation health says in a line how the flight is"),
+    (["--fleet", "mqtt://127.0.0.1:1"], "`groundstation mqtt topics` says what other programs can read"),
 ])  # fmt: skip
 def test_nothing_is_drawn_where_there_is_no_terminal(words: list[str], says: str) -> None:
     command = [sys.executable, "-m", "groundstation", "tui", *words]
@@ -331,13 +332,15 @@ def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns
 
 
 @pytest.mark.parametrize("columns", [60, 80, 120])
-def test_the_order_to_kill_is_whole_at_every_width(columns: int) -> None:
+def test_every_order_has_its_key_and_its_name_at_every_width(columns: int) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: "10.0 s" in text(pilot, Banner))
         await pilot.pause(0.3)
-        (knob,) = (one for one in pilot.app.screen.query(Knob) if one.has_class("kill"))
-        assert str(knob.render()) == "^K^K KILL"
-        assert knob.region.width >= len("^K^K KILL") and knob.region.right <= columns
+        knobs = list(pilot.app.screen.query(Knob))
+        for knob in knobs:
+            assert str(knob.render()) == f"{knob.order.shown} {knob.order.label}"
+            assert knob.region.width >= len(str(knob.render())) and knob.region.right <= columns
+        assert str(knobs[-1].render()) == "^K^K KILL"
 
     play(scene, Fixed(flown(10.0)), (columns, 24))
 

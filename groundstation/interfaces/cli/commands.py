@@ -157,7 +157,8 @@ def tui(args: argparse.Namespace) -> int:
         from groundstation.interfaces.mqtt import from_url
         from groundstation.interfaces.tui import run_fleet
 
-        return run_fleet(from_url(args.fleet, ca=args.ca, user=args.user, password_file=args.password_file))
+        broker = from_url(args.fleet, ca=args.ca, user=args.user, password_file=args.password_file)
+        return run_fleet(broker, args.theme)
     from groundstation.interfaces.tui import tui_command
 
     if args.rehearse:

@@ -448,11 +448,11 @@ def tui_command(args: argparse.Namespace) -> int:
         return _in_browser(args)
     if args.log is not None:
         if args.screenshot is None:
-            _require_terminal("--screenshot FILE.svg draws a picture of it")
+            require_terminal("--screenshot FILE.svg draws a picture of it")
         return _show_recording(args.log, args.theme, args.at, args.screenshot, args.size)
     if args.screenshot is not None or args.at is not None:
         raise ConfigError("--screenshot, --at", "need a recording, LOG.mcap")
-    _require_terminal("groundstation health says in a line how the flight is")
+    require_terminal("groundstation health says in a line how the flight is")
     path = args.socket or served_socket(args.vehicle)
     which = _which(args.socket)
     dashboard = Dashboard(Attached(path), read_only=args.read_only, which=which)
@@ -463,7 +463,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     """Start the ground station as a process of its own, which outlives this one, and show what it does."""
     vehicle = config.vehicle.name
     path = socket_path(config.status, vehicle)
-    _require_terminal("groundstation fly without --tui needs none")
+    require_terminal("groundstation fly without --tui needs none")
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
         raise ConfigError("status.path", f"a ground station serves {path} already; to see it: {again}")
@@ -521,7 +521,7 @@ def _title(vehicle: str) -> str:
     return vehicle.upper() if is_rehearsal(vehicle) else vehicle
 
 
-def _require_terminal(otherwise: str) -> None:
+def require_terminal(otherwise: str) -> None:
     """There must be a terminal to draw on, or the browser's page in its place; else nobody could read or end it."""
     if "TEXTUAL_DRIVER" not in os.environ and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ConfigError("tui", f"a dashboard needs a terminal; {otherwise}")

@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import BindingType
+from textual.events import Resize
 from textual.widgets import DataTable, Footer, Static
 
 from groundstation.interfaces.mqtt import EVENT as EVENT_TOPIC
@@ -21,13 +22,17 @@ from groundstation.interfaces.mqtt import (
     describe_error,
     heed_cancellation,
 )
-from groundstation.interfaces.tui.drawing import big
+from groundstation.interfaces.tui.app import require_terminal
 from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText
+from groundstation.interfaces.tui.themes import THEMES
+from groundstation.interfaces.tui.widgets import Banner
 from links.core import printable
 
 COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6))
 """Heading and width of all columns but the last, which is the newest event."""
-EVENT_HEADING = "newest event"
+EVENT_HEADING, EVENT_LEAST = "newest event", 10
+LEFT_OUT = ("RMS", "link", "batt", "error")
+"""What a narrow screen is spared first; below the table all is told of the vehicle under the cursor."""
 TONES = (ALARM, FLYING, CALM, CALM)
 """By urgency."""
 MARKS = ("!!", "▲ ", "· ", "  ")
@@ -66,6 +71,16 @@ def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
 def _number(value: float) -> float:
     """For sorting: what is not known comes last, and of the others the largest first."""
     return -value if math.isfinite(value) else math.inf
+
+
+def fitting_columns(width: int) -> list[tuple[str, int]]:
+    """Heading and width of the columns that stand whole in ``width``; the newest event has what is left."""
+    kept = list(COLUMNS)
+    for heading in LEFT_OUT:
+        if sum(each for _, each in kept) > width:
+            kept = [one for one in kept if one[0] != heading]
+    room = width - sum(each for _, each in kept)
+    return [*kept, (EVENT_HEADING, room)] if room >= EVENT_LEAST else kept
 
 
 Key = Callable[[VehicleView, float], tuple[float, str]]
@@ -135,9 +150,15 @@ HEARD_QUEUE = 5000
 STYLES = {ALARM: "bold white on dark_red", FLYING: "bold", BUSY: "bold", CALM: ""}
 
 
-def run_fleet(broker: MqttBroker) -> int:
-    """Show all vehicles at ``broker`` until the operator quits; returns the exit code."""
+def run_fleet(broker: MqttBroker, theme: str) -> int:
+    """Show all vehicles at ``broker`` until the operator quits; returns the exit code.
+
+    Raises:
+        ConfigError: there is no terminal.
+    """
+    require_terminal("`groundstation mqtt topics` says what other programs can read there")
     screen = FleetScreen(broker)
+    screen.theme = theme
     screen.run()
     return screen.return_code or 0
 
@@ -146,7 +167,6 @@ class FleetScreen(App[None]):
     """A table; q leaves, s sorts, and the vehicle under the cursor is told of below."""
 
     CSS = """
-    #banner { height: 4; padding: 0 1; }
     DataTable { height: 1fr; min-height: 6; scrollbar-size-horizontal: 0; }
     #details {
         height: 33%; min-height: 7; max-height: 24; border-top: solid $primary; padding: 0 1;
@@ -159,29 +179,37 @@ class FleetScreen(App[None]):
     def __init__(self, broker: MqttBroker) -> None:
         """Connect to ``broker`` as soon as the screen is up."""
         super().__init__()
+        for theme in THEMES:
+            self.register_theme(theme)
+        self.theme = THEMES[0].name
         self._broker = broker
         self.fleet = FleetMonitor(broker.config.prefix)
         """What is known."""
         self._order = next(iter(SORT_KEYS))
         self._trouble = f"connecting to {broker}"
         self._drawn: list[FleetRow] = []
+        self._columns: list[tuple[str, int]] = []
 
     def compose(self) -> ComposeResult:
         """Banner, table, details."""
-        yield Static(id="banner")
+        yield Banner()
         yield DataTable(cursor_type="row", zebra_stripes=True, cell_padding=0)
         yield Static(id="details")
         yield Footer()
 
     def on_mount(self) -> None:
         """Begin to read and to draw."""
-        table = self._table
-        for heading, width in COLUMNS:
-            table.add_column(heading, width=width, key=heading)
-        table.add_column(EVENT_HEADING, key=EVENT_HEADING)
-        table.focus()
+        self._table.focus()
         self.run_worker(self._watch())
         self.set_interval(FRAME_S, self.draw)
+
+    def on_resize(self, event: Resize) -> None:
+        """Other columns may fit now."""
+        self._columns, self._drawn = fitting_columns(event.size.width), []
+        self._table.clear(columns=True)
+        for heading, width in self._columns:
+            self._table.add_column(heading, width=width, key=heading)
+        self.draw()
 
     def action_sort(self) -> None:
         """Sort by the next order."""
@@ -221,10 +249,7 @@ class FleetScreen(App[None]):
         now_s = asyncio.get_running_loop().time()
         shown = fleet_rows(self.fleet, self._order, now_s)
         top = fleet_headline(shown, self._trouble)
-        banner = Text(no_wrap=True, overflow="crop")
-        banner.append("\n".join(f" {line} " for line in big(top.big)), style=STYLES[top.tone])
-        banner.append(f"\n{top.detail}; sorted by {self._order}")
-        self.query_one("#banner", Static).update(banner)
+        self.query_one(Banner).show(top, f"{len(shown)} seen", f"sorted by {self._order}")
         self._draw_table(shown)
         self._draw_details(now_s)
 
@@ -240,18 +265,22 @@ class FleetScreen(App[None]):
             if at is not None and at.name in names:
                 table.move_cursor(row=names.index(at.name), animate=False)
         else:
-            headings = [*(heading for heading, _ in COLUMNS), EVENT_HEADING]
             for old, new in zip(self._drawn, shown, strict=True):
                 if old == new:
                     continue
-                for heading, before, after, cell in zip(headings, old.cells, new.cells, self._cells(new), strict=True):
-                    if before != after or old.urgency != new.urgency:
+                before = self._cells(old)
+                for (heading, _), was, cell in zip(self._columns, before, self._cells(new), strict=True):
+                    if was != cell or old.urgency != new.urgency:
                         table.update_cell(new.name, heading, cell)
         self._drawn = shown
 
     def _cells(self, one: FleetRow) -> list[Text]:
         style = STYLES[(ALARM, FLYING, CALM, CALM)[one.urgency]] or ("dim" if one.urgency == 3 else "")
-        return [Text(cell, style=style if i < 2 or one.urgency == 3 else "") for i, cell in enumerate(one.cells)]
+        told = dict(zip([*(heading for heading, _ in COLUMNS), EVENT_HEADING], one.cells, strict=True))
+        return [
+            Text(told[heading], style=style if i < 2 or one.urgency == 3 else "")
+            for i, (heading, _) in enumerate(self._columns)
+        ]
 
     def _under_cursor(self) -> VehicleView | None:
         at = self._table.cursor_row

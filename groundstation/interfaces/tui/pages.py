@@ -466,7 +466,7 @@ class ConfigPage(TextPage):
     """Config."""
 
     NAME: ClassVar[str] = "Config"
-    HINT = "/ searches the configuration: words of a key or its value"
+    HINT = "/ searches keys, values and what they mean"
 
     def lines(self, frame: PageFrame) -> list[Spans]:
         """Each key with its section, so that it can be found by both."""

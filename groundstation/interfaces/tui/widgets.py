@@ -107,11 +107,11 @@ class Knob(Widget):
     """One order, to be clicked on; its key says how to do it without a mouse."""
 
     DEFAULT_CSS = """
-    Knob { width: 1fr; height: 1; content-align: center middle; text-style: bold; background: $raised; }
+    Knob { height: 1; content-align: center middle; text-style: bold; background: $raised; }
     Knob.go { background: $flying-back; color: $flying-text; }
     Knob.calm { background: $calm-back; color: $calm-text; }
     Knob.land, Knob.abort { background: $busy-back; color: $busy-text; }
-    Knob.kill { background: $alarm-back; color: $alarm-text; min-width: 9; }
+    Knob.kill { background: $alarm-back; color: $alarm-text; }
     Knob.off { background: $raised; color: $label; text-style: none; }
     Knob.again { text-style: bold reverse blink; }
     Knob:hover { text-style: bold reverse; }
@@ -121,6 +121,7 @@ class Knob(Widget):
         """For ``order``."""
         super().__init__(classes=order.tone)
         self.order = order
+        self.styles.width = f"{len(self._both)}fr"
         self._again = False
 
     def show(self, state: str | None, again: bool) -> None:
@@ -133,9 +134,12 @@ class Knob(Widget):
 
     def render(self) -> Content:
         """Key and name; the name alone where there is no room for both."""
-        both = f"{self.order.shown} {self.order.label}"
-        told = both if self.size.width >= len(both) else self.order.label
+        told = self._both if self.size.width >= len(self._both) else self.order.label
         return Content("AGAIN!" if self._again else told)
+
+    @property
+    def _both(self) -> str:
+        return f"{self.order.shown} {self.order.label}"
 
     async def on_click(self) -> None:
         """As if its key had been pressed."""
@@ -510,6 +514,10 @@ class Choice(Dialog[str]):
 class Help(Dialog[None]):
     """All keys."""
 
+    DEFAULT_CSS = """
+    Help Horizontal { height: auto; }
+    Help .key { width: 11; padding: 0 2 0 0; text-align: right; text-style: bold; }
+    """
     BINDINGS: ClassVar[list[BindingType]] = [Binding("question_mark,q", "leave", "back")]
 
     def __init__(self, keys: Sequence[tuple[str, str]], *, orders: bool) -> None:
@@ -520,5 +528,7 @@ class Help(Dialog[None]):
     def answers(self) -> ComposeResult:
         """One below the other."""
         with VerticalScroll():
-            rows = [Content.assemble((f"{key:>9}  ", "bold"), says) for key, says in self._keys]
-            yield Static(Content("\n").join(rows))
+            for key, says in self._keys:
+                with Horizontal():
+                    yield Static(Content(key), classes="key")
+                    yield Static(Content(says))
