@@ -17,7 +17,7 @@ This is all that a user imports; what is behind it may change.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.bridge.link import BridgeLinkConfig
-    from links.core.port import (
+    from links.core.deadman import (
         Attitude,
         Command,
         CommandLink,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "bridge.link": ("BridgeLinkConfig",),
-    "core.port": (
+    "core.deadman": (
         "Attitude",
         "Command",
         "CommandLink",

@@ -343,7 +343,7 @@ Flags = npt.NDArray[np.bool_]
 
 
 def thrust_shares(sent: list[SentSetPoint], curve: float) -> list[float]:
-    """Thrust as a share 0..1 of full thrust, for each set-point; ``curve``: see links/core/thrust_curve.py."""
+    """Thrust as a share 0..1 of full thrust, for each set-point; ``curve``: see links/core/deadman.py."""
     return [thrust(min(max(each.signal, 0.0), 1.0), curve) for each in sent]
 
 

@@ -2,8 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.flight.command_loop import DISARM_WAIT_S
-    from groundstation.flight.flight import Flight, FlightOutcome, FrameLateness, make_ends
+    from groundstation.flight.flight import DISARM_WAIT_S, Flight, FlightOutcome, FrameLateness, make_ends
     from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
     from groundstation.flight.prearm import Company, body_of, describe_checks, describe_failures, entry_of, link_of
     from groundstation.flight.preflight import (
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
     )
 
 _MODULES = {
-    "command_loop": ("DISARM_WAIT_S",),
-    "flight": ("Flight", "FlightOutcome", "FrameLateness", "make_ends"),
+    "flight": ("DISARM_WAIT_S", "Flight", "FlightOutcome", "FrameLateness", "make_ends"),
     "hold_to_run": ("HoldWatch", "ensure_held", "make_hold"),
     "prearm": ("Company", "body_of", "describe_checks", "describe_failures", "entry_of", "link_of"),
     "preflight": (

@@ -26,7 +26,6 @@ from groundstation.core.safety import (
     usual_limit_n,
 )
 from groundstation.core.trajectory import Reference, Trajectory
-from groundstation.flight.command_loop import FlightEnded
 from groundstation.flight.hold_to_run import HoldToRun
 from groundstation.flight.mission_executive import Course, MissionExecutive
 from groundstation.flight.preflight import (
@@ -453,6 +452,10 @@ def link_of(link: LinkConfig) -> str:
 
 LOOK_AGAIN_S = 1.0
 """How often the checks are made anew while the operator has not armed yet [s]."""
+
+
+class FlightEnded(Exception):
+    """The flight can't go on; the text says why, for the operator."""
 
 
 class PrearmSequence:

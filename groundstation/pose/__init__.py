@@ -3,16 +3,14 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.pose.forward import ForwardingSource
-    from groundstation.pose.gate import HINTS, Gate, GateConfig
-    from groundstation.pose.gated_source import GatedSource
+    from groundstation.pose.gate import HINTS, Gate, GateConfig, GatedSource
     from groundstation.pose.recorded import IN_RUN_FOLDER, TlogConfig, pose_decoder
     from groundstation.pose.recorded_codec import CSV_COLUMNS, CsvRow, TlogReader, TlogRecord, encode_csv, read_csv
     from groundstation.pose.registry import PoseConfig, ShowsOthers, make_source
 
 _MODULES = {
     "forward": ("ForwardingSource",),
-    "gate": ("Gate", "GateConfig", "HINTS"),
-    "gated_source": ("GatedSource",),
+    "gate": ("Gate", "GateConfig", "GatedSource", "HINTS"),
     "recorded": ("IN_RUN_FOLDER", "TlogConfig", "pose_decoder"),
     "recorded_codec": ("CSV_COLUMNS", "CsvRow", "TlogReader", "TlogRecord", "encode_csv", "read_csv"),
     "registry": ("PoseConfig", "ShowsOthers", "make_source"),

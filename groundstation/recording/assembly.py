@@ -417,7 +417,7 @@ def make_flight(
     def tell(event: PoseEvent) -> None:
         flight.pose_event(event)
 
-    source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
+    source = GatedSource(source, config.gate, asyncio.get_running_loop, lost_s=config.flight.coast_s, tell=tell)
     if config.forwards is not None:
         assert isinstance(link, MavlinkLink), "only a MAVLink section says so"
         source = ForwardingSource(source, link, config.forwards)

@@ -129,7 +129,7 @@ class MeasuredMessage(msgspec.Struct, frozen=True, gc=False):
 
 
 class Part(msgspec.Struct, frozen=True, gc=False):
-    """One part of a bring-down (links/core/port.py)."""
+    """One part of a bring-down (links/core/deadman.py)."""
 
     duration_s: float
     thrust_n: float

@@ -496,7 +496,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @property
     def thrust_curve(self) -> float:
-        """The curve in force, from signal to thrust (links/core/thrust_curve.py): the link's, or else the vehicle's."""
+        """The curve in force, from signal to thrust (links/core/deadman.py): the link's, or else the vehicle's."""
         return self.vehicle.thrust_curve if self.link.thrust_curve is None else self.link.thrust_curve
 
     @property

@@ -293,7 +293,7 @@ class BridgeLinkConfig(
 
 
 class BridgeLink(PacedLink):
-    """Implements :class:`links.core.port.CommandLink` (see there)."""
+    """Implements :class:`links.core.deadman.CommandLink` (see there)."""
 
     def __init__(
         self,
@@ -306,7 +306,7 @@ class BridgeLink(PacedLink):
     ) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust at full throttle [N].
 
-        ``thrust_curve`` is the vehicle's (links/core/thrust_curve.py); the bridge's own is applied on top. ``key``
+        ``thrust_curve`` is the vehicle's (links/core/deadman.py); the bridge's own is applied on top. ``key``
         stands for the key file, and ``nonce`` for chance, where a simulation has its own.
         """
 

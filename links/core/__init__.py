@@ -3,43 +3,49 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.core.child_command import make_child_command
-    from links.core.deadman import Deadman, Phase
-    from links.core.lateness import Lateness
-    from links.core.port import (
+    from links.core.deadman import (
         Attitude,
         Command,
         CommandLink,
+        Deadman,
         LinkError,
         LinkKind,
         LinkLost,
         LinkMisuse,
         LinkRejected,
         LinkStatus,
+        Phase,
         Segment,
         TellsMode,
+        full_thrust_n,
+        signal,
+        thrust,
     )
+    from links.core.lateness import Lateness
     from links.core.terminal_text import printable
-    from links.core.thrust_curve import full_thrust_n, signal, thrust
 
 _MODULES = {
     "child_command": ("make_child_command",),
-    "deadman": ("Deadman", "Phase"),
-    "lateness": ("Lateness",),
-    "port": (
+    "deadman": (
         "Attitude",
         "Command",
         "CommandLink",
+        "Deadman",
         "LinkError",
         "LinkKind",
         "LinkLost",
         "LinkMisuse",
         "LinkRejected",
         "LinkStatus",
+        "Phase",
         "Segment",
         "TellsMode",
+        "full_thrust_n",
+        "signal",
+        "thrust",
     ),
+    "lateness": ("Lateness",),
     "terminal_text": ("printable",),
-    "thrust_curve": ("full_thrust_n", "signal", "thrust"),
 }
 
 

@@ -3,8 +3,10 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.io.key_file import make_key, read_key
-    from links.io.network import Datagrams, beyond, is_loopback, parse_address
-    from links.io.serial_port import (
+    from links.io.network import beyond, is_loopback, parse_address
+    from links.io.wires import (
+        Datagrams,
+        Sleep,
         create_serial_connection,
         discard,
         is_pseudo_terminal,
@@ -12,12 +14,13 @@ if TYPE_CHECKING:
         open_serial_connection,
         waiting,
     )
-    from links.io.suspend import Sleep
 
 _MODULES = {
     "key_file": ("make_key", "read_key"),
-    "network": ("Datagrams", "beyond", "is_loopback", "parse_address"),
-    "serial_port": (
+    "network": ("beyond", "is_loopback", "parse_address"),
+    "wires": (
+        "Datagrams",
+        "Sleep",
         "create_serial_connection",
         "discard",
         "is_pseudo_terminal",
@@ -25,7 +28,6 @@ _MODULES = {
         "open_serial_connection",
         "waiting",
     ),
-    "suspend": ("Sleep",),
 }
 
 

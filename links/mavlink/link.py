@@ -165,7 +165,7 @@ __all__ = ["MavlinkLink", "MavlinkLinkConfig"]
 
 
 class MavlinkLink:
-    """Implements :class:`links.core.port.CommandLink` (see there); others may read along on ``connection``."""
+    """Implements :class:`links.core.deadman.CommandLink` (see there); others may read along on ``connection``."""
 
     def __init__(self, config: MavlinkLinkConfig, *, thrust_max_n: float, thrust_curve: float = 0.0) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust of the full signal [N].

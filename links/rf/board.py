@@ -36,7 +36,7 @@ AGAIN_S = 0.25
 
 
 class _Ear(asyncio.Protocol):
-    """What the port says; implements :class:`links.io.serial_port.PortProtocol` too."""
+    """What the port says; implements :class:`links.io.wires.PortProtocol` too."""
 
     def __init__(self) -> None:
         self.heard = bytearray()

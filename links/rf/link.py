@@ -167,7 +167,7 @@ _CLOSED, _CLOSING, _ARMING = "on a link that is not connected", "on a link that 
 
 
 class PacedLink:
-    """Implements :class:`links.core.port.CommandLink` (see there)."""
+    """Implements :class:`links.core.deadman.CommandLink` (see there)."""
 
     def __init__(self, manner: Manner, open_pacer: Callable[[Hear], Awaitable[Pacer]]) -> None:
         """Nothing is opened yet; ``open_pacer`` gets at the pacer, whose ``manner`` counts from then on."""
@@ -182,7 +182,7 @@ class PacedLink:
         self._why_over = ""
         """Why the newest arming is over, or soon will be, though nobody here has ended it."""
         self._unmet = ""
-        """See :class:`links.core.port.LinkStatus`."""
+        """See :class:`links.core.deadman.LinkStatus`."""
         self._watch: Callable[[Attitude], None] = lambda told: None
         self._felt_s = -math.inf
         self._busy = _CLOSED
@@ -476,7 +476,7 @@ async def _sleep_until(when_s: float) -> None:
 
 
 class SerialRfLink(PacedLink):
-    """Implements :class:`links.core.port.CommandLink` (see there)."""
+    """Implements :class:`links.core.deadman.CommandLink` (see there)."""
 
     def __init__(
         self,
@@ -488,7 +488,7 @@ class SerialRfLink(PacedLink):
     ) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust at full throttle [N].
 
-        ``thrust_curve`` is the curve in force (links/core/thrust_curve.py); ``open_pacer`` starts the pacer: in another
+        ``thrust_curve`` is the curve in force (links/core/deadman.py); ``open_pacer`` starts the pacer: in another
         process where there is None, or wherever a simulation has it.
         """
         if open_pacer is None:

@@ -242,7 +242,7 @@ class Fleet:
     def command(self, frame: int, time_s: float, drive: ActuatorCommand, told_full_n: float, told_curve: float) -> None:
         """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
 
-        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/core/thrust_curve.py).
+        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/core/deadman.py).
         """
         told, straight = np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0), 1.0 - told_curve
         signal = 2.0 * told / (straight + np.sqrt(straight * straight + 4.0 * told_curve * told))

@@ -3,7 +3,7 @@
 The same pure functions on arrays of shape (N,), or on those vehicles whose pose has just arrived. Only what differs
 between one vehicle and many is written here: who has a pose, and which command acts when.
 
-Beside it the certificate of N flights (:class:`groundstation.core.control.certificate.CertificateMonitor`): the same
+Beside it the certificate of N flights (:class:`groundstation.core.control.adaptive.CertificateMonitor`): the same
 V_m against the same bound, and how long that lasts; nobody is told. Written again is only what the watch does step by
 step with numbers of one flight (a test holds both against each other).
 """

@@ -28,7 +28,7 @@ STATION = """
 import asyncio, sys
 from links.rf.channel_map import ArmSwitch, ChannelMap
 from links.rf.dsm_codec import DsmLinkConfig
-from links.core.port import Command, Segment
+from links.core.deadman import Command, Segment
 from links.rf.link import SerialRfLink
 
 async def main():

@@ -12,7 +12,7 @@ from groundstation.config import UserCodeFault
 from groundstation.core import Tick
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from groundstation.flight.command_loop import Pacing, StallDetector
+from groundstation.flight.flight import Pacing, StallDetector
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from links.core import Command

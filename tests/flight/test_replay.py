@@ -208,7 +208,7 @@ def test_a_change_that_a_replay_does_not_ask_for_is_told_of(capsys: pytest.Captu
 def test_a_replay_opens_no_port_of_a_real_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
     path, _, _ = recorded(source="odometry")
     opened: list[str] = []
-    monkeypatch.setattr("links.io.serial_port.open_port", lambda port, _: opened.append(port))
+    monkeypatch.setattr("links.io.wires.open_port", lambda port, _: opened.append(port))
     facts = replay_facts(path, ["link.serial=/dev/ttyACM0"])
     assert opened == []
     assert facts["identical"] is False

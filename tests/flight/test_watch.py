@@ -4,7 +4,7 @@ import pytest
 
 from groundstation.core import Tick
 from groundstation.core.control import Gains, noise_power
-from groundstation.core.control.certificate import LIMITS, POSES, VERTICAL, terms
+from groundstation.core.control.adaptive import LIMITS, POSES, VERTICAL, terms
 from groundstation.core.messages import Diagnostics
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare

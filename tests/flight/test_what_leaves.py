@@ -12,7 +12,7 @@ from groundstation.core.control import bring_down, model_descent
 from groundstation.core.mission import State, operator
 from groundstation.core.safety import GuardsConfig
 from groundstation.flight import Flight, hold_to_run
-from groundstation.flight.command_loop import DRAIN_S, LINK_LOOK_S, STALL_S
+from groundstation.flight.flight import DRAIN_S, LINK_LOOK_S, STALL_S
 from groundstation.flight.mission_executive import LAST_CHANCE_S
 from groundstation.interfaces.api.client import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S
@@ -22,8 +22,8 @@ from links.core import Command
 from links.core.deadman import BRING_DOWN_LIMIT_S, DEADLINE_LIMIT_S
 from links.mavlink import MavlinkLinkConfig
 from links.mavlink.connection import HEARTBEAT_S
-from links.mavlink.protocol import steps
-from links.mavlink.protocol.status import ESTIMATE_OLD_S
+from links.mavlink.protocol import procedures
+from links.mavlink.protocol.codec import ESTIMATE_OLD_S
 from links.rf import LOOK_S, Channels, DsmLinkConfig, StandbyWatch
 from links.rf.pacer import AFTERLIFE_S
 from links.rf.pacer_standby import PREPARE_S
@@ -54,12 +54,12 @@ PROMISES = [
     ("with at most {:.2f} of the thrust that hovers", model_descent.MOST),
     ("more than what hovers for at most {:.0f} ms in all", 1e3 * model_descent.BRAKE_S),
     ("moment, at most {:.1f} s old", ESTIMATE_OLD_S),
-    ("for mode LAND as well, up to six times", steps.TRIES),
-    ("(HEARTBEAT, every {:.1f} s", steps.MODE_AGAIN_S),
-    ("for up to {:.1f} s): one that somebody", steps.MODE_PATIENCE_S),
+    ("for mode LAND as well, up to six times", procedures.TRIES),
+    ("(HEARTBEAT, every {:.1f} s", procedures.MODE_AGAIN_S),
+    ("for up to {:.1f} s): one that somebody", procedures.MODE_PATIENCE_S),
     ("Presses within {:.0f} s count once", operator.ONCE_S),
-    ("is repeated every {:.0f} ms until it is acknowledged", 1e3 * steps.KILL_AGAIN_S),
-    ("until it is acknowledged, {:.0f} s at most", steps.KILL_PATIENCE_S),
+    ("is repeated every {:.0f} ms until it is acknowledged", 1e3 * procedures.KILL_AGAIN_S),
+    ("until it is acknowledged, {:.0f} s at most", procedures.KILL_PATIENCE_S),
     ("sent once a second", HEARTBEAT_S),
     ("the motors stop by themselves, within {:.0f} s", STOP_S),
     ("let go, it lands within {:.0f} ms", 1e3 * LOOKS_S),

@@ -25,7 +25,7 @@ from groundstation.core.estimation import (
     update_covariance,
     update_moving_covariance,
 )
-from groundstation.core.estimation.observer import KalmanGain
+from groundstation.core.estimation.estimator import KalmanGain
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.trajectory import LemniscateConfig
 from sim.runs import fly

@@ -13,12 +13,18 @@ from groundstation.core.estimation import (
     Covariance,
     Densities,
     Effectiveness,
+    correct,
+    correct_by_both,
+    initial_covariance,
     initial_effectiveness,
-    observer,
+    innovation,
+    predict_covariance,
     predict_effectiveness,
+    update_covariance,
     update_effectiveness,
+    update_moving_covariance,
 )
-from groundstation.core.estimation.observer import EFFECTIVENESS_LIMITS
+from groundstation.core.estimation.estimator import EFFECTIVENESS_LIMITS
 from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.vehicle import ActuatorCommand, ActuatorResponse, Motion, integrate_actuators, integrate_motion
 
@@ -62,7 +68,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
     """Without a walk of λ: three chains and λ in one covariance give the same estimates, to rounding."""
     noise, draw = 1e-6, random.Random(seed)
     x, big = np.zeros(13), np.zeros((13, 13))
-    small = observer.initial_covariance(noise)
+    small = initial_covariance(noise)
     for i in range(3):
         big[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = dense(small)
     big[12, 12] = 0.15**2
@@ -75,7 +81,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
             f[4 * i, 12], f[4 * i + 1, 12] = push[0][i], push[1][i]
         q = np.diag([*([DENSITIES.position, *DENSITIES[1:]] * 3), 0.0]) * h
         x, big = f @ x, f @ big @ f.T + q
-        small = observer.predict_covariance(small, h, DENSITIES)
+        small = predict_covariance(small, h, DENSITIES)
         e = predict_effectiveness(e, h, thrust_gives(push[1], push[0]), 1.0, 0.0)
         state = state @ transition(h)[:4, :4].T
         state[:, 0] += (e.value - 1.0) * np.array(push[0])
@@ -89,7 +95,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
                 big = big - np.outer(k, row)
             step = tuple(measured[i] - state[i, of] for i in range(3))
             variance = (small.vv if of else small.pp) + r
-            gain, small = (observer.update_moving_covariance if of else observer.update_covariance)(small, r)
+            gain, small = (update_moving_covariance if of else update_covariance)(small, r)
             e, moved = update_effectiveness(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
             for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
                 state[i] += np.array(gain) * step[i] + moved * np.array(chain)
@@ -106,7 +112,7 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
     h, mass, lag = 0.02, 1.0, 0.05
     still = Motion(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), 9.81, ZERO)
     truth, believed = still, still
-    e, covariance, d, c = initial_effectiveness(0.15), observer.initial_covariance(1e-8), ZERO, ZERO
+    e, covariance, d, c = initial_effectiveness(0.15), initial_covariance(1e-8), ZERO, ZERO
     for n in range(round(seconds / h)):
         swing = math.sin(2.0 * math.pi * n * h) if shaken else 0.0
         drive = ActuatorCommand(9.81 * (1.0 + 0.3 * swing), (0.8 * swing, 0.0, 0.0))
@@ -120,15 +126,15 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
 
         truth, _ = roll(truth, true, wind, ZERO)
         model, push = roll(believed, e.value, d, c)
-        expected = observer.predict_covariance(covariance, h, DENSITIES)
-        gain, covariance = observer.update_covariance(expected, 1e-8)
+        expected = predict_covariance(covariance, h, DENSITIES)
+        gain, covariance = update_covariance(expected, 1e-8)
         e = predict_effectiveness(e, h, push, mass, 0.0)
-        step = observer.innovation(truth.position, model.position)
+        step = innovation(truth.position, model.position)
         e, moved = update_effectiveness(FLOATS, e, step, gain, expected.pp + 1e-8)
-        d = observer.correct_by_both(observer.correct(d, h, c), gain.d, step, moved, e.d)
-        c = observer.correct_by_both(c, gain.c, step, moved, e.c)
-        position = observer.correct_by_both(model.position, gain.p, step, moved, e.p)
-        velocity = observer.correct_by_both(model.velocity, gain.v, step, moved, e.v)
+        d = correct_by_both(correct(d, h, c), gain.d, step, moved, e.d)
+        c = correct_by_both(c, gain.c, step, moved, e.c)
+        position = correct_by_both(model.position, gain.p, step, moved, e.p)
+        velocity = correct_by_both(model.velocity, gain.v, step, moved, e.v)
         believed = Motion(position, velocity, truth.attitude, model.thrust, model.rates)
     return e, list(d)
 
@@ -156,6 +162,6 @@ def test_what_is_broken_is_not_taken_for_worn() -> None:
 def test_told_exactly_it_never_moves() -> None:
     e = initial_effectiveness(0.0)
     e = predict_effectiveness(e, 0.02, thrust_gives((0.0, 0.0, -0.2), (0.0, 0.0, -2e-3)), 1.0, 0.0)
-    gain, _ = observer.update_covariance(observer.initial_covariance(1e-6), 1e-6)
+    gain, _ = update_covariance(initial_covariance(1e-6), 1e-6)
     after, moved = update_effectiveness(FLOATS, e, (0.1, 0.1, 0.1), gain, 1e-6)
     assert (after.value, moved) == (1.0, 0.0)

@@ -19,8 +19,7 @@ from links.mavlink.protocol import (
     disarming,
     landing_disarmed,
 )
-from links.mavlink.protocol.procedures import STREAM_S, silence, stream
-from links.mavlink.protocol.steps import ANSWER_S, PATIENCE_S, TRIES
+from links.mavlink.protocol.procedures import ANSWER_S, PATIENCE_S, STREAM_S, TRIES, silence, stream
 
 Answer = Callable[[Any], list[Any]]
 

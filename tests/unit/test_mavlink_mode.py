@@ -1,10 +1,10 @@
-"""links/mavlink/protocol/steps.py: an autopilot that is asked for its mode."""
+"""links/mavlink/protocol/procedures.py: an autopilot that is asked for its mode."""
 
 import math
 
 from links.mavlink.protocol import PX4, REQUEST_MESSAGE, AskMode, AutopilotAddress, MavlinkCodec, Words
-from links.mavlink.protocol.steps import MODE_AGAIN_S as AGAIN_S
-from links.mavlink.protocol.steps import MODE_PATIENCE_S as PATIENCE_S
+from links.mavlink.protocol.procedures import MODE_AGAIN_S as AGAIN_S
+from links.mavlink.protocol.procedures import MODE_PATIENCE_S as PATIENCE_S
 from tests.unit.test_mavlink_link import D
 
 HEARTBEAT = D.MAVLink_heartbeat_message(2, PX4, 128, 6 << 16, 3, 3)

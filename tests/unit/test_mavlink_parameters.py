@@ -23,8 +23,7 @@ from links.mavlink.protocol import (
     decode,
     encode,
 )
-from links.mavlink.protocol.procedures import ASKED, AT_ONCE
-from links.mavlink.protocol.steps import TRIES
+from links.mavlink.protocol.procedures import ASKED, AT_ONCE, TRIES
 
 INT8, INT32 = 2, 6
 

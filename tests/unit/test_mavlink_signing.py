@@ -1,4 +1,4 @@
-"""links/mavlink/protocol/signing.py and signing_key.py: what is signed, what is believed, and where the key lies."""
+"""links/mavlink/protocol/codec.py and signing_key.py: what is signed, what is believed, and where the key lies."""
 
 import base64
 import os
@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from links.io import read_key
 from links.mavlink import StampFile
 from links.mavlink.protocol import ARM_DISARM, TICKS_PER_S, MavlinkCodec, Signer
-from links.mavlink.protocol.signing import MINUTE
+from links.mavlink.protocol.codec import MINUTE
 from tests.mavlink_table import golden
 
 KEY = bytes(range(32))

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import pytest
 
-import links.mavlink.transport
+import links.mavlink.connection
 from links.core import Command
 from links.io import parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
@@ -120,7 +120,7 @@ ENDS: dict[str, Callable[[Path], End]] = {
 
 @pytest.fixture(params=ENDS)
 def end(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[End]:
-    monkeypatch.setattr(links.mavlink.transport, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr(links.mavlink.connection, "FIRST_PAUSE_S", 0.05)
     monkeypatch.setattr("links.mavlink.protocol.procedures.STREAM_S", 0.1)
     yield ENDS[request.param](tmp_path)
 

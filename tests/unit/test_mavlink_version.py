@@ -1,7 +1,7 @@
-"""links/mavlink/protocol/steps.py: the firmware's version, told, refused, or kept to itself."""
+"""links/mavlink/protocol/procedures.py: the firmware's version, told, refused, or kept to itself."""
 
 from links.mavlink.protocol import PX4, REQUEST_MESSAGE, AutopilotAddress, MavlinkCodec, ReadVersion, Words
-from links.mavlink.protocol.steps import ASKED
+from links.mavlink.protocol.procedures import VERSION_ASKED as ASKED
 
 CODEC = MavlinkCodec(245, 190)
 D = CODEC.dialect

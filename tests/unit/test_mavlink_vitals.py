@@ -3,7 +3,7 @@
 import pytest
 
 from links.mavlink.protocol import ARDUPILOT, PX4, MavlinkCodec, Vitals
-from links.mavlink.protocol.status import mode_name
+from links.mavlink.protocol.codec import mode_name
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ from typing import Any
 import msgspec
 import pytest
 
-import links.mavlink.transport
+import links.mavlink.connection
 from links.core import Command, LinkLost
 from links.io import open_port
 from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
+from links.mavlink.connection import TransportListener
 from links.mavlink.protocol import PX4, MavlinkCodec
-from links.mavlink.transport import TransportListener
 from tests.loops import free_address, in_real_time, in_virtual_time
 
 pytestmark = pytest.mark.real_time
@@ -121,7 +121,7 @@ class SerialEnd(Answering):
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(links.mavlink.transport, "FIRST_PAUSE_S", 0.05)
+    monkeypatch.setattr(links.mavlink.connection, "FIRST_PAUSE_S", 0.05)
     monkeypatch.setattr("links.mavlink.protocol.procedures.STREAM_S", 0.1)
 
 
@@ -198,7 +198,7 @@ def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_new_arm
 def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(links.mavlink.transport, "LONGEST_PAUSE_S", 0.2)
+    monkeypatch.setattr(links.mavlink.connection, "LONGEST_PAUSE_S", 0.2)
 
     async def main() -> None:
         end = SerialEnd(tmp_path / "ttyACM0").plug()
@@ -306,7 +306,7 @@ def test_a_port_that_ends_as_the_autopilot_is_heard_again_is_opened_again(monkey
         wires.append(BreakingWire(ear))
         return wires[-1]
 
-    monkeypatch.setattr(links.mavlink.transport, "opener", lambda config: open_breaking)
+    monkeypatch.setattr(links.mavlink.connection, "opener", lambda config: open_breaking)
 
     async def main() -> None:
         config = MavlinkLinkConfig(serial="/dev/ttyACM0", quiet=False)

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
-import links.io.suspend
+import links.io.wires
 from links.core import LinkError
 from links.io import Sleep
-from links.io.suspend import OURS_S, SHORTEST_S
+from links.io.wires import OURS_S, SHORTEST_S
 from links.mavlink import MavlinkLink
 from links.rf import Arm, FramePacer, pacer_child
 from links.rf.pacer_child import Clock, Commander
@@ -33,8 +33,8 @@ class Lid:
 def lid(monkeypatch: pytest.MonkeyPatch) -> Iterator[Lid]:
     """In simulated time, too: there every clock counts as this machine's."""
     lid = Lid()
-    monkeypatch.setattr(links.io.suspend, "_ahead_s", lid.ahead_s)
-    monkeypatch.setattr(links.io.suspend, "OURS_S", float("inf"))
+    monkeypatch.setattr(links.io.wires, "_ahead_s", lid.ahead_s)
+    monkeypatch.setattr(links.io.wires, "OURS_S", float("inf"))
     yield lid
 
 
@@ -46,7 +46,7 @@ def test_a_computer_that_is_awake_has_not_slept() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux tells of its sleep")
 def test_linux_has_a_clock_that_goes_on_in_sleep() -> None:
-    assert links.io.suspend._AWAKE_OR_NOT == time.CLOCK_BOOTTIME
+    assert links.io.wires._AWAKE_OR_NOT == time.CLOCK_BOOTTIME
 
 
 def test_it_is_told_how_long_the_computer_slept_since_the_watch_began(lid: Lid) -> None:
@@ -70,7 +70,7 @@ def test_a_program_that_stands_still_as_the_watch_begins_is_watched(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     lid = Lid()
-    monkeypatch.setattr(links.io.suspend, "_ahead_s", lid.ahead_s)
+    monkeypatch.setattr(links.io.wires, "_ahead_s", lid.ahead_s)
 
     def stuck() -> float:
         now = time.monotonic()
@@ -84,7 +84,7 @@ def test_a_program_that_stands_still_as_the_watch_begins_is_watched(
 
 def test_a_simulation_goes_on_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     lid = Lid()
-    monkeypatch.setattr(links.io.suspend, "_ahead_s", lid.ahead_s)
+    monkeypatch.setattr(links.io.wires, "_ahead_s", lid.ahead_s)
     simulated, real = Sleep(lambda: time.monotonic() - 2.0 * OURS_S), Sleep(time.monotonic)
     lid.slept_s += 600.0
     assert simulated.slept_s == 0.0

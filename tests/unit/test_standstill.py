@@ -1,6 +1,6 @@
 """Noticing that the program stood still, so that what waited meanwhile is not taken for fresh."""
 
-from groundstation.flight.command_loop import DRAIN_S, LOOK_S, STALL_S, StallDetector
+from groundstation.flight.flight import DRAIN_S, LOOK_S, STALL_S, StallDetector
 
 
 def looked(*times_s: float) -> StallDetector:

@@ -1,4 +1,4 @@
-"""links/core/thrust_curve.py."""
+"""links/core/deadman.py."""
 
 import pytest
 from hypothesis import given

@@ -5,8 +5,7 @@ import math
 import pytest
 
 from groundstation.core.control import LASTING_S, CertificateMonitor, Gains, noise_power
-from groundstation.core.control.baselines import Pid
-from groundstation.core.control.certificate import (
+from groundstation.core.control.adaptive import (
     COVERED_RATE_M_S3,
     LIMITS,
     POSES,
@@ -19,6 +18,7 @@ from groundstation.core.control.certificate import (
     decrease,
     terms,
 )
+from groundstation.core.control.baselines import Pid
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Decision, Diagnostics
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle

@@ -7,7 +7,7 @@ noise's integral (fit.py), so that only what is faster than it tells of thrust. 
 they pass for nothing else: c, how far the tracked point is from the centre of mass (2 cm pass for 8 % of thrust at
 1 Hz), and l, which takes up rotors that are not centred and attitudes that are not of the positions' instant.
 
-Thrust goes by its signal, where curve and scale are not as told. The curve is links/core/thrust_curve.py's.
+Thrust goes by its signal, where curve and scale are not as told. The curve is links/core/deadman.py's.
 """
 
 from collections.abc import Sequence

@@ -2,7 +2,21 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.control.adaptive import Adaptive, Gains, Uncompensated, bound_decrease
+    from groundstation.core.control.adaptive import (
+        LASTING_S,
+        SUSPENDED,
+        VIOLATED,
+        Adaptive,
+        CertificateMonitor,
+        CertificateReading,
+        Gains,
+        Uncompensated,
+        acceleration_sup,
+        bound_decrease,
+        measure,
+        noise_power,
+        thrust_bound,
+    )
     from groundstation.core.control.attitude import (
         acceleration,
         clamp_command,
@@ -14,37 +28,29 @@ if TYPE_CHECKING:
     )
     from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
     from groundstation.core.control.bring_down import OFF, plan_bring_down
-    from groundstation.core.control.certificate import (
-        LASTING_S,
-        SUSPENDED,
-        VIOLATED,
-        CertificateMonitor,
-        CertificateReading,
-        acceleration_sup,
-        measure,
-        noise_power,
-        thrust_bound,
-    )
     from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
     from groundstation.core.control.descent import Descent, ask
     from groundstation.core.control.model_descent import plan_model_descent
 
 _MODULES = {
-    "adaptive": ("Adaptive", "Gains", "Uncompensated", "bound_decrease"),
-    "attitude": ("acceleration", "clamp_command", "half_angle_error", "length", "push", "sine_error", "turning"),
-    "backstepping": ("Law", "LawState", "backstep", "yaw_rate"),
-    "bring_down": ("OFF", "plan_bring_down"),
-    "certificate": (
+    "adaptive": (
+        "Adaptive",
         "CertificateMonitor",
         "CertificateReading",
+        "Gains",
         "LASTING_S",
         "SUSPENDED",
+        "Uncompensated",
         "VIOLATED",
         "acceleration_sup",
+        "bound_decrease",
         "measure",
         "noise_power",
         "thrust_bound",
     ),
+    "attitude": ("acceleration", "clamp_command", "half_angle_error", "length", "push", "sine_error", "turning"),
+    "backstepping": ("Law", "LawState", "backstep", "yaw_rate"),
+    "bring_down": ("OFF", "plan_bring_down"),
     "controllers": ("ControllerConfig", "Custom", "make_controller"),
     "descent": ("Descent", "ask"),
     "model_descent": ("plan_model_descent",),

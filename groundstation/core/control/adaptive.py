@@ -1,17 +1,42 @@
-"""Adaptive controller: the law, fed the modelled actuators, its output led through their lags and limits.
+"""Adaptive controller: the law, fed the modelled actuators, its output led through their lags and limits. Sans-IO.
 
 Its configuration is the section ``[controller]``: every gain and switch with unit, default and reason.
+
+Lyapunov certificate: what the theory promises before a flight, and a monitor of V against it in flight.
+
+Before: The paper's bound in consistent units: T/m >= g - (B + ε) - sup|p¨d| - sup|u*| - √(2 V(0)), each sup over time
+of a Euclidean norm. It is conservative (with the paper's own gains it is negative), so it is reported, not refused on:
+in flight the commanded thrust is clamped above ``vehicle.thrust_min_n``.
+
+In flight, floats only: The wind is unknown, so b̃ is too; what the observer knows of it takes its place: w = d̂ - b̂.
+With V_m = V_known + |w|²/(2 kb), docs/explanation/law.md (section 5.9) has V_m˙ = -(W + κ|w|²) + terms, each a gradient
+at mid-frame times what moved within the frame; and, for the noise and the gusts that it covers,
+
+    V_m˙ <= -s (W + κ|w|²) + D
+
+on average. So from any instant on, V_m stays below its value there plus the integral of the right side. The monitor
+keeps the excess of V_m over the lowest of these bounds: zero where the theory holds; it grows where V rises, and also
+where V only swings, though it must fall. Lasting excess is a warning that names the largest term of V_m˙.
 """
 
 import math
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from groundstation.core.control.backstepping import Law, LawOutput, LawState, backstep, turn_rates, within, yaw_rate
-from groundstation.core.estimation import Composite, NonNegative, Positive
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate, third_column
-from groundstation.core.messages import Decision, Diagnostics, Estimate
+from groundstation.core.control.backstepping import (
+    Law,
+    LawOutput,
+    LawState,
+    axis,
+    backstep,
+    turn_rates,
+    within,
+    yaw_rate,
+)
+from groundstation.core.estimation import Composite, Estimation, NonNegative, Positive
+from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate, third_column, to_body
+from groundstation.core.messages import Certificate, Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead, new
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, lead, new
 
 
 class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="adaptive"):
@@ -316,3 +341,408 @@ def bound_decrease(gains: Gains) -> str:
     if gains.kb**2 * gains.kappa * beyond**2 >= 4.0 * min(gains.k3, gains.k3_down):
         return "none: the proof needs kb² κ < 4 k3"
     return "composite: V and the observer's error fall together, by a share of W at least"
+
+
+NO_FUNCTION = "none: this controller comes without a Lyapunov function"
+
+
+class ThrustBound(NamedTuple):
+    """The bound and its terms, all in m/s²."""
+
+    bound: float
+    """What thrust over mass never falls below; negative: the theory promises nothing."""
+    gravity: float
+    disturbance: float
+    """B + ε."""
+    reference: float
+    """sup |p¨d|."""
+    virtual_control: float
+    """sup |u*|: √3 times the largest value on one axis."""
+    start: float
+    """√(2 V(0))."""
+
+
+def virtual_control_sup(law: Law) -> float:
+    """The largest |u*| on one axis [m/s²], over all position and speed errors (u* is odd: z1_dot > 0 is enough).
+
+    A coarse grid far beyond where Ω' has made u* fall again (one half of it, as u* is odd), then three finer ones
+    around its best point.
+    """
+    m = law.sigma_bound
+    z1, z1_span = 0.0, 10.0 * m / law.sigma_slope
+    x2 = x2_span = 5.0 * (m + law.velocity_scale)
+    top, points = 0.0, 30
+    for last in (0, 12, 12, 12):
+        best = (z1, x2)
+        for i in range(-points, last + 1):
+            for j in range(-points, points + 1):
+                first, second = z1 + z1_span * i / points, x2 + x2_span * j / points
+                value = abs(axis(FLOATS, law, first, second).u_star)
+                if value > top:
+                    top, best = value, (first, second)
+        z1, x2 = best
+        z1_span, x2_span, points = 2.0 * z1_span / points, 2.0 * x2_span / points, 12
+    return top
+
+
+def thrust_bound(law: Law, *, acceleration_sup: float, v_start: float) -> ThrustBound:
+    """The bound for a reference whose acceleration stays below ``acceleration_sup`` [m/s²], from V(0) = ``v_start``."""
+    disturbance = law.b_bound + law.epsilon
+    control = math.sqrt(3.0) * virtual_control_sup(law)
+    start = math.sqrt(2.0 * v_start)
+    bound = law.gravity - disturbance - acceleration_sup - control - start
+    return ThrustBound(bound, law.gravity, disturbance, acceleration_sup, control, start)
+
+
+def acceleration_sup(accelerations: list[Vec3]) -> float:
+    """sup |p¨d| [m/s²] over samples of a reference."""
+    return max((math.hypot(*a) for a in accelerations), default=0.0)
+
+
+COVERED_RATE_M_S3 = 8.0
+"""β: how fast b̂ and û may be moved by wind and actuators, and the bound still hold [m/s³]. The sine gusts of `adverse`
+have 0.9; a tilt rate that is off by 0.8 rad/s, as behind the front of `gust_front`, has 8."""
+
+
+class Decrease(NamedTuple):
+    """The bound V_m˙ <= -s (W + κ|w|²) + D for one set of gains (docs/explanation/law.md, section 5.9)."""
+
+    name: str
+    """Which bound holds, or why none does."""
+    share: float
+    """s [-]; 0 where nothing is proved."""
+    power: float
+    """What D has for wind and actuators; :func:`noise_power` comes on top [m²/s³]."""
+    spare: float
+    """How far V_m may stand above its bound for what is not measured [m²/s²]."""
+
+
+def decrease(law: Law) -> Decrease:
+    """The bound that these gains have in flight."""
+    name = bound_decrease(law) if isinstance(law, Gains) else "none: the gains of the law alone"
+    left = 1.0
+    if name.startswith("composite") and isinstance(law, Gains):
+        beyond = max(1.0, ((law.b_bound + law.epsilon) / law.b_bound) ** 2 - 1.0)
+        left = 1.0 - 0.5 * law.kb * beyond * math.sqrt(law.kappa / min(law.k3, law.k3_down))
+    # Without a d̂ of its own nothing stands for b̃: V_known may rise by what the last term of V can give.
+    spare = 0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb if name.startswith("paper") else 0.0
+    share = 0.0 if name.startswith("none") else 0.5 * left
+    return Decrease(name, share, COVERED_RATE_M_S3**2 / (2.0 * left * min(law.k3, law.k3_down)), spare)
+
+
+class Measure(NamedTuple):
+    """V_m = V_known + |w|²/(2 kb) with w = d̂ - b̂, and what it must fall by, for one set of gains. Elementwise."""
+
+    decrease: Decrease
+    """The bound that these gains have."""
+    weight: float
+    """1/(2 kb) [s²]; 0 without an observer that finds d̂ by itself."""
+    kappa: float
+    """κ [1/s]; 0 likewise."""
+    b_bound2: float
+    """B², what the law keeps |b̂|² about [m²/s⁴]; without adaptation inf."""
+
+    def of(self, d: Diagnostics) -> tuple[Real, Real]:
+        """V_m [m²/s²], and W + κ|w|² [m²/s³], where the law says ``d``."""
+        bx, by, bz = d.b_hat
+        wx, wy, wz = d.disturbance
+        wx, wy, wz = wx - bx, wy - by, wz - bz
+        ww = wx * wx + wy * wy + wz * wz
+        return d.v_known + self.weight * ww, d.w + self.kappa * ww
+
+
+def measure(config: Estimation) -> Measure:
+    """What can be measured of V under these gains; for a controller without a Lyapunov function, of nothing."""
+    law = config if isinstance(config, Law) else None
+    known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
+    bound2 = law.b_bound**2 if law is not None and law.kb > 0.0 else math.inf
+    if isinstance(config, Gains) and config.composite == "provable" and config.kb > 0.0:
+        return Measure(known, 0.5 / config.kb, config.kappa, bound2)
+    return Measure(known, 0.0, 0.0, bound2)
+
+
+def noise_power(law: Law, noise_m: Real, interval_s: Real) -> Real:
+    """What D has for poses of noise ``noise_m`` [m, 1σ per axis] every ``interval_s`` [s]: [m²/s³]. Elementwise.
+
+    Innovations are white, so on average V_m only gains the second-order part of their jumps: half of its curvature at
+    the origin times their intensity, on three axes. The observer's gains are those of its steady state in continuous
+    time for a chain that the disturbance's rate drives: a Butterworth filter of order 4.
+    """
+    intensity = noise_m * noise_m * interval_s
+    w: Real = (law.wind_rate_noise**2 / intensity) ** 0.125
+    l1, l2, l3 = 2.613 * w, 3.414 * w * w, 2.613 * w * w * w
+    if law.composite == "off":
+        l3 = 0.0
+    r = law.sigma_slope
+    z2 = l2 + r * l1
+    z3 = l3 + law.k2 * law.rho_slope * z2 + r * (l1 + l2)
+    return 1.5 * intensity * (r * l1 * l1 + z2 * z2 + z3 * z3)
+
+
+RATES = "rate error of the actuators"
+THRUST = "thrust error of the actuators"
+LIMITS = "commands at their limit"
+WITNESSES = "observer and tracking disagree about the wind (kb² κ against 4 k3)"
+SIDEWAYS = "the disturbance moves sideways (gusts; or rate lag, delay or attitude not as told)"
+VERTICAL = "the disturbance moves vertically (gusts; or thrust, its lag or delay not as told)"
+POSES = "poses contradict the model (noise, or lags or delay not as told)"
+
+
+def terms(
+    before: Motion,
+    told: Diagnostics,
+    saturated: bool,
+    after: Motion,
+    now: Diagnostics,
+    dt: float,
+    *,
+    total: float,
+    mass: float,
+    pull: float,
+) -> dict[str, float]:
+    """What V_m gained from each source within one frame [m²/s²].
+
+    Args:
+        before: the vehicle at the last command.
+        told: what the law said there.
+        saturated: whether that command was clamped; the law then adapts nothing at the present one.
+        after: the vehicle at the present command.
+        now: what the law says there.
+        dt: between the two [s].
+        total: V_m's rise plus the decrease W + κ|w|² over the frame [m²/s²].
+        mass: [kg].
+        pull: kb κ [1/s].
+    """
+    z3: Vec3 = (
+        0.5 * (told.z3[0] + now.z3[0]),
+        0.5 * (told.z3[1] + now.z3[1]),
+        0.5 * (told.z3[2] + now.z3[2]),
+    )
+    zx, zy, zz = to_body(before.attitude, z3)
+    x, y = (0.5 * (before.rates[i] + after.rates[i]) - told.rates_wanted[i] for i in (0, 1))
+    turning = before.thrust / mass * (zy * x - zx * y) * dt
+    pushing = (told.thrust_rate * dt - (after.thrust - before.thrust)) / mass * zz
+    d, e = told.disturbance, now.disturbance
+    moved = (z3[0] * (e[0] - d[0]), z3[1] * (e[1] - d[1]), z3[2] * (e[2] - d[2]))
+    w = (d[0] - told.b_hat[0], d[1] - told.b_hat[1], d[2] - told.b_hat[2])
+    found = {
+        LIMITS if saturated else RATES: turning,
+        WITNESSES: 0.0 if saturated else pull * dt * (z3[0] * w[0] + z3[1] * w[1] + z3[2] * w[2]),
+        SIDEWAYS: moved[0] + moved[1],
+        VERTICAL: moved[2],
+    }
+    if saturated:
+        found[LIMITS] += pushing
+    else:
+        found[THRUST] = pushing
+    found[POSES] = total - sum(found.values())
+    return found
+
+
+LASTING_S = 0.5
+"""What lasts so long is told [s]: an outage of the poses, or a gust's front, is over by then."""
+REST_S = 5.0
+"""What comes again sooner than this after its end is not told again [s]."""
+
+HOLDS, VIOLATED, SUSPENDED, NONE = "holds", "violated", "suspended", "none"
+
+
+class CertificateReading(NamedTuple):
+    """What the watch says at one command."""
+
+    state: str
+    """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no promise)."""
+    excess: float
+    """V_m above its bound [m²/s²]."""
+    warning: str
+    """A sentence for the operator, once for each lasting violation; else empty."""
+
+
+class Lasting:
+    """A condition that is told once when it has lasted, and again only after a rest."""
+
+    __slots__ = ("_ended_s", "_told", "for_s")
+
+    def __init__(self) -> None:
+        """It is not so."""
+        self.for_s = 0.0
+        self._told = False
+        self._ended_s = -math.inf
+
+    def so(self, time_s: float, dt: float) -> bool:
+        """It was so for another ``dt`` [s]; True when that is to be told."""
+        if self.for_s == 0.0 and time_s - self._ended_s > REST_S:
+            self._told = False
+        self.for_s += dt
+        if self._told or self.for_s < LASTING_S:
+            return False
+        self._told = True
+        return True
+
+    def over(self, time_s: float) -> None:
+        """It is so no longer."""
+        if self.for_s > 0.0:
+            self.for_s = 0.0
+            self._ended_s = time_s
+
+
+class CertificateMonitor:
+    """Looks at every command of one flight, and changes nothing."""
+
+    def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
+        """Take the vehicle as told and the gains; a controller without a Lyapunov function has its limits watched."""
+        self._vehicle = vehicle
+        self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
+        self._noise: tuple[float, float] | None = None
+        self._rising, self._outside, self._pinned = Lasting(), Lasting(), Lasting()
+        self._fed: dict[str, float] = {}
+        self._peak = self._fed_s = self._watched_s = self._violated_s = self._suspended_s = 0.0
+        self._opening = ""
+        self.regain(config)
+        if self._law is not None and self._known.share == 0.0:
+            self._opening = f"Lyapunov: {self._known.name}; only a lasting rise of V will be told"
+
+    def regain(self, config: Estimation) -> None:
+        """The gains are others from now on, and V with them: begin from there."""
+        law = config if isinstance(config, Law) else None
+        self._config, self._law, self._measure = config, law, measure(config)
+        self._known, self._bound2 = self._measure.decrease, self._measure.b_bound2
+        self._radius = law.b_bound + law.epsilon if law is not None else None
+        self._power = self._known.power
+        if self._noise is not None:
+            self.noise(*self._noise)
+        self._quiet = self._state(suspended=False)
+        self.restart()
+
+    def restart(self) -> None:
+        """The reference jumps, and V with it: begin from there."""
+        self._time = -math.inf
+        self._v = self._fall = self._excess = 0.0
+        self._motion: Motion | None = None
+        self._decision: Decision | None = None
+
+    def noise(self, noise_m: float, interval_s: float) -> None:
+        """The poses' noise as measured [m, 1σ per axis] and their mean interval [s]: D follows them."""
+        self._noise = (noise_m, interval_s)
+        if self._law is not None:
+            self._power = self._known.power + noise_power(self._law, noise_m, interval_s)
+
+    def look(self, time_s: float, motion: Motion, decision: Decision) -> CertificateReading:
+        """One command, and the motion that it rests on."""
+        v, fall = self._measure.of(decision.diagnostics)
+        dt, before = time_s - self._time, self._decision
+        words, self._opening, state = self._opening, "", NONE
+        if before is not None and 0.0 < dt < LASTING_S:
+            rise, fallen = v - self._v, 0.5 * dt * (fall + self._fall)
+            excess = self._excess + rise + self._known.share * fallen - self._power * dt
+            if excess > 0.0 or self._excess > 0.0:
+                words = _both(words, self._above(excess, v, rise + fallen, dt, motion, before, decision))
+            bx, by, bz = decision.diagnostics.b_hat
+            b2 = bx * bx + by * by + bz * bz
+            if b2 > self._bound2 or self._outside.for_s > 0.0:
+                words = _both(words, self._beyond(math.sqrt(b2), dt))
+            thrust = decision.drive.thrust
+            if not self._least_n < thrust < self._most_n or self._pinned.for_s > 0.0:
+                words = _both(words, self._at_limit(thrust, dt))
+            self._watched_s += dt
+            state = self._quiet
+            if before.saturated or self._excess > 0.0 or self._outside.for_s > 0.0:
+                state = self._state(suspended=before.saturated)
+                if state is VIOLATED:
+                    self._violated_s += dt
+                elif state is SUSPENDED:
+                    self._suspended_s += dt
+        self._time = time_s
+        self._v, self._fall, self._motion, self._decision = v, fall, motion, decision
+        return CertificateReading(state, self._excess, words)
+
+    def _above(
+        self, excess: float, v: float, total: float, dt: float, motion: Motion, before: Decision, decision: Decision
+    ) -> str:
+        """V_m is above its bound, or was until now: what has fed it since?"""
+        if self._excess == 0.0:
+            self._fed, self._fed_s, self._peak = {}, 0.0, 0.0
+        # The bound is not let fall below zero by more than V has been above it, so that what is over is over.
+        self._peak = max(self._peak, v)
+        self._excess = excess = min(max(excess, 0.0), self._peak + self._known.spare)
+        if excess <= self._known.spare:
+            self._rising.over(self._time)
+        if excess <= 0.0 or self._motion is None:
+            return ""
+        self._fed_s += dt
+        for name, energy in terms(
+            self._motion,
+            before.diagnostics,
+            before.saturated,
+            motion,
+            decision.diagnostics,
+            dt,
+            total=total,
+            mass=self._vehicle.mass_kg,
+            pull=self._config.kb * self._measure.kappa,
+        ).items():
+            self._fed[name] = self._fed.get(name, 0.0) + energy
+        # While adaptation is suspended nothing is promised, so that time does not count.
+        if excess <= self._known.spare or before.saturated or not self._rising.so(self._time, dt):
+            return ""
+        return f"Lyapunov: V has been above its bound for {self._fed_s:.1f} s; largest term: {self._largest()}"
+
+    def _largest(self) -> str:
+        """The largest term since V has been above its bound, and the next where it is half as large."""
+        (name, most), (other, next_) = sorted(self._fed.items(), key=lambda item: -item[1])[:2]
+        said = f"{name}, {most / self._fed_s:.2g} m²/s³"
+        # Commands at a limit are often the consequence, and what comes next is the cause.
+        return said if next_ < 0.5 * most else f"{said}; then {other}, {next_ / self._fed_s:.2g}"
+
+    def _beyond(self, length: float, dt: float) -> str:
+        """|b̂| is above B, or was until now."""
+        law = self._law
+        if law is None or length <= law.b_bound:
+            self._outside.over(self._time)
+            return ""
+        if not self._outside.so(self._time, dt):
+            return ""
+        return (
+            f"Lyapunov: |b̂| = {length:.1f} m/s² has been above B = {law.b_bound:g} for {self._outside.for_s:.1f} s: "
+            "wind, thrust or mass are off by more than controller.b_bound covers"
+        )
+
+    def _at_limit(self, thrust: float, dt: float) -> str:
+        """The thrust is at one of its limits, or was until now."""
+        if self._least_n < thrust < self._most_n:
+            self._pinned.over(self._time)
+            return ""
+        if not self._pinned.so(self._time, dt):
+            return ""
+        which = "upper" if thrust >= self._most_n else "lower"
+        return (
+            f"thrust margin: the command has been at its {which} limit, {thrust:.2f} N, "
+            f"for {self._pinned.for_s:.1f} s; the Lyapunov bound is suspended"
+        )
+
+    def _state(self, *, suspended: bool) -> str:
+        if max(self._rising.for_s, self._outside.for_s) >= LASTING_S:
+            return VIOLATED
+        if self._law is None:
+            return NONE
+        return SUSPENDED if suspended else HOLDS if self._known.share > 0.0 else NONE
+
+    def reading(self) -> Certificate | None:
+        """For screens; None before the second command."""
+        decision = self._decision
+        if decision is None or self._watched_s == 0.0:
+            return None
+        return Certificate(
+            state=self._state(suspended=decision.saturated),
+            bound=self._known.name,
+            v=self._v,
+            excess=self._excess,
+            violated_fraction=self._violated_s / self._watched_s,
+            suspended_fraction=self._suspended_s / self._watched_s,
+            b_hat_fraction=self._radius and math.hypot(*decision.diagnostics.b_hat) / self._radius,
+        )
+
+
+def _both(words: str, more: str) -> str:
+    """Two sentences, either of which may be empty."""
+    return f"{words}; {more}" if words and more else words or more

@@ -3,21 +3,19 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.estimation.estimator import (
+        JITTER_SHOWS,
         NOISE_FLOOR_M2,
         NOISE_MEMORY,
         STEP_LIMIT,
+        AlongTrack,
         Composite,
+        Covariance,
+        Densities,
+        Effectiveness,
         Estimation,
         ModelEstimator,
         NonNegative,
         Positive,
-    )
-    from groundstation.core.estimation.observer import (
-        JITTER_SHOWS,
-        AlongTrack,
-        Covariance,
-        Densities,
-        Effectiveness,
         StampNoise,
         correct,
         correct_attitude,
@@ -41,21 +39,19 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "estimator": (
+        "AlongTrack",
         "Composite",
+        "Covariance",
+        "Densities",
+        "Effectiveness",
         "Estimation",
+        "JITTER_SHOWS",
         "ModelEstimator",
         "NOISE_FLOOR_M2",
         "NOISE_MEMORY",
         "NonNegative",
         "Positive",
         "STEP_LIMIT",
-    ),
-    "observer": (
-        "AlongTrack",
-        "Covariance",
-        "Densities",
-        "Effectiveness",
-        "JITTER_SHOWS",
         "StampNoise",
         "correct",
         "correct_attitude",
@@ -75,7 +71,7 @@ _MODULES = {
         "update_moving_covariance",
         "weigh_along",
         "widen_covariance",
-    ),
+    )
 }
 
 

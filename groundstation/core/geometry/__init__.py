@@ -4,18 +4,23 @@ from groundstation.core.geometry import so3 as so3
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.geometry.frames import Alignment, Body, Frames, World, axes, frames_of
     from groundstation.core.geometry.so3 import (
         FLOATS,
         IDENTITY,
+        Alignment,
+        Body,
+        Frames,
         Ops,
         Quat,
         Real,
         Vec3,
+        World,
         angle_deg,
         arrays,
+        axes,
         conjugate,
         euler_zyx,
+        frames_of,
         multiply,
         rotate,
         rotation_vector,
@@ -25,25 +30,30 @@ if TYPE_CHECKING:
     )
 
 _MODULES = {
-    "frames": ("Alignment", "Body", "Frames", "World", "axes", "frames_of"),
     "so3": (
+        "Alignment",
+        "Body",
         "FLOATS",
+        "Frames",
         "IDENTITY",
         "Ops",
         "Quat",
         "Real",
         "Vec3",
+        "World",
         "angle_deg",
         "arrays",
+        "axes",
         "conjugate",
         "euler_zyx",
+        "frames_of",
         "multiply",
         "rotate",
         "rotation_vector",
         "third_column",
         "to_body",
         "to_world",
-    ),
+    )
 }
 
 

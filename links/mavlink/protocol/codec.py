@@ -1,4 +1,4 @@
-"""MAVLink on the wire: bytes to messages, commands to frames. Sans-IO.
+"""MAVLink on the wire: bytes to messages, commands to frames, signatures, and the status that messages tell. Sans-IO.
 
     byte 0      0xFD (MAVLink 2; 0xFE is MAVLink 1, which has a header of 6 bytes and no flags)
     byte 1      length n of the payload
@@ -15,14 +15,25 @@ classes at once, which takes longer than a whole flight of seconds in simulation
 payload fields stand by the size of their types, largest first, the later ones (extensions) behind them in their own
 order; zeros at the end are left out.
 Source: mavlink.io/en/guide/serialization.html; the same bytes as pymavlink 2.4.50.
+
+Signing: which frames are ours to believe, and the proof that a frame is from us. A signed frame has bit 0 of its
+incompatible flags set and 13 more bytes behind the checksum:
+
+    byte 0       link id
+    byte 1..6    time stamp: units of 10 µs since 2015-01-01 UTC, little-endian; it grows with every frame
+    byte 7..12   first 6 bytes of SHA-256 over the key and the whole frame up to here
+
+Source: mavlink.io/en/guide/message_signing.html; the same bytes as pymavlink 2.4.50.
 """
 
 import math
 import re
 import struct
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from functools import cached_property
+from hashlib import sha256
+from hmac import compare_digest
 from operator import itemgetter
 from pkgutil import get_data
 from typing import Any, ClassVar, NamedTuple, TypeAlias
@@ -30,7 +41,69 @@ from typing import Any, ClassVar, NamedTuple, TypeAlias
 import msgspec
 from fastcrc.crc16 import mcrf4xx
 
-from links.mavlink.protocol.signing import SIGNATURE_BYTES, SIGNED, Signer
+from links.core import printable
+
+KEY_BYTES = 32
+SIGNED = 0x01
+"""Bit of the incompatible flags of a frame that is signed."""
+SIGNATURE_BYTES = 13
+TICKS_PER_S = 100_000
+"""Units of the time stamp in a second."""
+MINUTE = 60 * TICKS_PER_S
+"""A sender that nobody has heard yet may be this far behind our own time stamp."""
+
+_RADIO_STATUS = 109  # telemetry radios put it in by themselves, and know no key
+
+
+class Signer:
+    """Signs what leaves and judges what arrives, with one key."""
+
+    def __init__(self, key: bytes, clock: Callable[[], int], link_id: int = 0) -> None:
+        """``clock()`` tells the time in units of 10 µs since 2015-01-01 UTC.
+
+        Raises:
+            ValueError: the key has not 32 bytes.
+        """
+        if len(key) != KEY_BYTES:
+            raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
+        self._key = key
+        self._clock = clock
+        self._link = bytes([link_id])
+        self._streams: dict[bytes, int] = {}
+        self.stamp = 0
+        """The newest time stamp used or believed."""
+
+    def sign(self, frame: bytes, crc_extra: int) -> bytes:
+        """The unsigned MAVLink 2 ``frame``, signed; its definition's ``crc_extra`` makes the checksum anew."""
+        body = frame[:2] + bytes([frame[2] | SIGNED]) + frame[3:-2]
+        body += mcrf4xx(body[1:] + bytes([crc_extra])).to_bytes(2, "little")
+        self.stamp = max(self.stamp + 1, self._clock())
+        body += self._link + self.stamp.to_bytes(6, "little")
+        return body + self._proof(body)
+
+    def refuse(self, frame: bytes) -> str:
+        """Why the whole ``frame``, whose checksum is right, is not believed: unsigned, bad_signature or replayed.
+
+        Empty where it is believed; its time stamp then can't be used again.
+        """
+        if frame[0] != _V2 or not frame[2] & SIGNED:
+            radio = frame[0] == _V2 and int.from_bytes(frame[7:10], "little") == _RADIO_STATUS
+            return "" if radio else "unsigned"
+        if not compare_digest(self._proof(frame[:-6]), frame[-6:]):
+            return "bad_signature"
+        stream, stamp = frame[5:7] + frame[-13:-12], int.from_bytes(frame[-12:-6], "little")
+        newest = self._streams.get(stream)
+        if newest is None:
+            newest = max(self.stamp, self._clock()) - MINUTE - 1
+        if stamp <= newest:
+            return "replayed"
+        self._streams[stream] = stamp
+        self.stamp = max(self.stamp, stamp)
+        return ""
+
+    def _proof(self, body: bytes) -> bytes:
+        return sha256(self._key + body).digest()[:6]
+
 
 _CODES = {
     "double": "d", "float": "f", "uint64_t": "Q", "int64_t": "q", "uint32_t": "I", "int32_t": "i", "uint16_t": "H",
@@ -551,3 +624,191 @@ def _covariance(first: float, second: float) -> list[float]:
     for place, sigma in zip(_DIAGONAL, (first,) * 3 + (second,) * 3, strict=True):
         triangle[place] = sigma * sigma
     return triangle
+
+
+PX4_MODES = {
+    1: "MANUAL",
+    2: "ALTCTL",
+    3: "POSCTL",
+    4: "AUTO",
+    5: "ACRO",
+    6: "OFFBOARD",
+    7: "STABILIZED",
+    8: "RATTITUDE",
+}
+"""Main mode, bits 16 to 23 of HEARTBEAT.custom_mode."""
+PX4_AUTO = {2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND", 9: "PRECLAND"}
+"""Sub mode of AUTO, bits 24 to 31."""
+ARDUPILOT_MODES = {
+    0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE", 9: "LAND",
+    13: "SPORT", 15: "AUTOTUNE", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
+}  # fmt: skip
+"""HEARTBEAT.custom_mode of Copter."""
+ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
+"""The message that tells what its estimator knows; the flags of both mean the same but for the last."""
+ESTIMATE_HZ = 2.0
+"""How often it is asked for."""
+ESTIMATE_OLD_S = 2.5
+"""What it told so long ago does not count [s]; unasked, autopilots tell once a second."""
+_SPEED, _PLACE, _HEIGHT = 2 | 4, 8 | 16, 32 | 64
+_CONSTANT, _LAST = 128, 1024
+"""It believes that it stands still; PX4: GPS jumps, ArduPilot: not initialised yet."""
+FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
+"""Modes in which an autopilot follows set-points."""
+
+_PREARM = 0x10000000
+"""MAV_SYS_STATUS_PREARM_CHECK."""
+
+
+class Vitals:
+    """The newest of each. Times are on the event loop's clock [s]."""
+
+    def __init__(self) -> None:
+        """Nothing heard."""
+        self.mode = ""
+        """Its mode's name; empty before the first heartbeat, and where nobody knows its modes."""
+        self.mode_s = -math.inf
+        """When it was told."""
+        self.battery_v: float | None = None
+        self.battery_share: float | None = None
+        self.ready: bool | None = None
+        """Whether its own pre-arm checks pass; None where it does not tell, or can't know before set-points come."""
+        self._kind = -1
+        self._knows = False
+        self._knows_s = -math.inf
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take one message of the autopilot."""
+        match message.get_type():
+            case "HEARTBEAT":
+                self._kind = message.autopilot
+                self.mode, self.mode_s = mode_name(self._kind, message.custom_mode), now_s
+            case "SYS_STATUS":
+                volts, percent = message.voltage_battery, message.battery_remaining
+                self.battery_v = None if volts in (0, 0xFFFF) else 1e-3 * volts
+                self.battery_share = 0.01 * percent if 0 <= percent <= 100 else None
+                self.ready = self._ready(
+                    message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
+                )
+            case "ESTIMATOR_STATUS" | "EKF_STATUS_REPORT":
+                self._knows, self._knows_s = knows_itself(message.flags), now_s
+
+    def could_land(self, now_s: float) -> bool:
+        """Whether it has told of late that it knows where it is: then it comes down better by itself than unseen."""
+        return self._knows and now_s - self._knows_s < ESTIMATE_OLD_S
+
+    def _ready(self, enabled: int, health: int) -> bool | None:
+        """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as it is armed."""
+        passes = bool(health & _PREARM)
+        if self._kind == PX4:
+            return None if not passes and self.mode in (*FOLLOWING, "") else passes
+        return passes if enabled & _PREARM else None
+
+    def foreign(self, since_s: float) -> str:
+        """The mode that it is in since ``since_s``, where it follows no set-points there; else empty."""
+        return self.mode if self.mode_s >= since_s and self.mode not in (*FOLLOWING, "") else ""
+
+
+def knows_itself(flags: int) -> bool:
+    """Whether ESTIMATOR_STATUS.flags or EKF_STATUS_REPORT.flags tell of speed, height and some horizontal position."""
+    known = flags & _SPEED == _SPEED and bool(flags & _PLACE) and bool(flags & _HEIGHT)
+    return known and not flags & (_CONSTANT | _LAST)
+
+
+def mode_name(autopilot: int, custom_mode: int) -> str:
+    """What ``custom_mode`` of HEARTBEAT is called on ``autopilot`` (MAV_AUTOPILOT); empty on any other."""
+    if autopilot == ARDUPILOT:
+        return ARDUPILOT_MODES.get(custom_mode, f"mode {custom_mode}")
+    if autopilot != PX4:
+        return ""
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    name = PX4_MODES.get(main, f"mode {main}" if main else "")  # one that tells no mode is believed to follow
+    return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name
+
+
+_WARNING = 4
+"""MAV_SEVERITY_WARNING; lower is graver."""
+
+
+class Words:
+    """What the autopilot said of late (STATUSTEXT), long texts put together again, and only what is fit to be shown."""
+
+    def __init__(self) -> None:
+        """Nothing said yet."""
+        self._texts: deque[tuple[int, int, str]] = deque(maxlen=20)
+
+    def hear(self, message: Message) -> None:
+        """Take one STATUSTEXT."""
+        number, severity, text = message.id, message.severity, message.text
+        if number and message.chunk_seq and self._texts and self._texts[-1][0] == number:
+            text = self._texts.pop()[2] + text
+        self._texts.append((number, severity, text))
+
+    @property
+    def newest(self) -> str:
+        """The newest text, or an empty string."""
+        return printable(self._texts[-1][2].strip()) if self._texts else ""
+
+    def complaints(self) -> str:
+        """The last warnings and errors, newest last, each once; an empty string where there are none."""
+        texts = [printable(text.strip()) for _, severity, text in self._texts if severity <= _WARNING]
+        return "; ".join(f"“{text}”" for text in list(dict.fromkeys(texts))[-3:])
+
+
+STALE_NEWS_S = 0.5
+"""A HEARTBEAT may have left before the arming that it denies: it is not believed for this long after it [s]."""
+
+
+class HeartbeatMonitor:
+    """The one autopilot at the other end. Times are on the event loop's clock [s]."""
+
+    def __init__(self, timeout_s: float) -> None:
+        """Not heard yet; silent where it is not heard for longer than ``timeout_s`` [s]."""
+        self.kind: int | None = None
+        """Its newest HEARTBEAT.autopilot, of when it was heard first or again; None before the first."""
+        self.vehicle = 0
+        """Its HEARTBEAT.type of then."""
+        self.address: Any = None
+        """Where it sends from; None where that is not known, or goes without saying."""
+        self._timeout = timeout_s
+        self._heard_s = 0.0
+        self._armed_s: float | None = None
+
+    @property
+    def armed(self) -> bool:
+        """Whether its motors are believed to be on."""
+        return self._armed_s is not None
+
+    def believe_armed(self, since_s: float | None) -> None:
+        """Believe that the motors are on since then, or off (None), until a heartbeat tells."""
+        self._armed_s = since_s
+
+    def silence_s(self, now_s: float) -> float:
+        """Time since its newest heartbeat [s]; infinite where its wire was lost after it."""
+        return now_s - self._heard_s
+
+    def is_silent(self, now_s: float) -> bool:
+        """Whether its heartbeats have stayed away for too long."""
+        return self.silence_s(now_s) > self._timeout
+
+    def lose(self) -> None:
+        """Its wire was lost: whatever it says next may be another's, or its own after a restart."""
+        self.address = None
+        self._armed_s = None
+        self._heard_s = -math.inf
+
+    def beat(self, heartbeat: Message, now_s: float) -> bool:
+        """Take that it lives; returns whether it was silent before, or not heard at all."""
+        news = self.kind is None or self.is_silent(now_s)
+        self._heard_s = now_s
+        if news:
+            self.kind, self.vehicle = heartbeat.autopilot, heartbeat.type
+        return news
+
+    def take_armed(self, heartbeat: Message, now_s: float) -> None:
+        """Take whether its motors are on."""
+        if heartbeat.base_mode & ARMED:
+            if self._armed_s is None:
+                self._armed_s = now_s
+        elif self._armed_s is not None and now_s - self._armed_s > STALE_NEWS_S:
+            self._armed_s = None

@@ -1,8 +1,13 @@
-"""Serial port: opened raw and without waiting, for this program alone, at any speed; 8N1, no flow control.
+"""Wires: datagrams that leave now or never, a serial port, and whether this computer has slept meanwhile.
+
+The serial port is opened raw and without waiting, for this program alone, at any speed; 8N1, no flow control.
 
 Linux' own, in plain termios2 rather than pyserial: 125000 and 400000 baud have no name that ``termios`` knows, bytes
 come by the event loop's own reader, and there is no thread. No modem line is touched: pseudo-terminals have none, and
 some modules reset on them. Every failure is an OSError whose ``strerror`` fits a person.
+While a computer sleeps, CLOCK_MONOTONIC, which every deadline is on, stands still: what was fresh when a laptop's lid
+was closed would pass for fresh when it is opened.
+
 Source: ioctl_tty(2), asm-generic/termbits.h; the numbers hold on x86, ARM and RISC-V.
 """
 
@@ -12,9 +17,14 @@ import fcntl
 import os
 import struct
 import termios
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    import asyncio
 
 _TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
 _TERMIOS2 = struct.Struct("=IIIIB19sII")
@@ -197,3 +207,75 @@ async def open_serial_connection(factory: Callable[[], P], path: str, baud: int)
     fcntl.ioctl(fd, termios.TIOCEXCL)  # programs that look for modems ask nobody
     protocol = factory()
     return PortTransport(fd, protocol), protocol
+
+
+class Datagrams:
+    """The sending side of a datagram endpoint.
+
+    asyncio keeps a datagram that the kernel has no room for (EAGAIN) and sends it later, when it may have passed its
+    deadline. So what is sent here goes through a second handle on the same socket, and is dropped instead.
+    """
+
+    def __init__(self, transport: "asyncio.DatagramTransport") -> None:
+        """Send on ``transport``, which may be connected or not."""
+        self._transport = transport
+        shared = transport.get_extra_info("socket")
+        self._socket: Any = shared.dup() if shared is not None else None
+        self._connected = transport.get_extra_info("peername") is not None
+
+    def send(self, data: bytes, peer: Any) -> str:
+        """Send ``data`` to ``peer`` (None on a connected endpoint); returns why it did not leave, or nothing."""
+        if peer is None and not self._connected:
+            return "no_peer"
+        if self._socket is None:
+            self._transport.sendto(data, peer)
+            return ""
+        try:
+            if self._connected:
+                self._socket.send(data)
+            else:
+                self._socket.sendto(data, peer)
+        except (BlockingIOError, InterruptedError):
+            return "congested"
+        except OSError:
+            return "undeliverable"
+        return ""
+
+    def abort(self) -> None:
+        """Close both handles; nothing leaves any more."""
+        if self._socket is not None:
+            self._socket.close()
+        self._transport.abort()
+
+
+SHORTEST_S = 0.01
+"""A sleep [s]; below, the two clocks were only read one after the other."""
+OURS_S = 0.05
+"""A clock so close to this machine's is this machine's [s]."""
+
+_AWAKE_OR_NOT = getattr(time, "CLOCK_BOOTTIME", None)
+"""The clock that goes on in sleep; None where there is none, as on macOS."""
+
+
+def _ahead_s() -> float:
+    """By how much it is ahead. A program that stands still between the two looks sees less than that, never more."""
+    if _AWAKE_OR_NOT is None:
+        return 0.0
+    return time.clock_gettime(_AWAKE_OR_NOT) - time.monotonic()
+
+
+class Sleep:
+    """Watches from its making on."""
+
+    def __init__(self, now_s: Callable[[], float]) -> None:
+        """``now_s`` is the owner's clock; one that is not this machine's, as a simulation's, never sleeps."""
+        self._counts = time.monotonic() - OURS_S < now_s() < time.monotonic() + OURS_S
+        self._before_s = max(_ahead_s() for _ in range(3))
+
+    @property
+    def slept_s(self) -> float:
+        """How long the computer has slept since then [s]; 0.0 where it has not, or does not tell."""
+        if not self._counts:
+            return 0.0
+        slept = _ahead_s() - self._before_s
+        return slept if slept > SHORTEST_S else 0.0
