@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from groundstation.core.geometry import Vec3
-from sim.batch import Compiled, Numpy, fly_batch
+from sim.batch import Compiled, Numpy, choose_stages, fly_batch
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign.campaign import DRAWS, draw_world
@@ -15,6 +15,8 @@ from sim.world import Wind
 from tests.flight.flights import flown
 
 SEEDS = 2
+STAGES = choose_stages("auto")[0]
+"""Compiled where there is a compiler: to the bit the figures of numpy, as is shown below, in a tenth of the time."""
 DURATION_S = 17.0
 """Two seconds count; what differs by then does not agree again."""
 DELAYS = (
@@ -36,7 +38,7 @@ DELAYS = (
 )
 def test_a_batch_agrees_with_whole_flights_to_a_micrometre(scenario: str, overrides: tuple[str, ...]) -> None:
     world, config = prepare(SCENARIOS[scenario], list(overrides))
-    batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)), duration_s=DURATION_S)
+    batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)), duration_s=DURATION_S, stages=STAGES)
     assert batch.survived.all()
     for seed in range(SEEDS):
         verdict = flown(scenario, *overrides, seed=seed, duration_s=DURATION_S).verdict
@@ -71,7 +73,7 @@ def test_compiled_flights_are_those_of_numpy_to_the_bit(
 
 def test_a_batch_feels_a_thrust_curve_as_a_whole_flight_does() -> None:
     world, config = prepare(SCENARIOS["paper"], ["sim.thrust_curve=0.4", "vehicle.thrust_curve=0.5"])
-    batch = fly_batch([world], config, [3], duration_s=18.0)
+    batch = fly_batch([world], config, [3], duration_s=18.0, stages=STAGES)
     whole = fly(world, config, seed=3, duration_s=18.0)
     assert 100.0 * batch.rms_m[0] == pytest.approx(whole.verdict.rms_cm, abs=0.01)
 
@@ -80,12 +82,12 @@ def test_a_batch_feels_a_thrust_curve_as_a_whole_flight_does() -> None:
 def test_stamps_that_are_off_at_a_metre_and_a_half_a_second_cost_little(jitter_ms: float, most_cm: float) -> None:
     key = f"pose_jitter_s={1e-3 * jitter_ms}"
     world, config = prepare(SCENARIOS["fast"], [f"sim.{key}"])
-    batch = fly_batch([world] * 3, config, [0, 1, 2], duration_s=30.0, stages=Compiled)
-    whole = fly(world, config, seed=2, duration_s=30.0).verdict.rms_cm
+    batch = fly_batch([world] * 3, config, [0, 1, 2], duration_s=20.0, stages=STAGES)
+    whole = fly(world, config, seed=2, duration_s=20.0).verdict.rms_cm
     assert 100.0 * batch.rms_m[2] == pytest.approx(whole, abs=1e-3)
     assert 100.0 * np.median(batch.rms_m) <= most_cm
     by_rms = {
-        told: 100.0 * np.median(fly_batch([world] * 3, told_so, [0, 1, 2], duration_s=30.0, stages=Compiled).rms_m)
+        told: 100.0 * np.median(fly_batch([world] * 3, told_so, [0, 1, 2], duration_s=20.0, stages=STAGES).rms_m)
         for told in ("0", key.partition("=")[2])
         for _, told_so in [prepare(SCENARIOS["fast"], [f"sim.{key}", f"controller.pose_jitter_s={told}"])]
     }
@@ -94,13 +96,12 @@ def test_stamps_that_are_off_at_a_metre_and_a_half_a_second_cost_little(jitter_m
 
 
 def test_a_vehicle_of_a_kilogram_holds_its_place_in_three_quarters_of_its_weight_of_wind() -> None:
-    blown, narrow = (
-        prepare(SCENARIOS["quad1kg"], ["sim.wind_mean=[7.5, 0, 0]", *told])
-        for told in ((), ("controller.b_bound=5.001",))
+    blown = "sim.wind_mean=[7.5, 0, 0]"
+    held, lost = (
+        flown("quad1kg", blown, *told, duration_s=30.0).verdict.rms_cm for told in ((), ("controller.b_bound=5.001",))
     )
-    held, lost = (fly_batch([world], config, [0], duration_s=30.0).rms_m[0] for world, config in (blown, narrow))
-    assert held < 0.0035
-    assert not lost < 0.1
+    assert held is not None and held < 0.35
+    assert lost is None or lost > 10.0
 
 
 LAG_2X = f"sim.thrust_lag_s={2.0 * SCENARIOS['paper'].world.thrust_lag_s}"
@@ -122,7 +123,7 @@ def test_the_certificate_of_a_batch_is_the_one_watched_in_flight(
 ) -> None:
     world, config = prepare(SCENARIOS[scenario], list(overrides))
     seeds = [0, 1]
-    batch = fly_batch([world] * len(seeds), config, seeds, duration_s=8.0)
+    batch = fly_batch([world] * len(seeds), config, seeds, duration_s=8.0, stages=STAGES)
     for seed in seeds:
         verdict = fly(world, config, seed=seed, duration_s=8.0).verdict
         assert verdict.certificate_violated >= violated
@@ -134,8 +135,8 @@ def test_the_certificate_of_a_batch_is_the_one_watched_in_flight(
 def test_vehicles_of_a_batch_do_not_touch_each_other() -> None:
     world, config = prepare(SCENARIOS["adverse"], [])
     heavy, _ = prepare(SCENARIOS["adverse"], ["sim.mass_kg=0.4"])
-    together = fly_batch([world, heavy, world], config, [7, 8, 9], duration_s=18.0)
-    alone = fly_batch([world], config, [9], duration_s=18.0)
+    together = fly_batch([world, heavy, world], config, [7, 8, 9], duration_s=18.0, stages=STAGES)
+    alone = fly_batch([world], config, [9], duration_s=18.0, stages=STAGES)
     assert together.survived.tolist() == [True, False, True]
     assert np.isnan(together.rms_m[1])
     assert together.rms_m[2] == alone.rms_m[0]
@@ -166,7 +167,7 @@ def test_nobody_asks_for_the_wind_ahead_of_the_flight(monkeypatch: pytest.Monkey
 
 def test_a_latency_that_is_not_the_one_told_stamps_poses_wrongly_as_in_whole_flights() -> None:
     world, config = prepare(SCENARIOS["paper"], ["sim.pose_latency_s=0.035"])
-    late, told = fly_batch([world, SCENARIOS["paper"].world], config, [0, 0], duration_s=16.0).rms_m
+    late, told = fly_batch([world, SCENARIOS["paper"].world], config, [0, 0], duration_s=16.0, stages=STAGES).rms_m
     verdict = flown("paper", "sim.pose_latency_s=0.035", duration_s=16.0).verdict
     assert 100.0 * late == pytest.approx(verdict.rms_cm, abs=1e-4)
     assert late > told + 0.001
@@ -175,7 +176,7 @@ def test_a_latency_that_is_not_the_one_told_stamps_poses_wrongly_as_in_whole_fli
 def test_where_poses_stay_away_too_long_the_flight_ends() -> None:
     overrides = ["sim.outage_s=0.5", "sim.outage_period_s=3"]
     world, config = prepare(SCENARIOS["paper"], overrides)
-    batch = fly_batch([world], config, [0], duration_s=5.0)
+    batch = fly_batch([world], config, [0], duration_s=5.0, stages=STAGES)
     assert not batch.survived[0]
     whole = flown("paper", *overrides, duration_s=5.0)
     assert not whole.completed

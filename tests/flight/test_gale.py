@@ -1,7 +1,6 @@
 """sim/studies/gale.py: the wind tunnel gives back flights that were measured in the real one, and not by chance."""
 
 import json
-from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -13,11 +12,11 @@ from sim.scenarios import SCENARIOS, gale
 from sim.studies import gale_command
 from sim.studies.gale import BEGIN, END, PublishedFlight, fly_ours, fly_published
 from sim.world import AirDrag, Body, TrueState, compute_drag, with_noise
+from tests.flown_once import once
 
 
-@cache
-def flown(*, aerodynamics: bool = True) -> list[PublishedFlight]:
-    return fly_published(5, aerodynamics=aerodynamics)
+def flown(seeds: int = 5, *, aerodynamics: bool = True) -> list[PublishedFlight]:
+    return once(("published", seeds, aerodynamics), lambda _: fly_published(seeds, aerodynamics=aerodynamics))
 
 
 def of(law: str) -> list[PublishedFlight]:
@@ -92,13 +91,17 @@ def test_ours_flies_in_the_strongest_wind_within_the_share_of_what_was_measured(
     assert flown.rms_cm <= flown.most_cm
 
 
-def test_the_command_says_it_and_writes_it_between_markers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert gale_command(None, 1, 0, as_json=True) in (0, 1)
+def test_the_command_says_it_and_writes_it_between_markers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sim.studies.gale.fly_published", flown)
+    assert gale_command(None, 5, 0, as_json=True) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["of"] == 15 == len(facts["flights"])
+    assert facts["null_close"] < facts["close"]
     page = tmp_path / "page.md"
     page.write_text(f"above\n{BEGIN}\nold\n{END}\nbelow\n", "utf-8")
-    gale_command(page, 1, 0, as_json=False)
+    gale_command(page, 5, 0, as_json=False)
     text = page.read_text("utf-8")
     assert text.startswith("above\n") and text.endswith("below\n") and "old" not in text
     assert "| INDI |" in text
