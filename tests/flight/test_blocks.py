@@ -12,7 +12,7 @@ OFF = {
 }
 
 
-def rms(scenario: str, *overrides: str, duration_s: float = 30.0) -> float:
+def rms(scenario: str, *overrides: str, duration_s: float = 20.0) -> float:
     """RMS error [cm] over the steady part; a flight that crashed counts as a metre."""
     value = flown(scenario, *overrides, duration_s=duration_s).verdict.rms_cm
     return 100.0 if value is None else value

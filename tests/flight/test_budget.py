@@ -1,7 +1,6 @@
 """Error budgets: a recorded flight flown again without each source of its error."""
 
 import json
-from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -10,19 +9,32 @@ import pytest
 import groundstation
 from groundstation.analysis.report import FlightColumns, read_columns, report_command
 from groundstation.interfaces.cli import commands
+from groundstation.settings import Config
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies import budget as module
 from sim.studies.budget import SOURCES, Contribution, ErrorBudget, compute_budget, error_budget
+from sim.world import World
+from tests.flown_once import once
 from tests.recordings import recorded
 
 DURATION_S = 17.0
 STILL = ("sim.pose_noise_m=0.0", "sim.attitude_noise_rad=0.0")
 
 
-@cache
+def computed(world: World, config: Config, *, seed: int, duration_s: float, simulated: bool = True) -> ErrorBudget:
+    """One budget, however many tests ask for it."""
+    key = ("budget", world, config, seed, duration_s, simulated)
+    return once(key, lambda _: compute_budget(world, config, seed=seed, duration_s=duration_s, simulated=simulated))
+
+
+@pytest.fixture(autouse=True)
+def _computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "compute_budget", computed)
+
+
 def flown(*overrides: str) -> ErrorBudget:
     world, config = prepare(SCENARIOS["paper"], list(overrides))
-    return compute_budget(world, config, seed=0, duration_s=DURATION_S)
+    return computed(world, config, seed=0, duration_s=DURATION_S)
 
 
 def by_source(budget: ErrorBudget) -> dict[str, Contribution]:
@@ -69,9 +81,10 @@ def test_without_limits_nothing_saturates_and_without_latency_none_is_told() -> 
 
 def test_arrays_and_wire_bytes_have_the_same_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     budgets = []
+    disturbed = prepare(SCENARIOS["paper"], ["sim.wind_turbulence=0.2", "sim.pose_loss=0.02"])
     for least in (1, 99):
         monkeypatch.setattr(module, "ARRAYS_FROM", least)
-        budgets.append(flown.__wrapped__("sim.wind_turbulence=0.2", "sim.pose_loss=0.02"))
+        budgets.append(compute_budget(*disturbed, seed=0, duration_s=DURATION_S))
     arrays, wires = ([b.rms_cm, *(one.rms_cm for one in b.contributions)] for b in budgets)
     assert arrays == pytest.approx(wires, abs=1e-3)
 
@@ -102,7 +115,10 @@ def test_what_has_no_budget_says_why() -> None:
     assert "holds no configuration" in said(flight)
 
 
-def test_a_report_shows_the_budget_and_prints_it_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_report_shows_the_budget_and_prints_it_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("groundstation.analysis.report.figures.FIGURES", ())  # but for its own; test_report.py has all
     path = recorded(duration_s=DURATION_S)[0]
     parts = [Contribution(source="noise", means="of poses", rms_cm=0.011, squared_cm2=0.0121)]
     made = ErrorBudget(of="This flight.", duration_s=17.0, rms_cm=0.1105, contributions=tuple(parts))
