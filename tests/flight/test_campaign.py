@@ -98,7 +98,7 @@ def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:
 def test_the_command_of_each_flight_flies_it_again(
     rows: list[CampaignRow], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for row in rows:
+    for row in rows[:2]:
         assert _call([*shlex.split(command(_campaign(), row.seed)), "--json"], monkeypatch) == 0
         verdict = json.loads(capsys.readouterr().out)
         assert verdict["rms_cm"] == pytest.approx(row.rms_cm, abs=1e-3)
@@ -167,7 +167,7 @@ def test_a_crash_is_worse_than_any_error(rows: list[CampaignRow]) -> None:
 
 def test_flights_with_everything_drawn_agree_with_whole_ones() -> None:
     campaign = _campaign(draws=tuple(DRAWS))
-    rows, _ = run(campaign, SEEDS, Local(1))
+    rows, _ = run(campaign, SEEDS[:2], Local(1))
     assert len({row.pose_latency_s for row in rows}) == len(rows)
     verdict = verify(campaign, rows, 9, workers=1)
     assert verdict["apart"] == []
@@ -192,8 +192,8 @@ def test_flights_that_do_not_agree_are_named(rows: list[CampaignRow]) -> None:
 
 
 def test_forty_adverse_flights_stay_under_8_cm_and_v_under_its_bound() -> None:
-    # The first of the thousand that `make soak` flies, and half as long.
-    facts = campaign_of(40, duration_s=30.0, workers=1)
+    # The first of the thousand that `make soak` flies, and a third as long.
+    facts = campaign_of(40, duration_s=20.0, workers=1)
     assert (facts["survived"], facts["under_cm"]["8"]) == (1.0, 1.0)
     assert facts["certificate"]["violated_max"] < 0.01
 

@@ -29,7 +29,7 @@ from sim.studies import (
 from tests.flight.flights import flown as one_flight
 
 SCENARIO = "storm"
-DURATION_S = 25.0
+DURATION_S = 17.0
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -100,7 +100,7 @@ def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
     assert text.endswith("<!-- figures:end -->\n\nlast\n")
     assert "old" not in text
     assert f"| `{SCENARIO}` | {compared[0]['rms_cm']:.2f} |" in text
-    flown_by = f"groundstation-sim compare --scenarios {SCENARIO} --seeds 1 --duration 25"
+    flown_by = f"groundstation-sim compare --scenarios {SCENARIO} --seeds 1 --duration 17"
     assert f"made by `{flown_by} --plot pictures/x.png --write PAGE.md`" in text
 
 

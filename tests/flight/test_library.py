@@ -209,14 +209,14 @@ def test_the_trajectory_of_the_how_to_flies_from_a_configuration(
     )
     (tmp_path / "mine.py").write_text(code, "utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    flown = gs.simulate("ideal", overrides=["trajectory.kind=mine:Breathing", "trajectory.swing_m=0.3"], duration=5)
+    flown = gs.simulate("paper", overrides=["trajectory.kind=mine:Breathing", "trajectory.swing_m=0.3"], duration=5)
     assert np.ptp(flown.reference.position[:, 2]) == pytest.approx(0.6, abs=0.01)
 
 
 def test_controllers_are_compared_as_they_are_given() -> None:
-    found = gs.compare(["pid", Hover], scenarios=["ideal"], seeds=1, duration=16.5)
-    assert [(row.scenario, row.controller) for row in found.rows] == [("ideal", "pid"), ("ideal", "Hover")]
-    assert found.to_pandas().loc[("ideal", "pid"), "survived"]
+    found = gs.compare(["pid", Hover], scenarios=["paper"], seeds=1, duration=16.5)
+    assert [(row.scenario, row.controller) for row in found.rows] == [("paper", "pid"), ("paper", "Hover")]
+    assert found.to_pandas().loc[("paper", "pid"), "survived"]
     assert isinstance(found.plot(), Figure)
     assert "Hover" in str(found)
 

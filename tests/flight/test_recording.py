@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -169,7 +169,6 @@ def test_the_headline_is_the_same_from_the_index_from_the_messages_in_the_summar
     assert (counted.commands, counted.poses) == (headline.commands, headline.poses)
 
 
-@settings(max_examples=60)
 @given(st.floats(0.0, 1.0), st.binary(max_size=20))
 def test_a_recording_cut_off_anywhere_gives_all_but_its_last_quarter_of_a_second(share: float, tail: bytes) -> None:
     path, _, _ = recorded()
@@ -191,7 +190,6 @@ def test_a_recording_cut_off_anywhere_gives_all_but_its_last_quarter_of_a_second
     assert len(found) / len(whole) > share - (2.0 * FLUSH_S / 8.0) - 0.02
 
 
-@settings(max_examples=40)
 @given(st.integers(0, 1 << 30), st.integers(1, 255))
 def test_a_damaged_byte_never_gives_a_false_message(where: int, flip: int) -> None:
     path, _, _ = recorded()
@@ -207,7 +205,6 @@ def test_a_damaged_byte_never_gives_a_false_message(where: int, flip: int) -> No
     assert found == whole[: len(found)]
 
 
-@settings(max_examples=60)
 @given(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255))
 def test_a_list_calls_no_recording_whole_of_which_a_byte_before_its_index_is_another(share: float, flip: int) -> None:
     path, _, _ = recorded()

@@ -59,7 +59,7 @@ def reported(paths: list[Path], capsys: pytest.CaptureFixture[str]) -> dict[str,
 
 
 def test_it_says_what_was_told_and_lies_outside_of_what_the_flight_shows(capsys: pytest.CaptureFixture[str]) -> None:
-    wrong = recorded("paper", "sim.rate_lag_s=0.08", duration_s=20.0)[0]
+    wrong = recorded("paper", "sim.rate_lag_s=0.08", duration_s=12.0)[0]
     right, (line,) = (reported([path], capsys)["flights"][0]["told_outside"] for path in (recorded()[0], wrong))
     assert right == []
     assert line.startswith("rate lag, roll and pitch: told 0.1061 s, and this flight shows 0.0")

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core import NOISE_POSES
@@ -55,7 +55,6 @@ def decided(look: Look) -> Decision:
     return Decision(ActuatorCommand(0.785, ZERO), look.saturated, said)
 
 
-@settings(max_examples=60)
 @given(flights=st.lists(FLIGHTS, min_size=1, max_size=4), noise_m=st.sampled_from([None, 0.0003, 0.003]))
 def test_each_flight_of_a_batch_is_watched_as_if_it_were_alone(
     flights: list[list[Look]], noise_m: float | None

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry import Ops
@@ -76,7 +76,6 @@ def _bits(numbers: Any) -> list[str]:
     return [float(x).hex() for x in np.ravel(numbers)]
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     lines=LINES,
     numbers=st.lists(NUMBERS, min_size=3 * VEHICLES, max_size=3 * VEHICLES),

@@ -73,6 +73,7 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
 
 def test_the_second_witness_takes_little_of_a_command(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_tick, "MONITOR_TICKS", 400)
+    monkeypatch.setattr(bench_tick, "ROUNDS", 7)
     found = bench_tick.monitor("paper")
     assert found["witness_share"] < 0.06
     assert found["witness_share"] < found["monitor_share"] < 1.3 * bench_tick.GOAL_SHARE
@@ -146,7 +147,8 @@ def test_a_source_that_makes_no_poses_is_not_timed(monkeypatch: pytest.MonkeyPat
         bench_decode.measure(bench.Options())
 
 
-def test_decoding_takes_far_less_than_a_pose_is_apart() -> None:
+def test_decoding_takes_far_less_than_a_pose_is_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench_decode, "DATAGRAMS", 200)
     # Tens of microseconds; this only finds what has become many times slower, on any machine.
     assert all(row["median_us"] < 500.0 for row in bench_decode.measure(bench.Options())["rows"])
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.analysis.shadow import ShadowReport, in_order, report
@@ -249,7 +249,6 @@ def test_a_recording_of_one_pose_is_replayed(tmp_path: Path) -> None:
 SHORT = Flight(duration_s=0.6).tlog()
 
 
-@settings(max_examples=60)
 @given(st.data())
 def test_no_damage_to_a_file_makes_a_replay_fail(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     damaged = bytearray(SHORT)

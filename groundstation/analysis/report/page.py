@@ -291,7 +291,7 @@ def report_command(
         if find_budget is not None and len(flights) <= SIDE_BY_SIDE:
             for flown in flights:
                 flown.budget = find_budget(flown)
-        outside = [find_outside(path) for path in paths]
+        outside = [] if only_budget else [find_outside(path) for path in paths]
     except (NoRecording, NoCommand) as error:
         raise ConfigError("LOG", str(error)) from None
     except OSError as error:
