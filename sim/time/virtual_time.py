@@ -145,6 +145,7 @@ class _Handle(asyncio.TimerHandle):
     """A callback that is due; made with fewer steps than asyncio's own, as a flight makes a thousand a second."""
 
     __slots__ = ()
+    __eq__, __hash__ = object.__eq__, object.__hash__  # asyncio's own compare all that is in them
     _scheduled: bool  # whether it waits for its time
 
     def __init__(
@@ -401,7 +402,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def carry(self, source: Address, target: Address, data: bytes) -> None:
         """Bring one datagram to ``target`` in the next turn of the loop; lost where nobody listens, as in UDP."""
         if self.tap is not None:
-            self.tap(self.time(), source, target, data)
+            self.tap(self._now, source, target, data)
         members = self.groups.get(target)
         if members is not None:
             for member in members:
