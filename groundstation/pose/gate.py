@@ -207,8 +207,8 @@ class PoseTrack:
         """How far ``pose`` is from where this track was heading [m]."""
         base, last = self._base_s, self.last
         ahead = (pose.time_s - last.time_s) / base if base else 0.0
-        heading = (q + ahead * (q - p) for p, q in zip(self._anchor.position_ned, last.position_ned, strict=True))
-        return math.dist(pose.position_ned, tuple(heading))
+        (x, y, z), (a, b, c) = last.position_ned, self._anchor.position_ned
+        return math.dist(pose.position_ned, (x + ahead * (x - a), y + ahead * (y - b), z + ahead * (z - c)))
 
 
 def _lean_deg(attitude: Quat) -> float:
@@ -218,7 +218,8 @@ def _lean_deg(attitude: Quat) -> float:
 
 def turned_deg(a: Quat, b: Quat) -> float:
     """The angle from attitude ``a`` to ``b`` [deg], 0..180."""
-    return math.degrees(2.0 * math.acos(min(1.0, abs(sum(p * q for p, q in zip(a, b, strict=True))))))
+    (w, x, y, z), (p, q, r, s) = a, b
+    return math.degrees(2.0 * math.acos(min(1.0, abs(w * p + x * q + y * r + z * s))))
 
 
 MORE = 2.0

@@ -396,18 +396,14 @@ class Deadman:
 
 
 def _check(command: Command, now_s: float) -> None:
-    p, q, r = command.rates_rad_s
-    largest = max(abs(command.thrust_n), abs(p), abs(q), abs(r), abs(command.pose_time_s), abs(command.deadline_s))
-    total = command.thrust_n + p + q + r + command.pose_time_s + command.deadline_s
-    lasts = 0.0
+    numbers, lasts = [command.thrust_n, *command.rates_rad_s, command.pose_time_s, command.deadline_s], 0.0
     for part in command.bring_down:
-        p, q, r = part.rates_rad_s
+        numbers += (part.thrust_n, *part.rates_rad_s, part.duration_s)
         lasts += part.duration_s
-        largest = max(largest, abs(part.thrust_n), abs(p), abs(q), abs(r), abs(part.duration_s))
-        total += part.thrust_n + p + q + r
         if not part.duration_s >= 0.0:
             raise LinkMisuse(f"a part of a bring-down has no duration: {command}")
-    if not (largest <= NUMBER_LIMIT and math.isfinite(total + lasts)):  # max() may lose a NaN, the sum does not
+    # max() may lose a NaN, the sum does not.
+    if not (max(map(abs, numbers)) <= NUMBER_LIMIT and math.isfinite(sum(numbers))):
         raise LinkMisuse(f"not finite: {command}")
     if lasts > BRING_DOWN_LIMIT_S + 1e-9:
         raise LinkMisuse(f"a bring-down lasts at most {BRING_DOWN_LIMIT_S:g} s, this one {lasts:g} s")

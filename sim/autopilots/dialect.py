@@ -23,20 +23,23 @@ class SetPoint:
         """Of a ``message``."""
         mask = message.type_mask
         self.thrust: float | None = None if mask & _IGNORE_THRUST else message.thrust
-        rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
-        self.rates: tuple[float | None, ...] = tuple(None if mask & 1 << n else r for n, r in enumerate(rates))
+        self.rates: tuple[float | None, float | None, float | None] = (
+            None if mask & 1 else message.body_roll_rate,
+            None if mask & 2 else message.body_pitch_rate,
+            None if mask & 4 else message.body_yaw_rate,
+        )
         self.attitude: Quat | None = None if mask & _IGNORE_ATTITUDE else tuple(message.q)
 
     @property
     def is_finite(self) -> bool:
         """No number in it is infinite or none at all."""
-        return all(math.isfinite(x) for x in (self.thrust, *self.rates, *(self.attitude or ())) if x is not None)
+        return all(map(math.isfinite, filter(None, (self.thrust, *self.rates, *(self.attitude or ())))))
 
 
 def rates_or_zero(set_point: SetPoint) -> Vec3:
     """The body rates of ``set_point`` [rad/s], those that are masked out being zero."""
-    p, q, r = (rate or 0.0 for rate in set_point.rates)
-    return p, q, r
+    p, q, r = set_point.rates
+    return p or 0.0, q or 0.0, r or 0.0
 
 
 class Dialect(ABC):

@@ -121,7 +121,7 @@ class Px4Autopilot(SimulatedAutopilot):
 
     @property
     def _silence_due_s(self) -> float:
-        if not self.armed or self.mode != OFFBOARD:
+        if not self.armed or self.failsafe or self._intended != OFFBOARD:
             return math.inf
         return self._setpoint_s + self.parameters["COM_OF_LOSS_T"]
 

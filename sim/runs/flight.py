@@ -61,8 +61,7 @@ class WireLog:
 
     def __call__(self, time_s: float, source: Address, target: Address, data: bytes) -> None:
         """Take one datagram."""
-        self._hash.update(_STAMP.pack(time_s, source[1], target[1], len(data)))
-        self._hash.update(data)
+        self._hash.update(_STAMP.pack(time_s, source[1], target[1], len(data)) + data)
         self.count += 1
         if self._keep is not None:
             self._keep(time_s, source, target, data)

@@ -100,11 +100,11 @@ class Effort:
 
     def square(self, time_s: float, rates: Any) -> Any:
         """The mean square of both for one more command, at ``time_s`` [s]: [rad²/s²]."""
-        rates = rates[:2]
-        keep = math.exp(-(time_s - self._time) / EFFORT_S)
-        slow = rates if self._slow is None else [r + keep * (s - r) for r, s in zip(rates, self._slow, strict=True)]
-        self._slow, self._time = slow, time_s
-        return 0.5 * sum((r - s) ** 2 for r, s in zip(rates, slow, strict=True))
+        (p, q, _), keep = rates, math.exp(-(time_s - self._time) / EFFORT_S)
+        x, y = (p, q) if self._slow is None else self._slow
+        self._slow = x, y = p + keep * (x - p), q + keep * (y - q)
+        self._time = time_s
+        return 0.5 * ((p - x) ** 2 + (q - y) ** 2)
 
 
 class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):

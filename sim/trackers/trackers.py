@@ -122,7 +122,7 @@ def vicon_encoder(config: ViconConfig) -> Encoder:
             (x, y, z), attitude = seen.pose(frames)
             angles = vicon_codec.euler_xyz_from_quaternion(attitude)
             objects.append(vicon_codec.ViconObject(seen.name, (1e3 * x, 1e3 * y, 1e3 * z), angles))
-        size = next(s for s, room in zip(vicon_codec.DATAGRAM_SIZES, (3, 6, 13), strict=True) if len(objects) <= room)
+        size = 256 if len(objects) <= 3 else 512 if len(objects) <= 6 else 1024
         return vicon_codec.encode(frame, objects, size)
 
     return encode

@@ -119,11 +119,9 @@ def generator(seed: int, purpose: str) -> "np.random.Generator":
     return np.random.default_rng(_entropy(seed, purpose))
 
 
-def rows(draw: Callable[[], float], width: int) -> Iterator[list[float]]:
-    """Rows of ``width`` numbers from ``draw()``."""
-    places = range(width)
-    while True:
-        yield [draw() for _ in places]
+def rows(draw: Callable[[], float], width: int) -> Iterator[tuple[float, ...]]:
+    """Rows of ``width`` numbers from ``draw()``, without end."""
+    return zip(*[iter(draw, None)] * width, strict=True)  # one iterator, asked for each place of a row in turn
 
 
 def _entropy(seed: int, purpose: str) -> list[int]:

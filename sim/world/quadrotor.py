@@ -127,7 +127,7 @@ class Quadrotor:
         world: World,
         wind: Wind,
         on_step: Callable[[float, Vec3], None] | None = None,
-        gyro: Iterator[list[float]] | None = None,
+        gyro: Iterator[tuple[float, ...]] | None = None,
     ) -> None:
         """Hold the vehicle at its start; ``on_step(time_s, position_ned)`` sees every step after release.
 
@@ -167,7 +167,7 @@ class Quadrotor:
             self._actuators = begin_rotors(FLOATS, thrust, self._gains)
         self._signals: FourRotors | None = None
         """What another autopilot has the rotors do; None while the rate loop does."""
-        self._gyro = repeat([0.0, 0.0, 0.0]) if gyro is None else gyro
+        self._gyro = repeat((0.0, 0.0, 0.0)) if gyro is None else gyro
         self._gyro_noise = self._draw_noise()
         self.specific_force: Vec3 = (0.0, 0.0, -world.gravity)
         """Of the newest whole step, what an accelerometer shows [m/s², FRD]; kept with rotors alone."""
@@ -291,23 +291,16 @@ class Quadrotor:
             return
         cut, h, released = self._cut, self._world.step_s, self.released_s
         for k in range(self._steps, int((time_s - cut) / h + 1e-9)):
-            self._step(cut + k * h - released, h)
+            self._step(cut + k * h - released, h, cut + (k + 1) * h)
             self._steps = k + 1
-            self._arrive(cut + (k + 1) * h)
 
     def _settle(self, time_s: float) -> None:
         """Cut the step under way at ``time_s`` [s], where something changes."""
         self.advance(time_s)
         rest = time_s - self._time
         if self.released_s is not None and rest > _INSTANT_S:
-            self._step(self._time - self.released_s, rest)
-            self._arrive(time_s)
+            self._step(self._time - self.released_s, rest, time_s)
         self._cut, self._steps = self._time, 0
-
-    def _arrive(self, time_s: float) -> None:
-        self._time = time_s
-        if self._on_step is not None:
-            self._on_step(time_s, self._body.position)
 
     def _after(self, flight_time: float, h: float) -> tuple[Body, bool, Actuators | None]:
         """The body ``h`` [s] after ``flight_time`` [s], whether it is on the floor then, and its actuators."""
@@ -362,7 +355,8 @@ class Quadrotor:
         noise = self._world.rotors.gyro_noise_rad_s
         return noise * a, noise * b, noise * c
 
-    def _step(self, flight_time: float, h: float) -> None:
+    def _step(self, flight_time: float, h: float, until_s: float) -> None:
+        """One step of ``h`` [s] from ``flight_time`` [s] on; it ends at ``until_s`` [s, event loop's clock]."""
         world, before = self._world, self._body
         body, self._on_ground, self._actuators = self._after(flight_time, h)
         if self._on_ground:
@@ -379,6 +373,9 @@ class Quadrotor:
             self.specific_force = so3.to_body(self._body.attitude, force)
         if world.floor_hold_s > 0.0:
             self._feel(before.velocity[2] - self._body.velocity[2], h)
+        self._time = until_s
+        if self._on_step is not None:
+            self._on_step(until_s, self._body.position)
 
     def _stand(self, body: Body, flight_time: float, h: float) -> Body:
         """What the floor makes of ``body``, which has come down on it, or stands there."""

@@ -29,7 +29,7 @@ LONGEST_S = 0.1
 class Horizon:
     """One vehicle's estimator."""
 
-    def __init__(self, normals: Iterator[list[float]], gravity: float) -> None:
+    def __init__(self, normals: Iterator[tuple[float, ...]], gravity: float) -> None:
         """``normals`` gives rows of three standard normal numbers; ``gravity`` is in m/s²."""
         self._normals = normals
         self._gravity = gravity
@@ -63,7 +63,7 @@ class Horizon:
         self._pulled = (a + pull * (north - a), b + pull * (east - b))
 
 
-def _scale(by: float, row: list[float]) -> Vec3:
+def _scale(by: float, row: tuple[float, ...]) -> Vec3:
     x, y, z = row
     return by * x, by * y, by * z
 
@@ -75,8 +75,8 @@ class SimulatedVehicle:
         self,
         plant: Quadrotor,
         world: World,
-        noise: Iterator[list[float]],
-        wander: Iterator[list[float]],
+        noise: Iterator[tuple[float, ...]],
+        wander: Iterator[tuple[float, ...]],
         horizon: Horizon | None = None,
     ) -> None:
         """Motors off; ``noise`` gives rows of six, ``wander`` of three standard normal numbers for :meth:`measure`.
@@ -160,7 +160,7 @@ def _tremble(truth: TrueState, world: World) -> float:
     return min(truth.thrust_n / (world.mass_kg * world.gravity), LEGS_GIVE)
 
 
-def with_noise(truth: TrueState, world: World, normals: list[float]) -> TrueState:
+def with_noise(truth: TrueState, world: World, normals: tuple[float, ...]) -> TrueState:
     """``truth`` with the scenario's noise on position and attitude, from six standard normal numbers."""
     n, a, jitter = world.pose_noise_m, world.attitude_noise_rad, world.pose_jitter_s
     if shake := _tremble(truth, world):
@@ -193,7 +193,7 @@ SPEED_PER_M, SPEED_FORGETS_S = 1.5, 5.0
 class PositionWander:
     """What a measured place and yaw do that the vehicle does not."""
 
-    def __init__(self, world: World, normals: Iterator[list[float]]) -> None:
+    def __init__(self, world: World, normals: Iterator[tuple[float, ...]]) -> None:
         """Nothing yet; ``normals`` gives rows of three standard normal numbers."""
         self._world = world
         self._normals = normals

@@ -275,7 +275,7 @@ def cell(flight_time: float) -> int:
 class Wind:
     """The disturbance acceleration b(t) [m/s², NED] of one flight; questions go forward in time."""
 
-    def __init__(self, world: World, normals: Iterator[list[float]]) -> None:
+    def __init__(self, world: World, normals: Iterator[tuple[float, ...]]) -> None:
         """Take the world's wind figures, and rows of three standard normal numbers for the turbulence."""
         self._world = world
         self._normals = normals

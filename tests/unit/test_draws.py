@@ -23,7 +23,7 @@ def test_equal_chances_are_numpys_to_the_last_bit(seed: int) -> None:
 
 def test_rows_are_the_numbers_in_their_order() -> None:
     drawn, theirs = rows(stream(5, "wind").standard_normal, 3), generator(5, "wind").standard_normal((4, 3))
-    assert [next(drawn) for _ in range(4)] == theirs.tolist()
+    assert [list(next(drawn)) for _ in range(4)] == theirs.tolist()
 
 
 def test_purposes_and_seeds_have_streams_of_their_own() -> None:

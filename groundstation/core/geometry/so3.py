@@ -345,13 +345,14 @@ class Frames:
 
     def theirs(self, position_ned: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
         """The inverse of :meth:`ours`, sign included: what a source says, for simulators."""
-        x, y, z = (p - o for p, o in zip(position_ned, self._origin, strict=True))
+        (x, y, z), (north, east, down) = position_ned, self._origin
+        x, y, z = x - north, y - east, z - down
         if self._centre is not None:
             dx, dy, dz = to_world(attitude, self._centre)
             x, y, z = x - dx, y - dy, z - dz
-        position = tuple(a * x + b * y + c * z for a, b, c in self._columns)
+        (a, b, c), (d, e, f), (g, h, i) = self._columns
         back = multiply(multiply(conjugate(self._before), attitude), conjugate(self._after))
-        return (position[0], position[1], position[2]), back
+        return (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z), back
 
 
 def frames_of(axes: Axes) -> Frames:

@@ -204,7 +204,7 @@ class SourceClock:
         unknown = self._band == math.inf
         if len(self._blocks) < (FIRST_BLOCKS if unknown else SETTLED_BLOCKS):
             return
-        slope = _median([(b[1] - a[1]) / (b[0] - a[0]) for a, b in combinations(self._blocks, 2)])
+        slope = _median([(d - b) / (c - a) for (a, b), (c, d) in combinations(self._blocks, 2)])
         off = slope / self._nominal
         if unknown and 1.0 / RATES < off < RATES:
             self._scale = self._nominal = slope

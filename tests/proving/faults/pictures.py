@@ -35,7 +35,7 @@ class Struck(NamedTuple):
     position_ned: Vec3
     """What was shown last, or where it stood before anything was shown [m]."""
     attitude: Quat
-    normals: Iterator[list[float]]
+    normals: Iterator[tuple[float, ...]]
     """Rows of six standard normal numbers."""
 
 
@@ -346,7 +346,7 @@ def every(nth: int) -> Way:
     return way
 
 
-def jitter(sigma_s: float, normals: Iterator[list[float]]) -> Way:
+def jitter(sigma_s: float, normals: Iterator[tuple[float, ...]]) -> Way:
     """Stamps are off by normal noise [s]; frames come when they should."""
 
     def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
