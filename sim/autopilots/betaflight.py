@@ -311,7 +311,7 @@ class FlightBoard:
     """The firmware as the flight controller of one vehicle with rotors."""
 
     def __init__(
-        self, plant: Quadrotor, settings: Sequence[str], gyro: Iterator[list[float]], noise_rad_s: float
+        self, plant: Quadrotor, settings: Sequence[str], gyro: Iterator[tuple[float, ...]], noise_rad_s: float
     ) -> None:
         """Switch it on. ``gyro`` gives rows of three standard normal numbers for its noise, 1σ [rad/s].
 

@@ -628,10 +628,10 @@ def fly_batch(
         # Where poses stay away too long commands stop, and with them the flight.
         marks.mark_failed(time > estimator.stamp_s + config.flight.coast_s)
         acting = time + vehicle.acting_delay_s
-        # Copies: what is predicted shares arrays with the estimator's state, which the next one moves on.
-        instants = dict.fromkeys((acting - vehicle.sooner_s, acting))
-        estimates = [pick(estimator.predict(instant), everyone) for instant in instants]
-        estimate, decision = estimates[-1], pilot.decide(estimates, trajectory.at(acting))
+        # A copy: what is predicted shares arrays with the estimator's state, which the later one moves on.
+        sooner = [pick(estimator.predict(acting - vehicle.sooner_s), everyone)] if vehicle.sooner_s else []
+        estimate = estimator.predict(acting)
+        decision = pilot.decide([*sooner, estimate], trajectory.at(acting))
         estimator.take_command(frame, decision.drive)
         if on_commands is not None:
             on_commands(time, decision.drive)

@@ -80,7 +80,7 @@ def test_the_world_of_a_scenario_pushes_as_the_tunnel_does(name: str) -> None:
 def test_stamps_that_are_off_show_a_moving_vehicle_elsewhere_along_its_way() -> None:
     world = msgspec.structs.replace(SCENARIOS["gale_0"].world, pose_jitter_s=1e-3)
     truth = TrueState(0.0, (0.0, 0.0, 0.0), (2.0, 0.0, -1.0), so3.IDENTITY, (0.0, 0.0, 0.0), 1.0, False)
-    seen = with_noise(truth, world, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    seen = with_noise(truth, world, (0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
     assert seen.position_ned == pytest.approx((2e-3, 0.0, -1e-3))
 
 

@@ -137,7 +137,8 @@ def demands(
 
 def largest(values: Sequence[float]) -> float:
     """The largest of ``values``; one that is not a number is larger than all, as it keeps no limit."""
-    return max(values, key=lambda value: (math.isnan(value), value))
+    nan = next(filter(math.isnan, values), None)
+    return max(values) if nan is None else nan
 
 
 def _rates(motion: PathMotion, z: Vec3, strength: Real, ops: Ops) -> Vec3:
@@ -145,7 +146,9 @@ def _rates(motion: PathMotion, z: Vec3, strength: Real, ops: Ops) -> Vec3:
     sqrt, where = ops.sqrt, ops.where
     jerk = motion.jerk
     along = _dot(z, jerk)
-    turning = tuple(-(j - along * c) / strength for j, c in zip(jerk, z, strict=True))
+    turning = (
+        -(jerk[0] - along * z[0]) / strength, -(jerk[1] - along * z[1]) / strength, -(jerk[2] - along * z[2]) / strength
+    )  # fmt: skip
     x = _cross((-ops.sin(motion.yaw), ops.cos(motion.yaw), 0.0 * motion.yaw), z)
     length = sqrt(_dot(x, x))
     x = _scale(1.0 / where(length > 1e-6, length, 1e-6), x)
