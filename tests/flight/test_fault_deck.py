@@ -58,7 +58,7 @@ def test_a_fault_ends_safely(fault: str, state: str, reaction: str) -> None:
 
 def test_an_estimator_that_resets_its_heading_has_the_true_one_again_and_says_so() -> None:
     world = World(attitude_noise_rad=0.0)
-    vehicle = SimulatedVehicle(Quadrotor(world, Wind(world, iter(()))), world, repeat([0.0] * 6), iter(()))
+    vehicle = SimulatedVehicle(Quadrotor(world, Wind(world, iter(()))), world, repeat((0.0,) * 6), iter(()))
 
     def seen() -> tuple[int, int]:
         truth = vehicle.measure(0.0)
