@@ -32,9 +32,9 @@ from groundstation.runtime.version import __version__ as __version__
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.flight_data import FlightData, load
-    from groundstation.config.factory import UserCodeFault
+    from groundstation.analysis.recordings import FlightData, load
     from groundstation.config.loader import ConfigError
+    from groundstation.config.schema import UserCodeFault
     from groundstation.core.control.attitude import (
         clamp_command,
         half_angle_error,
@@ -43,9 +43,8 @@ if TYPE_CHECKING:
         sine_error,
         turning,
     )
-    from groundstation.core.control.baselines import Baseline, InnerLoop
-    from groundstation.core.messages.control import Controller, Decision, Estimate
-    from groundstation.core.messages.snapshot import Diagnostics
+    from groundstation.core.control.controllers import Baseline, InnerLoop
+    from groundstation.core.messages.snapshot import Controller, Decision, Diagnostics, Estimate
     from groundstation.core.trajectory.port import Reference
     from groundstation.core.vehicle.vehicle import ActuatorCommand as ActuatorCommand
     from groundstation.core.vehicle.vehicle import Motion, Vehicle
@@ -54,13 +53,12 @@ if TYPE_CHECKING:
     from sim.studies.comparison import ControllerComparison, compare
 
 _MODULES = {
-    "analysis.flight_data": ("FlightData", "load"),
-    "config.factory": ("UserCodeFault",),
+    "analysis.recordings": ("FlightData", "load"),
+    "config.schema": ("UserCodeFault",),
     "config.loader": ("ConfigError",),
     "core.control.attitude": ("clamp_command", "half_angle_error", "make_decision", "push", "sine_error", "turning"),
-    "core.control.baselines": ("Baseline", "InnerLoop"),
-    "core.messages.control": ("Controller", "Decision", "Estimate"),
-    "core.messages.snapshot": ("Diagnostics",),
+    "core.control.controllers": ("Baseline", "InnerLoop"),
+    "core.messages.snapshot": ("Controller", "Decision", "Diagnostics", "Estimate"),
     "core.trajectory.port": ("Reference",),
     "core.vehicle.vehicle": ("ActuatorCommand", "Motion", "Vehicle"),
 }

@@ -2,8 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.flight_data import Channel, FlightData, Track
-    from groundstation.analysis.recordings import export_command, logs_command
+    from groundstation.analysis.recordings import Channel, FlightData, Track, export_command, logs_command
     from groundstation.analysis.replay import replay_command
     from groundstation.analysis.shadow import (
         FlownPath,
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
     from groundstation.analysis.viewers import view_command
 
 _MODULES = {
-    "flight_data": ("Channel", "FlightData", "Track"),
-    "recordings": ("export_command", "logs_command"),
+    "recordings": ("Channel", "FlightData", "Track", "export_command", "logs_command"),
     "replay": ("replay_command",),
     "shadow": (
         "FlownPath",

@@ -1,27 +1,44 @@
-"""Recordings, listed and exported: ``groundstation logs`` and ``groundstation export``.
+"""Recordings, listed and exported (``groundstation logs``, ``groundstation export``), and read as arrays: flight data.
 
 A list has the headline numbers of each flight. An export has channels as CSV, poses to be played again, or a recording
 that was cut off made whole.
+
+Flight data is a recorded flight as arrays, tables and pictures, for notebooks and scripts:
+
+    log = load("flight.mcap")
+    log.time, log.reference.position, log.estimate.position, log.error      # arrays, one row a command
+    log["errors"].to_pandas()                                               # any channel, one row a message
 """
 
 import argparse
 import csv
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import CHANNELS, MeasuredMessage, NoRecording, Recording, describe_channels, quick_headline
-from groundstation.runtime import RecordingConfig, folder_of, is_being_written, open_private, tidy
+from groundstation.runtime import RecordingConfig, folder_of, is_being_written, open_private, require_package, tidy
 
 if TYPE_CHECKING:
+    import numpy as np  # and all that imports it only where arrays are asked for: a flight needs none
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+    from pandas import DataFrame
+
+    from groundstation.analysis.report import FlightColumns
     from groundstation.analysis.viewers import FoxgloveScene
+    from groundstation.recording import FlightHeadline
+
+    Column = NDArray[np.float64]
+    Tables = Mapping[str, Mapping[str, NDArray[Any]]]
 
 
 def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:
@@ -72,7 +89,6 @@ def _short_of(recording: Recording) -> str:
 
 
 def _write_tables(recording: Recording, form: str, topics: list[str], target: Path) -> None:
-    from groundstation.analysis.flight_data import write_tables
 
     rows = write_tables(recording, form, topics, target)
     print(f"{target}: {sum(rows.values())} rows of {len(rows)} channels{_short_of(recording)}")
@@ -249,3 +265,318 @@ def _row(flight: dict[str, Any]) -> list[str]:
 
 def _cm(value: float | None) -> str:
     return "-" if value is None else f"{100.0 * value:.2f} cm"
+
+
+class Track(NamedTuple):
+    """Where the vehicle was, was believed to be, or should have been: one row a command. What is not known is NaN."""
+
+    position: "Column"
+    """Of shape (N, 3) [m], world NED: north, east, down."""
+    velocity: "Column"
+    """Of shape (N, 3) [m/s], world NED."""
+    attitude: "Column | None"
+    """Of shape (N, 4), a unit quaternion w, x, y, z, body FRD to world NED; None of a reference."""
+    error: "Column"
+    """Of shape (N,): how far this is from the reference [m]; of the reference itself zero."""
+
+
+class Channel(Mapping[str, "NDArray[Any]"]):
+    """One channel of a recording: its columns by name, such as ``z1_m.x``; a vector's own name gives all components."""
+
+    def __init__(self, topic: str, columns: "dict[str, NDArray[Any]]") -> None:
+        """``columns`` are all of one length, one row a message."""
+        self.topic = topic
+        self._columns = columns
+
+    def __getitem__(self, name: str) -> "NDArray[Any]":
+        """The column ``name``, of shape (N,); or of a vector all of its components, of shape (N, 3) or (N, 4).
+
+        Raises:
+            KeyError: there is none; the text says which there are.
+        """
+        if name in self._columns:
+            return self._columns[name]
+        parts = [column for key, column in self._columns.items() if key.rpartition(".")[0] == name]
+        if not parts:
+            raise KeyError(f"{self.topic} has no column {name!r}, but {', '.join(self._columns)}")
+        import numpy as np
+
+        return np.stack(parts, axis=-1)
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the columns."""
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        """How many columns there are."""
+        return len(self._columns)
+
+    def to_pandas(self) -> "DataFrame":
+        """The columns as a table, one row a message, by ``time_s`` on the event loop's clock [s] where it has that.
+
+        Raises:
+            ConfigError: pandas is not installed.
+        """
+        require_package("pandas", "to_pandas", "notebook")
+        from pandas import DataFrame
+
+        table = DataFrame(dict(self._columns))
+        return table.set_index("time_s") if "time_s" in table else table
+
+
+class FlightData:
+    """A recorded flight. Everything is read from the recording when it is first asked for."""
+
+    def __init__(self, path: Path) -> None:
+        """Look at the recording's beginning.
+
+        Raises:
+            ConfigError: it is no recording of a flight, or can't be read.
+        """
+        self.path = path
+        """Of the recording."""
+        _ = self._recording
+
+    @cached_property
+    def _recording(self) -> "Recording":
+        # Not above: most flights that were just flown are not read.
+        try:
+            return Recording(self.path)
+        except (NoRecording, OSError) as error:
+            raise ConfigError("LOG", str(error)) from None
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What is known before the flight, as text: vehicle, controller, config, scenario, seed, version, ..."""
+        return self._recording.about
+
+    @cached_property
+    def headline(self) -> "FlightHeadline":
+        """The figures of the flight, as ``groundstation logs`` lists them."""
+        return self._recording.headline()
+
+    @cached_property
+    def columns(self) -> "FlightColumns":
+        """One row a command: what the report draws.
+
+        Raises:
+            ConfigError: nothing was commanded in it.
+        """
+        from groundstation.analysis.report import NoCommand, read_columns
+
+        try:
+            return read_columns(self.path)
+        except NoCommand as error:
+            raise ConfigError("LOG", str(error)) from None
+
+    @property
+    def time(self) -> "Column":
+        """Of each command, since the trajectory began [s]; of shape (N,). Where it never did, since the first one."""
+        return self.columns.t
+
+    @property
+    def reference(self) -> Track:
+        """Where the vehicle should have been."""
+        import numpy as np
+
+        vectors = self.columns.vectors
+        return Track(vectors["reference_ned"], vectors["reference_velocity_ned"], None, np.zeros_like(self.columns.t))
+
+    @property
+    def estimate(self) -> Track:
+        """What the controller went by: the vehicle at the instant when the command acts."""
+        vectors, error = self.columns.vectors, self.columns.scalars["error_m"]
+        return Track(vectors["position_ned"], vectors["velocity_ned"], vectors["attitude"], error)
+
+    @property
+    def truth(self) -> Track | None:
+        """Where a simulated vehicle really was when the command was computed; None where no truth was recorded."""
+        import numpy as np
+
+        vectors, error = self.columns.vectors, self.columns.scalars["true_error_m"]
+        if not np.isfinite(vectors["true_position_ned"]).any():
+            return None
+        return Track(vectors["true_position_ned"], vectors["true_velocity_ned"], vectors["true_attitude"], error)
+
+    @property
+    def error(self) -> "Column":
+        """How far from the reference the vehicle was [m], of shape (N,): see :attr:`error_against`."""
+        return (self.truth or self.estimate).error
+
+    @property
+    def error_against(self) -> str:
+        """``truth`` or ``estimate``: what :attr:`error`, :attr:`rms_cm` and :attr:`max_cm` are measured by."""
+        return "truth" if self.headline.true_rms_m is not None or self.truth is not None else "estimate"
+
+    @property
+    def rms_cm(self) -> float | None:
+        """Root mean square of the error over the steady part [cm]; None where the flight ended before it."""
+        return _to_cm(self.headline.true_rms_m if self.error_against == "truth" else self.headline.rms_m)
+
+    @property
+    def max_cm(self) -> float | None:
+        """The largest error of the steady part [cm]; None where the flight ended before it."""
+        return _to_cm(self.headline.true_max_m if self.error_against == "truth" else self.headline.max_m)
+
+    @property
+    def channels(self) -> list[str]:
+        """The names for ``flight[name]``; docs/reference/recording-channels.md tells what is in each."""
+        return [topic.strip("/") for topic in CHANNELS]
+
+    def __getitem__(self, channel: str) -> Channel:
+        """One channel, as ``errors`` or ``/errors``; its messages in the order in which things happened.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        topic = f"/{channel.strip('/')}"
+        if topic not in CHANNELS:
+            raise KeyError(f"expected one of {self.channels}, got {channel!r}")
+        return Channel(topic, read_table(self._recording, (topic,))[topic])
+
+    def to_pandas(self) -> "DataFrame":
+        """One row a command by its time [s]: reference, estimate and truth in columns such as ``truth.position.north``.
+
+        Raises:
+            ConfigError: pandas is not installed.
+        """
+        require_package("pandas", "to_pandas", "notebook")
+        from pandas import DataFrame
+
+        table: dict[str, Column] = {}
+        for name, track in (("reference", self.reference), ("estimate", self.estimate), ("truth", self.truth)):
+            if track is None:
+                continue
+            for part, values in zip(("position", "velocity"), track[:2], strict=True):
+                table |= {f"{name}.{part}.{axis}": values[:, i] for i, axis in enumerate(("north", "east", "down"))}
+            if track.attitude is not None:
+                table |= {f"{name}.attitude.{axis}": track.attitude[:, i] for i, axis in enumerate("wxyz")}
+                table[f"{name}.error_m"] = track.error
+        table["thrust_n"] = self.columns.scalars["thrust_n"]
+        return DataFrame(table, index=self.time).rename_axis("time_s")
+
+    def plot(self, figure: str = "position") -> "Figure":
+        """One figure of ``groundstation report``, such as position, error, path, disturbance, actuation, lyapunov.
+
+        Raises:
+            ConfigError: there is no figure of that name, or matplotlib is not installed.
+        """
+        require_package("matplotlib", "plot", "notebook")
+        from groundstation.analysis.report import draw_figure, find_figure
+
+        return draw_figure(find_figure(figure), [self.columns])
+
+    def save(self, path: Path | str) -> Path:
+        """Write the recording to ``path``: itself as .mcap, or its channels as one of the formats of ``export``.
+
+        Raises:
+            ConfigError: no such format, a package for it is missing, or it can't be written.
+        """
+        target = Path(path)
+        form = target.suffix.removeprefix(".").lower()
+        try:
+            if form == "mcap":
+                import shutil
+
+                shutil.copyfile(self.path, target)
+            elif form in FORMATS:
+                write_tables(self._recording, form, list(CHANNELS), target)
+            else:
+                raise ConfigError(
+                    "save", f"expected a name that ends in one of {['mcap', *FORMATS]}, got {target.name!r}"
+                )
+        except OSError as error:
+            raise ConfigError("save", f"cannot write {error.filename or target}: {error.strerror}") from None
+        return target
+
+
+def load(path: Path | str) -> FlightData:
+    """The recorded flight at ``path`` (NAME.mcap), also one that was cut off.
+
+    Raises:
+        ConfigError: it is no recording of a flight, or can't be read.
+    """
+    return FlightData(Path(path))
+
+
+def read_table(recording: "Recording", topics: Collection[str]) -> "dict[str, dict[str, NDArray[Any]]]":
+    """The messages on each of ``topics`` as columns of equal length, named as ``rates_rad_s.x``.
+
+    Numbers are floats, what is left out NaN; columns of texts are of objects. A column that comes later has its place.
+    """
+    rows: dict[str, list[dict[str, Any]]] = {topic: [] for topic in topics}
+    names: dict[str, dict[str, None]] = {topic: {} for topic in topics}
+    for entry in recording.entries(topics):
+        row = dict(flatten(entry.value(), ""))
+        names[entry.topic].update(dict.fromkeys(row))
+        rows[entry.topic].append(row)
+    return {topic: {name: _column([row.get(name) for row in rows[topic]]) for name in names[topic]} for topic in topics}
+
+
+def _column(values: list[Any]) -> "NDArray[Any]":
+    import numpy as np
+
+    if any(isinstance(value, str) for value in values):
+        return np.array(values, dtype=object)
+    return np.array([np.nan if value is None else value for value in values], dtype=float)
+
+
+def _write_npz(tables: "Tables", target: Path) -> None:
+    import numpy as np
+
+    columns: Any = {f"{topic}.{name}": column for topic, table in tables.items() for name, column in table.items()}
+    with target.open("wb") as file:  # which keeps the name that was asked for
+        np.savez_compressed(file, **columns)
+
+
+def _write_mat(tables: "Tables", target: Path) -> None:
+    """MATLAB's format: a struct for each channel, whose fields may have no dots."""
+    require_package("scipy", "--format", "tables")
+    from scipy.io import savemat
+
+    told = {
+        topic: {name.replace(".", "_"): column for name, column in table.items()} for topic, table in tables.items()
+    }
+    savemat(target, told, long_field_names=True, oned_as="column")
+
+
+def _write_parquet(tables: "Tables", target: Path) -> None:
+    """A folder with a file for each channel: of one table each, as the format has it."""
+    require_package("pyarrow", "--format", "tables")
+    from pyarrow import table
+    from pyarrow.parquet import write_table
+
+    target.mkdir(parents=True, exist_ok=True)
+    for topic, columns in tables.items():
+        write_table(table(dict(columns)), target / f"{topic}.parquet")
+
+
+_TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {
+    "npz": _write_npz,
+    "mat": _write_mat,
+    "parquet": _write_parquet,
+}
+FORMATS = (*_TABLE_WRITERS, "rrd")
+"""What channels can be written as, by the ending of the file's name; parquet makes a folder."""
+
+
+def write_tables(recording: "Recording", form: str, topics: Collection[str], target: Path) -> dict[str, int]:
+    """Write the messages on ``topics`` to ``target`` in one of :data:`FORMATS`; returns how many each has.
+
+    Raises:
+        ConfigError: the package for it is not installed.
+        OSError: it can't be written.
+    """
+    if form == "rrd":
+        from groundstation.analysis.viewers import write_rrd
+
+        return write_rrd(recording, topics, target)
+    tables = {
+        topic.strip("/").replace("/", "_"): table for topic, table in read_table(recording, topics).items() if table
+    }
+    _TABLE_WRITERS[form](tables, target)
+    return {topic: len(next(iter(table.values()))) for topic, table in tables.items()}
+
+
+def _to_cm(metres: float | None) -> float | None:
+    return None if metres is None else 100.0 * metres

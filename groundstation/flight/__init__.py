@@ -4,21 +4,26 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.flight.flight import DISARM_WAIT_S, Flight, FlightOutcome, FrameLateness, make_ends
     from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
-    from groundstation.flight.prearm import Company, body_of, describe_checks, describe_failures, entry_of, link_of
-    from groundstation.flight.preflight import (
+    from groundstation.flight.prearm import (
+        Company,
         Proof,
+        body_of,
         confirmation,
+        describe_checks,
+        describe_failures,
         describe_trajectory,
         digest,
         ensure_flyable,
         ensure_guarded,
         ensure_link,
         ensure_named,
+        entry_of,
         examine_trajectory,
         explain_refusal,
         is_simulated,
         key,
         line_from_terminal,
+        link_of,
         place,
         save,
     )
@@ -26,21 +31,26 @@ if TYPE_CHECKING:
 _MODULES = {
     "flight": ("DISARM_WAIT_S", "Flight", "FlightOutcome", "FrameLateness", "make_ends"),
     "hold_to_run": ("HoldWatch", "ensure_held", "make_hold"),
-    "prearm": ("Company", "body_of", "describe_checks", "describe_failures", "entry_of", "link_of"),
-    "preflight": (
+    "prearm": (
+        "Company",
         "Proof",
+        "body_of",
         "confirmation",
+        "describe_checks",
+        "describe_failures",
         "describe_trajectory",
         "digest",
         "ensure_flyable",
         "ensure_guarded",
         "ensure_link",
         "ensure_named",
+        "entry_of",
         "examine_trajectory",
         "explain_refusal",
         "is_simulated",
         "key",
         "line_from_terminal",
+        "link_of",
         "place",
         "save",
     ),

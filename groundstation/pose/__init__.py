@@ -4,16 +4,21 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.pose.forward import ForwardingSource
     from groundstation.pose.gate import HINTS, Gate, GateConfig, GatedSource
-    from groundstation.pose.recorded import IN_RUN_FOLDER, TlogConfig, pose_decoder
     from groundstation.pose.recorded_codec import CSV_COLUMNS, CsvRow, TlogReader, TlogRecord, encode_csv, read_csv
-    from groundstation.pose.registry import PoseConfig, ShowsOthers, make_source
+    from groundstation.pose.registry import (
+        IN_RUN_FOLDER,
+        PoseConfig,
+        ShowsOthers,
+        TlogConfig,
+        make_source,
+        pose_decoder,
+    )
 
 _MODULES = {
     "forward": ("ForwardingSource",),
     "gate": ("Gate", "GateConfig", "GatedSource", "HINTS"),
-    "recorded": ("IN_RUN_FOLDER", "TlogConfig", "pose_decoder"),
     "recorded_codec": ("CSV_COLUMNS", "CsvRow", "TlogReader", "TlogRecord", "encode_csv", "read_csv"),
-    "registry": ("PoseConfig", "ShowsOthers", "make_source"),
+    "registry": ("IN_RUN_FOLDER", "PoseConfig", "ShowsOthers", "TlogConfig", "make_source", "pose_decoder"),
 }
 
 

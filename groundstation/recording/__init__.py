@@ -25,13 +25,13 @@ if TYPE_CHECKING:
         schema,
         vector,
     )
-    from groundstation.recording.headline import FlightHeadline
     from groundstation.recording.process import END_S, RecorderProcess
     from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline
     from groundstation.recording.records import (
         GAIN,
         About,
         EndRecord,
+        FlightHeadline,
         IdleRecord,
         LineRecord,
         ReceivedRecord,
@@ -58,12 +58,12 @@ _MODULES = {
         "schema",
         "vector",
     ),
-    "headline": ("FlightHeadline",),
     "process": ("END_S", "RecorderProcess"),
     "reader": ("Entry", "NoRecording", "Recording", "quick_headline"),
     "records": (
         "About",
         "EndRecord",
+        "FlightHeadline",
         "GAIN",
         "IdleRecord",
         "LineRecord",

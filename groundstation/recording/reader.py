@@ -15,8 +15,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Metadata
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
-from groundstation.recording.headline import FlightHeadline, HeadlineCounter
-from groundstation.recording.records import MAGIC
+from groundstation.recording.records import MAGIC, FlightHeadline, HeadlineCounter
 from groundstation.runtime import is_being_written
 
 _RECORD = struct.Struct("<BQ")

@@ -27,11 +27,11 @@ import msgspec
 from zstandard import ZstdCompressor
 
 from groundstation.recording.channels import CHANNELS, MessageMaker, address, describe_channels
-from groundstation.recording.headline import HeadlineCounter
 from groundstation.recording.records import (
     MAGIC,
     About,
     EndRecord,
+    HeadlineCounter,
     LineRecord,
     LossRecord,
     PoseRecord,

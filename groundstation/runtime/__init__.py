@@ -2,11 +2,10 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.runtime.broadcast import Latest
     from groundstation.runtime.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wall_ms
     from groundstation.runtime.document import replace_between_markers, split_at_markers
     from groundstation.runtime.entry import INTERRUPTED, Exit, rare_collections, raw_stream, require_package, run
-    from groundstation.runtime.non_blocking_writer import NonBlockingWriter
+    from groundstation.runtime.outlets import Latest, NonBlockingWriter
     from groundstation.runtime.recordings import (
         RecordingConfig,
         folder_of,
@@ -45,11 +44,10 @@ if TYPE_CHECKING:
     from groundstation.runtime.version import __version__
 
 _MODULES = {
-    "broadcast": ("Latest",),
     "clock": ("IdleSlots", "cancel_task", "precise_loop", "sleep_until", "to_the_end", "wall_ms"),
     "document": ("replace_between_markers", "split_at_markers"),
     "entry": ("Exit", "INTERRUPTED", "rare_collections", "raw_stream", "require_package", "run"),
-    "non_blocking_writer": ("NonBlockingWriter",),
+    "outlets": ("Latest", "NonBlockingWriter"),
     "recordings": (
         "RecordingConfig",
         "folder_of",

@@ -20,8 +20,7 @@ import msgspec
 from links.io import Sleep
 from links.rf.kinds import RfConfig
 from links.rf.pacer import FramePacer, Give, Order, PacerReport
-from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox
-from links.rf.shared_port import SharedPort
+from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox, SharedPort
 
 PREPARE_S = 0.0004
 """How long before its instant a frame is made [s]; then only the write is left to do."""

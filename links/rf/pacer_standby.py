@@ -18,8 +18,7 @@ import msgspec
 from links.core import make_child_command
 from links.rf.pacer import FramePacer, Held, StandbyWatch
 from links.rf.pacer_child import MESSAGE_BYTES, PREPARE_S, Clock, Commander, PacerSetup, deafen, hush, pace, prioritise
-from links.rf.shared_memory import PACER, STANDBY, Lease, Mailbox
-from links.rf.shared_port import HeldPort, SharedPort
+from links.rf.shared_memory import PACER, STANDBY, HeldPort, Lease, Mailbox, SharedPort
 
 VOUCH_S = 0.5
 """A stand-by that comes so late to its next look is none [s]."""

@@ -2,7 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.autopilots.base import SimulatedAutopilot
+    from sim.autopilots.autopilot import Parameters, SimulatedAutopilot
     from sim.autopilots.betaflight import (
         GAINS,
         STEP_S,
@@ -12,16 +12,14 @@ if TYPE_CHECKING:
         describe_settings,
         pack_pulses,
     )
-    from sim.autopilots.dialect import Parameters
+    from sim.autopilots.dialects import Px4Autopilot
     from sim.autopilots.peer import AUTOPILOTS, AutopilotPeer, OpenWire, accept_at, at_end_of, speak_to, wait_at
-    from sim.autopilots.px4 import Px4Autopilot
 
 _MODULES = {
-    "base": ("SimulatedAutopilot",),
+    "autopilot": ("Parameters", "SimulatedAutopilot"),
     "betaflight": ("Firmware", "FlightBoard", "GAINS", "STEP_S", "configure", "describe_settings", "pack_pulses"),
-    "dialect": ("Parameters",),
+    "dialects": ("Px4Autopilot",),
     "peer": ("AUTOPILOTS", "AutopilotPeer", "OpenWire", "accept_at", "at_end_of", "speak_to", "wait_at"),
-    "px4": ("Px4Autopilot",),
 }
 
 

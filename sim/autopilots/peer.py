@@ -11,9 +11,8 @@ from collections.abc import Awaitable, Callable
 from typing import Any, Protocol
 
 from links.mavlink.protocol import frame_end
-from sim.autopilots.ardupilot import ArduPilotAutopilot
-from sim.autopilots.base import SimulatedAutopilot
-from sim.autopilots.px4 import Px4Autopilot
+from sim.autopilots.autopilot import SimulatedAutopilot
+from sim.autopilots.dialects import ArduPilotAutopilot, Px4Autopilot
 
 
 class Wire(Protocol):

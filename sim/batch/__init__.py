@@ -3,11 +3,11 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.batch.batch import fly_batch, require_batchable
-    from sim.batch.stages import Compiled, Numpy, Stages, choose_stages, columns, zeros
+    from sim.batch.kernel import Compiled, Numpy, Stages, choose_stages, columns, zeros
 
 _MODULES = {
     "batch": ("fly_batch", "require_batchable"),
-    "stages": ("Compiled", "Numpy", "Stages", "choose_stages", "columns", "zeros"),
+    "kernel": ("Compiled", "Numpy", "Stages", "choose_stages", "columns", "zeros"),
 }
 
 

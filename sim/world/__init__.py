@@ -4,18 +4,29 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.world.draws import generator, rows, stream
     from sim.world.hand import HOLD_S, MOVE_S, make_hand
-    from sim.world.plant import AirDrag, Body, Physics, compute_drag, integrate
-    from sim.world.quadrotor import Airframe, Quadrotor, TrueState
-    from sim.world.rotors import (
+    from sim.world.plant import (
         Actuators,
+        AirDrag,
+        Body,
         FourRotors,
+        Physics,
         RateLoop,
         begin_rotors,
+        compute_drag,
         describe_air,
         describe_rotors,
+        integrate,
         turn_rotors,
     )
-    from sim.world.vehicle import Horizon, PositionWander, SimulatedVehicle, with_noise
+    from sim.world.quadrotor import (
+        Airframe,
+        Horizon,
+        PositionWander,
+        Quadrotor,
+        SimulatedVehicle,
+        TrueState,
+        with_noise,
+    )
     from sim.world.world import (
         STILL,
         Eddies,
@@ -32,10 +43,21 @@ if TYPE_CHECKING:
 _MODULES = {
     "draws": ("generator", "rows", "stream"),
     "hand": ("HOLD_S", "MOVE_S", "make_hand"),
-    "plant": ("AirDrag", "Body", "Physics", "compute_drag", "integrate"),
-    "quadrotor": ("Airframe", "Quadrotor", "TrueState"),
-    "rotors": ("Actuators", "FourRotors", "RateLoop", "begin_rotors", "describe_air", "describe_rotors", "turn_rotors"),
-    "vehicle": ("Horizon", "PositionWander", "SimulatedVehicle", "with_noise"),
+    "plant": (
+        "Actuators",
+        "AirDrag",
+        "Body",
+        "FourRotors",
+        "Physics",
+        "RateLoop",
+        "begin_rotors",
+        "compute_drag",
+        "describe_air",
+        "describe_rotors",
+        "integrate",
+        "turn_rotors",
+    ),
+    "quadrotor": ("Airframe", "Horizon", "PositionWander", "Quadrotor", "SimulatedVehicle", "TrueState", "with_noise"),
     "world": (
         "Eddies",
         "RotorConstants",

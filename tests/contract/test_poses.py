@@ -17,7 +17,7 @@ import pytest
 from groundstation.core.geometry import Alignment, so3
 from groundstation.core.messages import Pose, PoseSource
 from groundstation.pose import CsvRow, PoseConfig, TlogConfig, encode_csv, make_source
-from groundstation.pose.recorded import CsvConfig
+from groundstation.pose.registry import CsvConfig
 from groundstation.pose.sources import (
     JsonConfig,
     MavlinkPoseConfig,

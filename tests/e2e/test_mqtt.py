@@ -214,7 +214,7 @@ def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Callable[
     async def scene() -> None:
         await server.start()
         code = (
-            "import asyncio\nfrom groundstation.runtime.broadcast import Latest\n"
+            "import asyncio\nfrom groundstation.runtime.outlets import Latest\n"
             "from groundstation.interfaces.mqtt.publisher import publish_forever\n"
             "from groundstation.settings.settings import MqttConfig\n"
             "from tests.sample_flight import sample\n"

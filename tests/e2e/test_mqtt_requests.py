@@ -18,8 +18,7 @@ import pytest
 from groundstation.config import from_dict
 from groundstation.core.messages import Ask, Snapshot
 from groundstation.core.mission import State
-from groundstation.interfaces.api.desk import Desk, Party
-from groundstation.interfaces.api.messages import ClientOrder
+from groundstation.interfaces.api.messages import ClientOrder, Desk, Party
 from groundstation.interfaces.mqtt import publish_forever
 from groundstation.interfaces.mqtt.command import Unanswered, request_by_mqtt
 from groundstation.interfaces.mqtt.messages import HealthMessage, SessionMessage

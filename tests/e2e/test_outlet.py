@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from groundstation.runtime import NonBlockingWriter
-from groundstation.runtime.non_blocking_writer import LINE_MAX_BYTES
+from groundstation.runtime.outlets import LINE_MAX_BYTES
 
 
 def test_lines_come_out_as_they_were_said() -> None:

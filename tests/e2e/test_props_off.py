@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.flight.preflight import on_file
+from groundstation.flight.prearm import on_file
 from links.mavlink.protocol import ARMED, MavlinkCodec
 from tests.e2e.stations import Room, served
 

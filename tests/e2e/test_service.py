@@ -17,17 +17,18 @@ from groundstation.__main__ import parser
 from groundstation.config import load
 from groundstation.core.safety.geofence import BoxFence
 from groundstation.interfaces.service import Format, unit_file
-from groundstation.interfaces.service.flights import Notify, longest_landing_s
-from groundstation.interfaces.service.monitoring import (
+from groundstation.interfaces.service.flights import (
     STALE_S,
     DaemonHealth,
     HealthFile,
     LogHandler,
+    Notify,
     find_fault,
     health_path,
     is_journal,
     level_of,
     line_of,
+    longest_landing_s,
 )
 from groundstation.runtime import Taken, hold_lock
 from groundstation.runtime.entry import CODES, exit_code_table

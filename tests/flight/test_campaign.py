@@ -17,8 +17,7 @@ from sim.__main__ import main
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import USUAL, Campaign, CampaignRow, Local, plot, report, run, text, verify
-from sim.studies.campaign.campaign import DRAWS, Folder, draw_world, fields, overrides
-from sim.studies.campaign.picture import command
+from sim.studies.campaign.campaign import DRAWS, Folder, command, draw_world, fields, overrides
 from tests.flight.flights import campaign_of
 
 DURATION_S = 16.0

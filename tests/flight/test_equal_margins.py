@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from groundstation.config import ConfigError
-from groundstation.core.control.baselines import Pid
+from groundstation.core.control.controllers import Pid
 from sim.__main__ import parser
 from sim.cli import commands
 from sim.studies import (

@@ -20,7 +20,7 @@ from tests.recordings import recorded
 
 MODULE = """import pathlib
 
-from groundstation.core.control.baselines import Pid
+from groundstation.core.control.controllers import Pid
 
 pathlib.Path({mark!r}).touch()
 
@@ -81,7 +81,7 @@ def test_no_module_that_a_recording_names_is_imported_unasked(foreign: tuple[Pat
 def test_it_is_where_the_operator_says_so(foreign: tuple[Path, Path], tmp_path: Path) -> None:
     path, mark = foreign
     (tmp_path / "of_my_own.py").write_text(
-        "from groundstation.core.control.baselines import Pid\nmake = lambda v, _: Pid().build(v)\n"
+        "from groundstation.core.control.controllers import Pid\nmake = lambda v, _: Pid().build(v)\n"
     )
     assert replay_facts(path, ["controller.factory=of_my_own:make"])["commands"] > 300
     assert not mark.exists()

@@ -22,8 +22,8 @@ from groundstation.settings import Config
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry
 from sim.autopilots import Px4Autopilot
-from sim.autopilots.base import ExternalPoses, Fused
-from sim.autopilots.px4 import LAND
+from sim.autopilots.autopilot import ExternalPoses, Fused
+from sim.autopilots.dialects import PX4_LAND as LAND
 from sim.runs import Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time

@@ -10,7 +10,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.autopilots import Px4Autopilot
-from sim.autopilots.px4 import POSCTL
+from sim.autopilots.dialects import POSCTL
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare

@@ -14,7 +14,7 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose, PoseEvent, PoseStatus
 from groundstation.lab.pose_monitor import listen, summary_rows, summary_table
 from groundstation.lab.pose_stream import WINDOW_S, PoseStreamMonitor, PoseStreamSummary
-from groundstation.pose.recorded import CsvConfig, Speed
+from groundstation.pose.registry import CsvConfig, Speed
 from groundstation.settings import Config
 from links.mavlink.protocol import MavlinkCodec
 from sim.runs import Stage

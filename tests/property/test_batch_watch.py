@@ -13,7 +13,7 @@ from groundstation.core.control import SUSPENDED, VIOLATED, CertificateMonitor, 
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Decision, Diagnostics
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
-from sim.batch.estimator import BatchWatch
+from sim.batch.batch import BatchWatch
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 HOVER = Motion(ZERO, ZERO, (1.0, 0.0, 0.0, 0.0), 0.785, ZERO)

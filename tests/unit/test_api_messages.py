@@ -9,8 +9,16 @@ from hypothesis import strategies as st
 
 from groundstation.core.messages import Ask, Waypoint
 from groundstation.interfaces.api import Control, OrderAnswer, decode
-from groundstation.interfaces.api.desk import Desk, Party
-from groundstation.interfaces.api.messages import ClientOrder, LineSplitter, Refusal, StationHello, decode_order, encode
+from groundstation.interfaces.api.messages import (
+    ClientOrder,
+    Desk,
+    LineSplitter,
+    Party,
+    Refusal,
+    StationHello,
+    decode_order,
+    encode,
+)
 from links.core import printable
 from tests.sample_flight import Sampled, sample
 

@@ -1,4 +1,4 @@
-"""sim/autopilots/ardupilot.py behaves towards a ground station as ArduCopter does."""
+"""sim/autopilots/dialects.py behaves towards a ground station as ArduCopter does."""
 
 import math
 from typing import Any
@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.core.geometry import so3
 from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, NAV_LAND, SET_MESSAGE_INTERVAL, MavlinkCodec
-from sim.autopilots.ardupilot import GUIDED, GUIDED_NOGPS, LAND, ArduPilotAutopilot
+from sim.autopilots.dialects import GUIDED, GUIDED_NOGPS, LAND, ArduPilotAutopilot
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02

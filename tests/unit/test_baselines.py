@@ -18,7 +18,7 @@ from groundstation.core.control import (
     sine_error,
     turning,
 )
-from groundstation.core.control.baselines import L1, Baseline, Geometric, Indi, InnerLoop, Pid
+from groundstation.core.control.controllers import L1, Baseline, Geometric, Indi, InnerLoop, Pid
 from groundstation.core.geometry import Quat, Vec3, rotate, third_column
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Estimate

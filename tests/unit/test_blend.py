@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import Blend, Chain, LemniscateConfig, Limits, Reference, blend, run_in, stop
-from groundstation.core.trajectory.transition import LONGER
+from groundstation.core.trajectory.port import LONGER
 
 LIMITS = Limits(0.5, 1.0)
 EIGHT = LemniscateConfig(speed_m_s=0.5).build()

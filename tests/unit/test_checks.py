@@ -11,8 +11,7 @@ from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import Check, Pose, PoseKind, Verdict
 from groundstation.core.safety import Agreement, StandingPoses
 from groundstation.flight import describe_checks, describe_failures, ensure_guarded
-from groundstation.flight.prearm import Checks
-from groundstation.flight.preflight import real
+from groundstation.flight.prearm import Checks, real
 from groundstation.pose import PoseConfig
 from groundstation.settings import Config, LinkConfig
 from links.core import LinkKind, LinkStatus

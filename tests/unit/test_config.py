@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, dump, from_dict, load
+from groundstation.core.trajectory.port import HoldConfig
 from groundstation.core.trajectory.shapes import CircleConfig
-from groundstation.core.trajectory.transition import HoldConfig
 from groundstation.lab import read_fleet
 from groundstation.settings import Config
 

@@ -1,7 +1,7 @@
 """From what speaks against the poses to what is done."""
 
 from groundstation.core.safety import Conviction, Parole, PoseEvidence, Since, charge_age
-from groundstation.core.safety.conviction import ANSWERED, HELD_S, OLD_S, PAROLE_S
+from groundstation.core.safety.guards import ANSWERED, HELD_S, OLD_S, PAROLE_S
 
 NOTHING = PoseEvidence(0.0, 0.0, 0.0, 0.0)
 

@@ -40,7 +40,7 @@ from groundstation.lab.doctor_advice import (
 from groundstation.settings import Config
 from links.mavlink.protocol import REAL32
 from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
-from sim.autopilots.dialect import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
+from sim.autopilots.autopilot import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 

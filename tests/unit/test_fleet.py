@@ -6,8 +6,7 @@ import msgspec
 import pytest
 
 from groundstation.interfaces.mqtt import FleetMonitor, VehicleView
-from groundstation.interfaces.mqtt.fleet import SILENCE_S, VEHICLES_MAX
-from groundstation.interfaces.mqtt.messages import parse_event
+from groundstation.interfaces.mqtt.messages import SILENCE_S, VEHICLES_MAX, parse_event
 from groundstation.interfaces.tui.fleet import (
     COLUMNS,
     SORT_KEYS,

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from groundstation.analysis import logs_command
-from groundstation.recording.headline import HeadlineCounter
+from groundstation.recording.records import HeadlineCounter
 from groundstation.runtime import RecordingConfig, folder_of, free_name, is_being_written, list_recordings, tidy
 
 NOW = 1_800_000_000.0

@@ -8,9 +8,8 @@ import msgspec
 import pytest
 
 from groundstation.core.messages import MOST_POINTS, Ask, Reply, Request, Waypoint
-from groundstation.interfaces.api.desk import ANYONE, Party
-from groundstation.interfaces.api.desk import Desk as ControlDesk
-from groundstation.interfaces.api.messages import ClientOrder
+from groundstation.interfaces.api.messages import ANYONE, ClientOrder, Party
+from groundstation.interfaces.api.messages import Desk as ControlDesk
 from groundstation.interfaces.mqtt.messages import SealedRequest
 from groundstation.interfaces.mqtt.requests import (
     ANY_BURST,

@@ -4,7 +4,7 @@ import math
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from sim.world import Horizon, TrueState, rows, stream
-from sim.world.vehicle import LOOP_S, WANDER_RAD
+from sim.world.quadrotor import LOOP_S, WANDER_RAD
 
 GRAVITY = 9.81
 ZERO: Vec3 = (0.0, 0.0, 0.0)

@@ -9,12 +9,19 @@ import numpy as np
 import pytest
 
 from groundstation.analysis.identify import FlightStretch, identify
-from groundstation.analysis.identify.command import file_text, table
+from groundstation.analysis.identify.command import (
+    FLY,
+    IdentifiedVehicle,
+    file_text,
+    jitter_of,
+    measure_jitter,
+    measure_noise,
+    table,
+)
 from groundstation.analysis.identify.fit import Bounds, design_filter, fit_noise, minimize
 from groundstation.analysis.identify.stretch import Column
 from groundstation.analysis.identify.thrust_fit import full_n, hover_signal, most_n
 from groundstation.analysis.identify.turn_fit import respond_with_lag, turns
-from groundstation.analysis.identify.vehicle import FLY, IdentifiedVehicle, jitter_of, measure_jitter, measure_noise
 from groundstation.core.geometry import FLOATS, IDENTITY
 from groundstation.core.geometry import rotate as turned_by
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from groundstation.core.control import Gains
-from groundstation.core.control.baselines import Pid
+from groundstation.core.control.controllers import Pid
 from groundstation.core.messages import Estimate
 from groundstation.core.safety import LIVE, RAMP_S, LiveGains
 from groundstation.core.safety.live_gains import BACK_S, JUDGED_S

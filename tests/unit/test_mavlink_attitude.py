@@ -14,7 +14,7 @@ from links.core import Attitude, LinkMisuse
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import ATTITUDE_HZ, DIALECT, PX4, Message, Trip, attitude_of
 from sim.autopilots import AutopilotPeer, Px4Autopilot, SimulatedAutopilot
-from sim.autopilots.ardupilot import ArduPilotAutopilot
+from sim.autopilots.dialects import ArduPilotAutopilot
 from tests.airframe_double import Brick
 from tests.loops import in_virtual_time
 from tests.unit.test_mavlink_link import HERE, Endpoint, accept

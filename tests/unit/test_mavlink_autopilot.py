@@ -1,4 +1,4 @@
-"""sim/autopilots/px4.py behaves towards a ground station as PX4 does."""
+"""sim/autopilots/dialects.py behaves towards a ground station as PX4 does."""
 
 from typing import Any
 
@@ -7,7 +7,8 @@ import pytest
 from groundstation.core.geometry import so3
 from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
 from sim.autopilots import Px4Autopilot
-from sim.autopilots.px4 import LAND, OFFBOARD
+from sim.autopilots.dialects import OFFBOARD
+from sim.autopilots.dialects import PX4_LAND as LAND
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02

@@ -9,7 +9,7 @@ import pytest
 
 from groundstation.core.messages import Pose, SourceError
 from groundstation.pose import TlogConfig, TlogReader, pose_decoder
-from groundstation.pose.recorded import TlogSource
+from groundstation.pose.registry import TlogSource
 from groundstation.pose.sources import LocalPositionDecoder, OdometryDecoder
 from links.mavlink.protocol import MavlinkCodec
 from sim.time import VirtualTimeLoop

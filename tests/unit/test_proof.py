@@ -1,4 +1,4 @@
-"""groundstation/flight/preflight.py: what a test with the propellers off holds for, and who may have written it."""
+"""groundstation/flight/prearm.py: what a test with the propellers off holds for, and who may have written it."""
 
 from pathlib import Path
 from typing import Any
@@ -8,8 +8,7 @@ import pytest
 from groundstation.config import from_dict
 from groundstation.core.messages import Check, Verdict
 from groundstation.flight import Proof, digest, place, save
-from groundstation.flight.prearm import Checks
-from groundstation.flight.preflight import lacks, on_file
+from groundstation.flight.prearm import Checks, lacks, on_file
 from groundstation.settings import Config
 from tests.unit.test_checks import BASE, LINK, standing
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from groundstation.core.messages import Pose, SourceError
 from groundstation.pose import CsvRow, TlogConfig, encode_csv, read_csv
-from groundstation.pose.recorded import CsvConfig, Speed
+from groundstation.pose.registry import CsvConfig, Speed
 from sim.runs import fly
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.control import ControllerConfig, Custom, Gains, Uncompensated, bound_decrease
-from groundstation.core.control.baselines import L1, Geometric, Indi, Pid
+from groundstation.core.control.controllers import L1, Geometric, Indi, Pid
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
@@ -38,8 +38,17 @@ from sim.studies.tune import (
     text,
     with_gains,
 )
-from sim.studies.tune.flights import KEYS, Sortie, fit_scenario
-from sim.studies.tune.margins import GAIN_DOWN, GAIN_UP, Margin, MarginReport, boundary, format_margin
+from sim.studies.tune.flights import (
+    GAIN_DOWN,
+    GAIN_UP,
+    KEYS,
+    Margin,
+    MarginReport,
+    Sortie,
+    boundary,
+    fit_scenario,
+    format_margin,
+)
 from sim.studies.tune.tune import BROKEN, short_of, try_gains
 
 KINDS: dict[str, ControllerConfig] = {

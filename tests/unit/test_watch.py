@@ -18,7 +18,7 @@ from groundstation.core.control.adaptive import (
     decrease,
     terms,
 )
-from groundstation.core.control.baselines import Pid
+from groundstation.core.control.controllers import Pid
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Decision, Diagnostics
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle

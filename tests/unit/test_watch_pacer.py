@@ -9,8 +9,7 @@ import pytest
 
 from links.rf import LOOK_S, StandbyWatch
 from links.rf.pacer import LATE_S, OLD_S
-from links.rf.shared_memory import FIRST, PACER, Lease, Superseded
-from links.rf.shared_port import HeldPort, SharedPort
+from links.rf.shared_memory import FIRST, PACER, HeldPort, Lease, SharedPort, Superseded
 
 
 def looks(watch: StandbyWatch, begin_s: float, *, late_s: float = 0.0, vouched_s: float | None = None) -> float | None:

@@ -2,7 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.identify.command import find_outside, identify_command
+    from groundstation.analysis.identify.command import find_outside, identify, identify_command
     from groundstation.analysis.identify.stretch import (
         LEAST_S,
         FlightStretch,
@@ -10,12 +10,10 @@ if TYPE_CHECKING:
         find_stretch,
         read_stretch,
     )
-    from groundstation.analysis.identify.vehicle import identify
 
 _MODULES = {
-    "command": ("find_outside", "identify_command"),
+    "command": ("find_outside", "identify", "identify_command"),
     "stretch": ("FlightStretch", "LEAST_S", "StretchTooShort", "find_stretch", "read_stretch"),
-    "vehicle": ("identify",),
 }
 
 

@@ -1,6 +1,10 @@
-"""Controllers to fly with: the table of their kinds, and a user's own, loaded by name.
+"""Controllers to fly with: the table of their kinds, a user's own, loaded by name, and published ones: baselines.
 
 ``ControllerConfig`` has one line for each kind; a user's own is ``controller.kind = "package.module:factory"``.
+
+Baselines are published control laws to compare ours with, and the inner loop that they share. They fly on the same
+estimate as our controller: position, velocity, attitude and modelled thrust at the instant the command acts, and the
+observer's disturbance d̂. So a comparison with them is one of control laws.
 """
 
 import inspect
@@ -24,12 +28,458 @@ from groundstation.config import (
     needed_names,
 )
 from groundstation.core.control.adaptive import Adaptive, Gains, Uncompensated
-from groundstation.core.control.attitude import clamp_command, make_decision
-from groundstation.core.control.baselines import L1, Geometric, Indi, Pid
-from groundstation.core.estimation import Estimation
+from groundstation.core.control.attitude import (
+    acceleration,
+    clamp_command,
+    half_angle_error,
+    length,
+    make_decision,
+    push,
+    sine_error,
+    turning,
+)
+from groundstation.core.control.backstepping import yaw_rate
+from groundstation.core.estimation import Estimation, NonNegative, Positive
+from groundstation.core.geometry import FLOATS, Vec3, third_column
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import ActuatorCommand, Vehicle
+from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead
+
+
+class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Keys that every baseline has."""
+
+    k_yaw: NonNegative = 1.0
+    """Heading gain [1/s], as ours."""
+    tilt_limit_deg: Annotated[float, msgspec.Meta(gt=0.0, le=80.0)] = 45.0
+    """Largest tilt to ask for [deg]; PX4's default."""
+    actuator_compensation: bool = False
+    """Invert the lags of thrust and body rates, as ours does; off, as the baselines are published.
+
+    docs/decisions/0006-baselines.md says what happens with it, and has the gains for it."""
+    k_omega: Positive = 14.0
+    """With it: how fast an error of thrust or body rate shall decay [1/s], as ours."""
+    rate_feedforward: NonNegative = 0.03
+    """With it: time constant of the filter on the derivative of what is wanted [s], as ours."""
+
+
+class InnerLoop:
+    """Turns a wanted push and turn into a decision. State: what was wanted last, and its derivative."""
+
+    def __init__(self, vehicle: Vehicle, gains: Baseline) -> None:
+        """Take the vehicle as told, and the keys that all baselines share."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._yaw_limit = math.radians(vehicle.rate_limits_deg_s[2])
+        lags = (vehicle.thrust_lag_s, *(vehicle.rate_lag_s,) * 3)
+        self._leads = [lead(FLOATS, vehicle.frame_period_s, lag) if lag > 0.0 else 0.0 for lag in lags]
+        self._wanted: list[float] | None = None
+        self._slopes = [0.0] * 4
+
+    def decide(
+        self,
+        estimate: Estimate,
+        reference: Reference,
+        interval_s: float,
+        *,
+        push: Vec3,
+        turn: tuple[float, float],
+        disturbance: Vec3,
+    ) -> Decision:
+        """The decision that takes thrust to m |push| and the body rates about x and y to ``turn`` [rad/s]."""
+        motion, gravity = estimate.motion, self._gains.gravity
+        heading = yaw_rate(
+            FLOATS,
+            attitude=motion.attitude,
+            yaw=reference.yaw_rad,
+            yaw_dot=reference.yaw_rate_rad_s,
+            rate_y=turn[1],
+            k_yaw=self._gains.k_yaw,
+            limit=self._yaw_limit,
+        )
+        wanted = [self._vehicle.mass_kg / estimate.effectiveness * length(push), *turn, heading]
+        if self._gains.actuator_compensation:
+            wanted = self._lead([motion.thrust, *motion.rates], wanted, interval_s)
+        thrust, x, y, z = wanted
+        return make_decision(
+            self._vehicle,
+            estimate,
+            reference,
+            thrust,
+            (x, y, z),
+            wanted=(disturbance[0] - push[0], disturbance[1] - push[1], gravity + disturbance[2] - push[2]),
+            disturbance=disturbance,
+        )
+
+    def _lead(self, now: list[float], wanted: list[float], interval: float) -> list[float]:
+        """Thrust and rates to command so that the true ones follow ``wanted`` through their lags (see actuators)."""
+        gains, last = self._gains, self._wanted
+        if last is not None and interval > 0.0:
+            k = interval / (interval + gains.rate_feedforward)
+            self._slopes = [
+                slope + k * ((new - old) / interval - slope)
+                for slope, new, old in zip(self._slopes, wanted, last, strict=True)
+            ]
+        self._wanted = wanted
+        return [
+            is_now + n * (gains.k_omega * (goal - is_now) + slope) if n > 0.0 else goal
+            for is_now, goal, slope, n in zip(now, wanted, self._slopes, self._leads, strict=True)
+        ]
+
+
+class Geometric(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="geometric"):
+    """Gains, found by a search: docs/decisions/0006-baselines.md."""
+
+    k_position: Positive = 9.46
+    """k_x / m [1/s²]."""
+    k_velocity: Positive = 5.81
+    """k_v / m [1/s]."""
+    k_integral: NonNegative = 9.74
+    """k_i / m [1/s²]."""
+    coupling: Positive = 1.85
+    """c1: share of the position error in the integral of e_v + c1 e_x [1/s]."""
+    integral_bound: Positive = 5.0
+    """σ: largest acceleration of the integral term, per axis [m/s²]; as b_bound of ours."""
+    k_attitude: Positive = 16.1
+    """k_R over k_Ω: body rate per attitude error [1/s]."""
+
+    def build(self, vehicle: Vehicle) -> "GeometricController":
+        """The controller."""
+        return GeometricController(vehicle, self)
+
+
+class GeometricController:
+    """Geometric tracking control on SE(3) with integral action. State: the integral e_i.
+
+    T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010, with the
+    integral term of F. Goodarzi, D. Lee, T. Lee, "Geometric nonlinear PID control of a quadrotor UAV on SE(3)", ECC
+    2013, per unit of mass. The vehicle takes body rates, not moments: of the attitude loop there remain the error e_R
+    and the rate Ω_c at which the wanted attitude turns, from exact derivatives as in the paper. Heading has its own
+    loop, as in ours.
+    """
+
+    def __init__(self, vehicle: Vehicle, gains: Geometric) -> None:
+        """Start with an empty integral."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._outlet = InnerLoop(vehicle, gains)
+        self._integral: Vec3 = (0.0, 0.0, 0.0)
+        self._saturated = False
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command; see the port."""
+        gains, motion = self._gains, estimate.motion
+        ki, c1 = gains.k_integral, gains.coupling
+        # The integral stands still while the command is clamped, so that it does not wind up.
+        dt = 0.0 if self._saturated else interval_s
+        learnt: list[float] = []
+        slope: list[float] = []
+        for i in range(3):
+            ex = motion.position[i] - reference.position_ned[i]
+            ev = motion.velocity[i] - reference.velocity_ned[i]
+            bound = gains.integral_bound
+            learnt.append(FLOATS.clamp(self._integral[i] + dt * ki * (ev + c1 * ex), -bound, bound))
+            slope.append(ki * (ev + c1 * ex))
+        self._integral = (learnt[0], learnt[1], learnt[2])
+        decision = track_on_se3(
+            self._vehicle,
+            gains,
+            self._outlet,
+            estimate,
+            reference,
+            interval_s,
+            against=self._integral,
+            against_dot=(slope[0], slope[1], slope[2]),
+        )
+        self._saturated = decision.saturated
+        return decision
+
+
+def track_on_se3(
+    vehicle: Vehicle,
+    gains: "Geometric | L1",
+    outlet: InnerLoop,
+    estimate: Estimate,
+    reference: Reference,
+    interval_s: float,
+    *,
+    against: Vec3,
+    against_dot: Vec3,
+) -> Decision:
+    """Geometric tracking (Lee, Leok, McClamroch 2010) ``against`` an acceleration that changes by ``against_dot``."""
+    motion, kx, kv = estimate.motion, gains.k_position, gains.k_velocity
+    mass = vehicle.mass_kg / estimate.effectiveness
+    now = acceleration(motion, estimate.disturbance, mass, gains.gravity, vehicle.drag_per_s)
+    feedback: list[float] = []
+    slope: list[float] = []
+    for i in range(3):
+        ex = motion.position[i] - reference.position_ned[i]
+        ev = motion.velocity[i] - reference.velocity_ned[i]
+        ea = now[i] - reference.acceleration_ned[i]
+        feedback.append(reference.acceleration_ned[i] - kx * ex - kv * ev - against[i])
+        slope.append(reference.jerk_ned[i] - kx * ev - kv * ea - against_dot[i])
+    (vx, vy, vz), drag = motion.velocity, -vehicle.drag_per_s
+    told = (drag * vx, drag * vy, drag * vz)
+    along, _ = push((feedback[0], feedback[1], feedback[2]), told, gains.gravity, math.radians(gains.tilt_limit_deg))
+    ex, ey = sine_error(motion.attitude, along)
+    wx, wy = turning(motion.attitude, along, (-slope[0], -slope[1], -slope[2]))
+    return outlet.decide(
+        estimate,
+        reference,
+        interval_s,
+        push=along,
+        turn=(wx + gains.k_attitude * ex, wy + gains.k_attitude * ey),
+        disturbance=against,
+    )
+
+
+class L1(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="l1"):
+    """Gains: those of the geometric law, and two of the adaptation."""
+
+    k_position: Positive = 9.46
+    """k_x / m [1/s²]."""
+    k_velocity: Positive = 5.81
+    """k_v / m [1/s]."""
+    predictor_pole: Positive = 1.0
+    """-A_s: how fast the predictor forgets its error [1/s]. At commands every T_s it leaves A_s T_s / 2 of a steady
+    disturbance uncompensated."""
+    bandwidth_rad_s: Positive = 8.0
+    """ω_c of the low-pass filter C(s) between what is found and what is counteracted [rad/s]."""
+    k_attitude: Positive = 16.1
+    """k_R over k_Ω: body rate per attitude error [1/s]."""
+
+    def build(self, vehicle: Vehicle) -> "L1Controller":
+        """The controller."""
+        return L1Controller(vehicle, self)
+
+
+class L1Controller:
+    """L1 adaptive augmentation of the geometric law. State: the predictor's velocity, σ̂, and σ̂ filtered.
+
+    Z. Wu, S. Cheng, P. Zhao, A. Gahlawat, K. A. Ackerman, A. Lakshmanan, C. Yang, J. Yu, N. Hovakimyan, "L1Quad: L1
+    adaptive augmentation of geometric control for agile quadrotors with performance guarantees", 2023. State predictor
+    v̂˙ = g e3 - (T/m) R e3 + σ̂ + A_s ṽ, ṽ = v̂ - v; piecewise-constant adaptation σ̂ = -Φ⁻¹ e^(A_s T_s) ṽ,
+    Φ = A_s⁻¹ (e^(A_s T_s) - 1); counteracted is what a low-pass filter C(s) lets through. The vehicle takes body rates,
+    not moments: so the predictor is of the velocity alone, and the forces across the thrust, which L1Quad leaves to the
+    outer loop, are counteracted by the push, too.
+    """
+
+    def __init__(self, vehicle: Vehicle, gains: L1) -> None:
+        """Start with nothing found: the predictor takes the first velocity that comes."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._outlet = InnerLoop(vehicle, gains)
+        self._predicted: Vec3 | None = None
+        self._filtered: Vec3 = (0.0, 0.0, 0.0)
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command; see the port."""
+        gains, motion = self._gains, estimate.motion
+        hold = self._vehicle.frame_period_s
+        keep = math.exp(-gains.predictor_pole * hold)
+        phi = (1.0 - keep) / gains.predictor_pole
+        share = 1.0 - math.exp(-gains.bandwidth_rad_s * interval_s)
+        nothing = (0.0, 0.0, 0.0)
+        mass = self._vehicle.mass_kg / estimate.effectiveness
+        known = acceleration(motion, nothing, mass, gains.gravity, self._vehicle.drag_per_s)
+        before = motion.velocity if self._predicted is None else self._predicted
+        predicted: list[float] = []
+        filtered: list[float] = []
+        slope: list[float] = []
+        for i in range(3):
+            off = before[i] - motion.velocity[i]
+            found = -keep * off / phi
+            # The predictor at the next command: its error decays, the rest goes on as it is known.
+            predicted.append(motion.velocity[i] + hold * known[i] + keep * off + phi * found)
+            slope.append(gains.bandwidth_rad_s * (found - self._filtered[i]))
+            filtered.append(self._filtered[i] + share * (found - self._filtered[i]))
+        self._predicted = (predicted[0], predicted[1], predicted[2])
+        self._filtered = (filtered[0], filtered[1], filtered[2])
+        return track_on_se3(
+            self._vehicle,
+            gains,
+            self._outlet,
+            estimate,
+            reference,
+            interval_s,
+            against=self._filtered,
+            against_dot=(slope[0], slope[1], slope[2]),
+        )
+
+
+class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="pid"):
+    """Gains, found by a search: docs/decisions/0006-baselines.md. In brackets: PX4's name."""
+
+    p_position: Positive = 2.32
+    """Velocity per position error [1/s] (MPC_XY_P)."""
+    p_velocity: Positive = 4.69
+    """Acceleration per velocity error [1/s] (MPC_XY_VEL_P_ACC)."""
+    i_velocity: NonNegative = 6.83
+    """Acceleration per integral of the velocity error [1/s²] (MPC_XY_VEL_I_ACC)."""
+    d_velocity: NonNegative = 0.0164
+    """Acceleration against acceleration [-] (MPC_XY_VEL_D_ACC)."""
+    speed_limit_m_s: Positive = 12.0
+    """Largest speed to ask for [m/s] (MPC_XY_VEL_MAX)."""
+    integral_bound: Positive = 5.0
+    """Largest acceleration of the integral, per axis [m/s²]; PX4 has g, upwards only."""
+    p_attitude: Positive = 20.0
+    """Body rate per attitude error [1/s] (MC_ROLL_P, MC_PITCH_P)."""
+
+    def build(self, vehicle: Vehicle) -> "PidController":
+        """The controller."""
+        return PidController(vehicle, self)
+
+
+class PidController:
+    """Cascaded PID, as the position and attitude control of PX4 (main branch of 2024). State: the velocity integral.
+
+    Position P → velocity PID with anti-windup → thrust vector, tilt-limited → attitude P on the quaternion error → body
+    rates. Velocity and acceleration of the reference are fed forward; PX4 feeds no attitude rate forward, nor does
+    this.
+    """
+
+    def __init__(self, vehicle: Vehicle, gains: Pid) -> None:
+        """Start with an empty integral."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._outlet = InnerLoop(vehicle, gains)
+        self._integral: Vec3 = (0.0, 0.0, 0.0)
+        self._saturated = False
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command; see the port."""
+        gains, motion = self._gains, estimate.motion
+        mass, drag = self._vehicle.mass_kg / estimate.effectiveness, self._vehicle.drag_per_s
+        now = acceleration(motion, estimate.disturbance, mass, gains.gravity, drag)
+        goal = self._velocity(motion.position, reference)
+        error = (goal[0] - motion.velocity[0], goal[1] - motion.velocity[1], goal[2] - motion.velocity[2])
+        feed, integral = reference.acceleration_ned, self._integral
+        p, d = gains.p_velocity, gains.d_velocity
+        wanted: Vec3 = (
+            feed[0] + p * error[0] + integral[0] - d * now[0],
+            feed[1] + p * error[1] + integral[1] - d * now[1],
+            feed[2] + p * error[2] + integral[2] - d * now[2],
+        )
+        vx, vy, vz = motion.velocity
+        told = (-drag * vx, -drag * vy, -drag * vz)
+        along, cut = push(wanted, told, gains.gravity, math.radians(gains.tilt_limit_deg))
+        if not (cut or self._saturated):  # else it would wind up
+            k, bound = interval_s * gains.i_velocity, gains.integral_bound
+            self._integral = (
+                FLOATS.clamp(integral[0] + k * error[0], -bound, bound),
+                FLOATS.clamp(integral[1] + k * error[1], -bound, bound),
+                FLOATS.clamp(integral[2] + k * error[2], -bound, bound),
+            )
+        x, y = half_angle_error(motion.attitude, along)
+        decision = self._outlet.decide(
+            estimate,
+            reference,
+            interval_s,
+            push=along,
+            turn=(gains.p_attitude * x, gains.p_attitude * y),
+            disturbance=(-integral[0], -integral[1], -integral[2]),
+        )
+        self._saturated = decision.saturated
+        return decision
+
+    def _velocity(self, position: Vec3, reference: Reference) -> Vec3:
+        """The velocity to ask for [m/s, NED], no faster than the limit."""
+        k, p, v = self._gains.p_position, reference.position_ned, reference.velocity_ned
+        x = v[0] + k * (p[0] - position[0])
+        y = v[1] + k * (p[1] - position[1])
+        z = v[2] + k * (p[2] - position[2])
+        slow = min(1.0, self._gains.speed_limit_m_s / (math.sqrt(x * x + y * y + z * z) + 1e-9))
+        return (x * slow, y * slow, z * slow)
+
+
+class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="indi"):
+    """Gains, found by a search: docs/decisions/0006-baselines.md."""
+
+    k_position: Positive = 17.8
+    """K_x [1/s²]."""
+    k_velocity: Positive = 6.36
+    """K_v [1/s]."""
+    k_acceleration: NonNegative = 0.95
+    """K_a [-]."""
+    filter_s: NonNegative = 0.0041
+    """Time constant of the low-pass filter on acceleration and thrust vector [s]."""
+    k_attitude: Positive = 18.3
+    """Body rate per attitude error [1/s]."""
+
+    def build(self, vehicle: Vehicle) -> "IndiController":
+        """The controller."""
+        return IndiController(vehicle, self)
+
+
+class IndiController:
+    """Incremental nonlinear dynamic inversion of the acceleration. State: it and the thrust vector, both filtered.
+
+    E. Tal, S. Karaman, "Accurate tracking of aggressive quadrotor trajectories using incremental nonlinear dynamic
+    inversion and differential flatness", CDC 2018 / TCST 2021: the thrust vector is changed by as much as the
+    acceleration is off, both through the same low-pass filter; the attitude follows by proportional control, with the
+    turn that the reference's jerk asks for fed forward. There is no accelerometer here: the acceleration is the
+    observer's.
+    """
+
+    def __init__(self, vehicle: Vehicle, gains: Indi) -> None:
+        """Start with empty filters: they take the first values that come."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._outlet = InnerLoop(vehicle, gains)
+        self._acceleration: Vec3 | None = None
+        self._push: Vec3 = (0.0, 0.0, 0.0)
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command; see the port."""
+        gains, motion = self._gains, estimate.motion
+        seen, given = self._filter(estimate, interval_s)
+        kx, kv, ka, feed = gains.k_position, gains.k_velocity, gains.k_acceleration, reference.acceleration_ned
+        wanted: list[float] = [
+            feed[i]
+            + kx * (reference.position_ned[i] - motion.position[i])
+            + kv * (reference.velocity_ned[i] - motion.velocity[i])
+            + ka * (feed[i] - seen[i])
+            for i in range(3)
+        ]
+        # The increment: the push changes by what the acceleration still lacks. `push` keeps it upright.
+        change = (wanted[0] - seen[0], wanted[1] - seen[1], wanted[2] - seen[2])
+        base = (given[0], given[1], given[2] - gains.gravity)
+        along, _ = push(change, base, gains.gravity, math.radians(gains.tilt_limit_deg))
+        x, y = half_angle_error(motion.attitude, along)
+        jerk = reference.jerk_ned
+        wx, wy = turning(motion.attitude, along, (-jerk[0], -jerk[1], -jerk[2]))
+        return self._outlet.decide(
+            estimate,
+            reference,
+            interval_s,
+            push=along,
+            turn=(wx + gains.k_attitude * x, wy + gains.k_attitude * y),
+            disturbance=estimate.disturbance,
+        )
+
+    def _filter(self, estimate: Estimate, interval: float) -> tuple[Vec3, Vec3]:
+        """Acceleration and push (T/m) R e3 [m/s², NED], both through the same first-order filter."""
+        motion, mass = estimate.motion, self._vehicle.mass_kg / estimate.effectiveness
+        now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity, self._vehicle.drag_per_s)
+        x, y, z = third_column(motion.attitude)
+        f = motion.thrust / mass
+        given: Vec3 = (f * x, f * y, f * z)
+        before = self._acceleration
+        if before is not None and self._gains.filter_s > 0.0:
+            k = interval / (interval + self._gains.filter_s)
+            now, given = _between(before, now, k), _between(self._push, given, k)
+        self._acceleration, self._push = now, given
+        return now, given
+
+
+def _between(old: Vec3, new: Vec3, share: float) -> Vec3:
+    """``share`` of the way from ``old`` to ``new``."""
+    return (
+        old[0] + share * (new[0] - old[0]),
+        old[1] + share * (new[1] - old[1]),
+        old[2] + share * (new[2] - old[2]),
+    )
+
 
 KEY = "controller.kind"
 

@@ -45,7 +45,7 @@ def ask(time_s: float) -> tuple[float, float]:
 
 
 class Descent:
-    """Implements :class:`~groundstation.core.messages.control.Controller`; of the reference speed and heading count."""
+    """Implements :class:`groundstation.core.messages.Controller`; of the reference speed and heading count."""
 
     def __init__(self, vehicle: Vehicle, gravity: float) -> None:
         """Take the vehicle as told, and g [m/s²]."""

@@ -2,7 +2,6 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.messages.control import Controller, Decision, Estimate
     from groundstation.core.messages.pose import (
         FAR_M,
         Distrusts,
@@ -25,7 +24,10 @@ if TYPE_CHECKING:
         Ask,
         Certificate,
         Check,
+        Controller,
+        Decision,
         Diagnostics,
+        Estimate,
         RemoteAsk,
         Reply,
         Request,
@@ -38,7 +40,6 @@ if TYPE_CHECKING:
     )
 
 _MODULES = {
-    "control": ("Controller", "Decision", "Estimate"),
     "pose": (
         "Distrusts",
         "FAR_M",
@@ -55,7 +56,10 @@ _MODULES = {
         "Ask",
         "Certificate",
         "Check",
+        "Controller",
+        "Decision",
         "Diagnostics",
+        "Estimate",
         "FARTHEST_M",
         "MOST_POINTS",
         "ROUNDING_S",

@@ -1,13 +1,18 @@
-"""Snapshot and request: one frozen picture of a flight per command, which flows out, and the one way in. Sans-IO."""
+"""Snapshot and request: one frozen picture of a flight per command, which flows out, and the one way in. Sans-IO.
+
+And what goes between them: an estimator's estimate, a controller's decision, and the controller's port.
+"""
 
 import math
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple, Protocol
 
 import msgspec
 
-from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.geometry import Quat, Real, Vec3
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import ActuatorCommand, Motion
 from links.core import LinkStatus
 
 STEADY_S = 15.0
@@ -295,3 +300,36 @@ def decode(text: bytes) -> Request | None:
         return msgspec.json.decode(text, type=Request)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
+
+
+class Estimate(NamedTuple):
+    """The vehicle at the instant a command will act."""
+
+    time_s: float
+    """That instant, on the event loop's clock [s]."""
+    motion: Motion
+    """Position, velocity, attitude, thrust and body rates there."""
+    disturbance: Vec3
+    """The observer's disturbance d̂ [m/s², NED]."""
+    disturbance_step: Vec3
+    """What innovations since the last estimate ask b̂ to change by [m/s²] (raw composite form; else zero)."""
+    effectiveness: Real = 1.0
+    """λ̂: true thrust over told thrust [-]; the vehicle's told mass over it is what thrust seems to lift."""
+
+
+class Decision(NamedTuple):
+    """What a controller wants, and why."""
+
+    drive: ActuatorCommand
+    """Thrust [N] and body rates [rad/s, FRD], within the vehicle's limits."""
+    saturated: bool
+    """True where any of the four was clamped."""
+    diagnostics: Diagnostics
+
+
+class Controller(Protocol):
+    """An estimate and a reference in, a command out. Sans-IO; state inside."""
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command; ``interval_s`` [s] has passed since the last one (0 at the first)."""
+        ...

@@ -2,9 +2,21 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.safety.conviction import WITNESS, Charge, Conviction, Parole, charge_age, charge_lateness
     from groundstation.core.safety.geofence import Fence, FenceConfig, Separation, SeparationConfig
-    from groundstation.core.safety.guards import Escalation, GuardAction, GuardFinding, Guards, GuardsConfig, Since
+    from groundstation.core.safety.guards import (
+        WITNESS,
+        Charge,
+        Conviction,
+        Escalation,
+        GuardAction,
+        GuardFinding,
+        Guards,
+        GuardsConfig,
+        Parole,
+        Since,
+        charge_age,
+        charge_lateness,
+    )
     from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
     from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence
     from groundstation.core.safety.takeoff import (
@@ -22,9 +34,21 @@ if TYPE_CHECKING:
     from groundstation.core.safety.witness import ASKEW_DEG, Agreement, PoseLatency, Witness
 
 _MODULES = {
-    "conviction": ("Charge", "Conviction", "Parole", "WITNESS", "charge_age", "charge_lateness"),
     "geofence": ("Fence", "FenceConfig", "Separation", "SeparationConfig"),
-    "guards": ("Escalation", "GuardAction", "GuardFinding", "Guards", "GuardsConfig", "Since"),
+    "guards": (
+        "Charge",
+        "Conviction",
+        "Escalation",
+        "GuardAction",
+        "GuardFinding",
+        "Guards",
+        "GuardsConfig",
+        "Parole",
+        "Since",
+        "WITNESS",
+        "charge_age",
+        "charge_lateness",
+    ),
     "live_gains": ("LIVE", "LiveGains", "PREFIX", "RAMP_S", "STEP_FACTOR"),
     "obedience": ("NODE_S", "Obedience", "PoseEvidence", "STILL_SUSPECTS"),
     "takeoff": (

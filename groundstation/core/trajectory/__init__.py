@@ -8,21 +8,29 @@ if TYPE_CHECKING:
         check_feasibility,
         explain_infeasibility,
     )
-    from groundstation.core.trajectory.port import Reference, Trajectory
+    from groundstation.core.trajectory.port import (
+        Blend,
+        Chain,
+        Hold,
+        Limits,
+        Reference,
+        Trajectory,
+        blend,
+        run_in,
+        stop,
+    )
     from groundstation.core.trajectory.shapes import (
         ExcitationConfig,
         LemniscateConfig,
         OwnTrajectoryConfig,
         TrajectoryConfig,
     )
-    from groundstation.core.trajectory.transition import Blend, Chain, Hold, Limits, blend, run_in, stop
     from groundstation.core.trajectory.waypoints import parse_course
 
 _MODULES = {
     "feasibility": ("Demand", "FeasibilityReport", "check_feasibility", "explain_infeasibility"),
-    "port": ("Reference", "Trajectory"),
+    "port": ("Blend", "Chain", "Hold", "Limits", "Reference", "Trajectory", "blend", "run_in", "stop"),
     "shapes": ("ExcitationConfig", "LemniscateConfig", "OwnTrajectoryConfig", "TrajectoryConfig"),
-    "transition": ("Blend", "Chain", "Hold", "Limits", "blend", "run_in", "stop"),
     "waypoints": ("parse_course",),
 }
 

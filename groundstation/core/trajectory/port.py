@@ -1,10 +1,13 @@
-"""Trajectory: the reference at any instant with exact derivatives, the numbers that configs share, and a curve's pace.
+"""Trajectory: the reference at any instant with exact derivatives, the numbers that configs share, and transitions.
 
 The bounds of the numbers also keep out inf and nan.
+
+A transition is to stay at a point, to go straight to another, and to blend one motion into the next without a step.
 """
 
+import math
 from collections.abc import Sequence
-from typing import Annotated, Protocol, TypeAlias
+from typing import Annotated, NamedTuple, Protocol, TypeAlias
 
 import msgspec
 
@@ -198,3 +201,356 @@ def _ramp(time_s: float, ramp_s: float) -> tuple[float, float, float, float]:
 
 def _resting(reference: Reference) -> Reference:
     return Reference(reference.position_ned, yaw_rad=reference.yaw_rad)
+
+
+LOOKS = 24
+"""Speed and acceleration are looked at so often along a blend: peaks between are a hundredth higher at most."""
+LONGER = 1.08
+"""Each next duration that is tried is longer by this factor; the first that keeps the limits is flown."""
+TRIES = 30
+SPARE = 1.05
+"""The limits are raised to this times what the ends themselves have, where that is more [-]."""
+SWING = 1.15
+"""As much faster, and so much more accelerated, than the motion that it meets may a stop or a run-in be [-]."""
+QUICKER = 1.12
+"""Each next duration of a stop that is tried is shorter by this factor: the gentlest is best, but one that lasts goes
+on turning as the motion turned."""
+LEAST_S = 0.4
+"""No blend is shorter, so that rounding in its ends is no step [s]."""
+_LOOKS_AT = tuple(i / LOOKS for i in range(LOOKS + 1))
+Coefficients = tuple[float, float, float, float, float, float, float, float]
+
+
+class Limits(NamedTuple):
+    """How fast a blend may be flown."""
+
+    speed_m_s: float
+    acceleration_m_s2: float
+
+
+def blend(start: Reference, end: Reference, limits: Limits) -> "Blend":
+    """The shortest blend from ``start`` to ``end`` that keeps ``limits``, or the one that goes least beyond them.
+
+    Where an end is faster itself, its own speed and acceleration, and a little more, are the limit. Between ends that
+    move there may be none within them: go from rest to rest, and use :func:`stop` and :func:`run_in`.
+    """
+    speed = max(limits.speed_m_s, *(SPARE * math.hypot(*one.velocity_ned) for one in (start, end)))
+    hardest = max(limits.acceleration_m_s2, *(SPARE * math.hypot(*one.acceleration_ned) for one in (start, end)))
+    length = math.dist(start.position_ned, end.position_ned)
+    turn = abs(math.remainder(end.yaw_rad - start.yaw_rad, math.tau))
+    duration = max(LEAST_S, length / speed, 2.0 * turn)
+    best, least = None, math.inf
+    for _ in range(TRIES):
+        way = Blend(start, end, duration)
+        fastest, strongest = way.peaks()
+        beyond = max(fastest / speed, strongest / hardest)
+        if beyond < least:
+            best, least = way, beyond
+        if beyond <= 1.0:
+            break
+        duration *= LONGER
+    assert best is not None, "the first one is better than none"
+    return best
+
+
+def stop(start: Reference, limits: Limits) -> "Blend":
+    """From ``start`` to rest, where its motion leads while it dies away; from rest to rest it stays."""
+    return _dying(start, limits, 1.0)
+
+
+def run_in(end: Reference, limits: Limits) -> "Blend":
+    """From rest into the motion ``end``: :func:`stop`, seen backwards."""
+    return _dying(end, limits, -1.0)
+
+
+def _dying(moving: Reference, limits: Limits, way: float) -> "Blend":
+    """The blend between ``moving`` and rest, forwards (``way`` 1) or backwards in time (-1).
+
+    Its speed is a polynomial of degree 5, which leads v T/2 + a T²/10 + j T³/120 far.
+    """
+    speed = max(math.hypot(*moving.velocity_ned), 1e-6)
+    hardest = max(limits.acceleration_m_s2, SWING * math.hypot(*moving.acceleration_ned))
+    duration = max(LEAST_S, 1.9 * speed / limits.acceleration_m_s2)
+    best, least = None, math.inf
+    while best is None or duration >= LEAST_S:
+        parts = zip(moving.position_ned, moving.velocity_ned, moving.acceleration_ned, moving.jerk_ned, strict=True)
+        h = way * duration
+        north, east, down = (p + h * (v / 2.0 + h * (a / 10.0 + h * j / 120.0)) for p, v, a, j in parts)
+        rest = Reference((north, east, down), yaw_rad=moving.yaw_rad + 0.5 * h * moving.yaw_rate_rad_s)
+        one = Blend(moving, rest, duration) if way > 0.0 else Blend(rest, moving, duration)
+        fastest, strongest = one.peaks()
+        beyond = max(fastest / (SWING * speed), strongest / hardest)
+        if beyond < least:
+            best, least = one, beyond
+        if beyond <= 1.0:
+            break
+        duration /= QUICKER
+    assert best is not None, "the first one is better than none"
+    return best
+
+
+class Blend:
+    """From one state of motion to another without a step. See the port; it stays in its end's motion afterwards.
+
+    Each coordinate is the polynomial of degree 7 that meets position, velocity, acceleration and jerk at both ends, so
+    what is joined by it is C³: thrust and body rates, which follow acceleration and jerk, have no step. With x = t/T:
+
+        q(x) = c0 + c1 x + c2 x² + c3 x³ + c4 x⁴ + c5 x⁵ + c6 x⁶ + c7 x⁷
+
+    c0 … c3 are the start's derivatives times Tᵏ/k!; c4 … c7 make up what is left to the end's.
+    """
+
+    __slots__ = ("_end", "_parts", "_start", "_yaw", "duration_s")
+
+    duration_s: float
+
+    def __init__(self, start: Reference, end: Reference, duration_s: float) -> None:
+        """From ``start`` to ``end`` in ``duration_s`` [s] > 0; the heading turns the shorter way."""
+        self.duration_s = duration_s
+        self._start, self._end = start, end
+        ends = zip(
+            start.position_ned, start.velocity_ned, start.acceleration_ned, start.jerk_ned,
+            end.position_ned, end.velocity_ned, end.acceleration_ned, end.jerk_ned,
+            strict=True,
+        )  # fmt: skip
+        self._parts = tuple(_coefficients(duration_s, *values) for values in ends)
+        turn = math.remainder(end.yaw_rad - start.yaw_rad, math.tau)
+        first, last = start.yaw_rate_rad_s, end.yaw_rate_rad_s
+        self._yaw = _coefficients(duration_s, start.yaw_rad, first, 0.0, 0.0, start.yaw_rad + turn, last, 0.0, 0.0)
+
+    @property
+    def joints_s(self) -> tuple[float, float]:
+        """Start and end [s]."""
+        return (0.0, self.duration_s)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        return self.at(time_s).position_ned
+
+    def peaks(self) -> tuple[float, float]:
+        """Largest speed [m/s] and acceleration [m/s²]. Looked for in flight, within a tick: about 0.1 ms."""
+        speed = acceleration = 0.0
+        for x in _LOOKS_AT:
+            v = a = 0.0
+            for _, c1, c2, c3, c4, c5, c6, c7 in self._parts:
+                first = c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * (5 * c5 + x * (6 * c6 + x * 7 * c7)))))
+                second = 2 * c2 + x * (6 * c3 + x * (12 * c4 + x * (20 * c5 + x * (30 * c6 + x * 42 * c7))))
+                v, a = v + first * first, a + second * second
+            speed, acceleration = max(speed, v), max(acceleration, a)
+        h = self.duration_s
+        return math.sqrt(speed) / h, math.sqrt(acceleration) / (h * h)
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start [s]; straight on at the speed of its ends before and after."""
+        if time_s <= 0.0:
+            return _straight(self._start, time_s)
+        if time_s >= self.duration_s:
+            return _straight(self._end, time_s - self.duration_s)
+        x, h = time_s / self.duration_s, self.duration_s
+        (a, da, dda, ddda), (b, db, ddb, dddb), (c, dc, ddc, dddc) = (_at(part, x, h) for part in self._parts)
+        yaw, turning, _, _ = _at(self._yaw, x, h)
+        return Reference((a, b, c), (da, db, dc), (dda, ddb, ddc), (ddda, dddb, dddc), yaw, turning)
+
+
+class Chain:
+    """Ways one after the other. Time counts from the start of the last, so that it is below 0 on all before."""
+
+    __slots__ = ("_last", "_ways", "before_s")
+
+    def __init__(self, ways: Sequence[Blend], last: Trajectory) -> None:
+        """Fly ``ways``, each to its end, then ``last``."""
+        self._ways = tuple(ways)
+        self._last = last
+        self.before_s = sum(way.duration_s for way in ways)
+        """How long the ways before the last one take [s]."""
+
+    @property
+    def duration_s(self) -> float | None:
+        """Of the last way [s]."""
+        return self._last.duration_s
+
+    @property
+    def joints_s(self) -> tuple[float, ...]:
+        """Those of the last way [s]."""
+        return tuple(self._last.joints_s)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        return self.at(time_s).position_ned
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start of the last way [s]."""
+        if time_s >= 0.0:
+            return self._last.at(time_s)
+        since = time_s + self.before_s
+        for way in self._ways[:-1]:
+            if since < way.duration_s:
+                return way.at(since)
+            since -= way.duration_s
+        return self._ways[-1].at(since)
+
+
+def _straight(end: Reference, time_s: float) -> Reference:
+    (x, y, z), (a, b, c) = end.position_ned, end.velocity_ned
+    return Reference((x + time_s * a, y + time_s * b, z + time_s * c), (a, b, c), yaw_rad=end.yaw_rad)
+
+
+def _coefficients(
+    h: float, p0: float, v0: float, a0: float, j0: float, p1: float, v1: float, a1: float, j1: float
+) -> Coefficients:
+    """c0 … c7 of the polynomial that has these derivatives at x = 0 and at x = 1, ``h`` [s] later."""
+    c1, c2, c3 = v0 * h, a0 * h * h / 2.0, j0 * h * h * h / 6.0
+    e0 = p1 - p0 - c1 - c2 - c3
+    e1 = v1 * h - c1 - 2.0 * c2 - 3.0 * c3
+    e2 = a1 * h * h - 2.0 * c2 - 6.0 * c3
+    e3 = j1 * h * h * h - 6.0 * c3
+    return (
+        p0, c1, c2, c3,
+        35.0 * e0 - 15.0 * e1 + 2.5 * e2 - e3 / 6.0,
+        -84.0 * e0 + 39.0 * e1 - 7.0 * e2 + 0.5 * e3,
+        70.0 * e0 - 34.0 * e1 + 6.5 * e2 - 0.5 * e3,
+        -20.0 * e0 + 10.0 * e1 - 2.0 * e2 + e3 / 6.0,
+    )  # fmt: skip
+
+
+def _at(part: Coefficients, x: float, h: float) -> tuple[float, float, float, float]:
+    """Value and three derivatives by time."""
+    c0, c1, c2, c3, c4, c5, c6, c7 = part
+    value = c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * (c5 + x * (c6 + x * c7))))))
+    first = c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * (5 * c5 + x * (6 * c6 + x * 7 * c7)))))
+    second = 2 * c2 + x * (6 * c3 + x * (12 * c4 + x * (20 * c5 + x * (30 * c6 + x * 42 * c7))))
+    third = 6 * c3 + x * (24 * c4 + x * (60 * c5 + x * (120 * c6 + x * 210 * c7)))
+    return value, first / h, second / (h * h), third / (h * h * h)
+
+
+class HoldConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="hold"):
+    """A point to stay at."""
+
+    position_ned: Point = (0.0, 0.0, -1.0)
+    """The point [m], world NED; 1 m up is -1 in the third place."""
+    yaw_deg: Degrees = 0.0
+    """Heading [deg], from north towards east."""
+
+    def build(self) -> "Hold":
+        """The trajectory of this config."""
+        return Hold(self.position_ned, math.radians(self.yaw_deg))
+
+
+class Hold:
+    """One reference for all time. See the port for ``at`` and ``position_at``."""
+
+    __slots__ = ("_reference",)
+
+    duration_s: float | None = None
+    """It never ends."""
+    joints_s = (0.0,)
+    """Nothing ever happens."""
+
+    def __init__(self, position_ned: Vec3, yaw_rad: float) -> None:
+        self._reference = Reference(position_ned, yaw_rad=yaw_rad)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """The point [m], world NED."""
+        return self._reference.position_ned
+
+    def at(self, time_s: float) -> Reference:
+        """The reference at rest."""
+        return self._reference
+
+
+_PEAK_1 = 35.0 / 16.0
+"""Largest f', at x = 1/2."""
+_PEAK_2 = 84.0 / (5.0 * math.sqrt(5.0))
+"""Largest |f''|, where w = 1/5."""
+
+
+class TransitConfig(
+    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="transit"
+):
+    """A straight way between two points, as fast as two limits allow, and a hold at its end."""
+
+    start_ned: Point
+    """Where it starts [m], world NED."""
+    end_ned: Point
+    """Where it ends and stays [m], world NED."""
+    max_speed_m_s: Speed = 0.5
+    """Never faster than this [m/s]."""
+    max_acceleration_m_s2: Acceleration = 1.0
+    """Never more acceleration than this [m/s²]."""
+    yaw_deg: Degrees = 0.0
+    """Heading [deg], from north towards east; it stays."""
+
+    def build(self) -> "Transit":
+        """The trajectory of this config."""
+        return Transit(
+            self.start_ned,
+            self.end_ned,
+            max_speed_m_s=self.max_speed_m_s,
+            max_acceleration_m_s2=self.max_acceleration_m_s2,
+            yaw_rad=math.radians(self.yaw_deg),
+        )
+
+
+class Transit:
+    """From rest straight to rest, in the shortest time that keeps both limits. See the port for its methods.
+
+        pd = start + (end - start) f(x),    x = t / duration,    f = x⁴ (35 - 84x + 70x² - 20x³)
+
+    f is the polynomial of degree 7 whose first three derivatives vanish at both ends: position is C³, so that thrust
+    and body rates, which follow acceleration and jerk, start and stop without a step. With w = x (1 - x):
+        f' = 140 w³        f'' = 420 w² (1 - 2x)        f''' = 840 w (1 - 5w)
+    """
+
+    __slots__ = ("_duration_s", "_end", "_start", "_way", "_yaw")
+
+    def __init__(
+        self, start_ned: Vec3, end_ned: Vec3, *, max_speed_m_s: float, max_acceleration_m_s2: float, yaw_rad: float
+    ) -> None:
+        """Plan the way from ``start_ned`` to ``end_ned`` [m]; both limits must be above 0."""
+        way = (end_ned[0] - start_ned[0], end_ned[1] - start_ned[1], end_ned[2] - start_ned[2])
+        length = math.hypot(*way)
+        self._way = way
+        self._yaw = yaw_rad
+        self._start = Reference(start_ned, yaw_rad=yaw_rad)
+        self._end = Reference(end_ned, yaw_rad=yaw_rad)
+        self._duration_s = max(
+            _PEAK_1 * length / max_speed_m_s,
+            math.sqrt(_PEAK_2 * length / max_acceleration_m_s2),
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """Time from one point to the other [s]; 0 where they are the same."""
+        return self._duration_s
+
+    @property
+    def joints_s(self) -> tuple[float, float]:
+        """Start and end [s]."""
+        return (0.0, self._duration_s)
+
+    def position_at(self, time_s: float) -> Vec3:
+        """Position [m], world NED."""
+        return self.at(time_s).position_ned
+
+    def at(self, time_s: float) -> Reference:
+        """The reference ``time_s`` after the start [s]."""
+        duration = self._duration_s
+        if time_s >= duration:
+            return self._end
+        if time_s <= 0.0:
+            return self._start
+        x = time_s / duration
+        w = x * (1.0 - x)
+        f = x * x * x * x * (35.0 - x * (84.0 - x * (70.0 - x * 20.0)))
+        f1 = 140.0 * w * w * w / duration
+        f2 = 420.0 * w * w * (1.0 - 2.0 * x) / (duration * duration)
+        f3 = 840.0 * w * (1.0 - 5.0 * w) / (duration * duration * duration)
+        start = self._start.position_ned
+        a, b, c = self._way
+        return Reference(
+            (start[0] + f * a, start[1] + f * b, start[2] + f * c),
+            (f1 * a, f1 * b, f1 * c),
+            (f2 * a, f2 * b, f2 * c),
+            (f3 * a, f3 * b, f3 * c),
+            self._yaw,
+        )

@@ -27,6 +27,7 @@ from groundstation.core.trajectory.port import (
     Acceleration,
     Coordinate,
     Degrees,
+    HoldConfig,
     Length,
     Paced,
     PeriodicTrajectory,
@@ -35,8 +36,8 @@ from groundstation.core.trajectory.port import (
     Reference,
     Speed,
     Trajectory,
+    TransitConfig,
 )
-from groundstation.core.trajectory.transition import HoldConfig, TransitConfig
 from groundstation.core.trajectory.waypoints import SamplesConfig, WaypointsConfig
 
 KEY = "trajectory.kind"

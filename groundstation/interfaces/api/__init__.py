@@ -11,8 +11,7 @@ if TYPE_CHECKING:
         stop_all,
         stop_all_command,
     )
-    from groundstation.interfaces.api.desk import Core, TokenBucket
-    from groundstation.interfaces.api.messages import Control, OrderAnswer, decode, new_events
+    from groundstation.interfaces.api.messages import Control, Core, OrderAnswer, TokenBucket, decode, new_events
     from groundstation.interfaces.api.server import Server
 
 _MODULES = {
@@ -25,8 +24,7 @@ _MODULES = {
         "stop_all",
         "stop_all_command",
     ),
-    "desk": ("Core", "TokenBucket"),
-    "messages": ("Control", "OrderAnswer", "decode", "new_events"),
+    "messages": ("Control", "Core", "OrderAnswer", "TokenBucket", "decode", "new_events"),
     "server": ("Server",),
 }
 

@@ -24,8 +24,8 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import Ask, Request, Snapshot, Waypoint
-from groundstation.interfaces.api.desk import ANYONE
 from groundstation.interfaces.api.messages import (
+    ANYONE,
     LINE_MAX_BYTES,
     SNAPSHOT_PREFIX,
     VERSION,

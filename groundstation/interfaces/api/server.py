@@ -7,15 +7,18 @@ from collections.abc import Callable
 from typing import cast
 
 from groundstation.core.messages import Snapshot
-from groundstation.interfaces.api.desk import Core, Desk, Party, TokenBucket
 from groundstation.interfaces.api.messages import (
     ORDER_MAX_BYTES,
     VERSION,
     ClientOrder,
+    Core,
+    Desk,
     LineSplitter,
     Message,
+    Party,
     Refusal,
     StationHello,
+    TokenBucket,
     decode_order,
     encode,
 )

@@ -4,15 +4,13 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
     from groundstation.interfaces.mqtt.command import ask_command, mqtt_command, write_schemas
-    from groundstation.interfaces.mqtt.fleet import FleetMonitor, VehicleView
-    from groundstation.interfaces.mqtt.messages import EVENT, SNAPSHOT, STATE
+    from groundstation.interfaces.mqtt.messages import EVENT, SNAPSHOT, STATE, FleetMonitor, VehicleView
     from groundstation.interfaces.mqtt.publisher import ensure_mqtt, publish_forever
 
 _MODULES = {
     "broker": ("MqttBroker", "describe_error", "from_url", "heed_cancellation"),
     "command": ("ask_command", "mqtt_command", "write_schemas"),
-    "fleet": ("FleetMonitor", "VehicleView"),
-    "messages": ("EVENT", "SNAPSHOT", "STATE"),
+    "messages": ("EVENT", "FleetMonitor", "SNAPSHOT", "STATE", "VehicleView"),
     "publisher": ("ensure_mqtt", "publish_forever"),
 }
 

@@ -3,13 +3,18 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.interfaces.service.fleet import fleet_command, relay_command
-    from groundstation.interfaces.service.flights import daemon_command, fly_command, require_flyable, unit_file
-    from groundstation.interfaces.service.monitoring import Format, health_command
+    from groundstation.interfaces.service.flights import (
+        Format,
+        daemon_command,
+        fly_command,
+        health_command,
+        require_flyable,
+        unit_file,
+    )
 
 _MODULES = {
     "fleet": ("fleet_command", "relay_command"),
-    "flights": ("daemon_command", "fly_command", "require_flyable", "unit_file"),
-    "monitoring": ("Format", "health_command"),
+    "flights": ("Format", "daemon_command", "fly_command", "health_command", "require_flyable", "unit_file"),
 }
 
 

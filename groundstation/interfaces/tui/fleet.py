@@ -22,9 +22,8 @@ from groundstation.interfaces.mqtt import (
     describe_error,
     heed_cancellation,
 )
-from groundstation.interfaces.tui.app import require_terminal
+from groundstation.interfaces.tui.app import THEMES, require_terminal
 from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText
-from groundstation.interfaces.tui.themes import THEMES
 from groundstation.interfaces.tui.widgets import Banner
 from links.core import printable
 

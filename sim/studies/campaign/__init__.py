@@ -10,11 +10,13 @@ if TYPE_CHECKING:
         Cluster,
         Crew,
         Local,
+        plot,
         program_sha256,
+        report,
         run,
+        text,
         verify,
     )
-    from sim.studies.campaign.picture import plot, report, text
 
 _MODULES = {
     "campaign": (
@@ -25,11 +27,13 @@ _MODULES = {
         "Crew",
         "Local",
         "USUAL",
+        "plot",
         "program_sha256",
+        "report",
         "run",
+        "text",
         "verify",
-    ),
-    "picture": ("plot", "report", "text"),
+    )
 }
 
 

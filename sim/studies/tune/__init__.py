@@ -3,19 +3,26 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.studies.tune.flights import (
+        AXES,
+        DELAY,
         Flyers,
         Key,
         SortieOutcome,
         Staged,
+        criterion,
+        failure,
+        limit_cm,
         loses_proof,
+        markdown_table,
         own,
+        report,
         sorties,
         space,
         stage_scenarios,
         station_of,
+        text,
         with_gains,
     )
-    from sim.studies.tune.margins import AXES, DELAY, criterion, failure, limit_cm, markdown_table, report, text
     from sim.studies.tune.tune import (
         SEARCH_SEED,
         Evidence,
@@ -34,19 +41,26 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "flights": (
+        "AXES",
+        "DELAY",
         "Flyers",
         "Key",
         "SortieOutcome",
         "Staged",
+        "criterion",
+        "failure",
+        "limit_cm",
         "loses_proof",
+        "markdown_table",
         "own",
+        "report",
         "sorties",
         "space",
         "stage_scenarios",
         "station_of",
+        "text",
         "with_gains",
     ),
-    "margins": ("AXES", "DELAY", "criterion", "failure", "limit_cm", "markdown_table", "report", "text"),
     "tune": (
         "Evidence",
         "Floors",

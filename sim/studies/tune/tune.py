@@ -2,7 +2,7 @@
 
 What a set of gains costs is the geometric mean of the RMS errors of its flights. Hard constraints: the law's proof
 holds (where the form that flies has one), no flight crashes, and the controller still flies, by the measure of
-:mod:`sim.studies.tune.margins`, with so much delay and so wrong a thrust as the floors say, with a tenth in hand.
+:mod:`sim.studies.tune.flights`, with so much delay and so wrong a thrust as the floors say, with a tenth in hand.
 
 One trial after the other, its flights side by side; the sampler is seeded anew for each trial. So a search is a
 function of its arguments, and one that was interrupted goes on as if it had not been. The evidence that is written
@@ -27,18 +27,25 @@ from groundstation.config import ConfigError, dump
 from groundstation.runtime import __version__
 from groundstation.settings import Config
 from sim.studies.campaign import program_sha256
-from sim.studies.tune.flights import CRASH_CM, Flyers, Key, SortieOutcome, Staged, loses_proof, sorties, with_gains
-from sim.studies.tune.margins import (
+from sim.studies.tune.flights import (
+    CRASH_CM,
     DELAY,
     GAIN_DOWN,
     GAIN_UP,
+    Flyers,
+    Key,
     MarginAxis,
     MarginReport,
+    SortieOutcome,
+    Staged,
     criterion,
     failure,
     format_margin,
     limit_cm,
+    loses_proof,
     report,
+    sorties,
+    with_gains,
 )
 
 if TYPE_CHECKING:

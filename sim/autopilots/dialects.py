@@ -1,0 +1,298 @@
+"""Dialects of simulated autopilots: how ArduCopter 4.8-dev and PX4 1.16 were seen to treat a ground station. Sans-IO.
+
+ArduCopter:
+
+- GUIDED (4) or GUIDED_NOGPS (20) follow SET_ATTITUDE_TARGET; other modes ignore it. No stream is needed to arm.
+- GUIDED needs a position: with EK3_SRC1_POSXY 0 (none) it is refused, in the words of the firmware's sources.
+- Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being none.
+- ATC_ANGLE_BOOST raises the thrust of a leaning vehicle by 1 / cos(lean).
+- A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it is.
+- Set-points that stop: the last one is held for GUID_TIMEOUT, then it levels out and keeps its height; the mode
+  stays and HEARTBEAT tells nothing. The next set-point is followed again.
+- Once it has flown, it refuses to disarm in GUIDED also on the ground; mode LAND comes down and disarms by itself.
+- It has no ODOMETRY; nothing comes more often than 250 Hz, and it says so.
+
+PX4:
+
+- OFFBOARD is accepted while disarmed whether or not set-points come; arming is denied until they have come for 1 s.
+- Set-points that stop: the last one is held for COM_OF_LOSS_T, then it lands by itself; when they come
+  again, it follows them again.
+- It denies to disarm until it has stood on the ground for 1-2 s; disarming by force works always.
+- SET_ATTITUDE_TARGET: an attitude that is not masked out wins over the rates; a masked thrust is no thrust.
+- SYS_STATUS tells by its health bit alone that the pre-arm checks pass; in OFFBOARD without a stream they don't.
+- Telemetry as on its ONBOARD link, changed by SET_MESSAGE_INTERVAL.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import ClassVar
+
+from groundstation.core.geometry import so3
+from links.mavlink.protocol import ARDUPILOT, PX4
+from sim.autopilots.autopilot import (
+    ACCEPTED,
+    ARDUPILOT_PARAMETERS,
+    CRITICAL,
+    DENIED,
+    FAILED,
+    INFO,
+    PX4_PARAMETERS,
+    TEMPORARILY_REJECTED,
+    WARNING,
+    Climb,
+    Descend,
+    HoldAttitude,
+    SetPoint,
+    SimulatedAutopilot,
+    rates_or_zero,
+)
+
+STABILIZE, GUIDED, LAND, GUIDED_NOGPS = 0, 4, 9, 20
+"""Copter's mode numbers."""
+FOLLOWING = (GUIDED, GUIDED_NOGPS)
+THRUST_AS_THRUST = 8
+"""Bit of GUID_OPTIONS."""
+CLIMB_M_S = 2.5
+"""Climb rate at full thrust where thrust is no thrust [m/s] (WPNAV_SPEED_UP)."""
+SHORTEST_US = 4000.0
+"""Shortest interval of a message [µs]."""
+
+
+class ArduPilotAutopilot(SimulatedAutopilot):
+    """ArduCopter in STABILIZE; ``hover`` is its MOT_THST_HOVER."""
+
+    kind: ClassVar[int] = ARDUPILOT
+    table: ClassVar[Mapping[str, tuple[float, int]]] = ARDUPILOT_PARAMETERS
+    hover_parameter: ClassVar[str] = "MOT_THST_HOVER"
+    land_mode: ClassVar[tuple[int, int]] = (LAND, 0)
+    rates_hz: ClassVar[Mapping[str, float]] = {
+        "HEARTBEAT": 1.0,
+        "EKF_STATUS_REPORT": 0.0,
+        "SYS_STATUS": 2.0,
+        "ATTITUDE_QUATERNION": 0.0,
+        "LOCAL_POSITION_NED": 4.0,
+        "TIMESYNC": 0.1,
+    }
+
+    mode = STABILIZE
+    _setpoint_s = math.inf
+    _levelling = False
+    _has_flown = False
+
+    @property
+    def custom_mode(self) -> int:
+        """The mode's number."""
+        return self.mode
+
+    @property
+    def _disarms_by_landing(self) -> bool:
+        return self.mode == LAND
+
+    # ---- set-points
+
+    def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
+        if not self.armed or self.mode not in FOLLOWING:
+            return []
+        self._setpoint_s = now_s
+        self._levelling = False
+        masked = [rate is None for rate in set_point.rates]
+        attitude = set_point.attitude
+        if attitude is not None and not any(attitude):
+            attitude = None
+        if set_point.thrust is None or (any(masked) and not all(masked)) or (all(masked) and attitude is None):
+            self._setpoint_s = math.inf  # no set-point that could stop
+            self._fly_by(Climb(self._hover, 0.0, None, now_s), now_s)
+        elif int(self.parameters["GUID_OPTIONS"]) & THRUST_AS_THRUST:
+            thrust = self._boost_thrust(min(max(set_point.thrust, 0.0), 1.0), now_s)
+            self._fly_by(HoldAttitude(attitude, thrust) if attitude is not None else None, now_s)
+            if self._pilot is None:
+                self._airframe.act(now_s, thrust, rates_or_zero(set_point))
+        else:
+            climb_m_s = 2.0 * CLIMB_M_S * (min(max(set_point.thrust, 0.0), 1.0) - 0.5)
+            self._fly_by(Climb(self._hover, climb_m_s, rates_or_zero(set_point), now_s), now_s)
+        self._airframe.release(now_s)
+        self._has_flown = self._has_flown or not self._airframe.truth(now_s).on_ground
+        return []
+
+    def _boost_thrust(self, thrust: float, now_s: float) -> float:
+        if not self.parameters["ATC_ANGLE_BOOST"]:
+            return thrust
+        upright = so3.third_column(self._airframe.truth(now_s).attitude)[2]
+        return min(thrust / max(upright, 0.1), 1.0)
+
+    @property
+    def _silence_due_s(self) -> float:
+        if not self.armed or self.mode not in FOLLOWING or self._levelling:
+            return math.inf
+        return self._setpoint_s + self.parameters["GUID_TIMEOUT"]
+
+    def _fall_silent(self, now_s: float) -> list[bytes]:
+        self._levelling = True
+        self._fly_by(Climb(self._hover, 0.0, None, now_s), now_s)
+        return []
+
+    # ---- commands
+
+    def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
+        if mode[0] not in (STABILIZE, LAND, *FOLLOWING):
+            return FAILED, self._say(CRITICAL, "Mode change failed: no such mode")
+        if mode[0] == GUIDED and not self.parameters["EK3_SRC1_POSXY"]:
+            return FAILED, self._say(WARNING, "Mode change to GUIDED failed: requires position")
+        self.mode = mode[0]
+        self._setpoint_s = math.inf
+        self._levelling = False
+        if self.armed and self.mode == LAND:
+            self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+        return ACCEPTED, []
+
+    def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
+        if self.mode == LAND:
+            return FAILED, "Arm: Land mode not armable"
+        if self.mode == STABILIZE:
+            return FAILED, "Arm: RC not found"
+        self._has_flown = False
+        return ACCEPTED, ""
+
+    def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
+        return (FAILED if self._has_flown else ACCEPTED), ""
+
+    def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
+        said: list[bytes] = []
+        if 0.0 < interval_us < SHORTEST_US:
+            said = self._say(INFO, f"SET_MESSAGE_INTERVAL: {1e6 / interval_us:.0f} Hz is too fast, 250 Hz it is")
+            interval_us = SHORTEST_US
+        return ACCEPTED if self._streams.set(number, interval_us, now_s) else DENIED, said
+
+
+OFFBOARD, LOITER, PX4_LAND, POSCTL = (6, 0), (4, 3), (4, 6), (3, 0)
+"""PX4's main and sub mode."""
+STREAM_GAP_S = 0.5
+"""Set-points further apart are no stream [s]: 2 Hz."""
+HOVER_MEMORY_S, HOVER_RANGE = 1.0, 0.3
+"""Over which it learns its hover thrust from what it is told to push in the air [s], and how far from MPC_THR_HOVER."""
+STREAM_S = 1.0
+"""A stream counts after this long [s]."""
+
+
+class Px4Autopilot(SimulatedAutopilot):
+    """PX4 in AUTO.LOITER; ``hover`` is its MPC_THR_HOVER."""
+
+    kind: ClassVar[int] = PX4
+    table: ClassVar[Mapping[str, tuple[float, int]]] = PX4_PARAMETERS
+    hover_parameter: ClassVar[str] = "MPC_THR_HOVER"
+    land_mode: ClassVar[tuple[int, int]] = PX4_LAND
+    tells_prearm_enabled: ClassVar[bool] = False
+    rates_hz: ClassVar[Mapping[str, float]] = {
+        "HEARTBEAT": 1.0,
+        "ESTIMATOR_STATUS": 1.0,
+        "SYS_STATUS": 2.0,
+        "ATTITUDE_QUATERNION": 50.0,
+        "LOCAL_POSITION_NED": 30.0,
+        "ODOMETRY": 30.0,
+        "TIMESYNC": 10.0,
+    }
+
+    _intended = LOITER
+    _setpoint_s = -math.inf
+    _stream_since_s = math.inf
+    _learnt: float | None = None
+
+    @property
+    def _hover(self) -> float:
+        """As MPC_USE_HTE has it: learnt in the air, and MPC_THR_HOVER before."""
+        return super()._hover if self._learnt is None else self._learnt
+
+    @property
+    def mode(self) -> tuple[int, int]:
+        """Main and sub mode that it is in."""
+        return PX4_LAND if self.failsafe else self._intended
+
+    @property
+    def custom_mode(self) -> int:
+        """Main mode in byte 2, sub mode in byte 3."""
+        main, sub = self.mode
+        return main << 16 | sub << 24
+
+    @property
+    def _disarms_by_landing(self) -> bool:
+        return self.mode in (PX4_LAND, POSCTL)  # COM_DISARM_LAND, as does a pilot
+
+    def reboot(self, now_s: float) -> None:
+        """Begin anew."""
+        super().reboot(now_s)
+        self._intended = LOITER
+        self._setpoint_s, self._stream_since_s = -math.inf, math.inf
+
+    def take_over(self, now_s: float) -> None:
+        """A pilot takes it by the remote control, and lands it by hand."""
+        self._intended = POSCTL
+        self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+
+    # ---- set-points
+
+    def _obey(self, set_point: SetPoint, now_s: float) -> list[bytes]:
+        frames: list[bytes] = []
+        elapsed = now_s - self._setpoint_s
+        if now_s - self._setpoint_s > STREAM_GAP_S:
+            self._stream_since_s = now_s
+        self._setpoint_s = now_s
+        if self.failsafe:
+            self.failsafe = False
+            frames += self._say(INFO, "Offboard signal regained")
+        if self.armed and self._intended == OFFBOARD:
+            thrust = min(max(set_point.thrust or 0.0, 0.0), 1.0)
+            attitude = set_point.attitude
+            self._fly_by(HoldAttitude(attitude, thrust) if attitude is not None and any(attitude) else None, now_s)
+            if self._pilot is None:
+                self._airframe.act(now_s, thrust, rates_or_zero(set_point))
+            self._airframe.release(now_s)
+            self._learn(thrust, elapsed, now_s)
+        return frames
+
+    def _learn(self, thrust: float, elapsed_s: float, now_s: float) -> None:
+        if elapsed_s > STREAM_GAP_S or self._airframe.truth(now_s).on_ground:
+            return
+        told = self.parameters[self.hover_parameter]
+        hover = self._hover + (thrust - self._hover) * elapsed_s / (elapsed_s + HOVER_MEMORY_S)
+        self._learnt = min(max(hover, (1.0 - HOVER_RANGE) * told), (1.0 + HOVER_RANGE) * told)
+
+    @property
+    def _silence_due_s(self) -> float:
+        if not self.armed or self.failsafe or self._intended != OFFBOARD:
+            return math.inf
+        return self._setpoint_s + self.parameters["COM_OF_LOSS_T"]
+
+    def _fall_silent(self, now_s: float) -> list[bytes]:
+        self.failsafe = True
+        self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+        return self._say(CRITICAL, "Failsafe activated: no offboard signal, landing")
+
+    def _streaming(self, now_s: float) -> bool:
+        return now_s - self._setpoint_s <= STREAM_GAP_S and now_s - self._stream_since_s >= STREAM_S
+
+    # ---- commands
+
+    def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
+        if mode not in (OFFBOARD, LOITER, PX4_LAND) or (mode == LOITER and self.armed):
+            return DENIED, []
+        if mode == OFFBOARD and self.armed and not self._streaming(now_s):
+            return TEMPORARILY_REJECTED, []
+        self._intended = mode
+        self.failsafe = False
+        if mode == PX4_LAND and self.armed:
+            self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
+        return ACCEPTED, []
+
+    def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
+        if self._intended != OFFBOARD or not self._streaming(now_s):
+            return TEMPORARILY_REJECTED, "Arming denied: Resolve system health failures first"
+        return ACCEPTED, ""
+
+    def _passes_checks(self, now_s: float) -> bool:
+        return super()._passes_checks(now_s) and (self._intended != OFFBOARD or self._streaming(now_s))
+
+    def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
+        return (ACCEPTED, "") if self._has_landed(now_s) else (TEMPORARILY_REJECTED, "Disarming denied: not landed")
+
+    def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
+        return ACCEPTED if self._streams.set(number, interval_us, now_s) else FAILED, []
