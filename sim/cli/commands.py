@@ -1,99 +1,15 @@
-"""What each ``groundstation-sim`` command does: where that is written, or here where it is little.
-
-And what the values of arguments may be; each raises ArgumentTypeError where one is not. What only proves
-(tests/proving/) is found here too: it is not in the wheel.
-"""
+"""What each ``groundstation-sim`` command does: where that is written, or here where it is little."""
 
 import argparse
 import json
-import math
 import sys
 from typing import Any
 
 import msgspec
 
 from groundstation.config import ConfigError
+from sim.cli.arguments import MEASUREMENTS, proving
 from sim.scenarios import SCENARIOS, prepare, scenario_of
-
-
-def seconds(text: str) -> float:
-    """A length of time, at most a day."""
-    value = _number(text)
-    if not 0.0 < value <= 86400.0:
-        raise argparse.ArgumentTypeError(f"expected seconds, more than 0 and at most 86400, got {text}")
-    return value
-
-
-def hours(text: str) -> float:
-    """A length of virtual time."""
-    value = _number(text)
-    if not 0.0 < value <= 1000.0:
-        raise argparse.ArgumentTypeError(f"expected hours, more than 0 and at most 1000, got {text}")
-    return value
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan  # is within no bounds
-
-
-def count(text: str) -> int:
-    """How many, 1 or more."""
-    return _from(1, text)
-
-
-def whole(text: str) -> int:
-    """A whole number, 0 or more."""
-    return _from(0, text)
-
-
-def _from(least: int, text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = least - 1
-    if value < least:
-        raise argparse.ArgumentTypeError(f"expected a whole number from {least} on, got {text}")
-    return value
-
-
-def percent(text: str) -> float:
-    """A share, below 90."""
-    value = _number(text)
-    if not 0.0 <= value < 90.0:
-        raise argparse.ArgumentTypeError(f"expected percent from 0 to below 90, got {text}")
-    return value
-
-
-def names(text: str) -> list[str]:
-    """Names between commas, each once."""
-    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-
-
-MEASUREMENTS = (
-    "tick", "flight", "command", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt",
-)  # fmt: skip
-"""What ``groundstation-sim bench`` can measure, in the order in which it does: each a module of tests/proving/bench."""
-
-
-def proving(command: str, module: str) -> "Any":
-    """The module ``module`` of tests/proving, for ``command``.
-
-    Raises:
-        ConfigError: only the wheel is installed, which does not have it.
-    """
-    from importlib import import_module
-    from pathlib import Path
-
-    from groundstation.config import ConfigError
-
-    if not (Path(__file__).parents[2] / "tests" / "proving").is_dir():
-        raise ConfigError(
-            command, "needs a checkout of the repository: it is not in the wheel (clone it, then `make setup`)"
-        )
-    return import_module(f"tests.proving.{module}")
 
 
 def fly(args: argparse.Namespace) -> int:
