@@ -2,11 +2,11 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.cli.commands import MEASUREMENTS, count, hours, names, percent, seconds, whole
+    from sim.cli.arguments import MEASUREMENTS, count, hours, names, percent, seconds, whole
     from sim.cli.console import ProgressBar
 
 _MODULES = {
-    "commands": ("MEASUREMENTS", "count", "hours", "names", "percent", "seconds", "whole"),
+    "arguments": ("MEASUREMENTS", "count", "hours", "names", "percent", "seconds", "whole"),
     "console": ("ProgressBar",),
 }
 
