@@ -137,7 +137,7 @@ def _request(parser: argparse.ArgumentParser) -> None:
         "arm: THIS MOVES THE VEHICLE, and --vehicle must name it; goto, follow: while it holds, to the points in WHERE",
     )
     parser.add_argument(
-        "where", nargs="*", metavar="WHERE",
+        "where", nargs="*", default=[], metavar="WHERE",
         help="of goto: NORTH EAST DOWN [m] and perhaps YAW [deg]; of follow: FILE.csv with a point a line",
     )  # fmt: skip
     parser.add_argument("--vehicle", metavar="NAME", help="not needed where only one is flown here, but for arm")

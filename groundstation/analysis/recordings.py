@@ -41,6 +41,13 @@ if TYPE_CHECKING:
     Tables = Mapping[str, Mapping[str, NDArray[Any]]]
 
 
+SUFFIXES = {
+    "csv": "", "parquet": ".parquet", "npz": ".npz", "mat": ".mat", "rrd": ".rrd", "poses": "-poses.csv",
+    "mcap": "-whole.mcap", "foxglove": "-foxglove.mcap",
+}  # fmt: skip
+"""Of each format, what stands behind the recording's name where nobody names another."""
+
+
 def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:
     """Do it, say what was written, and return 0.
 
@@ -51,30 +58,30 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
     for name in wanted:
         if name not in CHANNELS:
             raise ConfigError("--channel", f"expected one of {list(CHANNELS)}, got {name!r}")
+    to_screen = form == "csv" and len(wanted) == 1 and out is None
+    target = out or path.with_name(f"{path.stem}{SUFFIXES[form]}")
+    if form not in ("csv", "parquet") and target.exists():  # those are folders
+        raise ConfigError("--out", f"{target} is there already: name another, or remove it")
     try:
         recording = Recording(path)
         if form == "mcap":
-            target = out or path.with_name(f"{path.stem}-whole.mcap")
-            count = rewrite(recording, target, wanted)
-            print(f"{target}: {count} messages{_short_of(recording)}")
+            print(f"{target}: {rewrite(recording, target, wanted)} messages{_short_of(recording)}")
         elif form == "foxglove":
             from groundstation.analysis.viewers import FoxgloveScene
 
-            target = out or path.with_name(f"{path.stem}-foxglove.mcap")
             count = rewrite(recording, target, wanted, FoxgloveScene("--format"))
             print(f"{target}: {count} messages{_short_of(recording)}; Foxglove and Rerun open it")
         elif form == "poses":
-            target = out or path.with_name(f"{path.stem}-poses.csv")
             count = write_poses(recording, target)
             print(f"{target}: {count} poses; pose.kind = 'csv' plays them{_short_of(recording)}")
         elif form != "csv":
-            _write_tables(recording, form, wanted or list(CHANNELS), out or path.with_suffix(f".{form}"))
-        elif len(wanted) == 1 and out is None:
+            _write_tables(recording, form, wanted or list(CHANNELS), target)
+        elif to_screen:
             write_csv(recording, {wanted[0]: sys.stdout})
             if not recording.whole:
                 print(f"groundstation: export: the recording {recording.trouble}", file=sys.stderr)
         else:
-            _write_folder(recording, wanted or list(CHANNELS), out or path.with_suffix(""))
+            _write_folder(recording, wanted or list(CHANNELS), target)
     except NoRecording as error:
         raise ConfigError("LOG", str(error)) from None
     except BrokenPipeError:
@@ -159,8 +166,6 @@ def rewrite(recording: Recording, target: Path, topics: list[str], scene: "Foxgl
     """
     from groundstation.recording import McapWriter
 
-    if target.exists():
-        raise ConfigError("--out", f"{target} is there already")
     count = 0
     with open(target, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = McapWriter(file, "groundstation export")
@@ -214,8 +219,10 @@ def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
     facts: dict[str, Any] = {"file": str(path.relative_to(folder)), "size_bytes": path.stat().st_size}
     try:
         about, headline, whole = quick_headline(path)
-    except (NoRecording, OSError) as error:
+    except NoRecording as error:
         return {**facts, "error": str(error)}
+    except OSError as error:
+        return {**facts, "error": error.strerror or str(error)}
     keys = ("started", "vehicle", "controller", "trajectory", "scenario", "seed", "version", "git")
     return {
         **facts,

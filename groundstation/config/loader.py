@@ -180,7 +180,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         ConfigError: it can't be read, or is not TOML.
     """
     try:
-        return parse_toml(path.read_bytes().decode())
+        return parse_toml(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
         raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
     except UnicodeDecodeError as error:
@@ -217,10 +217,17 @@ def from_dict(
         return msgspec.convert(whole, root)
     except msgspec.ValidationError as error:  # what only a __post_init__ could see
         where, text = locate(error)
+        path = tuple(where.split(".")) if where else ()
         name, colon, rest = text.partition(": ")
-        if colon and not where and name in changed:  # of the root itself: its message begins with the key
-            where, text = name, rest
-        raise ConfigError(where, text, _blame(tuple(where.split(".")), data, set_paths, source)) from None
+        if colon and name in _keys_at(whole, path):  # where several could be meant, the message begins with the key
+            path, text = (*path, name), rest
+        raise ConfigError(dotted_key(path), text, _blame(path, data, set_paths, source)) from None
+
+
+def _keys_at(table: Any, path: KeyPath) -> Sequence[str]:
+    for part in path:
+        table = table.get(part) if isinstance(table, dict) else None
+    return list(table) if isinstance(table, dict) else []
 
 
 def dump(config: msgspec.Struct) -> str:

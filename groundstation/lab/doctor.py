@@ -466,7 +466,7 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
     if orders.fix and orders.restore is not None:
         raise ConfigError("--restore", "it puts one parameter back: leave out --fix")
     if (orders.fix or orders.restore) and ask is None and not orders.yes:
-        raise ConfigError("--fix", "without a terminal, confirm with --yes")
+        raise ConfigError("--fix" if orders.fix else "--restore", "without a terminal, confirm with --yes")
     kept = _load_restore(orders.restore) if orders.restore is not None else None
     visit: Visit
     if isinstance(config.link, MavlinkLinkConfig):

@@ -83,7 +83,8 @@ def main() -> int:
                 syncing = beside.submit(log.sync)  # a busy disk takes seconds: what comes meanwhile is written on
                 synced_s = time.monotonic()
     except OSError as error:
-        _tell(f"WARNING: not recording, the flight goes on: {error}")
+        where = "" if error.filename is None else f"{error.filename}: "
+        _tell(f"WARNING: not recording, the flight goes on: {where}{error.strerror or error}")
         return 0
     finally:
         beside.shutdown()

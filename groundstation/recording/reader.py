@@ -75,6 +75,8 @@ class Recording:
         self.damaged_at: int | None = None
         """Where the damage begins that ended the reading [byte]; None where the recording is whole or was cut off."""
         next(self._records(()), None)
+        if not self.about and self.damaged_at is not None:
+            raise NoRecording(f"{path} is damaged at byte {self.damaged_at}, before its flight begins")
         if not self.about:
             raise NoRecording(f"{path} is no recording of a flight, or was cut off before it began")
 
@@ -209,7 +211,7 @@ def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:
     try:
         with path.open("rb") as file:
             found = {metadata.name: dict(metadata.metadata) for metadata in make_reader(file).iter_metadata()}
-    except (McapError, struct.error, ValueError, EOFError, MemoryError):
+    except (McapError, struct.error, ValueError, EOFError, MemoryError, OSError):  # the last of a file of a few bytes
         pass
     if "about" in found and "result" in found and _bytes_hold(path):
         return found["about"], from_texts(found["result"]), True

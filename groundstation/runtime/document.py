@@ -13,8 +13,10 @@ def split_at_markers(path: Path, begin: str, end: str) -> tuple[str, str]:
     """
     try:
         text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError("--write", f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    except OSError as error:
+        raise ConfigError("--write", f"cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError("--write", f"{path} is not UTF-8 text (byte {error.start})") from None
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise ConfigError("--write", f"{path} needs a line {begin} and below it a line {end}, once each")
     return text[: text.index(begin) + len(begin)], text[text.index(end) :]

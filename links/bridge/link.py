@@ -276,7 +276,7 @@ class BridgeLinkConfig(
         Raises:
             ValueError: ``remote`` is no address.
         """
-        parse_address(self.remote)
+        parse_address(self.remote, "remote")
 
     @property
     def real(self) -> str | None:

@@ -174,10 +174,7 @@ class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         Raises:
             ValueError: ``listen`` is no address; the message begins with that key.
         """
-        try:
-            parse_address(self.listen)
-        except ValueError as error:
-            raise ValueError(f"listen: {error}") from None
+        parse_address(self.listen, "listen")
 
 
 class Bridge(asyncio.DatagramProtocol):

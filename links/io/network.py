@@ -3,14 +3,20 @@
 import ipaddress
 
 
-def parse_address(text: str) -> tuple[str, int]:
+def parse_address(text: str, key: str = "") -> tuple[str, int]:
     """The host and the port of ``127.0.0.1:51001``, ``localhost:51001`` or ``[::1]:51001``.
 
     The host is not looked up. IPv6 hosts come back without their brackets.
 
     Raises:
-        ValueError: the text is no such address; the message says what is wrong and how to write it.
+        ValueError: the text is no such address; the message says what is wrong and how to write it, after the ``key``
+            of a configuration that it is of.
     """
+    if key:
+        try:
+            return parse_address(text)
+        except ValueError as error:
+            raise ValueError(f"{key}: {error}") from None
     host, colon, port = text.rpartition(":")
     bracketed = host.startswith("[") and host.endswith("]")
     if bracketed:

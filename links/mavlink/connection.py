@@ -20,6 +20,7 @@ What the other end has acknowledged and not read yet is out of our hands: prefer
 
 import asyncio
 import math
+import os
 import struct
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Mapping
@@ -80,6 +81,13 @@ class TransportListener(Protocol):
     def lose_transport(self, why: str) -> None:
         """The medium has ended by itself; ``why`` completes "the link is lost: "."""
         ...
+
+
+def _describe(error: OSError) -> str:
+    """Why, in the system's words: asyncio has its own for a connection that is refused."""
+    return (
+        os.strerror(error.errno) if isinstance(error, ConnectionError) and error.errno else error.strerror or str(error)
+    )
 
 
 class UdpTransport(asyncio.DatagramProtocol):
@@ -360,10 +368,10 @@ class ReconnectingTransport:
             wire = await opener(config)(config, self)
         except OSError as error:
             raise LinkLost(
-                f"cannot open {config.address} for MAVLink ({error.strerror or error}): stop the program that "
+                f"cannot open {config.address} for MAVLink ({_describe(error)}): stop the program that "
                 "holds this port, or give an address of this machine"
                 if config.tcp is None and config.serial is None
-                else f"cannot open {config.address} for MAVLink ({error.strerror or error}): check that it is there, "
+                else f"cannot open {config.address} for MAVLink ({_describe(error)}): check that it is there, "
                 "that you may open it, and that no other program has it"
             ) from error
         if self._loop is None:
@@ -417,7 +425,7 @@ class ReconnectingTransport:
             try:
                 self.wire = await opener(self._config)(self._config, self)
             except OSError as error:
-                why = f"cannot open {self._config.address} ({error.strerror or error})"
+                why = f"cannot open {self._config.address} ({_describe(error)})"
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
         self._tell("the wire is back: waiting for the autopilot's HEARTBEAT")
 
@@ -504,7 +512,8 @@ class Contact:
 
     def _silence(self) -> str:
         config = self._config
-        what = f"got only {self.dropped}" if self.dropped else "nothing came at all"
+        dropped = ", ".join(f"{count} {reason}" for reason, count in self.dropped.items())
+        what = f"got only: {dropped}" if dropped else "nothing came at all"
         return (
             f"no HEARTBEAT of MAVLink system {config.target_system}, component {config.target_component} on "
             f"{config.address} within {config.connect_timeout_s:g} s ({what}): check that the autopilot runs, that "

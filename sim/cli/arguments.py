@@ -63,8 +63,11 @@ def percent(text: str) -> float:
 
 
 def names(text: str) -> list[str]:
-    """Names between commas, each once."""
-    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    """Names between commas, each once, and one at least."""
+    found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not found:
+        raise argparse.ArgumentTypeError(f"expected names between commas, got {text!r}")
+    return found
 
 
 MEASUREMENTS = (

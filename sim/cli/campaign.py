@@ -78,6 +78,8 @@ def compare(args: argparse.Namespace) -> int:
         check_markers(args.write)
     if args.equal_margins:
         return _at_equal_margins(args)
+    if args.table is not None or args.trials is not None:
+        raise ConfigError("--table" if args.table is not None else "--trials", "is for --equal-margins")
     quiet = args.json or not sys.stderr.isatty()
     with ExitStack() as stack:
         shown: list[ProgressBar] = []  # once something flies: what can't fly says so without a bar
@@ -87,22 +89,31 @@ def compare(args: argparse.Namespace) -> int:
                 shown.append(stack.enter_context(ProgressBar("flights", of, quiet=quiet)))
             shown[0].at(done)
 
-        found = fly_side_by_side(
-            args.controllers or CONTROLLERS,
-            scenarios=args.scenarios or None,
-            seeds=args.seeds,
-            duration=args.duration,
-            overrides=args.overrides,
-            workers=args.workers or os.cpu_count() or 1,
-            traced=args.plot is not None,
-            on_done=show,
-        )
+        try:
+            found = fly_side_by_side(
+                args.controllers or CONTROLLERS,
+                scenarios=args.scenarios or None,
+                seeds=args.seeds,
+                duration=args.duration,
+                overrides=args.overrides,
+                workers=args.workers or os.cpu_count() or 1,
+                traced=args.plot is not None,
+                on_done=show,
+            )
+        except ConfigError as error:
+            if error.key != "controller.kind" or args.controllers is None:
+                raise
+            raise ConfigError("--controllers", error.problem) from None
     if args.plot is not None:
         draw(args.plot, found.rows, found.flights)
     if args.write is not None:
         write_between_markers(args.write, found.rows, _comparison(args))
     print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else text_table(found.rows))
     return 0
+
+
+TRIALS = 32
+"""Sets of gains for each law, unless somebody says otherwise."""
 
 
 def _at_equal_margins(args: argparse.Namespace) -> int:
@@ -124,6 +135,7 @@ def _at_equal_margins(args: argparse.Namespace) -> int:
     for option in ("scenarios", "overrides"):
         if getattr(args, option):
             raise ConfigError(f"--{option}".replace("overrides", "set"), "is told by --equal-margins itself")
+    args.trials = args.trials or TRIALS
     known = {law.name.partition(",")[0] for law in SEARCHED_LAWS}
     for name in args.controllers or ():
         if name not in known:

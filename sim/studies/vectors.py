@@ -37,6 +37,8 @@ def worst_disagreement(path: Path) -> tuple[float, int]:
     try:
         vectors = json.loads(path.read_bytes())["vectors"]
         pairs = [pair for vector in vectors for pair in _compare(vector)]
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not a file of test vectors: not UTF-8 text (byte {error.start})") from None
     except (KeyError, TypeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path}: not a file of test vectors: {type(error).__name__}: {error}") from None
     if not pairs:

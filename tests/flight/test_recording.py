@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from groundstation.analysis import export_command, logs_command
-from groundstation.config import from_dict
+from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import STEADY_S
 from groundstation.interfaces.tui.feeds import Tape
 from groundstation.pose import TlogReader, read_csv
@@ -327,11 +327,19 @@ def test_the_poses_of_a_recording_can_be_played_again(tmp_path: Path, capsys: py
     assert f"{len(came)} poses" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("form", ["mcap", "poses", "npz", "mat", "rrd", "foxglove"])
+def test_an_export_replaces_no_file_that_is_there(form: str, tmp_path: Path) -> None:
+    (mine := tmp_path / "mine").write_text("an hour's work")
+    with pytest.raises(ConfigError, match=r"^--out: .*mine is there already: name another, or remove it$"):
+        export_command(recorded()[0], form, [], mine)
+    assert mine.read_text() == "an hour's work"
+
+
 def test_a_file_that_is_no_recording_is_told_of(tmp_path: Path) -> None:
     other = tmp_path / "x.mcap"
     for content in (b"", b"\x89MCAP0\r\n", b"MCAP" * 100, b"\x89MCAP0\r\n" + b"\0" * 100):
         other.write_bytes(content)
-        with pytest.raises(NoRecording, match=r"MCAP file|cut off before"):
+        with pytest.raises(NoRecording, match=r"MCAP file|cut off before|damaged at byte \d+, before its flight"):
             Recording(other)
     whole = BytesIO(recorded()[0].read_bytes())
     assert next(iter(make_reader(whole).iter_metadata())).name == "about"

@@ -8,6 +8,8 @@ import pytest
 from groundstation.__main__ import parser as flying_parser
 from groundstation.config import ConfigError, load
 from groundstation.interfaces.cli import commands as flying
+from groundstation.recording.records import MAGIC
+from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating_parser
 from sim.cli import commands as simulating
@@ -36,6 +38,7 @@ def test_a_seed_is_a_whole_number(command: str, seed: str, capsys: pytest.Captur
         ("campaign --flights none", "--flights: expected a whole number from 1 on, got none"),
         ("fly --duration long", "--duration: expected seconds, more than 0 and at most 86400, got long"),
         ("soak --hours nan", "--hours: expected hours, more than 0 and at most 1000, got nan"),
+        ("compare --scenarios ,", "--scenarios: expected names between commas, got ','"),
         ("tune --gain-margin much", "--gain-margin: expected percent from 0 to below 90, got much"),
     ],
 )
@@ -45,6 +48,40 @@ def test_numbers_are_refused_with_what_is_expected(
     with pytest.raises(SystemExit):
         simulating_parser().parse_args(words.split())
     assert complaint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["stop-all", "--nix"], "groundstation stop-all: error: unrecognized arguments: --nix"),
+        (
+            ["config", "show", "lab.toml", "--nix", "more"],
+            "groundstation config: error: unrecognized arguments: --nix more",
+        ),
+        (["request"], "groundstation request: error: the following arguments are required: WHAT\n"),
+    ],
+)
+def test_a_word_too_many_or_too_few_is_told_beside_the_usage_of_its_command(
+    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        flying_parser().parse_args(words)
+    told = capsys.readouterr().err
+    assert caught.value.code == 2 and says in told
+    assert told.startswith(f"usage: groundstation {words[0]}")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--controllers", "bogus"], r"^--controllers: expected one of \['adaptive', .* got 'bogus'$"),
+        (["--table", "found.csv"], "^--table: is for --equal-margins$"),
+        (["--trials", "3"], "^--trials: is for --equal-margins$"),
+    ],
+)
+def test_a_comparison_that_can_not_be_meant_flies_nothing(words: list[str], says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        simulating.compare(simulating_parser().parse_args(["compare", *words]))
 
 
 def test_seconds_of_the_ground_station_are_a_number(capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,6 +112,21 @@ def test_a_parameter_of_the_simulated_autopilot_is_a_name_and_a_value(param: str
     assert str(caught.value).startswith(complaint)
 
 
+@pytest.mark.parametrize(
+    ("overrides", "key"),
+    [
+        (["pose.listen=foo"], "pose.listen"),
+        (["pose.kind=qualisys", "pose.server=foo"], "pose.server"),
+        (["pose.kind=natnet", "pose.server=foo"], "pose.server"),
+        (["link.remote=foo"], "link.remote"),
+        (["link.tcp=foo"], "link.tcp"),
+    ],
+)
+def test_an_address_that_is_none_is_blamed_by_its_dotted_key(overrides: list[str], key: str) -> None:
+    with pytest.raises(ConfigError, match=f"^--set: {key}: 'foo' is not an address: it has no port"):
+        load(None, Config, overrides)
+
+
 def test_an_address_that_is_none_is_blamed_by_its_key_in_the_bridges_file_too(tmp_path: Path) -> None:
     file = tmp_path / "bridge.toml"
     file.write_text(BRIDGE, "utf-8")
@@ -91,6 +143,18 @@ def test_the_list_of_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> No
         args = flying_parser().parse_args(["logs", "--folder", str(tmp_path / name)])
         with pytest.raises(ConfigError, match=f"^--folder: .*{name} {what}$"):
             flying.logs(args)
+
+
+def test_the_list_of_a_file_says_what_tells_of_one_flight(tmp_path: Path) -> None:
+    args = flying_parser().parse_args(["logs", str(tmp_path / "flight.mcap")])
+    with pytest.raises(ConfigError, match=r"^logs: expected CONFIG.toml or a folder; .*`groundstation report .*flight"):
+        flying.logs(args)
+
+
+def test_a_recording_of_a_few_bytes_is_listed_as_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "short.mcap").write_bytes(MAGIC + b"\x01")
+    assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path)])) == 0
+    assert "short.mcap  is no recording of a flight, or was cut off before it began" in capsys.readouterr().out
 
 
 def test_a_folder_that_the_configuration_names_may_come_with_the_first_recording(

@@ -101,7 +101,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
         {"link": {"kind": "radio", "device": "a", "channel": 9}},
         "link.channel: expected a whole number >= 1 and <= 8, got 9",
     ),
-    ({"link": {"kind": "radio", "device": "/dev/null"}}, "link: device: /dev/null hears nothing"),
+    ({"link": {"kind": "radio", "device": "/dev/null"}}, "link.device: /dev/null hears nothing"),
     ({"link": {"device": "a"}}, "link.device: unknown key (known: kind, address, rate_hz)"),
     ({"steps": [{"at_s": 1}, {"at": 2}]}, "steps[1].at: unknown key; did you mean at_s? (known: at_s, link)"),
     ({"steps": [{"at_s": 1}, {}]}, "steps[1].at_s: missing; expected a number"),
@@ -258,6 +258,8 @@ def test_a_toml_mistake_is_told_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load(path, Root)
     assert str(caught.value) == f"{path}: not valid TOML: Invalid value (at line 2, column 11)"
+    path.write_bytes(b"\xef\xbb\xbfwait = 3")  # as Notepad writes it
+    assert load(path, Root).wait == 3
     path.write_bytes(b"name = '\xff'")
     with pytest.raises(ConfigError, match=r"not UTF-8 text \(byte 8\)$"):
         load(path, Root)

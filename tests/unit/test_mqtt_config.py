@@ -38,7 +38,7 @@ def test_on_this_machine_nothing_needs_encryption(host: str) -> None:
 
 
 def test_another_machine_needs_tls_or_a_word_that_it_does_not() -> None:
-    with pytest.raises(ConfigError, match=r"mqtt: host: 'lab\.example' is another machine.*mqtt\.insecure = true"):
+    with pytest.raises(ConfigError, match=r"mqtt\.host: 'lab\.example' is another machine.*mqtt\.insecure = true"):
         of(host="lab.example")
     assert of(host="lab.example", tls={"enabled": True}).tcp_port == 8883
     assert of(host="lab.example", insecure=True).tcp_port == 1883

@@ -222,7 +222,9 @@ def load_flight(path: Path) -> EvidenceFlight:
                     value["rates_rad_s"], ImportedSetpoint.__annotations__["rates_rad_s"].__args__[0]
                 )
                 sent.append(ImportedSetpoint(value["time_s"], signal(share, config.thrust_curve), rates))
-    except (NoRecording, ValueError) as error:
+    except NoRecording as error:
+        raise ConfigError("FLIGHT", str(error)) from None
+    except ValueError as error:
         raise ConfigError("FLIGHT", str(error), str(path)) from None
     except OSError as error:
         raise ConfigError("FLIGHT", f"cannot read it: {error.strerror}", str(path)) from None

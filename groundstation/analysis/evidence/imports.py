@@ -157,7 +157,9 @@ def load_mapping(name: str) -> FlightMapping:
     text = known.get(name)
     if text is None:
         try:
-            text = Path(name).read_text("utf-8")
+            text = Path(name).read_text("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise ConfigError("--map", f"{name} is not UTF-8 text (byte {error.start})") from None
         except (OSError, ValueError):
             raise ConfigError("--map", f"expected a file or one of {list(known)}, got {name!r}") from None
     try:
@@ -185,6 +187,8 @@ def read_tables(form: str, paths: Sequence[Path]) -> Tables:
             raise ConfigError(
                 "FILE", f"cannot read it: {getattr(error, 'strerror', None) or error}", str(path)
             ) from None
+        except UnicodeDecodeError as error:
+            raise ConfigError("FILE", f"is no {form} file: not UTF-8 text (byte {error.start})", str(path)) from None
         except (ValueError, TypeError, KeyError, IndexError) as error:
             raise ConfigError("FILE", f"is no {form} file, or damaged: {error}", str(path)) from None
     return tables

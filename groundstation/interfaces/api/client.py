@@ -301,7 +301,8 @@ def request_command(request: Request, vehicle: str | None, socket: Path | None) 
     try:
         answer = asyncio.run(ask_station(request, vehicle, socket))
     except (ApiError, OSError) as error:
-        says = f"{socket}: {error.strerror}" if isinstance(error, OSError) and error.filename is None else error
+        nobody = isinstance(error, OSError) and error.filename is None
+        says = f"{socket}: no ground station serves there" if nobody else error
         print(f"groundstation: request: {says}", file=sys.stderr)
         return EXIT_NOBODY
     print(answer.says)

@@ -311,6 +311,10 @@ def logs(args: argparse.Namespace) -> int:
 
     if args.config is not None and args.config.is_dir():
         args.config, args.folder = None, args.folder or args.config
+    if args.config is not None and args.config.suffix in (".mcap", ".tlog"):
+        raise ConfigError(
+            "logs", f"expected CONFIG.toml or a folder; of one flight `groundstation report {args.config}` tells"
+        )
     return logs_command(load(args.config, Config, args.overrides).recording, args)
 
 

@@ -58,6 +58,10 @@ class LazyParser:
     def __getattr__(self, name: str) -> "Any":
         return getattr(self.parser, name)
 
+    def parse_known_args(self, args: "Any" = None, namespace: "Any" = None) -> "Any":
+        """Those of the command; what it does not know is an error of its own, beside its own usage."""
+        return self.parser.parse_args(args, namespace), []
+
     def _check_help(self, action: argparse.Action) -> None:
         """Python 3.14 looks here whether the help of each command may be formatted: it would make them all."""
 

@@ -141,7 +141,11 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
     try:
         path = health_path(socket) if socket is not None else _only(vehicle)
         health = msgspec.json.decode(path.read_bytes(), type=DaemonHealth)
-    except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except OSError as error:
+        says = str(error) if error.filename is None else f"no daemon runs there: {error.filename}: {error.strerror}"
+        print(f"groundstation: health: {says}", file=sys.stderr)
+        return EXIT_NOBODY
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         print(f"groundstation: health: {error}", file=sys.stderr)
         return EXIT_NOBODY
     wrong = find_fault(health, asyncio.new_event_loop().time())

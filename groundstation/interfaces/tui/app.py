@@ -658,6 +658,8 @@ def _show_recording(log: Path, theme: str, at: float | None, picture: Path | Non
     playback = Playback(tape.hello, list(tape.snapshots()))
     dashboard = Dashboard(playback)
     if at is not None:
+        if not at >= 0.0:
+            raise ConfigError("--at", f"expected seconds from the recording's start, 0 or more, got {at:g}")
         playback.seek(at)
     if picture is None:
         return _run(dashboard, theme)

@@ -122,7 +122,7 @@ class JsonConfig(
         Raises:
             ValueError: ``listen`` is no address.
         """
-        parse_address(self.listen)
+        parse_address(self.listen, "listen")
 
     @property
     def real(self) -> str | None:

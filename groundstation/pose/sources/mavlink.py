@@ -116,7 +116,7 @@ class VisionConfig(
         Raises:
             ValueError: ``listen`` is no address.
         """
-        parse_address(self.listen)
+        parse_address(self.listen, "listen")
 
     @property
     def real(self) -> str | None:

@@ -53,7 +53,7 @@ class NatNetConfig(
         Raises:
             ValueError: ``server``, ``interface`` or ``group`` is not an IPv4 address of the kind needed.
         """
-        host, _ = parse_address(self.server)
+        host, _ = parse_address(self.server, "server")
         for key, text in (("server", host), ("interface", self.interface), ("group", self.group)):
             try:
                 address = ipaddress.IPv4Address(text)

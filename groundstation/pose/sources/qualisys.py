@@ -53,7 +53,7 @@ class QualisysConfig(
         Raises:
             ValueError: ``server`` is no address.
         """
-        parse_address(self.server)
+        parse_address(self.server, "server")
 
     @property
     def real(self) -> str | None:

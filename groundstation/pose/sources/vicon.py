@@ -43,7 +43,7 @@ class ViconConfig(
         Raises:
             ValueError: ``listen`` is no address, or ``object`` no name that fits the stream.
         """
-        parse_address(self.listen)
+        parse_address(self.listen, "listen")
         name_bytes(self.object)
 
     @property

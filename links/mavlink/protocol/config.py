@@ -108,14 +108,19 @@ class MavlinkLinkConfig(
                 f"beside commands at baud = {self.baud}: lower the rate, or use a faster port"
             )
         if self.serial is None:
-            parse_address(self.address)
+            parse_address(self.address, self._way)
 
     @property
     def real(self) -> str | None:
         """The key that may lead to a real vehicle, and its value; None where all stays on this machine."""
         if self.serial is not None:
             return f"serial = {self.serial}"
-        return beyond("tcp" if self.tcp else "remote" if self.remote else "listen", self.address)
+        return beyond(self._way, self.address)
+
+    @property
+    def _way(self) -> str:
+        """The key of the address."""
+        return "tcp" if self.tcp else "remote" if self.remote else "listen"
 
     @property
     def address(self) -> str:

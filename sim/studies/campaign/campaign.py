@@ -292,7 +292,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
         """
         require_batchable(self.world, self.config)
         if self.duration_s <= STEADY_S:
-            raise ConfigError("--duration", f"flights are judged from {STEADY_S:g} s on, expected more than that")
+            raise ConfigError("--duration", f"flights are judged from {STEADY_S:g} s on: expected more than that")
         for name in self.draws:
             if name not in DRAWS:
                 raise ConfigError("--draw", f"expected some of {list(DRAWS)}, got {name!r}")
