@@ -16,10 +16,10 @@ from sim.autopilots import SimulatedAutopilot
 from sim.runs import MissionResult, Stage, from_floor
 from sim.runs import fly_mission as fly
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.test_missions import SHORT
 from tests.hold_double import Hand
 
 SOON_S = DEBOUNCE_S + 2 * LOOK_S
-SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def flown(
         await asyncio.sleep(2.0)
         hand.held = True
         while flight.state is not state:
-            await asyncio.sleep(0.001)
+            await asyncio.sleep(0.01)
         await asyncio.sleep(after_s)
         change(hand)
         at_s = asyncio.get_running_loop().time()
@@ -106,7 +106,7 @@ def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: st
 
     async def script(flight: Flight, _: Stage) -> None:
         while flight.state is not State.READY:
-            await asyncio.sleep(0.001)
+            await asyncio.sleep(0.01)
         seen["check"] = next(one for one in flight.snapshot().checks if one.name == "operator's hold")
         seen["reply"] = flight.ask(Request(Ask.ARM, "the test"))
         seen["state"] = flight.state
@@ -142,7 +142,7 @@ def test_a_channel_of_the_transmitter_is_held_as_the_autopilot_tells_it(
         await asyncio.sleep(2.0)
         stage.autopilot.channels = [1000, 1900]
         while flight.state is not State.TRACKING:
-            await asyncio.sleep(0.001)
+            await asyncio.sleep(0.01)
         stage.autopilot.channels = after
         at_s = asyncio.get_running_loop().time()
 

@@ -16,7 +16,10 @@ from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
-SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
+SHORT = (
+    *("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "takeoff.climb_m_s=1.0", "trajectory.altitude_m=-0.5"),
+    "sim.start_ned=[0.7, 0.3, 0.0]",  # near where the figure begins
+)
 
 
 def mission(
@@ -33,7 +36,7 @@ def in_state(state: State, ask: Ask, after_s: float = 0.3) -> Script:
 
     async def script(flight: Flight, _: Stage) -> None:
         while flight.state is not state:
-            await asyncio.sleep(0.001)
+            await asyncio.sleep(0.01)
         await asyncio.sleep(after_s)
         flight.ask(Request(ask, "the test"))
 

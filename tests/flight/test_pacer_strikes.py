@@ -18,7 +18,7 @@ def struck(link: str, *, stopped: bool) -> tuple[MissionResult, float, bool]:
 
     async def script(flight: Flight, stage: Stage) -> None:
         while flight.state is not State.TRACKING:
-            await asyncio.sleep(0.001)
+            await asyncio.sleep(0.01)
         await asyncio.sleep(0.503)
         assert stage.port.pacer is not None
         stage.port.pacer.strike(stopped=stopped)
@@ -51,7 +51,7 @@ def test_no_autopilot_is_said_to_have_felt_the_floor_where_nothing_comes_back() 
     async def script(flight: Flight, stage: Stage) -> None:
         low_m = flight._config.flight.floor_z_m - 0.15
         while flight.state is not State.LANDING or stage.plant.truth(now()).position_ned[2] < low_m:
-            await asyncio.sleep(0.001)
+            await asyncio.sleep(0.01)
         assert stage._bridge is not None
         stage._bridge.kill()  # by the operator of its computer
 
