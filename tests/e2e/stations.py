@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "loopback.toml"
-QUICK_LANDING = ["--set", "flight.descent_m_s=1.0", "--set", "trajectory.altitude_m=0.2"]
+QUICK_LANDING = ["--set", "flight.descent_m_s=1.0", "--set", "trajectory.altitude_m=-0.3"]
 
 
 def free_udp_port() -> int:

@@ -47,7 +47,7 @@ def fly_without_terminal(config: Path, *arguments: str) -> "subprocess.Completed
 def test_fly_takes_a_served_vehicle_through_its_trajectory_and_lands_it() -> None:
     with served() as room:
         run = subprocess.run(
-            room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=5.0"),
+            room.station("fly", "--arm", "mqx", "--set", "flight.duration_s=2.0"),
             capture_output=True,
             check=False,
             text=True,
@@ -107,7 +107,7 @@ def test_a_station_that_is_killed_leaves_the_vehicle_to_the_autopilots_failsafe(
             station.kill()
             station.wait()
         # The autopilot noticed, and a new station finds it disarmed on the floor or still landing, and can connect.
-        time.sleep(2.0)
+        time.sleep(1.0)
         daemon = subprocess.Popen(
             room.station("daemon", "--set", f"status.path={room.folder / 'second.sock'}"),
             stderr=subprocess.DEVNULL,

@@ -75,7 +75,7 @@ PROMISED = (
 def test_every_promised_override_changes_the_flight() -> None:
     def digest(*overrides: str) -> str:
         world, config = prepare(SCENARIOS["paper"], list(overrides))
-        return fly(world, config, seed=0, duration_s=3.0).log_sha256
+        return fly(world, config, seed=0, duration_s=1.0).log_sha256
 
     plain = digest()
     assert [key for key in PROMISED if digest(key) == plain] == []
@@ -83,7 +83,7 @@ def test_every_promised_override_changes_the_flight() -> None:
 
 def test_the_truth_can_be_changed_without_telling_the_controller() -> None:
     """A heavier vehicle looks like weak thrust, or, where that is not estimated, like a downward disturbance."""
-    heavy = ("fly", "--duration", "20", "--json", "--set", "sim.mass_kg=0.088")
+    heavy = ("fly", "--duration", "10", "--json", "--set", "sim.mass_kg=0.088")
     facts = json.loads(sim(*heavy).stdout)
     assert facts["thrust_effectiveness"] == pytest.approx(0.080 / 0.088, abs=0.04)
     facts = json.loads(sim(*heavy, "--set", "controller.effectiveness_deviation=0").stdout)
@@ -91,7 +91,7 @@ def test_the_truth_can_be_changed_without_telling_the_controller() -> None:
 
 
 def test_a_crash_exits_1_and_says_why() -> None:
-    done = sim("fly", "--duration", "10", "--json", "--set", "sim.thrust_gain=0.3")
+    done = sim("fly", "--duration", "5", "--json", "--set", "sim.thrust_gain=0.3")
     assert done.returncode == 1
     facts = json.loads(done.stdout)
     assert facts["completed"] is False

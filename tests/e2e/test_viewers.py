@@ -40,7 +40,7 @@ async def subscribe(port: int) -> Counter[str]:
 
 
 def test_foxglove_is_served_a_flight_as_it_is_recorded_on_this_machine_alone(tmp_path: Path) -> None:
-    _, _, records = recorded(duration_s=25.0)
+    _, _, records = recorded(duration_s=17.0)
     path = tmp_path / "growing.mcap"
     log = begin(path)
     port = free_udp_port()
@@ -80,7 +80,7 @@ def listening(port: int) -> set[str]:
 
 @needs_rerun
 def test_rerun_is_shown_a_recording_where_its_window_listens_already(tmp_path: Path) -> None:
-    flight = recorded(duration_s=25.0)[0]
+    flight = recorded(duration_s=17.0)[0]
     port = free_udp_port()
     words = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1", "--port", str(port)]
     window = subprocess.Popen(
@@ -110,7 +110,7 @@ def test_a_flight_is_shown_as_it_is_flown() -> None:
             return await subscribe(port)
 
     with served() as room:
-        words = room.station("fly", "--arm", "mqx", "--view", "foxglove", "--set", "flight.duration_s=5.0")
+        words = room.station("fly", "--arm", "mqx", "--view", "foxglove", "--set", "flight.duration_s=2.0")
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as station:
             got = asyncio.run(look())
             said, _ = station.communicate(timeout=60)

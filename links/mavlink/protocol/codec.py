@@ -355,6 +355,7 @@ _RESULTS = {
 _HEADER = struct.Struct("<BBBBBBBHB")
 _ATTITUDE_TARGET = struct.Struct("<BBBBBBBHB I4f3ffBBB")
 _ATTITUDE_TARGET_ID, _ATTITUDE_TARGET_CRC_EXTRA = 82, 49
+_MAGIC = re.compile(b"[%c%c]" % (_V1, _V2))
 _WHOLE = ("unknown", "unsigned", "bad_signature", "replayed")
 _IGNORE_ATTITUDE = 128
 
@@ -437,7 +438,11 @@ class MavlinkCodec:
             elif not resynchronise:
                 break
             else:
-                self.dropped["garbage"] += 1
+                begins = _MAGIC.search(data, start + 1)
+                next_start = begins.start() if begins else size
+                self.dropped["garbage"] += next_start - start
+                start = next_start
+                continue
             start += 1
         return messages, start
 
