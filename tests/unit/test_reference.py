@@ -1,10 +1,13 @@
 """The reference pages say what the code says."""
 
+import ast
+import re
 from pathlib import Path
 
 import msgspec
 import pytest
 
+import groundstation
 from groundstation.config import presets
 from groundstation.core.vehicle import Vehicle
 from groundstation.interfaces.mqtt.command import schemas
@@ -12,7 +15,8 @@ from groundstation.settings import Config
 from sim.studies.campaign import COLUMNS
 from tests.proving.reference import PAGES, SCHEMAS, page, reference_command, remarks
 
-FOLDER = Path(__file__).parents[2] / "docs" / "reference"
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "docs" / "reference"
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -60,3 +64,34 @@ def test_a_remark_is_found_below_its_field_and_in_base_classes() -> None:
 def test_pages_are_written_where_they_are_wanted(tmp_path: Path) -> None:
     assert len(reference_command(tmp_path).splitlines()) == len(PAGES) + len(schemas())
     assert {path.name for path in tmp_path.iterdir()} == {*PAGES, SCHEMAS}
+
+
+def split_words(name: str) -> list[str]:
+    """``RawReceived`` → raw, received; without what only says of what kind a class is."""
+    plain = re.sub(r"(Config|Message|Kind)$", "", name)
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", plain).lower().split()
+
+
+def test_what_a_user_meets_stands_in_the_glossary() -> None:
+    """Sections of a configuration, what ``groundstation`` hands on, and every class that a page names."""
+    defined = {
+        node.name
+        for top in ("groundstation", "links", "sim")
+        for path in (ROOT / top).rglob("*.py")
+        for node in ast.parse(path.read_text("utf-8")).body
+        if isinstance(node, ast.ClassDef)
+    } - {"FrameTransform", "PoseInFrame"}  # Foxglove's own
+    pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    told = "\n".join(page.read_text("utf-8") for page in pages if page.parent.name != "decisions")
+    met = defined & set(re.findall(r"\b[A-Z][a-z]+(?:[A-Z][A-Za-z0-9]*)+\b", told))
+    met |= {name for names in groundstation._MODULES.values() for name in names if name[0].isupper()}
+    met |= set(Config.__struct_fields__)
+    glossary = (ROOT / "docs/reference/glossary.md").read_text("utf-8")
+    rows = ", ".join(re.findall(r"^\| ([^|]+) \|", glossary, re.MULTILINE)).lower().replace("-", "").replace("'s", "")
+    nouns = set(rows.split(", "))
+
+    def is_told(name: str) -> bool:
+        words = split_words(name)
+        return any({one, one.rstrip("s")} & nouns for i in range(len(words)) for one in [" ".join(words[i:])])
+
+    assert sorted(name for name in met if not is_told(name)) == []
