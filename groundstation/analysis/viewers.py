@@ -1,6 +1,6 @@
 """Viewers: a recorded flight as Foxglove and Rerun draw it in space, as a file or while it is being flown.
 
-What stands in the room is made of the recording's own messages (:class:`Scene`), in a process of its own, so that a
+What stands in the room is made of the recording's own messages (:class:`RoomScene`), in a process of its own, so that a
 flight does nothing for whoever looks on. Foxglove's schemas and server come from foxglove-sdk, Rerun's from rerun-sdk.
 """
 
@@ -13,7 +13,7 @@ import sys
 from collections import deque
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, Vec3
@@ -60,7 +60,7 @@ class WindArrow(NamedTuple):
     wind_m_s2: Vec3
 
 
-class Scene:
+class RoomScene:
     """What stands in the room, out of a recording's messages in their order. Sans-IO."""
 
     def __init__(self) -> None:
@@ -101,7 +101,7 @@ class Scene:
 class FoxgloveScene:
     """A recording's messages, and its scene, in Foxglove's schemas as protobuf: what Foxglove and Rerun both read."""
 
-    kinds = {  # noqa: RUF012
+    kinds: ClassVar = {
         "/tf": "FrameTransform",
         "/tf_static": "FrameTransform",
         "/pose": "PoseInFrame",
@@ -122,7 +122,7 @@ class FoxgloveScene:
         from foxglove import messages
 
         self._messages: Any = messages
-        self._scene = Scene()
+        self._scene = RoomScene()
         self._drawn_s = -math.inf
 
     def channels(self, wanted: Collection[str]) -> Iterator[ChannelForm]:
@@ -250,7 +250,7 @@ class RerunScene:
         import rerun as rr
 
         self._live = live
-        self._rr, self._stream, self._scene = rr, stream, Scene()
+        self._rr, self._stream, self._scene = rr, stream, RoomScene()
         self._began_ns: int | None = None
         self._rows: dict[str, list[tuple[float, dict[str, float]]]] = {}
         self._drawn: dict[str, tuple[Any, list[float], dict[str, list[Any]]]] = {}
@@ -461,14 +461,14 @@ async def _serve_foxglove(recording: Recording, host: str, port: int) -> None:
         channels[topic] = foxglove.Channel(topic, schema=about, message_encoding=encoding, context=context)
     loop = asyncio.get_running_loop()
 
-    class Listener(ServerListener):
+    class Subscriptions(ServerListener):
         def on_subscribe(self, client: object, channel: object) -> None:
             del client, channel
             loop.call_soon_threadsafe(watched.set)
 
     try:
         server = foxglove.start_server(
-            name=recording.path.stem, host=host, port=port, context=context, server_listener=Listener()
+            name=recording.path.stem, host=host, port=port, context=context, server_listener=Subscriptions()
         )
     except (RuntimeError, OSError) as error:
         raise ValueError(f"{host}:{port}: {error}") from None

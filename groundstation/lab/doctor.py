@@ -202,7 +202,7 @@ class BoardVisit:
         await self._board.enter()
         self.parameters = {}
         for table in ("aux", "rxrange", "map"):
-            self.parameters |= self._named(await self._board.tell(table))
+            self.parameters |= self._find_settings(await self._board.tell(table))
         self.parameters |= await self.read(
             name for advice in self.advice for name in advice.names if name not in self.parameters and " " not in name
         )
@@ -218,7 +218,7 @@ class BoardVisit:
                 said = await self._board.tell(table if " " in name or name == "map" else f"get {name}")
             except LinkRejected:
                 continue  # another version's
-            found |= {known: one for known, one in self._named(said).items() if known == name}
+            found |= {known: one for known, one in self._find_settings(said).items() if known == name}
         return found
 
     async def set(self, parameter: Setting) -> Setting:
@@ -234,7 +234,7 @@ class BoardVisit:
         return found[parameter.name]
 
     @staticmethod
-    def _named(answer: str) -> dict[str, Setting]:
+    def _find_settings(answer: str) -> dict[str, Setting]:
         return {name: Setting(name, value) for name, value in find_settings(answer).items()}
 
 

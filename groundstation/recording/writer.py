@@ -483,7 +483,7 @@ class FlightLog:
 
 def about_texts(about: About) -> dict[str, str]:
     """The first record of a recording: everything known before the flight, and what flies it."""
-    packages = ", ".join([f"groundstation {__version__}", *_installed(PACKAGES)])
+    packages = ", ".join([f"groundstation {__version__}", *_list_packages(PACKAGES)])
     return _texts(
         {
             **msgspec.to_builtins(about),
@@ -517,7 +517,7 @@ def git_commit() -> str:
     return done.stdout.strip()
 
 
-def _installed(packages: Iterable[str]) -> Iterator[str]:
+def _list_packages(packages: Iterable[str]) -> Iterator[str]:
     """Names and versions, as the folders NAME-VERSION.dist-info tell; importlib.metadata takes 20 ms to say the same.
 
     Source: PyPA, Recording installed projects.

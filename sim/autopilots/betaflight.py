@@ -226,7 +226,7 @@ class Firmware:
         a, b, c, d = motors
         return Answer(updates, port, (a, b, c, d))
 
-    def saved(self) -> bytes:
+    def read_settings(self) -> bytes:
         """Its settings as it has saved them."""
         return self._eeprom.read_bytes()
 
@@ -274,7 +274,7 @@ class CommandLine:
         except EOFError:
             pass
         self._line.close()
-        return self._firmware.saved()
+        return self._firmware.read_settings()
 
     def _wait(self, end: str) -> str:
         heard = b""

@@ -138,7 +138,7 @@ def need_optuna() -> None:
         ConfigError: it is not installed.
     """
     try:
-        import optuna as _  # noqa: F401
+        import optuna as _  # noqa: F401  # only whether it is there
     except ImportError:
         raise ConfigError(
             "tune", "needs optuna, which is not installed: pip install 'quadrotor-groundstation[tune]'"

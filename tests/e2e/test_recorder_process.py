@@ -61,7 +61,7 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
         handed: list[float] = []
         begun = None
         while begun is None or loop.time() < begun + after_s:
-            if begun is None and any(path.stat().st_size for path in own.glob("*.mcap")):  # noqa: ASYNC240
+            if begun is None and any(path.stat().st_size for path in own.glob("*.mcap")):  # noqa: ASYNC240  # a glance
                 begun = loop.time()
             handed.append(loop.time())
             process.give(ReceivedRecord(handed[-1], 0, 0, ("127.0.0.1", 1), b"x" * 90))

@@ -78,7 +78,7 @@ class Host:
                         if step % 10 == 0:
                             await asyncio.sleep(0.0005)
                 self._cli_port, self.restarts = 0, self.restarts + 1
-                self.eeprom = firmware.saved()
+                self.eeprom = firmware.read_settings()
 
     async def _relay(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         ends = [writer]

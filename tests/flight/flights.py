@@ -1,5 +1,6 @@
 """Whole flights in virtual time, flown once in a run of tests however many of them look at it."""
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from statistics import median
@@ -12,6 +13,8 @@ from sim.runs import fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, Local, report, run
+from sim.studies.tune import Flyers, SortieOutcome
+from sim.studies.tune.flights import Sortie
 from tests.flown_once import once
 
 __all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "median_of", "middle"]
@@ -70,3 +73,19 @@ def middle(scenario: str, field: str, *overrides: str, seeds: int = 10, duration
     results = [flown(scenario, *overrides, seed=seed, duration_s=duration_s) for seed in range(seeds)]
     assert all(r.completed for r in results), [r.why for r in results]
     return median_of([getattr(r.verdict, field) for r in results])
+
+
+class UnflownFlyers(Flyers):
+    """Knows what every flight comes to without flying it."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.flights: list[Sortie] = []
+
+    def judge(self, sortie: Sortie) -> SortieOutcome:
+        """What comes of it."""
+        raise NotImplementedError
+
+    def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
+        self.flights += work
+        return [self.judge(sortie) for sortie in work]

@@ -2,7 +2,6 @@
 
 import argparse
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -35,22 +34,15 @@ from sim.studies.equal_margins import (
 from sim.studies.tune import Flyers, Search, SortieOutcome, TuningTrial, stage_scenarios
 from sim.studies.tune.flights import Sortie
 from sim.studies.tune.tune import BROKEN
+from tests.flight.flights import UnflownFlyers
 
 LAW = SearchedLaw("pid", "pid", {"p_position": 2.0, "p_velocity": 5.0})
 
 
-class Judges(Flyers):
+class Judges(UnflownFlyers):
     """Knows what every flight comes to without flying it: the stiffer, the closer, the more effort, the less margin."""
 
-    def __init__(self) -> None:
-        super().__init__(1)
-        self.flights: list[Sortie] = []
-
-    def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
-        self.flights += work
-        return [self.judged(sortie) for sortie in work]
-
-    def judged(self, sortie: Sortie) -> SortieOutcome:
+    def judge(self, sortie: Sortie) -> SortieOutcome:
         gains, world = sortie.stage.config.controller, sortie.stage.world
         assert isinstance(gains, Pid) and gains.actuator_compensation
         if gains.p_position > 4.0 and world.command_delay_s:

@@ -13,7 +13,16 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from groundstation.analysis import export_command
-from groundstation.analysis.viewers import DRAW_S, TRAIL_S, FoxgloveScene, Placement, Scene, Trail, WindArrow, turn_to
+from groundstation.analysis.viewers import (
+    DRAW_S,
+    TRAIL_S,
+    FoxgloveScene,
+    Placement,
+    RoomScene,
+    Trail,
+    WindArrow,
+    turn_to,
+)
 from groundstation.core.geometry import to_world
 from groundstation.recording import About, FlightLog, Recording
 from tests.recordings import recorded
@@ -37,7 +46,7 @@ def exported(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def shapes(flight: Path) -> list[tuple[float, Placement | Trail | WindArrow]]:
-    scene = Scene()
+    scene = RoomScene()
     return [(1e-9 * e.stamp_ns, shape) for e in Recording(flight).entries() for shape in scene.shapes(e)]
 
 

@@ -62,7 +62,7 @@ def told(*signals: tuple[float, float], held_s: float = 0.3) -> Thrust:
     thrust = Thrust(1.0, lambda time_s, signal: signal, held_s)
     thrust.answered_s = 1.0
     for time_s, signal in signals:
-        thrust.told(time_s, signal)
+        thrust.command(time_s, signal)
     thrust.end(9.0)
     return thrust
 

@@ -21,7 +21,6 @@ from sim.studies.tune import (
     DELAY,
     SEARCH_SEED,
     Floors,
-    Flyers,
     Key,
     Search,
     SortieOutcome,
@@ -50,6 +49,7 @@ from sim.studies.tune.flights import (
     format_margin,
 )
 from sim.studies.tune.tune import BROKEN, short_of, try_gains
+from tests.flight.flights import UnflownFlyers
 
 KINDS: dict[str, ControllerConfig] = {
     "adaptive": Gains(),
@@ -310,18 +310,10 @@ def test_margins_below_a_floor_are_named() -> None:
 # ---- the search
 
 
-class Judges(Flyers):
+class Judges(UnflownFlyers):
     """Knows what every flight comes to without flying it: errors grow with the distance of k2 from 3 and k3 from 9."""
 
-    def __init__(self) -> None:
-        super().__init__(1)
-        self.flights: list[Sortie] = []
-
-    def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
-        self.flights += work
-        return [self.judged(sortie) for sortie in work]
-
-    def judged(self, sortie: Sortie) -> SortieOutcome:
+    def judge(self, sortie: Sortie) -> SortieOutcome:
         gains = sortie.stage.config.controller
         assert isinstance(gains, Gains)
         if gains.k2 > 3.5 and sortie.stage.world.command_delay_s:

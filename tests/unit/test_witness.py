@@ -141,8 +141,8 @@ def test_axes_that_were_never_right_are_doubted_as_soon_as_the_vehicle_leans(lie
 @pytest.mark.parametrize("late_s", [0.3, 0.4])
 @pytest.mark.parametrize("motion", [Motion(), FAST], ids=["flown", "fast"])
 def test_poses_much_older_than_they_say_are_doubted_as_it_begins_to_swing(motion: Motion, late_s: float) -> None:
-    late: Lie = lambda time_s, _attitude: motion.attitude(time_s - late_s)  # noqa: E731
-    doubted = doubted_s(Scene(motion=motion, lies=((0.0, late),)))
+    lies = ((0.0, lambda time_s, _attitude: motion.attitude(time_s - late_s)),)
+    doubted = doubted_s(Scene(motion=motion, lies=lies))
     assert doubted is not None
     assert doubted < ARMED_S + 1.0 + IN_S
 
@@ -202,8 +202,10 @@ def test_a_body_that_lies_far_off_is_not_learnt_as_one_mounted_askew() -> None:
 
 
 def test_in_flight_only_a_slow_drift_of_the_tilts_is_followed_and_not_far() -> None:
-    drifting: Lie = lambda time_s, attitude: so3.rotate(attitude, (math.radians(0.4) * (time_s - ARMED_S), 0.0, 0.0))  # noqa: E731
-    doubted = doubted_s(Scene(motion=CALM, slow_error_deg=0.0, until_s=40.0, lies=((ARMED_S, drifting),)))
+    def drift(time_s: float, attitude: Quat) -> Quat:
+        return so3.rotate(attitude, (math.radians(0.4) * (time_s - ARMED_S), 0.0, 0.0))
+
+    doubted = doubted_s(Scene(motion=CALM, slow_error_deg=0.0, until_s=40.0, lies=((ARMED_S, drift),)))
     assert doubted is not None
     assert 15.0 < doubted < ARMED_S + (3.0 + 2.0 + 0.6) / 0.4
 

@@ -315,13 +315,13 @@ def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice
     up = -place[:, 2]
     window = max(5, int(STANDS_S / max(float(np.median(np.diff(at_s))), 1e-3)))
 
-    def lifted(heights: Column) -> int:
+    def count_standing(heights: Column) -> int:
         """How many of ``heights`` pass before it is off the floor; 0 where it did not stand."""
         stand = heights[:window]
         off = np.flatnonzero(heights > float(np.median(stand)) + LIFTED_M)
         return int(off[0]) if float(np.ptp(stand)) < STANDS_M and len(off) else 0
 
-    before, after = lifted(up[first:end]), lifted(up[first:end][::-1])
+    before, after = count_standing(up[first:end]), count_standing(up[first:end][::-1])
     return slice(first + before, end - after)
 
 

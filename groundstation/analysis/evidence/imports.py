@@ -402,7 +402,7 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
         newest = at
         moved = None if velocity is None else _three(velocity[k])
         pose = Pose(0, at, at, _three(place[k]), _four(attitude[k]), moved, int(resets[k]))
-        flight.messages.append((at, MEASURED, _measured(pose, k)))
+        flight.messages.append((at, MEASURED, _make_measured(pose, k)))
     flight.notes.update(reader.notes)
     _add_commands(flight, reader, mapping)
     for topic, parts, what in ((REFERENCE, mapping.reference, "reference"), (TRUTH, mapping.truth, "truth")):
@@ -450,7 +450,7 @@ def _read_tlog(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight:
             flight.notes["poses not newer than the one before"] += 1
             continue
         newest = pose.time_s
-        flight.messages.append((pose.arrival_s, MEASURED, _measured(pose, pose.id)))
+        flight.messages.append((pose.arrival_s, MEASURED, _make_measured(pose, pose.id)))
     for sent in recorded.sent:
         thrust = float(np.clip(sent.signal, 0.0, 1.0))
         flight.messages.append((sent.time_s, SETPOINT, ImportedSetpoint(sent.time_s, thrust, vector(sent.rates))))
@@ -491,7 +491,7 @@ def write_flight(
         writer.finish()
 
 
-def _measured(pose: Pose, number: int) -> MeasuredMessage:
+def _make_measured(pose: Pose, number: int) -> MeasuredMessage:
     velocity = msgspec.UNSET if pose.velocity_ned is None else vector(pose.velocity_ned)
     at, attitude = vector(pose.position_ned), quaternion(pose.attitude)
     return MeasuredMessage(pose.time_s, pose.arrival_s, number, at, attitude, pose.reset_count, velocity)

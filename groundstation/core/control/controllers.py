@@ -13,7 +13,7 @@ import sys
 import warnings
 from functools import partial
 from types import ModuleType, SimpleNamespace
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 
 import msgspec
 
@@ -127,6 +127,19 @@ class InnerLoop:
         ]
 
 
+GainsType = TypeVar("GainsType", bound=Baseline)
+
+
+class BaselineController(Generic[GainsType]):
+    """What the baselines share: the vehicle as told, their gains, and the inner loop that commands leave by."""
+
+    def __init__(self, vehicle: Vehicle, gains: GainsType) -> None:
+        """Start with nothing learnt."""
+        self._vehicle = vehicle
+        self._gains = gains
+        self._outlet = InnerLoop(vehicle, gains)
+
+
 class Geometric(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="geometric"):
     """Gains, found by a search: docs/decisions/0006-baselines.md."""
 
@@ -148,7 +161,7 @@ class Geometric(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True,
         return GeometricController(vehicle, self)
 
 
-class GeometricController:
+class GeometricController(BaselineController[Geometric]):
     """Geometric tracking control on SE(3) with integral action. State: the integral e_i.
 
     T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010, with the
@@ -158,13 +171,8 @@ class GeometricController:
     loop, as in ours.
     """
 
-    def __init__(self, vehicle: Vehicle, gains: Geometric) -> None:
-        """Start with an empty integral."""
-        self._vehicle = vehicle
-        self._gains = gains
-        self._outlet = InnerLoop(vehicle, gains)
-        self._integral: Vec3 = (0.0, 0.0, 0.0)
-        self._saturated = False
+    _integral: Vec3 = (0.0, 0.0, 0.0)
+    _saturated = False
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
@@ -253,7 +261,7 @@ class L1(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_fi
         return L1Controller(vehicle, self)
 
 
-class L1Controller:
+class L1Controller(BaselineController[L1]):
     """L1 adaptive augmentation of the geometric law. State: the predictor's velocity, σ̂, and σ̂ filtered.
 
     Z. Wu, S. Cheng, P. Zhao, A. Gahlawat, K. A. Ackerman, A. Lakshmanan, C. Yang, J. Yu, N. Hovakimyan, "L1Quad: L1
@@ -264,13 +272,8 @@ class L1Controller:
     outer loop, are counteracted by the push, too.
     """
 
-    def __init__(self, vehicle: Vehicle, gains: L1) -> None:
-        """Start with nothing found: the predictor takes the first velocity that comes."""
-        self._vehicle = vehicle
-        self._gains = gains
-        self._outlet = InnerLoop(vehicle, gains)
-        self._predicted: Vec3 | None = None
-        self._filtered: Vec3 = (0.0, 0.0, 0.0)
+    _predicted: Vec3 | None = None  # takes the first velocity that comes
+    _filtered: Vec3 = (0.0, 0.0, 0.0)
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
@@ -330,7 +333,7 @@ class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
         return PidController(vehicle, self)
 
 
-class PidController:
+class PidController(BaselineController[Pid]):
     """Cascaded PID, as the position and attitude control of PX4 (main branch of 2024). State: the velocity integral.
 
     Position P → velocity PID with anti-windup → thrust vector, tilt-limited → attitude P on the quaternion error → body
@@ -338,13 +341,8 @@ class PidController:
     this.
     """
 
-    def __init__(self, vehicle: Vehicle, gains: Pid) -> None:
-        """Start with an empty integral."""
-        self._vehicle = vehicle
-        self._gains = gains
-        self._outlet = InnerLoop(vehicle, gains)
-        self._integral: Vec3 = (0.0, 0.0, 0.0)
-        self._saturated = False
+    _integral: Vec3 = (0.0, 0.0, 0.0)
+    _saturated = False
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
@@ -411,7 +409,7 @@ class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_
         return IndiController(vehicle, self)
 
 
-class IndiController:
+class IndiController(BaselineController[Indi]):
     """Incremental nonlinear dynamic inversion of the acceleration. State: it and the thrust vector, both filtered.
 
     E. Tal, S. Karaman, "Accurate tracking of aggressive quadrotor trajectories using incremental nonlinear dynamic
@@ -421,13 +419,8 @@ class IndiController:
     observer's.
     """
 
-    def __init__(self, vehicle: Vehicle, gains: Indi) -> None:
-        """Start with empty filters: they take the first values that come."""
-        self._vehicle = vehicle
-        self._gains = gains
-        self._outlet = InnerLoop(vehicle, gains)
-        self._acceleration: Vec3 | None = None
-        self._push: Vec3 = (0.0, 0.0, 0.0)
+    _acceleration: Vec3 | None = None  # both filters take the first values that come
+    _push: Vec3 = (0.0, 0.0, 0.0)
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""

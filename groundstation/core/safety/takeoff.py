@@ -497,7 +497,7 @@ class Nudge:
         """Thrust to command now [N]."""
         return self._thrust if 0.0 <= now_s - self._begin_s < NUDGE_S else 0.0
 
-    def _pushed(self, before_s: float, time_s: float) -> bool | None:
+    def _has_pushed(self, before_s: float, time_s: float) -> bool | None:
         """Whether rotors pushed between these two instants [s]; None where that is neither so nor not."""
         if time_s <= self._begin_s:
             return False
@@ -509,7 +509,7 @@ class Nudge:
         last, self._pose = self._pose, pose
         if last is None or pose.reset_count != last.reset_count:
             return
-        pushed = self._pushed(last.time_s, pose.time_s)
+        pushed = self._has_pushed(last.time_s, pose.time_s)
         if pushed is not None:
             place = [a - b for a, b in zip(pose.position_ned, last.position_ned, strict=True)]
             turn = so3.rotation_vector(so3.multiply(so3.conjugate(last.attitude), pose.attitude))
@@ -521,7 +521,7 @@ class Nudge:
         if rates is None:
             return
         self._told = told
-        pushed = None if last is None else self._pushed(last.time_s, told.time_s)
+        pushed = None if last is None else self._has_pushed(last.time_s, told.time_s)
         if last is not None and last.rates_rad_s is not None and pushed is not None:
             self._felt.add([a - b for a, b in zip(rates, last.rates_rad_s, strict=True)], pushed=pushed)
 

@@ -95,8 +95,28 @@ def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
     options.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface))
 
 
+class ListensAt(PoseKind):
+    """Beside the configuration of a source that listens on a UDP socket of this machine."""
+
+    __slots__ = ()
+    listen: str
+
+    def __post_init__(self) -> None:
+        """Check what the types cannot.
+
+        Raises:
+            ValueError: ``listen`` is no address.
+        """
+        parse_address(self.listen, "listen")
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return beyond("listen", self.listen)
+
+
 class JsonConfig(
-    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="json"
+    ListensAt, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="json"
 ):
     """JSON objects over UDP, one or an array of them a datagram."""
 
@@ -115,19 +135,6 @@ class JsonConfig(
     """Shortest time from the instant that the tracker stamps to the arrival here [s]."""
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 50.0
     """Frames per second [1/s], for a tracker that numbers its frames and has no clock; found by itself if wrong."""
-
-    def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: ``listen`` is no address.
-        """
-        parse_address(self.listen, "listen")
-
-    @property
-    def real(self) -> str | None:
-        """The key by which real poses may come, and its value; None where all stays on this machine."""
-        return beyond("listen", self.listen)
 
     def build(self, others: Others | None = None) -> DatagramSource:
         """The source of this config; ``others`` are further bodies to look for."""

@@ -11,10 +11,9 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Pose, PoseKind, PoseStatus
-from groundstation.pose.sources.datagram import DatagramSource
+from groundstation.pose.sources.datagram import DatagramSource, ListensAt
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.mavlink_codec import PoseDecoder, VisionReader, decoder_for
-from links.io import beyond, parse_address
 from links.mavlink import MavlinkLink
 from links.mavlink.protocol import Message, Trip
 
@@ -92,7 +91,7 @@ class MavlinkPoseSource:
 
 
 class VisionConfig(
-    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vision"
+    ListensAt, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vision"
 ):
     """MAVLink VISION_POSITION_ESTIMATE over UDP, as sent by bridges from motion capture to autopilots."""
 
@@ -109,19 +108,6 @@ class VisionConfig(
     """How these axes lie against ours, beyond their names."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
     """Shortest time from the instant that the bridge stamps to the arrival here [s]."""
-
-    def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: ``listen`` is no address.
-        """
-        parse_address(self.listen, "listen")
-
-    @property
-    def real(self) -> str | None:
-        """The key by which real poses may come, and its value; None where all stays on this machine."""
-        return beyond("listen", self.listen)
 
     def build(self) -> DatagramSource:
         """The source of this config."""

@@ -5,15 +5,14 @@ from typing import Annotated, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, PoseKind
-from groundstation.pose.sources.datagram import DatagramSource
+from groundstation.core.messages import Others
+from groundstation.pose.sources.datagram import DatagramSource, ListensAt
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import ViconReader, name_bytes
-from links.io import beyond, parse_address
 
 
 class ViconConfig(
-    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"
+    ListensAt, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"
 ):
     """Vicon Tracker's UDP Object Stream, which carries no time stamps and no validity flags."""
 
@@ -43,13 +42,8 @@ class ViconConfig(
         Raises:
             ValueError: ``listen`` is no address, or ``object`` no name that fits the stream.
         """
-        parse_address(self.listen, "listen")
+        super().__post_init__()
         name_bytes(self.object)
-
-    @property
-    def real(self) -> str | None:
-        """The key by which real poses may come, and its value; None where all stays on this machine."""
-        return beyond("listen", self.listen)
 
     def build(self, others: Others | None = None) -> "ViconSource":
         """The source of this config; ``others`` are further bodies to look for."""

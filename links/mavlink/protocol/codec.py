@@ -139,7 +139,7 @@ class MavlinkMessage(msgspec.Struct, eq=False, gc=False):
         """Its name, such as HEARTBEAT."""
         return self.msg_name
 
-    def get_srcSystem(self) -> int:  # noqa: N802  # pymavlink's names
+    def get_srcSystem(self) -> int:  # noqa: N802  # pymavlink's name  # pymavlink's names
         """The system that sent it; 0 where it was made here."""
         frame: bytes = self._frame  # type: ignore[attr-defined]
         return (frame[5] if frame[0] == 0xFD else frame[3]) if frame else 0

@@ -169,13 +169,13 @@ async def fly_here(
         if scene.recorder_raises:
             raise OSError("the recorder is gone")
 
-    def answered(time_s: float) -> None:
+    def note_answer(time_s: float) -> None:
         pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
 
-    def entered(state: State, reason: str) -> None:
-        moves.entered(state, reason)
+    def enter(state: State, reason: str) -> None:
+        moves.enter(state, reason)
         if moves.answers:
-            answered(moves.answers[0][0])
+            note_answer(moves.answers[0][0])
 
     async def confirm() -> bool:
         await sleep_until(begun_s + CONFIRM_S)
@@ -186,7 +186,7 @@ async def fly_here(
     stage.plant.advance(begun_s)
     if stage.mocap is not None:
         stage.mocap.through(meddle)
-    flight = make_flight(config, confirm=confirm, on_tick=watch, on_state=entered, wires=stage.wires, give=give)
+    flight = make_flight(config, confirm=confirm, on_tick=watch, on_state=enter, wires=stage.wires, give=give)
     scene = Scene(flight, stage, meddlers[0] if meddlers else None, seed)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     striking = asyncio.ensure_future(_strike(scene, state, moves, truth))
@@ -200,7 +200,7 @@ async def fly_here(
         name = split()
         fault = FAULTS[name]
     exemption = exemption_of(fault, state)
-    autopilot = _Autopilot(answered)
+    autopilot = _Autopilot(note_answer)
     going_on = asyncio.ensure_future(_break(scene, fault))
     watching = asyncio.ensure_future(autopilot.watch(stage))
     homing = asyncio.ensure_future(_return(flight, moves)) if state == "moving" else over
@@ -257,9 +257,9 @@ async def reach(moment: Moment, flight: Flight, stage: Stage, moves: Moves) -> N
     while True:
         if moves.state is State.TRACKING and flight.started_s is not None:
             moves.since_s = flight.started_s  # the figure, not the way onto it
-        if moment.state is State.DESCENT and moves.lasted(State.TRACKING, DESCENT_AFTER_S):
+        if moment.state is State.DESCENT and moves.lasts(State.TRACKING, DESCENT_AFTER_S):
             flight.ask(Request(Ask.DESCEND, "the deck"))
-        if moment.state is State.MOVING and moves.lasted(State.HOLD, MOVES_AFTER_S):
+        if moment.state is State.MOVING and moves.lasts(State.HOLD, MOVES_AFTER_S):
             place = stage.plant.truth(loop.time()).position_ned
             point = Waypoint(*(here + by for here, by in zip(place, MOVES_BY, strict=True)))
             flight.ask(Request(Ask.GOTO, "the deck", (point,)))
@@ -273,7 +273,7 @@ async def _return(flight: Flight, moves: Moves) -> None:
     """Ask for the way back from the point that was asked for, as a flight there holds until somebody does."""
     while True:
         await asyncio.sleep(LOOK_S)
-        if moves.lasted(State.HOLD, MOVES_AFTER_S):
+        if moves.lasts(State.HOLD, MOVES_AFTER_S):
             flight.ask(Request(Ask.RETURN, "the deck"))
             return
 

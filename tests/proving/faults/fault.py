@@ -209,11 +209,11 @@ class Moves:
         """When, what and why."""
         self._now = now
 
-    def lasted(self, state: State, for_s: float) -> bool:
+    def lasts(self, state: State, for_s: float) -> bool:
         """Whether it has been in ``state`` for ``for_s`` [s]."""
         return self.state is state and self._now() >= self.since_s + for_s - 1e-9
 
-    def entered(self, state: State, reason: str) -> None:
+    def enter(self, state: State, reason: str) -> None:
         """A state has begun."""
         before, self.state, self.since_s, self.reason = self.state, state, self._now(), reason
         if self.struck and not is_planned(before, state, reason):
@@ -234,7 +234,7 @@ class Moment:
     def is_now(self, moves: Moves, height_m: float) -> bool:
         """Whether it has come for a flight with ``moves``, ``height_m`` above the floor [m]."""
         climbed = self.climbed_m is None or height_m >= self.climbed_m
-        return climbed and moves.lasted(self.state, self.after_s)
+        return climbed and moves.lasts(self.state, self.after_s)
 
 
 MOMENTS: dict[str, Moment] = {

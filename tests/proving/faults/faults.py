@@ -340,7 +340,7 @@ LATE: dict[str, Fault] = {
     ),
     **{
         f"stamps off by {ms} ms": Fault(
-            f"stamps jitter by {ms} ms (1 sigma)", strikes.stamped(1e-3 * ms), source="json"
+            f"stamps jitter by {ms} ms (1 sigma)", strikes.jitter_stamps(1e-3 * ms), source="json"
         )
         for ms in (1, 2, 5)
     },

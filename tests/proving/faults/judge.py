@@ -148,7 +148,7 @@ class Thrust:
         self._over = False
         self._newest: tuple[float, float] | None = None
 
-    def told(self, time_s: float, signal: float) -> None:
+    def command(self, time_s: float, signal: float) -> None:
         """A command leaves."""
         if self._over:
             return
@@ -422,7 +422,7 @@ class WireJudge:
     def _frame(self, time_s: float, thrust: float, p: float, q: float, r: float) -> None:
         if not math.isfinite(thrust + p + q + r):
             self._say(f"a number that is not finite left at {time_s:.3f} s")
-        self._thrust.told(time_s, thrust)
+        self._thrust.command(time_s, thrust)
         # At the very border of two parts either may be meant.
         borders = (time_s - INSTANT_S, time_s + INSTANT_S)
         for due in {_due(command, at_s) for command in self._commands for at_s in borders}:
@@ -442,7 +442,7 @@ class WireJudge:
             if heard.positions is None:
                 continue
             sticks = channels.read(heard.positions)
-            self._thrust.told(time_s, sticks.thrust_n if sticks.armed else 0.0)
+            self._thrust.command(time_s, sticks.thrust_n if sticks.armed else 0.0)
             lifts = sticks.armed and sticks.thrust_n > LIFTS
             if lifts and not any(_due(command, time_s - lead_s) for command in self._commands):
                 self._say(f"a frame that lifts left at {time_s:.3f} s, and no command was due then")

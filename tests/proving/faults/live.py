@@ -148,7 +148,7 @@ class LiveScene:
             # INFO 12.345 state: why
             state, colon, reason = text.partition(" ")[2].partition(" ")[2].partition(": ")
             if colon and state in tuple(State) and self.moves.state not in FINAL:  # then it makes ready for the next
-                self.moves.entered(State(state), reason)
+                self.moves.enter(State(state), reason)
 
     async def serve_scene(self) -> None:
         """Wait for its status socket."""
@@ -465,7 +465,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     if answers:
         pushing.answered_s = answers[0][0] + world.frame_period_s
     for time_s, share in scene.frames:
-        pushing.told(time_s, share)
+        pushing.command(time_s, share)
     pushing.end(loop.time())
     return judge(
         name, fault, state, truth, answers,
@@ -509,7 +509,7 @@ async def _wait_for_state(scene: LiveScene, world: World, name: str) -> None:
     while True:
         if moment.state is State.DESCENT and pressed < 2:
             begun = State.TRACKING if pressed == 0 else State.LANDING
-            if moves.lasted(begun, TWICE_S):
+            if moves.lasts(begun, TWICE_S):
                 scene.station.send_signal(signal.SIGTERM)
                 pressed += 1
         height_m = world.floor_z_m - scene.stage.plant.truth(loop.time()).position_ned[2]

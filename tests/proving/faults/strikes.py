@@ -71,7 +71,7 @@ def comes_late(delay_s: float | Callable[[float], float], *, fresh: bool) -> Str
     return strike
 
 
-def stamped(sigma_s: float) -> Strike:
+def jitter_stamps(sigma_s: float) -> Strike:
     """Stamps that jitter."""
 
     async def strike(scene: Scene) -> None:
