@@ -3,7 +3,7 @@ PYTHON ?= python3
 SCENARIO ?= paper
 WORKERS ?= 2
 # Tests in real time wait for most of their time.
-WAITERS ?= 3
+WAITERS ?= 4
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin

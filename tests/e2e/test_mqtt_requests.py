@@ -309,10 +309,10 @@ def test_a_flight_is_held_moved_and_landed_by_mqtt_and_the_death_of_the_broker_d
             floor = request("goto", "0.6", "-0.4", "1.0")
             assert floor.returncode == 1
             assert "is 0.00 m above the floor" in floor.stdout
-            moved = request("goto", "0.6", "-0.4", "-0.6", why="out of the way")
+            moved = request("goto", "0.6", "-0.4", "0.3", why="out of the way")
             assert moved.returncode == 0, moved.stderr
-            assert "to north 0.60, east -0.40, 1.60 m above the floor: out of the way (tablet by MQTT)" in moved.stdout
-            asyncio.run(until_held_at(0.6, -0.4, -0.6))
+            assert "to north 0.60, east -0.40, 0.70 m above the floor: out of the way (tablet by MQTT)" in moved.stdout
+            asyncio.run(until_held_at(0.6, -0.4, 0.3))
             assert request("track").returncode == 0
             lab.kill()
             time.sleep(1.0)

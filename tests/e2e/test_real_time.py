@@ -66,7 +66,7 @@ def test_the_daemon_lands_on_sigterm_and_its_status_shows_the_flight() -> None:
         )
         try:
             on_track = asyncio.run(
-                seen(room.status_socket, lambda s: s.state == "tracking" and s.flight_time_s > 3.0 and s.error_m < 0.1)
+                seen(room.status_socket, lambda s: s.state == "tracking" and s.flight_time_s > 1.5 and s.error_m < 0.1)
             )
             assert on_track.pose_rate_hz == pytest.approx(50.0, abs=8.0)
             daemon.send_signal(signal.SIGTERM)

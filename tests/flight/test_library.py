@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import groundstation as gs
 from groundstation.analysis import export_command
@@ -214,6 +213,8 @@ def test_the_trajectory_of_the_how_to_flies_from_a_configuration(
 
 
 def test_controllers_are_compared_as_they_are_given() -> None:
+    from matplotlib.figure import Figure
+
     found = gs.compare(["pid", Hover], scenarios=["paper"], seeds=1, duration=16.5)
     assert [(row.scenario, row.controller) for row in found.rows] == [("paper", "pid"), ("paper", "Hover")]
     assert found.to_pandas().loc[("paper", "pid"), "survived"]

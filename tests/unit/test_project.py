@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,15 @@ from tests.seeded_faults import CONCERNED, FAULTS, PACKAGES, copy_checkout, file
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
-LOCK = tomllib.loads((ROOT / "uv.lock").read_text("utf-8"))
 COMMANDS: dict[str, str] = PROJECT["project"]["scripts"]
 
 # A folder that exists on one machine only; the look-behind leaves out web addresses and relative paths.
 MACHINE_PATH = re.compile(rb"(?<![\w.*}-])/(?:root|work|opt|srv|mnt|(?:home|Users)/\w+)/")
+
+
+@cache
+def lock() -> dict[str, Any]:
+    return tomllib.loads((ROOT / "uv.lock").read_text("utf-8"))
 
 
 def foreign_addresses(lock: dict[str, Any]) -> Iterator[str]:
@@ -39,7 +44,7 @@ def foreign_addresses(lock: dict[str, Any]) -> Iterator[str]:
 
 
 def test_the_lock_resolves_on_any_machine() -> None:
-    assert list(foreign_addresses(LOCK)) == []
+    assert list(foreign_addresses(lock())) == []
 
 
 @pytest.mark.parametrize(
@@ -62,7 +67,7 @@ def test_a_lock_with_a_local_path_or_a_mirror_is_found_out(package: dict[str, An
 
 
 def test_the_lock_knows_every_dependency_in_pyproject() -> None:
-    own = next(package for package in LOCK["package"] if package["name"] == PROJECT["project"]["name"])
+    own = next(package for package in lock()["package"] if package["name"] == PROJECT["project"]["name"])
     names = {re.split(r"[<>=!~\[; ]", dependency)[0] for dependency in PROJECT["project"]["dependencies"]}
     assert {dependency["name"] for dependency in own["dependencies"]} == names
 
