@@ -33,8 +33,7 @@ from groundstation.runtime.version import __version__ as __version__
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.analysis.recordings import FlightData, load
-    from groundstation.config.loader import ConfigError
-    from groundstation.config.schema import UserCodeFault
+    from groundstation.config.loader import ConfigError, UserCodeFault
     from groundstation.core.control.attitude import (
         clamp_command,
         half_angle_error,
@@ -54,8 +53,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "analysis.recordings": ("FlightData", "load"),
-    "config.schema": ("UserCodeFault",),
-    "config.loader": ("ConfigError",),
+    "config.loader": ("ConfigError", "UserCodeFault"),
     "core.control.attitude": ("clamp_command", "half_angle_error", "make_decision", "push", "sine_error", "turning"),
     "core.control.controllers": ("Baseline", "InnerLoop"),
     "core.messages.snapshot": ("Controller", "Decision", "Diagnostics", "Estimate"),

@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 
-from groundstation.interfaces.cli import add_completion, build_parser, path
+from groundstation.runtime import add_completion, build_parser, path
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:

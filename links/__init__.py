@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     )
     from links.make import make_link
     from links.mavlink.protocol.config import MavlinkLinkConfig
-    from links.rf.crsf_codec import CrsfLinkConfig
-    from links.rf.dsm_codec import DsmLinkConfig
+    from links.rf.module_codec import CrsfLinkConfig, DsmLinkConfig
 
 _MODULES = {
     "bridge.link": ("BridgeLinkConfig",),
@@ -48,8 +47,7 @@ _MODULES = {
     ),
     "make": ("make_link",),
     "mavlink.protocol.config": ("MavlinkLinkConfig",),
-    "rf.crsf_codec": ("CrsfLinkConfig",),
-    "rf.dsm_codec": ("DsmLinkConfig",),
+    "rf.module_codec": ("CrsfLinkConfig", "DsmLinkConfig"),
 }
 
 

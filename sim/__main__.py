@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.interfaces.cli import add_completion, build_parser, path
+from groundstation.runtime import add_completion, build_parser, path
 from sim.cli import count, hours, names, percent, seconds, whole
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, l1, pid, indi, or your own: package.module:factory"

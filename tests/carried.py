@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.lab import MOVES, CarryMove
-from groundstation.lab.axes import Carry, Sample
+from groundstation.lab.pose_stream import Carry, Sample
 from sim.world import HOLD_S, MOVE_S, make_hand
 
 Measure = Callable[[Vec3, Quat], tuple[Vec3, Quat]]

@@ -6,35 +6,545 @@ Some sections may stand in a file of their own (a vehicle, a preset that comes a
 the configuration's. It is read once, when the configuration is, so that what was checked is what flies; the
 configuration in force holds what was in it and needs it no more. As text it has every key in force, beside the first
 sentence of its docstring.
+
+What was written is checked key by key, and completed from the defaults. The types are the schema (``msgspec.inspect``).
+msgspec checks them too, but its errors don't speak to an operator: what a key accepts, and what was written instead, is
+said here in words.
+
+A factory is code of the user's own that a configuration names, ``kind = "package.module:factory"``. An object that
+Python already has is lent to a flight under such a name (:func:`lend`), without a module to import. What goes wrong in
+it is told in one sentence, with the user's own frames behind it (:class:`UserCodeFault`).
 """
 
+import copy
+import importlib
+import inspect
 import linecache
+import math
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar
 
 import msgspec
 import tomli_w
 from msgspec import inspect as mi
 
-from groundstation.config.schema import (
-    ConfigError,
-    FromFile,
-    KeyPath,
-    Problem,
-    complete,
-    dotted_key,
-    inspect_struct,
-    kinds,
-    locate,
-    strip_metadata,
-)
-
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
+
+
+_FIRST, _NEXT = "[A-Za-z0-9]", "[A-Za-z0-9_.-]"
+"""The first a letter or a digit: no option, no hidden file, no folder above."""
+NAME = f"{_FIRST}{_NEXT}*"
+"""A name within a longer pattern."""
+FACTORY = r"\A[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*\Z"
+"""``package.module:factory``."""
+VEHICLE_LETTERS, CLIENT_LETTERS = 24, 32
+"""So long may the name of a vehicle be, and that of a client."""
+
+
+def name_pattern(most: int) -> str:
+    """The pattern of a whole name of at most ``most`` letters; ``$`` would let a line end pass."""
+    return rf"\A{_FIRST}{_NEXT}{{0,{most - 1}}}\Z"
+
+
+def describe_name(most: int) -> str:
+    """The same in words."""
+    return f"a name matching {describe_pattern(name_pattern(most))}"
+
+
+def describe_pattern(pattern: str) -> str:
+    """``pattern``, that of a whole text, as people write it."""
+    return pattern.removeprefix(r"\A").removesuffix(r"\Z")
+
+
+def is_name(text: str, most: int) -> bool:
+    """Whether ``text`` is one of at most ``most`` letters."""
+    return re.search(name_pattern(most), text) is not None
+
+
+def describe_type(info: mi.Type) -> str:
+    """What a key of this type accepts, in words: ``a number > 0``, ``one of ['vicon', 'natnet']``."""
+    match info:
+        case mi.Metadata():
+            return describe_type(info.type)
+        case mi.FloatType():
+            return "a number" + _bounds(info)
+        case mi.IntType():
+            return "a whole number" + _bounds(info)
+        case mi.BoolType():
+            return "true or false"
+        case mi.StrType():
+            return (
+                "a string"
+                + _lengths(info, "character")
+                + (f" matching {describe_pattern(info.pattern)}" if info.pattern else "")
+            )
+        case mi.LiteralType():
+            return f"one of {list(info.values)}"
+        case mi.EnumType():
+            return f"one of {[one.value for one in info.cls]}"
+        case mi.TupleType():
+            each = " or ".join(dict.fromkeys(map(describe_type, info.item_types)))
+            return f"an array of {len(info.item_types)} values, each {each}"
+        case mi.VarTupleType() | mi.ListType():
+            return f"an array{_lengths(info, 'value')}, each {describe_type(info.item_type)}"
+        case mi.UnionType():
+            kinds = [kind for kind in info.types if not isinstance(kind, mi.NoneType)]
+            tagged = [kind for kind in map(strip_metadata, kinds) if isinstance(kind, mi.StructType) and kind.tag_field]
+            if len(tagged) == len(kinds) > 1:
+                return f"a table with {tagged[0].tag_field}, one of {[kind.tag for kind in tagged]}"
+            return " or ".join(dict.fromkeys(map(describe_type, kinds)))
+        case mi.StructType():
+            needed = [field.encode_name for field in info.fields if field.required]
+            return f"a table with {', '.join(needed)}" if needed else "a table"
+        case mi.DictType():
+            return "a table"
+    return "a value"
+
+
+def _bounds(info: mi.FloatType | mi.IntType) -> str:
+    signs = ((">", info.gt), (">=", info.ge), ("<", info.lt), ("<=", info.le), ("a multiple of", info.multiple_of))
+    text = " and ".join(f"{sign} {bound:g}" for sign, bound in signs if bound is not None)
+    return f" {text}" if text else ""
+
+
+def _lengths(info: mi.StrType | mi.VarTupleType | mi.ListType, unit: str) -> str:
+    low, high = info.min_length, info.max_length
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f" of at least {low} {unit}{'' if low == 1 else 's'}"
+    return f" of {low or 0} to {high} {unit}s"
+
+
+def strip_metadata(info: mi.Type) -> mi.Type:
+    """The type without its remarks."""
+    return strip_metadata(info.type) if isinstance(info, mi.Metadata) else info
+
+
+def describe_unknown_key(key: str, value: Any, known: list[str]) -> str:
+    """What is wrong with a key that is none of ``known``, and which of them may have been meant."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(key, known, n=1)
+    what = "unknown section" if isinstance(value, dict) else "unknown key"
+    return f"{what}{f'; did you mean {near[0]}?' if near else ''} (known: {', '.join(known) or 'none'})"
+
+
+def describe_value(value: Any) -> str:
+    """What was written instead, no longer than a line."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and abs(value) >= 10**40:
+        return "a number of more than 40 digits"
+    text = repr(value) if isinstance(value, str | int | float | list) else str(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+KeyPath = tuple[str, ...]
+
+
+class ConfigError(Exception):
+    """A bad configuration, as one line for the operator: ``source: key: problem``."""
+
+    def __init__(self, key: str, problem: str, source: str = "") -> None:
+        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the override)."""
+        super().__init__(": ".join(part for part in (source, key, problem) if part))
+        self.key = key
+        self.problem = problem
+        self.source = source
+
+
+def locate(error: msgspec.ValidationError) -> tuple[str, str]:
+    """The dotted key that ``error`` is about (empty: the whole), and what is wrong there."""
+    text, _, where = str(error).partition(" - at `$")
+    return where.rstrip("`").lstrip("."), text
+
+
+class Problem(Exception):
+    """A key that is wrong, and why."""
+
+    def __init__(self, path: KeyPath, text: str) -> None:
+        """Keep the ``path`` of the key and the ``text`` of what is wrong."""
+        super().__init__(text)
+        self.path = path
+        self.text = text
+
+
+class OpenFactory:
+    """Beside a struct of a tagged union, with the keys ``factory`` and ``options``: its ``kind`` may name a factory.
+
+    So it also answers to tags that nobody can list.
+    """
+
+    __slots__ = ()
+    EXAMPLE: ClassVar[str] = "package.module:factory"
+    """Such a tag, for error messages."""
+
+    @classmethod
+    def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
+        """``table`` in this struct's own form where its ``kind`` names a factory, else as it is.
+
+        Keys that the struct does not have are the factory's options.
+        """
+        named = table.get("kind")
+        if not isinstance(named, str) or not re.match(FACTORY, named):
+            return table
+        own = set(cls.__struct_encode_fields__) - {"factory"}  # type: ignore[attr-defined]  # it stands beside a struct
+        kept = {key: value for key, value in table.items() if key in own}
+        given = {key: value for key, value in table.items() if key not in own and key != "kind"}
+        if given:
+            inner = kept.get("options", {})
+            kept["options"] = {**inner, **given} if isinstance(inner, dict) else inner
+        return {"kind": "custom", "factory": named, **kept}
+
+
+class FromFile:
+    """Beside a struct that is a section of a configuration: its keys may stand in a file, which its key ``file`` names.
+
+    Such a struct has the optional key ``file``, and ``preset`` if it has :attr:`PRESETS`. Both are gone once read.
+    """
+
+    __slots__ = ()
+    PRESETS: ClassVar[str] = ""
+    """Folder of this package with files that come along, one a preset; empty where there are none."""
+
+    @classmethod
+    def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
+        """The section as written, ``table``, completed from the text of its file.
+
+        Raises:
+            ValueError: what is wrong with the text, and in which line or key; without the file's name.
+        """
+        raise NotImplementedError
+
+
+@cache
+def inspect_struct(root: type[msgspec.Struct]) -> mi.Type:
+    """What msgspec tells of ``root`` and all that it holds."""
+    return mi.type_info(root)
+
+
+def complete(root: type[msgspec.Struct], data: dict[str, Any]) -> dict[str, Any]:
+    """``data`` checked as a ``root`` and completed with the defaults of the tables that it mentions.
+
+    Raises:
+        Problem: the first thing that is wrong, in the order of ``data``; a missing key comes after its neighbours.
+    """
+    result: dict[str, Any] = _complete(inspect_struct(root), data, None, ())
+    return result
+
+
+def kinds(root: type[msgspec.Struct], section: str) -> tuple[str, dict[Any, set[str]]]:
+    """The key that tells a ``section`` of ``root`` its kind, and the keys of each kind; none where it has no kinds."""
+    info = inspect_struct(root)
+    assert isinstance(info, mi.StructType)
+    for field in info.fields:
+        if field.encode_name == section:
+            union = strip_metadata(field.type)
+            found = [strip_metadata(kind) for kind in (union.types if isinstance(union, mi.UnionType) else (union,))]
+            tagged = [kind for kind in found if isinstance(kind, mi.StructType) and kind.tag_field is not None]
+            keys = {kind.tag: {each.encode_name for each in kind.fields} for kind in tagged}
+            return (tagged[0].tag_field or "", keys) if tagged else ("", {})
+    return "", {}
+
+
+def structs(info: mi.Type) -> list[mi.StructType]:
+    """The structs that a value of this type may be."""
+    info = strip_metadata(info)
+    if isinstance(info, mi.StructType):
+        return [info]
+    if isinstance(info, mi.UnionType):
+        return [struct for kind in info.types for struct in structs(kind)]
+    return []
+
+
+def keys_of(root: type[msgspec.Struct]) -> list[str]:
+    """Every key that a ``root`` may have, of every kind of its sections, as an operator writes it; in their order."""
+    return sorted({key for key, _ in _keys(mi.type_info(root), ())})
+
+
+def texts_of(root: type[msgspec.Struct]) -> list[str]:
+    """Those of :func:`keys_of` whose value may be a text, or hold one, that is not one of a few known words."""
+    return sorted({key for key, info in _keys(mi.type_info(root), ()) if info is not None and _holds_text(info)})
+
+
+def _holds_text(info: mi.Type) -> bool:
+    match info:
+        case mi.Metadata():
+            return _holds_text(info.type)
+        case mi.UnionType():
+            return any(map(_holds_text, info.types))
+        case mi.TupleType():
+            return any(map(_holds_text, info.item_types))
+        case mi.VarTupleType() | mi.ListType():
+            return _holds_text(info.item_type)
+    return not isinstance(info, mi.FloatType | mi.IntType | mi.BoolType | mi.LiteralType | mi.EnumType | mi.NoneType)
+
+
+def _keys(info: mi.Type, path: KeyPath) -> Iterator[tuple[str, mi.Type | None]]:
+    inner = structs(info)
+    if not inner:
+        yield dotted_key(path), info
+    for struct in inner:
+        if struct.tag_field is not None:
+            yield dotted_key((*path, struct.tag_field)), None
+        for field in struct.fields:
+            yield from _keys(field.type, (*path, field.encode_name))
+
+
+def dotted_key(path: KeyPath) -> str:
+    """The path as an operator writes it."""
+    return ".".join(path)
+
+
+def _complete(info: mi.Type, value: Any, default: Any, path: KeyPath) -> Any:
+    """``value`` checked against ``info``, its missing keys taken from ``default`` (a struct, or None).
+
+    Raises:
+        Problem: the first thing that is wrong, in the order of the file.
+    """
+    match info:
+        case mi.Metadata():
+            return _complete(info.type, value, default, path)
+        case mi.StructType():
+            return _struct(info, value, default, path)
+        case mi.UnionType():
+            return _union(info, value, default, path)
+        case mi.DictType():
+            if not isinstance(value, dict):
+                _refuse(info, value, path)
+            return {key: _complete(info.value_type, item, None, (*path, key)) for key, item in value.items()}
+        case mi.TupleType():
+            if not isinstance(value, list | tuple) or len(value) != len(info.item_types):
+                _refuse(info, value, path)
+            return [
+                _complete(kind, item, None, _element_path(path, i))
+                for i, (kind, item) in enumerate(zip(info.item_types, value, strict=True))
+            ]
+        case mi.VarTupleType() | mi.ListType():
+            if not isinstance(value, list | tuple) or not _within(len(value), info.min_length, info.max_length):
+                _refuse(info, value, path)
+            return [_complete(info.item_type, item, None, _element_path(path, i)) for i, item in enumerate(value)]
+    if not _SCALARS.get(type(info), lambda _info, _value: True)(info, value):
+        _refuse(info, value, path)
+    return value
+
+
+def _struct(info: mi.StructType, value: Any, default: Any, path: KeyPath) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        _refuse(info, value, path)
+    tag = {} if info.tag_field is None else {info.tag_field: info.tag}
+    fields = {field.encode_name: field for field in info.fields}
+    complete: dict[str, Any] = dict(tag)
+    for key, item in value.items():
+        inner = (*path, key)
+        if key in fields:
+            field = fields[key]
+            base = _default(field) if default is None else getattr(default, field.name)
+            complete[key] = _complete(field.type, item, base, inner)
+        elif key not in tag:
+            raise Problem(inner, describe_unknown_key(key, item, [*tag, *fields]))
+        elif item != info.tag:
+            raise Problem(inner, f"expected one of {[info.tag]}, got {describe_value(item)}")
+    for key, field in fields.items():
+        if key in complete:
+            continue
+        if default is not None:
+            complete[key] = msgspec.to_builtins(getattr(default, field.name))
+        elif field.required:
+            raise Problem((*path, key), f"missing; expected {describe_type(field.type)}")
+    return complete
+
+
+def _union(info: mi.UnionType, value: Any, default: Any, path: KeyPath) -> Any:
+    structs = {kind.tag: kind for kind in map(strip_metadata, info.types) if isinstance(kind, mi.StructType)}
+    if isinstance(value, dict) and structs:
+        fallback = next((tag for tag, kind in structs.items() if isinstance(default, kind.cls)), None)
+        first = next(iter(structs.values()))
+        if first.tag_field is None:
+            return _complete(first, value, default, path)
+        accepted: list[Any] = list(structs)
+        for struct in structs.values():
+            if issubclass(struct.cls, OpenFactory):
+                value = struct.cls.expand(value)
+                accepted.append(struct.cls.EXAMPLE)
+        tag = value.get(first.tag_field, fallback)
+        if tag is None:
+            raise Problem((*path, first.tag_field), f"missing; expected one of {accepted}")
+        if not isinstance(tag, str | int) or tag not in structs:
+            raise Problem((*path, first.tag_field), f"expected one of {accepted}, got {describe_value(tag)}")
+        return _complete(structs[tag], value, default if tag == fallback else None, path)
+    problems = []
+    for kind in info.types:
+        try:
+            return _complete(kind, value, None, path)
+        except Problem as problem:
+            problems.append(problem)
+    deeper = [problem for problem in problems if len(problem.path) > len(path)]
+    if len(deeper) == 1:
+        raise deeper[0]
+    _refuse(info, value, path)
+
+
+def _is_float(info: Any, value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(float(value)) and _is_within_bounds(info, value)
+    except OverflowError:
+        return False
+
+
+def _is_str(info: Any, value: Any) -> bool:
+    return (
+        isinstance(value, str)
+        and _within(len(value), info.min_length, info.max_length)
+        and (info.pattern is None or re.search(info.pattern, value) is not None)
+    )
+
+
+_SCALARS: dict[type, Callable[[Any, Any], bool]] = {
+    mi.FloatType: _is_float,
+    mi.IntType: lambda info, value: type(value) is int and abs(value) < 2**63 and _is_within_bounds(info, value),
+    mi.BoolType: lambda _, value: isinstance(value, bool),
+    mi.StrType: _is_str,
+    mi.NoneType: lambda _, value: value is None,
+    mi.LiteralType: lambda info, value: any(type(value) is type(one) and value == one for one in info.values),
+    mi.EnumType: lambda info, value: any(type(value) is type(one.value) and value == one.value for one in info.cls),
+}
+
+
+def _is_within_bounds(info: mi.FloatType | mi.IntType, value: float) -> bool:
+    return (
+        (info.gt is None or value > info.gt)
+        and (info.ge is None or value >= info.ge)
+        and (info.lt is None or value < info.lt)
+        and (info.le is None or value <= info.le)
+        and (info.multiple_of is None or value % info.multiple_of == 0)
+    )
+
+
+def _within(length: int, low: int | None, high: int | None) -> bool:
+    return (low is None or length >= low) and (high is None or length <= high)
+
+
+def _default(field: mi.Field) -> Any:
+    if field.default_factory is not msgspec.NODEFAULT:
+        return field.default_factory()
+    return None if field.default is msgspec.NODEFAULT else field.default
+
+
+def _refuse(info: mi.Type, value: Any, path: KeyPath) -> NoReturn:
+    raise Problem(path, f"expected {describe_type(info)}, got {describe_value(value)}")
+
+
+def _element_path(path: KeyPath, index: int) -> KeyPath:
+    return (*path[:-1], f"{path[-1]}[{index}]")
+
+
+Option = bool | int | float | str | list[bool | int | float | str]
+"""What an option may be; NaN and infinity are refused as everywhere."""
+_LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
+
+
+class UserCodeFault(Exception):
+    """Code of the user's own failed, or answered with what must not leave; its cause has the user's frames."""
+
+    def __init__(self, what: str, error: Exception | None = None) -> None:
+        """``what`` failed with ``error``, which was caught by whoever called the user's code; or did what is told."""
+        super().__init__(what if error is None else f"{what} failed: {describe_error(error)}")
+        if error is not None:
+            trace = error.__traceback__
+            self.__cause__ = error.with_traceback(trace and trace.tb_next)  # without the caller's own frame
+
+
+def describe_error(error: BaseException) -> str:
+    """Its kind and its words."""
+    return f"{type(error).__name__}: {error}"
+
+
+@contextmanager
+def lend(objects: Mapping[str, object]) -> Iterator[None]:
+    """Have each name (``module:name``) mean that object within this context, and in what is started in it."""
+    token = _LENT.set({**_LENT.get({}), **objects})
+    try:
+        yield
+    finally:
+        _LENT.reset(token)
+
+
+def name_object(thing: object) -> str:
+    """A name for ``thing`` as :func:`lend` and configurations take it: its module's and its own, if it has them."""
+    named = thing if inspect.isclass(thing) or inspect.isroutine(thing) else type(thing)
+    module, name = getattr(named, "__module__", None) or "python", getattr(named, "__name__", "given")
+    text = f"{module}:{re.sub(r'[^A-Za-z0-9_]', '_', name)}"
+    return text if re.match(FACTORY, text) else "python:given"
+
+
+def find_object(key: str, factory: str) -> Any:
+    """What ``factory`` names: what was lent under it, or else what its module has.
+
+    Raises:
+        ConfigError: it can't be imported, or is not there; by ``key``.
+    """
+    lent = _LENT.get({})
+    if factory in lent:
+        return lent[factory]
+    module_name, _, name = factory.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:  # whatever the user's module raises, the operator must hear of it
+        raise ConfigError(
+            key, f"can't import {module_name}: {describe_error(error)} (is its folder on PYTHONPATH, or it installed?)"
+        ) from error
+    if not hasattr(module, name):
+        raise ConfigError(key, f"{module_name} has no attribute {name!r}")
+    return getattr(module, name)
+
+
+def needed_names(function: Callable[..., Any], options: Mapping[str, Any]) -> list[str] | None:
+    """The names of the arguments that ``function`` needs beside ``options``; None where it does not tell."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return None
+    if any(one.kind is one.VAR_POSITIONAL for one in parameters):
+        return None
+    places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return [
+        one.name for one in parameters if one.kind in places and one.default is one.empty and one.name not in options
+    ]
+
+
+def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], options: Mapping[str, Any]) -> Any:
+    """What the user's ``found`` makes; an object that is one already is copied, so that each flight begins anew.
+
+    A factory is given as much of ``told`` as it needs, then the options as one dict where it needs more, or by name.
+
+    Raises:
+        ConfigError: it can't be called so, or fails; by ``key``.
+    """
+    if not callable(found):
+        return copy.deepcopy(found)
+    needed = needed_names(found, options)
+    arguments: tuple[Any, ...] = (*told, dict(options))
+    named: dict[str, Any] = {}
+    if needed is not None and len(needed) <= len(told) and "options" not in inspect.signature(found).parameters:
+        arguments, named = told[: len(needed)], dict(options)
+    try:
+        return found(*arguments, **named)
+    except Exception as error:  # as above
+        raise ConfigError(key, f"{factory} failed: {describe_error(error)}") from error
+
 
 PACKAGE = "groundstation"
 """Where the presets stand."""

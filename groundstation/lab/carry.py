@@ -14,8 +14,8 @@ import tomli_w
 from groundstation.config import ConfigError, load
 from groundstation.core.geometry import Alignment
 from groundstation.core.messages import Pose, PoseEvent, SourceError
-from groundstation.lab.axes import MOVES, AxisCalibration, Carry, CarryContradiction, Sample, solve_axes
 from groundstation.lab.pose_monitor import open_ears
+from groundstation.lab.pose_stream import MOVES, AxisCalibration, Carry, CarryContradiction, Sample, solve_axes
 from groundstation.runtime import INTERRUPTED
 from groundstation.settings import Config
 from links.core import LinkError

@@ -1,15 +1,39 @@
-"""Pose stream: its rate, age, jitter, gaps, place, and its noise while the vehicle rests. Sans-IO."""
+"""Pose stream: its rate, age, jitter, gaps, place, noise, and what the moves of a carried vehicle say of it. Sans-IO.
+
+Axis calibration: poses are taken in the tracker's own axes: which those are is what the moves are to tell. The turns
+alone tell how the tracked body lies on the vehicle, R_FB: v_F = R_FB v_B for every rotation vector, where v_F is the
+autopilot's, or else the shown one. That and the first rest tell how the lab lies, R_NL = R_FB R_LBᵀ, north being where
+the nose was. What is left is a check: the shifts must go where the turns say that up, forward and right are. A mirrored
+tracker turns all of them around at once, as turns are axial vectors and shifts are not. Wahba's problem by singular
+values: F. L. Markley, J. Astronautical Sciences 36 (1988).
+"""
 
 import math
 from collections import Counter, deque
 from itertools import pairwise
 from statistics import fmean, pstdev
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import msgspec
 
 from groundstation.core.estimation import fourth_difference
-from groundstation.core.geometry import Vec3, conjugate, euler_zyx, multiply, rotation_vector
+from groundstation.core.geometry import (
+    Body,
+    Quat,
+    Vec3,
+    World,
+    axes,
+    conjugate,
+    euler_zyx,
+    multiply,
+    rotation_vector,
+    so3,
+)
 from groundstation.core.messages import Pose, PoseEvent, PoseStatus
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
 
 WINDOW_S = 2.0
 """Jitter and noise are those of the last so many seconds [s]."""
@@ -157,4 +181,368 @@ def _deviation(vectors: list[Vec3]) -> Vec3:
 
 def _degrees(angles: Vec3) -> Vec3:
     x, y, z = map(math.degrees, angles)
+    return x, y, z
+
+
+SHIFT_M, TURN_DEG = 0.3, 25.0
+"""A move has begun once the vehicle is this far, or this much turned, from where it was."""
+REST_S = 0.6
+"""It is over once the vehicle is held still for so long [s]."""
+STANDS_M, REST_DEG = 0.04, 5.0
+"""Still is a hand that moves it by no more than this meanwhile."""
+
+
+class CarryMove(msgspec.Struct, frozen=True):
+    """One move."""
+
+    name: str
+    kind: Literal["still", "shift", "turn", "back"]
+    """``still``: it stands; ``shift`` along ``axis``; ``turn`` about it; ``back``: a turn undone."""
+    axis: Vec3
+    """Unit vector forward, right, down on the vehicle; turns are right-handed."""
+    say: str
+    """What the operator is to do."""
+
+
+MOVES = (
+    CarryMove("still", "still", (0.0, 0.0, 0.0), "Stand it level on the floor, its nose to where north shall be."),
+    CarryMove("up", "shift", (0.0, 0.0, -1.0), "Lift it straight up by half a metre, and hold it still."),
+    CarryMove(
+        "forward", "shift", (1.0, 0.0, 0.0), "Carry it forward along its nose by half a metre, and hold it still."
+    ),
+    CarryMove("right", "shift", (0.0, 1.0, 0.0), "Carry it to its right by half a metre, and hold it still."),
+    CarryMove("nose down", "turn", (0.0, -1.0, 0.0), "Tip its nose down by some 40 degrees, and hold it still."),
+    CarryMove("level", "back", (0.0, 1.0, 0.0), "Level it again, and hold it still."),
+    CarryMove("roll right", "turn", (1.0, 0.0, 0.0), "Tip its right side down by some 40 degrees, and hold it still."),
+    CarryMove("level again", "back", (-1.0, 0.0, 0.0), "Level it again, and hold it still."),
+    CarryMove(
+        "turn right", "turn", (0.0, 0.0, 1.0), "Keep it level, turn its nose right by a quarter, and hold it still."
+    ),
+)
+
+
+class Rest(msgspec.Struct, frozen=True):
+    """The vehicle held still after a move, as the tracker saw it."""
+
+    from_s: float
+    until_s: float
+    """On our clock [s]."""
+    position: Vec3
+    attitude: Quat
+
+
+class Sample(msgspec.Struct, frozen=True, gc=False):
+    """One pose in the tracker's own axes, or one attitude of the autopilot."""
+
+    time_s: float
+    attitude: Quat
+    position: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Carry:
+    """Follows the moves, one after the other."""
+
+    def __init__(self) -> None:
+        """Before the first."""
+        self.rests: list[Rest] = []
+        """One for each move that is over."""
+        self.samples: list[Sample] = []
+        """Every pose."""
+        self._recent: deque[Sample] = deque()
+        self._moved = True
+
+    @property
+    def move(self) -> CarryMove | None:
+        """The one that is to be made now; None when all are over."""
+        return MOVES[len(self.rests)] if len(self.rests) < len(MOVES) else None
+
+    def pose(self, sample: Sample) -> bool:
+        """Take one pose; True where it has ended a move."""
+        move = self.move
+        if move is None or (self.samples and sample.time_s <= self.samples[-1].time_s):
+            return False
+        self.samples.append(sample)
+        recent = self._recent
+        recent.append(sample)
+        while len(recent) > 1 and recent[1].time_s <= sample.time_s - REST_S:
+            recent.popleft()
+        if not self._moved:
+            self._moved = self._has_moved(move, sample)
+            recent.clear()
+            return False
+        if sample.time_s - recent[0].time_s < REST_S or not _is_still(recent):
+            return False
+        self.rests.append(_rest(recent))
+        self._moved = False
+        recent.clear()
+        return True
+
+    def _has_moved(self, move: CarryMove, sample: Sample) -> bool:
+        before = self.rests[-1]
+        if move.kind == "shift":
+            return math.dist(sample.position, before.position) > SHIFT_M
+        return angle_deg(before.attitude, sample.attitude) > TURN_DEG
+
+
+def angle_deg(a: Quat, b: Quat) -> float:
+    """From one attitude to the other [deg]."""
+    return math.degrees(math.hypot(*so3.rotation_vector(so3.multiply(so3.conjugate(a), b))))
+
+
+def mean_attitude(attitudes: list[Quat]) -> Quat:
+    """Of attitudes that are near each other."""
+    first = attitudes[0]
+    signed = [q if sum(a * b for a, b in zip(first, q, strict=True)) >= 0.0 else _negative(q) for q in attitudes]
+    w, x, y, z = (fmean(parts) for parts in zip(*signed, strict=True))
+    return so3.normalize((w, x, y, z))
+
+
+def _negative(q: Quat) -> Quat:
+    w, x, y, z = q
+    return (-w, -x, -y, -z)
+
+
+def _is_still(recent: deque[Sample]) -> bool:
+    first = recent[0]
+    return all(
+        math.dist(sample.position, first.position) < STANDS_M and angle_deg(first.attitude, sample.attitude) < REST_DEG
+        for sample in recent
+    )
+
+
+def _rest(recent: deque[Sample]) -> Rest:
+    x, y, z = (fmean(axis) for axis in zip(*(sample.position for sample in recent), strict=True))
+    attitude = mean_attitude([sample.attitude for sample in recent])
+    return Rest(recent[0].time_s, recent[-1].time_s, (x, y, z), attitude)
+
+
+WRONG_DEG = 40.0
+"""A hand is no gauge: a move may be off by this much [deg]."""
+APART_DEG = 15.0
+"""So much may tracker and autopilot differ about one turn [deg]."""
+LEVEL_DEG = 12.0
+"""The vehicle stands, and the lab's axes lie, no more askew than this [deg]."""
+NORTH_DEG = 10.0
+"""A nose that is put down by hand means the lab's own axis within this [deg]."""
+SNAP_DEG = 1.0
+"""Smaller angles of the body on the vehicle are none [deg]."""
+LONGEST_S = 0.4
+"""Latency that is looked for, to both sides of what is configured [s]."""
+LAG_STEP_S = 0.005
+LEAST_MATCH = 0.8
+"""Correlation of the two speeds of turning, below which nothing is said of time [-]."""
+SPEED_BASE_S = 0.08
+"""Speeds of turning are measured over this time [s]."""
+
+
+class CarryContradiction(Exception):
+    """The moves do not fit together; the text says which one, and what to do."""
+
+    def __init__(self, move: str, text: str) -> None:
+        """``move`` by its name; empty where it is not a single one."""
+        super().__init__(text)
+        self.move = move
+
+
+class AxisCalibration(msgspec.Struct, frozen=True, kw_only=True):
+    """What is to be written into the configuration."""
+
+    world: World
+    body: Body
+    lab_rotation_deg: Vec3
+    """See :class:`groundstation.core.geometry.so3.Alignment`; only its yaw is measured."""
+    body_rotation_deg: Vec3
+    """All zero without an autopilot: a hand is no gauge."""
+    late_s: float | None
+    """How much later than it is stamped each pose was true, negative for earlier, by the autopilot [s]; None where that
+    is not known."""
+    match: float
+    """How alike the two speeds of turning are: 1 is the same [-]; 0 without an autopilot."""
+    autopilot_north_deg: float | None
+    """How far the autopilot's north lies right of ours [deg]."""
+
+
+def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) -> AxisCalibration:
+    """What all the moves say.
+
+    ``poses`` are in the tracker's own axes; ``autopilot``, which may be empty, are attitudes FRD to its NED. Stamps are
+    on our clock [s].
+
+    Raises:
+        Contradiction: they do not fit together.
+    """
+    theirs = [_autopilot_at(rest, autopilot) for rest in rests] if autopilot else None
+    body = _body(rests, theirs)
+    ned_of_lab = body @ _matrix(so3.conjugate(rests[0].attitude))
+    _check_shifts(rests, body)
+    world_name, lab_askew = _nearest_axes(ned_of_lab, get_args(World))
+    body_name, body_askew = _nearest_axes(body, get_args(Body))
+    roll, pitch, yaw = lab_askew
+    askew = max(abs(roll), abs(pitch))
+    if askew > LEVEL_DEG:
+        raise CarryContradiction(
+            "still", f"the lab lies {askew:.0f}° askew: does the vehicle stand level on the floor?"
+        )
+    if theirs is None:
+        askew = max(map(abs, body_askew))
+        if askew > 0.5 * WRONG_DEG:
+            raise CarryContradiction(
+                "", f"the tracked body lies {askew:.0f}° askew on the vehicle: turn its axes along the vehicle's in "
+                "the tracker's program, or connect the autopilot, which can measure it"
+            )  # fmt: skip
+        body_askew = (0.0, 0.0, 0.0)
+    late_s, match = _late(poses, autopilot)
+    lab_yaw = yaw if abs(yaw) > NORTH_DEG else 0.0
+    north = None
+    if theirs is not None:  # the nose's bearing by our north, less that by the autopilot's
+        north = math.remainder(lab_yaw - yaw - math.degrees(so3.euler_zyx(theirs[0])[2]), 360.0)
+    return AxisCalibration(
+        world=world_name,
+        body=body_name,
+        lab_rotation_deg=(0.0, 0.0, round(lab_yaw, 1)),
+        body_rotation_deg=_snap_angles(body_askew),
+        late_s=late_s,
+        match=match,
+        autopilot_north_deg=north,
+    )
+
+
+def _autopilot_at(rest: Rest, autopilot: list[Sample]) -> Quat:
+    held = [sample.attitude for sample in autopilot if rest.from_s <= sample.time_s <= rest.until_s]
+    if not held:
+        raise CarryContradiction("", "the autopilot's attitude has stopped meanwhile: look at the link, and begin anew")
+    return mean_attitude(held)
+
+
+def _body(rests: list[Rest], theirs: list[Quat] | None) -> "NDArray[Any]":
+    """R_FB, of the tracked body on the vehicle, by the turns."""
+    import numpy as np
+
+    seen, true, names = [], [], []
+    for index, move in enumerate(MOVES):
+        if move.kind not in ("turn", "back"):
+            continue
+        turn = _turn(rests[index - 1].attitude, rests[index].attitude)
+        shown = tuple(math.hypot(*turn) * part for part in move.axis)
+        told = shown if theirs is None else _turn(theirs[index - 1], theirs[index])
+        _check_turn(move, turn, (told[0], told[1], told[2]))
+        seen.append(turn)
+        true.append(told)
+        names.append(move.name)
+    a, b = np.array(seen), np.array(true)
+    u, _, v = np.linalg.svd(b.T @ a)
+    body: NDArray[Any] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    allowed = WRONG_DEG if theirs is None else APART_DEG
+    off = [_between_deg(body @ x, y) for x, y in zip(a, b, strict=True)]
+    if max(off) > allowed:
+        worst = names[off.index(max(off))]
+        raise CarryContradiction(
+            worst, f"'{worst}' does not fit the other turns, by {max(off):.0f}°: make the moves as they are shown"
+        )
+    return body
+
+
+def _check_turn(move: CarryMove, seen: Vec3, told: Vec3) -> None:
+    """The autopilot must have felt the shown turn, and as much of it as the tracker has seen."""
+    if _between_deg(told, move.axis) > WRONG_DEG:
+        raise CarryContradiction(move.name, f"'{move.name}': the autopilot felt it {_in_words(told)} instead")
+    far, felt = math.degrees(math.hypot(*seen)), math.degrees(math.hypot(*told))
+    if abs(far - felt) > APART_DEG:
+        raise CarryContradiction(
+            move.name, f"'{move.name}': the tracker saw a turn of {far:.0f}°, the autopilot felt {felt:.0f}°: does the "
+            "tracker follow this vehicle, and does its body keep its markers?"
+        )  # fmt: skip
+
+
+def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
+    import numpy as np
+
+    off = {}
+    for index, move in enumerate(MOVES):
+        if move.kind == "shift":
+            before, after = rests[index - 1], rests[index]
+            way = np.array(after.position) - np.array(before.position)
+            # F = R_FB R_LBᵀ: what is along the lab's axes, along the vehicle's.
+            off[move] = body @ _matrix(so3.conjugate(before.attitude)) @ way
+    wrong = {move: way for move, way in off.items() if _between_deg(way, move.axis) > WRONG_DEG}
+    if len(wrong) == len(off) and all(_between_deg(-way, move.axis) < WRONG_DEG for move, way in wrong.items()):
+        raise CarryContradiction(
+            "", "the tracker's axes are left-handed: its places are the mirror image of its turns. Choose right-handed "
+            "axes in its program; no setting here can mend that"
+        )  # fmt: skip
+    for move, way in wrong.items():
+        raise CarryContradiction(
+            move.name, f"'{move.name}': by the turns it went {_in_words(way, shift=True)} instead. Make the moves as "
+            "they are shown; where they were, the tracker mixes two frames"
+        )  # fmt: skip
+
+
+def _nearest_axes(matrix: "NDArray[Any]", names: tuple[str, ...]) -> tuple[Any, Vec3]:
+    """The name whose axes are nearest to the columns of ``matrix``, and roll, pitch, yaw of what is left [deg]."""
+    import numpy as np
+
+    best = max(names, key=lambda name: float(np.sum(np.array(axes(name)).T * matrix)))
+    left = matrix @ np.array(axes(best))
+    rows = tuple((float(a), float(b), float(c)) for a, b, c in left)
+    roll, pitch, yaw = map(math.degrees, so3.euler_zyx(so3.from_matrix((rows[0], rows[1], rows[2]))))
+    return best, (roll, pitch, yaw)
+
+
+def _late(poses: list[Sample], autopilot: list[Sample]) -> tuple[float | None, float]:
+    """By how much poses are stamped too late [s], where both turn alike; and how alike."""
+    import numpy as np
+
+    if len(autopilot) < 100 or len(poses) < 100:
+        return None, 0.0
+    (at, a), (bt, b) = _speeds(poses), _speeds(autopilot)
+    grid = np.arange(max(at[0], bt[0]) + LONGEST_S, min(at[-1], bt[-1]) - LONGEST_S, LAG_STEP_S)
+    if len(grid) < 100:
+        return None, 0.0
+    lags = np.arange(-LONGEST_S, LONGEST_S + LAG_STEP_S / 2.0, LAG_STEP_S)
+    true = np.interp(grid, bt, b)
+    alike = np.array([np.corrcoef(np.interp(grid + lag, at, a), true)[0, 1] for lag in lags])
+    top = int(np.argmax(alike))
+    if not 0 < top < len(lags) - 1 or alike[top] < LEAST_MATCH:
+        return None, float(max(alike[top], 0.0))
+    before, here, after = alike[top - 1 : top + 2]
+    return float(lags[top] + 0.5 * LAG_STEP_S * (before - after) / (before - 2.0 * here + after)), float(here)
+
+
+def _speeds(samples: list[Sample]) -> tuple["NDArray[Any]", "NDArray[Any]"]:
+    """Speed of turning [deg/s], each at the middle of the time over which it is measured."""
+    import numpy as np
+
+    mean_s = (samples[-1].time_s - samples[0].time_s) / (len(samples) - 1)
+    step = max(round(SPEED_BASE_S / mean_s), 1)
+    pairs = [(x, y) for x, y in zip(samples, samples[step:], strict=False) if y.time_s - x.time_s < 3.0 * SPEED_BASE_S]
+    times = np.array([0.5 * (x.time_s + y.time_s) for x, y in pairs])
+    return times, np.array([angle_deg(x.attitude, y.attitude) / (y.time_s - x.time_s) for x, y in pairs])
+
+
+def _matrix(q: Quat) -> "NDArray[Any]":
+    import numpy as np
+
+    return np.array(so3.matrix(q))
+
+
+def _turn(before: Quat, after: Quat) -> Vec3:
+    return so3.rotation_vector(so3.multiply(so3.conjugate(before), after))
+
+
+def _between_deg(a: Any, b: Any) -> float:
+    length = math.hypot(*a) * math.hypot(*b)
+    cosine = sum(p * q for p, q in zip(a, b, strict=True)) / length if length > 0.0 else 0.0
+    return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
+
+
+def _in_words(vector: Any, *, shift: bool = False) -> str:
+    """Where a vector forward, right, down points mostly: as a way, or as the axis of a turn."""
+    ways = (("forward", "backward"), ("right", "left"), ("down", "up"))
+    turns = (("roll right", "roll left"), ("tip its nose up", "tip its nose down"), ("turn right", "turn left"))
+    axis = max(range(3), key=lambda n: abs(vector[n]))
+    return (ways if shift else turns)[axis][int(vector[axis] < 0.0)]
+
+
+def _snap_angles(angles: Vec3) -> Vec3:
+    x, y, z = (round(angle, 1) if abs(angle) >= SNAP_DEG else 0.0 for angle in angles)
     return x, y, z

@@ -4,7 +4,18 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.runtime.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wall_ms
     from groundstation.runtime.document import replace_between_markers, split_at_markers
-    from groundstation.runtime.entry import INTERRUPTED, Exit, rare_collections, raw_stream, require_package, run
+    from groundstation.runtime.entry import (
+        INTERRUPTED,
+        Exit,
+        LazyParser,
+        add_completion,
+        build_parser,
+        path,
+        rare_collections,
+        raw_stream,
+        require_package,
+        run,
+    )
     from groundstation.runtime.outlets import Latest, NonBlockingWriter
     from groundstation.runtime.recordings import (
         RecordingConfig,
@@ -46,7 +57,18 @@ if TYPE_CHECKING:
 _MODULES = {
     "clock": ("IdleSlots", "cancel_task", "precise_loop", "sleep_until", "to_the_end", "wall_ms"),
     "document": ("replace_between_markers", "split_at_markers"),
-    "entry": ("Exit", "INTERRUPTED", "rare_collections", "raw_stream", "require_package", "run"),
+    "entry": (
+        "Exit",
+        "INTERRUPTED",
+        "LazyParser",
+        "add_completion",
+        "build_parser",
+        "path",
+        "rare_collections",
+        "raw_stream",
+        "require_package",
+        "run",
+    ),
     "outlets": ("Latest", "NonBlockingWriter"),
     "recordings": (
         "RecordingConfig",

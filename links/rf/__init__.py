@@ -15,10 +15,8 @@ if TYPE_CHECKING:
     from links.rf.board import Board
     from links.rf.channel_map import Channels
     from links.rf.codec import Manner, RfFrame, RfLinkConfig, Service
-    from links.rf.crsf_codec import CrsfLinkConfig, encode_attitude
-    from links.rf.dsm_codec import DsmLinkConfig
-    from links.rf.kinds import RF_CODECS, RfConfig
     from links.rf.link import PacedLink, SerialRfLink
+    from links.rf.module_codec import RF_CODECS, CrsfLinkConfig, DsmLinkConfig, RfConfig, encode_attitude
     from links.rf.pacer import (
         LOOK_S,
         Arm,
@@ -51,10 +49,8 @@ _MODULES = {
     "board": ("Board",),
     "channel_map": ("Channels",),
     "codec": ("Manner", "RfFrame", "RfLinkConfig", "Service"),
-    "crsf_codec": ("CrsfLinkConfig", "encode_attitude"),
-    "dsm_codec": ("DsmLinkConfig",),
-    "kinds": ("RF_CODECS", "RfConfig"),
     "link": ("PacedLink", "SerialRfLink"),
+    "module_codec": ("CrsfLinkConfig", "DsmLinkConfig", "RF_CODECS", "RfConfig", "encode_attitude"),
     "pacer": (
         "Arm",
         "End",

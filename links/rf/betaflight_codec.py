@@ -24,7 +24,7 @@ from collections import Counter
 from typing import NamedTuple
 
 from links.rf.codec import RfLinkConfig
-from links.rf.dsm_codec import DsmLinkConfig
+from links.rf.module_codec import DsmLinkConfig
 
 FC_VARIANT, FC_VERSION, STATUS, UID = 2, 3, 101, 160
 VARIANT = b"BTFL"

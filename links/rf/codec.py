@@ -1,7 +1,7 @@
 """What the codecs of serial RF modules have in common, and what every such link can be told. Sans-IO.
 
 A codec is one file: a configuration that is a :class:`RfLinkConfig`, and a class that is a :class:`RfCodec`. It gets
-one line in ``RF_CODECS`` (links/rf/kinds.py).
+one line in ``RF_CODECS`` (links/rf/module_codec.py).
 """
 
 from collections.abc import Sequence

@@ -18,7 +18,7 @@ import time
 import msgspec
 
 from links.io import Sleep
-from links.rf.kinds import RfConfig
+from links.rf.module_codec import RfConfig
 from links.rf.pacer import FramePacer, Give, Order, PacerReport
 from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox, SharedPort
 

@@ -9,7 +9,7 @@ from tests.orphans import MARK, end_orphans, pacers, session_of
 
 KILLED = """
 import asyncio, os, pty
-from links.rf.dsm_codec import DsmLinkConfig
+from links.rf.module_codec import DsmLinkConfig
 from links.rf.pacer_process import open_process
 
 async def main():

@@ -27,7 +27,7 @@ COAST_S, DOWN_S = 0.25, 0.3
 STATION = """
 import asyncio, sys
 from links.rf.channel_map import ArmSwitch, ChannelMap
-from links.rf.dsm_codec import DsmLinkConfig
+from links.rf.module_codec import DsmLinkConfig
 from links.core.deadman import Command, Segment
 from links.rf.link import SerialRfLink
 

@@ -14,7 +14,7 @@ from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, Local, report, run
 from sim.studies.tune import Flyers, SortieOutcome
-from sim.studies.tune.flights import Sortie
+from sim.studies.tune.tune import Sortie
 from tests.flown_once import once
 
 __all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "median_of", "middle"]

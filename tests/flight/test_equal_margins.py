@@ -20,8 +20,8 @@ from sim.studies import (
     read_trials,
     write_trials,
 )
-from sim.studies import equal_margins as module
-from sim.studies.equal_margins import (
+from sim.studies import comparison as module
+from sim.studies.comparison import (
     EFFORT_RAD_S,
     FLOORS,
     LQG_CM,
@@ -32,8 +32,7 @@ from sim.studies.equal_margins import (
     make_wrong,
 )
 from sim.studies.tune import Flyers, Search, SortieOutcome, TuningTrial, stage_scenarios
-from sim.studies.tune.flights import Sortie
-from sim.studies.tune.tune import BROKEN
+from sim.studies.tune.tune import BROKEN, Sortie
 from tests.flight.flights import UnflownFlyers
 
 LAW = SearchedLaw("pid", "pid", {"p_position": 2.0, "p_velocity": 5.0})

@@ -12,7 +12,7 @@ from sim.__main__ import main
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.tune import DELAY, Flyers, SortieOutcome, failure, report, sorties, stage_scenarios
-from sim.studies.tune.flights import GAIN_DOWN, Sortie, fly_sortie
+from sim.studies.tune.tune import GAIN_DOWN, Sortie, fly_sortie
 
 DURATION_S = 18.0
 BAD = """

@@ -10,7 +10,7 @@ import pytest
 
 from groundstation.core.geometry import Alignment, Body, Frames, Quat, Vec3, World, so3
 from groundstation.lab import MOVES
-from groundstation.lab.axes import AxisCalibration, CarryContradiction, solve_axes
+from groundstation.lab.pose_stream import AxisCalibration, CarryContradiction, solve_axes
 from tests.carried import Measure, carried
 
 WORLDS, BODIES = get_args(World), get_args(Body)

@@ -11,7 +11,6 @@ from textual.theme import Theme
 
 from groundstation.core.messages import Ask, Certificate, Snapshot
 from groundstation.core.mission import State
-from groundstation.interfaces.tui.app import THEMES
 from groundstation.interfaces.tui.drawing import (
     PlotLine,
     PlotTrack,
@@ -45,6 +44,7 @@ from groundstation.interfaces.tui.model import (
     possible,
 )
 from groundstation.interfaces.tui.pages import config_rows, histogram_rows, lateness_rows
+from groundstation.interfaces.tui.widgets import THEMES
 from links.core import printable
 from tests.sample_flight import sample
 

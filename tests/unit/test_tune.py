@@ -37,7 +37,8 @@ from sim.studies.tune import (
     text,
     with_gains,
 )
-from sim.studies.tune.flights import (
+from sim.studies.tune.tune import (
+    BROKEN,
     GAIN_DOWN,
     GAIN_UP,
     KEYS,
@@ -47,8 +48,9 @@ from sim.studies.tune.flights import (
     boundary,
     fit_scenario,
     format_margin,
+    short_of,
+    try_gains,
 )
-from sim.studies.tune.tune import BROKEN, short_of, try_gains
 from tests.flight.flights import UnflownFlyers
 
 KINDS: dict[str, ControllerConfig] = {

@@ -2,13 +2,9 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.interfaces.cli.completion import completion_script, words_of_flying
-    from groundstation.interfaces.cli.program import add_completion, build_parser, path
+    from groundstation.interfaces.cli.commands import completion_script, words_of_flying
 
-_MODULES = {
-    "completion": ("completion_script", "words_of_flying"),
-    "program": ("add_completion", "build_parser", "path"),
-}
+_MODULES = {"commands": ("completion_script", "words_of_flying")}
 
 
 def __getattr__(name: str) -> object:

@@ -22,9 +22,8 @@ from groundstation.interfaces.mqtt import (
     describe_error,
     heed_cancellation,
 )
-from groundstation.interfaces.tui.app import THEMES, require_terminal
 from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText
-from groundstation.interfaces.tui.widgets import Banner
+from groundstation.interfaces.tui.widgets import THEMES, Banner, require_terminal
 from links.core import printable
 
 COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6))
