@@ -13,7 +13,9 @@ Flight data is a recorded flight as arrays, tables and pictures, for notebooks a
 import argparse
 import csv
 import json
+import math
 import sys
+from bisect import bisect
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from functools import cached_property
@@ -23,8 +25,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import msgspec
 
 from groundstation.config import ConfigError
+from groundstation.core.messages import SteadyError
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
-from groundstation.recording import CHANNELS, MeasuredMessage, NoRecording, Recording, describe_channels, quick_headline
+from groundstation.recording import (
+    CHANNELS,
+    Entry,
+    MeasuredMessage,
+    NoRecording,
+    Recording,
+    ReferenceMessage,
+    TruthMessage,
+    Vector3,
+    describe_channels,
+    quick_headline,
+)
 from groundstation.runtime import RecordingConfig, folder_of, is_being_written, open_private, require_package, tidy
 
 if TYPE_CHECKING:
@@ -48,12 +62,14 @@ SUFFIXES = {
 """Of each format, what stands behind the recording's name where nobody names another."""
 
 
-def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> int:
-    """Do it, say what was written, and return 0.
+def export_command(path: Path, form: str, channels: list[str], out: Path | None, truth: Path | None = None) -> int:
+    """Do it, say what was written, and return 0; ``truth`` is what ``groundstation-sim serve --truth`` has written.
 
     Raises:
-        ConfigError: the file is no recording, a channel has another name, or the result can't be written.
+        ConfigError: a file is no recording or no truth, a channel has another name, or the result can't be written.
     """
+    if truth is not None and form not in ("mcap", "foxglove"):
+        raise ConfigError("--truth", f"is for --format mcap or foxglove, got {form}")
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
     for name in wanted:
         if name not in CHANNELS:
@@ -64,12 +80,13 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
         raise ConfigError("--out", f"{target} is there already: name another, or remove it")
     try:
         recording = Recording(path)
+        known = None if truth is None else TruthTrack(truth)
         if form == "mcap":
-            print(f"{target}: {rewrite(recording, target, wanted)} messages{_short_of(recording)}")
+            print(f"{target}: {rewrite(recording, target, wanted, truth=known)} messages{_short_of(recording)}")
         elif form == "foxglove":
             from groundstation.analysis.viewers import FoxgloveScene
 
-            count = rewrite(recording, target, wanted, FoxgloveScene("--format"))
+            count = rewrite(recording, target, wanted, FoxgloveScene("--format"), known)
             print(f"{target}: {count} messages{_short_of(recording)}; Foxglove and Rerun open it")
         elif form == "poses":
             count = write_poses(recording, target)
@@ -84,6 +101,9 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             _write_folder(recording, wanted or list(CHANNELS), target)
     except NoRecording as error:
         raise ConfigError("LOG", str(error)) from None
+    except ConfigError:
+        target.unlink(missing_ok=True)  # what was begun of it
+        raise
     except BrokenPipeError:
         sys.stderr.close()  # whoever read us has seen enough
     except OSError as error:
@@ -159,10 +179,88 @@ def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-def rewrite(recording: Recording, target: Path, topics: list[str], scene: "FoxgloveScene | None" = None) -> int:
+class TruthTrack:
+    """Where the vehicle of ``groundstation-sim serve`` really was, as its file tells, on the flight's own clock."""
+
+    def __init__(self, path: Path) -> None:
+        """Read all of it.
+
+        Raises:
+            ConfigError: it can't be read, or is no such file.
+        """
+        self._path = path
+        self._state, self._flight_time_s, self._steady = "", 0.0, SteadyError()
+        try:
+            self._rows = [msgspec.json.decode(line, type=TruthMessage) for line in path.read_bytes().splitlines()]
+        except OSError as error:
+            raise ConfigError("--truth", f"cannot read {path}: {error.strerror}") from None
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise ConfigError("--truth", f"{path} is not of `groundstation-sim serve --truth`: {error}") from None
+        if not self._rows:
+            raise ConfigError("--truth", f"{path} is empty: nothing flew there")
+        self._times = [row.time_s for row in self._rows]
+
+    def entries(self, recording: Recording) -> Iterator[Entry]:
+        """All of ``recording``, and behind each reference the truth at its instant, with the error against it.
+
+        Raises:
+            ConfigError: the recording has its truth already, or was made at another time.
+        """
+        for entry in recording.entries():
+            yield entry
+            if entry.topic == "/truth":
+                raise ConfigError("--truth", f"{recording.path} has its own: it was simulated in virtual time")
+            if entry.topic == "/mission":
+                self._state = entry.value()["state"]
+            elif entry.topic == "/command":
+                self._flight_time_s = entry.value()["flight_time_s"]
+            elif entry.topic == "/reference":
+                told = self._beside(msgspec.json.decode(entry.data, type=ReferenceMessage))
+                yield Entry("/truth", entry.stamp_ns, msgspec.json.encode(told))
+
+    def errors(self) -> dict[str, str]:
+        """What the headline says of the true error, as text; nothing before its steady part."""
+        steady = self._steady
+        return {} if steady.rms_m is None else {"true_rms_m": str(steady.rms_m), "true_max_m": str(steady.max_m)}
+
+    def _beside(self, wanted: ReferenceMessage) -> TruthMessage:
+        time_s, (first_s, last_s) = wanted.time_s, (self._times[0], self._times[-1])
+        if not first_s - APART_S <= time_s <= last_s + APART_S:
+            says = (
+                f"{self._path} tells of {first_s:.1f} to {last_s:.1f} s, and the flight has a command at {time_s:.1f} s"
+            )
+            raise ConfigError("--truth", f"{says}: it is of another time")
+        after = min(max(bisect(self._times, time_s), 1), len(self._rows) - 1)
+        a, b = self._rows[after - 1], self._rows[after]
+        share = 0.0 if b is a else min(max((time_s - a.time_s) / (b.time_s - a.time_s), 0.0), 1.0)
+
+        def between(name: str) -> Vector3:
+            p, q = getattr(a, name), getattr(b, name)
+            return Vector3(*(u + share * (v - u) for u, v in ((p.x, q.x), (p.y, q.y), (p.z, q.z))))
+
+        at, to, error = between("position_ned"), wanted.position_ned, None
+        if self._state == "tracking" and self._flight_time_s >= 0.0:
+            error = math.dist((at.x, at.y, at.z), (to.x, to.y, to.z))
+            self._steady.add(self._flight_time_s, error)
+        attitude = (a if share < 0.5 else b).attitude
+        return TruthMessage(time_s, at, between("velocity_ned"), attitude, between("wind_m_s2"), error)
+
+
+APART_S = 1.0
+"""A command may lie so far outside of what the truth tells: before it is let go of a vehicle stands [s]."""
+
+
+def rewrite(
+    recording: Recording,
+    target: Path,
+    topics: list[str],
+    scene: "FoxgloveScene | None" = None,
+    truth: TruthTrack | None = None,
+) -> int:
     """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages.
 
-    With a ``scene``, what viewers draw is made of it and stands beside the messages on ``topics``.
+    With a ``scene``, what viewers draw is made of it and stands beside the messages on ``topics``; with a ``truth``,
+    that, too.
     """
     from groundstation.recording import McapWriter
 
@@ -173,13 +271,14 @@ def rewrite(recording: Recording, target: Path, topics: list[str], scene: "Foxgl
         kept = [topic for topic in CHANNELS if not topics or topic in topics]
         channels = scene.channels(kept) if scene else describe_channels(kept)
         ids = {form[0]: writer.add_channel(*form) for form in channels}
-        for entry in recording.entries(() if scene else topics):
+        wanted = () if scene else topics
+        for entry in recording.entries(wanted) if truth is None else truth.entries(recording):
             for topic, data in scene.messages(entry) if scene else ((entry.topic, entry.data),):
                 if topic in ids:
                     writer.add_message(ids[topic], entry.stamp_ns, data)
                     count += 1
         if recording.result:
-            writer.add_metadata("result", recording.result)
+            writer.add_metadata("result", recording.result | ({} if truth is None else truth.errors()))
         writer.finish()
     return count
 

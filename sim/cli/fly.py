@@ -183,6 +183,8 @@ def serve(args: argparse.Namespace) -> int:
     from sim.runs import serve as serve_stage
 
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
+    if args.truth is not None and args.truth.exists():
+        raise ConfigError("--truth", f"{args.truth} is there already: name another, or remove it")
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
             raise ConfigError(f"--{option}", "Betaflight flies one vehicle of a scenario")
@@ -192,6 +194,8 @@ def serve(args: argparse.Namespace) -> int:
     if args.wrong and args.config is None:
         raise ConfigError("--wrong", "expected --config FILE.toml beside it: what is wrong is against a file")
     if args.fleet is not None:
+        if args.truth is not None:
+            raise ConfigError("--truth", "is of one vehicle: leave it out with --fleet")
         from groundstation.lab import read_fleet
 
         truth, told = by_side(args.overrides, None)
@@ -205,7 +209,7 @@ def serve(args: argparse.Namespace) -> int:
         from sim.runs import from_floor
 
         world, config = from_floor(world, config, None)
-    return asyncio.run(serve_stage(scenario.name, world, config, second=args.gcs, **common))
+    return asyncio.run(serve_stage(scenario.name, world, config, second=args.gcs, truth=args.truth, **common))
 
 
 def parse_gcs(text: str) -> str:
@@ -228,6 +232,8 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
 
     truth, told = by_side(args.overrides, None)
     if "vehicles" in read_toml(args.config):
+        if args.truth is not None:
+            raise ConfigError("--truth", "is of one vehicle: leave it out with a fleet file")
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
         made = [make_mistakes(world_as_told(air, lab, truth), lab, args.wrong) for lab in labs]
         del common["parameters"]
@@ -236,7 +242,7 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
     if config.pose.recorded:
         raise ConfigError("pose.kind", "a recording is played by the ground station itself", str(args.config))
     world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
-    more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried}
+    more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried, "truth": args.truth}
     return asyncio.run(serve_stage(f"{args.config} for --rehearse", world, room, **more, **common))
 
 

@@ -327,7 +327,7 @@ def export(args: argparse.Namespace) -> int:
     """Channels of a recording as CSV, or a whole file from one that was cut off."""
     from groundstation.analysis import export_command
 
-    return export_command(args.file, args.format, args.channel, args.out)
+    return export_command(args.file, args.format, args.channel, args.out, args.truth)
 
 
 def view(args: argparse.Namespace) -> int:
