@@ -45,13 +45,13 @@ def in_state(state: State, ask: Ask, after_s: float = 0.3) -> Script:
 
 @pytest.mark.parametrize(("scenario", "rms_cm"), [("paper", 0.3), ("adverse", 3.0)])
 def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, rms_cm: float) -> None:
-    flown = mission(scenario, figure_s=60.0)
+    flown = mission(scenario, figure_s=30.0)
     assert flown.landed, flown.why
     assert [one.state for one in flown.states] == WAY
     assert all(one.reason for one in flown.states)
     assert flown.touchdown_m_s is not None
     assert flown.touchdown_m_s <= 0.5
-    assert flown.figure_s >= 44.9
+    assert flown.figure_s >= 14.9
     assert flown.rms_cm is not None
     assert flown.rms_cm < rms_cm
     assert flown.home_m < 0.1
