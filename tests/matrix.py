@@ -126,6 +126,8 @@ ROWS = (
         2, "instants between two heartbeats"),
     Row("flight/test_hold_to_run.py::test_a_channel_of_the_transmitter_is_held_as_the_autopilot_tells_it", 2,
         "each autopilot, each loss"),
+    Row("flight/test_library.py::test_the_example_notebook_runs_from_its_first_cell_to_its_last_in_a_running_loop", 0,
+        "the next test runs the page's examples, and another flies in a running loop"),
     Row("flight/test_missions.py::test_a_mission_from_the_floor_is_flown_again_from_its_recording_to_the_last_bit", 1,
         "ways to end; test_replay.py flies others again"),
     Row("flight/test_obedience.py::test_a_flight_that_ends_by_what_the_commands_did_is_flown_again_to_the_last_bit", 1,
@@ -163,7 +165,7 @@ ROWS = (
         "test_bystanders.py compares every byte that leaves"),
     Row("e2e/test_identify_command.py::test_the_commands_of_the_how_to_lead_from_a_flight_to_a_vehicle_file", 0,
         "flight/test_identify.py finds the same figures; this is the page's order of commands"),
-    Row("e2e/test_readme.py::test_a_command_in_the_documents_works", 7, "every seventh"),
+    Row("e2e/test_readme.py::test_a_command_in_the_documents_works", 5, "every tenth"),
     Row("e2e/test_recorder_process.py::test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_half_second", 1,
         "ten of the fifty moments"),
     Row("e2e/test_real_time.py::test_fly_refuses_every_address_that_is_not_loopback_without_a_fence_and_says_why", 3,
@@ -172,6 +174,10 @@ ROWS = (
     Row("e2e/test_tui.py::test_nothing_is_drawn_outside_a_terminal_of_any_size", 2, "sizes"),
     Row("e2e/test_frozen_terminal.py::test_motors_stop_though_nobody_reads", 1, "a terminal, and not a pipe as well"),
     Row("e2e/test_served_sources.py::test_a_served_room_has_other_bodies_hides_ours_and_mixes_them_up", 2, "sources"),
+    Row("e2e/test_mqtt_requests.py::test_a_flight_is_held_moved_and_landed_by_mqtt_and_the_death_of_the_broker_delays_no_command",
+        0, "the tests before it ask by MQTT, and test_bystanders.py compares every byte beside a broker that dies"),
+    Row("e2e/test_rehearsal.py::test_the_checks_of_a_room_pass_at_the_desk_by_each_kind_of_wire", 2, "wires"),
+    Row("e2e/test_sim_command.py::test_ctrl_c_while_worker_processes_start_is_told_in_one_line", 1, "instants"),
     Row("e2e/test_props_off.py::test_however_it_ends_the_vehicle_is_disarmed_and_nothing_is_kept", 1, "ends"),
 )  # fmt: skip
 """Said of each row: what of it `make test` tries, or what else tries the rest."""
