@@ -158,7 +158,16 @@ def test_a_trace_holds_the_true_error_from_the_start_on(tmp_path: Path) -> None:
 def asked(**changes: Any) -> argparse.Namespace:
     usual: dict[str, Any] = {"scenarios": None, "controllers": None, "seeds": 1, "duration": 20.0, "overrides": []}
     return argparse.Namespace(
-        **{**usual, "workers": 1, "json": True, "plot": None, "write": None, "equal_margins": False, **changes}
+        **{
+            **usual,
+            "workers": 1,
+            "json": True,
+            "plot": None,
+            "write": None,
+            "table": None,
+            "equal_margins": False,
+            **changes,
+        }
     )
 
 
