@@ -216,8 +216,7 @@ class BatchEstimator:
             wide, narrow = widen_covariance(ops, wide, most, step), widen_covariance(ops, narrow, most, step)
             across2, along2 = wide.pp + across, narrow.pp + most
             gain, covariance = update_covariance(wide, across)
-            more, narrow = update_covariance(narrow, most)
-            track, along = AlongTrack(axis, narrow), weigh_along(ops, axis, gain, more, across2, along2)
+            along, track = weigh_along(ops, axis, gain, update_covariance(narrow, most), across2, along2)
         rate = old.rate
         now = correct(old.disturbance, dt, rate)
         place, speed = model.position, model.velocity

@@ -275,11 +275,16 @@ def turn_track(across: Covariance, track: AlongTrack, axis: Vec3) -> tuple[Covar
     )
 
 
-def weigh_along(ops: Ops, axis: Vec3, gain: KalmanGain, along: KalmanGain, across2: Real, along2: Real) -> AlongGain:
-    """Beside ``gain`` in every direction, that ``along`` the motion; the innovation has the variances given."""
-    kp, kv, kd, kc = gain
-    p, v, d, c = along
-    return AlongGain(axis, new(KalmanGain, (p - kp, v - kv, d - kd, c - kc)), ops.sqrt(across2 / along2) - 1.0)
+def weigh_along(
+    ops: Ops, axis: Vec3, gain: KalmanGain, along: tuple[KalmanGain, Covariance], across2: Real, along2: Real
+) -> tuple[AlongGain, AlongTrack]:
+    """Beside ``gain`` in every direction, what comes ``along`` the motion; the innovation has the variances given."""
+    (kp, kv, kd, kc), ((p, v, d, c), covariance) = gain, along
+    more = new(KalmanGain, (p - kp, v - kv, d - kd, c - kc))
+    return (
+        new(AlongGain, (axis, more, ops.sqrt(across2 / along2) - 1.0)),
+        new(AlongTrack, (axis, covariance)),
+    )
 
 
 def part_along(axis: Vec3, of: Vec3) -> Vec3:
@@ -659,24 +664,16 @@ class ModelEstimator:
         across2, along = expected.pp + noise, None
         if track is not None:
             narrow = widen_covariance(FLOATS, track.covariance, noise + late2, step)
-            along2 = narrow.pp + noise + late2
-            more, covariance = update_covariance(narrow, noise + late2)
-            along, track = (
-                weigh_along(FLOATS, track.axis, gain, more, across2, along2),
-                track._replace(covariance=covariance),
-            )
+            along2, updated = narrow.pp + noise + late2, update_covariance(narrow, noise + late2)
+            along, track = weigh_along(FLOATS, track.axis, gain, updated, across2, along2)
         chain = self._correct(model.position, model.velocity, disturbance, gain, step, across2, 0, along)
         if pose.velocity_ned is not None:
             expected, noise = self._covariance, gains.velocity_noise_m_s**2
             gain, self._covariance = update_moving_covariance(expected, noise)
             across2 = expected.vv + noise
             if track is not None:
-                along2 = track.covariance.vv + noise
-                more, covariance = update_moving_covariance(track.covariance, noise)
-                along, track = (
-                    weigh_along(FLOATS, track.axis, gain, more, across2, along2),
-                    track._replace(covariance=covariance),
-                )
+                along2, updated = track.covariance.vv + noise, update_moving_covariance(track.covariance, noise)
+                along, track = weigh_along(FLOATS, track.axis, gain, updated, across2, along2)
             measured = innovation(pose.velocity_ned, self._bias)
             chain = self._correct(*chain, gain, innovation(measured, chain[1]), across2, 1, along)
             if len(self._recent) > 1 and not self.frozen and self._held is None:
@@ -722,7 +719,7 @@ class ModelEstimator:
         ahead = self.predict(pose.time_s).motion
         expected, track, noise, late2 = self._expect(pose, pose.time_s - self._stamp, ahead.velocity)
         x, y, z = step = innovation(pose.position_ned, ahead.position)
-        off2, along2 = x * x + y * y + z * z, 0.0
+        off2 = x * x + y * y + z * z
         if track is None:
             return off2 / (expected.pp + noise)
         x, y, z = part_along(track.axis, step)
