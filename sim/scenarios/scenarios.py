@@ -401,7 +401,7 @@ def prepare(
         ConfigError: an unknown key or a bad value, by its dotted key.
     """
     truth, told = by_side(overrides, controller)
-    world = overridden(scenario.world, truth)
+    world = overridden(scenario.world, truth) if truth else scenario.world
     with _option(controller):
         return world, _on_udp(scenario.config(world, told, source, link))
 
