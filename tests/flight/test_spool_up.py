@@ -18,6 +18,7 @@ from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
+from sim.world import Quadrotor
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 
@@ -85,21 +86,22 @@ def spool_up(
 
         if picture is not None:
             stage.mocap.through(lambda tracker: Meddled(tracker, meddle))
-        tell = stage.plant.command
+        tell = Quadrotor.command
 
-        def told(time_s: float, thrust_n: float, rates: Vec3) -> None:
+        def told(plant: Quadrotor, time_s: float, thrust_n: float, rates: Vec3) -> None:
             seen["most"], seen["told"] = max(seen["most"], thrust_n), thrust_n
-            tell(time_s, thrust_n, rates)
+            tell(plant, time_s, thrust_n, rates)
 
-        stage.plant.command = told  # type: ignore[method-assign]
         loop = asyncio.get_running_loop()
         end, weight = loop.time() + seconds, config.weight_n
-        while loop.time() < end and flight.state is not State.HOLD:
-            truth = stage.plant.truth(loop.time())
-            seen["high"] = max(seen["high"], world.floor_z_m - truth.position_ned[2])
-            seen["fast"] = max(seen["fast"], *(abs(v) for v in truth.velocity_ned))
-            seen["near"] += 0.001 * (seen["told"] > 0.9 * weight)
-            await asyncio.sleep(0.001)
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(Quadrotor, "command", told)
+            while loop.time() < end and flight.state is not State.HOLD:
+                truth = stage.plant.truth(loop.time())
+                seen["high"] = max(seen["high"], world.floor_z_m - truth.position_ned[2])
+                seen["fast"] = max(seen["fast"], *(abs(v) for v in truth.velocity_ned))
+                seen["near"] += 0.001 * (seen["told"] > 0.9 * weight)
+                await asyncio.sleep(0.001)
         flight.stop("the test is over")
         if beside is not None:
             beside.cancel()
