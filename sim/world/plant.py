@@ -70,6 +70,7 @@ def integrate(
 ) -> Body:
     """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant ``wind`` [m/s², NED]."""
     mass, thrust_lag, tau, drag, leak, gravity = physics
+    (px, py, pz), (vx, vy, vz), attitude, before, (wx, wy, wz) = body
     half = 0.5 * h
     exp = ops.exp
     # Without lag the exponent is so large that nothing of the old value is kept.
@@ -79,14 +80,13 @@ def integrate(
         thrust_keep, mid_thrust_keep = keep, mid_keep
     else:
         thrust_keep, mid_thrust_keep = exp(-h / (thrust_lag + 1e-12)), exp(-half / (thrust_lag + 1e-12))
-    (wx, wy, wz), (cx, cy, cz) = body.rates, rate_command
+    cx, cy, cz = rate_command
     dx, dy, dz = wx - cx, wy - cy, wz - cz
     m, f = tau * (1.0 - mid_keep), tau * (1.0 - keep)
-    attitude = body.attitude
     q1 = rotate(attitude, (half * cx + m * dx, half * cy + m * dy, half * cz + m * dz))
     q2 = rotate(attitude, (h * cx + f * dx, h * cy + f * dy, h * cz + f * dz))
-    over = body.thrust - thrust_command
-    k0 = -ops.where(thrust_lag > 0.0, body.thrust, thrust_command) / mass
+    over = before - thrust_command
+    k0 = -ops.where(thrust_lag > 0.0, before, thrust_command) / mass
     k1 = -(thrust_command + mid_thrust_keep * over) / mass
     thrust = thrust_command + thrust_keep * over
     k2 = -thrust / mass
@@ -95,7 +95,6 @@ def integrate(
         lx, ly, lz = to_world(q1, (leak * cy, -leak * cx, 0.0))
         bx, by, bz = bx + lx, by + ly, bz + lz
     bz = bz + gravity
-    (px, py, pz), (vx, vy, vz) = body.position, body.velocity
     # third_column() of all three, written out: this runs four hundred times a second.
     w, x, y, z = attitude
     ax, ay, az = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)

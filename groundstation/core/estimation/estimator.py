@@ -513,8 +513,6 @@ class ModelEstimator:
         """Take what the controller is told about the vehicle, and the gains and switches."""
         self._vehicle = vehicle
         self._gains = gains
-        self._mass = vehicle.mass_kg
-        self._gravity = gains.gravity
         self._provable = gains.composite == "provable"
         self._separates = self._provable and gains.effectiveness_deviation > 0.0
         self.frozen = False
@@ -526,7 +524,6 @@ class ModelEstimator:
         """How far the newest pose was from where the model had the vehicle [m]."""
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
-        self._drag = vehicle.drag_per_s
         white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
         self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
         self._noise = gains.pose_noise_m**2
@@ -598,13 +595,13 @@ class ModelEstimator:
             self._motion = self._motion._replace(velocity=(north, east, -climb_m_s))
         value = 1.0
         if self._separates:
-            by_thrust = (self._gains.effectiveness_deviation * self._gravity) ** 2
+            by_thrust = (self._gains.effectiveness_deviation * self._gains.gravity) ** 2
             weight = by_thrust / (by_thrust + 1.0)  # initial_covariance() has the disturbance at 1 m/s²
             value = 1.0 / (1.0 + weight * (hover_share - 1.0))
             e = self._effectiveness
-            moved = (0.0, 0.0, hover_share * self._gravity)
+            moved = (0.0, 0.0, hover_share * self._gains.gravity)
             self._effectiveness = e._replace(value=value, variance=(1.0 - weight) * e.variance, d=moved)
-        self._disturbance = (0.0, 0.0, (value * hover_share - 1.0) * self._gravity)
+        self._disturbance = (0.0, 0.0, (value * hover_share - 1.0) * self._gains.gravity)
         return self._disturbance
 
     def hold(self, disturbance: Vec3, effectiveness: float) -> None:
@@ -653,7 +650,7 @@ class ModelEstimator:
         model = self._at(previous, given, dt)
         if self._separates and not self.frozen and self._held is None:
             self._effectiveness = predict_effectiveness(
-                self._effectiveness, dt, given, self._mass, gains.effectiveness_walk
+                self._effectiveness, dt, given, self._vehicle.mass_kg, gains.effectiveness_walk
             )
         step = innovation(pose.position_ned, model.position)
         self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
@@ -828,6 +825,6 @@ class ModelEstimator:
 
     def _at(self, motion: Motion, given: ActuatorResponse, h: float) -> Motion:
         """``motion`` of the newest pose ``h`` [s] later, after commands that did what ``given`` says."""
-        x, y, z = self._disturbance
-        mass = self._mass / self._effectiveness.value
-        return integrate_motion(motion, given, h, mass, (x, y, z + self._gravity), self._disturbance_rate, self._drag)
+        vehicle, (x, y, z) = self._vehicle, self._disturbance
+        mass, other = vehicle.mass_kg / self._effectiveness.value, (x, y, z + self._gains.gravity)
+        return integrate_motion(motion, given, h, mass, other, self._disturbance_rate, vehicle.drag_per_s)
