@@ -74,19 +74,19 @@ class PathMotion(NamedTuple):
 def compute_demand(motion: PathMotion, gravity: float, ops: Ops = FLOATS) -> MotionDemand:
     """What ``motion`` asks, with ``gravity`` in [m/s²]."""
     sqrt, where = ops.sqrt, ops.where
-    x, y, z = motion.acceleration
-    push = (-x, -y, gravity - z)
-    strength = sqrt(_dot(push, push))
+    (u, v, w), (x, y, z), jerk, yaw, yaw_rate = motion
+    a, b, c = -x, -y, gravity - z
+    strength = sqrt(a * a + b * b + c * c)
     least = where(strength > 1e-6, strength, 1e-6)
-    axis = _scale(1.0 / least, push)
-    level = sqrt(axis[0] * axis[0] + axis[1] * axis[1])
-    rates = _rates(motion, axis, least, ops)
+    k = 1.0 / least
+    a, b, c = k * a, k * b, k * c
+    p, q, r = _rates((a, b, c), jerk, yaw, yaw_rate, least, ops)
     return MotionDemand(
-        sqrt(_dot(motion.velocity, motion.velocity)),
-        sqrt(_dot(motion.acceleration, motion.acceleration)),
-        _DEGREES * ops.atan2(level, axis[2]),
+        sqrt(u * u + v * v + w * w),
+        sqrt(x * x + y * y + z * z),
+        _DEGREES * ops.atan2(sqrt(a * a + b * b), c),
         strength,
-        _scale(_DEGREES, rates),
+        (_DEGREES * p, _DEGREES * q, _DEGREES * r),
     )
 
 
@@ -141,35 +141,27 @@ def largest(values: Sequence[float]) -> float:
     return max(values) if nan is None else nan
 
 
-def _rates(motion: PathMotion, z: Vec3, strength: Real, ops: Ops) -> Vec3:
-    """Body rates [rad/s] where the thrust's axis is ``z``."""
+def _rates(axis: Vec3, jerk: Vec3, yaw: Real, yaw_rate: Real, strength: Real, ops: Ops) -> Vec3:
+    """Body rates [rad/s] where the thrust's ``axis`` is the body's z. A trajectory has a thousand of them."""
     sqrt, where = ops.sqrt, ops.where
-    jerk = motion.jerk
-    along = _dot(z, jerk)
-    turning = (
-        -(jerk[0] - along * z[0]) / strength, -(jerk[1] - along * z[1]) / strength, -(jerk[2] - along * z[2]) / strength
-    )  # fmt: skip
-    x = _cross((-ops.sin(motion.yaw), ops.cos(motion.yaw), 0.0 * motion.yaw), z)
-    length = sqrt(_dot(x, x))
-    x = _scale(1.0 / where(length > 1e-6, length, 1e-6), x)
-    y = _cross(z, x)
-    roll, pitch = -_dot(y, turning), _dot(x, turning)
-    cos_pitch = sqrt(y[2] * y[2] + z[2] * z[2])
+    (a, b, c), (d, e, f) = axis, jerk
+    along = a * d + b * e + c * f
+    d, e, f = -(d - along * a) / strength, -(e - along * b) / strength, -(f - along * c) / strength
+    u, v, w = -ops.sin(yaw), ops.cos(yaw), 0.0 * yaw
+    x, y, z = v * c - w * b, w * a - u * c, u * b - v * a
+    length = sqrt(x * x + y * y + z * z)
+    k = 1.0 / where(length > 1e-6, length, 1e-6)
+    x, y, z = k * x, k * y, k * z
+    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+    roll, pitch = -(u * d + v * e + w * f), x * d + y * e + z * f
+    cos_pitch = sqrt(w * w + c * c)
     cos_pitch = where(cos_pitch > 1e-6, cos_pitch, 1e-6)
-    sin_roll, cos_roll = y[2] / cos_pitch, z[2] / cos_pitch
+    sin_roll, cos_roll = w / cos_pitch, c / cos_pitch
     cos_roll = where(abs(cos_roll) < 1e-6, 1e-6, cos_roll)
-    return roll, pitch, (cos_pitch * motion.yaw_rate - sin_roll * pitch) / cos_roll
+    return roll, pitch, (cos_pitch * yaw_rate - sin_roll * pitch) / cos_roll
 
 
 _DEGREES = 180.0 / math.pi
-
-
-def _dot(a: Sequence[Real], b: Sequence[Real]) -> Real:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vec3, b: Vec3) -> Vec3:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def _scale(by: Real, v: Vec3) -> Vec3:
