@@ -28,6 +28,7 @@ from groundstation.core.control.backstepping import (
     LawState,
     axis,
     backstep,
+    saturation,
     turn_rates,
     within,
     yaw_rate,
@@ -374,9 +375,13 @@ def virtual_control_sup(law: Law) -> float:
     top, points = 0.0, 30
     for last in (0, 12, 12, 12):
         best = (z1, x2)
-        for i in range(-points, last + 1):
+        for i in range(last, -points - 1, -1):
+            first = z1 + z1_span * i / points
+            slope = saturation(FLOATS, first, m, law.sigma_slope)[1]
+            if law.k2 * law.rho_bound + m + slope * (m + law.velocity_scale) < top:
+                continue  # |u*| is nowhere more than that for this z1: |x2| <= (M + c) Ω'(x2)
             for j in range(-points, points + 1):
-                first, second = z1 + z1_span * i / points, x2 + x2_span * j / points
+                second = x2 + x2_span * j / points
                 value = abs(axis(FLOATS, law, first, second).u_star)
                 if value > top:
                     top, best = value, (first, second)
