@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from groundstation.config import ConfigError
+from sim.__main__ import parser
 from sim.cli import commands
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies import (
@@ -156,27 +157,17 @@ def test_a_trace_holds_the_true_error_from_the_start_on(tmp_path: Path) -> None:
 
 
 def asked(**changes: Any) -> argparse.Namespace:
-    usual: dict[str, Any] = {"scenarios": None, "controllers": None, "seeds": 1, "duration": 20.0, "overrides": []}
-    return argparse.Namespace(
-        **{
-            **usual,
-            "workers": 1,
-            "json": True,
-            "plot": None,
-            "write": None,
-            "table": None,
-            "equal_margins": False,
-            **changes,
-        }
-    )
+    args = parser().parse_args(["compare", "--seeds", "1", "--duration", "20", "--workers", "1", "--json"])
+    vars(args).update(changes)
+    return args
 
 
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
         ({"scenarios": ["papr"]}, r"--scenarios: expected some of \['adverse', .*\], got 'papr'"),
-        ({"controllers": ["pidd"]}, r"controller\.kind: expected one of \['adaptive', .*\], got 'pidd'"),
-        ({"controllers": ["nosuchlab:make"]}, r"controller\.kind: can't import nosuchlab"),
+        ({"controllers": ["pidd"]}, r"--controllers: expected one of \['adaptive', .*\], got 'pidd'"),
+        ({"controllers": ["nosuchlab:make"]}, r"--controllers: can't import nosuchlab"),
         ({"duration": 15.0}, r"--duration: expected more than 16 s"),
         ({"write": Path("no/such.md")}, r"--write: cannot read no/such\.md"),
         ({"plot": Path("no/such.png")}, r"--plot: cannot write no/such\.png: there is no such folder"),
