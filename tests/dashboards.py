@@ -14,9 +14,8 @@ from textual.widget import Widget
 from groundstation.config import dump
 from groundstation.core.messages import Ask, Check, Reply, Snapshot, Verdict
 from groundstation.interfaces.api import Server
-from groundstation.interfaces.tui.app import Dashboard
+from groundstation.interfaces.tui.app import Attached, Dashboard
 from groundstation.interfaces.tui.drawing import big, huge
-from groundstation.interfaces.tui.feeds import Attached
 from groundstation.interfaces.tui.model import Feed, FlightIdentity, News
 from groundstation.interfaces.tui.widgets import Banner
 from groundstation.runtime import Latest, StatusConfig

@@ -2,19 +2,17 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.lab.carry import carry_command
     from groundstation.lab.doctor import DoctorOrders, run_doctor
     from groundstation.lab.fleet import FleetPlan, Member, read_fleet
-    from groundstation.lab.pose_monitor import watch_poses
+    from groundstation.lab.pose_monitor import carry_command, watch_poses
     from groundstation.lab.pose_stream import MOVES, CarryMove
     from groundstation.lab.props_off import props_off_command
     from groundstation.lab.relay import Relay, run_relay
 
 _MODULES = {
-    "carry": ("carry_command",),
     "doctor": ("DoctorOrders", "run_doctor"),
     "fleet": ("FleetPlan", "Member", "read_fleet"),
-    "pose_monitor": ("watch_poses",),
+    "pose_monitor": ("carry_command", "watch_poses"),
     "pose_stream": ("CarryMove", "MOVES"),
     "props_off": ("props_off_command",),
     "relay": ("Relay", "run_relay"),

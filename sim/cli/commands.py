@@ -1,29 +1,42 @@
-"""What each ``groundstation-sim`` command does: where that is written, or here where it is little."""
+"""What each ``groundstation-sim`` command does: where that is written, or here where it is little.
+
+``fly``, ``mission`` and ``serve`` are one flight, whole missions, the simulated side alone. A mission goes from the
+floor to the figure and back, with one vehicle or several; told in words or as JSON. ``serve`` runs in real time.
+"""
 
 import argparse
+import asyncio
 import json
 import sys
-from typing import Any
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, load, read_toml
+from groundstation.core.messages import STEADY_S
+from groundstation.flight import ensure_flyable
+from groundstation.settings import Config, rehearse
+from links.io import is_loopback, parse_address
+from links.mavlink import MavlinkLinkConfig
 from sim.cli.arguments import MEASUREMENTS, proving
-from sim.scenarios import SCENARIOS, prepare, scenario_of
+from sim.runs import MissionResult
+from sim.scenarios import (
+    BETAFLIGHT,
+    SCENARIOS,
+    by_side,
+    choose,
+    make_mistakes,
+    others_of,
+    overridden,
+    prepare,
+    scenario_of,
+    world_as_told,
+)
+from sim.world import World
 
-
-def fly(args: argparse.Namespace) -> int:
-    """Fly one scenario in virtual time."""
-    from sim.cli.fly import fly as command
-
-    return command(args)
-
-
-def mission(args: argparse.Namespace) -> int:
-    """Fly one scenario from the floor to its figure and back, in virtual time."""
-    from sim.cli.fly import mission as command
-
-    return command(args)
+if TYPE_CHECKING:
+    from sim.runs import FleetMission, Run
 
 
 def faults(args: argparse.Namespace) -> int:
@@ -72,13 +85,6 @@ def tune(args: argparse.Namespace) -> int:
     from sim.cli.tune import report, search
 
     return report(args) if args.report else search(args)
-
-
-def serve(args: argparse.Namespace) -> int:
-    """Run the simulated side in real time."""
-    from sim.cli.fly import serve as command
-
-    return command(args)
 
 
 def bench(args: argparse.Namespace) -> int:
@@ -193,3 +199,251 @@ def reference(args: argparse.Namespace) -> int:
     """Print or write the pages of docs/reference that are made from the code."""
     print(proving("reference", "reference").reference_command(args.write))
     return 0
+
+
+FIGURE_S = 60.0
+"""Time on the figure if nobody says."""
+
+
+def fly(args: argparse.Namespace) -> int:
+    """Fly one scenario in virtual time."""
+    from sim.cli.console import ProgressBar, summary
+    from sim.runs import simulate
+
+    quiet = args.json or not sys.stderr.isatty()
+    with ExitStack() as stack:
+        shown: list[ProgressBar] = []  # once the flight begins: what can't fly says so without a bar
+
+        def show(done_s: float, of_s: float) -> None:
+            if not shown:
+                shown.append(stack.enter_context(ProgressBar("flying", of_s, quiet=quiet, unit="s", digits=1)))
+            shown[0].at(done_s)
+
+        run = simulate(
+            args.scenario,
+            controller=args.controller,
+            duration=args.duration,
+            seed=args.seed,
+            overrides=args.overrides,
+            config=args.config,
+            source=args.source,
+            link=args.link,
+            autopilot=args.autopilot,
+            out=args.out,
+            record=args.out is not None,
+            on_progress=show,
+        )
+    print(json.dumps(run.facts) if args.json else summary(run.facts, args.out, paper=_is_papers(args, run)))
+    return 0 if run.completed else 1
+
+
+def _is_papers(args: argparse.Namespace, run: "Run") -> bool:
+    """Whether the paper's own figures may stand beside this flight: its law, its figure, its wind."""
+    usual = (args.source, args.link or "mavlink", args.autopilot) == ("vicon", "mavlink", "px4")
+    told = args.overrides or args.config is not None
+    return usual and not told and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
+
+
+def mission(args: argparse.Namespace) -> int:
+    """Fly one scenario from the floor to its figure and back, in virtual time."""
+    from sim.runs import fly_mission, from_floor
+
+    scenario, args.link = choose(args.scenario, args.autopilot, args.link)
+    if args.autopilot == BETAFLIGHT and (args.vehicles > 1 or args.real_time):
+        raise ConfigError("--vehicles", "Betaflight flies one vehicle, in virtual time")
+    world, config = prepare(scenario, args.overrides, controller=args.controller, source=args.source, link=args.link)
+    world, config = from_floor(world, config, args.duration or FIGURE_S)
+    ensure_flyable(config)
+    if args.vehicles > 1 or args.real_time:
+        return _missions(args, scenario.name, world, config)
+    flown = fly_mission(world, config, seed=args.seed, autopilot=args.autopilot)
+    asked = {
+        "scenario": scenario.name,
+        "seed": args.seed,
+        "controller": config.controller.kind,
+        "source": args.source,
+        "link": args.link,
+        "autopilot": args.autopilot,
+    }
+    title = f"{scenario.name}, controller {config.controller.kind}, poses by {args.source}, seed {args.seed}"
+    print(json.dumps(asked | msgspec.to_builtins(flown)) if args.json else summarize_mission(title, flown))
+    return 0 if flown.landed else 1
+
+
+def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> int:
+    """Several missions side by side."""
+    if args.real_time:
+        from sim.runs import fly_fleet_real
+
+        config = _paced_by_poses(config)
+        say = None if args.json else print
+        flown = fly_fleet_real(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot, say=say)
+    else:
+        from sim.runs import fly_fleet
+
+        flown = fly_fleet(world, config, args.vehicles, seed=args.seed, autopilot=args.autopilot)
+    asked = {"scenario": name, "seed": args.seed, "source": args.source, "real_time": args.real_time}
+    title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
+    print(json.dumps(fleet_facts(asked, flown)) if args.json else fleet_summary(title, flown))
+    return 0 if flown.landed else 1
+
+
+def _paced_by_poses(config: Config) -> Config:
+    """``config`` with a link that sends as poses come, as a MAVLink link does where nobody says otherwise."""
+    if not isinstance(config.link, MavlinkLinkConfig):
+        return config
+    return msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, pace="poses"))
+
+
+def summarize_mission(title: str, mission: MissionResult) -> str:
+    """The mission as text."""
+    lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
+    lines += [f"{one.time_s:9.2f} s  {one.state:12} {one.reason}" for one in mission.states]
+    lines.append("")
+    figure = f" over {mission.figure_s:.0f} s of the figure"
+    if mission.rms_cm is None:
+        figure = f" (counts from {STEADY_S:.0f} s on the figure: fly a longer one)"
+    for label, value, unit, places, more in (
+        ("RMS error", mission.rms_cm, "cm", 2, figure),
+        ("largest error", mission.max_cm, "cm", 2, ""),
+        ("touchdown", mission.touchdown_m_s, "m/s", 2, ""),
+        ("from where it took off", 100.0 * mission.home_m, "cm", 1, ""),
+        ("largest tilt", mission.tilt_max_deg, "deg", 1, ""),
+        ("wall time", mission.wall_s, "s", 2, f" for {mission.duration_s:.0f} s"),
+    ):
+        shown = "-" if value is None else f"{value:.{places}f} {unit}"
+        lines.append(f"{label:24}{shown:>14}{more}")
+    return "\n".join(lines)
+
+
+def fleet_summary(title: str, flown: "FleetMission") -> str:
+    """Several missions as text."""
+    columns = f"{'':12}{'RMS':>9}{'touchdown':>12}{'tick p50':>11}{'p99':>10}{'compute p99':>13}{'round p99':>12}"
+    lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", columns]
+    for one in flown.vehicles:
+        lines.append(
+            f"{one.name:12}{_format(one.rms_cm, 'cm'):>9}{_format(one.touchdown_m_s, 'm/s'):>12}"
+            f"{_format(one.tick_p50_ms, 'ms'):>11}{_format(one.tick_p99_ms, 'ms'):>10}"
+            f"{_format(one.compute_p99_ms, 'ms'):>13}{_format(one.round_p99_ms, 'ms'):>12}"
+            + ("" if one.landed else f"  {one.why}")
+        )
+    lines.append("")
+    if flown.nearest is not None:
+        a, b = flown.nearest.between
+        lines.append(f"nearest     {flown.nearest.distance_m:.2f} m, {a} and {b}, at {flown.nearest.time_s:.1f} s")
+    load = "" if flown.load is None else f", load average {flown.load[0]:.1f}"
+    lines.append(f"wall time   {flown.wall_s:.1f} s for {flown.duration_s:.0f} s{load}")
+    return "\n".join(lines)
+
+
+def _format(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{value:.2f} {unit}"
+
+
+def fleet_facts(asked: dict[str, Any], flown: "FleetMission") -> dict[str, Any]:
+    """The missions as one JSON object: what was asked, what came of it."""
+    ticks = [one.tick_p99_ms for one in flown.vehicles if one.tick_p99_ms is not None]
+    return {
+        **asked,
+        "landed": flown.landed,
+        "tick_p99_ms": max(ticks, default=None),
+        "min_separation_m": None if flown.nearest is None else flown.nearest.distance_m,
+        **msgspec.to_builtins(flown),
+    }
+
+
+def serve(args: argparse.Namespace) -> int:
+    """Run the simulated side in real time."""
+    from sim.runs import place_fleet, serve_fleet
+    from sim.runs import serve as serve_stage
+
+    scenario, args.link = choose(args.scenario, args.autopilot, args.link)
+    if args.truth is not None and args.truth.exists():
+        raise ConfigError("--truth", f"{args.truth} is there already: name another, or remove it")
+    for option in ("config", "fleet"):
+        if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
+            raise ConfigError(f"--{option}", "Betaflight flies one vehicle of a scenario")
+    if args.gcs is not None and not is_loopback(parse_gcs(args.gcs)):
+        raise ConfigError("--gcs", f"expected an address of this machine, such as 127.0.0.1:14550, got {args.gcs}")
+    common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
+    if args.wrong and args.config is None:
+        raise ConfigError("--wrong", "expected --config FILE.toml beside it: what is wrong is against a file")
+    if args.fleet is not None:
+        if args.truth is not None:
+            raise ConfigError("--truth", "is of one vehicle: leave it out with --fleet")
+        from groundstation.lab import read_fleet
+
+        truth, told = by_side(args.overrides, None)
+        labs = [member.lab for member in read_fleet(args.fleet, told).members]
+        return asyncio.run(serve_fleet(place_fleet(overridden(scenario.world, truth), labs), labs, **common))
+    common["parameters"] = _parameters(args.autopilot, args.parameters)
+    if args.config is not None:
+        return _serve_room(args, scenario.world, common)
+    world, config = prepare(scenario, args.overrides, source=args.source, link=args.link)
+    if args.floor:
+        from sim.runs import from_floor
+
+        world, config = from_floor(world, config, None)
+    return asyncio.run(serve_stage(scenario.name, world, config, second=args.gcs, truth=args.truth, **common))
+
+
+def parse_gcs(text: str) -> str:
+    """The host of ``--gcs``.
+
+    Raises:
+        ConfigError: it is no address.
+    """
+    try:
+        return parse_address(text)[0]
+    except ValueError as error:
+        raise ConfigError("--gcs", str(error)) from None
+
+
+def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> int:
+    """The other side of a configuration, or of a fleet file, for ``--rehearse``."""
+    from groundstation.lab import read_fleet
+    from sim.runs import serve as serve_stage
+    from sim.runs import serve_fleet
+
+    truth, told = by_side(args.overrides, None)
+    if "vehicles" in read_toml(args.config):
+        if args.truth is not None:
+            raise ConfigError("--truth", "is of one vehicle: leave it out with a fleet file")
+        labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
+        made = [make_mistakes(world_as_told(air, lab, truth), lab, args.wrong) for lab in labs]
+        del common["parameters"]
+        return asyncio.run(serve_fleet([world for world, _ in made], [room for _, room in made], **common))
+    config = rehearse(load(args.config, Config, told), args.config)
+    if config.pose.recorded:
+        raise ConfigError("pose.kind", "a recording is played by the ground station itself", str(args.config))
+    world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
+    more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried, "truth": args.truth}
+    return asyncio.run(serve_stage(f"{args.config} for --rehearse", world, room, **more, **common))
+
+
+def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
+    """``NAME=VALUE`` for each of the ``autopilot``'s parameters that differs.
+
+    Raises:
+        ConfigError: it has no such parameter, or the value is none.
+    """
+    from sim.autopilots import AUTOPILOTS, Parameters
+
+    if autopilot == BETAFLIGHT:
+        if texts:
+            raise ConfigError("--param", "Betaflight has settings, and no parameters")
+        return {}
+    made = AUTOPILOTS[autopilot]
+    parameters: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError("--param", f"expected NAME=VALUE, got {text!r}")
+        try:
+            parameters[name] = float(value)
+            Parameters(made.kind, made.table, parameters)
+        except KeyError:
+            raise ConfigError("--param", f"expected one of {sorted(made.table)}, got {name!r}") from None
+        except ValueError as error:
+            raise ConfigError("--param", f"{text}: {error}") from None
+    return parameters

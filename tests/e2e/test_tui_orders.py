@@ -13,8 +13,7 @@ from groundstation.core.messages import Ask, Reply
 from groundstation.interfaces.api.client import StopReport
 from groundstation.interfaces.tui import app as ordering
 from groundstation.interfaces.tui import model as feed
-from groundstation.interfaces.tui.app import Dashboard
-from groundstation.interfaces.tui.feeds import Attached
+from groundstation.interfaces.tui.app import Attached, Dashboard
 from groundstation.interfaces.tui.widgets import Help, Knob, Typed
 from tests.dashboards import Fixed, Stage, flown, play, says, standing, told, until
 from tests.sample_flight import sample

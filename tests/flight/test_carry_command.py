@@ -13,8 +13,8 @@ import pytest
 
 from groundstation.config import ConfigError, load
 from groundstation.core.geometry import Alignment, Frames, so3
-from groundstation.lab import carry as command
-from groundstation.lab.carry import set_keys
+from groundstation.lab import pose_monitor as command
+from groundstation.lab.pose_monitor import set_keys
 from groundstation.runtime import INTERRUPTED, sleep_until
 from groundstation.settings import Config
 from links.io import parse_address

@@ -14,7 +14,7 @@ from groundstation.analysis import replay_command
 from groundstation.analysis.replay import replay_facts
 from groundstation.analysis.report import figures
 from groundstation.config import ConfigError
-from groundstation.interfaces.tui.feeds import Tape
+from groundstation.interfaces.tui.app import Tape
 from groundstation.recording import CHANNELS, Recording
 from tests.recordings import recorded
 

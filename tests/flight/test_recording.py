@@ -24,7 +24,7 @@ from groundstation.analysis import export_command, logs_command
 from groundstation.analysis.recordings import rewrite
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import STEADY_S
-from groundstation.interfaces.tui.feeds import Tape
+from groundstation.interfaces.tui.app import Tape
 from groundstation.pose import TlogReader, read_csv
 from groundstation.recording import (
     CHANNELS,

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from groundstation.core.messages import Ask, Snapshot
+from groundstation.interfaces.tui.app import STEP_S, Playback, Tape
 from groundstation.interfaces.tui.drawing import number_rows
-from groundstation.interfaces.tui.feeds import STEP_S, Playback, Tape
 from groundstation.interfaces.tui.model import FlightIdentity, Jump, News, Picture
 from groundstation.recording import NoRecording, Recording
 from sim.time import VirtualTimeLoop
