@@ -110,8 +110,6 @@ ROWS = (
         "loads, with and without an estimate that wanders"),
     Row("unit/test_witness.py::test_it_does_not_doubt_poses_that_are_true", 22, "each scene once; motions in turn"),
     Row("unit/test_obedience.py::test_a_vehicle_that_obeys_is_never_suspected", 8, "motions, with gains and leans"),
-    Row("contract/test_controllers.py::test_a_controller_flies_the_real_limits_and_the_same_flight_again_bit_by_bit", 3,
-        "each keeps its limits in the test before"),
     Row("flight/test_alarms.py::test_an_estimate_that_wanders_and_turns_its_heading_is_not_accused", 1, "seeds"),
     Row("flight/test_alarms.py::test_an_estimate_that_has_its_height_and_speed_wrong_on_the_floor_has_touched_down_all_the_same",
         1, "seeds"),
