@@ -264,6 +264,12 @@ def _serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=seconds, metavar="S", help="stop after so many seconds")
 
 
+def _intervals(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenarios", metavar="A,B", type=names, default=["adverse", "rotors_mqx"])
+    parser.add_argument("--flights", type=count, default=16, metavar="N", help="in each (default 16)")
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
+
+
 def _reference(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="DIR", help="write them there instead of printing them")
 
@@ -278,6 +284,7 @@ COMMANDS = {
     "campaign": ("fly a scenario many times, vehicle and wind drawn by each seed", _campaign),
     "bench": ("measure speed and memory on this machine", _bench),
     "bring-down": ("cut flights short in the air, and see how they come down", _bring_down),
+    "intervals": ("count how often the truth lies within what `groundstation identify` tells", _intervals),
     "gale": ("fly published laws in a simulated wind tunnel, beside what was measured in the real one", _gale),
     "tune": ("search for better gains, or report how wrong the world may be with these", _tune),
     "scenarios": ("list the scenarios; tell every value of one", _scenarios),

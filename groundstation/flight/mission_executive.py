@@ -203,7 +203,7 @@ class Course:
         if duration is None or tick.flight_time_s < duration:
             return None
         back = Event.LAND if self._home is None else Event.RETURN
-        return MissionMove(back, f"{duration:g} s are flown")
+        return MissionMove(back, f"{duration:g} s of the trajectory are flown")
 
     def _halt(self, now: Reference) -> list[Blend]:
         """To rest, where ``now`` is not."""

@@ -125,6 +125,30 @@ def bring_down(args: argparse.Namespace) -> int:
     return 0
 
 
+def intervals(args: argparse.Namespace) -> int:
+    """Fly excitation flights, and count how often the truth lies within what is identified of them."""
+    from sim.cli import ProgressBar
+    from sim.studies import check_markers, coverage_table, identify_flights, put_between_markers
+
+    for name in args.scenarios:
+        scenario_of(name)
+    if args.write is not None:
+        check_markers(args.write)
+    found = []
+    with ProgressBar("flights", len(args.scenarios) * args.flights, quiet=not sys.stderr.isatty()) as counter:
+        for number, told in enumerate(
+            flight for name in args.scenarios for flight in identify_flights(name, args.flights)
+        ):
+            found += told
+            counter.at(number + 1)
+    table = coverage_table(found, args.flights)
+    print(table)
+    if args.write is not None:
+        command = f"groundstation-sim intervals --flights {args.flights} --write {args.write.name}"
+        put_between_markers(args.write, f"{table}\n\nMade by `{command}`.")
+    return 0
+
+
 def scenarios(args: argparse.Namespace) -> int:
     """List the scenarios."""
     rows: dict[str, dict[str, Any]] = {

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         write_trials,
     )
     from sim.studies.gale import gale_command
+    from sim.studies.intervals import coverage_table, identify_flights
     from sim.studies.vectors import LIMIT, worst_disagreement
 
 _MODULES = {
@@ -59,6 +60,7 @@ _MODULES = {
         "write_trials",
     ),
     "gale": ("gale_command",),
+    "intervals": ("coverage_table", "identify_flights"),
     "vectors": ("LIMIT", "worst_disagreement"),
 }
 

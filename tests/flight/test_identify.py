@@ -12,6 +12,7 @@ from groundstation.analysis.identify import identify_command
 from groundstation.config import ConfigError, from_dict
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS
+from sim.studies.intervals import coverage_table, identify_flights, truths
 from tests.recordings import recorded
 
 GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 42.0
@@ -191,3 +192,17 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         identify_command(tmp_path / "notes.txt", None, None, as_json=True)
     with pytest.raises(ConfigError, match="LOG: cannot read"):
         identify_command(tmp_path / "missing.mcap", None, None, as_json=True)
+
+
+def test_the_truth_of_a_scenario_is_counted_where_it_lies_within_what_was_told() -> None:
+    known = truths("adverse")
+    assert known["rate_delay"] == pytest.approx(0.025)
+    assert known["drag"] == pytest.approx(0.3)
+    assert "rate_lag" not in truths("rotors_mqx"), "nobody knows it"
+    (told,) = identify_flights("adverse", 1)
+    lag = next(one for one in told if one.name == "rate_lag")
+    assert lag.low <= known["rate_lag"] <= lag.high
+    wrong = lag._replace(low=2.0 * lag.high, high=3.0 * lag.high)
+    assert "| rate lag, roll and pitch | 1 (" in coverage_table([lag], 1)
+    assert "| rate lag, roll and pitch | 1 of the 2 that told it (" in coverage_table([lag, wrong], 3)
+    assert "| linear drag | not told |" in coverage_table([lag], 1)
