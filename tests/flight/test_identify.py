@@ -12,7 +12,8 @@ from groundstation.analysis.identify import identify_command
 from groundstation.config import ConfigError, from_dict
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS
-from sim.studies.intervals import coverage_table, identify_flights, truths
+from sim.studies import coverage_table, identify_flights
+from sim.studies.intervals import truths
 from tests.recordings import recorded
 
 GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 42.0
