@@ -1,6 +1,16 @@
-"""A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is done to it."""
+"""A vehicle for tests: a point of mass 1 that turns at once as it is told, and writes down what is done to it.
+
+And what flies it by an RF link.
+"""
+
+import asyncio
+from typing import Any
+
+import msgspec
 
 from groundstation.core.geometry import Quat, Vec3, so3
+from links.core import Command, Segment
+from sim.radio import RfReceiver
 from sim.world import TrueState
 
 GRAVITY = 9.81
@@ -72,3 +82,36 @@ class Brick:
                 z, u, v, w = 0.0, 0.0, 0.0, 0.0
             self._position = (x + u * step, y + v * step, z + w * step)
             self._velocity = (u, v, w)
+
+
+DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
+
+
+def command(thrust_n: float = 1.0, **changes: Any) -> Command:
+    now = asyncio.get_running_loop().time()
+    made = Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25, (DOWN,))
+    return msgspec.structs.replace(made, **changes)
+
+
+def idle() -> Command:
+    return command(0.0, bring_down=())
+
+
+class RfRoom:
+    """A vehicle behind an RF receiver, and the link that leads there."""
+
+    vehicle: Brick
+    receiver: RfReceiver
+    link: Any
+
+    @property
+    def thrust(self) -> float:
+        """Share of the thrust that was commanded last; 0 where the motors are off."""
+        return self.vehicle.acts[-1][1] if self.receiver.armed and self.vehicle.acts else 0.0
+
+    async def stream(self, thrust_n: float, seconds: float) -> None:
+        loop = asyncio.get_running_loop()
+        until = loop.time() + seconds
+        while loop.time() < until:
+            self.link.send(command(thrust_n))
+            await asyncio.sleep(self.link.period_s)

@@ -1,9 +1,11 @@
 """What the codecs of serial RF modules have in common, and what every such link can be told. Sans-IO.
 
-A codec is one file: a configuration that is a :class:`RfLinkConfig`, and a class that is a :class:`RfCodec`. It gets
-one line in ``RF_CODECS`` (links/rf/module_codec.py).
+A codec is a configuration that is a :class:`RfLinkConfig`, and a class that is a :class:`RfCodec`. Both
+stand in links/rf/module_codec.py, with one line in ``RF_CODECS``.
 """
 
+from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import Annotated, NamedTuple, Protocol, Self
@@ -57,19 +59,24 @@ class RfFrame(NamedTuple):
     """What it tells whoever sends."""
 
 
-class RfDecoder(Protocol):
+class RfDecoder(ABC):
     """Bytes to frames; garbage is skipped, one byte at a time, and counted."""
 
-    dropped: dict[str, int]
-    """Bytes that belong to no frame, by reason."""
+    def __init__(self) -> None:
+        """Nothing heard."""
+        self.dropped: dict[str, int] = Counter()
+        """Bytes that belong to no frame, by reason."""
+        self._rest = b""
 
+    @abstractmethod
     def feed(self, data: bytes) -> list[RfFrame]:
         """Take the next bytes, however they were cut; returns the frames that they complete."""
-        ...
 
     def pause(self) -> None:
         """The wire was silent: whatever was begun will not be completed."""
-        ...
+        if self._rest:
+            self.dropped["cut_short"] += len(self._rest)
+            self._rest = b""
 
 
 class RfCodec(Protocol):

@@ -33,14 +33,13 @@ Source: EdgeTX e2bcbd6c, radio/src/pulses/dsm2.cpp; captures on noisebridge.net,
 """
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal
 
 import msgspec
 
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
-from links.rf.codec import RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
+from links.rf.codec import RfDecoder, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
 
 DSM_FRAME_BYTES = 14
 DSM_CHANNELS = 6
@@ -113,14 +112,13 @@ class DsmCodec:
         return DsmDecoder(self._config.low, self._config.high)
 
 
-class DsmDecoder:
+class DsmDecoder(RfDecoder):
     """Finds frames by their shape, as they have neither a first byte of their own nor a checksum."""
 
     def __init__(self, low: int = 96, high: int = 928) -> None:
         """``low`` and ``high`` are the counts of the positions -1 and 1."""
-        self.dropped: dict[str, int] = Counter()
+        super().__init__()
         self._low, self._high = low, high
-        self._rest = b""
 
     def feed(self, data: bytes) -> list[RfFrame]:
         """Take the next bytes, however they were cut; returns the frames that they complete."""
@@ -136,12 +134,6 @@ class DsmDecoder:
                 at += 1
         self._rest = data[at:]
         return heard
-
-    def pause(self) -> None:
-        """The wire was silent: whatever was begun will not be completed."""
-        if self._rest:
-            self.dropped["cut_short"] += len(self._rest)
-            self._rest = b""
 
     def _decode_frame(self, data: bytes, at: int) -> RfFrame:
         low, high = self._low, self._high
@@ -232,14 +224,13 @@ class CrsfCodec:
         return CrsfDecoder(self._pitch)
 
 
-class CrsfDecoder:
+class CrsfDecoder(RfDecoder):
     """Frames out of a stream; begins anew one byte later wherever a frame turns out to be none."""
 
     def __init__(self, pitch: float) -> None:
         """``pitch``: 1 where the nose up counts up in attitudes, else -1."""
-        self.dropped: dict[str, int] = Counter()
+        super().__init__()
         self._pitch = pitch
-        self._rest = b""
 
     def feed(self, data: bytes) -> list[RfFrame]:
         """Take the next bytes, however they were cut; returns the frames that they complete."""
@@ -261,12 +252,6 @@ class CrsfDecoder:
                 at += 2 + size
         self._rest = data[at:]
         return heard
-
-    def pause(self) -> None:
-        """The wire was silent: whatever was begun will not be completed."""
-        if self._rest:
-            self.dropped["cut_short"] += len(self._rest)
-            self._rest = b""
 
     def _decode_frame(self, kind: int, payload: bytes) -> RfFrame:
         if kind == RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:

@@ -6,7 +6,6 @@ import itertools
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,13 +21,12 @@ from links.rf.channel_map import ArmSwitch, ChannelMap
 from sim.radio import RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
 from sim.time import VirtualTimeLoop
-from tests.airframe_double import Brick
+from tests.airframe_double import DOWN, Brick, RfRoom, command, idle
 from tests.loops import in_virtual_time
 
 KEY = bytes(range(32))
 MODULE = DsmLinkConfig(map=ChannelMap(arm=ArmSwitch(channel=5)), disarm_s=0.1)
 ADDRESS = "127.0.0.1:14600"
-DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
 Datagram = tuple[tuple[str, int], tuple[str, int], bytes]
 
 
@@ -61,7 +59,7 @@ class Network:
         return [each for each in self.seen if kind_of(each[2]) == UP]
 
 
-class Room:
+class Room(RfRoom):
     """A bridge with a module and a vehicle, and a station."""
 
     def __init__(self, *, remote_only: bool = False) -> None:
@@ -91,18 +89,6 @@ class Room:
     def station(self, key: bytes = KEY) -> BridgeLink:
         config = BridgeLinkConfig(remote=ADDRESS, connect_timeout_s=0.5)
         return BridgeLink(config, thrust_max_n=2.0, key=key, nonce=nonce)
-
-    @property
-    def thrust(self) -> float:
-        """Share of the thrust that was commanded last; 0 where the motors are off."""
-        return self.vehicle.acts[-1][1] if self.receiver.armed and self.vehicle.acts else 0.0
-
-    async def stream(self, thrust_n: float, seconds: float) -> None:
-        loop = asyncio.get_running_loop()
-        until = loop.time() + seconds
-        while loop.time() < until:
-            self.link.send(command(thrust_n))
-            await asyncio.sleep(self.link.period_s)
 
     async def leave(self) -> None:
         self.network.lose = lambda datagram: False
@@ -148,16 +134,6 @@ NONCES = itertools.count(1)
 
 def nonce(count: int) -> bytes:
     return next(NONCES).to_bytes(count, "little")
-
-
-def command(thrust_n: float = 1.0, **changes: Any) -> Command:
-    now = asyncio.get_running_loop().time()
-    made = Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25, (DOWN,))
-    return msgspec.structs.replace(made, **changes)
-
-
-def idle() -> Command:
-    return command(0.0, bring_down=())
 
 
 async def soon() -> None:

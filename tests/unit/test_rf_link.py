@@ -3,24 +3,21 @@
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
-from typing import Any
 
-import msgspec
 import pytest
 
-from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.core import LinkError, LinkLost, LinkMisuse, LinkRejected
 from links.rf import CrsfLinkConfig, DsmLinkConfig, SerialRfLink, Service
 from links.rf.channel_map import ArmSwitch, ChannelMap
 from sim.radio import FAILSAFE_S, RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
-from tests.airframe_double import Brick
+from tests.airframe_double import Brick, RfRoom, command, idle
 from tests.loops import in_virtual_time
 
 CONFIG = DsmLinkConfig(map=ChannelMap(arm=ArmSwitch(channel=5)))
-DOWN = Segment(0.5, 0.8, (0.0, 0.0, 0.0))
 
 
-class Room:
+class Room(RfRoom):
     """One link, its wire, and the vehicle at the other end."""
 
     def __init__(self, config: DsmLinkConfig | CrsfLinkConfig) -> None:
@@ -29,18 +26,6 @@ class Room:
         self.receiver = RfReceiver(self.vehicle, config)
         self.peer = RfPeer(self.receiver, config)
         self.link = SerialRfLink(config, thrust_max_n=2.0, open_pacer=opened_on(self.wire))
-
-    @property
-    def thrust(self) -> float:
-        """Share of the thrust that was commanded last; 0 where the motors are off."""
-        return self.vehicle.acts[-1][1] if self.receiver.armed and self.vehicle.acts else 0.0
-
-    async def stream(self, thrust_n: float, seconds: float) -> None:
-        loop = asyncio.get_running_loop()
-        until = loop.time() + seconds
-        while loop.time() < until:
-            self.link.send(command(thrust_n))
-            await asyncio.sleep(self.link.period_s)
 
 
 @contextlib.asynccontextmanager
@@ -58,16 +43,6 @@ async def room(config: DsmLinkConfig | CrsfLinkConfig = CONFIG, *, armed: bool =
         await it.link.close()
         peer.cancel()
         await asyncio.gather(peer, return_exceptions=True)
-
-
-def command(thrust_n: float = 1.0, **changes: Any) -> Command:
-    now = asyncio.get_running_loop().time()
-    made = Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25, (DOWN,))
-    return msgspec.structs.replace(made, **changes)
-
-
-def idle() -> Command:
-    return command(0.0, bring_down=())
 
 
 def test_disarm_frames_keep_the_module_alive_before_anything_is_armed() -> None:

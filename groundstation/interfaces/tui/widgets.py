@@ -210,22 +210,32 @@ WIND_S2 = 0.5
 """The arrow of b̂ is so long in the view from above [m per m/s²]."""
 
 
-class TopView(Widget):
-    """The path seen from above, beside its reference."""
-
-    DEFAULT_CSS = "TopView { height: 1fr; }"
+class FlownPlot(Widget):
+    """A plot of what was flown."""
 
     def __init__(self) -> None:
         """Nothing flown yet."""
         super().__init__()
         self._flown: Sequence[PlotSample] = ()
-        self._wind: Vec3 | None = None
 
     def show(self, snapshot: Snapshot, flown: Sequence[PlotSample]) -> None:
-        """Take b̂, which has an arrow, and what was flown, which is drawn as it is then."""
+        """Take what was flown, which is drawn as it is then."""
+        del snapshot
         self._flown = flown
-        self._wind = None if snapshot.diagnostics is None else snapshot.diagnostics.b_hat
         self.refresh()
+
+
+class TopView(FlownPlot):
+    """The path seen from above, beside its reference."""
+
+    DEFAULT_CSS = "TopView { height: 1fr; }"
+
+    _wind: Vec3 | None = None
+
+    def show(self, snapshot: Snapshot, flown: Sequence[PlotSample]) -> None:
+        """Take b̂, too, which has an arrow."""
+        self._wind = None if snapshot.diagnostics is None else snapshot.diagnostics.b_hat
+        super().show(snapshot, flown)
 
     def render(self) -> Content:
         """The plot, its scale in the last row."""
@@ -248,20 +258,10 @@ class TopView(Widget):
         return content([*rows, [(scale, LABEL), *legend]], width)
 
 
-class InTime(Widget):
+class InTime(FlownPlot):
     """North, east and height with their references, one below the other."""
 
     DEFAULT_CSS = "InTime { height: 1fr; }"
-
-    def __init__(self) -> None:
-        """Nothing flown yet."""
-        super().__init__()
-        self._flown: Sequence[PlotSample] = ()
-
-    def show(self, _: Snapshot, flown: Sequence[PlotSample]) -> None:
-        """Take what was flown, which is drawn as it is then."""
-        self._flown = flown
-        self.refresh()
 
     def render(self) -> Content:
         """Three plots."""
@@ -307,20 +307,10 @@ class Curves(Widget):
         return content([[*head, *((f"{name} ", f"bold {style}") for name, style in self._names)], *drawn], width)
 
 
-class ErrorHistory(Widget):
+class ErrorHistory(FlownPlot):
     """The distance from the reference over the last snapshots."""
 
     DEFAULT_CSS = "ErrorHistory { height: 3; }"
-
-    def __init__(self) -> None:
-        """Nothing flown yet."""
-        super().__init__()
-        self._flown: Sequence[PlotSample] = ()
-
-    def show(self, _: Snapshot, flown: Sequence[PlotSample]) -> None:
-        """Take what was flown, which is drawn as it is then."""
-        self._flown = flown
-        self.refresh()
 
     def render(self) -> Content:
         """One row of words above blocks."""
