@@ -743,7 +743,8 @@ class Dashboard(App[None]):
             yield "- +", "slower, faster: 0.25 to 16 times"
         yield "1 to 5", f"pages: {', '.join(PAGES)}"
         yield from (("p", "on the page Fly: plots from above, or in time"), ("/", "on Config and Log: search"))
-        yield from (("^P", "all commands, and the colours"), ("q", "leave; what flies goes on flying"))
+        yield "^P", "all commands, and the colours"
+        yield "q", "leave" if self._plays else "leave; what flies goes on flying"
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """The palette."""
