@@ -113,6 +113,7 @@ ROWS = (
     Row("flight/test_alarms.py::test_an_estimate_that_wanders_and_turns_its_heading_is_not_accused", 1, "seeds"),
     Row("flight/test_alarms.py::test_an_estimate_that_has_its_height_and_speed_wrong_on_the_floor_has_touched_down_all_the_same",
         1, "seeds"),
+    Row("flight/test_alarms.py::test_a_coordinate_that_a_gust_holds_by_chance_is_not_accused", 1, "seeds"),
     Row("flight/test_autopilots.py::test_the_figure_eight_is_flown_on_either", 2, "each autopilot, each source"),
     Row("flight/test_fault_deck.py::test_axes_that_are_swapped_in_flight_are_suspect_before_they_have_led_the_vehicle_away",
         1, "seeds"),

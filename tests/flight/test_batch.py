@@ -98,7 +98,7 @@ def test_stamps_that_are_off_at_a_metre_and_a_half_a_second_cost_little(jitter_m
 def test_a_vehicle_of_a_kilogram_holds_its_place_in_three_quarters_of_its_weight_of_wind() -> None:
     blown = "sim.wind_mean=[7.5, 0, 0]"
     held, lost = (
-        flown("quad1kg", blown, *told, duration_s=30.0).verdict.rms_cm for told in ((), ("controller.b_bound=5.001",))
+        flown("quad1kg", blown, *told, duration_s=20.0).verdict.rms_cm for told in ((), ("controller.b_bound=5.001",))
     )
     assert held is not None and held < 0.35
     assert lost is None or lost > 10.0

@@ -67,6 +67,10 @@ class Flown:
         """How long the motors were told 0.9 of the weight or more [s]."""
 
 
+LOOK_S = 0.005
+"""How often a spool-up is looked at [s]."""
+
+
 def spool_up(
     scenario: str, *overrides: str, picture: Picture | None = None, begins: State = State.IDLE, seed: int = 0,
     link: str = "mavlink", more: Script | None = None, seconds: float = 12.0,
@@ -100,8 +104,8 @@ def spool_up(
                 truth = stage.plant.truth(loop.time())
                 seen["high"] = max(seen["high"], world.floor_z_m - truth.position_ned[2])
                 seen["fast"] = max(seen["fast"], *(abs(v) for v in truth.velocity_ned))
-                seen["near"] += 0.001 * (seen["told"] > 0.9 * weight)
-                await asyncio.sleep(0.001)
+                seen["near"] += LOOK_S * (seen["told"] > 0.9 * weight)
+                await asyncio.sleep(LOOK_S)
         flight.stop("the test is over")
         if beside is not None:
             beside.cancel()
