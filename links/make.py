@@ -45,7 +45,8 @@ LINKS: "dict[str, Callable[[], tuple[type, Callable[..., CommandLink]]]]" = {
 def make_link(config: "Any", *, thrust_max_n: float, thrust_curve: float = 0.0, **wires: "Any") -> "CommandLink":
     """The link that ``config``, the configuration of one kind, describes.
 
-    ``thrust_max_n`` is the thrust of the full signal [N], ``thrust_curve`` the vehicle's (see thrust_curve.py).
+    ``thrust_max_n`` is the thrust of the full signal [N], ``thrust_curve`` the vehicle's
+    (:func:`links.core.deadman.signal`).
 
     ``wires`` go to the link as they are: what a simulation puts in the place of hardware.
 

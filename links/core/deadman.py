@@ -116,7 +116,7 @@ class LinkStatus(msgspec.Struct, frozen=True):
     firmware: str = ""
     """What the vehicle's autopilot runs, as it tells itself; empty where it does not tell."""
     slept_s: float = 0.0
-    """How long the computer that sends has slept since the arming [s]: nothing more leaves, see suspend.py."""
+    """How long the computer that sends has slept since the arming [s]: nothing more leaves, see links/io/wires.py."""
     late_octaves: tuple[int, ...] = ()
     """Frames by how late they left, where a pacer lets them go and tells: entry k counts those late by less than 2**k
     µs and not by less than 2**(k-1); of all frames since it began."""

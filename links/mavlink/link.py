@@ -170,7 +170,7 @@ class MavlinkLink:
     def __init__(self, config: MavlinkLinkConfig, *, thrust_max_n: float, thrust_curve: float = 0.0) -> None:
         """Nothing is opened yet; ``thrust_max_n`` is the thrust of the full signal [N].
 
-        ``thrust_curve`` is the vehicle's, see thrust_curve.py; one in ``config`` takes its place.
+        ``thrust_curve`` is the vehicle's, see :func:`links.core.deadman.signal`; one in ``config`` takes its place.
         """
         self._config = config
         self._thrust_max = thrust_max_n

@@ -161,7 +161,7 @@ class RfLinkConfig(LinkKind, msgspec.Struct, frozen=True, kw_only=True, forbid_u
 
     @property
     def real(self) -> str:
-        """The key that may lead to a real vehicle, and its value; preflight.py knows the one exception."""
+        """The key that may lead to a real vehicle, and its value; prearm.py knows the one exception."""
         return f"port = {self.port}"
 
     @property

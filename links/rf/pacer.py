@@ -103,7 +103,7 @@ class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     late_octaves: tuple[int, ...]
     """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than 2**(k-1)."""
     slept_s: float
-    """How long its computer has slept since the newest arming [s]: nothing that lifts leaves, see suspend.py."""
+    """How long its computer has slept since the newest arming [s]: nothing that lifts leaves, see links/io/wires.py."""
     note: str
     """How it is scheduled, in words."""
     fifo: bool

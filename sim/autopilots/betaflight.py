@@ -6,7 +6,7 @@ same to the bit each time. A vehicle's board is switched on BOOT_S before its wo
 
 Conventions, by what the firmware does (src/platform/SIMULATOR/sitl.c of 4.6): state is gyro FRD [rad/s], specific force
 as (-x, y, z) of FRD, attitude FLU to NWU; a time stamp that never moves, as it would rescale its clock by one that
-does. Motors come as 0 rear right, 1 front right, 2 rear left, 3 front left, sent in the order of rotors.py.
+does. Motors come as 0 rear right, 1 front right, 2 rear left, 3 front left, sent in the order of plant.py.
 """
 
 import asyncio

@@ -142,7 +142,7 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     lyapunov_start: float | None
     """V at the first command."""
     certificate_violated: float
-    """Share of the commands at which V's bound was violated for longer than a moment; see control/certificate.py."""
+    """Share of the commands at which V's bound was violated for longer than a moment; see control/adaptive.py."""
     certificate_suspended: float
     """Share of the commands at which it was suspended, as the one before was clamped."""
     certificate_warnings: tuple[str, ...]

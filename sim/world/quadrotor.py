@@ -232,7 +232,7 @@ class Quadrotor:
             self._late_rates.put(time_s, self._rate_command)
 
     def drive_rotors(self, time_s: float, signals: FourRotors) -> None:
-        """From ``time_s`` on the rotors follow these signals (0..1), and no rate loop; see rotors.py for their order.
+        """From ``time_s`` on the rotors follow these signals (0..1), and no rate loop; see plant.py for their order.
 
         Raises:
             ValueError: ``sim.plant`` is not "rotors".

@@ -1,4 +1,4 @@
-"""groundstation/pose/recorded_codec.py and recorded.py: recorded flights."""
+"""groundstation/pose/recorded_codec.py and registry.py: recorded flights."""
 
 import asyncio
 import pathlib

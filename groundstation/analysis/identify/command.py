@@ -125,7 +125,7 @@ def measure_noise(at_s: Column, left: Column) -> NoiseLevel:
     usual = float(np.median(spans))
     even = np.abs(spans - usual) < UNEVEN * usual
     runs = even[:-3] & even[1:-2] & even[2:-1] & even[3:]
-    # Independent noise has 1 + 16 + 36 + 16 + 1 times its variance in these; see estimation/observer.py.
+    # Independent noise has 1 + 16 + 36 + 16 + 1 times its variance in these; see estimation/estimator.py.
     squares = (np.diff(left, 4, axis=0)[runs] ** 2).mean(axis=1) / 70.0
     blocks = len(squares) // BLOCK
     if blocks < 3:

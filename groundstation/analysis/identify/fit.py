@@ -1,6 +1,6 @@
 """Least squares on innovations: Gauss and Newton, and how far the result may be off.
 
-Innovations are what a model left unexplained, made white by the Kalman filter of core/estimation/observer.py. What is
+Innovations are what a model left unexplained, made white by the Kalman filter of core/estimation/estimator.py. What is
 measured is x0 + noise, where x0 is the integral of x1, and x1 that of x2; white noise drives each. An error that comes
 in at a derivative (wind on an acceleration, a lost frame on a body rate) then counts as what it is, and a fit weighs
 every frequency as it should: prediction errors (L. Ljung, System Identification, 2nd ed., chapter 7).

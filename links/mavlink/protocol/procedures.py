@@ -399,7 +399,7 @@ KILL_HINT = "Use the remote control's kill switch"
 
 
 class Kill:
-    """Disarm by force (COMMAND_LONG 400, second parameter 21196), which works in the air. A step (steps.py)."""
+    """Disarm by force (COMMAND_LONG 400, second parameter 21196), which works in the air. A step."""
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
         """Nothing leaves before the first poll."""
