@@ -852,7 +852,8 @@ class Flight:
             self._on_state(state, reason)
 
     def _on_command(self, tick: Tick) -> None:
-        self._statistics.tick(tick, counts=self.state is State.TRACKING and tick.flight_time_s >= 0.0)
+        state = self.state
+        self._statistics.tick(tick, counts=state is State.TRACKING and tick.flight_time_s >= 0.0)
         if tick.seen.warning:
             self._say(f"warning: {tick.seen.warning}")
         suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
@@ -863,7 +864,7 @@ class Flight:
             tick.estimate,
             tick.reference,
             tick.decision.diagnostics.v_known,
-            counts=self.state in (State.HOLD, State.TRACKING),
+            counts=state in (State.HOLD, State.TRACKING),
         )
         if step is not None:
             self._pilot.gain(*step)

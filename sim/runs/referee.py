@@ -253,8 +253,10 @@ class Referee:
     def _gust(self, times: list[float], errors: list[float]) -> dict[str, Any]:
         """Peak and recovery after the wind's step, where there is one."""
         step = self._world.wind_step_time_s
+        if self._world.wind_step == (0.0, 0.0, 0.0):
+            return {}
         after = [(t - step, e) for t, e in zip(times, errors, strict=True) if t >= step]
-        if self._world.wind_step == (0.0, 0.0, 0.0) or not after:
+        if not after:
             return {}
         return {
             "gust_peak_cm": 100.0 * max(e for _, e in after),

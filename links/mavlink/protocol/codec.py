@@ -31,6 +31,7 @@ import re
 import struct
 from collections import Counter, deque
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cached_property
 from hashlib import sha256
 from hmac import compare_digest
@@ -311,14 +312,16 @@ class MavlinkDialect:
         return self._numbers[name]
 
     def __getattr__(self, name: str) -> Any:
-        try:
+        found: Any = None
+        with suppress(KeyError):
             if name.startswith("MAVLINK_MSG_ID_"):
-                return self.number(name.removeprefix("MAVLINK_MSG_ID_"))
-            if name.startswith("MAVLink_"):
-                return self.kind(self.number(name.removeprefix("MAVLink_").removesuffix("_message").upper()))
-        except KeyError:
-            pass
-        raise AttributeError(name)
+                found = self.number(name.removeprefix("MAVLINK_MSG_ID_"))
+            elif name.startswith("MAVLink_"):
+                found = self.kind(self.number(name.removeprefix("MAVLink_").removesuffix("_message").upper()))
+        if found is None:
+            raise AttributeError(name)
+        setattr(self, name, found)  # so that each is looked for once
+        return found
 
 
 DIALECT = MavlinkDialect()
