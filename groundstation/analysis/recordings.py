@@ -29,15 +29,11 @@ from groundstation.core.messages import SteadyError
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import (
     CHANNELS,
-    Entry,
     MeasuredMessage,
-    NoRecording,
-    Recording,
     ReferenceMessage,
     TruthMessage,
     Vector3,
     describe_channels,
-    quick_headline,
 )
 from groundstation.runtime import RecordingConfig, folder_of, is_being_written, open_private, require_package, tidy
 
@@ -49,7 +45,7 @@ if TYPE_CHECKING:
 
     from groundstation.analysis.report import FlightColumns
     from groundstation.analysis.viewers import FoxgloveScene
-    from groundstation.recording import FlightHeadline
+    from groundstation.recording import Entry, FlightHeadline, Recording  # read where one is: it takes a while to load
 
     Column = NDArray[np.float64]
     Tables = Mapping[str, Mapping[str, NDArray[Any]]]
@@ -68,6 +64,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None,
     Raises:
         ConfigError: a file is no recording or no truth, a channel has another name, or the result can't be written.
     """
+    from groundstation.recording import NoRecording, Recording
+
     if truth is not None and form not in ("mcap", "foxglove"):
         raise ConfigError("--truth", f"is for --format mcap or foxglove, got {form}")
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
@@ -111,17 +109,17 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None,
     return 0
 
 
-def _short_of(recording: Recording) -> str:
+def _short_of(recording: "Recording") -> str:
     return "" if recording.whole else f"; the recording {recording.trouble}"
 
 
-def _write_tables(recording: Recording, form: str, topics: list[str], target: Path) -> None:
+def _write_tables(recording: "Recording", form: str, topics: list[str], target: Path) -> None:
 
     rows = write_tables(recording, form, topics, target)
     print(f"{target}: {sum(rows.values())} rows of {len(rows)} channels{_short_of(recording)}")
 
 
-def _write_folder(recording: Recording, topics: list[str], folder: Path) -> None:
+def _write_folder(recording: "Recording", topics: list[str], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         paths = {topic: folder / f"{topic.strip('/').replace('/', '_')}.csv" for topic in topics}
@@ -135,7 +133,7 @@ def _write_folder(recording: Recording, topics: list[str], folder: Path) -> None
         print(f"the recording {recording.trouble}")
 
 
-def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, int]:
+def write_csv(recording: "Recording", files: Mapping[str, TextIO]) -> dict[str, int]:
     """Write the messages on each topic to its file, one row each; returns the number of rows.
 
     Columns are named as ``rates_rad_s.x``. They are those of the first row: what comes only later (a counter's new
@@ -154,7 +152,7 @@ def write_csv(recording: Recording, files: Mapping[str, TextIO]) -> dict[str, in
     return rows
 
 
-def write_poses(recording: Recording, target: Path) -> int:
+def write_poses(recording: "Recording", target: Path) -> int:
     """Write the poses as they came, in the columns that `pose.kind = "csv"` plays; the number of poses."""
     count = 0
     with target.open("w", encoding="utf-8") as file:
@@ -200,7 +198,7 @@ class TruthTrack:
             raise ConfigError("--truth", f"{path} is empty: nothing flew there")
         self._times = [row.time_s for row in self._rows]
 
-    def entries(self, recording: Recording) -> Iterator[Entry]:
+    def entries(self, recording: "Recording") -> "Iterator[Entry]":
         """All of ``recording``, and behind each reference the truth at its instant, with the error against it.
 
         Raises:
@@ -216,7 +214,7 @@ class TruthTrack:
                 self._flight_time_s = entry.value()["flight_time_s"]
             elif entry.topic == "/reference":
                 told = self._beside(msgspec.json.decode(entry.data, type=ReferenceMessage))
-                yield Entry("/truth", entry.stamp_ns, msgspec.json.encode(told))
+                yield entry._replace(topic="/truth", data=msgspec.json.encode(told))
 
     def errors(self) -> dict[str, str]:
         """What the headline says of the true error, as text; nothing before its steady part."""
@@ -251,7 +249,7 @@ APART_S = 1.0
 
 
 def rewrite(
-    recording: Recording,
+    recording: "Recording",
     target: Path,
     topics: list[str],
     scene: "FoxgloveScene | None" = None,
@@ -315,6 +313,8 @@ def _recordings(folder: Path) -> list[Path]:
 
 def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
     """What the list of ``folder`` says of one file in it."""
+    from groundstation.recording import NoRecording, quick_headline
+
     facts: dict[str, Any] = {"file": str(path.relative_to(folder)), "size_bytes": path.stat().st_size}
     try:
         about, headline, whole = quick_headline(path)
@@ -445,7 +445,8 @@ class FlightData:
 
     @cached_property
     def _recording(self) -> "Recording":
-        # Not above: most flights that were just flown are not read.
+        from groundstation.recording import NoRecording, Recording
+
         try:
             return Recording(self.path)
         except (NoRecording, OSError) as error:

@@ -49,3 +49,12 @@ def test_to_import_groundstation_costs_at_most_two_and_a_half_bare_pythons() -> 
     ]
     bare, took = (min(column) for column in zip(*runs, strict=True))
     assert took <= 2.5 * bare, f"import groundstation {1e3 * took:.0f} ms, python -c pass {1e3 * bare:.0f} ms"
+
+
+def test_a_simulated_flight_loads_nothing_to_read_recordings_with_and_no_arrays() -> None:
+    code = (
+        "import sys; from groundstation import simulate; simulate(duration=0.1, record=False)\n"
+        "print({'mcap', 'numpy', 'pandas', 'matplotlib'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
