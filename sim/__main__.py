@@ -35,6 +35,13 @@ def _fly(parser: argparse.ArgumentParser) -> None:
         help="sim.KEY changes the truth, controller.KEY (vehicle., pose., …) what the controller is told",
     )
     parser.add_argument("--out", type=path, metavar="DIR", help="write the run's folder")
+    parser.add_argument(
+        "--view",
+        nargs="?",
+        const="rerun",
+        choices=["rerun", "foxglove"],
+        help="with --out: then show it (default rerun)",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 
 

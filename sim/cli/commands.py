@@ -16,6 +16,7 @@ import msgspec
 from groundstation.config import ConfigError, load, read_toml
 from groundstation.core.messages import STEADY_S
 from groundstation.flight import ensure_flyable
+from groundstation.runtime import require_package
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
@@ -232,8 +233,12 @@ FIGURE_S = 60.0
 def fly(args: argparse.Namespace) -> int:
     """Fly one scenario in virtual time."""
     from sim.cli.console import ProgressBar, summary
-    from sim.runs import simulate
+    from sim.runs import RECORDING, simulate
 
+    if args.view is not None:
+        if args.out is None:
+            raise ConfigError("--view", "shows what was recorded: expected --out DIR beside it")
+        require_package(args.view, "--view", "view")
     quiet = args.json or not sys.stderr.isatty()
     with ExitStack() as stack:
         shown: list[ProgressBar] = []  # once the flight begins: what can't fly says so without a bar
@@ -257,7 +262,11 @@ def fly(args: argparse.Namespace) -> int:
             record=args.out is not None,
             on_progress=show,
         )
-    print(json.dumps(run.facts) if args.json else summary(run.facts, args.out, paper=_is_papers(args, run)))
+    print(json.dumps(run.facts) if args.json else summary(run.facts, args.out, paper=_is_papers(args, run)), flush=True)
+    if args.view is not None:
+        from groundstation.analysis import view_command
+
+        view_command(args.out / RECORDING, args.view, None)
     return 0 if run.completed else 1
 
 

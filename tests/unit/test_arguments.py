@@ -181,3 +181,8 @@ def test_how_long_to_watch_is_refused_where_nothing_is_watched(tmp_path: Path) -
     args = flying_parser().parse_args(["check", str(tmp_path / "lab.toml"), "--seconds", "3"])
     with pytest.raises(ConfigError, match=r"^--seconds: is for --watch"):
         flying.check(args)
+
+
+def test_a_flight_that_leaves_no_recording_is_not_viewed() -> None:
+    with pytest.raises(ConfigError, match=r"^--view: shows what was recorded: expected --out DIR beside it$"):
+        simulating.fly(simulating_parser().parse_args(["fly", "--view"]))
