@@ -28,7 +28,7 @@ from groundstation.core.messages import Pose
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import make_ends
-from groundstation.pose import Gate
+from groundstation.pose.sources import Gate
 from groundstation.recording import (
     GAIN,
     About,

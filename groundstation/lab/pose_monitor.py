@@ -32,7 +32,8 @@ from groundstation.lab.pose_stream import (
     Sample,
     solve_axes,
 )
-from groundstation.pose import HINTS, GatedSource, make_source
+from groundstation.pose import make_source
+from groundstation.pose.sources import HINTS, GatedSource
 from groundstation.runtime import INTERRUPTED, raw_stream
 from groundstation.settings import Config
 from links import make_link

@@ -1,9 +1,8 @@
-"""Poses: sources by kind, recorded poses, the outlier gate, and forwarding to the autopilot."""
+"""Poses: sources by kind, recorded poses, and forwarding to the autopilot."""
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.pose.forward import ForwardingSource
-    from groundstation.pose.gate import HINTS, Gate, GateConfig, GatedSource
     from groundstation.pose.recorded_codec import CSV_COLUMNS, CsvRow, TlogReader, TlogRecord, encode_csv, read_csv
     from groundstation.pose.registry import (
         IN_RUN_FOLDER,
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "forward": ("ForwardingSource",),
-    "gate": ("Gate", "GateConfig", "GatedSource", "HINTS"),
     "recorded_codec": ("CSV_COLUMNS", "CsvRow", "TlogReader", "TlogRecord", "encode_csv", "read_csv"),
     "registry": ("IN_RUN_FOLDER", "PoseConfig", "ShowsOthers", "TlogConfig", "make_source", "pose_decoder"),
 }

@@ -18,7 +18,8 @@ from groundstation.core.messages import Others, OverheardSource, Pose, PoseEvent
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.flight import Company, Flight, FlightOutcome, FrameLateness, HoldWatch, body_of, make_ends, make_hold
-from groundstation.pose import ForwardingSource, GatedSource
+from groundstation.pose import ForwardingSource
+from groundstation.pose.sources import GatedSource
 from groundstation.recording.records import (
     GAIN,
     NO_PORT,

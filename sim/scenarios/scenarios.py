@@ -20,8 +20,8 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import LemniscateConfig
 from groundstation.core.vehicle import Vehicle
 from groundstation.flight import examine_trajectory
-from groundstation.pose import GateConfig, PoseConfig
-from groundstation.pose.sources import ViconConfig
+from groundstation.pose import PoseConfig
+from groundstation.pose.sources import GateConfig, ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
 from sim.scenarios import gale

@@ -5,7 +5,7 @@ from functools import cache
 import pytest
 
 from groundstation.core.messages import Pose
-from groundstation.pose import Gate
+from groundstation.pose.sources import Gate
 from sim.runs import fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseEvent
-from groundstation.pose import Gate, GateConfig
-from groundstation.pose.gate import QUIET_S, Outbreaks
+from groundstation.pose.sources import Gate, GateConfig
+from groundstation.pose.sources.intake import QUIET_S, Outbreaks
 
 DT = 0.02
 COAST_S = 0.25

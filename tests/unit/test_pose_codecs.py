@@ -7,8 +7,8 @@ import msgspec
 import pytest
 
 from groundstation.core.geometry import Frames, Quat, so3
-from groundstation.pose import HINTS
 from groundstation.pose.sources import (
+    HINTS,
     Intake,
     NatNetReader,
     VisionReader,

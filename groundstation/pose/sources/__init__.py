@@ -1,4 +1,4 @@
-"""Pose sources by vendor, one or two files each, and what they share: intake and datagrams."""
+"""Pose sources by vendor, one or two files each, and what they share: intake, the outlier gate, and datagrams."""
 
 from groundstation.pose.sources import json_codec as json_codec
 from groundstation.pose.sources import mavlink_codec as mavlink_codec
@@ -9,7 +9,7 @@ from groundstation.pose.sources import vicon_codec as vicon_codec
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.pose.sources.datagram import JsonConfig, cannot_listen, join, send_by
-    from groundstation.pose.sources.intake import DatagramReader, Intake
+    from groundstation.pose.sources.intake import HINTS, DatagramReader, Gate, GateConfig, GatedSource, Intake
     from groundstation.pose.sources.json_codec import JsonReader
     from groundstation.pose.sources.libmotioncapture import LibmotioncaptureConfig
     from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource, VisionConfig
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "datagram": ("JsonConfig", "cannot_listen", "join", "send_by"),
-    "intake": ("DatagramReader", "Intake"),
+    "intake": ("DatagramReader", "Gate", "GateConfig", "GatedSource", "HINTS", "Intake"),
     "json_codec": ("JsonReader",),
     "libmotioncapture": ("LibmotioncaptureConfig",),
     "mavlink": ("MavlinkPoseConfig", "MavlinkPoseSource", "VisionConfig"),

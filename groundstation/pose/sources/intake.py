@@ -1,4 +1,4 @@
-"""Pose intake: checks, the source's clock, our frames, numbers and counters, shared by every decoder. Sans-IO.
+"""Pose intake: the source's clock, our frames, counters, shared by every decoder; and the outlier gate. Sans-IO.
 
 The source's clock puts its time stamps on our clock, and tells how late its messages come. A message can only come
 late, never early: the smallest difference between arrival and stamp so far tells where the source's zero lies on our
@@ -10,16 +10,32 @@ Stamps are seconds, or numbers of frames. How much of our time passes from one t
 delayed message of each half second (Theil and Sen: the median of the slopes between any two of them, which bursts and
 stalls do not move). Of frames any rate is believed at first, as a told one is often wrong; from then on a
 rate that is slower is lateness, too.
+
+Outlier gate: between a source and the flight, poses that can't be true do not pass. A decoder sees one datagram at a
+time; here each pose is held against those before it. What does not fit is counted by reason, and told once for each
+outbreak; the flight goes on with its model for as long as commands may rest on one pose (flight.coast_s), and what
+``lost`` tells is what safety rules act on. After a pose that did not fit the next ones must fit better, for as long as
+none does. There are two ways to a new place. Either the source says that it has moved its origin (``reset``): believed
+at once, as the vehicle did not move. Or the poses that do not fit agree among themselves for ``settle_s`` (``moved``),
+which is longer than any command may rest on one pose: so no flight survives it, and on the ground it heals by itself.
+The outbreaks of dropped, late and missing poses are told of once as they begin, and once as they are over.
 """
 
 import math
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import Protocol
+from typing import Annotated, Literal, Protocol
 
-from groundstation.core.geometry import Frames, Quat, Vec3
-from groundstation.core.messages import FAR_M, Others, Pose, PoseStatus
+import msgspec
+
+from groundstation.core.geometry import Frames, Quat, Vec3, so3
+from groundstation.core.messages import FAR_M, Others, Pose, PoseEvent, PoseSource, PoseStatus
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    import asyncio
+
 
 MAX_DRIFT = 0.0015
 """So much slower than nominal may the source's clock run, as a share: what exceeds it is lateness that grows."""
@@ -359,3 +375,386 @@ class FrameCount:
             number = self._last + ((number - self._last + self._half) & self._mask) - self._half
         self._last = number
         return number
+
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+
+BASE_S = 0.05
+"""Speed is measured over at least this time [s]: from pose to pose it would be mostly noise and jitter."""
+TURN_DEG = 15.0
+"""Noise and jitter may turn a pose by this much [deg], beside what ``rate_deg_s`` allows."""
+DOUBT = 0.25
+"""Share of what a pose may be off by that is left after one that jumped, until one fits: of a crowd of wild poses the
+odd one comes near enough by chance, and would throw the estimate."""
+EXACT_TOLERANCE = 1e-6
+"""An attitude whose squared length is no further from 1 stays as it is: 32-bit floats leave it so."""
+UNANNOUNCED = 1 << 32
+"""Added to ``reset_count`` with each place that was not announced: no source counts that far."""
+
+
+class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a pose may look like beside those before it; far beyond what the vehicle does, well below mix-ups."""
+
+    jump_m: Positive = 0.15
+    """How far a pose may be from where the ones before were heading [m], beside what ``acceleration_m_s2`` allows."""
+    acceleration_m_s2: Positive = 30.0
+    """Largest acceleration that is believed [m/s²]."""
+    speed_m_s: Positive = 20.0
+    """Fastest speed that is believed [m/s]."""
+    rate_deg_s: Positive = 1000.0
+    """Fastest turn that is believed [deg/s]."""
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=180.0)] = 120.0
+    """Largest angle between the vehicle's vertical and the world's [deg]; 180 allows all."""
+    frozen_s: Positive = 0.1
+    """A pose that has been the same to the last bit for this long is no longer measured [s]."""
+    drop_frozen: bool = True
+    """Whether that counts; off for simulations without noise, and for trackers that round to the millimetre."""
+    settle_s: Annotated[float, msgspec.Meta(ge=1.0, le=60.0)] = 1.5
+    """A place that does not fit is believed after the poses have agreed on it for this long [s]."""
+
+
+class Gate:
+    """The poses of one source, in the order of their arrival."""
+
+    def __init__(self, config: GateConfig) -> None:
+        """Nothing seen yet."""
+        self.dropped: Counter[str] = Counter()
+        """By reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump, spin."""
+        self._config = config
+        self._cos_tilt = math.cos(math.radians(config.tilt_deg))
+        self._track: PoseTrack | None = None
+        self._other: PoseTrack | None = None
+        self._unannounced = 0
+        self._raw: Pose | None = None
+        self._since_s = 0.0
+
+    @property
+    def newest(self) -> Pose | None:
+        """The newest pose that has passed."""
+        return None if self._track is None else self._track.last
+
+    def take(self, pose: Pose) -> tuple[Pose | None, PoseEvent | None]:
+        """``pose``, perhaps straightened, or None where it is dropped and counted; and what is to be told of it."""
+        straight = self._sound(pose)
+        if straight is None:
+            return None, None
+        track, other = self._track, self._other
+        if track is None:
+            self._track = PoseTrack(straight, self._config)
+            return self._add_moves(straight), None
+        if straight.reset_count != track.last.reset_count:
+            return self._elsewhere(straight, "reset", "the source has moved its origin")
+        why = track.refuses(straight, DOUBT if other is not None and other.why == "jump" else 1.0)
+        if why == "out_of_order":
+            return self._drop(why), None
+        # The longer the last pose is ago, the more would fit it: so the nearer of two tracks has the pose.
+        if other is not None and not other.refuses(straight) and (why or other.off(straight) < track.off(straight)):
+            other.add(straight)
+            if straight.time_s - other.first_s >= self._config.settle_s:
+                self._unannounced += 1
+                return self._elsewhere(straight, "moved", f"for {self._config.settle_s:g} s all have agreed on it")
+            return self._drop(why or other.why), None
+        if why:
+            self._other = PoseTrack(straight, self._config, why)
+            return self._drop(why), None
+        self._other = None
+        track.add(straight)
+        return self._add_moves(straight), None
+
+    def _sound(self, pose: Pose) -> Pose | None:
+        """``pose`` with a unit quaternion that continues the last one; None where it makes no sense by itself."""
+        w, x, y, z = pose.attitude
+        if not math.isfinite(sum(pose.position_ned) + w + x + y + z + pose.time_s):
+            return self._drop("not_finite")
+        square = w * w + x * x + y * y + z * z
+        if not 0.8 < square < 1.2:
+            return self._drop("not_unit")
+        if self._is_frozen(pose):
+            return self._drop("frozen")
+        if 1.0 - 2.0 * (x * x + y * y) / square < self._cos_tilt:
+            return self._drop("tilted")
+        velocity = pose.velocity_ned
+        if velocity is not None and not math.hypot(*velocity) <= self._config.speed_m_s:
+            return self._drop("too_fast")
+        if abs(square - 1.0) > EXACT_TOLERANCE:
+            w, x, y, z = so3.normalize((w, x, y, z))
+        last = self._track.last.attitude if self._track is not None else (w, x, y, z)
+        if w * last[0] + x * last[1] + y * last[2] + z * last[3] < 0.0:
+            w, x, y, z = -w, -x, -y, -z
+        attitude: Quat = (w, x, y, z)
+        return pose if attitude == pose.attitude else msgspec.structs.replace(pose, attitude=attitude)
+
+    def _is_frozen(self, pose: Pose) -> bool:
+        raw, self._raw = self._raw, pose
+        if raw is None or (raw.position_ned, raw.attitude) != (pose.position_ned, pose.attitude):
+            self._since_s = pose.time_s
+            return False
+        return self._config.drop_frozen and pose.time_s - self._since_s >= self._config.frozen_s
+
+    def _drop(self, why: str) -> Pose | None:
+        self.dropped[why] += 1
+        return None
+
+    def _add_moves(self, pose: Pose) -> Pose:
+        if not self._unannounced:
+            return pose
+        return msgspec.structs.replace(pose, reset_count=pose.reset_count + self._unannounced * UNANNOUNCED)
+
+    def _elsewhere(self, pose: Pose, kind: Literal["reset", "moved"], why: str) -> tuple[Pose, PoseEvent]:
+        assert self._track is not None, "a first pose is nowhere else"
+        last = self._track.last
+        turn, far = turned_deg(last.attitude, pose.attitude), math.dist(last.position_ned, pose.position_ned)
+        self._track, self._other = PoseTrack(pose, self._config), None
+        return self._add_moves(pose), PoseEvent(kind, "", f"poses are {far:.2f} m and {turn:.0f}° from before: {why}")
+
+
+class PoseTrack:
+    """Poses that fit each other."""
+
+    def __init__(self, pose: Pose, config: GateConfig, why: str = "") -> None:
+        """Begin with one, which was dropped for ``why``."""
+        self.first_s = pose.time_s
+        """When it began [s]."""
+        self.last = pose
+        """The newest."""
+        self.why = why
+        self._config = config
+        self._anchor = self._next_anchor = pose
+
+    def add(self, pose: Pose) -> None:
+        """One more, which fits."""
+        self.last = pose
+        if pose.time_s - self._next_anchor.time_s >= BASE_S:
+            self._anchor, self._next_anchor = self._next_anchor, pose
+
+    def refuses(self, pose: Pose, share: float = 1.0) -> str:
+        """Why ``pose`` can't be of the same vehicle, by a ``share`` of the usual limit; empty where it can."""
+        config, elapsed = self._config, pose.time_s - self.last.time_s
+        if elapsed <= 0.0:
+            return "out_of_order"
+        # With no speed known yet any may be meant; after that it has had ``elapsed`` and half the base to change.
+        base = self._base_s
+        allowed = 0.5 * config.acceleration_m_s2 * elapsed * (elapsed + base) if base else config.speed_m_s * elapsed
+        if self._away_m(pose) > share * (config.jump_m + allowed):
+            return "jump"
+        far = math.dist(pose.position_ned, self._anchor.position_ned)
+        if far > config.jump_m + config.speed_m_s * (pose.time_s - self._anchor.time_s):
+            return "too_fast"
+        # A floor levels what comes down leaning in less time than passes between two poses.
+        levels = max(_lean_deg(self.last.attitude) - _lean_deg(pose.attitude), 0.0)
+        turn = turned_deg(self.last.attitude, pose.attitude) - levels
+        return "spin" if turn > TURN_DEG + config.rate_deg_s * elapsed else ""
+
+    def off(self, pose: Pose) -> float:
+        """How badly ``pose`` fits, to compare tracks by."""
+        turn = turned_deg(self.last.attitude, pose.attitude)
+        return self._away_m(pose) / self._config.jump_m + turn / TURN_DEG
+
+    @property
+    def _base_s(self) -> float:
+        """Time over which the speed is known [s]; 0 where it is not yet."""
+        base = self.last.time_s - self._anchor.time_s
+        return base if base >= 0.5 * BASE_S else 0.0
+
+    def _away_m(self, pose: Pose) -> float:
+        """How far ``pose`` is from where this track was heading [m]."""
+        base, last = self._base_s, self.last
+        ahead = (pose.time_s - last.time_s) / base if base else 0.0
+        (x, y, z), (a, b, c) = last.position_ned, self._anchor.position_ned
+        return math.dist(pose.position_ned, (x + ahead * (x - a), y + ahead * (y - b), z + ahead * (z - c)))
+
+
+def _lean_deg(attitude: Quat) -> float:
+    """The angle between the body's vertical and the world's [deg], 0..180."""
+    return so3.angle_deg(so3.third_column(attitude)[2])
+
+
+def turned_deg(a: Quat, b: Quat) -> float:
+    """The angle from attitude ``a`` to ``b`` [deg], 0..180."""
+    (w, x, y, z), (p, q, r, s) = a, b
+    return math.degrees(2.0 * math.acos(min(1.0, abs(w * p + x * q + y * r + z * s))))
+
+
+MORE = 2.0
+"""Poses that are late are told of again when they are so many times as late."""
+QUIET_S = 2.0
+"""An outbreak is over when nothing has been dropped for its reason for this long [s]."""
+HINTS = {
+    "not_live": "Motive is in edit mode or plays a recording: go to Live",
+    "wrong_version": "the bit stream is too old: Motive's streaming settings, bit stream version, 3.0 or later",
+    "wrong_layout": "a bit stream that is not known here: Motive's streaming settings, bit stream version, 4.1",
+    "not_tracked": "the tracker does not see the body: markers hidden?",
+    "frozen": "the same to the last bit: the body is hidden, or the tracker rounds (gate.drop_frozen)",
+    "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been switched off?",
+    "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it been switched off?",
+    "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, or another body",
+    "spin": "turned faster than it can have (gate.rate_deg_s): markers mixed up",
+    "too_fast": "faster than the vehicle can be (gate.speed_m_s)",
+    "tilted": "on its back (gate.tilt_deg): are pose.world and pose.body right?",
+    "not_finite": "NaN or infinity in it",
+    "not_unit": "its quaternion has not length 1",
+    "absurd": "numbers that no room holds",
+    "out_of_order": "older than one before: is more than one sender on this address?",
+    "duplicate": "sent twice: is more than one sender on this address?",
+    "other_address": "somebody else sends to this address",
+    "late": "older as it came than a command may rest on one (flight.coast_s)",
+}
+"""What a reason may mean, and what to look at."""
+LATE = (
+    "they wait on their way (network, tracking computer); or the tracker's clock was set back, its frame counter "
+    "paused or its rate changed, which looks the same. Where they are not that old: on the ground, stop the "
+    "tracker's stream for 5 s, or start this program anew"
+)
+"""What late poses may mean, and what to do."""
+
+
+class Outbreaks:
+    """Compares counters with those of the look before; times are on the event loop's clock [s]."""
+
+    def __init__(self, lost_s: float) -> None:
+        """Poses count as lost after ``lost_s`` [s] without one."""
+        self._lost_s = lost_s
+        self._counts: dict[str, int] = {}
+        self._running: dict[str, _Outbreak] = {}
+        self._looked_s: float | None = None
+        self._newest: Pose | None = None
+        self._lost = False
+        self._late_s = 0.0
+        self._late_until_s = 0.0
+
+    def look(
+        self, now_s: float, dropped: Mapping[str, int], newest: Pose | None, late_s: float = 0.0
+    ) -> list[PoseEvent]:
+        """What has happened since the last look: ``dropped`` by reason, and the ``newest`` pose that has passed.
+
+        ``late_s`` is how much later than at their best poses come now [s].
+        """
+        events = self._lateness(now_s, late_s)
+        for reason, count in dropped.items():
+            before = self._counts.get(reason, 0)
+            if count == before:
+                continue
+            if reason not in self._running:
+                self._running[reason] = _Outbreak(before, now_s if self._looked_s is None else self._looked_s)
+                events.append(PoseEvent("dropping", reason, f"poses are dropped: {_describe(reason)}"))
+            self._running[reason].newest_s = now_s
+        self._counts, self._looked_s = dict(dropped), now_s
+        for reason, outbreak in [*self._running.items()]:
+            if now_s - outbreak.newest_s >= QUIET_S:
+                del self._running[reason]
+                count, lasted = dropped[reason] - outbreak.before, outbreak.newest_s - outbreak.begun_s
+                events.append(PoseEvent("passed", reason, f"{reason} is over: {count} dropped within {lasted:.2f} s"))
+        if newest is not None:
+            events += self._presence(now_s, newest)
+        return events
+
+    def _lateness(self, now_s: float, late_s: float) -> list[PoseEvent]:
+        if late_s > 0.0:
+            self._late_until_s = now_s + QUIET_S
+            if late_s > MORE * self._late_s:
+                self._late_s = late_s
+                return [PoseEvent("late", "", f"poses come {1e3 * late_s:.0f} ms later than they did: {LATE}")]
+        elif self._late_s and now_s >= self._late_until_s:
+            self._late_s = 0.0
+            return [PoseEvent("punctual", "", "poses come as early as before, or their source has begun anew")]
+        return []
+
+    def _presence(self, now_s: float, newest: Pose) -> list[PoseEvent]:
+        before, self._newest = self._newest, newest
+        lost = now_s - newest.time_s > self._lost_s
+        if lost == self._lost:
+            return []
+        self._lost = lost
+        if lost:
+            return [PoseEvent("lost", "", f"poses are lost: none for {1e3 * (now_s - newest.time_s):.0f} ms")]
+        gap = newest.time_s - before.time_s if before is not None else 0.0
+        return [PoseEvent("back", "", f"poses are back after {gap:.2f} s")]
+
+
+class _Outbreak:
+    def __init__(self, before: int, begun_s: float) -> None:
+        self.before = before
+        self.begun_s = self.newest_s = begun_s
+
+
+def _describe(reason: str) -> str:
+    hint = HINTS.get(reason)
+    return reason if hint is None else f"{reason} ({hint})"
+
+
+LOOK_S = 0.0493717
+"""How often counters are looked at: drops are told of, and lost poses found, no later than that [s].
+
+No round number: on the very instants of cameras and frames a timer more would move a simulation in its last bits."""
+
+
+class GatedSource:
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`: the poses of another one that can be true."""
+
+    def __init__(
+        self,
+        source: PoseSource,
+        config: GateConfig,
+        loop: "Callable[[], asyncio.AbstractEventLoop]",
+        *,
+        lost_s: float,
+        tell: Callable[[PoseEvent], None],
+    ) -> None:
+        """``loop`` is asked for the running event loop; ``tell`` hears what happens to the poses.
+
+        They are lost after ``lost_s`` [s] without one. One that is older than that as it comes is counted and does not
+        pass: no command could ever have rested on it.
+        """
+        self._source = source
+        self._loop = loop
+        self._lost_s = lost_s
+        self._gate = Gate(config)
+        self._outbreaks = Outbreaks(lost_s)
+        self._tell = tell
+        self._next_look: asyncio.TimerHandle | None = None
+
+    @property
+    def status(self) -> PoseStatus:
+        """The source's, and what the gate has dropped."""
+        status, dropped = self._source.status, self._gate.dropped
+        if not dropped:
+            return status
+        return msgspec.structs.replace(
+            status,
+            accepted=status.accepted - dropped.total(),
+            dropped=dict(Counter(status.dropped) + dropped),
+        )
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Start the source; ``deliver`` gets each pose that passes.
+
+        Raises:
+            SourceError: it can't be started.
+        """
+
+        def take(pose: Pose) -> None:
+            if pose.arrival_s - pose.time_s > self._lost_s:
+                self._gate.dropped["late"] += 1
+                return
+            passed, event = self._gate.take(pose)
+            if event is not None:
+                self._tell(event)
+            if passed is not None:
+                deliver(passed)
+
+        await self._source.start(take)
+        self._look()
+
+    async def close(self) -> None:
+        """Close the source."""
+        if self._next_look is not None:
+            self._next_look.cancel()
+            self._next_look = None
+        await self._source.close()
+
+    def _look(self) -> None:
+        loop = self._loop()
+        status = self.status
+        for event in self._outbreaks.look(loop.time(), status.dropped, self._gate.newest, status.late_s):
+            self._tell(event)
+        self._next_look = loop.call_later(LOOK_S, self._look)
