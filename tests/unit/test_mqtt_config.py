@@ -147,3 +147,15 @@ def test_a_url_says_where_the_broker_is() -> None:
 def test_what_is_no_url_of_a_broker_is_refused(url: str) -> None:
     with pytest.raises(ConfigError):
         from_url(url)
+
+
+def test_what_is_wrong_with_a_broker_of_the_command_line_is_told_by_its_options(tmp_path: Path) -> None:
+    (tmp_path / "ca.crt").write_text("no certificate")
+    with pytest.raises(ConfigError, match=r"^--ca: cannot use .*ca\.crt: "):
+        from_url("mqtts://lab.example", ca=tmp_path / "ca.crt")
+    with pytest.raises(ConfigError, match=r"^--password-file: cannot read .*gone: No such file"):
+        from_url("mqtt://localhost", user="viewer", password_file=tmp_path / "gone")
+    with pytest.raises(
+        ConfigError, match=r"^mqtt://lab\.example: lab\.example is another machine, .*: write mqtts://$"
+    ):
+        from_url("mqtt://lab.example")

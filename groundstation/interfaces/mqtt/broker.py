@@ -13,6 +13,7 @@ import msgspec
 from groundstation.config import ConfigError, from_dict
 from groundstation.settings import MqttConfig
 from links.core import printable
+from links.io import is_loopback
 
 if TYPE_CHECKING:
     import ssl
@@ -107,6 +108,10 @@ def describe_error(error: Exception) -> str:
     return re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error))) or "the connection was lost"
 
 
+OPTIONS = {"tls.ca_file": "--ca", "username": "--user", "password_file": "--password-file"}
+"""Key of a configuration → the option of a command line in its place."""
+
+
 def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file: Path | None = None) -> MqttBroker:
     """The broker at ``mqtts://[USER@]HOST[:PORT][/PREFIX]``, or ``mqtt://`` on this machine.
 
@@ -123,6 +128,8 @@ def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file:
     tls = parts.scheme == "mqtts"
     if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or parts.query or parts.fragment or parts.password:
         raise ConfigError(url, "expected mqtts://[USER@]HOST[:PORT][/PREFIX], or mqtt:// on this machine")
+    if not tls and not is_loopback(parts.hostname):
+        raise ConfigError(url, f"{parts.hostname} is another machine, and nothing would be encrypted: write mqtts://")
     data: dict[str, Any] = {
         "enabled": True,
         "host": parts.hostname,
@@ -132,7 +139,11 @@ def from_url(url: str, *, ca: Path | None = None, user: str = "", password_file:
     }
     data |= {} if port is None else {"port": port}
     data |= {"prefix": prefix} if (prefix := parts.path.strip("/")) else {}
-    return open_broker(from_dict(data, MqttConfig, source=url), "")
+    config = from_dict(data, MqttConfig, source=url)
+    try:
+        return open_broker(config, "")
+    except ConfigError as error:
+        raise ConfigError(OPTIONS.get(error.key, error.key), error.problem) from None
 
 
 def _password(path: Path, key: str) -> str:
