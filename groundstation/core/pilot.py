@@ -13,7 +13,9 @@ from groundstation.core.control import (
     CertificateReading,
     ControllerConfig,
     Descent,
+    Gains,
     ask,
+    calm,
     clamp_command,
     make_controller,
     plan_bring_down,
@@ -30,7 +32,8 @@ from links.core import Command, Segment
 WIND_MEMORY_S = 1.0
 """Over which the disturbance is averaged for the bring-down [s]: the gust of this moment will be over by then."""
 ASKS = 0.3
-"""From this share of what convicts by the attitude on [-], the poses are asked by a small turn."""
+"""From this share of what convicts on [-], by the attitude the poses are asked by a small turn, and a descent believes
+less of the wind."""
 HOLD_STEP_S = 0.08
 """Longest single step of the model while a command is held to its deadline [s]."""
 
@@ -98,6 +101,7 @@ class Pilot:
         self._wind: Vec3 | None = None
         self._estimator = ModelEstimator(vehicle, config)
         self._controller = make_controller(config, vehicle)
+        self._gains, self._calm = config, False
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
@@ -156,10 +160,20 @@ class Pilot:
 
     def gain(self, name: str, value: float) -> None:
         """From now on one gain of our own controller is ``value``; the caller moves it in small steps."""
-        controller = self._controller
-        if isinstance(controller, Adaptive):
-            controller.regain(msgspec.structs.replace(controller.gains, **{name: value}))
-            self._watch.regain(controller.gains)
+        if isinstance(self._gains, Gains):
+            self._regain(msgspec.structs.replace(self._gains, **{name: value}), calmly=self._calm)
+
+    def ease(self, calmly: bool) -> None:
+        """From now on our own controller flies ``calmly``: no figure, but up, down or in place."""
+        if isinstance(self._gains, Gains) and calmly != self._calm:
+            self._regain(self._gains, calmly=calmly)
+
+    def _regain(self, gains: Gains, *, calmly: bool) -> None:
+        assert isinstance(self._controller, Adaptive), "it has these gains"
+        self._gains, self._calm = gains, calmly
+        now = calm(gains) if calmly else gains
+        self._controller.regain(now)
+        self._watch.regain(now)
 
     def stand(self) -> None:
         """The vehicle stands on the floor: its push is not to be learnt."""
@@ -236,6 +250,7 @@ class Pilot:
         flight_time = acting - self._start
         reference = self._trajectory.at(flight_time)
         if descent is not None:
+            descent.doubted = self.suspicious or max(self.evidence) >= ASKS
             reference = Reference(estimate.motion.position, self._sink)
         elif self.suspicious:  # no error is believed: what is left is the trim of before
             motion = estimate.motion

@@ -262,6 +262,11 @@ class RecordedPilot(Pilot):
         self._note_switch(f"{GAIN}{name}", value)
         super().gain(name, value)
 
+    def ease(self, calmly: bool) -> None:
+        """Fly calmly, or the figure."""
+        self._note_switch("ease", float(calmly))
+        super().ease(calmly)
+
     def _note_switch(self, what: str, *values: float) -> None:
         self.give(SwitchRecord(asyncio.get_running_loop().time(), what, values))
 

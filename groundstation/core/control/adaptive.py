@@ -22,6 +22,8 @@ where V only swings, though it must fall. Lasting excess is a warning that names
 import math
 from typing import Any, Literal, NamedTuple
 
+import msgspec
+
 from groundstation.core.control.backstepping import (
     Law,
     LawOutput,
@@ -79,6 +81,16 @@ class Uncompensated(
     """See :class:`Gains`."""
     composite: Composite = "off"
     """See :class:`Gains`."""
+
+
+CALM = {"k3_down": 6.0, "sigma_slope": 3.0, "rho_slope": 1.0}
+"""Off the figure these gains are so large at most: to climb, to hold and to land need no more, and what poses that lie
+or come late make of a vehicle grows with them."""
+
+
+def calm(gains: Gains) -> Gains:
+    """Those of ``gains`` that fly what is no figure."""
+    return msgspec.structs.replace(gains, **{name: min(most, getattr(gains, name)) for name, most in CALM.items()})
 
 
 AHEAD_S = 0.002

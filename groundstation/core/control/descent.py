@@ -27,6 +27,8 @@ MOST = 0.24
 """Largest acceleration upwards that it asks for, as a share of gravity: poses that are late or wrong ask for more."""
 INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
 """Acceleration per integral of the sinking speed's error [1/s²], and its largest: more than any wind believed."""
+HEAVIER_M_S2 = 3.0
+"""So much heavier it is believed to have become at most, on top of that: a motor gives seven tenths then."""
 BLIND_PULL_M_S2 = 0.35
 """Downward acceleration that it asks for when blind: 1.2 m/s after 2 m."""
 BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
@@ -36,11 +38,14 @@ BLIND_WIND_M_S2 = 1.5
 
 ASK_RAD_S, ASK_S = 0.2, 0.4
 """A question to the poses: the axis that it leans about circles; so fast is the turn [rad/s], so long one round [s]."""
+UNEVEN_RAD, UNEVEN_S = 1.5, 1.1
+"""The rounds are uneven by so much to and fro [rad], so slowly [s]: late by one even round would pass for an answer."""
 
 
 def ask(time_s: float) -> tuple[float, float]:
     """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by half a degree."""
-    phase = 2.0 * math.pi * time_s / ASK_S
+    turn = 2.0 * math.pi * time_s
+    phase = turn / ASK_S + UNEVEN_RAD * math.sin(turn / UNEVEN_S)
     return ASK_RAD_S * math.cos(phase), ASK_RAD_S * math.sin(phase)
 
 
@@ -53,6 +58,8 @@ class Descent:
         self._gravity = gravity
         self.blind = False
         """True where speed is not to be believed."""
+        self.doubted = False
+        """True where something speaks against the poses."""
         self._integral = self._blind_s = 0.0
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
@@ -77,12 +84,9 @@ class Descent:
             roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
         also = ask(self._blind_s) if self.blind else (0.0, 0.0)
         mass = self._vehicle.mass_kg / estimate.effectiveness
+        heavier = min(z, BLIND_WIND_M_S2 if self.blind or self.doubted else HEAVIER_M_S2)
         # A leaning vehicle lifts less, one far over nothing that helps.
-        lift = (
-            min(length(along) / max(upright, 0.7), (1.0 + MOST) * (g + min(z, BLIND_WIND_M_S2)))
-            if upright > 0.3
-            else 0.0
-        )
+        lift = min(length(along) / max(upright, 0.7), (1.0 + MOST) * (g + heavier)) if upright > 0.3 else 0.0
         return make_decision(
             self._vehicle,
             estimate,
