@@ -160,7 +160,7 @@ def _at_rest(poses: list[Pose]) -> tuple[Vec3, Vec3] | None:
         return None
     places = [pose.position_ned for pose in poses]
     fives = zip(places, places[1:], places[2:], places[3:], places[4:], strict=False)
-    noise = math.sqrt(fmean(fourth_difference(*five)[0] for five in fives))
+    noise = math.sqrt(fmean(fourth_difference(range(5), five)[0] for five in fives))
     half = len(places) // 2
     if math.dist(_mean(places[:half]), _mean(places[half:])) > REST_M + REST_NOISE * noise:
         return None

@@ -30,6 +30,7 @@ from groundstation.core.control import LASTING_S, Adaptive, Gains, Law, measure,
 from groundstation.core.estimation import (
     NOISE_FLOOR_M2,
     NOISE_MEMORY,
+    NOISE_SPAN_S,
     STEP_LIMIT,
     AlongTrack,
     Covariance,
@@ -284,18 +285,17 @@ class BatchEstimator:
     def _measure_noise(self, ops: Ops, old: Filtered, stamp: Any, position: Any) -> Any:
         """As :meth:`ModelEstimator._measure_noise`."""
         times, places = (*old.times[1:], stamp), (*old.places[1:], position)
-        step: Real = times[1] - times[0]
+        span: Any = times[4] - times[0]
         # Before the fifth pose the first of the times is -inf, and the comparison false.
-        even = abs((times[4] - times[0]) - 4.0 * step) <= 0.1 * step
+        counts = span <= NOISE_SPAN_S
         noise, (before, speed2) = old.noise, old.stamp_noise
-        variance, along, way2 = fourth_difference(*places)
+        variance, along, way2 = fourth_difference(times, places)
         measured = noise + (variance - noise) / NOISE_MEMORY
-        fast2 = way2 / (times[4] - times[0]) ** 2
         seen = StampNoise(
-            ops.where(even, before + (along - before) / NOISE_MEMORY, before),
-            ops.where(even, speed2 + (fast2 - speed2) / NOISE_MEMORY, speed2),
+            ops.where(counts, before + (along - before) / NOISE_MEMORY, before),
+            ops.where(counts, speed2 + (way2 / (span * span) - speed2) / NOISE_MEMORY, speed2),
         )
-        return ops.where(even, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), seen, times, places
+        return ops.where(counts, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), seen, times, places
 
 
 def _rolling(_: Ops, old: tuple[Motion, ActuatorResponse], __: Any) -> Any:
