@@ -38,7 +38,7 @@ BLIND_WIND_M_S2 = 1.5
 
 ASK_RAD_S, ASK_S = 0.2, 0.4
 """A question to the poses: the axis that it leans about circles; so fast is the turn [rad/s], so long one round [s]."""
-UNEVEN_RAD, UNEVEN_S = 1.5, 1.1
+UNEVEN_RAD, UNEVEN_S = 2.5, 1.1
 """The rounds are uneven by so much to and fro [rad], so slowly [s]: late by one even round would pass for an answer."""
 
 
