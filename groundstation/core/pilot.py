@@ -35,7 +35,7 @@ ASKS = 0.3
 """From this share of what convicts on [-], by the attitude the poses are asked by a small turn, and a descent believes
 less of the wind."""
 CALM_S = 5.0
-"""So long after anything has spoken against the poses our controller flies calmly [s], the figure, too."""
+"""So long after the poses were suspect our controller flies calmly [s], the figure, too."""
 HOLD_STEP_S = 0.08
 """Longest single step of the model while a command is held to its deadline [s]."""
 
@@ -104,7 +104,7 @@ class Pilot:
         self._wind: Vec3 | None = None
         self._estimator = ModelEstimator(vehicle, config)
         self._controller = make_controller(config, vehicle)
-        self._gains, self._calm, self._eased, self._doubted_s = config, False, False, -math.inf
+        self._gains, self._calm, self._eased, self._suspected_s = config, False, False, -math.inf
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
@@ -170,15 +170,13 @@ class Pilot:
         """From now on our own controller flies ``calmly``: no figure, but up, down or in place."""
         self._eased = calmly
 
-    def _doubt(self, time_s: float) -> bool:
-        """Whether something speaks against the poses now; our own controller flies calmly then and some time after."""
-        doubted = self.suspicious or max(self.evidence) >= ASKS
-        if doubted:
-            self._doubted_s = time_s
-        calmly = self._eased or time_s - self._doubted_s < CALM_S
+    def _calm_down(self, time_s: float) -> None:
+        """Have our own controller fly calmly where it is eased, or was suspicious of the poses of late."""
+        if self.suspicious:
+            self._suspected_s = time_s
+        calmly = self._eased or time_s - self._suspected_s < CALM_S
         if calmly != self._calm and isinstance(self._gains, Gains):
             self._regain(self._gains, calmly=calmly)
-        return doubted
 
     def _regain(self, gains: Gains, *, calmly: bool) -> None:
         assert isinstance(self._controller, Adaptive), "it has these gains"
@@ -261,9 +259,9 @@ class Pilot:
         estimate = self._estimator.predict(acting)
         flight_time = acting - self._start
         reference = self._trajectory.at(flight_time)
-        doubted = self._doubt(time_s)
+        self._calm_down(time_s)
         if descent is not None:
-            descent.doubted = doubted
+            descent.doubted = self.suspicious or max(self.evidence) >= ASKS
             reference = Reference(estimate.motion.position, self._sink)
         elif self.suspicious:  # no error is believed: what is left is the trim of before
             motion = estimate.motion
