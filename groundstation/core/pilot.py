@@ -170,13 +170,15 @@ class Pilot:
         """From now on our own controller flies ``calmly``: no figure, but up, down or in place."""
         self._eased = calmly
 
-    def _calm_down(self, time_s: float) -> None:
-        """Have our own controller fly calmly where it is eased, or was suspicious of the poses of late."""
+    def _calm_down(self, time_s: float) -> bool:
+        """Have our own controller fly calmly where it is eased or the poses were suspect of late; whether they were."""
         if self.suspicious:
             self._suspected_s = time_s
-        calmly = self._eased or time_s - self._suspected_s < CALM_S
+        suspect = time_s - self._suspected_s < CALM_S
+        calmly = self._eased or suspect
         if calmly != self._calm and isinstance(self._gains, Gains):
             self._regain(self._gains, calmly=calmly)
+        return suspect
 
     def _regain(self, gains: Gains, *, calmly: bool) -> None:
         assert isinstance(self._controller, Adaptive), "it has these gains"
@@ -259,9 +261,9 @@ class Pilot:
         estimate = self._estimator.predict(acting)
         flight_time = acting - self._start
         reference = self._trajectory.at(flight_time)
-        self._calm_down(time_s)
+        suspect = self._calm_down(time_s)
         if descent is not None:
-            descent.doubted = self.suspicious or max(self.evidence) >= ASKS
+            descent.doubted = suspect or max(self.evidence) >= ASKS
             reference = Reference(estimate.motion.position, self._sink)
         elif self.suspicious:  # no error is believed: what is left is the trim of before
             motion = estimate.motion
