@@ -83,7 +83,7 @@ class Uncompensated(
     """See :class:`Gains`."""
 
 
-CALM = {"k3_down": 6.0, "sigma_slope": 3.0, "rho_slope": 1.0}
+CALM = {"k2": 1.75, "k3_down": 6.0, "sigma_slope": 3.0, "rho_slope": 1.0}
 """Off the figure these gains are so large at most: to climb, to hold and to land need no more, and what poses that lie
 or come late make of a vehicle grows with them."""
 
