@@ -4,6 +4,8 @@ import asyncio
 from pathlib import Path
 
 from groundstation.analysis.replay import replay_facts
+from groundstation.core.control import Gains, calm
+from groundstation.core.control.adaptive import CALM
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Recording
@@ -42,3 +44,20 @@ def test_a_gain_changed_in_flight_is_recorded_and_flown_again_to_the_last_bit(tm
     assert facts["identical"] is True
     switched = [entry.value()["what"] for entry in Recording(path).entries(("/switch",))]
     assert switched.count("gain k2") > 50
+
+
+def test_only_the_figure_is_flown_with_the_gains_of_a_figure(tmp_path: Path) -> None:
+    world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 5.0)
+    run = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
+    mission = fly_mission(world, config, seed=0, give=run.give)
+    run.close({"completed": mission.landed, "why": mission.why})
+    told = [entry.value() for entry in Recording(tmp_path / RECORDING).entries(("/switch",))]
+    assert [switch["values"][0] for switch in told if switch["what"] == "ease"] == [1.0, 1.0, 0.0, 1.0, 1.0]
+    facts = replay_facts(tmp_path / RECORDING)
+    assert (facts["first_difference"], facts["identical"]) == (None, True)
+
+
+def test_calm_gains_are_never_larger_than_those_told() -> None:
+    assert calm(Gains()) == Gains(**CALM)
+    gentle = Gains(k2=0.5, k3_down=2.0, sigma_slope=1.0, rho_slope=0.4)
+    assert calm(gentle) == gentle
