@@ -41,9 +41,8 @@ HOLD_STEP_S = 0.08
 
 TRUST_S = 0.4
 """So long before suspicion began is the estimate believed again [s]: what was seen just then may be false already."""
-LEARNT_LATE_S, LEARNT_STILL_S = 1.2, 2.5
-"""So much longer before is believed what was learnt of wind and thrust [s], where poses come late and where they stand:
-a slow lie is learnt as one of these."""
+LEARNT_S = 1.2
+"""So much longer before is believed what was learnt of wind and thrust [s]: a slow lie is learnt as one of these."""
 REMEMBER_S = 5.0
 """How far back estimates and commands are kept for that [s]."""
 GUST_M_S2 = 2.0
@@ -357,11 +356,9 @@ class Pilot:
         until = self._obedience.calm_s - TRUST_S
         newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
         found = self.evidence
-        stands = max(found.still, found.push) == max(found)
-        if not stands and self._obedience.late_s == 0.0:
+        if max(found.still, found.push) < max(found) and self._obedience.late_s == 0.0:
             return newest
-        until -= LEARNT_STILL_S if stands else LEARNT_LATE_S
-        older = next((one for one in reversed(self._trusted) if one.time_s <= until), newest)
+        older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)
 
     def _reckon(self, before: Trusted, until_s: float) -> Motion:
