@@ -570,8 +570,8 @@ class _Replay:
                 pilot.lift(*values)
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
-            case "ease", 1:
-                pilot.ease(bool(values[0]))
+            case "ease", 2:
+                pilot.ease(bool(values[0]), asks=bool(values[1]))
             case "surrender", 1:
                 self._surrender_s = values[0]
             case what, 1 if what.startswith(GAIN):

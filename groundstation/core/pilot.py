@@ -103,6 +103,7 @@ class Pilot:
         self._wind: Vec3 | None = None
         self._estimator = ModelEstimator(vehicle, config)
         self._controller = make_controller(config, vehicle)
+        self._asks = False
         self._gains, self._calm, self._eased, self._suspected_s = config, False, False, -math.inf
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
@@ -165,9 +166,12 @@ class Pilot:
         if isinstance(self._gains, Gains):
             self._regain(msgspec.structs.replace(self._gains, **{name: value}), calmly=self._calm)
 
-    def ease(self, calmly: bool) -> None:
-        """From now on our own controller flies ``calmly``: no figure, but up, down or in place."""
-        self._eased = calmly
+    def ease(self, calmly: bool, *, asks: bool) -> None:
+        """From now on our own controller flies ``calmly``: no figure, but up, down or in place.
+
+        ``asks`` where the poses are to be asked all the time, as the law gives them nothing to answer.
+        """
+        self._eased, self._asks = calmly, asks
 
     def _calm_down(self, time_s: float) -> bool:
         """Have our own controller fly calmly where it is eased or the poses were suspect of late; whether they were."""
@@ -271,7 +275,7 @@ class Pilot:
         self._last = time_s
         law = self._decide if descent is None else descent.decide
         decision = law(estimate, reference, interval)
-        if descent is None and (self.suspicious or self.evidence.attitude >= ASKS):
+        if descent is None and (self._asks or self.suspicious or self.evidence.attitude >= ASKS):
             # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
             drive, _ = clamp_command(self._vehicle, decision.drive.thrust, (roll + more, pitch + also, yaw))

@@ -262,10 +262,10 @@ class RecordedPilot(Pilot):
         self._note_switch(f"{GAIN}{name}", value)
         super().gain(name, value)
 
-    def ease(self, calmly: bool) -> None:
+    def ease(self, calmly: bool, *, asks: bool) -> None:
         """Fly calmly, or the figure."""
-        self._note_switch("ease", float(calmly))
-        super().ease(calmly)
+        self._note_switch("ease", float(calmly), float(asks))
+        super().ease(calmly, asks=asks)
 
     def _note_switch(self, what: str, *values: float) -> None:
         self.give(SwitchRecord(asyncio.get_running_loop().time(), what, values))

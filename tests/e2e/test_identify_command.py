@@ -64,5 +64,5 @@ def test_garbage_is_refused_in_one_line(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "log.mcap").write_bytes(content)
     done = run(tmp_path, "groundstation", "identify", "log.mcap", "--json")
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("groundstation: LOG: log.mcap is no ")
+    assert re.match(r"groundstation: LOG: log\.mcap is (no |damaged at byte 8)", done.stderr)
     assert done.stderr.count("\n") == 1

@@ -53,7 +53,7 @@ from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown
 from tests.recordings import recorded
 
-RARE = {"/lost", "/request", "/switch"}
+RARE = {"/lost", "/request"}
 """Channels that a flight without trouble, begun in the air, has nothing for."""
 
 

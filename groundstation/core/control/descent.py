@@ -4,7 +4,7 @@ The push that takes the velocity to (0, 0, sink), tilted a little at most; the a
 It holds no place: what is left of the wind's estimate, it drifts with. An estimate that is wrong must not make it
 climb: an integral of the sinking speed's error outweighs it. Blind, it asks the speed for nothing either: it levels
 into the wind it knew and pushes a little less than what hovers, and with time ever less; and it asks the poses
-whether they are this vehicle's, by turning it to and fro by half a degree: in calm air nothing else would tell soon.
+whether they are this vehicle's, by turning it to and fro by a degree: in calm air nothing else would tell soon.
 """
 
 import math
@@ -36,14 +36,14 @@ BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
 BLIND_WIND_M_S2 = 1.5
 """Of an estimated disturbance so much is believed when blind, on each axis."""
 
-ASK_RAD_S, ASK_S = 0.2, 0.4
+ASK_RAD_S, ASK_S = 0.3, 0.4
 """A question to the poses: the axis that it leans about circles; so fast is the turn [rad/s], so long one round [s]."""
 UNEVEN_RAD, UNEVEN_S = 2.5, 1.1
 """The rounds are uneven by so much to and fro [rad], so slowly [s]: late by one even round would pass for an answer."""
 
 
 def ask(time_s: float) -> tuple[float, float]:
-    """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by half a degree."""
+    """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by a degree."""
     turn = 2.0 * math.pi * time_s
     phase = turn / ASK_S + UNEVEN_RAD * math.sin(turn / UNEVEN_S)
     return ASK_RAD_S * math.cos(phase), ASK_RAD_S * math.sin(phase)
