@@ -22,7 +22,7 @@ from tests.proving.faults import FAULTS, Row, fly_here
 from tests.proving.faults.cell import FIGURE_S, NEAR
 from tests.proving.faults.judge import CONVICTED, FASTEST_M_S, SIDEWAYS_M
 
-EXCITED_MS, CALM_MS = 400.0, 1100.0
+EXCITED_MS, CALM_MS = 400.0, 1300.0
 """So soon a picture that stands still is found out: where a course excites the vehicle, and in a calm hold."""
 FORWARDS = "link.forward.enabled=true"
 
