@@ -3,7 +3,7 @@ PYTHON ?= python3
 SCENARIO ?= paper
 WORKERS ?= 2
 # Tests in real time wait for most of their time.
-WAITERS ?= 4
+WAITERS ?= 3
 BROKER_HOST ?= localhost
 
 BIN := .venv/bin

@@ -134,14 +134,18 @@ def test_a_flight_is_told_that_its_stand_by_is_gone_and_what_became_of_the_bring
                 assert flight.stdout is not None
                 said = ""
                 while "tracking:" not in said:
-                    said += flight.stdout.readline()
+                    line = flight.stdout.readline()
+                    assert line, f"it ended before the figure: {said}"
+                    said += line
                 standby = next(child for child in _children(flight.pid) if "pacer_standby" in _command(child))
                 (pacer,) = _children(standby)
                 for process in (pacer, standby) if first == "pacer" else (standby, pacer):
                     os.kill(process, signal.SIGKILL)
                     if process == standby and first == "stand-by":
                         while "stand-by is gone" not in said:
-                            said += flight.stdout.readline()
+                            line = flight.stdout.readline()
+                            assert line, f"nothing was told: {said}"
+                            said += line
                         time.sleep(1.0)  # it is told once
                     time.sleep(0.1)
                 said += flight.communicate(timeout=60)[0]
