@@ -32,8 +32,8 @@ from links.core import Command, Segment
 WIND_MEMORY_S = 1.0
 """Over which the disturbance is averaged for the bring-down [s]: the gust of this moment will be over by then."""
 ASKS = 0.3
-"""From this share of what convicts on [-], by the attitude the poses are asked by a small turn, and a descent believes
-less of the wind."""
+"""From this share of what convicts on [-] the poses are asked by a small turn, where it is the attitude that speaks
+against them, and a descent lifts less against what may be a lie."""
 CALM_S = 5.0
 """So long after the poses were suspect our controller flies calmly [s], the figure, too."""
 HOLD_STEP_S = 0.08
@@ -103,8 +103,10 @@ class Pilot:
         self._wind: Vec3 | None = None
         self._estimator = ModelEstimator(vehicle, config)
         self._controller = make_controller(config, vehicle)
-        self._asks = False
-        self._gains, self._calm, self._eased, self._suspected_s = config, False, False, -math.inf
+        self._gains = config
+        # What the mission wants, and what is flown.
+        self._eased = self._asks = self._calm = False
+        self._suspected_s = -math.inf
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None

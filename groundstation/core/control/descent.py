@@ -28,7 +28,8 @@ MOST = 0.24
 INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
 """Acceleration per integral of the sinking speed's error [1/s²], and its largest: more than any wind believed."""
 HEAVIER_M_S2 = 3.0
-"""So much heavier it is believed to have become at most, on top of that: a motor gives seven tenths then."""
+"""The largest downward disturbance that it lifts against where nothing speaks against the poses: rotors that give seven
+tenths look like 4.2."""
 BLIND_PULL_M_S2 = 0.35
 """Downward acceleration that it asks for when blind: 1.2 m/s after 2 m."""
 BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
