@@ -19,9 +19,8 @@ from groundstation.analysis.identify.command import (
     table,
 )
 from groundstation.analysis.identify.fit import Bounds, design_filter, fit_noise, minimize
+from groundstation.analysis.identify.response_fit import full_n, hover_signal, most_n, respond_with_lag, turns
 from groundstation.analysis.identify.stretch import Column
-from groundstation.analysis.identify.thrust_fit import full_n, hover_signal, most_n
-from groundstation.analysis.identify.turn_fit import respond_with_lag, turns
 from groundstation.core.geometry import FLOATS, IDENTITY
 from groundstation.core.geometry import rotate as turned_by
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate

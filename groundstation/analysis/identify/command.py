@@ -19,20 +19,21 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.analysis.identify.stretch import Column, FlightStretch, StretchTooShort, components, read_stretch
-from groundstation.analysis.identify.thrust_fit import (
+from groundstation.analysis.identify.response_fit import (
     DRAG,
     DRAGS,
-    NAMES,
+    THRUST_NAMES,
+    TURN_NAMES,
     ThrustFit,
+    TurnFit,
     fit_thrust,
+    fit_turns,
     full_n,
     hover_signal,
     most_n,
     thrust_n,
 )
-from groundstation.analysis.identify.turn_fit import NAMES as TURNS
-from groundstation.analysis.identify.turn_fit import TurnFit, fit_turns
+from groundstation.analysis.identify.stretch import Column, FlightStretch, StretchTooShort, components, read_stretch
 from groundstation.analysis.report import (
     BLUE,
     DPI,
@@ -273,7 +274,7 @@ def judge_excitation(seen: FlightStretch, turned: TurnFit) -> MotionExcitation:
 def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> list[IdentifiedParameter]:
     config, vehicle = seen.config, seen.config.vehicle
     values, deviations = pushed.fit.values, pushed.fit.deviations
-    scale, sag, curve = (NAMES.index(name) for name in ("scale", "sag", "curve"))
+    scale, sag, curve = (THRUST_NAMES.index(name) for name in ("scale", "sag", "curve"))
 
     def hover(values: Column) -> float:
         return hover_signal(config, pushed.about, float(values[scale]), float(values[curve]))
@@ -347,7 +348,7 @@ def _lags(
         return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
 
     both, both_spread = _combine(turned.fit.values[1:3], turned.fit.covariance[1:3, 1:3])
-    spreads = dict(zip(TURNS, turned.fit.deviations.tolist(), strict=True))
+    spreads = dict(zip(TURN_NAMES, turned.fit.deviations.tolist(), strict=True))
     thrust_spread, lag_spread = (THRUST_SPREAD * pushed.fit.deviations[:2]).tolist()
     frames = UNSEEN_FRAMES * vehicle.frame_period_s
     told, (rolled, pitched, yawed) = vehicle.rate_lag_s, moved.turned
@@ -533,7 +534,7 @@ def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     """Thrust by its signal, as told and as found, and how often which signal flew."""
     over, often = panels
     config, pushed = found.seen.config, found.pushed
-    scale, f = (float(pushed.fit.values[NAMES.index(name)]) for name in ("scale", "curve"))
+    scale, f = (float(pushed.fit.values[THRUST_NAMES.index(name)]) for name in ("scale", "curve"))
     signals = np.linspace(0.0, 1.0, 101)
     told = config.full_thrust_n * (config.thrust_curve * signals**2 + (1.0 - config.thrust_curve) * signals)
 
@@ -542,7 +543,7 @@ def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
         return thrust
 
     slopes = np.stack([at(1.0, f), (at(scale, f + 1e-3) - at(scale, f)) / 1e-3], axis=1)
-    which = [NAMES.index("scale"), NAMES.index("curve")]
+    which = [THRUST_NAMES.index("scale"), THRUST_NAMES.index("curve")]
     cover = pushed.fit.covariance[np.ix_(which, which)]
     spread = WIDE * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, cover, slopes), 0.0))
     over.fill_between(signals, at(scale, f) - spread, at(scale, f) + spread, color=BLUE, alpha=0.25, linewidth=0)
@@ -919,7 +920,7 @@ def _scale_thrust(found: IdentifiedVehicle, values: dict[str, Any]) -> None:
     """Hover thrust and largest thrust by the scale, on the curve that the file has."""
     config, pushed, link = found.seen.config, found.pushed, found.seen.config.link
     curve = float(values["thrust_curve"] if link.thrust_curve is None else link.thrust_curve)
-    scale = float(pushed.fit.condition_on(NAMES.index("curve"), curve)[NAMES.index("scale")])
+    scale = float(pushed.fit.condition_on(THRUST_NAMES.index("curve"), curve)[THRUST_NAMES.index("scale")])
     values["hover_thrust"] = _round(hover_signal(config, pushed.about, scale, curve))
     values["thrust_max_n"] = _round(most_n(config, pushed.about, scale, curve))
 

@@ -140,7 +140,7 @@ class Fault(NamedTuple):
     says: str
     """What happens, for people."""
     strike: Strike | None = None
-    """Lets it happen; None where it needs processes of its own (:mod:`tests.proving.faults.live`)."""
+    """Lets it happen; None where it needs processes of its own (:mod:`tests.proving.faults.deal`)."""
     link: str = "mavlink"
     source: str = "vicon"
     overrides: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""The faults by name, each with the states and links that it is flown on.
+"""The faults by name: how each strikes, and the states and links that it is flown on.
 
 Every one is flown in every state, but for these:
 
@@ -18,10 +18,263 @@ Every one is flown in every state, but for these:
 with, and with another body's name.
 """
 
+import asyncio
 import math
+from collections.abc import Callable
 
-from tests.proving.faults import pictures, strikes
-from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Poses
+import msgspec
+
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.mission import Interrupts
+from sim.autopilots import Px4Autopilot
+from sim.world import Body, Wind, rows, stream
+from tests.proving.faults import pictures
+from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Poses, Scene, Strike
+from tests.proving.faults.pictures import WIFI_S, Picture, Struck, Way, jitter, late
+
+GUST_M_S2, GUST_S = (3.0, 2.0, 1.0), 1.5
+"""A gust, as the acceleration that it gives, and how long it lasts."""
+SAG_SHARE, SAG_S, SAG_STEP_S = 0.75, 6.0, 0.1
+"""What a battery that collapses leaves of the thrust, and how fast."""
+FULL_V, EMPTY_V = 3.9, 3.1
+LOST_FRAMES = 0.7
+"""Share of the command frames that get lost on a bad radio."""
+STALL_S = 1.5
+"""How long nothing passes either way on a link that stalls [s]."""
+REBOOT_S = 2.0
+"""How long an autopilot takes to restart [s]."""
+PUSH_M_S2, PUSH_S = 4.0, 1.0
+"""A hand that pushes: the most that it accelerates the vehicle, and for how long."""
+STEP_S = 0.01
+"""How finely a hand's motion is told [s]."""
+SLACK_M, TETHER_PER_S2 = 0.3, 40.0
+"""A cable that is caught on the floor: how much farther it lets the vehicle, and how stiff it is for its mass: 3.2 N/m
+at 80 g."""
+ROTOR_M, CUSHION = 0.05, 0.25
+"""Near the floor the rotors give more: by this share on the floor, falling with the height over twice their radius."""
+LED_M_S, LED_TILT_DEG, GRIP_S = 0.5, 20.0, 0.3
+"""An operator takes the vehicle out of the air: how fast a hand leads it down, how far it leans, and how long it takes
+to close."""
+
+RESET_DEG, ASTRAY_S, ASTRAY_STEP_S = 19.0, 3.0, 0.01
+"""A heading that an estimator corrects [deg]: PX4 was seen to do so. How long it goes astray [s], in what steps."""
+ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
+"""How much another wind a partner feels that flies beside ours."""
+
+
+def shows(make: Callable[[Struck], Picture]) -> Strike:
+    """A wrong picture."""
+
+    async def strike(scene: Scene) -> None:
+        scene.between.picture = make(scene.struck)
+
+    return strike
+
+
+def comes(make: Callable[[], Way]) -> Strike:
+    """Frames that come otherwise."""
+
+    async def strike(scene: Scene) -> None:
+        scene.between.way = make()
+
+    return strike
+
+
+def comes_late(delay_s: float | Callable[[float], float], *, fresh: bool) -> Strike:
+    """Frames that come so much later [s], or by a function of the time since."""
+
+    async def strike(scene: Scene) -> None:
+        of = delay_s if callable(delay_s) else lambda since_s: delay_s
+        scene.between.way = late(of, 1.0 / scene.stage.world.pose_rate_hz, fresh=fresh)
+
+    return strike
+
+
+def jitter_stamps(sigma_s: float) -> Strike:
+    """Stamps that jitter."""
+
+    async def strike(scene: Scene) -> None:
+        scene.between.way = jitter(sigma_s, scene.normals)
+
+    return strike
+
+
+async def wifi(scene: Scene) -> None:
+    """Poses come over a wireless network: none is lost or overtakes another, each is up to 60 ms late."""
+    normals = scene.normals
+
+    def delay_s(_: float) -> float:
+        return WIFI_S * min(abs(next(normals)[0]) / 3.0, 1.0)
+
+    scene.between.way = late(delay_s, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
+
+
+async def partner(scene: Scene) -> None:
+    """The cameras take a partner for ours: as its own station sees the same of it, it is told the same."""
+    stage = scene.stage
+    assert stage.mocap is not None, "the deck flies with cameras"
+    x, y, z = stage.world.wind_mean
+    north, east, down = ELSEWHERE_M_S2
+    world = msgspec.structs.replace(stage.world, wind_mean=(x + north, y + east, z + down))
+    other = stage.plant.twin(scene.now_s, world, Wind(world, rows(stream(0, "partner").standard_normal, 3)))
+    stage.plant.partner = other
+    stage.mocap.see(other)
+
+
+async def reset(scene: Scene) -> None:
+    """The heading of the autopilot's estimator goes astray; it finds that, turns it to what is true, and says so."""
+    vehicle, steps = scene.stage.vehicle, round(ASTRAY_S / ASTRAY_STEP_S)
+    for step in range(1, steps + 1):
+        vehicle.lead_heading_astray(RESET_DEG * step / steps)
+        await asyncio.sleep(ASTRAY_STEP_S)
+    vehicle.reset_heading()
+
+
+async def nothing(scene: Scene) -> None:
+    """What is wrong has been so from the beginning."""
+
+
+async def dropout(scene: Scene) -> None:
+    """The cameras are covered."""
+    assert scene.stage.mocap is not None, "the deck flies with cameras"
+    scene.stage.mocap.cover(True)
+
+
+async def frame_loss(scene: Scene) -> None:
+    """Command frames get lost."""
+    scene.stage.frame_loss = LOST_FRAMES
+
+
+async def stall(scene: Scene) -> None:
+    """The link passes nothing for a while."""
+    scene.stage.peer.cut(True)
+    await asyncio.sleep(STALL_S)
+    scene.stage.peer.cut(False)
+
+
+async def unplug(scene: Scene) -> None:
+    """The radio module is pulled out."""
+    scene.stage.port.cut = True
+
+
+async def reboot(scene: Scene) -> None:
+    """The autopilot restarts."""
+    scene.stage.peer.reboot(REBOOT_S)
+
+
+async def steal(scene: Scene) -> None:
+    """A pilot takes over."""
+    autopilot = scene.stage.autopilot
+    assert isinstance(autopilot, Px4Autopilot), "the deck flies with a PX4"
+    autopilot.take_over(scene.now_s)
+
+
+def weaken(share: float) -> Strike:
+    """The rotors give another share of their thrust."""
+
+    async def strike(scene: Scene) -> None:
+        scene.stage.plant.weaken(scene.now_s, share)
+
+    return strike
+
+
+async def sag(scene: Scene) -> None:
+    """The battery collapses."""
+    steps = round(SAG_S / SAG_STEP_S)
+    for step in range(1, steps + 1):
+        share = 1.0 - step / steps
+        scene.stage.plant.weaken(scene.now_s, SAG_SHARE + (1.0 - SAG_SHARE) * share)
+        scene.stage.autopilot.battery = EMPTY_V + (FULL_V - EMPTY_V) * share, share
+        await asyncio.sleep(SAG_STEP_S)
+
+
+async def gust(scene: Scene) -> None:
+    """The wind pushes harder for a while."""
+    scene.stage.wind.push = GUST_M_S2
+    await asyncio.sleep(GUST_S)
+    scene.stage.wind.push = (0.0, 0.0, 0.0)
+
+
+async def push(scene: Scene) -> None:
+    """A hand pushes the vehicle sideways: softly at first, and softly at last."""
+    steps = round(PUSH_S / STEP_S)
+    for step in range(1, steps):
+        share = PUSH_M_S2 * math.sin(math.pi * step / steps)
+        scene.stage.wind.push = (0.8 * share, 0.6 * share, 0.0)
+        await asyncio.sleep(STEP_S)
+    scene.stage.wind.push = (0.0, 0.0, 0.0)
+
+
+async def tether(scene: Scene) -> None:
+    """A cable that trails behind the vehicle is caught on the floor below it."""
+    x, y, z = scene.stage.plant.truth(scene.now_s).position_ned
+    anchor: Vec3 = (x, y, scene.stage.world.floor_z_m)
+    length = anchor[2] - z + SLACK_M
+
+    def pull(body: Body) -> Vec3:
+        gap = tuple(a - p for a, p in zip(anchor, body.position, strict=True))
+        far = math.hypot(*gap)
+        strain = TETHER_PER_S2 * max(far - length, 0.0) / max(far, length)
+        return strain * gap[0], strain * gap[1], strain * gap[2]
+
+    scene.stage.plant.pull = pull
+
+
+async def cushion(scene: Scene) -> None:
+    """Near the floor the same rotors lift more, as the air under them can't get away."""
+    floor, mass = scene.stage.world.floor_z_m, scene.stage.world.mass_kg
+
+    def pull(body: Body) -> Vec3:
+        more = CUSHION / (1.0 + (floor - body.position[2]) / (2.0 * ROTOR_M)) ** 2 * body.thrust / mass
+        x, y, z = so3.third_column(body.attitude)
+        return -more * x, -more * y, -more * z
+
+    scene.stage.plant.pull = pull
+
+
+async def take_out(scene: Scene) -> None:
+    """An operator grips the vehicle, leads it down to the floor, and holds it there."""
+    truth, floor = scene.stage.plant.truth(scene.now_s), scene.stage.world.floor_z_m
+    roll, pitch, yaw = so3.euler_zyx(truth.attitude)
+    begun_s, (x, y, z), drop = scene.now_s, truth.position_ned, floor - truth.position_ned[2]
+
+    def at(t: float) -> tuple[Vec3, Quat]:
+        closed = 1.0 - math.exp(-t / GRIP_S)  # its speed becomes the hand's
+        keep, hand = 1.0 - closed, LED_M_S * (t - GRIP_S * closed)
+        down = min(hand + GRIP_S * closed * truth.velocity_ned[2], drop)
+        done = min(max(down / drop, 0.0), 1.0) if drop > 0.0 else 1.0
+        lean = math.radians(LED_TILT_DEG) * closed * (1.0 - done)
+        north = x + GRIP_S * closed * truth.velocity_ned[0] + 0.3 * done
+        east = y + GRIP_S * closed * truth.velocity_ned[1]
+        turn = so3.from_euler_zyx(keep * roll + lean * math.sin(2.0 * t), keep * pitch + lean, yaw)
+        return (north, east, z + down if down < drop else floor), turn
+
+    def lead(time_s: float, thrust: float) -> Body:
+        t = time_s - begun_s
+        (place, turn), (ahead, then) = at(t), at(t + STEP_S)
+        u, v, w = ((q - p) / STEP_S for p, q in zip(place, ahead, strict=True))
+        p, q, r = (angle / STEP_S for angle in so3.rotation_vector(so3.multiply(so3.conjugate(turn), then)))
+        return Body(place, (u, v, w), turn, thrust, (p, q, r))
+
+    scene.stage.plant.lead = lead
+
+
+async def controller(scene: Scene) -> None:
+    """The controller raises."""
+    scene.controller_raises = True
+
+
+async def recorder(scene: Scene) -> None:
+    """The recorder raises."""
+    scene.recorder_raises = True
+
+
+async def terminate(scene: Scene) -> None:
+    """SIGTERM."""
+    request, _ = Interrupts().press("SIGTERM", scene.now_s)
+    if request is not None:
+        scene.flight.ask(request)
+
 
 STATES = tuple(name for name in MOMENTS if name != "start")
 FROM_START = ("start", *STATES)
@@ -42,42 +295,40 @@ def _radio(fault: Fault, states: tuple[str, ...]) -> Fault:
 
 
 BROKEN: dict[str, Fault] = {
-    "freeze": Fault("frames go on, the picture stands still", strikes.shows(pictures.freeze), poses=Poses.GONE),
-    "dropout": Fault("no more poses", strikes.dropout, poses=Poses.GONE),
-    "dropout, radio": Fault("no more poses" + BEHIND_RADIO, strikes.dropout, link="dsm", poses=Poses.GONE),
-    "teleport": Fault(
-        "the vehicle is seen 1 m away from where it is", strikes.shows(pictures.teleport), poses=Poses.GONE
-    ),
+    "freeze": Fault("frames go on, the picture stands still", shows(pictures.freeze), poses=Poses.GONE),
+    "dropout": Fault("no more poses", dropout, poses=Poses.GONE),
+    "dropout, radio": Fault("no more poses" + BEHIND_RADIO, dropout, link="dsm", poses=Poses.GONE),
+    "teleport": Fault("the vehicle is seen 1 m away from where it is", shows(pictures.teleport), poses=Poses.GONE),
     "yaw flip": Fault(
-        "the vehicle is seen turned by 180°", strikes.shows(pictures.turn_axes(0.0, 0.0, 180.0)), poses=Poses.GONE
+        "the vehicle is seen turned by 180°", shows(pictures.turn_axes(0.0, 0.0, 180.0)), poses=Poses.GONE
     ),
     "marker swap": Fault(
         "our body and another change names",
-        strikes.shows(pictures.swap),
+        shows(pictures.swap),
         overrides=("sim.other_bodies=1",),
         poses=Poses.GONE,
     ),
-    "duplicates": Fault("every datagram comes three times", strikes.comes(lambda: pictures.duplicates), obeys=True),
-    "reorder": Fault("each second datagram overtakes the one before", strikes.comes(pictures.reorder), obeys=True),
+    "duplicates": Fault("every datagram comes three times", comes(lambda: pictures.duplicates), obeys=True),
+    "reorder": Fault("each second datagram overtakes the one before", comes(pictures.reorder), obeys=True),
     "clock step": Fault(
-        "the trackers' clock leaps by 5 s", strikes.comes(lambda: pictures.clock_step), source="json", obeys=True
+        "the trackers' clock leaps by 5 s", comes(lambda: pictures.clock_step), source="json", obeys=True
     ),
-    "latency step": Fault("poses come 60 ms later than they did", strikes.comes_late(0.060, fresh=False)),
-    "frame loss": Fault("70 % of the command frames get lost", strikes.frame_loss),
-    "link stall": Fault("for 1.5 s nothing passes on the link", strikes.stall),
-    "serial unplug": Fault("the radio module's plug is out", strikes.unplug, link="dsm", exemption=Exemption.NO_LINK),
-    "autopilot reboot": Fault("the autopilot restarts in flight", strikes.reboot, exemption=Exemption.NO_MOTORS),
-    "mode stolen": Fault("a pilot takes over by the remote control, and lands", strikes.steal, silences=True),
-    "motor at 70 %": Fault("the rotors give 70 % of their thrust", strikes.weaken(0.7), obeys=True),
-    "battery sag": Fault("within 6 s the battery is empty, and thrust falls to 75 %", strikes.sag, obeys=True),
-    "gust": Fault("for 1.5 s the wind pushes with 3.7 m/s² more", strikes.gust, obeys=True),
-    "controller exception": Fault("the controller raises", strikes.controller),
-    "recorder failure": Fault("the recorder raises; its process is killed", strikes.recorder, live=("tracking",)),
+    "latency step": Fault("poses come 60 ms later than they did", comes_late(0.060, fresh=False)),
+    "frame loss": Fault("70 % of the command frames get lost", frame_loss),
+    "link stall": Fault("for 1.5 s nothing passes on the link", stall),
+    "serial unplug": Fault("the radio module's plug is out", unplug, link="dsm", exemption=Exemption.NO_LINK),
+    "autopilot reboot": Fault("the autopilot restarts in flight", reboot, exemption=Exemption.NO_MOTORS),
+    "mode stolen": Fault("a pilot takes over by the remote control, and lands", steal, silences=True),
+    "motor at 70 %": Fault("the rotors give 70 % of their thrust", weaken(0.7), obeys=True),
+    "battery sag": Fault("within 6 s the battery is empty, and thrust falls to 75 %", sag, obeys=True),
+    "gust": Fault("for 1.5 s the wind pushes with 3.7 m/s² more", gust, obeys=True),
+    "controller exception": Fault("the controller raises", controller),
+    "recorder failure": Fault("the recorder raises; its process is killed", recorder, live=("tracking",)),
     "MQTT broker gone": Fault("the broker ends", live=("take-off", "tracking"), states=("take-off", "tracking")),
     "TUI crash": Fault(
         "the screen's process is killed", live=("take-off", "tracking"), states=("take-off", "tracking")
     ),
-    "SIGTERM": Fault("the process is told to end", strikes.terminate),
+    "SIGTERM": Fault("the process is told to end", terminate),
     "SIGKILL": Fault("the process is killed", live=IN_AIR, states=IN_AIR),
     "SIGKILL, radio": Fault(
         "the process is killed, on a vehicle behind a radio whose frames another process paces",
@@ -119,20 +370,20 @@ BROKEN: dict[str, Fault] = {
 
 LYING: dict[str, Fault] = {
     "flicker": Fault(
-        "frames go on, the picture stands still but for a nanometre", strikes.shows(pictures.flicker), poses=Poses.FALSE
+        "frames go on, the picture stands still but for a nanometre", shows(pictures.flicker), poses=Poses.FALSE
     ),
     "frozen": Fault(
         "frames go on, the picture stands still but for noise of 0.3 mm and 2 mrad",
-        strikes.shows(pictures.still),
+        shows(pictures.still),
         poses=Poses.FALSE,
     ),
     "position frozen": Fault(
-        "the position alone stands still, with noise", strikes.shows(pictures.still_position), poses=Poses.FALSE
+        "the position alone stands still, with noise", shows(pictures.still_position), poses=Poses.FALSE
     ),
     **{
         f"{name} frozen": Fault(
             f"the position's {axis} alone stands still, with noise",
-            strikes.shows(pictures.still_coordinate(number)),
+            shows(pictures.still_coordinate(number)),
             poses=Poses.FALSE,
             states=states,
         )
@@ -145,18 +396,18 @@ LYING: dict[str, Fault] = {
         )
     },
     "attitude frozen": Fault(
-        "the attitude alone stands still, with noise", strikes.shows(pictures.still_attitude), poses=Poses.FALSE
+        "the attitude alone stands still, with noise", shows(pictures.still_attitude), poses=Poses.FALSE
     ),
     "body at rest": Fault(
         "the poses are those of a body beside it that rests",
-        strikes.shows(pictures.resting),
+        shows(pictures.resting),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     **{
         f"body at rest, {what}": Fault(
             f"the poses are those of a body beside it that rests, and {says}",
-            strikes.shows(pictures.resting),
+            shows(pictures.resting),
             overrides=(override,),
             poses=Poses.FALSE,
             states=ON_FLOOR,
@@ -168,104 +419,104 @@ LYING: dict[str, Fault] = {
     },
     "body carried": Fault(
         "the poses are those of a body beside it that is carried around at 0.5 m/s",
-        strikes.shows(pictures.carry),
+        shows(pictures.carry),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "partner": Fault(
         "the poses are those of a vehicle beside it that flies the same course: told the same, in other air",
-        strikes.partner,
+        partner,
         poses=Poses.FALSE,
         exemption=Exemption.NOT_OBSERVABLE,
         states=FROM_START,
     ),
     "drift 0.1 m/s": Fault(
         "the position drifts away at 0.1 m/s",
-        strikes.shows(pictures.drift(0.1)),
+        shows(pictures.drift(0.1)),
         poses=Poses.FALSE,
         exemption=Exemption.NOT_OBSERVABLE,
     ),
     "drift 0.3 m/s": Fault(
         "the position drifts away at 0.3 m/s",
-        strikes.shows(pictures.drift(0.3)),
+        shows(pictures.drift(0.3)),
         poses=Poses.FALSE,
         exemption=Exemption.NOT_OBSERVABLE,
     ),
     "x mirrored": Fault(
         "the position's north is south",
-        strikes.shows(pictures.map_positions(((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))),
+        shows(pictures.map_positions(((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "y mirrored": Fault(
         "the position's east is west",
-        strikes.shows(pictures.map_positions(((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))),
+        shows(pictures.map_positions(((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "z mirrored": Fault(
         "the position's up is down",
-        strikes.shows(pictures.map_positions(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)))),
+        shows(pictures.map_positions(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)))),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "x and y swapped": Fault(
         "the position's north and east have changed places",
-        strikes.shows(pictures.map_positions(((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))),
+        shows(pictures.map_positions(((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "roll and pitch swapped": Fault(
         "roll is seen as pitch, and pitch as roll",
-        strikes.shows(pictures.swap_axes),
+        shows(pictures.swap_axes),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "roll mirrored": Fault(
-        "roll has the wrong sign", strikes.shows(pictures.flip_signs(-1.0, 1.0)), poses=Poses.FALSE, states=FROM_START
+        "roll has the wrong sign", shows(pictures.flip_signs(-1.0, 1.0)), poses=Poses.FALSE, states=FROM_START
     ),
     "pitch mirrored": Fault(
-        "pitch has the wrong sign", strikes.shows(pictures.flip_signs(1.0, -1.0)), poses=Poses.FALSE, states=FROM_START
+        "pitch has the wrong sign", shows(pictures.flip_signs(1.0, -1.0)), poses=Poses.FALSE, states=FROM_START
     ),
     "yaw off by 14°": Fault(
         "the vehicle is seen turned by 14°",
-        strikes.shows(pictures.turn_axes(0.0, 0.0, 14.0)),
+        shows(pictures.turn_axes(0.0, 0.0, 14.0)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "yaw off by 90°": Fault(
         "the vehicle is seen turned by 90°",
-        strikes.shows(pictures.turn_axes(0.0, 0.0, 90.0)),
+        shows(pictures.turn_axes(0.0, 0.0, 90.0)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "yaw off by 180°": Fault(
         "the vehicle is seen turned by 180° from the beginning; later this is *yaw flip*",
-        strikes.shows(pictures.turn_axes(0.0, 0.0, 180.0)),
+        shows(pictures.turn_axes(0.0, 0.0, 180.0)),
         poses=Poses.FALSE,
         states=("start",),
     ),
     "yaw turning": Fault(
         "the vehicle is seen to turn at 20°/s more than it does",
-        strikes.shows(pictures.turning),
+        shows(pictures.turning),
         poses=Poses.FALSE,
     ),
     "tilt off by 14°": Fault(
         "the vehicle is seen to lean by 14° more than it does",
-        strikes.shows(pictures.turn_axes(14.0, 0.0, 0.0)),
+        shows(pictures.turn_axes(14.0, 0.0, 0.0)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     "m for mm": Fault(
         "positions are a thousandth of what they are",
-        strikes.shows(pictures.scale_positions(1e-3)),
+        shows(pictures.scale_positions(1e-3)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
     **{
         f"position {share:g} of itself": Fault(
             f"positions go only {share:g} of the way that the vehicle goes",
-            strikes.shows(pictures.scale_positions(share)),
+            shows(pictures.scale_positions(share)),
             poses=Poses.FALSE,
             states=states,
         )
@@ -276,7 +527,7 @@ LYING: dict[str, Fault] = {
     },
     "mm for m": Fault(
         "positions are a thousand times what they are",
-        strikes.shows(pictures.scale_positions(1e3)),
+        shows(pictures.scale_positions(1e3)),
         poses=Poses.FALSE,
         states=FROM_START,
     ),
@@ -287,14 +538,14 @@ LATE: dict[str, Fault] = {
     **{
         f"late by {ms} ms": Fault(
             f"poses come {ms} ms later than they did; their numbers tell",
-            strikes.comes_late(1e-3 * ms, fresh=False),
+            comes_late(1e-3 * ms, fresh=False),
         )
         for ms in (100, 200, 400)
     },
     **{
         f"late by {ms} ms, fresh": Fault(
             f"poses come {ms} ms later than they did, with stamps as if they did not",
-            strikes.comes_late(1e-3 * ms, fresh=True),
+            comes_late(1e-3 * ms, fresh=True),
             source="json",
             poses=Poses.FALSE,
         )
@@ -302,46 +553,42 @@ LATE: dict[str, Fault] = {
     },
     "position late by 300 ms": Fault(
         "the position comes 300 ms later than the attitude, both with fresh stamps",
-        strikes.shows(pictures.late_position(0.3)),
+        shows(pictures.late_position(0.3)),
         poses=Poses.FALSE,
         states=SEEN_IN_TIME,
     ),
     "position smoothed": Fault(
         "the position is smoothed with a time constant of 1 s, the attitude is not",
-        strikes.shows(pictures.smoothed_position(1.0)),
+        shows(pictures.smoothed_position(1.0)),
         poses=Poses.FALSE,
         states=SEEN_IN_TIME,
     ),
     "stands now and again": Fault(
         "for 0.25 s of each second the picture stands still but for noise",
-        strikes.shows(pictures.now_and_again(0.25, 1.0)),
+        shows(pictures.now_and_again(0.25, 1.0)),
         poses=Poses.FALSE,
         states=FLYING,
     ),
     "stands once": Fault(
         "for 0.3 s the picture stands still but for noise, then it is true again",
-        strikes.shows(pictures.now_and_again(0.3, math.inf)),
+        shows(pictures.now_and_again(0.3, math.inf)),
         poses=Poses.FALSE,
         states=FLYING,
     ),
     "later and later": Fault(
         "poses come later by 50 ms more each second, up to 400 ms; their numbers tell",
-        strikes.comes_late(pictures.growing, fresh=False),
+        comes_late(pictures.growing, fresh=False),
     ),
     "later and later, fresh": Fault(
         "poses come later by 50 ms more each second, up to 400 ms, with stamps as if they did not",
-        strikes.comes_late(pictures.growing, fresh=True),
+        comes_late(pictures.growing, fresh=True),
         source="json",
         poses=Poses.FALSE,
     ),
-    "every 8th frame": Fault("of eight frames only one comes: 6.3 a second", strikes.comes(lambda: pictures.every(8))),
-    "every 11th frame": Fault(
-        "of eleven frames only one comes: 4.5 a second", strikes.comes(lambda: pictures.every(11))
-    ),
+    "every 8th frame": Fault("of eight frames only one comes: 6.3 a second", comes(lambda: pictures.every(8))),
+    "every 11th frame": Fault("of eleven frames only one comes: 4.5 a second", comes(lambda: pictures.every(11))),
     **{
-        f"stamps off by {ms} ms": Fault(
-            f"stamps jitter by {ms} ms (1 sigma)", strikes.jitter_stamps(1e-3 * ms), source="json"
-        )
+        f"stamps off by {ms} ms": Fault(f"stamps jitter by {ms} ms (1 sigma)", jitter_stamps(1e-3 * ms), source="json")
         for ms in (1, 2, 5)
     },
 }
@@ -351,7 +598,7 @@ OBEYING: dict[str, Fault] = {
     **{
         f"{what} {sign}{share} %{end}": Fault(
             f"{says} by {share} % {how}{BEHIND_RADIO if end else ''}",
-            strikes.nothing,
+            nothing,
             link="dsm" if end else "mavlink",
             overrides=(f"{key}={value:g}",),
             obeys=True,
@@ -367,36 +614,36 @@ OBEYING: dict[str, Fault] = {
         )
         for end in ("", ", radio")
     },
-    "motor at 130 %": Fault("the rotors give 130 % of their thrust", strikes.weaken(1.3), obeys=True),
-    "push": Fault("a hand pushes for 1 s, with 4 m/s² at most", strikes.push, obeys=True, states=("spool-up", *FLYING)),
+    "motor at 130 %": Fault("the rotors give 130 % of their thrust", weaken(1.3), obeys=True),
+    "push": Fault("a hand pushes for 1 s, with 4 m/s² at most", push, obeys=True, states=("spool-up", *FLYING)),
     "tether": Fault(
         "a cable on the floor is caught: 0.3 m farther it pulls like a spring",
-        strikes.tether,
+        tether,
         obeys=True,
         states=("spool-up", *FLYING),
     ),
     "ground effect": Fault(
         "on the floor the same rotors lift 25 % more than far from it, 10 cm above it 6 %",
-        strikes.cushion,
+        cushion,
         obeys=True,
         states=("start", "landing", "descent"),
     ),
     "taken out of the air": Fault(
         "an operator grips the vehicle, leads it down to the floor at 0.5 m/s, and holds it there",
-        strikes.take_out,
+        take_out,
         obeys=True,
         states=FLYING,
     ),
     "estimator reset": Fault(
         "poses are the autopilot's own, whose heading goes astray by 19° within 3 s; its estimator then finds the true "
         "one, and says so",
-        strikes.reset,
+        reset,
         source="odometry",
         obeys=True,
     ),
     "wandering estimate": Fault(
         "poses are the autopilot's own, and wander: a random walk of 5 cm (1 sigma) in 2 s, and one turn by 19°",
-        strikes.nothing,
+        nothing,
         source="odometry",
         overrides=("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19"),
         obeys=True,
@@ -404,20 +651,20 @@ OBEYING: dict[str, Fault] = {
     ),
     "late floor": Fault(
         "the floor holds the vehicle for 0.6 s while it gathers speed",
-        strikes.nothing,
+        nothing,
         overrides=("sim.floor_hold_s=0.6",),
         obeys=True,
         states=("start",),
     ),
     "late floor, own estimate": Fault(
         "the same, and poses are the autopilot's own, which feels that it rises",
-        strikes.nothing,
+        nothing,
         source="odometry",
         overrides=("sim.floor_hold_s=0.6",),
         obeys=True,
         states=("start",),
     ),
-    "wireless": Fault("poses come up to 60 ms late, each otherwise; their numbers tell", strikes.wifi, obeys=True),
+    "wireless": Fault("poses come up to 60 ms late, each otherwise; their numbers tell", wifi, obeys=True),
 }
 """Nothing is wrong with the poses, and whoever convicts them is wrong."""
 
