@@ -449,8 +449,17 @@ class FlightData:
 
         try:
             return Recording(self.path)
-        except (NoRecording, OSError) as error:
+        except NoRecording as error:
             raise ConfigError("LOG", str(error)) from None
+        except OSError as error:
+            raise ConfigError("LOG", f"cannot read {self.path}: {error.strerror}") from None
+
+    def __repr__(self) -> str:
+        """For a notebook: what was flown, and how well."""
+        rms = (
+            "no steady part" if self.rms_cm is None else f"RMS error {self.rms_cm:.2f} cm against {self.error_against}"
+        )
+        return f"<{type(self).__name__} of {self.path.name}, {self.about.get('controller', 'no controller')}: {rms}>"
 
     @property
     def about(self) -> dict[str, str]:
@@ -638,7 +647,7 @@ def _write_npz(tables: "Tables", target: Path) -> None:
 
 def _write_mat(tables: "Tables", target: Path) -> None:
     """MATLAB's format: a struct for each channel, whose fields may have no dots."""
-    require_package("scipy", "--format", "tables")
+    require_package("scipy", target.name, "tables")
     from scipy.io import savemat
 
     told = {
@@ -649,7 +658,7 @@ def _write_mat(tables: "Tables", target: Path) -> None:
 
 def _write_parquet(tables: "Tables", target: Path) -> None:
     """A folder with a file for each channel: of one table each, as the format has it."""
-    require_package("pyarrow", "--format", "tables")
+    require_package("pyarrow", target.name, "tables")
     from pyarrow import table
     from pyarrow.parquet import write_table
 

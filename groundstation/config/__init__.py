@@ -39,8 +39,10 @@ if TYPE_CHECKING:
         presets,
         read_toml,
         resolve_files,
+        several,
         structs,
         texts_of,
+        without_frames,
     )
 
 _MODULES = {
@@ -81,8 +83,10 @@ _MODULES = {
         "presets",
         "read_toml",
         "resolve_files",
+        "several",
         "structs",
         "texts_of",
+        "without_frames",
     )
 }
 

@@ -26,9 +26,9 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, ParamSpec, TypeVar
 
 import msgspec
 import tomli_w
@@ -456,6 +456,9 @@ Option = bool | int | float | str | list[bool | int | float | str]
 _LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
 
 
+P, R = ParamSpec("P"), TypeVar("R")
+
+
 class UserCodeFault(Exception):
     """Code of the user's own failed, or answered with what must not leave; its cause has the user's frames."""
 
@@ -463,8 +466,31 @@ class UserCodeFault(Exception):
         """``what`` failed with ``error``, which was caught by whoever called the user's code; or did what is told."""
         super().__init__(what if error is None else f"{what} failed: {describe_error(error)}")
         if error is not None:
-            trace = error.__traceback__
-            self.__cause__ = error.with_traceback(trace and trace.tb_next)  # without the caller's own frame
+            _strip_caller(error)
+            self.__cause__ = error
+
+
+def _strip_caller(error: Exception) -> None:
+    """Leave ``error`` the frames of the user's code alone, without that of whoever called it and caught it."""
+    error.__traceback__ = error.__traceback__ and error.__traceback__.tb_next
+
+
+def without_frames(work: Callable[P, R]) -> Callable[P, R]:
+    """``work``, whose refusals show whoever called it their own frames, and none of those between."""
+
+    @wraps(work)
+    def plain(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return work(*args, **kwargs)
+        except (ConfigError, UserCodeFault) as fault:
+            raise fault.with_traceback(None)  # noqa: B904  # its cause is the user's own
+
+    return plain
+
+
+def several(names: str | Iterable[R]) -> list[str | R]:
+    """The ``names`` in a list, also where it is but one that somebody gave without brackets."""
+    return [names] if isinstance(names, str) else list(names)
 
 
 def describe_error(error: BaseException) -> str:
@@ -543,6 +569,7 @@ def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], opti
     try:
         return found(*arguments, **named)
     except Exception as error:  # as above
+        _strip_caller(error)
         raise ConfigError(key, f"{factory} failed: {describe_error(error)}") from error
 
 

@@ -21,7 +21,7 @@ from typing import Any, TextIO, TypeVar
 import msgspec
 
 from groundstation.analysis import FlightData
-from groundstation.config import ConfigError, UserCodeFault, dump, lend, name_object
+from groundstation.config import ConfigError, dump, lend, name_object, several, without_frames
 from groundstation.core.messages import Pose
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import ensure_flyable
@@ -88,6 +88,7 @@ class Run(FlightData):
         return self.result.verdict.max_cm
 
 
+@without_frames
 def simulate(
     scenario: str = "paper",
     *,
@@ -95,7 +96,7 @@ def simulate(
     trajectory: object = None,
     duration: float | None = None,
     seed: int = 0,
-    overrides: Sequence[str] = (),
+    overrides: str | Sequence[str] = (),
     config: Path | str | None = None,
     source: str = "vicon",
     link: str | None = None,
@@ -130,7 +131,7 @@ def simulate(
         ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
         UserCodeFault: a controller or trajectory of your own failed in flight; its cause shows where.
     """
-    told, own = list(overrides), dict[str, object]()
+    told, own = several(overrides), dict[str, object]()
     kind = lend_name(controller, own)
     if trajectory is not None:
         told.append(f"trajectory.kind={lend_name(trajectory, own)}")
@@ -229,18 +230,11 @@ def lend_name(thing: object, own: dict[str, object]) -> str | None:
 
 
 def run_beside(work: Callable[[], T]) -> T:
-    """What ``work`` returns, which runs an event loop: in a thread of its own where one runs here already.
-
-    Raises:
-        UserCodeFault: as ``work``, without the frames of the event loop.
-    """
-    try:
-        if asyncio._get_running_loop() is None:
-            return work()
-        with cf.ThreadPoolExecutor(1) as thread:
-            return thread.submit(contextvars.copy_context().run, work).result()
-    except UserCodeFault as fault:
-        raise fault.with_traceback(None)  # noqa: B904  # its cause is the user's own
+    """What ``work`` returns, which runs an event loop: in a thread of its own where one runs here already."""
+    if asyncio._get_running_loop() is None:
+        return work()
+    with cf.ThreadPoolExecutor(1) as thread:
+        return thread.submit(contextvars.copy_context().run, work).result()
 
 
 @contextmanager

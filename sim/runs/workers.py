@@ -22,6 +22,8 @@ class Workers(ProcessPoolExecutor):
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """See :class:`concurrent.futures.Executor`; it may start a process."""
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            raise SystemExit(1)  # a worker reads the user's script, which asks for workers at once: who began says so
         resource_tracker.ensure_running()  # it would let SIGINT through, half-way
         with _ctrl_c_later():
             return super().submit(fn, *args, **kwargs)

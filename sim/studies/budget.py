@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import msgspec
 import numpy as np
 
+from groundstation.analysis import FlightData
 from groundstation.analysis.report import FlightColumns, read_columns
 from groundstation.config import ConfigError, from_dict, parse_toml
 from groundstation.core.control import Custom
@@ -145,12 +146,14 @@ SOURCES = (
 )
 
 
-def error_budget(flight: FlightColumns | Path | str) -> ErrorBudget:
+def error_budget(flight: FlightData | FlightColumns | Path | str) -> ErrorBudget:
     """The budget of a recorded flight, from the configuration in its recording, and from its world if it has one.
 
     Raises:
         NoRecording, NoCommand, OSError: see :func:`groundstation.analysis.report.flight.read_columns`.
     """
+    if isinstance(flight, FlightData):
+        flight = flight.columns
     flown = flight if isinstance(flight, FlightColumns) else read_columns(Path(flight))
     about, times = flown.recording.about, flown.scalars["flight_time_s"][flown.tracking]
     # The last command was held for as long as the others.

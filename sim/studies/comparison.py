@@ -18,6 +18,7 @@ import csv
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from groundstation.analysis.report import figure_class
-from groundstation.config import ConfigError, lend
+from groundstation.config import ConfigError, lend, several, without_frames
 from groundstation.core import Tick
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
@@ -100,13 +101,14 @@ class ControllerComparison:
         return draw(self.rows, self.flights)
 
 
+@without_frames
 def compare(
-    controllers: Sequence[object] = CONTROLLERS,
+    controllers: str | Sequence[object] = CONTROLLERS,
     *,
-    scenarios: Iterable[str] | None = None,
+    scenarios: str | Iterable[str] | None = None,
     seeds: int = 1,
     duration: float = 60.0,
-    overrides: Sequence[str] = (),
+    overrides: str | Sequence[str] = (),
     workers: int = 1,
     traced: bool = True,
     on_done: Callable[[int, int], None] | None = None,
@@ -132,13 +134,13 @@ def compare(
         raise ConfigError(
             "--duration", f"expected more than {STEADY_S + 1:g} s, as figures are taken from {STEADY_S:g} s"
         )
-    places = list(SCENARIOS if scenarios is None else scenarios)
+    places = several(SCENARIOS if scenarios is None else scenarios)
     for place in places:
         if place not in SCENARIOS:
             raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {place!r}")
     own: dict[str, object] = {}
-    names = [str(lend_name(controller, own)) for controller in controllers]
-    work = cases(places, names, overrides)
+    names = [str(lend_name(controller, own)) for controller in several(controllers)]
+    work = cases(places, names, several(overrides))
     with lend(own):
         for case in work:  # what can't fly says so before anything flies
             _, config = prepare(SCENARIOS[case.scenario], list(case.overrides))
@@ -249,6 +251,12 @@ def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) 
     )
 
 
+BROKEN = (
+    'a process ended early: a script with several workers needs `if __name__ == "__main__":` above what it does, '
+    "as each of them reads it, too; or memory ran out: take fewer"
+)
+
+
 def fly_all(
     work: Sequence[Case],
     seeds: int,
@@ -286,8 +294,11 @@ def fly_all(
         for i, one in enumerate(flights):
             if homely[i]:
                 note(i, run_beside(one))
-        for future in cf.as_completed(futures):
-            note(futures[future], future.result())
+        try:
+            for future in cf.as_completed(futures):
+                note(futures[future], future.result())
+        except BrokenProcessPool:
+            raise ConfigError("--workers", BROKEN) from None
     return [flown[i] for i in range(len(flights))]
 
 

@@ -4,6 +4,8 @@ import asyncio
 import json
 import math
 import re
+import subprocess
+import sys
 import traceback
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -190,6 +192,42 @@ def test_an_error_in_a_controller_is_one_sentence_and_the_users_own_frames(loop:
     assert "virtual_time" not in shown and "tasks.py" not in shown
 
 
+class Unmakeable:
+    """Fails when it is made."""
+
+    def __init__(self) -> None:
+        """Fail."""
+        divides(0.0)
+
+
+def test_a_controller_that_cannot_be_made_is_told_in_the_same_way() -> None:
+    with pytest.raises(ConfigError, match=r"controller.kind: \S+:Unmakeable failed: ZeroDivisionError") as caught:
+        gs.simulate(controller=Unmakeable, duration=SHORT_S)
+    cause = caught.value.__cause__
+    assert cause is not None
+    assert [frame.name for frame in traceback.extract_tb(cause.__traceback__)] == ["__init__", "divides"]
+    assert "asyncio" not in "".join(traceback.format_exception(caught.value))
+
+
+def test_one_name_needs_no_brackets() -> None:
+    flown = gs.simulate(overrides="controller.k2=1.0", duration=SHORT_S, record=False)
+    again = gs.simulate(overrides=["controller.k2=1.0"], duration=SHORT_S, record=False)
+    assert flown.facts["log_sha256"] == again.facts["log_sha256"]
+    with pytest.raises(ConfigError, match="got 'papr'"):
+        gs.compare("pid", scenarios="papr")
+
+
+def test_a_script_that_asks_for_workers_at_once_is_told_what_it_lacks(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import groundstation as gs\ngs.compare('pid', scenarios='paper', duration=16.5, seeds=2, workers=2)\n", "utf-8"
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert ran.returncode == 1
+    assert ran.stderr.count("Traceback") == 1
+    assert 'needs `if __name__ == "__main__":` above what it does' in ran.stderr
+
+
 def test_an_error_in_a_trajectory_names_the_trajectory() -> None:
     def early(time_s: float) -> gs.Reference:
         return gs.Reference((0.0, 0.0, -1.0 if time_s < 1.0 else math.nan))
@@ -262,7 +300,10 @@ def test_numbers_may_be_numpys() -> None:
     assert again.facts == gs.simulate("paper", duration=2, seed=0).facts | {"wall_s": again.facts["wall_s"]}
 
 
-def test_a_run_shows_itself_in_a_line(run: gs.Run) -> None:
+def test_a_run_and_a_loaded_flight_show_themselves_in_a_line(run: gs.Run) -> None:
+    assert re.fullmatch(
+        r"<FlightData of \S+\.mcap, adaptive: RMS error [\d.]+ cm against truth>", repr(gs.load(run.path))
+    )
     assert re.fullmatch(r"<Run of paper, \S+, seed \d+: (RMS error [\d.]+ cm|no steady part) in [\d.]+ s>", repr(run))
 
 

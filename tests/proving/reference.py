@@ -429,7 +429,8 @@ def circle(time_s):
 gs.simulate(trajectory=circle, duration=5).plot("path")
 ```
 
-What fails in code of your own ends in a `UserCodeFault`: one sentence, and the frames of your code as its cause."""
+Where code of your own fails in flight you get a `UserCodeFault`, and where it can't be made or asked before, a
+`ConfigError`: one sentence, and the frames of your code as its cause."""
 GIVEN = """## What a controller gets and gives
 
 `Vec3` is a tuple of three floats, `Quat` one of four: w, x, y, z; `Real` is a float."""
