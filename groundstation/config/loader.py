@@ -456,7 +456,8 @@ Option = bool | int | float | str | list[bool | int | float | str]
 _LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
 
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class UserCodeFault(Exception):
