@@ -7,7 +7,15 @@ import sys
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.messages import Ask, Certificate, Diagnostics, Reply, Request, Snapshot
+from groundstation.core.messages import (
+    Ask,
+    Certificate,
+    Diagnostics,
+    Notice,
+    Reply,
+    Request,
+    Snapshot,
+)
 from groundstation.interfaces.api import Server
 from groundstation.runtime import Latest, StatusConfig
 from links.core import LinkStatus
@@ -91,7 +99,10 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text
             b_hat_fraction=0.04,
         ),
         gains={"controller.k2": 2.0, "controller.k3": 4.0, "controller.kb": 1.0},
-        events=(f"{99.0:.3f} ready: link and poses are there", f"{100.0:.3f} tracking: following the trajectory"),
+        events=(
+            Notice(99.0, "ready", "link and poses are there", "state"),
+            Notice(100.0, "tracking", "following the trajectory", "state"),
+        ),
     )
 
 

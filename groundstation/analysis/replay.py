@@ -21,16 +21,20 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.config import ConfigError, from_dict, parse_toml
-from groundstation.core import Pilot
+from groundstation.core import (
+    Pilot,
+)
 from groundstation.core.control import Custom
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Pose
+from groundstation.core.messages import (
+    GAIN,
+    Pose,
+)
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import make_ends
 from groundstation.pose.sources import Gate
 from groundstation.recording import (
-    GAIN,
     About,
     Entry,
     NoRecording,
@@ -43,6 +47,7 @@ from groundstation.recording import (
 from groundstation.recording import channels as ch
 from groundstation.settings import Config
 from links.core import Command
+from links.io import NETWORK, Network
 
 NAMES = ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s")
 FLOWN_AGAIN = ("vehicle", "controller", "pose", "gate", "link", "flight")
@@ -241,23 +246,8 @@ class TapeLoop(asyncio.SelectorEventLoop):
         opened = self._protocols[wire]
         return opened.pop(0) if opened else None
 
-    async def create_datagram_endpoint(
-        self, protocol_factory: Callable[[], Any], local_addr: Any = None, remote_addr: Any = None, **_: Any
-    ) -> tuple[Any, Any]:
-        """A datagram endpoint that only hears."""
-        return self._open(("udp", _address(local_addr), _address(remote_addr)), protocol_factory, local_addr)
-
-    async def create_connection(
-        self, protocol_factory: Callable[[], Any], host: Any = None, port: Any = None, **_: Any
-    ) -> tuple[Any, Any]:
-        """A connection that only hears."""
-        return self._open(("tcp", "", _address((host, port))), protocol_factory, None)
-
-    async def create_serial_connection(self, factory: Callable[[], Any], path: str, _baud: int) -> tuple[Any, Any]:
-        """A serial port that only hears, and is none."""
-        return self._open(("serial", "", path), factory, None)
-
-    def _open(self, wire: Wire, factory: Callable[[], Any], local: Any) -> tuple[Any, Any]:
+    def open(self, wire: Wire, factory: Callable[[], Any], local: Any) -> tuple[Any, Any]:
+        """Remember who is at our end of ``wire``, and open it."""
         protocol = factory()
         self._protocols[wire].append(protocol)
         peer = tuple(wire[2].rsplit(":", 1)) if wire[2] and wire[0] != "serial" else None
@@ -266,13 +256,37 @@ class TapeLoop(asyncio.SelectorEventLoop):
         return transport, protocol
 
 
+class TapeNetwork(Network):
+    """Wires that only hear, and are none."""
+
+    def __init__(self, loop: TapeLoop) -> None:
+        """What they hear comes from the tape that ``loop`` runs by."""
+        self._loop = loop
+
+    async def open_datagram(
+        self, factory: Callable[[], Any], local: Any = None, remote: Any = None, *, reuse_port: bool | None = None
+    ) -> tuple[Any, Any]:
+        """A datagram endpoint."""
+        return self._loop.open(("udp", _address(local), _address(remote)), factory, local)
+
+    async def open_stream(self, factory: Callable[[], Any], host: str, port: int) -> tuple[Any, Any]:
+        """A connection."""
+        return self._loop.open(("tcp", "", _address((host, port))), factory, None)
+
+    async def open_serial(self, factory: Callable[[], Any], path: str, baud: int) -> tuple[Any, Any]:
+        """A serial port."""
+        return self._loop.open(("serial", "", path), factory, None)
+
+
 @contextmanager
 def tape_loop() -> Iterator[TapeLoop]:
-    """A loop, and the end of all that still runs on it."""
+    """A loop that what runs on it opens its wires by, and the end of all that still runs."""
     loop = TapeLoop()
+    before = NETWORK.set(TapeNetwork(loop))
     try:
         yield loop
     finally:
+        NETWORK.reset(before)
         for task in asyncio.all_tasks(loop):
             task.cancel()
         loop.settle()

@@ -2,9 +2,9 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.pilot import NOISE_POSES, Pilot, Tick
+    from groundstation.core.pilot import NOISE_POSES, Pilot
 
-_MODULES = {"pilot": ("NOISE_POSES", "Pilot", "Tick")}
+_MODULES = {"pilot": ("NOISE_POSES", "Pilot")}
 
 
 def __getattr__(name: str) -> object:

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
 import msgspec
@@ -10,7 +11,6 @@ from groundstation.core.control import (
     OFF,
     Adaptive,
     CertificateMonitor,
-    CertificateReading,
     ControllerConfig,
     Descent,
     Gains,
@@ -23,7 +23,20 @@ from groundstation.core.control import (
 )
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import FLOATS, Vec3, euler_zyx
-from groundstation.core.messages import Certificate, Decision, Estimate, Pose
+from groundstation.core.messages import (
+    GAIN,
+    Certificate,
+    Decision,
+    Estimate,
+    FlightEvent,
+    IdleRecord,
+    Pose,
+    PoseRecord,
+    SwitchRecord,
+    Tick,
+    TrajectoryRecord,
+    ignore,
+)
 from groundstation.core.safety import STILL_SUSPECTS, Obedience, PoseEvidence
 from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
@@ -58,23 +71,6 @@ NOISE_POSES = 50
 """After so many poses the watch hears of their noise and interval again."""
 
 
-class Tick(NamedTuple):
-    """Everything about one command, for records and screens."""
-
-    time_s: float
-    """When it was computed, on the event loop's clock [s]."""
-    flight_time_s: float
-    """Time on the trajectory at the instant it acts [s]."""
-    pose: Pose
-    """The newest pose it rests on."""
-    estimate: Estimate
-    reference: Reference
-    decision: Decision
-    command: Command
-    seen: CertificateReading
-    """V against its bound."""
-
-
 class Trusted(NamedTuple):
     """The vehicle at one pose, from when nothing was suspicious."""
 
@@ -88,15 +84,25 @@ class Trusted(NamedTuple):
 class Pilot:
     """One vehicle's pose → command pipeline. The caller owns time, wires and the mission."""
 
-    def __init__(self, vehicle: Vehicle, config: ControllerConfig, coast_s: float, floor_z_m: float) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        config: ControllerConfig,
+        coast_s: float,
+        floor_z_m: float,
+        tell: Callable[[FlightEvent | Tick], None] = ignore,
+        clock: Callable[[], float] = lambda: 0.0,
+    ) -> None:
         """Take the vehicle as told, the controller's config, and how long commands may rest on one pose [s].
 
-        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED].
+        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED]; ``tell`` hears all that the pilot is
+        given and makes, by the event loop's ``clock`` [s].
 
         Raises:
             ConfigError: a controller of the user's own can't be loaded.
         """
         self._vehicle = vehicle
+        self._tell, self._clock = tell, clock
         self._coast = coast_s
         self._floor = floor_z_m
         self._gravity = config.gravity
@@ -138,6 +144,7 @@ class Pilot:
 
     def pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last is ignored."""
+        self._tell(PoseRecord(pose))
         if self._pose is None or pose.time_s > self._pose.time_s:
             before = self._estimator.motion
             self._estimator.update(pose)
@@ -155,6 +162,7 @@ class Pilot:
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
         """From now on the reference is ``trajectory``, begun at ``start_s`` on the event loop's clock [s]."""
+        self._tell(TrajectoryRecord(start_s))
         if not self._released:
             self._estimator.release()
             self._released = True
@@ -165,6 +173,7 @@ class Pilot:
 
     def gain(self, name: str, value: float) -> None:
         """From now on one gain of our own controller is ``value``; the caller moves it in small steps."""
+        self._switch(f"{GAIN}{name}", value)
         if isinstance(self._gains, Gains):
             self._regain(msgspec.structs.replace(self._gains, **{name: value}), calmly=self._calm)
 
@@ -173,7 +182,12 @@ class Pilot:
 
         ``asks`` where the poses are to be asked all the time, as the law gives them nothing to answer.
         """
+        self._switch("ease", float(calmly), float(asks))
         self._eased, self._asks = calmly, asks
+
+    def _switch(self, what: str, *values: float) -> None:
+        """Tell that it is to fly otherwise."""
+        self._tell(SwitchRecord(self._clock(), what, values))
 
     def _calm_down(self, time_s: float) -> bool:
         """Have our own controller fly calmly where it is eased or the poses were suspect of late; whether they were."""
@@ -194,6 +208,7 @@ class Pilot:
 
     def stand(self) -> None:
         """The vehicle stands on the floor: its push is not to be learnt."""
+        self._switch("stand")
         self._estimator.frozen = True
 
     def lift(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
@@ -201,6 +216,7 @@ class Pilot:
 
         ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
         """
+        self._switch("lift", time_s, hover_share, climb_m_s)
         disturbance = self._estimator.lift_off(climb_m_s, hover_share)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
@@ -243,6 +259,7 @@ class Pilot:
 
         ``rest_s`` is how much longer commands may rest on one pose then [s].
         """
+        self._switch("descend", sink_m_s, float(blind), rest_s)
         if self._descent is None:
             self._coast += rest_s
             self._estimator.frozen = True  # what thrust seems to give is not learnt from poses that may be at fault
@@ -256,7 +273,9 @@ class Pilot:
         drive = ActuatorCommand(thrust_n, (0.0, 0.0, 0.0))
         self._send(time_s, drive)
         self._last = None
-        return self._command(drive, OFF if thrust_n > 0.0 else ())
+        command = self._command(drive, OFF if thrust_n > 0.0 else ())
+        self._tell(IdleRecord(time_s, thrust_n, command))
+        return command
 
     def tick(self, time_s: float) -> Tick:
         """The command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
@@ -289,7 +308,9 @@ class Pilot:
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
         seen = self._watch.look(time_s, estimate.motion, decision)
         command = self._command(decision.drive, parts)
-        return Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
+        tick = Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
+        self._tell(tick)
+        return tick
 
     def _decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command of the law."""
@@ -305,6 +326,7 @@ class Pilot:
         It leaves at ``time_s`` and holds for ``hold_s`` [s], so that it reaches the link's next frame; the rest is its
         bring-down.
         """
+        self._switch("surrender", hold_s)
         pose, vehicle = self._pose, self._vehicle
         assert pose is not None, "only what has flown by poses ceases to"
         acting = time_s + vehicle.acting_delay_s
@@ -315,7 +337,9 @@ class Pilot:
             motion, vehicle, mass_kg=mass, gravity=self._gravity, disturbance=before.disturbance,
             height_m=self._floor - motion.position[2],
         )  # fmt: skip
-        return Command(first.thrust_n, first.rates_rad_s, pose.id, pose.time_s, time_s + hold_s, tuple(rest))
+        command = Command(first.thrust_n, first.rates_rad_s, pose.id, pose.time_s, time_s + hold_s, tuple(rest))
+        self._tell(IdleRecord(time_s, command.thrust_n, command))
+        return command
 
     def _trust_from_here(self, disturbance: Vec3) -> None:
         """It begins to fly: the monitor begins, and the estimate is believed as it is now."""

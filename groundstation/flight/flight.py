@@ -11,31 +11,47 @@ fresh.
 import asyncio
 import math
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
-from groundstation.core import Pilot, Tick
+from groundstation.core import (
+    Pilot,
+)
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
     Ask,
     Certificate,
     Check,
+    CommandSent,
     Distrusts,
+    EndRecord,
+    FlightEvent,
+    IdleRecord,
+    Notice,
+    Observer,
     Others,
     Pose,
     PoseEvent,
+    PoseRecord,
     PoseSource,
     PoseStatus,
     Reply,
     Request,
+    RequestRecord,
+    Say,
+    Severity,
     Snapshot,
+    StatusRecord,
     SteadyError,
+    Tick,
+    TickRecord,
 )
-from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, Event, State
+from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GROUND, Event, State
 from groundstation.core.safety import LiveGains, Obedience, PoseEvidence, PoseLatency, Witness
+from groundstation.core.vehicle import Vehicle
 from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.mission_executive import LAST_CHANCE_S, MissionExecutive
 from groundstation.flight.prearm import Company, FlightEnded, PrearmSequence
@@ -44,6 +60,7 @@ from groundstation.runtime import IdleSlots, to_the_end
 from groundstation.settings import Config
 from links import make_link
 from links.core import Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, TellsMode
+from links.io import NETWORK, Network
 from links.mavlink import MavlinkLink
 
 AT_ONCE_S = 1e-6
@@ -158,7 +175,7 @@ class CommandLoop:
         progress: MissionExecutive,
         idle_n: float,
         on_tick: Callable[[Tick], None],
-        say: Callable[[str], None],
+        say: Say,
     ) -> None:
         """``idle_n`` is the thrust [N] until the vehicle is armed; ``on_tick`` sees each command as it has left.
 
@@ -261,7 +278,7 @@ class CommandLoop:
         warning = self._link.status.warning
         if warning not in self._warned:
             self._warned.add(warning)
-            self._say(f"warning: {warning}")
+            self._say(f"warning: {warning}", Severity.WARNING)
 
     def _why_refused(self, now: float, command: Command, last: tuple[float, Command] | None) -> str:
         """Why the link did not take ``command``; ``last`` is when the one before left, and it."""
@@ -367,33 +384,31 @@ class FrameLateness:
 class FlightStatistics:
     """Counts and remembers; makes a :class:`Snapshot` only when one is asked for."""
 
-    def __init__(self, config: Config, link: CommandLink) -> None:
-        """Begin with nothing seen; ``link`` is the one that commands leave by."""
-        self._vehicle = config.vehicle
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Begin with nothing seen."""
+        self._vehicle = vehicle
         self._arrivals: deque[float] = deque(maxlen=1000)
-        self._events: deque[str] = deque(maxlen=20)
+        self._notices: deque[Notice] = deque(maxlen=20)
         self._tick: Tick | None = None
+        self._tracks = False
         self._steady = SteadyError()
-        self._due = FrameLateness(link)
         self._lateness = Lateness()
 
-    def pose(self, pose: Pose) -> None:
-        """One pose was taken."""
-        self._arrivals.append(pose.arrival_s)
-
-    def tick(self, tick: Tick, *, counts: bool) -> None:
-        """One command left; ``counts`` where its error belongs to the trajectory."""
-        late = self._due.late_s(tick.time_s, tick.pose.id, tick.pose.arrival_s)
-        if late is not None:
-            self._lateness.add(late)
-        self._tick = tick
-        if counts:
-            error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
-            self._steady.add(tick.flight_time_s, error)
-
-    def event(self, line: str) -> None:
-        """One line for the operator."""
-        self._events.append(line)
+    def hear(self, event: FlightEvent) -> None:
+        """Count ``event``; an error counts where it belongs to the trajectory."""
+        match event:
+            case PoseRecord(pose):
+                self._arrivals.append(pose.arrival_s)
+            case TickRecord(_, late_s) if late_s is not None:
+                self._lateness.add(late_s)
+            case CommandSent(tick):
+                self._tick = tick
+                if self._tracks and tick.flight_time_s >= 0.0:
+                    error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
+                    self._steady.add(tick.flight_time_s, error)
+            case Notice(_, state):
+                self._notices.append(event)
+                self._tracks = state == State.TRACKING
 
     def snapshot(
         self,
@@ -441,7 +456,7 @@ class FlightStatistics:
             saturated=tick is not None and tick.decision.saturated,
             diagnostics=None if tick is None else tick.decision.diagnostics,
             link=link,
-            events=tuple(self._events),
+            events=tuple(self._notices),
             rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
             thrust_effectiveness=1.0 if tick is None else tick.estimate.effectiveness,
             pose_latency_s=source.latency_s,
@@ -489,7 +504,7 @@ class Shutdown:
     closed = False
     """True once nothing leaves any more."""
 
-    def __init__(self, link: CommandLink, source: PoseSource, say: Callable[[str], None], *, forwards: bool) -> None:
+    def __init__(self, link: CommandLink, source: PoseSource, say: Say, *, forwards: bool) -> None:
         """``forwards``: the autopilot gets the poses of ``source``."""
         self._link = link
         self._source = source
@@ -529,21 +544,21 @@ class Shutdown:
         """Close the link, which may have to bring down first, and the source, and tell what is done."""
         link = self._link
         if self._kill is None and link.status.phase in ("fresh", "bring_down"):
-            self._say("bringing down: the link levels, sinks and stops by itself")
+            self._say("bringing down: the link levels, sinks and stops by itself", Severity.WARNING)
             await link.silent()
             if not self.killed and not link.status.unmet:
                 taken = link.status.taken
                 whose = f"the autopilot is in {taken}, and not by us" if taken else "the bring-down is over"
                 self._say(f"{whose}: nothing leaves any more")
         if not self.killed and link.status.unmet:
-            self._say(f"NOT brought down from here: {link.status.unmet}")
+            self._say(f"NOT brought down from here: {link.status.unmet}", Severity.WARNING)
         await self._feed()
         if self._kill is not None:
             try:
                 await self._kill
                 self._say("the vehicle has acknowledged: motors off")
             except LinkError as error:
-                self._say(f"NOT acknowledged: {error}")
+                self._say(f"NOT acknowledged: {error}", Severity.WARNING)
         self.closed = True
         await link.close()
         await self._source.close()
@@ -569,6 +584,10 @@ HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, St
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
 
 
+STATUS_S = 0.2
+"""How often the state of link and source is told [s]."""
+
+
 class FlightOutcome(msgspec.Struct, frozen=True):
     """How a flight ended."""
 
@@ -588,10 +607,8 @@ class Flight:
         source: PoseSource,
         *,
         confirm: Callable[[], Awaitable[bool]],
-        on_tick: Callable[[Tick], None] | None = None,
-        on_event: Callable[[str], None] | None = None,
-        on_state: Callable[[State, str], None] | None = None,
-        pilot: Pilot | None = None,
+        observers: Sequence[Observer] = (),
+        network: Network | None = None,
         others: Others | None = None,
         quiet: IdleSlots | None = None,
         company: Company | None = None,
@@ -599,19 +616,22 @@ class Flight:
     ) -> None:
         """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
 
-        ``on_tick`` sees every command of the controller that leaves; ``on_event`` every line meant for the operator;
-        ``on_state`` every state that begins, and why. Without a ``pilot`` it makes its own.
+        ``observers`` hear all that happens; wires are opened on ``network``, where that is not the usual one.
         ``others`` are vehicles to keep away from, as ``source`` sees them. ``quiet`` hears of each command that left.
         ``company`` checks what is beside it before it is armed; ``hold`` watches what the operator must hold.
         """
         self._config = config
         self._link = link
         self._source = source
-        self._on_tick = on_tick
-        self._on_event = on_event
-        self._on_state = on_state
+        self._statistics = FlightStatistics(config.vehicle)
+        self._observers = (self._statistics.hear, *observers)
+        self._network = network
+        self._due = FrameLateness(link)
+        self._status_told_s = -STATUS_S
         flight = config.flight
-        self._pilot = pilot or Pilot(config.vehicle, config.controller, flight.coast_s, flight.floor_z_m)
+        self._pilot = Pilot(
+            config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._hear_pilot, self._now
+        )
         self._suspicious = False
         self.witness = Witness()
         """What the vehicle's own attitude says of the poses."""
@@ -629,7 +649,6 @@ class Flight:
         self._commands = CommandLoop(
             link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._on_command, self._say
         )
-        self._statistics = FlightStatistics(config, link)
         self._live = LiveGains(config.controller)
         self._quiet = quiet or IdleSlots()
         if not config.pose.by_autopilot:  # one that is only heard twice is no second witness
@@ -685,8 +704,8 @@ class Flight:
 
     def ask(self, request: Request) -> Reply:
         """Do what ``request`` says, or tell the operator that it is not possible now."""
-        event, why = EVENT_OF[request.ask], request.why
-        now = asyncio.get_running_loop().time()
+        event, why, now = EVENT_OF[request.ask], request.why, self._now()
+        self._tell(RequestRecord(now, request.ask, why))
         if not self._progress.allows(event):
             says = f"{request.ask} is not possible while {self.state}"
             self._say(says + (f" ({why})" if why else ""))
@@ -722,9 +741,9 @@ class Flight:
         self._say(reply.says)
         return reply
 
-    def note(self, text: str) -> None:
+    def note(self, text: str, severity: Severity = Severity.INFO) -> None:
         """Tell the operator, screens and records of something that happened beside the flight."""
-        self._say(text)
+        self._say(text, severity)
 
     def land(self, reason: str) -> None:
         """Ask to land here; before take-off, to end the flight."""
@@ -786,6 +805,8 @@ class Flight:
         Then the link and the source are closed, and nothing leaves any more; cancelling does not shorten that.
         """
         loop, progress = asyncio.get_running_loop(), self._progress
+        if self._network is not None:
+            NETWORK.set(self._network)
         watching = self._watch()
         self._crew = asyncio.ensure_future(self._fly())
         if self._dismissed:
@@ -799,8 +820,12 @@ class Flight:
             if not (self._dismissed and isinstance(error, asyncio.CancelledError)):
                 raise
         finally:
-            await to_the_end(self._shutdown.close())
-            watching.cancel()
+            try:
+                await to_the_end(self._shutdown.close())
+            finally:
+                watching.cancel()
+                self._tell_status()
+                self._tell(EndRecord(loop.time(), self.state, progress.reason))
         return FlightOutcome(self.state, progress.reason, progress.fault)
 
     async def _fly(self) -> None:
@@ -839,27 +864,24 @@ class Flight:
             self.witness.pose(pose)
             self._latency.pose(pose)
             if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
-                self._say(f"warning: {news}")
-            self._statistics.pose(pose)
+                self._say(f"warning: {news}", Severity.WARNING)
             self._prearm.first_pose.set()
 
     def _enter(self, state: State, reason: str) -> None:
+        self._say(reason, Severity.WARNING if state in ALARMING else Severity.INFO, "state")
         if state in FINAL and state is not State.LANDED:  # no more commands from here: what follows is the link's
             self._dismissed = True
             if self._crew is not None:
                 self._crew.cancel()
-        if self._on_state is not None:
-            self._on_state(state, reason)
 
     def _on_command(self, tick: Tick) -> None:
         state = self.state
-        self._statistics.tick(tick, counts=state is State.TRACKING and tick.flight_time_s >= 0.0)
         if tick.seen.warning:
-            self._say(f"warning: {tick.seen.warning}")
+            self._say(f"warning: {tick.seen.warning}", Severity.WARNING)
         suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
         if self._suspicious and not suspicious and isinstance(self._link, TellsMode):
             self._link.ask_mode()  # who has taken it over flies otherwise, too
-        step, told = self._live.update(
+        step, news, severity = self._live.update(
             tick.time_s,
             tick.estimate,
             tick.reference,
@@ -868,14 +890,43 @@ class Flight:
         )
         if step is not None:
             self._pilot.gain(*step)
-        if told:
-            self._say(told)
-        if self._on_tick is not None:
-            self._on_tick(tick)
+        if news:
+            self._say(news, severity)
+        self._tell(CommandSent(tick))
         self._quiet.begin()
+        self._tell_status(STATUS_S)  # not while a pose waits for its command
 
-    def _say(self, text: str) -> None:
-        line = f"{asyncio.get_running_loop().time():.3f} {text}"
-        self._statistics.event(line)
-        if self._on_event is not None:
-            self._on_event(line)
+    def _now(self) -> float:
+        return asyncio.get_running_loop().time()
+
+    def _tell(self, event: FlightEvent) -> None:
+        for hear in self._observers:
+            hear(event)
+
+    def _hear_pilot(self, event: FlightEvent | Tick) -> None:
+        match event:
+            case Tick(time_s, _, pose):
+                self._tell(TickRecord(event, self._due.late_s(time_s, pose.id, pose.arrival_s)))
+                return
+            case IdleRecord():
+                self._due.begin()
+        self._tell(event)
+        if isinstance(event, PoseRecord):
+            tick_s = self.newest_tick_s
+            if tick_s is None or event.pose.arrival_s - tick_s > STATUS_S:
+                self._tell_status(STATUS_S)
+
+    def _tell_status(self, period_s: float = 0.0) -> None:
+        """Tell how link and source are, unless that was done within ``period_s`` [s]."""
+        now = self._now()
+        if now - self._status_told_s >= period_s:
+            self._status_told_s = now
+            self._tell(StatusRecord(now, self._link.status, self._source.status))
+
+    def _say(
+        self,
+        text: str,
+        severity: Severity = Severity.INFO,
+        kind: Literal["state", "course", "news"] = "news",
+    ) -> None:
+        self._tell(Notice(self._now(), self.state, text, kind, severity))

@@ -7,9 +7,17 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from groundstation.core import Pilot, Tick
+from groundstation.core import (
+    Pilot,
+)
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Others, Pose, Waypoint
+from groundstation.core.messages import (
+    Others,
+    Pose,
+    Severity,
+    Tick,
+    Waypoint,
+)
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.safety import (
     NUDGE_SHARE,
@@ -259,14 +267,14 @@ class MissionExecutive:
         config: Config,
         pilot: Pilot,
         period_s: Callable[[], float],
-        say: Callable[[str], None],
+        say: Callable[..., None],
         on_state: Callable[[State, str], None],
         others: Others | None = None,
         *,
         doubts: Callable[[float], bool | None] = lambda now_s: None,
         on_conviction: Callable[[], None] = lambda: None,
     ) -> None:
-        """``say`` takes lines for the operator, ``on_state`` every state that begins, and why.
+        """``say`` takes text, severity and kind of a :class:`Notice`, ``on_state`` every state that begins, and why.
 
         ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
         ``doubts`` tells whether the autopilot's own attitude disagrees with the poses at an instant [s], None where it
@@ -351,7 +359,6 @@ class MissionExecutive:
         state = self._mission.on(event, reason)
         if state is before:
             return
-        self._say(f"{state}: {reason}")
         self._on_state(state, reason)
         if state in FINAL or state not in IN_AIR:
             return
@@ -418,7 +425,7 @@ class MissionExecutive:
         if refusal := self._find_way_out(leg, now_s):
             self.go(Event.HOLD, f"not to {self._course.target}: {refusal}", now_s)
             return
-        self._say(f"moving: to {self._course.target}")
+        self._say(f"to {self._course.target}", kind="course")
         self._follow(leg)
 
     def command(self, now_s: float) -> tuple[Command, Tick | None]:
@@ -521,7 +528,7 @@ class MissionExecutive:
     def _warn(self, says: str) -> None:
         """Say it once, for as long as it lasts."""
         if says and says != self._warned:
-            self._say(says)
+            self._say(says, Severity.WARNING)
         self._warned = says
 
     def _answer(self, finding: GuardFinding | None, now_s: float) -> None:
@@ -538,7 +545,7 @@ class MissionExecutive:
                 if TABLE[self.state, event] is not self.state:
                     self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
                 elif step is answer.step:
-                    self._say(f"warning: {answer.reason}")
+                    self._say(f"warning: {answer.reason}", Severity.WARNING)
                 return
 
     def pose(self, pose: Pose) -> None:

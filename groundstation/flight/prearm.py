@@ -21,7 +21,7 @@ from groundstation.config import ConfigError
 from groundstation.core import Pilot
 from groundstation.core.control import Law, acceleration_sup, thrust_bound
 from groundstation.core.geometry import Vec3, angle_deg, third_column
-from groundstation.core.messages import Check, Others, Pose, PoseSource, Verdict
+from groundstation.core.messages import Check, Others, Pose, PoseSource, Say, Severity, Verdict
 from groundstation.core.mission import Event
 from groundstation.core.safety import (
     ASKEW_DEG,
@@ -732,7 +732,7 @@ class PrearmSequence:
         *,
         confirm: Callable[[], Awaitable[bool]],
         others: Others | None,
-        say: Callable[[str], None],
+        say: Say,
         company: Company | None = None,
     ) -> None:
         """``confirm`` asks the operator before the vehicle is armed; ``others`` are vehicles to keep away from.
@@ -776,7 +776,7 @@ class PrearmSequence:
             bad, checks = self._check()
             for one in checks:
                 if one.verdict in (Verdict.WARN, Verdict.FAIL):
-                    self._say(f"pre-flight {one.verdict}: {one.name}: {one.says}")
+                    self._say(f"pre-flight {one.verdict}: {one.name}: {one.says}", Severity.WARNING)
             if bad:
                 raise FlightEnded(f"pre-flight checks failed: {bad}")
         status = self._source.status

@@ -10,7 +10,7 @@ from groundstation.recording import channels as channels
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.recording.assembly import Give, RecordedPilot, about, make_flight, recorder
+    from groundstation.recording.assembly import Give, about, make_flight, recorder
     from groundstation.recording.channels import (
         CHANNELS,
         ChannelForm,
@@ -30,22 +30,18 @@ if TYPE_CHECKING:
     from groundstation.recording.process import END_S, RecorderProcess
     from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline
     from groundstation.recording.records import (
-        GAIN,
         About,
-        EndRecord,
         FlightHeadline,
-        IdleRecord,
         LineRecord,
         ReceivedRecord,
         Record,
         SentRecord,
-        TickRecord,
         TruthRecord,
     )
     from groundstation.recording.writer import FlightLog, McapWriter, about_texts
 
 _MODULES = {
-    "assembly": ("Give", "RecordedPilot", "about", "make_flight", "recorder"),
+    "assembly": ("Give", "about", "make_flight", "recorder"),
     "channels": (
         "CHANNELS",
         "ChannelForm",
@@ -64,19 +60,7 @@ _MODULES = {
     ),
     "process": ("END_S", "RecorderProcess"),
     "reader": ("Entry", "NoRecording", "Recording", "quick_headline"),
-    "records": (
-        "About",
-        "EndRecord",
-        "FlightHeadline",
-        "GAIN",
-        "IdleRecord",
-        "LineRecord",
-        "ReceivedRecord",
-        "Record",
-        "SentRecord",
-        "TickRecord",
-        "TruthRecord",
-    ),
+    "records": ("About", "FlightHeadline", "LineRecord", "ReceivedRecord", "Record", "SentRecord", "TruthRecord"),
     "writer": ("FlightLog", "McapWriter", "about_texts"),
 }
 

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import msgspec
 
+from groundstation.core.messages import Severity
 from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
@@ -84,7 +85,7 @@ def main() -> int:
                 synced_s = time.monotonic()
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "
-        _tell(f"WARNING: not recording, the flight goes on: {where}{error.strerror or error}")
+        _tell(f"WARNING: not recording, the flight goes on: {where}{error.strerror or error}", Severity.WARNING)
         return 0
     finally:
         beside.shutdown()
@@ -153,10 +154,10 @@ def _open_viewer(path: Path, viewer: str) -> None:
     subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True)  # noqa: S603  # our own words, no shell
 
 
-def _tell(line: str) -> None:
+def _tell(line: str, severity: Severity = Severity.INFO) -> None:
     """Tell the operator, through the flight, if it still listens."""
     with contextlib.suppress(OSError):
-        os.write(1, line.encode() + b"\n")
+        os.write(1, msgspec.json.encode((line, severity)) + b"\n")
 
 
 if __name__ == "__main__":

@@ -15,26 +15,29 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core import Tick
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Pose, PoseStatus
+from groundstation.core.messages import (
+    EndRecord,
+    IdleRecord,
+    Pose,
+    PoseRecord,
+    PoseStatus,
+    RequestRecord,
+    StatusRecord,
+    SwitchRecord,
+    Tick,
+    TickRecord,
+    TrajectoryRecord,
+)
 from groundstation.core.trajectory import Reference
 from groundstation.recording.records import (
     NO_PORT,
-    EndRecord,
-    IdleRecord,
     LineRecord,
     LossRecord,
     Peer,
-    PoseRecord,
     ReceivedRecord,
     Record,
-    RequestRecord,
     SentRecord,
-    StatusRecord,
-    SwitchRecord,
-    TickRecord,
-    TrajectoryRecord,
     TruthRecord,
     WireRecord,
 )

@@ -4,11 +4,11 @@ import asyncio
 import fcntl
 import os
 import subprocess
-from collections.abc import Callable
 from contextlib import suppress
 
 import msgspec
 
+from groundstation.core.messages import Say, Severity
 from groundstation.recording.records import About, LossRecord, Record
 from groundstation.runtime import IdleSlots, RecordingConfig
 from links.core import make_child_command
@@ -35,6 +35,10 @@ class RecorderSetup(msgspec.Struct, frozen=True):
     """The viewer that shows it as it is written, if any."""
 
 
+Word = tuple[str, Severity]
+"""What the recorder tells the operator, a line each in JSON."""
+
+
 class RecorderProcess:
     """Begins to record as it is made; belongs to one event loop."""
 
@@ -42,7 +46,7 @@ class RecorderProcess:
         self,
         config: RecordingConfig,
         about: About,
-        say: Callable[[str], None],
+        say: Say,
         quiet: IdleSlots | None = None,
         *,
         view: str = "",
@@ -127,7 +131,7 @@ class RecorderProcess:
                 self._lost += 1  # a controller of the user's own may put anything into a tick
                 if not self._told:
                     self._told = True
-                    self._say(f"WARNING: a part of this flight can't be recorded: {error}")
+                    self._say(f"WARNING: a part of this flight can't be recorded: {error}", Severity.WARNING)
 
     def _admit(self) -> None:
         """Say how many records are missing here."""
@@ -153,7 +157,7 @@ class RecorderProcess:
         self._call_off()
         if not self._gone.done():
             self._close_out()
-            self._say("WARNING: the recorder is still writing; it ends by itself")
+            self._say("WARNING: the recorder is still writing; it ends by itself", Severity.WARNING)
 
     def _add(self, message: RecorderSetup | Record) -> None:
         data = self._encoder.encode(message)
@@ -193,10 +197,11 @@ class RecorderProcess:
             return
         *lines, self._words = (self._words + data).split(b"\n")
         for line in lines:
-            self._say(line.decode(errors="replace"))
+            self._say(*msgspec.json.decode(line, type=Word))
         if not data:
             code = self._process.wait()  # its end of the pipe closes with its last breath
             self._close_out()
             if code:
-                self._say(f"WARNING: the recorder has died ({code}); the flight goes on and is no longer recorded")
+                why = f"the recorder has died ({code}); the flight goes on and is no longer recorded"
+                self._say(f"WARNING: {why}", Severity.WARNING)
             self._gone.set_result(None)

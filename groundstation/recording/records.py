@@ -7,10 +7,18 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core import Tick
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Pose, PoseStatus, SteadyError
-from links.core import Command, LinkStatus
+from groundstation.core.messages import (
+    EndRecord,
+    IdleRecord,
+    PoseRecord,
+    RequestRecord,
+    StatusRecord,
+    SteadyError,
+    SwitchRecord,
+    TickRecord,
+    TrajectoryRecord,
+)
 
 Peer = tuple[str, int] | None
 """Address of the other end; None on a wire that has only one."""
@@ -77,34 +85,6 @@ class SentRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=3):
     data: bytes
 
 
-class PoseRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=4):
-    """The pilot was given a pose."""
-
-    pose: Pose
-
-
-class TrajectoryRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=5):
-    """The pilot was given a trajectory, begun at ``time_s``."""
-
-    time_s: float
-
-
-class IdleRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=6):
-    """The pilot made an idle command."""
-
-    time_s: float
-    thrust_n: float
-    command: Command
-
-
-class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
-    """The pilot made a command."""
-
-    tick: Tick
-    late_s: float | None = None
-    """How late, for its frame or after its pose came [s]; None for one in between."""
-
-
 class LineRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
     """A line for the operator."""
 
@@ -114,47 +94,11 @@ class LineRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
     text: str
 
 
-class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
-    """Somebody asked for something: the flight's method ``what``, and why."""
-
-    time_s: float
-    what: str
-    reason: str
-
-
-class StatusRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=10):
-    """How link and pose source are, now and then."""
-
-    time_s: float
-    link: LinkStatus
-    source: PoseStatus
-
-
 class LossRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=11):
     """So many records are missing here: whoever writes them could not keep up."""
 
     time_s: float
     count: int
-
-
-class EndRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
-    """The flight is over."""
-
-    time_s: float
-    state: str
-    reason: str
-
-
-GAIN = "gain "
-"""What was switched, where a gain was changed in flight: this and its name."""
-
-
-class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
-    """The pilot was told to fly otherwise: its method ``what``, with these numbers."""
-
-    time_s: float
-    what: str
-    values: tuple[float, ...]
 
 
 class TruthRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=14):

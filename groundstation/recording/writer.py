@@ -18,7 +18,7 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -26,19 +26,23 @@ from typing import NamedTuple, Protocol
 import msgspec
 from zstandard import ZstdCompressor
 
+from groundstation.core.messages import (
+    EndRecord,
+    PoseRecord,
+    Say,
+    Severity,
+    TickRecord,
+)
 from groundstation.recording.channels import CHANNELS, MessageMaker, address, describe_channels
 from groundstation.recording.records import (
     MAGIC,
     About,
-    EndRecord,
     HeadlineCounter,
     LineRecord,
     LossRecord,
-    PoseRecord,
     ReceivedRecord,
     Record,
     SentRecord,
-    TickRecord,
     WireRecord,
 )
 from groundstation.runtime import __version__
@@ -262,7 +266,7 @@ PATIENCE_BYTES = 16 << 20
 class PatientFile:
     """Binary, only to be written from its beginning to its end. Never raises once it is open."""
 
-    def __init__(self, path: Path, tell: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, tell: Say) -> None:
         """Make the file, which must not exist; ``tell`` takes warnings for the operator.
 
         Raises:
@@ -319,21 +323,23 @@ class PatientFile:
         except OSError as error:
             self._torn = True
             why = error.strerror or str(error)
-            self._tell(f"WARNING: parts of {self._path} are lost from here on, the flight goes on: {why}")
+            self._tell(
+                f"WARNING: parts of {self._path} are lost from here on, the flight goes on: {why}", Severity.WARNING
+            )
 
     def _fail(self, why: str) -> None:
         if not self._trouble:
-            self._tell(f"WARNING: recording waits, the flight goes on: {self._path}: {why}")
+            self._tell(f"WARNING: recording waits, the flight goes on: {self._path}: {why}", Severity.WARNING)
         self._trouble = why
         if len(self._waiting) > PATIENCE_BYTES:
-            self._tell(f"WARNING: recording has ended, the flight goes on: {self._path}: {why}")
+            self._tell(f"WARNING: recording has ended, the flight goes on: {self._path}: {why}", Severity.WARNING)
             self._close()
 
     def close(self) -> None:
         """Flush, and close."""
         self.flush()
         if self._waiting:
-            self._tell(f"WARNING: the end of {self._path} is missing: {self._trouble}")
+            self._tell(f"WARNING: the end of {self._path} is missing: {self._trouble}", Severity.WARNING)
         if self.alive:
             self._close()
 
@@ -384,7 +390,7 @@ PACKAGES = ("mcap", "msgspec", "numpy", "pymavlink", "zstandard")
 class FlightLog:
     """Writes NAME.mcap and, once MAVLink passes, NAME.tlog. Never raises once it is open."""
 
-    def __init__(self, path: Path, about: About, *, epoch_ns: int, tell: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, about: About, *, epoch_ns: int, tell: Say) -> None:
         """Make the file at ``path`` (NAME.mcap); ``epoch_ns`` is the wall time of the event loop's zero [ns].
 
         ``tell`` takes warnings for the operator.
@@ -475,7 +481,7 @@ class FlightLog:
             try:
                 self._tlog = PatientFile(self.path.with_suffix(".tlog"), self._tell)
             except OSError as error:
-                self._tell(f"WARNING: no .tlog of this flight: {error}")
+                self._tell(f"WARNING: no .tlog of this flight: {error}", Severity.WARNING)
                 self._cutters.clear()
                 return
         self._tlog.write(cutters[direction].records(data, self._messages.stamp(time_s)))

@@ -29,7 +29,7 @@ from links.bridge.codec import (
     kind_of,
 )
 from links.core import Command, LinkKind, LinkLost, LinkRejected, signal
-from links.io import Datagrams, beyond, parse_address, read_key
+from links.io import NETWORK, Datagrams, beyond, parse_address, read_key
 from links.rf import Arm, End, Give, Hear, Manner, Order, PacedLink, PacerReport, Serve, Service, Stop
 
 BEAT_S = 0.1
@@ -106,7 +106,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         """
         host, port = parse_address(self._remote)
         try:
-            await self._loop.create_datagram_endpoint(lambda: self, remote_addr=(host, port))
+            await NETWORK.get().open_datagram(lambda: self, remote=(host, port))
         except OSError as error:
             raise LinkLost(f"cannot reach {self._remote}: {error.strerror or error}") from None
         try:

@@ -4,30 +4,12 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.io.key_file import make_key, read_key
     from links.io.network import beyond, is_loopback, parse_address
-    from links.io.wires import (
-        Datagrams,
-        Sleep,
-        create_serial_connection,
-        discard,
-        is_pseudo_terminal,
-        open_port,
-        open_serial_connection,
-        waiting,
-    )
+    from links.io.wires import NETWORK, Datagrams, Network, Sleep, discard, is_pseudo_terminal, open_port, waiting
 
 _MODULES = {
     "key_file": ("make_key", "read_key"),
     "network": ("beyond", "is_loopback", "parse_address"),
-    "wires": (
-        "Datagrams",
-        "Sleep",
-        "create_serial_connection",
-        "discard",
-        "is_pseudo_terminal",
-        "open_port",
-        "open_serial_connection",
-        "waiting",
-    ),
+    "wires": ("Datagrams", "NETWORK", "Network", "Sleep", "discard", "is_pseudo_terminal", "open_port", "waiting"),
 }
 
 

@@ -19,8 +19,9 @@ import struct
 import termios
 import time
 from collections.abc import Callable
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -108,30 +109,14 @@ def waiting(fd: int) -> int:
         raise
 
 
-class PortProtocol(Protocol):
-    """Who is served by a port, as asyncio serves its protocols."""
-
-    def connection_made(self, transport: Any) -> None:
-        """The port is open: ``transport`` is a :class:`PortTransport`, or what stands around it."""
-        ...
-
-    def data_received(self, data: bytes) -> None:
-        """Bytes came in."""
-        ...
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """The port has ended by itself."""
-        ...
-
-
-P = TypeVar("P", bound=PortProtocol)
+P = TypeVar("P")
 
 
 class PortTransport:
     """An open port on the event loop. What is sent leaves at once or never."""
 
-    def __init__(self, fd: int, protocol: PortProtocol) -> None:
-        """Take over the open port ``fd``."""
+    def __init__(self, fd: int, protocol: Any) -> None:
+        """Take over the open port ``fd`` for ``protocol``, one of asyncio's."""
         import asyncio  # the processes of a pacer open ports without an event loop
 
         self._fd = fd
@@ -186,27 +171,40 @@ class PortTransport:
         self._protocol.connection_lost(error)
 
 
-async def create_serial_connection(factory: Callable[[], P], path: str, baud: int) -> tuple[Any, P]:
-    """Open the port at ``path`` for the protocol that ``factory`` makes; raises as :func:`open_port` does.
+class Network:
+    """Opens wires for asyncio's protocols: the running event loop's own, whether its time is real or virtual.
 
-    Where the running loop has a method of this name that is what opens it, as with asyncio's own wires: a recorder
-    taps it there, and a replay has no real port.
+    Each method returns transport and protocol, and raises OSError where the wire can't be opened.
     """
-    import asyncio
 
-    own = getattr(asyncio.get_running_loop(), "create_serial_connection", None)
-    if own is not None:
-        transport, protocol = await own(factory, path, baud)
-        return transport, protocol
-    return await open_serial_connection(factory, path, baud)
+    async def open_datagram(
+        self, factory: Callable[[], P], local: Any = None, remote: Any = None, *, reuse_port: bool | None = None
+    ) -> tuple[Any, P]:
+        """A datagram endpoint at the address ``local``, or to ``remote``."""
+        import asyncio
+
+        loop: Any = asyncio.get_running_loop()
+        opened: tuple[Any, P] = await loop.create_datagram_endpoint(factory, local, remote, reuse_port=reuse_port)
+        return opened
+
+    async def open_stream(self, factory: Callable[[], P], host: str, port: int) -> tuple[Any, P]:
+        """A connection to ``host``:``port``."""
+        import asyncio
+
+        loop: Any = asyncio.get_running_loop()
+        opened: tuple[Any, P] = await loop.create_connection(factory, host, port)
+        return opened
+
+    async def open_serial(self, factory: Callable[[], P], path: str, baud: int) -> tuple[Any, P]:
+        """The serial port at ``path``; see :func:`open_port`."""
+        fd = open_port(path, baud)
+        fcntl.ioctl(fd, termios.TIOCEXCL)  # programs that look for modems ask nobody
+        protocol = factory()
+        return PortTransport(fd, protocol), protocol
 
 
-async def open_serial_connection(factory: Callable[[], P], path: str, baud: int) -> tuple[Any, P]:
-    """The same past the loop."""
-    fd = open_port(path, baud)
-    fcntl.ioctl(fd, termios.TIOCEXCL)  # programs that look for modems ask nobody
-    protocol = factory()
-    return PortTransport(fd, protocol), protocol
+NETWORK: ContextVar[Network] = ContextVar("network", default=Network())  # noqa: B039  # it has no state
+"""What links and pose sources open their wires by: whoever flies hands in another one to record them, or to replay."""
 
 
 class Datagrams:

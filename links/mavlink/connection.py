@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from links.core import LinkError, LinkLost, LinkMisuse
-from links.io import Datagrams, create_serial_connection, parse_address, read_key, waiting
+from links.io import NETWORK, Datagrams, parse_address, read_key, waiting
 from links.mavlink.protocol import (
     GROUND_STATION,
     TICKS_PER_S,
@@ -130,10 +130,7 @@ async def open_udp(config: MavlinkLinkConfig, ear: TransportListener) -> UdpTran
     address = parse_address(config.address)
     first = config.remote is not None
     local, remote = (None, address) if first else (address, None)
-    loop = asyncio.get_running_loop()
-    _, wire = await loop.create_datagram_endpoint(
-        lambda: UdpTransport(ear, speaks_first=first), local_addr=local, remote_addr=remote
-    )
+    _, wire = await NETWORK.get().open_datagram(lambda: UdpTransport(ear, speaks_first=first), local, remote)
     return wire
 
 
@@ -229,10 +226,9 @@ async def open_tcp(config: MavlinkLinkConfig, ear: TransportListener) -> TcpTran
     """Connect to ``tcp``; raises OSError."""
     assert config.tcp is not None, "the caller has looked"
     host, port = parse_address(config.tcp)
-    loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(TCP_OPEN_S):
-            _, wire = await loop.create_connection(lambda: TcpTransport(ear), host, port)
+            _, wire = await NETWORK.get().open_stream(lambda: TcpTransport(ear), host, port)
     except TimeoutError:
         raise OSError(f"nobody accepts within {TCP_OPEN_S:g} s") from None
     return wire
@@ -310,7 +306,7 @@ class SerialTransport:
 async def open_serial(config: MavlinkLinkConfig, ear: TransportListener) -> SerialTransport:
     """Open ``serial``; raises OSError."""
     assert config.serial is not None, "the caller has looked"
-    _, wire = await create_serial_connection(lambda: SerialTransport(config.baud, ear), config.serial, config.baud)
+    _, wire = await NETWORK.get().open_serial(lambda: SerialTransport(config.baud, ear), config.serial, config.baud)
     return wire
 
 

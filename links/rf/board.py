@@ -8,7 +8,7 @@ import asyncio
 from typing import Any, Self
 
 from links.core import LinkError, LinkLost, LinkRejected
-from links.io import create_serial_connection, parse_address
+from links.io import NETWORK, parse_address
 from links.rf.betaflight_codec import (
     FC_VARIANT,
     FC_VERSION,
@@ -111,11 +111,10 @@ class Board:
     async def _connect(self) -> None:
         self._ear, self.in_command_line = _Ear(), False
         if self._address is None:
-            self._transport, _ = await create_serial_connection(lambda: self._ear, self.port, BAUD)
+            self._transport, _ = await NETWORK.get().open_serial(lambda: self._ear, self.port, BAUD)
         else:
-            loop = asyncio.get_running_loop()
             async with asyncio.timeout(OPEN_S):
-                self._transport, _ = await loop.create_connection(lambda: self._ear, *self._address)
+                self._transport, _ = await NETWORK.get().open_stream(lambda: self._ear, *self._address)
         await self.ask(FC_VARIANT)
 
     async def ask(self, command: int) -> MspAnswer:

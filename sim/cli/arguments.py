@@ -1,14 +1,7 @@
-"""Arguments of ``groundstation-sim``: what their values may be; each raises ArgumentTypeError where one is not.
-
-What only proves (tests/proving/) is found here too: it is not in the wheel.
-"""
+"""Arguments of ``groundstation-sim``: what their values may be; each raises ArgumentTypeError where one is not."""
 
 import argparse
 import math
-
-TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
-if TYPE_CHECKING:
-    from typing import Any
 
 
 def seconds(text: str) -> float:
@@ -74,21 +67,3 @@ MEASUREMENTS = (
     "tick", "flight", "command", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt",
 )  # fmt: skip
 """What ``groundstation-sim bench`` can measure, in the order in which it does: each a module of tests/proving/bench."""
-
-
-def proving(command: str, module: str) -> "Any":
-    """The module ``module`` of tests/proving, for ``command``.
-
-    Raises:
-        ConfigError: only the wheel is installed, which does not have it.
-    """
-    from importlib import import_module
-    from pathlib import Path
-
-    from groundstation.config import ConfigError
-
-    if not (Path(__file__).parents[2] / "tests" / "proving").is_dir():
-        raise ConfigError(
-            command, "needs a checkout of the repository: it is not in the wheel (clone it, then `make setup`)"
-        )
-    return import_module(f"tests.proving.{module}")

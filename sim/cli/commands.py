@@ -9,6 +9,8 @@ import asyncio
 import json
 import sys
 from contextlib import ExitStack
+from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -20,7 +22,6 @@ from groundstation.runtime import require_package
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
-from sim.cli.arguments import MEASUREMENTS, proving
 from sim.runs import MissionResult
 from sim.scenarios import (
     BETAFLIGHT,
@@ -38,6 +39,19 @@ from sim.world import World
 
 if TYPE_CHECKING:
     from sim.runs import FleetMission, Run
+
+
+def proving(command: str, module: str) -> Any:
+    """The module ``module`` of tests/proving, for ``command``; what only proves is not in the wheel.
+
+    Raises:
+        ConfigError: only the wheel is installed.
+    """
+    if not (Path(__file__).parents[2] / "tests" / "proving").is_dir():
+        raise ConfigError(
+            command, "needs a checkout of the repository: it is not in the wheel (clone it, then `make setup`)"
+        )
+    return import_module(f"tests.proving.{module}")
 
 
 def faults(args: argparse.Namespace) -> int:
@@ -90,12 +104,12 @@ def tune(args: argparse.Namespace) -> int:
 
 def bench(args: argparse.Namespace) -> int:
     """Measure this machine."""
-    for name in args.what:
-        if name not in MEASUREMENTS:
-            raise ConfigError("bench", f"expected some of {list(MEASUREMENTS)}, got {name!r}")
     bench_ = proving("bench", "bench.bench")
+    for name in args.what:
+        if name not in bench_.WHAT:
+            raise ConfigError("bench", f"expected some of {list(bench_.WHAT)}, got {name!r}")
     options = bench_.Options(peers=args.peers, hours=args.hours, seconds=args.seconds)
-    facts = bench_.measure_all(args.what or list(MEASUREMENTS), options)
+    facts = bench_.measure_all(args.what or list(bench_.WHAT), options)
     if args.json and args.what == ["links"]:
         facts |= facts.pop("links")
     print(json.dumps(facts) if args.json else bench_.text(facts))

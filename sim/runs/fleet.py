@@ -18,6 +18,11 @@ from typing import Any, TypeAlias
 import msgspec
 
 from groundstation.core.geometry import Vec3
+from groundstation.core.messages import (
+    FlightEvent,
+    Notice,
+    Observer,
+)
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.lab import FleetPlan, Relay, read_fleet
@@ -217,8 +222,7 @@ async def _fly(
         member.name: make_flight(
             member.core,
             confirm=confirm_at(MISSION_CONFIRM_S + APART_S * number),
-            on_event=None if on_event is None else _prefix_events(on_event, member.name),
-            on_state=_note_states(states[member.name]),
+            observers=(_note(states[member.name], member.name, on_event),),
         )
         for number, member in enumerate(fleet.members)
     }
@@ -241,15 +245,15 @@ async def _fly(
     return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": ended_s}
 
 
-def _note_states(states: list[StateEntry]) -> Callable[[State, str], None]:
-    def note_state(state: State, reason: str) -> None:
-        states.append(StateEntry(state, asyncio.get_running_loop().time(), reason))
+def _note(states: list[StateEntry], name: str, on_event: Callable[[str, str], None] | None) -> Observer:
+    def hear(event: FlightEvent) -> None:
+        if isinstance(event, Notice):
+            if on_event is not None:
+                on_event(name, event.line)
+            if event.kind == "state":
+                states.append(StateEntry(event.state, event.time_s, event.text))
 
-    return note_state
-
-
-def _prefix_events(on_event: Callable[[str, str], None], name: str) -> Callable[[str], None]:
-    return lambda line: on_event(name, line)
+    return hear
 
 
 COMMAND = b"\x52\x00\x00"

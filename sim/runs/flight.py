@@ -13,10 +13,16 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from groundstation.core import Tick
 from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Pose
+from groundstation.core.messages import (
+    CommandSent,
+    FlightEvent,
+    Notice,
+    Pose,
+    Tick,
+    tell_lines,
+)
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from groundstation.flight import Flight, FlightOutcome
@@ -133,7 +139,10 @@ async def _fly(
     stage = Stage(world, config, seed, referee.track.step if on_step is None else step, autopilot=autopilot)
     plant = stage.plant
 
-    def watch(tick: Tick) -> None:
+    def watch(event: FlightEvent) -> None:
+        if not isinstance(event, CommandSent):
+            return
+        tick = event.tick
         # First the plant: the wind answers forward in time only, so asking it must not run ahead of the flight.
         truth = plant.truth(tick.time_s)
         released = plant.released_s
@@ -153,8 +162,7 @@ async def _fly(
     flight = make_flight(
         config,
         confirm=confirm_at(CONFIRM_S),
-        on_tick=watch,
-        on_event=on_event,
+        observers=(watch,) if on_event is None else (watch, tell_lines(on_event)),
         on_pose=on_pose,
         wires=stage.wires,
         give=record if give is not None else None,
@@ -313,14 +321,17 @@ async def _fly_mission(
         x, y = stage.plant.attitude[1:3]
         upright = min(upright, 1.0 - 2.0 * (x * x + y * y))
 
-    def note_state(state: State, reason: str) -> None:
-        states.append(StateEntry(state, round(loop.time(), 6), reason))
-
     stage = Stage(world, config, seed, step, autopilot=autopilot)
     trajectory = config.trajectory.build()
 
-    def note_truth(tick: Tick) -> None:
-        if give is not None:
+    def hear(event: FlightEvent) -> None:
+        if isinstance(event, Notice):
+            if on_event is not None:
+                on_event(event.line)
+            if event.kind == "state":
+                states.append(StateEntry(event.state, round(event.time_s, 6), event.text))
+        elif isinstance(event, CommandSent) and give is not None:
+            tick = event.tick
             truth, released = stage.plant.truth(tick.time_s), stage.plant.released_s
             # The wind answers forward in time only: it is asked for no later than the plant has been.
             flown = released is not None and bool(track.times)
@@ -331,9 +342,7 @@ async def _fly_mission(
     flight = make_flight(
         config,
         confirm=confirm_at(MISSION_CONFIRM_S),
-        on_tick=note_truth,
-        on_event=on_event,
-        on_state=note_state,
+        observers=(hear,),
         wires=stage.wires,
         give=give,
     )

@@ -8,10 +8,16 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core import Tick
 from groundstation.core.control import SUSPENDED, VIOLATED
 from groundstation.core.geometry import Vec3, third_column
-from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Estimate, SteadyError
+from groundstation.core.messages import (
+    ROUNDING_S,
+    SATURATION_FROM_S,
+    STEADY_S,
+    Estimate,
+    SteadyError,
+    Tick,
+)
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from groundstation.core.vehicle import Vehicle

@@ -22,11 +22,21 @@ import msgspec
 
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, several, without_frames
-from groundstation.core.messages import Pose
+from groundstation.core.messages import (
+    EndRecord,
+    Pose,
+    Severity,
+    TickRecord,
+)
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import ensure_flyable
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
-from groundstation.recording import EndRecord, FlightLog, LineRecord, Record, TickRecord, about
+from groundstation.recording import (
+    FlightLog,
+    LineRecord,
+    Record,
+    about,
+)
 from groundstation.runtime import rare_collections
 from groundstation.settings import Config
 from sim.radio import MODULE
@@ -349,7 +359,7 @@ class RunFolder:
         (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
 
 
-def _warn(line: str) -> None:
+def _warn(line: str, _: Severity = Severity.WARNING) -> None:
     print(line, file=sys.stderr)
 
 

@@ -7,8 +7,11 @@ from statistics import median
 
 import msgspec
 
-from groundstation.core import Tick
 from groundstation.core.geometry import Vec3, so3
+from groundstation.core.messages import (
+    CommandSent,
+    FlightEvent,
+)
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from sim.runs import CONFIRM_S, Stage, confirm_at
@@ -63,12 +66,12 @@ async def _cut(scenario: str, cause: str, at_s: float, seed: int, overrides: lis
     def step(time_s: float, position: Vec3) -> None:
         path.append((time_s, position, _tilt_deg(stage.plant.attitude)))
 
-    def watch(tick: Tick) -> None:
-        if cause == "controller" and tick.flight_time_s >= at_s:
+    def watch(event: FlightEvent) -> None:
+        if cause == "controller" and isinstance(event, CommandSent) and event.tick.flight_time_s >= at_s:
             raise _ControllerFailure
 
     stage = Stage(world, config, seed, step)
-    flight = make_flight(config, confirm=confirm_at(CONFIRM_S), on_tick=watch)
+    flight = make_flight(config, confirm=confirm_at(CONFIRM_S), observers=(watch,))
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     loop = asyncio.get_running_loop()
     await sleep_until(RELEASED_S)

@@ -6,9 +6,20 @@ Prints the time of every command once it was handed over.
 import asyncio
 import sys
 
-from groundstation.core import Pilot, Tick
-from groundstation.core.messages import Pose
-from groundstation.recording import ReceivedRecord, RecorderProcess, SentRecord, TickRecord, about
+from groundstation.core import (
+    Pilot,
+)
+from groundstation.core.messages import (
+    Pose,
+    Tick,
+    TickRecord,
+)
+from groundstation.recording import (
+    ReceivedRecord,
+    RecorderProcess,
+    SentRecord,
+    about,
+)
 from groundstation.runtime import RecordingConfig
 from groundstation.settings import Config
 
@@ -26,7 +37,7 @@ async def record(folder: str) -> None:
     """Until killed."""
     loop = asyncio.get_running_loop()
     tick = a_tick()
-    process = RecorderProcess(RecordingConfig(folder=folder), about(Config()), print)
+    process = RecorderProcess(RecordingConfig(folder=folder), about(Config()), lambda text, *_: print(text))
     while True:
         now = loop.time()
         process.give(ReceivedRecord(now, 0, 0, ("127.0.0.1", 1), b"x" * 90))

@@ -254,7 +254,7 @@ BAD: dict[str, bytes] = {
 def test_what_is_no_order_does_nothing_but_a_counter_one_log_line_and_one_refusal(tmp_path: Path, line: bytes) -> None:
     async def scene(path: Path, latest: Latest[Snapshot]) -> None:
         core, log = Sampled(), list[str]()
-        server = Server(StatusConfig(path=str(path)), "mqx", latest, core, log=log.append)
+        server = Server(StatusConfig(path=str(path)), "mqx", latest, core, log=lambda text, _: log.append(text))
         task = asyncio.create_task(server.serve())
         while not path.exists() or not await listening(path):
             await asyncio.sleep(0.01)

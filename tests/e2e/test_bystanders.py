@@ -94,7 +94,7 @@ class Outside:
     async def beside(self, flight: Flight, _: Stage) -> None:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, OpenLoop)
-        async with crew(self.config, flight, self.done.append, needed=True) as server:
+        async with crew(self.config, flight, lambda text, *_: self.done.append(text), needed=True) as server:
             await until(lambda: flight.state is State.TRACKING)
             loop.pace = PACE
             frozen = asyncio.ensure_future(self._client_freezes(server))
@@ -153,7 +153,7 @@ def test_a_client_that_is_obeyed_changes_what_leaves(tmp_path: Path) -> None:
     config = msgspec.structs.replace(CONFIG, status=StatusConfig(path=str(tmp_path / "mqx.sock")))
 
     async def beside(flight: Flight, _: Stage) -> None:
-        async with crew(config, flight, pytest.fail, needed=True):
+        async with crew(config, flight, lambda text, *_: pytest.fail(text), needed=True):
             await until(lambda: flight.state is State.TRACKING)
             _reader, writer = await asyncio.open_unix_connection(config.status.path)
             writer.write(b'{"id": 1, "ask": "land"}\n')

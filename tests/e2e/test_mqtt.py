@@ -15,7 +15,7 @@ import msgspec
 import pytest
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import Snapshot
+from groundstation.core.messages import Notice, Snapshot
 from groundstation.interfaces.api import new_events
 from groundstation.interfaces.mqtt import heed_cancellation, publish_forever
 from groundstation.interfaces.mqtt.messages import EventMessage
@@ -190,12 +190,13 @@ def test_state_events_and_snapshots_arrive_and_the_state_ends_offline(broker: Ca
                 latest.put(sample(1.0, state="ready"))
                 await listener.until(lambda to: bool(to.got[SNAPSHOT]))
                 flying = sample(2.0)
-                latest.put(msgspec.structs.replace(flying, events=(*flying.events, "102.000 wind")))
+                latest.put(msgspec.structs.replace(flying, events=(*flying.events, Notice(102.0, "tracking", "wind"))))
                 await listener.until(lambda to: len(to.got[SNAPSHOT]) == 2)
             await listener.until(lambda to: to.got[STATE][-1:] == ["offline"])
         assert listener.got[STATE] == ["ready", "tracking", "offline"]
         events = [msgspec.json.decode(text, type=EventMessage) for text in listener.got[EVENT]]
-        assert [f"{one.time_s:.3f} {one.text}" for one in events] == [*sample(1.0).events, "102.000 wind"]
+        told = [f"{one.time_s:.3f} {one.text}" for one in events]
+        assert told == [*(notice.line for notice in sample(1.0).events), "102.000 wind"]
         assert [one.number for one in events] == [1, 2, 3]
         assert SESSION not in listener.got  # an empty one: whoever retained it has withdrawn it
         first = msgspec.json.decode(listener.got[SNAPSHOT][0], type=Snapshot)
@@ -256,7 +257,9 @@ def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_eve
             await asyncio.sleep(0.2)  # nobody is there yet
             async with there() as listener:
                 await listener.until(lambda to: bool(to.got[SNAPSHOT]))
-            lost = msgspec.structs.replace(flying, events=(*flying.events, "103.000 while the broker was away"))
+            lost = msgspec.structs.replace(
+                flying, events=(*flying.events, Notice(103.0, "tracking", "while the broker was away"))
+            )
             for _ in range(50):
                 latest.put(lost)
                 await asyncio.sleep(0.005)
@@ -365,7 +368,7 @@ def test_the_last_will_of_a_connection_that_fell_silent_comes_before_the_next_co
         async with Listener(server.port) as listener, publishing(config, latest):
             await listener.until(lambda to: len(to.got[EVENT]) == 2)
             wire.fall_silent()
-            latest.put(msgspec.structs.replace(flying, events=(*flying.events, "103.000 unheard")))
+            latest.put(msgspec.structs.replace(flying, events=(*flying.events, Notice(103.0, "tracking", "unheard"))))
             await listener.until(lambda to: len(to.got[EVENT]) == 3)  # by the next connection
             assert wire.ended == [0]
             assert listener.got[STATE] == ["tracking", "offline", "tracking"]
@@ -405,8 +408,9 @@ def test_a_password_file_that_is_missing_is_told() -> None:
 
 
 def test_only_events_that_were_not_seen_are_published() -> None:
-    assert new_events((), ("a", "b")) == ("a", "b")
-    assert new_events(("a", "b"), ("a", "b")) == ()
-    assert new_events(("a", "b"), ("b", "c")) == ("c",)
-    assert new_events(("a", "a"), ("a", "a", "a")) == ("a",)
-    assert new_events(("a", "b"), ("x", "y")) == ("x", "y")
+    a, b, c, x, y = (Notice(1.0, "tracking", text) for text in "abcxy")
+    assert new_events((), (a, b)) == (a, b)
+    assert new_events((a, b), (a, b)) == ()
+    assert new_events((a, b), (b, c)) == (c,)
+    assert new_events((a, a), (a, a, a)) == (a,)
+    assert new_events((a, b), (x, y)) == (x, y)

@@ -15,6 +15,9 @@ from statistics import median
 
 import pytest
 
+from groundstation.core.messages import (
+    TickRecord,
+)
 from groundstation.pose import TlogReader
 from groundstation.recording import (
     LineRecord,
@@ -22,7 +25,6 @@ from groundstation.recording import (
     RecorderProcess,
     Recording,
     SentRecord,
-    TickRecord,
     about,
 )
 from groundstation.recording.process import BACKLOG_BYTES
@@ -57,7 +59,7 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
     loop, tick = asyncio.get_running_loop(), a_tick()
 
     async def one(after_s: float, own: Path) -> tuple[float, list[float]]:
-        process = RecorderProcess(RecordingConfig(folder=str(own)), about(Config()), lambda _: None)
+        process = RecorderProcess(RecordingConfig(folder=str(own)), about(Config()), lambda *_: None)
         handed: list[float] = []
         begun = None
         while begun is None or loop.time() < begun + after_s:
@@ -124,7 +126,7 @@ async def recording_in(folder: Path) -> None:
 
 async def talk(folder: Path, script: object, *, limit: int = 0) -> list[str]:
     said: list[str] = []
-    process = RecorderProcess(RecordingConfig(folder=str(folder)), about(Config()), said.append)
+    process = RecorderProcess(RecordingConfig(folder=str(folder)), about(Config()), lambda text, *_: said.append(text))
     if limit:
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     assert callable(script)

@@ -26,7 +26,6 @@ from groundstation.interfaces.service.flights import (
     find_fault,
     health_path,
     is_journal,
-    level_of,
     line_of,
     longest_landing_s,
 )
@@ -168,21 +167,6 @@ def test_a_journal_is_known_by_its_device_and_inode(tmp_path: Path) -> None:
         assert is_journal(file.fileno(), {"JOURNAL_STREAM": f"{info.st_dev}:{info.st_ino}"})
         assert not is_journal(file.fileno(), {"JOURNAL_STREAM": f"{info.st_dev}:1"})
         assert not is_journal(file.fileno(), {})
-
-
-@pytest.mark.parametrize(
-    ("line", "level"),
-    [
-        ("12.345 tracking: following", logging.INFO),
-        ("12.345 descent: no pose for 250 ms", logging.WARNING),
-        ("12.345 warning: it leans", logging.WARNING),
-        ("WARNING: the recorder has died", logging.WARNING),
-        ("recording to x.mcap", logging.INFO),
-        ("0.1 pre-flight fail: battery", logging.WARNING),
-    ],
-)
-def test_what_needs_a_look_is_logged_as_a_warning(line: str, level: int) -> None:
-    assert level_of(line) == level
 
 
 WELL = DaemonHealth("mqx", "tracking", "following", 7, 100.0, 0.02, 1, {})

@@ -7,8 +7,10 @@ from statistics import median
 from typing import Any
 
 from groundstation.config import ConfigError
-from groundstation.core import Tick
 from groundstation.core.control import Law
+from groundstation.core.messages import (
+    Tick,
+)
 from sim.runs import fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare

@@ -9,7 +9,11 @@ from typing import Any
 import pytest
 
 from groundstation.config import UserCodeFault
-from groundstation.core import Tick
+from groundstation.core.messages import (
+    CommandSent,
+    FlightEvent,
+    Notice,
+)
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.flight.flight import Pacing, StallDetector
@@ -48,8 +52,11 @@ class Wire:
             elif data[7:10] == b"\x4c\x00\x00":
                 self.orders.append((time_s, data))
 
-    def tick(self, tick: Tick) -> None:
-        self.commands.append((tick.time_s, tick.command))
+    def hear(self, event: FlightEvent) -> None:
+        if isinstance(event, CommandSent):
+            self.commands.append((event.tick.time_s, event.tick.command))
+        elif isinstance(event, Notice):
+            self.lines.append(event.line)
 
     def check(self, thrust_max_n: float) -> None:
         """Every frame from the first command on is that of the newest command before its deadline, or its due part."""
@@ -92,7 +99,7 @@ def fly(script: Any, *overrides: str, seed: int = 0, pace: str = "period") -> Wi
             return True
 
         wire.stage = Stage(world, config, seed, parameters={"COM_OF_LOSS_T": 1.0})  # later than what is looked at
-        flight = make_flight(config, confirm=confirm, on_tick=wire.tick, on_event=wire.lines.append)
+        flight = make_flight(config, confirm=confirm, observers=(wire.hear,))
         stage = asyncio.create_task(wire.stage.run())
         beside = asyncio.create_task(script(flight, wire.stage))
         with contextlib.suppress(UserCodeFault):

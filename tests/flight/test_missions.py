@@ -7,7 +7,12 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.messages import Ask, Request
+from groundstation.core.messages import (
+    Ask,
+    Notice,
+    Request,
+    Severity,
+)
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
@@ -135,6 +140,22 @@ def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(
     assert "its own pre-arm checks do not pass" in warning
     assert flown.states[-1].state == "aborted"
     assert "Compass Sensor 0 missing" in flown.why
+
+
+def test_what_needs_a_look_is_told_as_a_warning() -> None:
+    told: tuple[Notice, ...] = ()
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        nonlocal told
+        stage.autopilot.lacks = "Preflight Fail: Compass Sensor 0 missing"
+        while True:
+            await asyncio.sleep(0.1)
+            told = flight.snapshot().events
+
+    fly_mission(*from_floor(*prepare(SCENARIOS["paper"], []), 2.0), seed=0, script=script)
+    severity = {notice.says.split()[0]: notice.severity for notice in told}
+    assert [severity[word] for word in ("connecting:", "ready:")] == [Severity.INFO] * 2
+    assert [severity[word] for word in ("pre-flight", "aborted:")] == [Severity.WARNING] * 2
 
 
 def test_an_autopilot_whose_own_checks_pass_is_not_warned_of() -> None:

@@ -97,7 +97,7 @@ def test_points_are_flown_one_after_the_other() -> None:
         await hold_first(flight)
         assert goto(flight, NEAR, Waypoint(0.0, 0.0, 0.0), Waypoint(0.5, 0.5, 0.2)).done
         await until(State.HOLD, flight)
-        told.extend(flight.snapshot().events)
+        told.extend(notice.line for notice in flight.snapshot().events)
         flight.land("the test")
 
     done = flown(script)

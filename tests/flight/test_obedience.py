@@ -10,9 +10,17 @@ from typing import NamedTuple
 import pytest
 
 from groundstation.analysis.replay import replay_facts
+from groundstation.core.messages import (
+    IdleRecord,
+    SwitchRecord,
+    TickRecord,
+)
 from groundstation.core.mission import FINAL
-from groundstation.recording import IdleRecord, LineRecord, Record, SentRecord, TickRecord
-from groundstation.recording.records import SwitchRecord
+from groundstation.recording import (
+    LineRecord,
+    Record,
+    SentRecord,
+)
 from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
 from sim.runs import RECORDING, from_floor
 from sim.runs.simulation import RunFolder

@@ -23,7 +23,11 @@ from mcap.reader import make_reader
 from groundstation.analysis import export_command, logs_command
 from groundstation.analysis.recordings import rewrite
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.messages import STEADY_S
+from groundstation.core.messages import (
+    STEADY_S,
+    PoseRecord,
+    TickRecord,
+)
 from groundstation.interfaces.tui.app import Tape
 from groundstation.pose import TlogReader, read_csv
 from groundstation.recording import (
@@ -35,13 +39,11 @@ from groundstation.recording import (
     Record,
     Recording,
     SentRecord,
-    TickRecord,
     TruthMessage,
     Vector3,
     quick_headline,
     schema,
 )
-from groundstation.recording.records import PoseRecord
 from groundstation.recording.writer import FLUSH_S, PatientFile
 from groundstation.runtime import RecordingConfig, make_folder
 from groundstation.settings import Config
@@ -286,7 +288,7 @@ def test_a_recording_is_for_its_owner_alone(tmp_path: Path, monkeypatch: pytest.
 
 def test_what_never_reaches_the_disk_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    file = PatientFile(tmp_path / "flight.mcap", said.append)
+    file = PatientFile(tmp_path / "flight.mcap", lambda text, *_: said.append(text))
     file.write(b"x" * 100)
     file.flush()
     file.sync()

@@ -9,9 +9,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from groundstation.core import Tick
 from groundstation.core.control import Adaptive
 from groundstation.core.geometry import Vec3, so3
+from groundstation.core.messages import (
+    CommandSent,
+    FlightEvent,
+)
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
@@ -238,7 +241,10 @@ def start_of(
     start, begun = Start(), list[float]()
 
     async def script(flight: Flight, stage: Stage) -> None:
-        def on_tick(tick: Tick) -> None:
+        def hear(event: FlightEvent) -> None:
+            if not isinstance(event, CommandSent):
+                return
+            tick = event.tick
             begun[:] = begun or [tick.time_s]
             if tick.time_s - begun[0] > 1.0:
                 return
@@ -250,7 +256,7 @@ def start_of(
             assert isinstance(law, Adaptive)
             start.b.append(math.hypot(*law.b_hat) / law.gains.b_bound)
 
-        flight._on_tick = on_tick
+        flight._observers += (hear,)
         while not begun or asyncio.get_running_loop().time() < begun[0] + 1.1:
             await asyncio.sleep(0.01)
         flight.stop("the test is over")

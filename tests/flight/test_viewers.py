@@ -142,7 +142,7 @@ def begin(path: Path) -> FlightLog:
         path,
         About(config="", vehicle="mqx", controller="adaptive", trajectory="lemniscate", period_s=0.0),
         epoch_ns=0,
-        tell=print,
+        tell=lambda text, *_: print(text),
     )
 
 

@@ -2,10 +2,12 @@
 
 import pytest
 
-from groundstation.core import Tick
 from groundstation.core.control import Gains, noise_power
 from groundstation.core.control.adaptive import LIMITS, POSES, VERTICAL, terms
-from groundstation.core.messages import Diagnostics
+from groundstation.core.messages import (
+    Diagnostics,
+    Tick,
+)
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown, flown_ideal

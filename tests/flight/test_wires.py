@@ -14,7 +14,11 @@ import msgspec
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core import Tick
+from groundstation.core.messages import (
+    CommandSent,
+    FlightEvent,
+    Tick,
+)
 from groundstation.flight import Flight
 from groundstation.pose import TlogReader
 from groundstation.recording import FlightLog, about, make_flight
@@ -108,17 +112,18 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
             running = asyncio.create_task(stage.run())
             ticks: list[Tick] = []
 
-            def on_tick(tick: Tick) -> None:
-                ticks.append(tick)
-                if tick.flight_time_s > FLOWN_S:
-                    flight.kill("enough")
+            def hear(event: FlightEvent) -> None:
+                if isinstance(event, CommandSent):
+                    ticks.append(event.tick)
+                    if event.tick.flight_time_s > FLOWN_S:
+                        flight.kill("enough")
 
             async def confirm() -> bool:
                 return True
 
-            log = FlightLog(folder / "flight.mcap", about(config), epoch_ns=0, tell=print)
+            log = FlightLog(folder / "flight.mcap", about(config), epoch_ns=0, tell=lambda text, *_: print(text))
             stack.callback(log.close)
-            flight: Flight = make_flight(config, confirm=confirm, on_tick=on_tick, give=log.write)
+            flight: Flight = make_flight(config, confirm=confirm, observers=(hear,), give=log.write)
             outcome = await flight.run()
             assert outcome.reason == "motors off: enough"
             assert not stage.autopilot.armed

@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core import Tick
 from groundstation.core.control import Gains, LawState, backstep
 from groundstation.core.control.backstepping import BacksteppingAxis, LawOutput, axis, growth, project, within
 from groundstation.core.estimation import (
@@ -27,6 +26,9 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.estimation.estimator import KalmanGain
 from groundstation.core.geometry import FLOATS, Vec3, so3
+from groundstation.core.messages import (
+    Tick,
+)
 from groundstation.core.trajectory import LemniscateConfig
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare

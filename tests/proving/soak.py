@@ -186,7 +186,7 @@ async def _record(
     world, told = prepare(SCENARIOS[scenario], list(fault.overrides), source=fault.source, link=fault.link)
     path = free_name(folder, _stamp(now_s), told.vehicle.name)
     facts = about(told, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
-    log = FlightLog(path, facts, epoch_ns=0, tell=lambda _: None)
+    log = FlightLog(path, facts, epoch_ns=0, tell=lambda *_: None)
     try:
         row = await fly_here(name, fault, state, seed=seed, scenario=scenario, figure_s=figure_s, keep=log.write)
     finally:

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from groundstation.interfaces.mqtt import FleetMonitor, VehicleView
-from groundstation.interfaces.mqtt.messages import SILENCE_S, VEHICLES_MAX, parse_event
+from groundstation.interfaces.mqtt.messages import SILENCE_S, VEHICLES_MAX, EventMessage
 from groundstation.interfaces.tui.fleet import (
     COLUMNS,
     SORT_KEYS,
@@ -127,7 +127,7 @@ def test_the_columns_fit_a_narrow_screen() -> None:
 def test_the_details_say_where_it_is_and_what_has_happened() -> None:
     fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx")
-    fleet.hear("lab/mqx/event", msgspec.json.encode(parse_event(1, "101.5 wind")), 0.0)
+    fleet.hear("lab/mqx/event", msgspec.json.encode(EventMessage(1, 101.5, "wind")), 0.0)
     told = vehicle_details(seen, 0.0)
     assert told[0] == "mqx: TRACKING - following the trajectory"
     assert told[-1] == "    101.5 wind"

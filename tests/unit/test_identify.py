@@ -18,8 +18,17 @@ from groundstation.analysis.identify.command import (
     measure_noise,
     table,
 )
-from groundstation.analysis.identify.fit import Bounds, design_filter, fit_noise, minimize
-from groundstation.analysis.identify.response_fit import full_n, hover_signal, most_n, respond_with_lag, turns
+from groundstation.analysis.identify.fit import (
+    Bounds,
+    design_filter,
+    fit_noise,
+    full_n,
+    hover_signal,
+    minimize,
+    most_n,
+    respond_with_lag,
+    turns,
+)
 from groundstation.analysis.identify.stretch import Column
 from groundstation.core.geometry import FLOATS, IDENTITY
 from groundstation.core.geometry import rotate as turned_by

@@ -8,7 +8,7 @@ import pytest
 
 from groundstation.core.control import Gains
 from groundstation.core.control.controllers import Pid
-from groundstation.core.messages import Estimate
+from groundstation.core.messages import Estimate, Severity
 from groundstation.core.safety import LIVE, RAMP_S, LiveGains
 from groundstation.core.safety.live_gains import BACK_S, JUDGED_S
 from groundstation.core.trajectory import Reference
@@ -32,11 +32,12 @@ class Flown:
         estimate = Estimate(self.time_s, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
         for _ in range(round(for_s / PERIOD_S)):
             self.time_s += PERIOD_S
-            step, told = self.live.update(self.time_s, estimate, HERE, v, counts=counts)
+            step, told, severity = self.live.update(self.time_s, estimate, HERE, v, counts=counts)
             if step is not None:
                 self.steps.append(step)
             if told:
                 self.told.append(told)
+            assert (severity is Severity.WARNING) == told.startswith("warning")
         return self
 
     def ask(self, key: str, value: float) -> tuple[bool, str]:

@@ -23,7 +23,6 @@ from groundstation.interfaces.mqtt.messages import (
     SealedAnswer,
     SealedRequest,
     SessionMessage,
-    parse_event,
 )
 from groundstation.interfaces.mqtt.requests import Place, decode_request, is_sealed, seal_answer, seal_request
 from tests.sample_flight import sample
@@ -40,7 +39,7 @@ PUBLISHED: dict[str, list[bytes]] = {
             )
         ),
     ],
-    "event.json": [msgspec.json.encode(parse_event(1, "12.345 ready")), msgspec.json.encode(parse_event(2, "no time"))],
+    "event.json": [msgspec.json.encode(EventMessage(1, 12.345, "ready"))],
     "health.json": [msgspec.json.encode(HealthMessage("0.1.0", 1, 2, 0, {"done": 1}))],
     "request-session.json": [msgspec.json.encode(SessionMessage("0" * 32))],
     "request.json": [REQUEST],

@@ -7,7 +7,7 @@ from groundstation.recording import ReceivedRecord, Record, SentRecord
 from groundstation.recording.assembly import WireTaps
 from groundstation.recording.records import WireRecord
 from groundstation.recording.writer import TlogCutter
-from links.io import parse_address
+from links.io import NETWORK, parse_address
 from sim.time import VirtualTimeLoop
 from tests.loops import free_address
 from tests.mavlink_table import FRAMES
@@ -38,9 +38,8 @@ async def talk(records: list[Record]) -> tuple[Echo, tuple[str, int]]:
     address = parse_address(await free_address())
 
     async def ours() -> Echo:
-        WireTaps(records.append).tap()
-        _, echo = await loop.create_datagram_endpoint(Echo, local_addr=address)
-        assert isinstance(echo, Echo)
+        NETWORK.set(WireTaps(records.append))
+        _, echo = await NETWORK.get().open_datagram(Echo, address)
         return echo
 
     echo = await asyncio.create_task(ours())
@@ -89,11 +88,13 @@ def test_a_tcp_connection_is_seen_both_ways() -> None:
         port = server.sockets[0].getsockname()[1]
 
         async def ours() -> bytes:
-            WireTaps(records.append).tap()
-            reader, writer = await asyncio.open_connection("127.0.0.1", port)
-            writer.write(b"hello\n")
+            reader = asyncio.StreamReader()
+            transport, _ = await WireTaps(records.append).open_stream(
+                lambda: asyncio.StreamReaderProtocol(reader), "127.0.0.1", port
+            )
+            transport.write(b"hello\n")
             answered = await reader.read()
-            writer.close()
+            transport.close()
             return answered
 
         answered = await asyncio.create_task(ours())
@@ -113,7 +114,6 @@ def test_turns_tell_arrivals_apart_between_which_a_task_may_have_run() -> None:
 
     async def run() -> None:
         wires = WireTaps(records.append)
-        wires.tap()
         wires.note_received(0, b"a", None)
         wires.note_received(0, b"b", None)
         await asyncio.sleep(0)

@@ -9,7 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from textual.theme import Theme
 
-from groundstation.core.messages import Ask, Certificate, Snapshot
+from groundstation.core.messages import (
+    Ask,
+    Certificate,
+    Notice,
+    Snapshot,
+)
 from groundstation.core.mission import State
 from groundstation.interfaces.tui.drawing import (
     PlotLine,
@@ -282,28 +287,32 @@ def test_what_brings_the_vehicle_down_is_possible_in_every_state_that_is_not_ove
     assert possible(BY_ASK[Ask.ARM], "of a later version")
 
 
+def notices(*times_s: int) -> tuple[Notice, ...]:
+    return tuple(Notice(float(time_s), "tracking", "event") for time_s in times_s)
+
+
 def test_events_are_kept_once_each_however_often_they_are_told() -> None:
     picture = Picture(0.0)
     for first in range(0, 30, 7):
-        told = tuple(f"{i}.0 event" for i in range(max(0, first - 20), first))
+        told = notices(*range(max(0, first - 20), first))
         picture.take(changed(events=told), 0.0)
         picture.take(changed(events=told), 0.0)
-    assert list(picture.events) == [f"{i}.0 event" for i in range(28)]
+    assert tuple(picture.events) == notices(*range(28))
 
 
 def test_events_that_were_missed_do_not_hide_those_that_come() -> None:
     picture = Picture(0.0)
-    picture.take(changed(events=("1.0 a",)), 0.0)
-    picture.take(changed(events=("7.0 b", "8.0 c")), 0.0)
-    assert list(picture.events) == ["1.0 a", "7.0 b", "8.0 c"]
+    picture.take(changed(events=notices(1)), 0.0)
+    picture.take(changed(events=notices(7, 8)), 0.0)
+    assert tuple(picture.events) == notices(1, 7, 8)
 
 
 def test_after_a_jump_all_events_of_a_snapshot_are_new() -> None:
     picture = Picture(0.0)
-    picture.take(changed(events=("1.0 a", "2.0 b")), 0.0)
+    picture.take(changed(events=notices(1, 2)), 0.0)
     picture.take(Jump(), 0.0)
-    picture.take(changed(events=("1.0 a", "2.0 b", "3.0 c")), 0.0)
-    assert list(picture.events) == ["1.0 a", "2.0 b", "3.0 c"]
+    picture.take(changed(events=notices(1, 2, 3)), 0.0)
+    assert tuple(picture.events) == notices(1, 2, 3)
 
 
 def test_who_holds_control_is_not_known_while_nobody_is_there() -> None:

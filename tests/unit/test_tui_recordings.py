@@ -43,7 +43,7 @@ def test_they_hold_what_was_flown(flight: Path) -> None:
     assert last.link.sent > 100
     assert last.diagnostics is not None
     assert sum(last.diagnostics.v_terms) == pytest.approx(last.diagnostics.v_known)
-    assert any("tracking: " in event for event in last.events)
+    assert any("tracking: " in event.line for event in last.events)
     assert last.rms_m == 0.0  # not steady yet
     assert last.gains["controller.k2"] == 2.0
 

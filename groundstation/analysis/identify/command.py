@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.analysis.identify.response_fit import (
+from groundstation.analysis.identify.fit import (
     DRAG,
     DRAGS,
     THRUST_NAMES,

@@ -8,7 +8,6 @@ if TYPE_CHECKING:
         VIOLATED,
         Adaptive,
         CertificateMonitor,
-        CertificateReading,
         Gains,
         Uncompensated,
         acceleration_sup,
@@ -37,7 +36,6 @@ _MODULES = {
     "adaptive": (
         "Adaptive",
         "CertificateMonitor",
-        "CertificateReading",
         "Gains",
         "LASTING_S",
         "SUSPENDED",

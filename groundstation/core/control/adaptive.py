@@ -37,7 +37,7 @@ from groundstation.core.control.backstepping import (
 )
 from groundstation.core.estimation import Composite, Estimation, NonNegative, Positive
 from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate, third_column, to_body
-from groundstation.core.messages import Certificate, Decision, Diagnostics, Estimate
+from groundstation.core.messages import Certificate, CertificateReading, Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, lead, new
 
@@ -562,17 +562,6 @@ REST_S = 5.0
 """What comes again sooner than this after its end is not told again [s]."""
 
 HOLDS, VIOLATED, SUSPENDED, NONE = "holds", "violated", "suspended", "none"
-
-
-class CertificateReading(NamedTuple):
-    """What the watch says at one command."""
-
-    state: str
-    """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no promise)."""
-    excess: float
-    """V_m above its bound [m²/s²]."""
-    warning: str
-    """A sentence for the operator, once for each lasting violation; else empty."""
 
 
 class Lasting:

@@ -1,19 +1,22 @@
 """Snapshot and request: one frozen picture of a flight per command, which flows out, and the one way in. Sans-IO.
 
-And what goes between them: an estimator's estimate, a controller's decision, and the controller's port.
+What goes between them: an estimator's estimate, a controller's decision, the controller's port. And flight events: what
+happens in a flight, in order and typed; recorders, statistics and screens subscribe to them. Those with a tag are
+records of a recording as they stand, too (groundstation/recording/records.py has the others).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import Annotated, Literal, NamedTuple, Protocol
+from typing import Annotated, Literal, NamedTuple, Protocol, TypeAlias
 
 import msgspec
 
 from groundstation.core.geometry import Quat, Real, Vec3
+from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion
-from links.core import LinkStatus
+from links.core import Command, LinkStatus
 
 STEADY_S = 15.0
 """The steady part of a flight starts here on its trajectory [s], and ends where that is left."""
@@ -68,6 +71,46 @@ class Check(msgspec.Struct, frozen=True):
     """How it is."""
     says: str
     """A sentence: what was found, and what to do where it is not well."""
+
+
+class Severity(StrEnum):
+    """How grave it is what the operator is told."""
+
+    INFO = "info"
+    WARNING = "warning"
+
+
+class Notice(msgspec.Struct, frozen=True):
+    """What the operator is told of a flight, once."""
+
+    time_s: float
+    """On the event loop's clock [s]."""
+    state: str
+    """Mission state (see mission.py)."""
+    text: str
+    """A sentence; of a ``state`` that begins, why."""
+    kind: Literal["state", "course", "news"] = "news"
+    """``state``: the mission is in another one; ``course``: it flies elsewhere in the same; ``news``: all else."""
+    severity: Severity = Severity.INFO
+    """How grave it is."""
+
+    @property
+    def says(self) -> str:
+        """The sentence as screens show it."""
+        return self.text if self.kind == "news" else f"{self.state}: {self.text}"
+
+    @property
+    def line(self) -> str:
+        """The same behind its time."""
+        return f"{self.time_s:.3f} {self.says}"
+
+
+class Say(Protocol):
+    """Takes a line for the operator."""
+
+    def __call__(self, text: str, severity: Severity = Severity.INFO, /) -> None:
+        """Tell ``text``."""
+        ...
 
 
 class Diagnostics(msgspec.Struct, frozen=True, gc=False):
@@ -167,8 +210,8 @@ class Snapshot(msgspec.Struct, frozen=True):
     """The control law's own view; None while no law runs."""
     link: LinkStatus
     """The command link."""
-    events: tuple[str, ...] = ()
-    """The newest events (at most 20), oldest first, each ``12.345 text``."""
+    events: tuple[Notice, ...] = ()
+    """What the operator was told last (at most 20), oldest first."""
     rate_limits_rad_s: Vec3 | None = None
     """Largest body rates that are commanded [rad/s], where known."""
     thrust_effectiveness: float = 1.0
@@ -333,3 +376,131 @@ class Controller(Protocol):
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; ``interval_s`` [s] has passed since the last one (0 at the first)."""
         ...
+
+
+class CertificateReading(NamedTuple):
+    """What the watch says at one command."""
+
+    state: str
+    """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no promise)."""
+    excess: float
+    """V_m above its bound [m²/s²]."""
+    warning: str
+    """A sentence for the operator, once for each lasting violation; else empty."""
+
+
+class Tick(NamedTuple):
+    """Everything about one command, for records and screens."""
+
+    time_s: float
+    """When it was computed, on the event loop's clock [s]."""
+    flight_time_s: float
+    """Time on the trajectory at the instant it acts [s]."""
+    pose: Pose
+    """The newest pose it rests on."""
+    estimate: Estimate
+    reference: Reference
+    decision: Decision
+    command: Command
+    seen: CertificateReading
+    """V against its bound."""
+
+
+class PoseRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=4):
+    """The pilot was given a pose."""
+
+    pose: Pose
+
+
+class TrajectoryRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=5):
+    """The pilot was given a trajectory, begun at ``time_s``."""
+
+    time_s: float
+
+
+class IdleRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=6):
+    """The pilot made an idle command."""
+
+    time_s: float
+    thrust_n: float
+    command: Command
+
+
+class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
+    """The pilot made a command."""
+
+    tick: Tick
+    late_s: float | None = None
+    """How late, for its frame or after its pose came [s]; None for one in between."""
+
+
+class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
+    """Somebody asked for something: the flight's method ``what``, and why."""
+
+    time_s: float
+    what: str
+    reason: str
+
+
+class StatusRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=10):
+    """How link and pose source are, now and then."""
+
+    time_s: float
+    link: LinkStatus
+    source: PoseStatus
+
+
+class EndRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
+    """The flight is over."""
+
+    time_s: float
+    state: str
+    reason: str
+
+
+GAIN = "gain "
+"""What was switched, where a gain was changed in flight: this and its name."""
+
+
+class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
+    """The pilot was told to fly otherwise: its method ``what``, with these numbers."""
+
+    time_s: float
+    what: str
+    values: tuple[float, ...]
+
+
+class CommandSent(NamedTuple):
+    """A command of the controller has left."""
+
+    tick: Tick
+
+
+FlightEvent: TypeAlias = (
+    Notice
+    | PoseRecord
+    | TrajectoryRecord
+    | IdleRecord
+    | TickRecord
+    | RequestRecord
+    | StatusRecord
+    | EndRecord
+    | SwitchRecord
+    | CommandSent
+)
+Observer: TypeAlias = Callable[[FlightEvent], None]
+"""Hears each event as it happens; never waits, never raises."""
+
+
+def ignore(_: FlightEvent | Tick) -> None:
+    """The observer of a flight that nobody looks at."""
+
+
+def tell_lines(say: Callable[[str], None]) -> Observer:
+    """An observer that has ``say`` told each notice as a line."""
+
+    def hear(event: FlightEvent) -> None:
+        if isinstance(event, Notice):
+            say(event.line)
+
+    return hear

@@ -2,11 +2,21 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.core.mission.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
+    from groundstation.core.mission.mission import (
+        ALARMING,
+        EVENT_OF,
+        FINAL,
+        IN_AIR,
+        ON_GROUND,
+        TABLE,
+        Event,
+        Mission,
+        State,
+    )
     from groundstation.core.mission.operator import HoldToRun, InputLost, Interrupts
 
 _MODULES = {
-    "mission": ("EVENT_OF", "Event", "FINAL", "IN_AIR", "Mission", "ON_GROUND", "State", "TABLE"),
+    "mission": ("ALARMING", "EVENT_OF", "Event", "FINAL", "IN_AIR", "Mission", "ON_GROUND", "State", "TABLE"),
     "operator": ("HoldToRun", "InputLost", "Interrupts"),
 }
 

@@ -68,6 +68,8 @@ class Event(StrEnum):
 
 FINAL = frozenset({State.LANDED, State.ABORTED, State.HANDED_OVER, State.KILLED})
 """Nothing flies after these."""
+ALARMING = frozenset({State.DESCENT, State.ABORTED, State.HANDED_OVER, State.KILLED})
+"""Nobody wanted these."""
 ON_GROUND = (State.IDLE, State.CONNECTING, State.READY, State.ARMING)
 """The vehicle has not been told to lift yet."""
 IN_AIR = (State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING, State.LANDING, State.DESCENT)

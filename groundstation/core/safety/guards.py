@@ -268,7 +268,7 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class GuardInput(Protocol):
-    """What the guards look at of one command; see :class:`groundstation.core.pilot.Tick`."""
+    """What the guards look at of one command; see :class:`groundstation.core.messages.snapshot.Tick`."""
 
     @property
     def time_s(self) -> float:

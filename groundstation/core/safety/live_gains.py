@@ -14,7 +14,7 @@ import msgspec
 
 from groundstation.config import locate
 from groundstation.core.control import Gains
-from groundstation.core.messages import Estimate, Reply
+from groundstation.core.messages import Estimate, Reply, Severity
 from groundstation.core.trajectory import Reference
 
 RAMP_S = 2.0
@@ -118,10 +118,13 @@ class LiveGains:
 
     def update(
         self, time_s: float, estimate: Estimate, reference: Reference, v: float, *, counts: bool
-    ) -> tuple[GainStep | None, str]:
-        """One command has left: what to set now, and what to tell; ``counts`` where its error tells of the gains."""
+    ) -> tuple[GainStep | None, str, Severity]:
+        """One command has left: what to set now, what to tell, and how grave that is.
+
+        ``counts`` where its error tells of the gains.
+        """
         if self.gains is None:
-            return None, ""
+            return None, "", Severity.INFO
         squared = math.dist(estimate.motion.position, reference.position_ned) ** 2
         dt, self._last_s = min(time_s - self._last_s, STALL_S), time_s
         past = self._past
@@ -131,29 +134,31 @@ class LiveGains:
                 past.popleft()
         else:
             past.clear()
-        text = self._judge(time_s, squared, v, dt, counts=counts) if self._trial is not None else ""
-        return self._step(time_s), text
+        news = "", Severity.INFO
+        if self._trial is not None:
+            news = self._judge(self._trial, time_s, squared, v, dt, counts=counts)
+        return self._step(time_s), *news
 
-    def _judge(self, time_s: float, squared: float, v: float, dt: float, *, counts: bool) -> str:
-        trial = self._trial
-        assert trial is not None, "the caller has looked"
+    def _judge(
+        self, trial: _GainTrial, time_s: float, squared: float, v: float, dt: float, *, counts: bool
+    ) -> tuple[str, Severity]:
         key = PREFIX + trial.move.name
         if not counts:
             self._turn_back(trial, time_s)
-            return f"{key} goes back to {trial.move.old:g}: the flight goes on to something else, and it is not proven"
+            why = "the flight goes on to something else, and it is not proven"
+            return f"{key} goes back to {trial.move.old:g}: {why}", Severity.INFO
         self._squares += squared * dt
         self._v += v * dt
         worse = "the RMS error" if not self._squares <= trial.squares else "" if self._v <= trial.v else "V"
         if worse:
             self._turn_back(trial, time_s)
             factor = RMS_FACTOR if worse != "V" else V_FACTOR
-            return (
-                f"warning: {key} goes back to {trial.move.old:g}: {worse} has risen by more than a factor of {factor:g}"
-            )
+            why = f"{worse} has risen by more than a factor of {factor:g}"
+            return f"warning: {key} goes back to {trial.move.old:g}: {why}", Severity.WARNING
         if time_s - trial.move.start_s >= RAMP_S + JUDGED_S:
             self._trial = None
-            return f"{key} stays at {trial.move.new:g}: the flight is as good as before"
-        return ""
+            return f"{key} stays at {trial.move.new:g}: the flight is as good as before", Severity.INFO
+        return "", Severity.INFO
 
     def _turn_back(self, trial: _GainTrial, now_s: float) -> None:
         now = getattr(self.gains, trial.move.name)

@@ -31,7 +31,7 @@ from typing import Annotated, Any, Literal, Protocol, TypeAlias
 import msgspec
 
 from groundstation.config import locate
-from groundstation.core.messages import Ask, Reply, Request, Snapshot, Waypoints, ensure_points
+from groundstation.core.messages import Ask, Notice, Reply, Request, Snapshot, Waypoints, ensure_points
 from links.core import printable
 
 VERSION = 1
@@ -143,7 +143,7 @@ class LineSplitter:
         return found
 
 
-def new_events(before: tuple[str, ...], now: tuple[str, ...]) -> tuple[str, ...]:
+def new_events(before: tuple[Notice, ...], now: tuple[Notice, ...]) -> tuple[Notice, ...]:
     """The events of ``now`` that follow those of ``before``, both being windows of one growing list."""
     for start in range(len(before)):
         tail = before[start:]

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import cast
 
-from groundstation.core.messages import Snapshot
+from groundstation.core.messages import Severity, Snapshot
 from groundstation.interfaces.api.messages import (
     ORDER_MAX_BYTES,
     VERSION,
@@ -52,7 +52,7 @@ class Server:
         pid: int = 0,
         version: str = "",
         config_text: str = "",
-        log: Callable[[str], None] = lambda _: None,
+        log: Callable[[str, Severity], None] = lambda *_: None,
     ) -> None:
         """Serve what ``latest`` holds for the vehicle of that name, and have ``core`` do what is ordered.
 
@@ -151,7 +151,9 @@ class Server:
         self.refused[reason] += 1
         client.bad[reason] += 1
         if client.bad[reason] == 1:
-            self._log(f"warning: {client.party.label} has sent what is no order ({text}): nothing was done")
+            self._log(
+                f"warning: {client.party.label} has sent what is no order ({text}): nothing was done", Severity.WARNING
+            )
         client.write(encode(Refusal(text)))
         if reason == "oversized" or client.bad.total() >= BAD_MAX:
             client.transport.close()

@@ -8,7 +8,7 @@ import msgspec
 
 from groundstation.config import CLIENT_LETTERS, VEHICLE_LETTERS, is_name, name_pattern
 from groundstation.core.messages import RemoteAsk, Snapshot, Waypoints, ensure_points
-from groundstation.core.mission import FINAL
+from groundstation.core.mission import ALARMING, FINAL
 from groundstation.interfaces.api import decode
 from links.core import printable
 
@@ -134,15 +134,6 @@ ANSWER = Topic("answer", SealedAnswer, "what became of it", quality=1, expires_s
 TOPICS = (STATE, SNAPSHOT, EVENT, HEALTH, SESSION, REQUEST, ANSWER)
 
 
-def parse_event(number: int, line: str) -> EventMessage:
-    """The event in a line of a snapshot, ``12.345 text``."""
-    time, _, text = line.partition(" ")
-    try:
-        return EventMessage(number, float(time), text)
-    except ValueError:
-        return EventMessage(number, 0.0, line)
-
-
 def properties(topic: Topic, expires_s: int | None = None) -> Any:
     """What goes along with a message to ``topic``: when it expires, where it does; ``expires_s`` comes first."""
     from paho.mqtt.packettypes import PacketTypes
@@ -163,7 +154,6 @@ DRIFT = 1e-4
 VEHICLES_MAX = 500
 """More are not taken in: a broker may carry anything."""
 EVENTS_KEPT = 20
-ALARM = frozenset({"descent", "aborted", "handed_over", "killed"})
 
 
 class VehicleView:
@@ -228,7 +218,7 @@ class VehicleView:
     def urgency(self, now_s: float) -> int:
         """0 for what needs somebody now, then 1 in the air, 2 on the ground, 3 away."""
         word = self.word(now_s)
-        if word in ("NO DATA", "LINK LOST") or self.state in ALARM:
+        if word in ("NO DATA", "LINK LOST") or self.state in ALARMING:
             return 0
         if word == "OFFLINE":
             return 3

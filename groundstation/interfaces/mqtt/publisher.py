@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import Ask, Reply, Request, Snapshot
+from groundstation.core.messages import Ask, Notice, Reply, Request, Snapshot
 from groundstation.interfaces.api import new_events
 from groundstation.interfaces.mqtt.broker import (
     HEARD_MAX_BYTES,
@@ -38,7 +38,6 @@ from groundstation.interfaces.mqtt.messages import (
     HealthMessage,
     SessionMessage,
     Topic,
-    parse_event,
     properties,
 )
 from groundstation.interfaces.mqtt.requests import ClientKey, Gatekeeper, Place
@@ -257,12 +256,12 @@ class _Publisher:
 
     async def collect(self) -> None:
         """Gather events until cancelled, whether there is a broker or not."""
-        seen: tuple[str, ...] = ()
+        seen: tuple[Notice, ...] = ()
         number = 0
         async for snapshot in self._latest.values():
-            for line in new_events(seen, snapshot.events):
+            for notice in new_events(seen, snapshot.events):
                 number += 1
-                self._events.append(parse_event(number, line))
+                self._events.append(EventMessage(number, round(notice.time_s, 3), notice.says))
                 self._more.set()
             seen = snapshot.events
             while len(self._events) > EVENTS_KEPT:

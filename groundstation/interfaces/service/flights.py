@@ -27,7 +27,18 @@ from typing import Any, Protocol
 import msgspec
 
 from groundstation.config import ConfigError, dump
-from groundstation.core.messages import Ask, Reply, Request, Snapshot, SourceError
+from groundstation.core.messages import (
+    Ask,
+    FlightEvent,
+    Notice,
+    Reply,
+    Request,
+    Say,
+    Severity,
+    Snapshot,
+    SourceError,
+    tell_lines,
+)
 from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, State
 from groundstation.core.safety import CERTAIN_S
 from groundstation.flight import (
@@ -229,16 +240,6 @@ def is_journal(number: int, environment: Mapping[str, str] = os.environ) -> bool
     return environment.get("JOURNAL_STREAM", "") == f"{info.st_dev}:{info.st_ino}"
 
 
-def level_of(line: str) -> int:
-    """How grave a line for the operator is, by its first word after the time."""
-    words = line.split(" ", 1)
-    text = words[1] if len(words) == 2 and words[0].replace(".", "", 1).isdigit() else line
-    return logging.WARNING if text.lower().startswith(GRAVE) else logging.INFO
-
-
-GRAVE = ("warning", "aborted", "killed", "handed_over", "descent", "not ", "pre-flight", "bringing down")
-
-
 STOPPING_S = 5.0
 """To come to rest, from the fastest that a flight goes [s]."""
 RESERVE = 1.5
@@ -358,7 +359,7 @@ class WatchedCore(Core, Protocol):
 async def crew(
     config: Config,
     core: WatchedCore,
-    say: Callable[[str], None],
+    say: Say,
     quiet: IdleSlots | None = None,
     *,
     needed: bool = False,
@@ -419,7 +420,7 @@ async def _publish(core: WatchedCore, latest: Latest[Snapshot], quiet: IdleSlots
         await quiet.moment()
 
 
-async def _isolate(what: str, work: Awaitable[None], say: Callable[[str], None]) -> None:
+async def _isolate(what: str, work: Awaitable[None], say: Say) -> None:
     """A screen or a broker must not end a flight: say what failed and go on without it."""
     try:
         await work
@@ -438,9 +439,7 @@ RENEW_S = 3600.0
 class Daemon:
     """Flies when it is told to, until it is stopped."""
 
-    def __init__(
-        self, config: Config, say: Callable[[str], None], notify: Notify, *, arm: bool = False, once: bool = False
-    ) -> None:
+    def __init__(self, config: Config, say: Say, notify: Notify, *, arm: bool = False, once: bool = False) -> None:
         """``arm``: the first flight arms without being asked. ``once``: end with the first flight."""
         self._config = config
         self._say = say
@@ -511,7 +510,7 @@ class Daemon:
                 if self._once or first:
                     raise
                 outcome = FlightOutcome(State.ABORTED, str(error), str(error))
-                self._say(f"warning: this flight could not begin: {error}")
+                self._say(f"warning: this flight could not begin: {error}", Severity.WARNING)
             first = False
             flew = self._armed > before
             if self._once or (flew and self._stop.is_set()):
@@ -541,8 +540,7 @@ class Daemon:
         return make_flight(
             self._config,
             confirm=self._confirm,
-            on_event=self._say,
-            on_state=self._on_state,
+            observers=(self._hear,),
             give=give,
             quiet=self._quiet,
             running=running_processes,
@@ -556,13 +554,15 @@ class Daemon:
             await asyncio.Event().wait()
         return True
 
-    def _on_state(self, state: State, reason: str) -> None:
-        if state is State.ARMING:
-            self._armed += 1
-            self._arm = False
-        if state in FINAL:
-            self._arm = False
-        self._notify.status(f"{state}: {reason}")
+    def _hear(self, event: FlightEvent) -> None:
+        if not isinstance(event, Notice):
+            return
+        self._say(event.line, event.severity)
+        if event.kind == "state":
+            self._armed += event.state == State.ARMING
+            if event.state == State.ARMING or event.state in FINAL:
+                self._arm = False
+            self._notify.status(event.says)
 
     async def _renew(self, flight: Flight) -> None:
         """End a flight that nobody has armed for long, unless somebody is about to."""
@@ -655,11 +655,14 @@ def obey(
     loop.add_signal_handler(signal.SIGHUP, hang_up)
 
 
-Say = Callable[[str], None]
-
-
-def fly_command(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say, view: str = "") -> Exit:
+def fly_command(
+    config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None], view: str = ""
+) -> Exit:
     """One flight, with the lock of its vehicle held; a viewer ``view`` shows its recording as it grows."""
+
+    def say(text: str, /, severity: Severity = Severity.INFO) -> None:
+        write(text)
+
     try:
         with hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
             logging.getLogger().addHandler(LogHandler(2, Format.TEXT, journal=False))
@@ -676,7 +679,10 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say,
     """Fly until landed or aborted, and land on the first signal."""
     quiet = IdleSlots()
     async with recorder(config, say, quiet, view=view) as give:
-        flight = make_flight(config, confirm=confirm, on_event=say, give=give, quiet=quiet, running=running_processes)
+        observers = (tell_lines(say),)
+        flight = make_flight(
+            config, confirm=confirm, observers=observers, give=give, quiet=quiet, running=running_processes
+        )
         obey(flight.ask, say)
         calm_memory()
         try:
@@ -704,12 +710,16 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
     log.setLevel(logging.INFO)
     number = sys.stderr.fileno()
     logging.getLogger().addHandler(LogHandler(number, style, journal=is_journal(number)))
+
+    def say(text: str, /, severity: Severity = Severity.INFO) -> None:
+        log.log(logging.WARNING if severity is Severity.WARNING else logging.INFO, "%s", text)
+
     try:
         with (
             hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name),
             registration(entry_of(config, "daemon", os.getpid())),
         ):
-            return _run_precisely(_serve(config, lambda line: log.log(level_of(line), "%s", line), arm=arm, once=once))
+            return _run_precisely(_serve(config, say, arm=arm, once=once))
     except (Taken, ApiError) as error:
         log.error("%s", error)
         return Exit.TAKEN

@@ -31,8 +31,20 @@ from textual.screen import Screen
 
 from groundstation.config import ConfigError, parse_toml
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Ask, Certificate, Diagnostics, PoseStatus, Reply, Request, Snapshot, SteadyError
-from groundstation.core.mission import FINAL, ON_GROUND, State
+from groundstation.core.messages import (
+    GAIN,
+    Ask,
+    Certificate,
+    Diagnostics,
+    Notice,
+    PoseStatus,
+    Reply,
+    Request,
+    Severity,
+    Snapshot,
+    SteadyError,
+)
+from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, State
 from groundstation.core.safety import LIVE, PREFIX
 from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach, stop_all
 from groundstation.interfaces.tui.drawing import flight_time
@@ -65,7 +77,11 @@ from groundstation.interfaces.tui.pages import (
     PageFrame,
 )
 from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
-from groundstation.recording import GAIN, Entry, NoRecording, Recording
+from groundstation.recording import (
+    Entry,
+    NoRecording,
+    Recording,
+)
 from groundstation.runtime import (
     ApiError,
     StatusConfig,
@@ -290,7 +306,7 @@ class Tape:
         limits = vehicle.get("rate_limits_deg_s", ())
         self._limits = _triple([math.radians(one) for one in limits]) if len(limits) == 3 else None
         self._state = self._reason = ""
-        self._events: deque[str] = deque(maxlen=20)
+        self._events: deque[Notice] = deque(maxlen=20)
         self._parts: dict[str, bytes] = {}
         self._arrivals: deque[float] = deque(maxlen=1000)
         self._steady, self._true = SteadyError(), SteadyError()
@@ -334,16 +350,17 @@ class Tape:
                 told = entry.value()
                 if told["state"] != self._state:
                     self._state, self._reason = told["state"], told["text"]
-                self._events.append(f"{now:.3f} {told['state']}: {told['text']}")
+                grave = Severity.WARNING if told["state"] in ALARMING else Severity.INFO
+                self._events.append(Notice(now, told["state"], told["text"], "course", grave))
             case "/switch":
                 told = entry.value()
                 if told["what"].startswith(GAIN):
                     self._gains[PREFIX + told["what"].removeprefix(GAIN)] = told["values"][0]
             case "/request":
                 told = entry.value()
-                self._events.append(f"{now:.3f} asked to {told['what']}: {told['reason']}")
+                self._events.append(Notice(now, self._state, f"asked to {told['what']}: {told['reason']}"))
             case "/lost":
-                self._events.append(f"{now:.3f} {entry.value()['count']} records are missing here")
+                self._events.append(Notice(now, self._state, f"{entry.value()['count']} records are missing here"))
 
     def _part(self, topic: str) -> dict[str, Any]:
         data = self._parts.get(topic)

@@ -57,7 +57,7 @@ def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
     share, volts = shot.link.battery_share, shot.link.battery_v
     battery = f"{100.0 * share:.0f} %" if share is not None else f"{volts:.1f}V" if volts is not None else "-"
     if not event and shot.events:
-        event = shot.events[-1].partition(" ")[2]
+        event = shot.events[-1].says
     metres = (_short(shot.error_m, "m"), _short(shot.rms_m, "m"))
     cells = (
         seen.name, state, _short(shot.pose_age_s, "s"), *metres, battery, shot.link.state[:7],
@@ -127,7 +127,8 @@ def vehicle_details(seen: VehicleView, now_s: float) -> list[str]:
             f"late {shot.link.expired}, says {shot.link.text or 'nothing'}",
         ]
     texts = [f"{one.time_s:9.1f} {one.text}" for one in seen.events]
-    return [printable(line) for line in lines + (texts or list(shot.events if shot else ()))[::-1]]
+    texts = texts or [one.line for one in shot.events] if shot else texts
+    return [printable(line) for line in lines + texts[::-1]]
 
 
 def _short(value: float, unit: str) -> str:

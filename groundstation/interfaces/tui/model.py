@@ -9,8 +9,8 @@ import msgspec
 
 from groundstation.config import parse_toml
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Ask, Reply, Snapshot
-from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, TABLE, State
+from groundstation.core.messages import Ask, Notice, Reply, Snapshot
+from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, TABLE, State
 from groundstation.core.safety import RAMP_S, STEP_FACTOR
 from groundstation.interfaces.api import new_events
 
@@ -77,10 +77,10 @@ OLD_POSE_S = 0.2
 """A pose older than this, in the air, is worth an alarm [s]."""
 
 ALARM, BUSY, CALM, FLYING = "alarm", "busy", "calm", "flying"
-_TONES = {
+_TONES: dict[str, str] = {
     **dict.fromkeys(("hold", "tracking", "moving", "returning"), FLYING),
     **dict.fromkeys(("arming", "takeoff", "landing", "disarming"), BUSY),
-    **dict.fromkeys(("descent", "aborted", "handed_over", "killed"), ALARM),
+    **dict.fromkeys(ALARMING, ALARM),
 }
 
 
@@ -272,7 +272,7 @@ class Picture:
         self.hello: FlightIdentity | None = None
         self.holder = Holder("", yours=False)
         self.flown: deque[PlotSample] = deque(maxlen=KEPT)
-        self.events: deque[str] = deque(maxlen=EVENTS_KEPT)
+        self.events: deque[Notice] = deque(maxlen=EVENTS_KEPT)
         self.answer = Reply(done=True, says="")
         self.count = 0
         """How many news there were: a screen that has drawn this number needs no new drawing."""

@@ -23,7 +23,7 @@ from textual.widgets.option_list import Option
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3, euler_zyx
-from groundstation.core.messages import Check, Snapshot
+from groundstation.core.messages import Check, Notice, Severity, Snapshot
 from groundstation.interfaces.tui.drawing import (
     ERROR,
     FLOWN,
@@ -403,9 +403,9 @@ class Events(Widget):
     def __init__(self) -> None:
         """Nothing heard yet."""
         super().__init__()
-        self._events: tuple[str, ...] = ()
+        self._events: tuple[Notice, ...] = ()
 
-    def show(self, events: Sequence[str]) -> None:
+    def show(self, events: Sequence[Notice]) -> None:
         """Take the newest events, oldest first."""
         newest = tuple(events)
         if newest != self._events:
@@ -419,11 +419,10 @@ class Events(Widget):
         return content([*rows, *map(event_row, self._events[-room:])], self.size.width)
 
 
-def event_row(line: str) -> Spans:
+def event_row(event: Notice) -> Spans:
     """One event, with a mark where it is a warning."""
-    time, _, text = printable(line).partition(" ")
-    warns = text.lower().startswith(("aborted", "warning", "killed", "not ", "pre-flight fail"))
-    return [(f"{time:>9} ", LABEL), (text, WARNING if warns else "")]
+    grave = event.severity is Severity.WARNING
+    return [(f"{event.time_s:9.3f} ", LABEL), (printable(event.says), WARNING if grave else "")]
 
 
 T = TypeVar("T")

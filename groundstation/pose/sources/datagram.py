@@ -16,7 +16,7 @@ from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
 from groundstation.pose.sources.intake import DatagramReader, Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
-from links.io import beyond, parse_address
+from links.io import NETWORK, beyond, parse_address
 
 
 class DatagramSource(asyncio.DatagramProtocol):
@@ -45,9 +45,7 @@ class DatagramSource(asyncio.DatagramProtocol):
         self._deliver = deliver
         self._loop = asyncio.get_running_loop()
         try:
-            self._transport, _ = await self._loop.create_datagram_endpoint(
-                lambda: self, local_addr=parse_address(self._listen)
-            )
+            self._transport, _ = await NETWORK.get().open_datagram(lambda: self, parse_address(self._listen))
         except OSError as error:
             raise cannot_listen(self._what, self._listen, error) from error
 

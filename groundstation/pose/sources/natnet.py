@@ -12,7 +12,7 @@ from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus
 from groundstation.pose.sources.datagram import cannot_listen, join
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.natnet_codec import NatNetReader
-from links.io import beyond, is_loopback, parse_address
+from links.io import NETWORK, beyond, is_loopback, parse_address
 
 BEAT_S = 0.5
 """How often the server is told that we are there [s]."""
@@ -118,17 +118,17 @@ class NatNetSource:
         Raises:
             SourceError: the addresses cannot be listened on; the message says which and why.
         """
-        self._loop = loop = asyncio.get_running_loop()
+        self._loop = asyncio.get_running_loop()
         self._deliver = deliver
         config = self._config
         local = (config.interface, 0)
         try:
-            self._command, _ = await loop.create_datagram_endpoint(lambda: _NatNetSocket(self._hear), local_addr=local)
+            self._command, _ = await NETWORK.get().open_datagram(lambda: _NatNetSocket(self._hear), local)
             if config.multicast:
                 # A group comes to whoever is bound to its address; others on this machine may listen as well.
                 local = (config.group, config.data_port)
-                self._data, _ = await loop.create_datagram_endpoint(
-                    lambda: _NatNetSocket(self._hear), local_addr=local, reuse_port=True
+                self._data, _ = await NETWORK.get().open_datagram(
+                    lambda: _NatNetSocket(self._hear), local, reuse_port=True
                 )
                 join(self._data, config.group, config.interface)
         except OSError as error:

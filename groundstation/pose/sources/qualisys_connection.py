@@ -15,6 +15,7 @@ from qtm_rt.protocol import QRTCommandException, QTMProtocol
 from groundstation.core.messages import SourceError
 from groundstation.pose.sources.qualisys_codec import Framer
 from links.core import printable
+from links.io import NETWORK
 
 PROTOCOL_VERSION = "1.25"
 KNOCK_S = 0.2
@@ -104,13 +105,11 @@ class QtmConnection(asyncio.Protocol):
             raise SourceError(f"QTM refused to {what}: {printable(str(error))}") from None
 
 
-async def _knock(
-    loop: asyncio.AbstractEventLoop, factory: Callable[[], QtmConnection], host: str, port: int
-) -> tuple[asyncio.Transport, QtmConnection]:
+async def _knock(factory: Callable[[], QtmConnection], host: str, port: int) -> tuple[Any, QtmConnection]:
     """Knock until somebody opens: QTM takes a while to start."""
     while True:
         try:
-            return await loop.create_connection(factory, host, port)
+            return await NETWORK.get().open_stream(factory, host, port)
         except ConnectionRefusedError:
             await asyncio.sleep(KNOCK_S)
 
@@ -121,10 +120,9 @@ async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], 
     Raises:
         SourceError: it can't be reached, or does not speak as QTM does.
     """
-    loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(timeout_s):
-            _, connection = await _knock(loop, lambda: QtmConnection(timeout_s, drop), host, port)
+            _, connection = await _knock(lambda: QtmConnection(timeout_s, drop), host, port)
     except OSError as error:
         raise SourceError(
             f"cannot reach QTM at {host}:{port} ({error.strerror or str(error) or 'no answer'}); check that it runs, "

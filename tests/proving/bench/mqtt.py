@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core.messages import Snapshot
+from groundstation.core.messages import Notice, Snapshot
 from groundstation.interfaces.mqtt import from_url, publish_forever
 from groundstation.runtime import Latest
 from groundstation.settings import MqttConfig
@@ -119,7 +119,7 @@ def _snapshot(name: str, time_s: float) -> Snapshot:
         pose_age_s=0.0123, pose_rate_hz=100.0, poses_dropped={"stale": 1}, position_ned=(0.123456, 1.234567, -0.1),
         velocity_ned=zero, attitude=(1.0, 0.0, 0.0, 0.0), reference_ned=zero, error_m=0.01, rms_m=0.02, thrust_n=0.0,
         thrust_max_n=1.37, rates_rad_s=zero, saturated=False, diagnostics=None, link=link,
-        events=tuple(f"{i}.000 an event of the flight, as long as they are" for i in range(20)),
+        events=tuple(Notice(float(i), "ready", "an event of the flight, as long as they are") for i in range(20)),
     )  # fmt: skip
 
 

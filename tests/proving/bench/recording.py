@@ -8,10 +8,16 @@ from statistics import median
 from time import thread_time
 from typing import TYPE_CHECKING, Any
 
-from groundstation.core import Pilot
-from groundstation.core.messages import Pose
-from groundstation.flight import FrameLateness, make_ends
-from groundstation.recording import ReceivedRecord, Record, RecordedPilot, RecorderProcess, SentRecord, about
+from groundstation.core import (
+    Pilot,
+)
+from groundstation.core.messages import (
+    FlightEvent,
+    Pose,
+    Tick,
+    TickRecord,
+)
+from groundstation.recording import ReceivedRecord, Record, RecorderProcess, SentRecord, about
 from groundstation.runtime import RecordingConfig, sleep_until
 from groundstation.settings import Config
 
@@ -33,8 +39,6 @@ async def fly_ticks(
 ) -> tuple[float, float]:
     """Processor time of this thread for a tick [s]: all of it, and from the pose's arrival to the command's leaving."""
     loop = asyncio.get_running_loop()
-    if isinstance(pilot, RecordedPilot) and give is not None:
-        pilot.give, pilot.due = give, FrameLateness(make_ends(config)[0])
     trajectory = config.trajectory.build()
     first = loop.time()
     begun = thread_time()
@@ -63,9 +67,13 @@ async def turn(ticks: int, folder: str, *, recording: bool) -> tuple[float, floa
     parts = config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m
     if not recording:
         return await fly_ticks(ticks, Pilot(*parts), config, None)
-    recorder = RecorderProcess(RecordingConfig(folder=folder), about(config), lambda _: None)
+    recorder = RecorderProcess(RecordingConfig(folder=folder), about(config), lambda *_: None)
     await asyncio.sleep(1.0)  # its start is not what is measured
-    figures = await fly_ticks(ticks, RecordedPilot(*parts), config, recorder.give)
+
+    def tell(event: FlightEvent | Tick) -> None:
+        recorder.give(TickRecord(event) if isinstance(event, Tick) else event)  # type: ignore[arg-type]  # no notices here
+
+    figures = await fly_ticks(ticks, Pilot(*parts, tell), config, recorder.give)
     await recorder.close()
     return figures
 

@@ -13,9 +13,15 @@ from typing import Any
 
 import msgspec
 
-from groundstation.core import Tick
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Ask, Request, Waypoint
+from groundstation.core.messages import (
+    Ask,
+    CommandSent,
+    FlightEvent,
+    Notice,
+    Request,
+    Waypoint,
+)
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Give, Record, make_flight
@@ -155,10 +161,17 @@ async def fly_here(
     def step(time_s: float, position: Vec3) -> None:
         truth.step(time_s, position)
 
-    def watch(tick: Tick) -> None:
+    def watch(event: FlightEvent) -> None:
+        if isinstance(event, Notice) and event.kind == "state":
+            moves.enter(State(event.state), event.text)
+            if moves.answers:
+                note_answer(moves.answers[0][0])
+        if not isinstance(event, CommandSent):
+            return
         # What false poses led to is no course any more: it may run away with them.
         misled = fault.poses is not Poses.TRUE and bool(moves.answers)
-        truth.tick(tick, follows=not misled and moves.state not in (State.DESCENT, State.ABORTED, State.DISARMING))
+        ended = moves.state in (State.DESCENT, State.ABORTED, State.DISARMING)
+        truth.tick(event.tick, follows=not misled and not ended)
         if scene.controller_raises:
             raise _Broken("the controller broke")
 
@@ -172,11 +185,6 @@ async def fly_here(
     def note_answer(time_s: float) -> None:
         pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
 
-    def enter(state: State, reason: str) -> None:
-        moves.enter(state, reason)
-        if moves.answers:
-            note_answer(moves.answers[0][0])
-
     async def confirm() -> bool:
         await sleep_until(begun_s + CONFIRM_S)
         return True
@@ -186,7 +194,7 @@ async def fly_here(
     stage.plant.advance(begun_s)
     if stage.mocap is not None:
         stage.mocap.through(meddle)
-    flight = make_flight(config, confirm=confirm, on_tick=watch, on_state=enter, wires=stage.wires, give=give)
+    flight = make_flight(config, confirm=confirm, observers=(watch,), wires=stage.wires, give=give)
     scene = Scene(flight, stage, meddlers[0] if meddlers else None, seed)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     striking = asyncio.ensure_future(_strike(scene, state, moves, truth))
