@@ -393,16 +393,19 @@ class FlightStatistics:
         self._tracks = False
         self._steady = SteadyError()
         self._lateness = Lateness()
+        self._late_s: float | None = None
 
     def hear(self, event: FlightEvent) -> None:
         """Count ``event``; an error counts where it belongs to the trajectory."""
         match event:
             case PoseRecord(pose):
                 self._arrivals.append(pose.arrival_s)
-            case TickRecord(_, late_s) if late_s is not None:
-                self._lateness.add(late_s)
+            case TickRecord(_, late_s):
+                self._late_s = late_s
             case CommandSent(tick):
                 self._tick = tick
+                if self._late_s is not None:
+                    self._lateness.add(self._late_s)
                 if self._tracks and tick.flight_time_s >= 0.0:
                     error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
                     self._steady.add(tick.flight_time_s, error)

@@ -2,19 +2,12 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.interfaces.service.fleet import fleet_command, relay_command
-    from groundstation.interfaces.service.flights import (
-        Format,
-        daemon_command,
-        fly_command,
-        health_command,
-        require_flyable,
-        unit_file,
-    )
+    from groundstation.interfaces.service.fleet import fleet_command, relay_command, require_flyable
+    from groundstation.interfaces.service.flights import Format, daemon_command, fly_command, health_command, unit_file
 
 _MODULES = {
-    "fleet": ("fleet_command", "relay_command"),
-    "flights": ("Format", "daemon_command", "fly_command", "health_command", "require_flyable", "unit_file"),
+    "fleet": ("fleet_command", "relay_command", "require_flyable"),
+    "flights": ("Format", "daemon_command", "fly_command", "health_command", "unit_file"),
 }
 
 

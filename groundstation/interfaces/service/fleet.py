@@ -21,11 +21,12 @@ from typing import Any
 from groundstation.config import ConfigError, dump
 from groundstation.core.messages import Ask, Request, SourceError
 from groundstation.core.mission import State
+from groundstation.flight import ensure_flyable, ensure_guarded, ensure_held, ensure_link
 from groundstation.interfaces.api import ask_station, snapshots
-from groundstation.interfaces.service.flights import require_flyable
+from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
 from groundstation.runtime import ApiError, Exit, socket_path
-from groundstation.settings import REHEARSAL, describe_rehearsal, ensure_served
+from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
 from links.core import make_child_command
 
 AGAIN_S = 0.2
@@ -258,6 +259,25 @@ def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
         return Exit.DONE
     _require_flyable(found, args.fleet)
     return asyncio.run(Supervisor(found, list(dict.fromkeys(args.arm)), say).run())
+
+
+def require_flyable(config: Config) -> Config:
+    """``config``, which must have all that a flight needs.
+
+    Raises:
+        ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
+            or a key can't be used.
+    """
+    if config.pose.recorded:
+        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
+    if getattr(config.pose, "backend", "") == "mock":
+        raise ConfigError("pose.backend", "mock makes bodies up: it is to look at, and never flies a vehicle")
+    ensure_guarded(config)
+    ensure_link(config)
+    ensure_mqtt(config.mqtt)
+    ensure_held(config.operator)
+    ensure_flyable(config)
+    return config
 
 
 def _require_flyable(fleet: FleetPlan, file: Path) -> None:

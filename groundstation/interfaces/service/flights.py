@@ -45,16 +45,11 @@ from groundstation.flight import (
     DISARM_WAIT_S,
     Flight,
     FlightOutcome,
-    ensure_flyable,
-    ensure_guarded,
-    ensure_held,
-    ensure_link,
     entry_of,
     examine_trajectory,
     make_ends,
 )
 from groundstation.interfaces.api import Core, Server
-from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.recording import END_S, make_flight, recorder
 from groundstation.runtime import (
     SERVICES,
@@ -604,25 +599,6 @@ class Daemon:
             flights=self._armed,
             refused=dict(server.refused),
         )
-
-
-def require_flyable(config: Config) -> Config:
-    """``config``, which must have all that a flight needs.
-
-    Raises:
-        ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
-            or a key can't be used.
-    """
-    if config.pose.recorded:
-        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
-    if getattr(config.pose, "backend", "") == "mock":
-        raise ConfigError("pose.backend", "mock makes bodies up: it is to look at, and never flies a vehicle")
-    ensure_guarded(config)
-    ensure_link(config)
-    ensure_mqtt(config.mqtt)
-    ensure_held(config.operator)
-    ensure_flyable(config)
-    return config
 
 
 def obey(
