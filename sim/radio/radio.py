@@ -208,8 +208,9 @@ def opened_on(port: WirePort) -> OpenPacer:
 class PtyWire:
     """The far end of a port; the near end's path is ``path``.
 
-    The path is of its own. The system's name for the terminal belongs to somebody else's soon after this one is
-    closed; a link that opens its port again and again, as all do, would write into that.
+    The path is of its own, and leads to what this process holds open. The system's name for the terminal belongs to
+    somebody else's soon after this one is closed, be it by a kill that leaves the path behind; a link that opens its
+    port again and again, as all do, would take that and write into it.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -227,7 +228,7 @@ class PtyWire:
         self.path = str(place)
         if place.is_symlink():
             place.unlink()
-        place.symlink_to(os.ttyname(self._near))
+        place.symlink_to(f"/proc/{os.getpid()}/fd/{self._near}")
 
     def listen(self, take: Callable[[bytes], None]) -> None:
         """Call ``take`` with whatever is written to the port, until closed."""

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import os
 import signal
+import subprocess
 import sys
 import tempfile
 import termios
@@ -17,6 +18,7 @@ from typing import NamedTuple
 import pytest
 
 from links.core import Command, LinkLost
+from links.io import is_pseudo_terminal, open_port
 from links.rf import Channels, CrsfLinkConfig, DsmLinkConfig, SerialRfLink
 from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer import AFTERLIFE_S
@@ -266,6 +268,35 @@ def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up_disar
         second.close()
 
     asyncio.run(main())
+
+
+KILLED = """
+import os, pathlib, sys
+from sim.radio import PtyWire
+
+PtyWire(pathlib.Path(sys.argv[1]))
+print(flush=True)
+sys.stdin.read()
+"""
+
+
+def test_the_port_that_a_killed_simulation_leaves_behind_leads_to_nobodys_terminal(tmp_path: Path) -> None:
+    port = tmp_path / "port"
+    command = [sys.executable, "-c", KILLED, str(port)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as simulation:
+        assert simulation.stdout is not None
+        simulation.stdout.readline()
+        assert is_pseudo_terminal(str(port))
+        os.close(open_port(str(port), 115200))
+        simulation.kill()
+    next_ones = [end for _ in range(20) for end in os.openpty()]  # one has its number
+    try:
+        assert port.is_symlink()
+        with pytest.raises(OSError, match="no such port"):
+            open_port(str(port), 115200)
+    finally:
+        for end in next_ones:
+            os.close(end)
 
 
 def test_garbage_and_half_frames_from_the_module_are_counted_and_delay_nothing() -> None:
