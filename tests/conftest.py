@@ -52,6 +52,14 @@ def pytest_unconfigure() -> None:
         end_orphans(os.environ[MARK])
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """What has no test of the kind that is asked for is not even imported: every worker would do so."""
+    asked, lives = str(config.option.markexpr), E2E in f"{collection_path.as_posix()}/"
+    if asked.startswith("real_time") and not lives and collection_path.suffix == ".py":
+        return None if re.search("real_time|BOTH_LOOPS", collection_path.read_text("utf-8")) else True
+    return True if asked.startswith("not (real_time") and lives else None
+
+
 @pytest.hookimpl(tryfirst=True)  # before ``-m`` chooses
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whole programs live in real time."""

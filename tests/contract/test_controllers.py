@@ -124,7 +124,7 @@ def test_a_controller_flies_the_real_limits_and_the_same_flight_again_bit_by_bit
 def test_the_heading_follows_too(kind: str) -> None:
     world, config = told(kind)
     config = msgspec.structs.replace(config, trajectory=HoldConfig(position_ned=(0.8, -0.8, 0.0), yaw_deg=30.0))
-    w, _, _, z = watched(world, config, 6.0).ticks[-1].estimate.motion.attitude
+    w, _, _, z = watched(world, config, 4.0).ticks[-1].estimate.motion.attitude
     assert math.degrees(2.0 * math.atan2(z, w)) == pytest.approx(30.0, abs=2.0)
 
 

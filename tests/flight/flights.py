@@ -35,7 +35,7 @@ def flown(scenario: str, *overrides: str, seed: int = 0, duration_s: float = 60.
 
 @cache
 def flown_ideal(composite: str) -> tuple[Result, list[Certified]]:
-    """20 s of ``ideal`` by that form of composite adaptation, and V at each of its commands."""
+    """12 s of ``ideal`` by that form of composite adaptation, and V at each of its commands."""
     world, config = prepare(SCENARIOS["ideal"], [f"controller.composite={composite}"])
 
     def make(_: Path) -> tuple[Result, list[Certified]]:
@@ -49,7 +49,7 @@ def flown_ideal(composite: str) -> tuple[Result, list[Certified]]:
             error = sum(x * x for x in d.z1) ** 0.5
             rows.append((tick.flight_time_s, d.v_known + b / (2.0 * law.kb), error))
 
-        result = fly(world, config, seed=0, duration_s=20.0, on_tick=on_tick)
+        result = fly(world, config, seed=0, duration_s=12.0, on_tick=on_tick)
         assert result.completed, result.why
         return result, rows
 

@@ -99,7 +99,7 @@ def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:
 def test_the_command_of_each_flight_flies_it_again(
     rows: list[CampaignRow], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for row in rows[:2]:
+    for row in rows[:1]:
         assert _call([*shlex.split(command(_campaign(), row.seed)), "--json"], monkeypatch) == 0
         verdict = json.loads(capsys.readouterr().out)
         assert verdict["rms_cm"] == pytest.approx(row.rms_cm, abs=1e-3)

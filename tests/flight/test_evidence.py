@@ -30,6 +30,8 @@ from groundstation.recording import Recording
 from tests.recordings import recorded
 
 GOLDEN = Path(__file__).parents[1] / "golden"
+SECONDS = 12.0
+"""Of the flight of ours [s]."""
 ATTITUDE_P = {"nanobench": 6.0, "neural-fly": 7.0}
 
 
@@ -37,7 +39,7 @@ ATTITUDE_P = {"nanobench": 6.0, "neural-fly": 7.0}
 def flown() -> list[tuple[float, Vec3, Quat, float, Vec3]]:
     """Each pose of a flight of ours: time [s], place, attitude, and the newest command's share of thrust and rates."""
     rows, newest = [], None
-    for entry in Recording(recorded("paper", duration_s=20.0)[0]).entries(("/measured", "/command")):
+    for entry in Recording(recorded("paper", duration_s=SECONDS)[0]).entries(("/measured", "/command")):
         value = entry.value()
         if entry.topic == "/command":
             w = value["rates_rad_s"]
@@ -214,7 +216,7 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     name: str, tmp_path: Path
 ) -> None:
     own = name == "own"
-    path = recorded("paper", duration_s=20.0)[0] if own else imported(tmp_path, LAYOUTS[name](tmp_path), name)
+    path = recorded("paper", duration_s=SECONDS)[0] if own else imported(tmp_path, LAYOUTS[name](tmp_path), name)
     facts = json.loads(json.dumps(examine_flight(path)))
     assert set(facts) >= KEYS
     assert set(facts["prediction"]) == {"20", "40", "60", "100"}
@@ -229,7 +231,7 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
 
 def test_stamps_that_are_off_leave_the_filter_consistent_and_cost_nothing_across_the_motion() -> None:
     exact, late = (
-        examine_flight(recorded("fast", f"sim.pose_jitter_s={jitter_s}", duration_s=12.0)[0])
+        examine_flight(recorded("fast", f"sim.pose_jitter_s={jitter_s}", duration_s=8.0)[0])
         for jitter_s in (0.0, 0.001)
     )
     assert late["jitter_ms"] == pytest.approx(1.0, rel=0.15)

@@ -94,7 +94,10 @@ def test_ours_flies_in_the_strongest_wind_within_the_share_of_what_was_measured(
 def test_the_command_says_it_and_writes_it_between_markers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sim.studies.gale.fly_published", flown)
+    def published(seeds: int = 5, *, aerodynamics: bool = True) -> list[PublishedFlight]:
+        return flown(seeds) if aerodynamics else []
+
+    monkeypatch.setattr("sim.studies.gale.fly_published", published)
     assert gale_command(None, 5, 0, as_json=True) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["of"] == 15 == len(facts["flights"])

@@ -13,17 +13,17 @@ from groundstation.config import ConfigError, from_dict
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS
 from sim.studies import coverage_table, identify_flights
-from sim.studies.intervals import truths
+from sim.studies.intervals import ToldInterval, truths
 from tests.recordings import recorded
 
-GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 42.0
+GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 24.0
 TRUTH = {
     "thrust_gain": GAIN,
     "thrust_lag_s": THRUST_LAG_S,
     "rate_lag_s": RATE_LAG_S,
     "command_delay_s": DELAY_S,
 }
-SET = ("trajectory.kind=excitation", "trajectory.laps=2", *(f"sim.{key}={value}" for key, value in TRUTH.items()))
+SET = ("trajectory.kind=excitation", "trajectory.laps=1", *(f"sim.{key}={value}" for key, value in TRUTH.items()))
 
 
 def log() -> Path:
@@ -73,7 +73,7 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
 
 
 def test_the_drag_that_its_scenario_tells_quad1kg_is_what_is_found_in_flight(tmp_path: Path) -> None:
-    flight = recorded("quad1kg", SET[0], "trajectory.laps=1", "vehicle.drag_per_s=0", seed=1, duration_s=22.0)[0]
+    flight = recorded("quad1kg", *SET[:2], "vehicle.drag_per_s=0", seed=1, duration_s=22.0)[0]
     one = printed(flight, tmp_path / "found.toml")["parameters"]["drag"]
     told = SCENARIOS["quad1kg"].told.drag_per_s
     assert one["interval"][0] < told < one["interval"][1]
@@ -119,7 +119,7 @@ def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole = log().read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 3])
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     assert identify_command(tmp_path / "cut.mcap", None, None, as_json=False) == 0
     text = capsys.readouterr().out
     assert "The recording was cut off. This is from what is in it before." in text
@@ -195,14 +195,19 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         identify_command(tmp_path / "missing.mcap", None, None, as_json=True)
 
 
+def test_an_interval_that_a_flight_tells_holds_the_truth() -> None:
+    (told,) = identify_flights("adverse", 1)
+    lag = next(one for one in told if one.name == "rate_lag")
+    assert lag.low <= truths("adverse")["rate_lag"] <= lag.high
+
+
 def test_the_truth_of_a_scenario_is_counted_where_it_lies_within_what_was_told() -> None:
     known = truths("adverse")
     assert known["rate_delay"] == pytest.approx(0.025)
     assert known["drag"] == pytest.approx(0.3)
     assert "rate_lag" not in truths("rotors_mqx"), "nobody knows it"
-    (told,) = identify_flights("adverse", 1)
-    lag = next(one for one in told if one.name == "rate_lag")
-    assert lag.low <= known["rate_lag"] <= lag.high
+    true = known["rate_lag"]
+    lag = ToldInterval("adverse", "rate_lag", true, 0.9 * true, 1.1 * true)
     wrong = lag._replace(low=2.0 * lag.high, high=3.0 * lag.high)
     assert "| rate lag, roll and pitch | 1 (" in coverage_table([lag], 1)
     assert "| rate lag, roll and pitch | 1 of the 2 that told it (" in coverage_table([lag, wrong], 3)

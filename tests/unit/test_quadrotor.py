@@ -128,7 +128,7 @@ def test_the_battery_sags_over_the_flight() -> None:
 def test_turbulence_has_the_asked_rms_and_correlation_on_every_axis() -> None:
     normals = rows(stream(3, "wind").standard_normal, 3)
     eddies = begin_eddies((0.1, 0.1, 0.1))
-    values = np.empty((400_000, 3))
+    values = np.empty((200_000, 3))
     for i in range(len(values)):
         a, b, c = next(normals)
         eddies = stir(eddies, (a, b, c))
