@@ -31,7 +31,7 @@ What a controller of your own asks for (docs/how-to/own-controller.md), each loa
 from groundstation.runtime.version import __version__ as __version__
 
 TYPE_CHECKING = False
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to what stands above what
     from groundstation.analysis.recordings import FlightData, load
     from groundstation.config.loader import ConfigError, UserCodeFault
     from groundstation.core.control.attitude import (
@@ -51,30 +51,14 @@ if TYPE_CHECKING:
     from sim.studies.budget import ErrorBudget, error_budget
     from sim.studies.comparison import ControllerComparison, compare
 
-_MODULES = {
-    "analysis.recordings": ("FlightData", "load"),
-    "config.loader": ("ConfigError", "UserCodeFault"),
-    "core.control.attitude": ("clamp_command", "half_angle_error", "make_decision", "push", "sine_error", "turning"),
-    "core.control.controllers": ("Baseline", "InnerLoop"),
-    "core.messages.snapshot": ("Controller", "Decision", "Diagnostics", "Estimate"),
-    "core.trajectory.port": ("Reference",),
-    "core.vehicle.vehicle": ("ActuatorCommand", "Motion", "Vehicle"),
-}
-_SIMULATED = ("ControllerComparison", "ErrorBudget", "Run", "compare", "error_budget", "simulate")
-"""Handed on from ``sim``, which stands above all else here: the one exception to that (pyproject.toml's contracts)."""
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    if name not in _SIMULATED:
-        return load_name(__name__, _MODULES, name)
-    from importlib import import_module
-
     try:
-        return getattr(import_module("sim"), name)
+        return load_name(__name__, name)
     except ModuleNotFoundError as error:
-        if error.name != "sim":
+        if (error.name or "").partition(".")[0] != "sim":
             raise
         raise ImportError(
             f"groundstation.{name} flies in the simulator, the package sim, which is not installed"

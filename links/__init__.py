@@ -32,26 +32,8 @@ if TYPE_CHECKING:
     from links.mavlink.protocol.config import MavlinkLinkConfig
     from links.rf.module_codec import CrsfLinkConfig, DsmLinkConfig
 
-_MODULES = {
-    "bridge.link": ("BridgeLinkConfig",),
-    "core.deadman": (
-        "Attitude",
-        "Command",
-        "CommandLink",
-        "LinkError",
-        "LinkLost",
-        "LinkMisuse",
-        "LinkRejected",
-        "LinkStatus",
-        "Segment",
-    ),
-    "make": ("make_link",),
-    "mavlink.protocol.config": ("MavlinkLinkConfig",),
-    "rf.module_codec": ("CrsfLinkConfig", "DsmLinkConfig"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -29,19 +29,8 @@ if TYPE_CHECKING:
     from sim.studies.comparison import ControllerComparison, compare
     from sim.world.world import World
 
-_MODULES = {
-    "runs.fleet": ("FleetMission", "fly_fleet"),
-    "runs.flight": ("MissionResult", "Result", "fly", "fly_mission", "from_floor"),
-    "runs.server": ("serve", "serve_fleet"),
-    "runs.simulation": ("Run", "simulate"),
-    "scenarios.scenarios": ("SCENARIOS", "Scenario", "prepare", "prepare_own"),
-    "studies.budget": ("ErrorBudget", "error_budget"),
-    "studies.comparison": ("ControllerComparison", "compare"),
-    "world.world": ("World",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

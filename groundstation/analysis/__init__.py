@@ -19,27 +19,8 @@ if TYPE_CHECKING:
     )
     from groundstation.analysis.viewers import view_command
 
-_MODULES = {
-    "recordings": ("Channel", "FlightData", "Track", "export_command", "logs_command"),
-    "replay": ("replay_command",),
-    "shadow": (
-        "FlownPath",
-        "RecordedVehicle",
-        "complete_config",
-        "flying",
-        "hover_share",
-        "latency_s",
-        "load_described",
-        "mavlink",
-        "read_recording",
-        "shadow_command",
-        "thrust_shares",
-    ),
-    "viewers": ("view_command",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

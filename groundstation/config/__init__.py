@@ -45,53 +45,8 @@ if TYPE_CHECKING:
         without_frames,
     )
 
-_MODULES = {
-    "loader": (
-        "CLIENT_LETTERS",
-        "ConfigError",
-        "FACTORY",
-        "FromFile",
-        "NAME",
-        "OpenFactory",
-        "Option",
-        "Problem",
-        "UserCodeFault",
-        "VEHICLE_LETTERS",
-        "call_factory",
-        "complete",
-        "copy_examples",
-        "describe_name",
-        "describe_pattern",
-        "describe_type",
-        "dotted_key",
-        "dump",
-        "example_names",
-        "example_text",
-        "field_notes",
-        "find_object",
-        "from_dict",
-        "is_name",
-        "keys_of",
-        "lend",
-        "list_examples",
-        "load",
-        "locate",
-        "name_object",
-        "name_pattern",
-        "needed_names",
-        "parse_toml",
-        "presets",
-        "read_toml",
-        "resolve_files",
-        "several",
-        "structs",
-        "texts_of",
-        "without_frames",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

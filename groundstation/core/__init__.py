@@ -4,10 +4,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.pilot import NOISE_POSES, Pilot
 
-_MODULES = {"pilot": ("NOISE_POSES", "Pilot")}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -28,36 +28,8 @@ if TYPE_CHECKING:
         save,
     )
 
-_MODULES = {
-    "flight": ("DISARM_WAIT_S", "Flight", "FlightOutcome", "FrameLateness", "make_ends"),
-    "hold_to_run": ("HoldWatch", "ensure_held", "make_hold"),
-    "prearm": (
-        "Company",
-        "Proof",
-        "body_of",
-        "confirmation",
-        "describe_checks",
-        "describe_failures",
-        "describe_trajectory",
-        "digest",
-        "ensure_flyable",
-        "ensure_guarded",
-        "ensure_link",
-        "ensure_named",
-        "entry_of",
-        "examine_trajectory",
-        "explain_refusal",
-        "is_simulated",
-        "key",
-        "line_from_terminal",
-        "link_of",
-        "place",
-        "save",
-    ),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

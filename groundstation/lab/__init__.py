@@ -9,17 +9,8 @@ if TYPE_CHECKING:
     from groundstation.lab.props_off import props_off_command
     from groundstation.lab.relay import Relay, run_relay
 
-_MODULES = {
-    "doctor": ("DoctorOrders", "run_doctor"),
-    "fleet": ("FleetPlan", "Member", "read_fleet"),
-    "pose_monitor": ("carry_command", "watch_poses"),
-    "pose_stream": ("CarryMove", "MOVES"),
-    "props_off": ("props_off_command",),
-    "relay": ("Relay", "run_relay"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

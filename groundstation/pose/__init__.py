@@ -13,14 +13,8 @@ if TYPE_CHECKING:
         pose_decoder,
     )
 
-_MODULES = {
-    "forward": ("ForwardingSource",),
-    "recorded_codec": ("CSV_COLUMNS", "CsvRow", "TlogReader", "TlogRecord", "encode_csv", "read_csv"),
-    "registry": ("IN_RUN_FOLDER", "PoseConfig", "ShowsOthers", "TlogConfig", "make_source", "pose_decoder"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -40,32 +40,8 @@ if TYPE_CHECKING:
     )
     from groundstation.recording.writer import FlightLog, McapWriter, about_texts
 
-_MODULES = {
-    "assembly": ("Give", "about", "make_flight", "recorder"),
-    "channels": (
-        "CHANNELS",
-        "ChannelForm",
-        "MeasuredMessage",
-        "Quaternion",
-        "ReferenceMessage",
-        "TruthMessage",
-        "Vector3",
-        "describe_channels",
-        "quaternion",
-        "read_command",
-        "read_pose",
-        "read_reference",
-        "schema",
-        "vector",
-    ),
-    "process": ("END_S", "RecorderProcess"),
-    "reader": ("Entry", "NoRecording", "Recording", "quick_headline"),
-    "records": ("About", "FlightHeadline", "LineRecord", "ReceivedRecord", "Record", "SentRecord", "TruthRecord"),
-    "writer": ("FlightLog", "McapWriter", "about_texts"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

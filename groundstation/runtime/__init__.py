@@ -54,62 +54,8 @@ if TYPE_CHECKING:
     )
     from groundstation.runtime.version import __version__
 
-_MODULES = {
-    "clock": ("IdleSlots", "cancel_task", "precise_loop", "sleep_until", "to_the_end", "wall_ms"),
-    "document": ("replace_between_markers", "split_at_markers"),
-    "entry": (
-        "Exit",
-        "INTERRUPTED",
-        "LazyParser",
-        "add_completion",
-        "build_parser",
-        "path",
-        "rare_collections",
-        "raw_stream",
-        "require_package",
-        "run",
-    ),
-    "outlets": ("Latest", "NonBlockingWriter"),
-    "recordings": (
-        "RecordingConfig",
-        "folder_of",
-        "free_name",
-        "is_being_written",
-        "list_recordings",
-        "make_folder",
-        "open_private",
-        "tidy",
-    ),
-    "register": (
-        "ApiError",
-        "BRIDGE",
-        "FILE",
-        "FOLDER",
-        "Running",
-        "SERVICES",
-        "StatusConfig",
-        "Taken",
-        "claim_socket",
-        "find_socket",
-        "foreign_services",
-        "hold_lock",
-        "is_ours",
-        "is_served",
-        "lock_path",
-        "own_directory",
-        "owner",
-        "registration",
-        "running_processes",
-        "send_signal",
-        "served_sockets",
-        "socket_folder",
-        "socket_path",
-    ),
-    "version": ("__version__",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

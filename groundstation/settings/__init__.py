@@ -18,26 +18,8 @@ if TYPE_CHECKING:
         rehearse,
     )
 
-_MODULES = {
-    "settings": (
-        "AF_UNIX",
-        "Config",
-        "FlightConfig",
-        "LinkConfig",
-        "MqttConfig",
-        "OperatorConfig",
-        "REHEARSAL",
-        "RehearsalConfig",
-        "beacon",
-        "describe_rehearsal",
-        "ensure_served",
-        "is_rehearsal",
-        "rehearse",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -7,10 +7,8 @@ if TYPE_CHECKING:
     from links.bridge.link import BridgeLink, BridgeLinkConfig
     from links.bridge.server import Bridge, BridgeConfig
 
-_MODULES = {"link": ("BridgeLink", "BridgeLinkConfig"), "server": ("Bridge", "BridgeConfig")}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -24,32 +24,8 @@ if TYPE_CHECKING:
     from links.core.lateness import Lateness
     from links.core.terminal_text import printable
 
-_MODULES = {
-    "child_command": ("make_child_command",),
-    "deadman": (
-        "Attitude",
-        "Command",
-        "CommandLink",
-        "Deadman",
-        "LinkError",
-        "LinkKind",
-        "LinkLost",
-        "LinkMisuse",
-        "LinkRejected",
-        "LinkStatus",
-        "Phase",
-        "Segment",
-        "TellsMode",
-        "full_thrust_n",
-        "signal",
-        "thrust",
-    ),
-    "lateness": ("Lateness",),
-    "terminal_text": ("printable",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

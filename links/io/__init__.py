@@ -6,14 +6,8 @@ if TYPE_CHECKING:
     from links.io.network import beyond, is_loopback, parse_address
     from links.io.wires import NETWORK, Datagrams, Network, Sleep, discard, is_pseudo_terminal, open_port, waiting
 
-_MODULES = {
-    "key_file": ("make_key", "read_key"),
-    "network": ("beyond", "is_loopback", "parse_address"),
-    "wires": ("Datagrams", "NETWORK", "Network", "Sleep", "discard", "is_pseudo_terminal", "open_port", "waiting"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

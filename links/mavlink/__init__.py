@@ -5,10 +5,8 @@ if TYPE_CHECKING:
     from links.mavlink.connection import MavlinkConnection, StampFile
     from links.mavlink.link import MavlinkLink, MavlinkLinkConfig
 
-_MODULES = {"connection": ("MavlinkConnection", "StampFile"), "link": ("MavlinkLink", "MavlinkLinkConfig")}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

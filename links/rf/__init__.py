@@ -35,43 +35,8 @@ if TYPE_CHECKING:
     from links.rf.pacer_process import open_process
     from links.rf.shared_memory import CAPACITY_BYTES, Mailbox
 
-_MODULES = {
-    "betaflight_codec": (
-        "MspReader",
-        "PROMPT",
-        "describe_change",
-        "describe_pulses",
-        "encode_request",
-        "find_refusal",
-        "find_settings",
-        "is_armed",
-    ),
-    "board": ("Board",),
-    "channel_map": ("Channels",),
-    "codec": ("Manner", "RfFrame", "RfLinkConfig", "Service"),
-    "link": ("PacedLink", "SerialRfLink"),
-    "module_codec": ("CrsfLinkConfig", "DsmLinkConfig", "RF_CODECS", "RfConfig", "encode_attitude"),
-    "pacer": (
-        "Arm",
-        "End",
-        "FramePacer",
-        "Give",
-        "Hear",
-        "LOOK_S",
-        "OpenPacer",
-        "Order",
-        "Pacer",
-        "PacerReport",
-        "Serve",
-        "StandbyWatch",
-        "Stop",
-    ),
-    "pacer_process": ("open_process",),
-    "shared_memory": ("CAPACITY_BYTES", "Mailbox"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

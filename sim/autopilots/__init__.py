@@ -15,15 +15,8 @@ if TYPE_CHECKING:
     from sim.autopilots.dialects import Px4Autopilot
     from sim.autopilots.peer import AUTOPILOTS, AutopilotPeer, OpenWire, accept_at, at_end_of, speak_to, wait_at
 
-_MODULES = {
-    "autopilot": ("Parameters", "SimulatedAutopilot"),
-    "betaflight": ("Firmware", "FlightBoard", "GAINS", "STEP_S", "configure", "describe_settings", "pack_pulses"),
-    "dialects": ("Px4Autopilot",),
-    "peer": ("AUTOPILOTS", "AutopilotPeer", "OpenWire", "accept_at", "at_end_of", "speak_to", "wait_at"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -5,13 +5,8 @@ if TYPE_CHECKING:
     from sim.batch.batch import fly_batch, require_batchable
     from sim.batch.kernel import Compiled, Numpy, Stages, choose_stages, columns, zeros
 
-_MODULES = {
-    "batch": ("fly_batch", "require_batchable"),
-    "kernel": ("Compiled", "Numpy", "Stages", "choose_stages", "columns", "zeros"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

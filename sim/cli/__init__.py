@@ -5,13 +5,8 @@ if TYPE_CHECKING:
     from sim.cli.arguments import MEASUREMENTS, count, hours, names, percent, seconds, whole
     from sim.cli.console import ProgressBar
 
-_MODULES = {
-    "arguments": ("MEASUREMENTS", "count", "hours", "names", "percent", "seconds", "whole"),
-    "console": ("ProgressBar",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -18,26 +18,8 @@ if TYPE_CHECKING:
         wires,
     )
 
-_MODULES = {
-    "radio": (
-        "FAILSAFE_S",
-        "Failsafe",
-        "MODULE",
-        "PtyWire",
-        "PulseReceiver",
-        "Receiver",
-        "RfPeer",
-        "RfReceiver",
-        "WirePort",
-        "bridge_to",
-        "module",
-        "section",
-        "wires",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -10,18 +10,8 @@ if TYPE_CHECKING:
     from sim.runs.stage import Stage
     from sim.runs.workers import Workers
 
-_MODULES = {
-    "fleet": ("FleetMission", "fly_fleet", "fly_fleet_real", "percentile"),
-    "flight": ("CONFIRM_S", "MISSION_CONFIRM_S", "MissionResult", "confirm_at", "fly", "fly_mission", "from_floor"),
-    "referee": ("CRASH_M", "Effort", "SETTLED_M", "TrueTrack", "sought"),
-    "server": ("place_fleet", "serve", "serve_fleet"),
-    "simulation": ("RECORDING", "Run", "lend_name", "run_beside", "simulate"),
-    "stage": ("Stage",),
-    "workers": ("Workers",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -23,29 +23,8 @@ if TYPE_CHECKING:
         world_from,
     )
 
-_MODULES = {
-    "scenarios": (
-        "BETAFLIGHT",
-        "SCENARIOS",
-        "Scenario",
-        "at_desk",
-        "by_betaflight",
-        "by_side",
-        "choose",
-        "make_mistakes",
-        "others_of",
-        "overridden",
-        "prepare",
-        "prepare_own",
-        "scenario_of",
-        "timing",
-        "world_as_told",
-        "world_from",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -32,40 +32,8 @@ if TYPE_CHECKING:
     from sim.studies.intervals import coverage_table, identify_flights
     from sim.studies.vectors import LIMIT, worst_disagreement
 
-_MODULES = {
-    "bring_down": ("CAUSES", "cut_all", "markdown"),
-    "comparison": (
-        "CONTROLLERS",
-        "Case",
-        "ComparedFlight",
-        "GUST",
-        "SEARCHED_LAWS",
-        "WITHOUT_ADAPTATION",
-        "cases",
-        "check_markers",
-        "check_plot",
-        "compare",
-        "compare_at_equal_margins",
-        "describe_terms",
-        "draw_equal_margins",
-        "equal_margins_table",
-        "fly_case",
-        "markdown_table",
-        "plot",
-        "put_between_markers",
-        "read_trials",
-        "rows",
-        "text_table",
-        "write_between_markers",
-        "write_trials",
-    ),
-    "gale": ("gale_command",),
-    "intervals": ("coverage_table", "identify_flights"),
-    "vectors": ("LIMIT", "worst_disagreement"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

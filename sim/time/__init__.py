@@ -4,10 +4,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.time.virtual_time import Address, VirtualTimeLoop
 
-_MODULES = {"virtual_time": ("Address", "VirtualTimeLoop")}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -14,22 +14,8 @@ if TYPE_CHECKING:
         vision_encoder,
     )
 
-_MODULES = {
-    "trackers": (
-        "Mocap",
-        "NatNetServer",
-        "QtmServer",
-        "TrackedBody",
-        "Tracker",
-        "json_encoder",
-        "make_tracker",
-        "vicon_encoder",
-        "vision_encoder",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

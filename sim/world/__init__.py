@@ -40,40 +40,8 @@ if TYPE_CHECKING:
         stir,
     )
 
-_MODULES = {
-    "draws": ("generator", "rows", "stream"),
-    "hand": ("HOLD_S", "MOVE_S", "make_hand"),
-    "plant": (
-        "Actuators",
-        "AirDrag",
-        "Body",
-        "FourRotors",
-        "Physics",
-        "RateLoop",
-        "begin_rotors",
-        "compute_drag",
-        "describe_air",
-        "describe_rotors",
-        "integrate",
-        "turn_rotors",
-    ),
-    "quadrotor": ("Airframe", "Horizon", "PositionWander", "Quadrotor", "SimulatedVehicle", "TrueState", "with_noise"),
-    "world": (
-        "Eddies",
-        "RotorConstants",
-        "STILL",
-        "Wind",
-        "WindTunnel",
-        "World",
-        "begin_eddies",
-        "cell",
-        "compute_turbulence",
-        "stir",
-    ),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

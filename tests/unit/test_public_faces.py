@@ -10,12 +10,13 @@ import pytest
 import groundstation
 import links
 import sim
+from links.core.lazy import imports_for_types
 from tests.unit.test_project import cpu_s
 
 
 @pytest.mark.parametrize("face", [links, sim])
 def test_every_public_name_can_be_imported_and_is_told_of(face: ModuleType) -> None:
-    handed = {name for names in face._MODULES.values() for name in names}
+    handed = set(imports_for_types(face.__name__))
     assert all(getattr(face, name) is not None for name in handed)
     told = set(re.findall(r"``(\w+)``", face.__doc__ or ""))
     assert handed <= told
@@ -29,7 +30,7 @@ def test_the_two_lines_of_the_face_fly() -> None:
 
 
 def test_what_groundstation_hands_on_is_there_and_told_of() -> None:
-    handed = {name for names in groundstation._MODULES.values() for name in names} | set(groundstation._SIMULATED)
+    handed = set(imports_for_types("groundstation"))
     assert all(getattr(groundstation, name) is not None for name in handed)
     told = groundstation.__doc__ or ""
     assert {name for name in handed if name not in told} == set()

@@ -5,10 +5,8 @@ if TYPE_CHECKING:
     from groundstation.analysis.evidence.evidence import evidence_command
     from groundstation.analysis.evidence.imports import import_command
 
-_MODULES = {"evidence": ("evidence_command",), "imports": ("import_command",)}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

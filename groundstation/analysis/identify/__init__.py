@@ -11,13 +11,8 @@ if TYPE_CHECKING:
         read_stretch,
     )
 
-_MODULES = {
-    "command": ("find_outside", "identify", "identify_command"),
-    "stretch": ("FlightStretch", "LEAST_S", "StretchTooShort", "find_stretch", "read_stretch"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -18,26 +18,8 @@ if TYPE_CHECKING:
     from groundstation.analysis.report.flight import FlightColumns, NoCommand, read_columns
     from groundstation.analysis.report.page import document, frame_picture, report_command
 
-_MODULES = {
-    "figures": (
-        "BLUE",
-        "DPI",
-        "GREEN",
-        "GREY",
-        "ORANGE",
-        "PLOT_STYLE",
-        "ReportFigure",
-        "draw_figure",
-        "figure_class",
-        "find_figure",
-        "finish_panels",
-    ),
-    "flight": ("FlightColumns", "NoCommand", "read_columns"),
-    "page": ("document", "frame_picture", "report_command"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -32,32 +32,8 @@ if TYPE_CHECKING:
     from groundstation.core.control.descent import Descent, ask
     from groundstation.core.control.model_descent import plan_model_descent
 
-_MODULES = {
-    "adaptive": (
-        "Adaptive",
-        "CertificateMonitor",
-        "Gains",
-        "LASTING_S",
-        "SUSPENDED",
-        "Uncompensated",
-        "VIOLATED",
-        "acceleration_sup",
-        "bound_decrease",
-        "calm",
-        "measure",
-        "noise_power",
-        "thrust_bound",
-    ),
-    "attitude": ("acceleration", "clamp_command", "half_angle_error", "length", "push", "sine_error", "turning"),
-    "backstepping": ("Law", "LawState", "backstep", "yaw_rate"),
-    "bring_down": ("OFF", "plan_bring_down"),
-    "controllers": ("ControllerConfig", "Custom", "make_controller"),
-    "descent": ("Descent", "ask"),
-    "model_descent": ("plan_model_descent",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

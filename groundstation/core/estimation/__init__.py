@@ -38,46 +38,8 @@ if TYPE_CHECKING:
         widen_covariance,
     )
 
-_MODULES = {
-    "estimator": (
-        "AlongTrack",
-        "Composite",
-        "Covariance",
-        "Densities",
-        "Effectiveness",
-        "Estimation",
-        "JITTER_SHOWS",
-        "ModelEstimator",
-        "NOISE_FLOOR_M2",
-        "NOISE_MEMORY",
-        "NOISE_SPAN_S",
-        "NonNegative",
-        "Positive",
-        "STEP_LIMIT",
-        "StampNoise",
-        "correct",
-        "correct_attitude",
-        "correct_by_both",
-        "find_direction",
-        "fourth_difference",
-        "initial_covariance",
-        "initial_effectiveness",
-        "innovation",
-        "part_along",
-        "predict_covariance",
-        "predict_effectiveness",
-        "split_noise",
-        "turn_track",
-        "update_covariance",
-        "update_effectiveness",
-        "update_moving_covariance",
-        "weigh_along",
-        "widen_covariance",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

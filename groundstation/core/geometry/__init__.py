@@ -29,35 +29,8 @@ if TYPE_CHECKING:
         to_world,
     )
 
-_MODULES = {
-    "so3": (
-        "Alignment",
-        "Body",
-        "FLOATS",
-        "Frames",
-        "IDENTITY",
-        "Ops",
-        "Quat",
-        "Real",
-        "Vec3",
-        "World",
-        "angle_deg",
-        "arrays",
-        "axes",
-        "conjugate",
-        "euler_zyx",
-        "frames_of",
-        "multiply",
-        "rotate",
-        "rotation_vector",
-        "third_column",
-        "to_body",
-        "to_world",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -58,66 +58,8 @@ if TYPE_CHECKING:
         tell_lines,
     )
 
-_MODULES = {
-    "pose": (
-        "Distrusts",
-        "FAR_M",
-        "Others",
-        "OverheardSource",
-        "Pose",
-        "PoseEvent",
-        "PoseKind",
-        "PoseSource",
-        "PoseStatus",
-        "SourceError",
-    ),
-    "snapshot": (
-        "Ask",
-        "Certificate",
-        "CertificateReading",
-        "Check",
-        "CommandSent",
-        "Controller",
-        "Decision",
-        "Diagnostics",
-        "EndRecord",
-        "Estimate",
-        "FARTHEST_M",
-        "FlightEvent",
-        "GAIN",
-        "IdleRecord",
-        "MOST_POINTS",
-        "Notice",
-        "Observer",
-        "PoseRecord",
-        "ROUNDING_S",
-        "RemoteAsk",
-        "Reply",
-        "Request",
-        "RequestRecord",
-        "SATURATION_FROM_S",
-        "STEADY_S",
-        "Say",
-        "Severity",
-        "Snapshot",
-        "StatusRecord",
-        "SteadyError",
-        "SwitchRecord",
-        "TURN_DEG",
-        "Tick",
-        "TickRecord",
-        "TrajectoryRecord",
-        "Verdict",
-        "Waypoint",
-        "Waypoints",
-        "ensure_points",
-        "ignore",
-        "tell_lines",
-    ),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -15,13 +15,8 @@ if TYPE_CHECKING:
     )
     from groundstation.core.mission.operator import HoldToRun, InputLost, Interrupts
 
-_MODULES = {
-    "mission": ("ALARMING", "EVENT_OF", "Event", "FINAL", "IN_AIR", "Mission", "ON_GROUND", "State", "TABLE"),
-    "operator": ("HoldToRun", "InputLost", "Interrupts"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

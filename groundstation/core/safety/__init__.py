@@ -33,41 +33,8 @@ if TYPE_CHECKING:
     from groundstation.core.safety.touchdown import CERTAIN_S, Hover, LandingConfig, Touchdown
     from groundstation.core.safety.witness import ASKEW_DEG, Agreement, PoseLatency, Witness
 
-_MODULES = {
-    "geofence": ("Fence", "FenceConfig", "Separation", "SeparationConfig"),
-    "guards": (
-        "Charge",
-        "Conviction",
-        "Escalation",
-        "GuardAction",
-        "GuardFinding",
-        "Guards",
-        "GuardsConfig",
-        "Parole",
-        "Since",
-        "WITNESS",
-        "charge_age",
-        "charge_lateness",
-    ),
-    "live_gains": ("LIVE", "LiveGains", "PREFIX", "RAMP_S", "STEP_FACTOR"),
-    "obedience": ("NODE_S", "Obedience", "PoseEvidence", "STILL_SUSPECTS"),
-    "takeoff": (
-        "NUDGE_SHARE",
-        "Nudge",
-        "Spool",
-        "SpoolUp",
-        "StandingPoses",
-        "TakeoffConfig",
-        "WANDERING_M",
-        "limit_n",
-        "usual_limit_n",
-    ),
-    "touchdown": ("CERTAIN_S", "Hover", "LandingConfig", "Touchdown"),
-    "witness": ("ASKEW_DEG", "Agreement", "PoseLatency", "Witness"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -27,15 +27,8 @@ if TYPE_CHECKING:
     )
     from groundstation.core.trajectory.waypoints import parse_course
 
-_MODULES = {
-    "feasibility": ("Demand", "FeasibilityReport", "check_feasibility", "explain_infeasibility"),
-    "port": ("Blend", "Chain", "Hold", "Limits", "Reference", "Trajectory", "blend", "run_in", "stop"),
-    "shapes": ("ExcitationConfig", "LemniscateConfig", "OwnTrajectoryConfig", "TrajectoryConfig"),
-    "waypoints": ("parse_course",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -17,25 +17,8 @@ if TYPE_CHECKING:
         schedule,
     )
 
-_MODULES = {
-    "vehicle": (
-        "ActuatorCommand",
-        "ActuatorResponse",
-        "LimitsConfig",
-        "Motion",
-        "Vehicle",
-        "ZERO",
-        "integrate",
-        "integrate_actuators",
-        "integrate_motion",
-        "lead",
-        "new",
-        "schedule",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -14,22 +14,8 @@ if TYPE_CHECKING:
     from groundstation.interfaces.api.messages import Control, Core, OrderAnswer, TokenBucket, decode, new_events
     from groundstation.interfaces.api.server import Server
 
-_MODULES = {
-    "client": (
-        "StationClient",
-        "ask_station",
-        "attach",
-        "request_command",
-        "snapshots",
-        "stop_all",
-        "stop_all_command",
-    ),
-    "messages": ("Control", "Core", "OrderAnswer", "TokenBucket", "decode", "new_events"),
-    "server": ("Server",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -7,15 +7,8 @@ if TYPE_CHECKING:
     from groundstation.interfaces.mqtt.messages import EVENT, SNAPSHOT, STATE, FleetMonitor, VehicleView
     from groundstation.interfaces.mqtt.publisher import ensure_mqtt, publish_forever
 
-_MODULES = {
-    "broker": ("MqttBroker", "describe_error", "from_url", "heed_cancellation"),
-    "command": ("ask_command", "mqtt_command", "write_schemas"),
-    "messages": ("EVENT", "FleetMonitor", "SNAPSHOT", "STATE", "VehicleView"),
-    "publisher": ("ensure_mqtt", "publish_forever"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

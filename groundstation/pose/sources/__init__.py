@@ -27,23 +27,8 @@ if TYPE_CHECKING:
     from groundstation.pose.sources.vicon import ViconConfig
     from groundstation.pose.sources.vicon_codec import ViconReader
 
-_MODULES = {
-    "datagram": ("JsonConfig", "cannot_listen", "join", "send_by"),
-    "intake": ("DatagramReader", "Gate", "GateConfig", "GatedSource", "HINTS", "Intake"),
-    "json_codec": ("JsonReader",),
-    "libmotioncapture": ("LibmotioncaptureConfig",),
-    "mavlink": ("MavlinkPoseConfig", "MavlinkPoseSource", "VisionConfig"),
-    "mavlink_codec": ("LocalPositionDecoder", "OdometryDecoder", "PoseDecoder", "VisionReader", "decoder_for"),
-    "natnet": ("NatNetConfig",),
-    "natnet_codec": ("NatNetReader", "UnreadableNatNet"),
-    "qualisys": ("QualisysConfig",),
-    "qualisys_codec": ("Framer", "QualisysReader"),
-    "vicon": ("ViconConfig",),
-    "vicon_codec": ("ViconReader",),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

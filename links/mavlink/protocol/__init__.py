@@ -62,61 +62,8 @@ if TYPE_CHECKING:
         attitude_of,
     )
 
-_MODULES = {
-    "codec": (
-        "ARDUPILOT",
-        "ARMED",
-        "ARM_DISARM",
-        "DIALECT",
-        "DO_SET_MODE",
-        "FORCE",
-        "GROUND_STATION",
-        "HeartbeatMonitor",
-        "MavlinkCodec",
-        "Message",
-        "NAV_LAND",
-        "Odometry",
-        "PX4",
-        "REQUEST_MESSAGE",
-        "SET_MESSAGE_INTERVAL",
-        "STALE_NEWS_S",
-        "Signer",
-        "TICKS_PER_S",
-        "Vitals",
-        "Words",
-        "frame_end",
-        "odometry",
-    ),
-    "config": ("ForwardConfig", "MavlinkLinkConfig"),
-    "procedures": (
-        "AskMode",
-        "AutopilotAddress",
-        "AutopilotParameter",
-        "Handshake",
-        "HandshakeStep",
-        "Kill",
-        "MULTIROTORS",
-        "REAL32",
-        "ReadAll",
-        "ReadVersion",
-        "WHOLE_BITS",
-        "Write",
-        "arming",
-        "choose_streams",
-        "decode",
-        "disarming",
-        "encode",
-        "fitness",
-        "is_same",
-        "landing",
-        "landing_disarmed",
-        "make_mode_request",
-    ),
-    "timesync": ("ATTITUDES", "ATTITUDE_HZ", "LONGEST_S", "SLOW_BAUD", "SLOW_HZ", "Timesync", "Trip", "attitude_of"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -18,26 +18,8 @@ if TYPE_CHECKING:
         verify,
     )
 
-_MODULES = {
-    "campaign": (
-        "COLUMNS",
-        "Campaign",
-        "CampaignRow",
-        "Cluster",
-        "Crew",
-        "Local",
-        "USUAL",
-        "plot",
-        "program_sha256",
-        "report",
-        "run",
-        "text",
-        "verify",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -37,45 +37,8 @@ if TYPE_CHECKING:
         with_gains,
     )
 
-_MODULES = {
-    "tune": (
-        "AXES",
-        "DELAY",
-        "Evidence",
-        "Floors",
-        "Flyers",
-        "Key",
-        "SEARCH_SEED",
-        "Search",
-        "SortieOutcome",
-        "Staged",
-        "TuningTrial",
-        "broken_cost",
-        "criterion",
-        "failure",
-        "geometric_mean",
-        "limit_cm",
-        "loses_proof",
-        "margins_table",
-        "markdown_table",
-        "own",
-        "report",
-        "run",
-        "sorties",
-        "space",
-        "stage_scenarios",
-        "station_of",
-        "table",
-        "text",
-        "toml",
-        "unverified_toml",
-        "verify",
-        "with_gains",
-    )
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)

@@ -10,18 +10,8 @@ if TYPE_CHECKING:
     from tests.proving.faults.pictures import Struck, still
     from tests.proving.faults.table import text, write
 
-_MODULES = {
-    "cell": ("NotReached", "fly_here", "fly_together"),
-    "deal": ("deal_cells", "fly_all", "pick_worst", "quick"),
-    "fault": ("Exemption", "Fault", "MOMENTS", "Meddler", "Poses", "REASONS", "Scene"),
-    "faults": ("BROKEN", "FAULTS", "STATES"),
-    "judge": ("Row",),
-    "pictures": ("Struck", "still"),
-    "table": ("text", "write"),
-}
-
 
 def __getattr__(name: str) -> object:
     from links.core.lazy import load_name
 
-    return load_name(__name__, _MODULES, name)
+    return load_name(__name__, name)
