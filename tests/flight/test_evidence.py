@@ -334,3 +334,60 @@ def test_what_is_wrong_with_an_import_is_said_by_its_key(tmp_path: Path) -> None
         import_command([path], "nanobench", tmp_path / "there.mcap")
     with pytest.raises(ConfigError, match="no ulog file"):
         import_command([path], "px4-ulog", tmp_path / "out.mcap")
+
+
+def poses_only(folder: Path, change: Callable[[list[dict[str, Any]]], list[dict[str, Any]]]) -> Path:
+    """NanoBench's columns of time and pose alone, their rows changed."""
+    names = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
+    with gzip.open(nanobench(folder), "rt", newline="") as file:
+        rows = [{name: float(row[name]) for name in names} for row in csv.DictReader(file)]
+    return write_csv(folder / "poses.csv", change(rows))
+
+
+def without_a_second(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [row for row in rows if not 8.0 < row["t"] - rows[0]["t"] < 9.0]
+
+
+def after_a_leap_of_the_clock(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [row | {"t": row["t"] + (1e6 if n > 500 else 0.0)} for n, row in enumerate(rows)]
+
+
+def with_holes(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [row | ({"px": math.nan} if n % 25 == 3 else {}) for n, row in enumerate(rows)]
+
+
+def logged_thrice(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [row | {"t": row["t"] + 0.003 * k} for row in rows for k in range(3)]
+
+
+def signs_turned(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A quaternion and its negative are one attitude."""
+    return [row | {name: (-1) ** n * row[name] for name in ("qx", "qy", "qz", "qw")} for n, row in enumerate(rows)]
+
+
+@pytest.mark.parametrize(
+    "change", [without_a_second, after_a_leap_of_the_clock, with_holes, logged_thrice, signs_turned]
+)
+def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
+    change: Callable[[list[dict[str, Any]]], list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    facts = examine_flight(imported(tmp_path, poses_only(tmp_path, change), "nanobench"))
+    row = facts["prediction"]["60"]
+    assert row["rms_mm"] < 0.7 * row["pvt_rms_mm"]
+    json.dumps(facts, allow_nan=False)
+    assert "identified" not in facts
+
+
+def test_what_never_moves_is_said_to_stand(tmp_path: Path) -> None:
+    def stands(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        return [rows[0] | {"t": row["t"], "px": 1e-4 * math.sin(37.0 * n)} for n, row in enumerate(rows)]
+
+    facts = examine_flight(imported(tmp_path, poses_only(tmp_path, stands), "nanobench"))
+    assert facts["note"] == "it stands all the time: nothing flies in it"
+    assert facts["nis3"] is None and set(facts["prediction"].values()) == {None}
+
+
+def test_a_file_without_a_column_is_told_which(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "short.csv", [{"t": 0.0, "px": 0.0, "py": 0.0, "pz": 0.0}])
+    with pytest.raises(ConfigError, match="no column qx, qy, qz, qw"):
+        import_command([path], "nanobench", tmp_path / "out.mcap")

@@ -20,6 +20,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -166,8 +167,16 @@ STANDS_S, STANDS_M = 0.5, 0.003
 """It stands where it keeps its height to so little for so long."""
 MOVES_M_S = 0.3
 """Noise along the motion is measured where it moves as fast as this [m/s]."""
+LEAST_UPRIGHT = 0.5
+"""Nobody leans further than 60° without falling: cosine of the angle from upright [-]."""
 GAP = 3.0
-"""Across an interval this many times the usual one nothing is measured."""
+"""v of p + v t is not taken across an interval this many times the usual one."""
+BREAK_S = 0.5
+"""After so long without a pose the filter begins anew [s]."""
+LOOKED_AT_S = 180.0
+"""Of a longer flight the vehicle is identified on so much [s]: its fits take longer than all judging."""
+STILL_M = 0.001
+"""What never moves its mean over half a second by more than this never flew [m]."""
 
 
 @dataclass(frozen=True)
@@ -325,6 +334,32 @@ def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice
     return slice(first + before, end - after)
 
 
+def stands(at_s: Column, place: Column) -> bool:
+    """Whether it never moves at all: of nothing that flies can that be said."""
+    window = max(1, int(STANDS_S / float(np.median(np.diff(at_s)))))
+    whole = place[: len(place) // window * window].reshape(-1, window, 3).mean(axis=1)
+    return len(whole) > 1 and float(np.ptp(whole, axis=0).max()) < STILL_M
+
+
+def choose_part(at_s: Column, air: slice) -> slice:
+    """The longest part of ``air`` without a break, and at most :data:`LOOKED_AT_S` of it."""
+    breaks = np.flatnonzero(np.diff(at_s[air]) > BREAK_S) + air.start + 1
+    edges = [air.start, *breaks.tolist(), air.stop]
+    first, end = max(pairwise(edges), key=lambda part: float(at_s[part[1] - 1] - at_s[part[0]]))
+    return slice(first, min(end, int(np.searchsorted(at_s, at_s[first] + LOOKED_AT_S))))
+
+
+def cut_to(recorded: RecordedVehicle, at_s: Column, air: slice) -> RecordedVehicle:
+    """``recorded`` around that part of it; as it is where that part is all that flies."""
+    part = choose_part(at_s, air)
+    if part == air:
+        return recorded
+    begun, ended = float(at_s[part.start]), float(at_s[part.stop - 1])
+    return recorded._replace(
+        poses=recorded.poses[part], sent=[one for one in recorded.sent if begun <= one.time_s <= ended]
+    )
+
+
 @dataclass(frozen=True)
 class DrivenFlight:
     """A flight with its commands as thrust and body rates, at the instants they left."""
@@ -359,8 +394,9 @@ def drive_flight(flight: EvidenceFlight) -> DrivenFlight:
         if flight.hover is not None:
             hover = thrust_shares([SentSetPoint(0.0, flight.hover, (0.0, 0.0, 0.0))], curve)[0]
         else:
-            path = FlownPath(flight.poses, BASE_S * 5.0)
-            hover = hover_share(recorded, shares, path, 9.81) or _balance(flight, at_s, air, sent, shares)
+            path, part = FlownPath(flight.poses, BASE_S * 5.0), cut_to(recorded, at_s, air)
+            hover = hover_share(part, thrust_shares(part.sent, curve), path, 9.81)
+            hover = hover or _balance(flight, at_s, air, sent, shares)
             flags = flying(recorded, shares, hover)
             airborne = np.flatnonzero(flags)
             if len(airborne) > len(flags) // 4:
@@ -421,8 +457,9 @@ def _as_rates(flight: EvidenceFlight, at_s: Column, air: slice) -> tuple[list[Se
 
     loop = None
     if len(wanted) == len(sent):
-        roll_pitch = [np.array([so3.euler_zyx(q)[:2] for q in some]) for some in (attitudes[air], wanted)]
-        loop = fit_attitude_loop(at_s[air], roll_pitch[0], times, roll_pitch[1])
+        part = choose_part(at_s, air)
+        roll_pitch = [np.array([so3.euler_zyx(q)[:2] for q in some]) for some in (attitudes[part], wanted)]
+        loop = fit_attitude_loop(at_s[part], roll_pitch[0], times, roll_pitch[1])
     shift_s = loop.delay_s if loop else 0.0
     asked = ask(shift_s)
     newest = np.clip(np.searchsorted(times, at_s - shift_s, "right") - 1, 0, None)
@@ -449,7 +486,7 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
     full = driven.config.full_thrust_n
     thrust = full * np.array(driven.shares)
     poses = np.array([(p.time_s, p.reset_count, 0.0, *p.position_ned, *p.attitude) for p in driven.flight.poses])
-    poses[driven.air, 2] = 1.0
+    poses[choose_part(driven.at_s, driven.air), 2] = 1.0
     path = driven.flight.path
     try:
         chosen = poses[find_stretch(commands[:, 0], poses)]
@@ -497,37 +534,43 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
         pose_jitter_s=noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0,
         acceleration_noise=wander,
     )
-    estimator = ModelEstimator(config.vehicle, gains)
+    estimator, newest = ModelEstimator(config.vehicle, gains), -math.inf
     full, delay = config.full_thrust_n, config.vehicle.command_delay_s
     drives = [
         (sent.time_s, ActuatorCommand(full * share, sent.rates))
         for sent, share in zip(driven.recorded.sent, driven.shares, strict=True)
     ]
-    carried = ActuatorCommand(config.vehicle.mass_kg * gains.gravity, (0.0, 0.0, 0.0))
+    weight = config.vehicle.mass_kg * gains.gravity  # without commands it is taken to carry that, however it leans
     errors: dict[int, list[tuple[Column, Column, Column, Column]]] = {h: [] for h in HORIZONS_MS}
     consistency: list[float] = []
     resets = [pose.reset_count for pose in flight.poses]
-    usual, k, begun = float(np.median(np.diff(at_s[air]))), 0, float(at_s[air.start])
+    usual, k, begun = float(np.median(np.diff(at_s[air]))), 0, -math.inf
+    base = max(BASE_S, usual)  # of poses that come more slowly, from one to the next
     targets = {h: np.searchsorted(at_s, at_s + 1e-3 * h - 0.5 * usual) for h in HORIZONS_MS}
     for i in range(air.start, air.stop):
         # Without a velocity that may not be that of its positions: positions are what it is judged by.
         pose, now = msgspec.structs.replace(flight.poses[i], velocity_ned=None), float(at_s[i])
+        if now - newest > BREAK_S:
+            estimator, begun, k = ModelEstimator(config.vehicle, gains), now, max(k - 1, 0)
+        newest = now
         while k < len(drives) and drives[k][0] <= now:
             estimator.add_command(drives[k][0] + delay, drives[k][1])
             k += 1
         if not drives and i > air.start:
             turn = _turn(flight.poses[i - 1].attitude, pose.attitude)
             x, y, z = (angle / (now - float(at_s[i - 1])) for angle in turn)
-            carried = carried._replace(rates=(x, y, z))
-            estimator.add_command(now, carried)
+            upright = max(so3.third_column(pose.attitude)[2], LEAST_UPRIGHT)
+            estimator.add_command(now, ActuatorCommand(weight / upright, (x, y, z)))
         nis = estimator.consistency(pose) if estimator.ready else None
         estimator.update(pose)
         if now < begun + SETTLING_S:
             continue
         if nis is not None:
             consistency.append(nis)
-        past, older = (int(np.searchsorted(at_s, now - n * BASE_S + 0.5 * usual, "right")) - 1 for n in (1, 2))
-        if older < air.start or resets[older] != resets[i]:
+        past, older = (int(np.searchsorted(at_s, now - n * base + 0.5 * usual, "right")) - 1 for n in (1, 2))
+        if older < air.start or resets[older] != resets[i] or not older < past < i:
+            continue
+        if now - at_s[older] > 2.0 * base + GAP * usual:
             continue
         velocity = (place[i] - place[past]) / (now - at_s[past])
         before = (place[past] - place[older]) / (at_s[past] - at_s[older])
@@ -582,8 +625,11 @@ def examine_flight(path: Path) -> dict[str, Any]:
     at_s, place = driven.at_s[air], driven.place[air]
     spans = np.diff(at_s)
     noise = measure_pose_noise(at_s, place)
-    identified = identify_vehicle(driven) if flight.sent else None
-    judged = judge_filter(driven, noise)
+    flew = flight.config is not None or not stands(at_s, place)
+    identified: dict[str, Any] | None = None
+    if flight.sent:
+        identified = identify_vehicle(driven) if flew else {"note": "not identifiable: it never flies"}
+    judged = judge_filter(driven, noise) if flew else Judged(None, {str(h): None for h in HORIZONS_MS})
     facts: dict[str, Any] = {
         "name": flight.path.stem,
         "source": flight.source,
@@ -596,9 +642,13 @@ def examine_flight(path: Path) -> dict[str, Any]:
         "nis3": judged.nis3,
         "prediction": judged.prediction,
     }
+    if not flew:
+        facts["note"] = "it stands all the time: nothing flies in it"
     if identified is not None:
-        shadow = replay(driven.recorded, driven.config, FlownPath(flight.poses, 0.25), driven.hover)
         facts["identified"] = identified
+    if identified is not None and flew:
+        part = cut_to(driven.recorded, driven.at_s, air)
+        shadow = replay(part, driven.config, FlownPath(flight.poses, 0.25), driven.hover)
         facts["shadow"] = msgspec.to_builtins(compare_commands(shadow.compared))
     return facts
 
@@ -631,7 +681,9 @@ def describe_flight(facts: dict[str, Any]) -> str:
         f"  {'prediction, RMS mm':22}{'along':>9}{'across':>9}{'all':>9}{'p + v t':>9}{'const. a':>9}",
     ]
     keys = ("along_mm", "across_mm", "rms_mm", "pvt_rms_mm", "ca_rms_mm")
-    for horizon, row in facts["prediction"].items():
+    if "note" in facts:
+        lines[-1] = f"  {facts['note']}"
+    for horizon, row in facts["prediction"].items() if "note" not in facts else ():
         cells = "".join(f"{row[key]:>9.2f}" for key in keys) if row else "  too few poses"
         lines.append(f"  {horizon + ' ms':22}{cells}")
     for name, one in facts.get("identified", {}).items():

@@ -12,9 +12,9 @@ ArduPilot .bin its message types, of a recording of ours its channels.
 
 import csv
 import gzip
-import io
 import json
 import math
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -196,17 +196,20 @@ def read_tables(form: str, paths: Sequence[Path]) -> Tables:
 
 def _csv_tables(path: Path) -> Iterator[tuple[str, Table]]:
     """One table, by the file's name; a cell that is a list ("[1, 2]") becomes columns NAME.0, NAME.1."""
-    raw = path.read_bytes()
-    text = (gzip.decompress(raw) if raw[:2] == b"\x1f\x8b" else raw).decode("utf-8-sig")
-    rows = csv.reader(io.StringIO(text))
-    head = [name.strip() for name in next(rows, [])]
-    values: dict[str, list[float]] = {}
-    for row in rows:
-        if len(row) != len(head):
-            continue  # a last row that was cut off
-        for name, cell in zip(head, row, strict=True):
-            for key, value in _cells(name, cell.strip()):
-                values.setdefault(key, []).append(value)
+    values: dict[str, array[float]] = {}
+    with path.open("rb") as raw:
+        packed = raw.read(2) == b"\x1f\x8b"
+    with (gzip.open if packed else open)(path, "rt", encoding="utf-8-sig", newline="") as text:
+        rows = csv.reader(text)
+        head = [name.strip() for name in next(rows, [])]
+        for row in rows:
+            if len(row) != len(head):
+                continue  # a last row that was cut off
+            for name, cell in zip(head, row, strict=True):
+                for key, value in _cells(name, cell.strip()):
+                    if key not in values:
+                        values[key] = array("d")  # a flight may have a million rows
+                    values[key].append(value)
     longest = max(map(len, values.values()), default=0)
     yield path.name, {name: np.array(column) for name, column in values.items() if len(column) == longest}
 
@@ -390,14 +393,19 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
     reader = _MappingReader(mapping, tables)
     poses = reader.first(mapping.pose, reader.motion)
     if poses is None:
-        held = ", ".join(sorted(tables)[:12]) or "nothing"
-        raise ConfigError("FILE", f"holds no poses as the mapping has them (found: {held})", str(paths[0]))
+        raise ConfigError(
+            "FILE", f"holds no poses as the mapping has them: {reader.lacks(mapping.pose)}", str(paths[0])
+        )
     time, place, attitude, velocity, resets = poses
     flight = ImportedFlight(float(time[0]))
     newest = -np.inf
+    repeats = np.zeros(len(time), dtype=bool)
+    repeats[1:] = (np.diff(place, axis=0) == 0.0).all(axis=1)  # to the last bit: a log faster than its source
     for k, at in enumerate((time - time[0]).tolist()):
-        if at <= newest:
-            flight.notes["poses not newer than the one before"] += 1
+        if at <= newest or repeats[k]:
+            flight.notes[
+                "poses not newer than the one before" if at <= newest else "poses that repeat the one before"
+            ] += 1
             continue
         newest = at
         moved = None if velocity is None else _three(velocity[k])
@@ -526,11 +534,29 @@ class _MappingReader:
         """What the first of ``parts`` gives that the tables hold; None where they hold none."""
         return next((found for part in parts if (found := read(part)) is not None), None)
 
+    def lacks(self, parts: Sequence[MappedMotion]) -> str:
+        """What stands in the way of the one of ``parts`` that lacks the least, as a sentence."""
+        missing = [
+            [column for column in [part.time or self._mapping.time, *self._columns(part)] if column not in table]
+            for part in parts
+            for name, table in self._tables.items()
+            if fnmatch(name, part.table)
+        ]
+        fewest = min(missing, key=len, default=None)
+        held = ", ".join(sorted(self._tables)[:12]) or "nothing"
+        if fewest is None:
+            return f"it has no such table (found: {held})"
+        return f"no column {', '.join(fewest)} (found: {held})" if fewest else f"no row of numbers (found: {held})"
+
+    @staticmethod
+    def _columns(part: MappedMotion) -> list[str]:
+        lean = () if part.attitude_table else part.attitude
+        return [*part.position, *(part.velocity or ()), *lean, *filter(None, [part.resets])]
+
     def motion(self, part: MappedMotion) -> Motion | None:
         """Of the rows in which all is finite; None where nothing of it is there."""
-        lean = "" if part.attitude_table else "attitude"
-        names = [*part.position, *(part.velocity or ()), *(part.attitude if lean else ()), *filter(None, [part.resets])]
-        table, rows = self._rows(part, names)
+        lean = not part.attitude_table
+        table, rows = self._rows(part, self._columns(part))
         if table is None:
             return None
         time = self._time(part, table)[rows]
@@ -581,8 +607,10 @@ class _MappingReader:
         for more in (rates, attitude):
             if more is not None:
                 good &= np.isfinite(more).all(axis=1)
+        if not good.any():
+            return None
         asked = signal[good] if attitude is None else np.ptp(attitude[good], axis=0)
-        if not good.any() or float(np.ptp(signal[good])) < 1e-6 or float(np.ptp(asked)) < 1e-6:
+        if float(np.ptp(signal[good])) < 1e-6 or float(np.ptp(asked)) < 1e-6:
             return None
         parts = (None if more is None else more[good] for more in (rates, attitude))
         return time[good], signal[good], *parts, hover
