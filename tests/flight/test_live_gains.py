@@ -4,8 +4,7 @@ import asyncio
 from pathlib import Path
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.control import Gains, calm
-from groundstation.core.control.adaptive import CALM
+from groundstation.core.control import CALM, Gains, calm
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Recording

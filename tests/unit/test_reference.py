@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from groundstation.config import presets
+from groundstation.core.control import CALM, Gains
 from groundstation.core.vehicle import Vehicle
 from groundstation.interfaces.mqtt.command import schemas
 from groundstation.settings import Config
@@ -95,3 +96,9 @@ def test_what_a_user_meets_stands_in_the_glossary() -> None:
         return any({one, one.rstrip("s")} & nouns for i in range(len(words)) for one in [" ".join(words[i:])])
 
     assert sorted(name for name in met if not is_told(name)) == []
+
+
+def test_the_page_says_how_large_the_gains_are_at_most_off_the_figure() -> None:
+    said = remarks(Gains)
+    for name, most in CALM.items():
+        assert re.search(rf"[Oo]ff the figure.* at most {most:g}\.", said[name]), name

@@ -3,6 +3,7 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.control.adaptive import (
+        CALM,
         LASTING_S,
         SUSPENDED,
         VIOLATED,

@@ -38,11 +38,11 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """
 
     k2: Positive = 2.0
-    """Gain on ρ(z2) [m/s²]; paper: 2."""
+    """Gain on ρ(z2) [m/s²]; paper: 2. Off the figure, and on it for 5 s after poses were suspect, at most 1.75."""
     k3: Positive = 5.0
     """Gain on z3 [1/s]; paper: 4."""
     k3_down: Positive = 14.0
-    """The same for the vertical axis [1/s], on which nothing but thrust acts; paper: 4."""
+    """The same for the vertical axis [1/s], where only thrust acts; paper: 4. Off the figure, as k2, at most 6."""
     kb: NonNegative = 0.4
     """Adaptation gain [1/s² per m/s² of V's gradient]; paper: 1; 0 switches adaptation off."""
     k_yaw: NonNegative = 1.0
@@ -50,11 +50,11 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
     sigma_bound: Positive = 1.5
     """M: bound of σ [m/s]; paper: 1.5."""
     sigma_slope: Positive = 4.5
-    """r: slope of σ at 0 [1/s]; paper: 3."""
+    """r: slope of σ at 0 [1/s]; paper: 3. Off the figure, as k2, at most 3."""
     rho_bound: Positive = 1.0
     """Bound of ρ [-]."""
     rho_slope: Positive = 3.0
-    """Slope of ρ at 0 [s/m]."""
+    """Slope of ρ at 0 [s/m]. Off the figure, as k2, at most 1."""
     velocity_scale: Positive = 1.0
     """c: how fast Ω grows beyond M [m/s]."""
     b_bound: Positive = 5.0
