@@ -7,15 +7,7 @@ import sys
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.messages import (
-    Ask,
-    Certificate,
-    Diagnostics,
-    Notice,
-    Reply,
-    Request,
-    Snapshot,
-)
+from groundstation.core.messages import Ask, Certificate, Diagnostics, Notice, Reply, Request, Snapshot
 from groundstation.interfaces.api import Server
 from groundstation.runtime import Latest, StatusConfig
 from links.core import LinkStatus

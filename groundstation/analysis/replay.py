@@ -21,15 +21,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.config import ConfigError, from_dict, parse_toml
-from groundstation.core import (
-    Pilot,
-)
+from groundstation.core import Pilot
 from groundstation.core.control import Custom
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import (
-    GAIN,
-    Pose,
-)
+from groundstation.core.messages import GAIN, Pose
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import make_ends
@@ -225,7 +220,6 @@ class TapeLoop(asyncio.SelectorEventLoop):
     """Runs only while :meth:`settle` does."""
 
     def __init__(self) -> None:
-        """Begin at time 0, without wires."""
         self.now = 0.0
         """What the running code is told the time is [s]."""
         selector = _Stopper()
@@ -365,7 +359,6 @@ class Comparison:
     """Counts what is the same and what is not."""
 
     def __init__(self) -> None:
-        """Nothing compared."""
         self.count = {"pose": 0, "idle": 0, "command": 0}
         """How many of each were recorded."""
         self.differing = {"pose": 0, "idle": 0, "command": 0}

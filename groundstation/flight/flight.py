@@ -17,9 +17,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from groundstation.core import (
-    Pilot,
-)
+from groundstation.core import Pilot
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
     Ask,
@@ -31,7 +29,6 @@ from groundstation.core.messages import (
     FlightEvent,
     IdleRecord,
     Notice,
-    Observer,
     Others,
     Pose,
     PoseEvent,
@@ -46,6 +43,7 @@ from groundstation.core.messages import (
     Snapshot,
     StatusRecord,
     SteadyError,
+    Subscriber,
     Tick,
     TickRecord,
 )
@@ -139,7 +137,6 @@ class StallDetector:
     """Finds that this program stood still. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        """Nothing is expected before the first look."""
         self._looked_s: float | None = None
         self._drained_s = 0.0
 
@@ -610,7 +607,7 @@ class Flight:
         source: PoseSource,
         *,
         confirm: Callable[[], Awaitable[bool]],
-        observers: Sequence[Observer] = (),
+        subscribers: Sequence[Subscriber] = (),
         network: Network | None = None,
         others: Others | None = None,
         quiet: IdleSlots | None = None,
@@ -619,7 +616,7 @@ class Flight:
     ) -> None:
         """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
 
-        ``observers`` hear all that happens; wires are opened on ``network``, where that is not the usual one.
+        ``subscribers`` hear all that happens; wires are opened on ``network``, where that is not the usual one.
         ``others`` are vehicles to keep away from, as ``source`` sees them. ``quiet`` hears of each command that left.
         ``company`` checks what is beside it before it is armed; ``hold`` watches what the operator must hold.
         """
@@ -627,7 +624,7 @@ class Flight:
         self._link = link
         self._source = source
         self._statistics = FlightStatistics(config.vehicle)
-        self._observers = (self._statistics.hear, *observers)
+        self._subscribers = (self._statistics.hear, *subscribers)
         self._network = network
         self._due = FrameLateness(link)
         self._status_told_s = -STATUS_S
@@ -903,7 +900,7 @@ class Flight:
         return asyncio.get_running_loop().time()
 
     def _tell(self, event: FlightEvent) -> None:
-        for hear in self._observers:
+        for hear in self._subscribers:
             hear(event)
 
     def _hear_pilot(self, event: FlightEvent | Tick) -> None:

@@ -7,17 +7,9 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from groundstation.core import (
-    Pilot,
-)
+from groundstation.core import Pilot
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import (
-    Others,
-    Pose,
-    Severity,
-    Tick,
-    Waypoint,
-)
+from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.safety import (
     NUDGE_SHARE,

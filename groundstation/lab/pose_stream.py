@@ -243,7 +243,6 @@ class Carry:
     """Follows the moves, one after the other."""
 
     def __init__(self) -> None:
-        """Before the first."""
         self.rests: list[Rest] = []
         """One for each move that is over."""
         self.samples: list[Sample] = []

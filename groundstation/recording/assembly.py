@@ -15,13 +15,13 @@ from groundstation.core.messages import (
     CommandSent,
     FlightEvent,
     Notice,
-    Observer,
     Others,
     OverheardSource,
     Pose,
     PoseEvent,
     Say,
     Severity,
+    Subscriber,
 )
 from groundstation.flight import Company, Flight, body_of, make_ends, make_hold
 from groundstation.pose import ForwardingSource
@@ -99,8 +99,8 @@ def _peer(address: Any) -> Peer:
     return None if address is None else (address[0], address[1])
 
 
-class TappedProtocol(asyncio.DatagramProtocol, asyncio.Protocol):
-    """Stands between the loop and the protocol of one wire."""
+class TappedProtocol:
+    """Stands between the loop and the protocol of one wire; all but what is noted is the protocol's own."""
 
     def __init__(self, wires: WireTaps, kind: str, local: Any, remote: Any, factory: Callable[[], Any]) -> None:
         """``kind`` of wire, with the addresses that were asked for; ``factory`` makes the protocol to be served."""
@@ -115,6 +115,10 @@ class TappedProtocol(asyncio.DatagramProtocol, asyncio.Protocol):
         """Have the protocol made."""
         self.inner = self._factory()
         return self
+
+    def __getattr__(self, name: str) -> Any:
+        """The protocol's."""
+        return getattr(self.inner, name)
 
     def connection_made(self, transport: Any) -> None:
         """The wire is open: give it a transport that is tapped too."""
@@ -131,27 +135,6 @@ class TappedProtocol(asyncio.DatagramProtocol, asyncio.Protocol):
         """Note it, and pass it on."""
         self._wires.note_received(self._wire, data, None)
         self.inner.data_received(data)
-
-    def error_received(self, exc: Exception) -> None:
-        """Pass it on."""
-        self.inner.error_received(exc)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Pass it on."""
-        self.inner.connection_lost(exc)
-
-    def eof_received(self) -> bool | None:
-        """Pass it on."""
-        kept: bool | None = self.inner.eof_received()
-        return kept
-
-    def pause_writing(self) -> None:
-        """Pass it on."""
-        self.inner.pause_writing()
-
-    def resume_writing(self) -> None:
-        """Pass it on."""
-        self.inner.resume_writing()
 
 
 class TappedTransport:
@@ -245,7 +228,7 @@ def make_flight(
     config: Config,
     *,
     confirm: Callable[[], Awaitable[bool]],
-    observers: Sequence[Observer] = (),
+    subscribers: Sequence[Subscriber] = (),
     on_pose: Callable[[Pose], None] | None = None,
     wires: Mapping[str, Any] | None = None,
     give: Give | None = None,
@@ -254,8 +237,8 @@ def make_flight(
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
 
-    ``observers`` hear all that happens; ``on_pose`` sees every pose first, also those that the gate will drop; ``give``
-    takes what is to be recorded.
+    ``subscribers`` hear all that happens; ``on_pose`` sees every pose first, also those that the gate will drop;
+    ``give`` takes what is to be recorded.
     ``wires``: see :func:`make_ends`. ``quiet`` hears of each command that left.
     ``running`` tells what else flies from this machine.
 
@@ -280,13 +263,13 @@ def make_flight(
     tape = None
     if give is not None:
         tape = FlightRecorder(give, lambda text: flight.note(text, Severity.WARNING))
-        observers = tape.hear, *observers
+        subscribers = tape.hear, *subscribers
     flight = Flight(
         config,
         link,
         source,
         confirm=confirm,
-        observers=observers,
+        subscribers=subscribers,
         network=None if tape is None else WireTaps(tape.give),
         others=bodies if config.separation.others else None,
         quiet=quiet,

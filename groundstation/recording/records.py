@@ -157,7 +157,6 @@ class HeadlineCounter:
     """Keeps the headline as messages pass by."""
 
     def __init__(self) -> None:
-        """Nothing has happened."""
         self._state, self._reason = "idle", ""
         self._flown = 0.0
         self._commands = self._poses = self._lost = 0

@@ -26,13 +26,7 @@ from typing import NamedTuple, Protocol
 import msgspec
 from zstandard import ZstdCompressor
 
-from groundstation.core.messages import (
-    EndRecord,
-    PoseRecord,
-    Say,
-    Severity,
-    TickRecord,
-)
+from groundstation.core.messages import EndRecord, PoseRecord, Say, Severity, TickRecord
 from groundstation.recording.channels import CHANNELS, MessageMaker, address, describe_channels
 from groundstation.recording.records import (
     MAGIC,

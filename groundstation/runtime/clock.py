@@ -101,7 +101,6 @@ class IdleSlots:
     """
 
     def __init__(self) -> None:
-        """Nothing waits."""
         self._waiting: deque[asyncio.Future[None]] = deque()
 
     def begin(self) -> None:

@@ -208,20 +208,6 @@ CODES: dict[str, dict[int, str]] = {
 """What the codes of a command mean; those not named here have 0 for done and 1 for not done. 2 is usage in all."""
 
 
-def exit_code_table() -> str:
-    """The table of docs/reference/exit-codes.md."""
-    lines = ["| command | code | means |", "|---|---|---|"]
-    for command, codes in CODES.items():
-        lines += [f"| `{command}` | {code} | {means} |" for code, means in codes.items()]
-    lines += [
-        "| all others | 0 | done |",
-        "| all others | 1 | not done: the reason is printed |",
-        "| all | 2 | a bad command line or configuration; nothing was opened |",
-        f"| all | {INTERRUPTED} | Ctrl-C, outside a flight |",
-    ]
-    return "\n".join(lines)
-
-
 def require_package(package: str, key: str, extra: str, more: str = "") -> None:
     """Find out whether an optional package is there, before any work is done that needs it in the end.
 

@@ -80,7 +80,6 @@ class Latest(Generic[T]):
     """Holds one value on one event loop. ``put`` never waits, and costs the same for any number of readers."""
 
     def __init__(self) -> None:
-        """Begin without a value."""
         self.newest: tuple[int, T] | None = None
         """Running number (from 1) and value of the newest; None before the first."""
         self._waiting: asyncio.Future[None] | None = None

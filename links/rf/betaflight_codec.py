@@ -62,7 +62,6 @@ class MspReader:
     """Frames out of a stream; begins anew one byte later wherever a frame turns out to be none."""
 
     def __init__(self) -> None:
-        """Nothing heard."""
         self.dropped: Counter[str] = Counter()
         """Bytes that belong to no frame, by reason."""
         self._rest = b""

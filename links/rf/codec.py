@@ -63,7 +63,6 @@ class RfDecoder(ABC):
     """Bytes to frames; garbage is skipped, one byte at a time, and counted."""
 
     def __init__(self) -> None:
-        """Nothing heard."""
         self.dropped: dict[str, int] = Counter()
         """Bytes that belong to no frame, by reason."""
         self._rest = b""

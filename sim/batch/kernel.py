@@ -45,7 +45,6 @@ class Program:
     """Straight-line code: line ``i`` is (operation, operands)."""
 
     def __init__(self) -> None:
-        """Empty."""
         self.lines: list[tuple[str, tuple[Operand, ...]]] = []
         self._known: dict[Any, Symbol] = {}
 

@@ -18,11 +18,7 @@ from typing import Any, TypeAlias
 import msgspec
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import (
-    FlightEvent,
-    Notice,
-    Observer,
-)
+from groundstation.core.messages import FlightEvent, Notice, Subscriber
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.lab import FleetPlan, Relay, read_fleet
@@ -222,7 +218,7 @@ async def _fly(
         member.name: make_flight(
             member.core,
             confirm=confirm_at(MISSION_CONFIRM_S + APART_S * number),
-            observers=(_note(states[member.name], member.name, on_event),),
+            subscribers=(_note(states[member.name], member.name, on_event),),
         )
         for number, member in enumerate(fleet.members)
     }
@@ -245,7 +241,7 @@ async def _fly(
     return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": ended_s}
 
 
-def _note(states: list[StateEntry], name: str, on_event: Callable[[str, str], None] | None) -> Observer:
+def _note(states: list[StateEntry], name: str, on_event: Callable[[str, str], None] | None) -> Subscriber:
     def hear(event: FlightEvent) -> None:
         if isinstance(event, Notice):
             if on_event is not None:

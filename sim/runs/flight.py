@@ -15,14 +15,7 @@ import msgspec
 
 from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import (
-    CommandSent,
-    FlightEvent,
-    Notice,
-    Pose,
-    Tick,
-    tell_lines,
-)
+from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Tick, tell_lines
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from groundstation.flight import Flight, FlightOutcome
@@ -162,7 +155,7 @@ async def _fly(
     flight = make_flight(
         config,
         confirm=confirm_at(CONFIRM_S),
-        observers=(watch,) if on_event is None else (watch, tell_lines(on_event)),
+        subscribers=(watch,) if on_event is None else (watch, tell_lines(on_event)),
         on_pose=on_pose,
         wires=stage.wires,
         give=record if give is not None else None,
@@ -342,7 +335,7 @@ async def _fly_mission(
     flight = make_flight(
         config,
         confirm=confirm_at(MISSION_CONFIRM_S),
-        observers=(hear,),
+        subscribers=(hear,),
         wires=stage.wires,
         give=give,
     )

@@ -10,14 +10,7 @@ import msgspec
 
 from groundstation.core.control import SUSPENDED, VIOLATED
 from groundstation.core.geometry import Vec3, third_column
-from groundstation.core.messages import (
-    ROUNDING_S,
-    SATURATION_FROM_S,
-    STEADY_S,
-    Estimate,
-    SteadyError,
-    Tick,
-)
+from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Estimate, SteadyError, Tick
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from groundstation.core.vehicle import Vehicle
@@ -100,7 +93,6 @@ class Effort:
     """
 
     def __init__(self) -> None:
-        """Nothing was commanded yet."""
         self._slow: Any = None
         self._time = 0.0
 

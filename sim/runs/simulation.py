@@ -22,21 +22,11 @@ import msgspec
 
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, several, without_frames
-from groundstation.core.messages import (
-    EndRecord,
-    Pose,
-    Severity,
-    TickRecord,
-)
+from groundstation.core.messages import EndRecord, Pose, Severity, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import ensure_flyable
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
-from groundstation.recording import (
-    FlightLog,
-    LineRecord,
-    Record,
-    about,
-)
+from groundstation.recording import FlightLog, LineRecord, Record, about
 from groundstation.runtime import rare_collections
 from groundstation.settings import Config
 from sim.radio import MODULE

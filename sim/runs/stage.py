@@ -25,40 +25,11 @@ from links.io import parse_address, read_key
 from links.mavlink import MavlinkLinkConfig, StampFile
 from links.mavlink.protocol import TICKS_PER_S, Signer
 from links.rf import CrsfLinkConfig, RfConfig, describe_pulses
-from sim.autopilots import (
-    AUTOPILOTS,
-    AutopilotPeer,
-    OpenWire,
-    SimulatedAutopilot,
-    accept_at,
-    at_end_of,
-    wait_at,
-)
-from sim.radio import (
-    PtyWire,
-    PulseReceiver,
-    Receiver,
-    RfPeer,
-    RfReceiver,
-    WirePort,
-    bridge_to,
-    module,
-    wires,
-)
+from sim.autopilots import AUTOPILOTS, AutopilotPeer, OpenWire, SimulatedAutopilot, accept_at, at_end_of, wait_at
+from sim.radio import PtyWire, PulseReceiver, Receiver, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
 from sim.scenarios import BETAFLIGHT
 from sim.trackers import Mocap, TrackedBody, Tracker, make_tracker
-from sim.world import (
-    Body,
-    Horizon,
-    Quadrotor,
-    SimulatedVehicle,
-    Wind,
-    World,
-    generator,
-    rows,
-    stream,
-    with_noise,
-)
+from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, rows, stream, with_noise
 
 if TYPE_CHECKING:
     from links.bridge import Bridge

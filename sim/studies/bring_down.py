@@ -8,10 +8,7 @@ from statistics import median
 import msgspec
 
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import (
-    CommandSent,
-    FlightEvent,
-)
+from groundstation.core.messages import CommandSent, FlightEvent
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from sim.runs import CONFIRM_S, Stage, confirm_at
@@ -71,7 +68,7 @@ async def _cut(scenario: str, cause: str, at_s: float, seed: int, overrides: lis
             raise _ControllerFailure
 
     stage = Stage(world, config, seed, step)
-    flight = make_flight(config, confirm=confirm_at(CONFIRM_S), observers=(watch,))
+    flight = make_flight(config, confirm=confirm_at(CONFIRM_S), subscribers=(watch,))
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     loop = asyncio.get_running_loop()
     await sleep_until(RELEASED_S)

@@ -30,10 +30,7 @@ import msgspec
 from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend, several, without_frames
 from groundstation.core.control import make_controller
-from groundstation.core.messages import (
-    STEADY_S,
-    Tick,
-)
+from groundstation.core.messages import STEADY_S, Tick
 from groundstation.runtime import replace_between_markers, require_package, split_at_markers
 from sim.runs import TrueTrack, Workers, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, prepare

@@ -17,9 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.core.messages import (
-    Tick,
-)
+from groundstation.core.messages import Tick
 from groundstation.runtime import replace_between_markers
 from sim.runs import TrueTrack, fly
 from sim.scenarios import SCENARIOS, gale, prepare

@@ -27,7 +27,7 @@ class MemoryStream(asyncio.Transport):
         self._loop = loop
         self._hear = hear
         self._way = (local, remote)
-        self._protocol: asyncio.BaseProtocol = asyncio.Protocol()
+        self._protocol: Any = asyncio.Protocol()
         self._closing = False
         self.other: MemoryStream | None = None
 
@@ -39,7 +39,7 @@ class MemoryStream(asyncio.Transport):
 
     def receive(self, data: bytes) -> None:
         """Take what the other end has sent."""
-        if not self._closing and isinstance(self._protocol, asyncio.Protocol):
+        if not self._closing:
             self._protocol.data_received(data)
 
     def close(self) -> None:
@@ -68,7 +68,8 @@ class MemoryStream(asyncio.Transport):
 
     def get_protocol(self) -> asyncio.BaseProtocol:
         """Whoever takes what arrives."""
-        return self._protocol
+        taker: asyncio.BaseProtocol = self._protocol
+        return taker
 
 
 class Listener:

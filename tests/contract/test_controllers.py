@@ -13,12 +13,7 @@ from groundstation.config import ConfigError, UserCodeFault
 from groundstation.core.control import Custom, make_controller
 from groundstation.core.control.controllers import Guarded
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import (
-    Controller,
-    Decision,
-    Estimate,
-    Tick,
-)
+from groundstation.core.messages import Controller, Decision, Estimate, Tick
 from groundstation.core.trajectory import Reference, TrajectoryConfig
 from groundstation.core.trajectory.shapes import HoldConfig
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle

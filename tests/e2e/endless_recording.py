@@ -6,20 +6,9 @@ Prints the time of every command once it was handed over.
 import asyncio
 import sys
 
-from groundstation.core import (
-    Pilot,
-)
-from groundstation.core.messages import (
-    Pose,
-    Tick,
-    TickRecord,
-)
-from groundstation.recording import (
-    ReceivedRecord,
-    RecorderProcess,
-    SentRecord,
-    about,
-)
+from groundstation.core import Pilot
+from groundstation.core.messages import Pose, Tick, TickRecord
+from groundstation.recording import ReceivedRecord, RecorderProcess, SentRecord, about
 from groundstation.runtime import RecordingConfig
 from groundstation.settings import Config
 

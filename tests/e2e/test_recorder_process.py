@@ -15,18 +15,9 @@ from statistics import median
 
 import pytest
 
-from groundstation.core.messages import (
-    TickRecord,
-)
+from groundstation.core.messages import TickRecord
 from groundstation.pose import TlogReader
-from groundstation.recording import (
-    LineRecord,
-    ReceivedRecord,
-    RecorderProcess,
-    Recording,
-    SentRecord,
-    about,
-)
+from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord, about
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.runtime import RecordingConfig, is_being_written
 from groundstation.settings import Config

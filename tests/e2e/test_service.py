@@ -29,8 +29,8 @@ from groundstation.interfaces.service.flights import (
     line_of,
     longest_landing_s,
 )
-from groundstation.runtime import Taken, hold_lock
-from groundstation.runtime.entry import CODES, exit_code_table
+from groundstation.runtime import INTERRUPTED, Taken, hold_lock
+from groundstation.runtime.entry import CODES
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
 
@@ -232,6 +232,20 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
     done = subprocess.run([program, "verify", str(file)], capture_output=True, check=False, text=True)
     about = [line for line in done.stderr.splitlines() if "groundstation" in line]
     assert (done.returncode, about) == (0, []), done.stderr
+
+
+def exit_code_table() -> str:
+    """The table of docs/reference/exit-codes.md."""
+    lines = ["| command | code | means |", "|---|---|---|"]
+    for command, codes in CODES.items():
+        lines += [f"| `{command}` | {code} | {means} |" for code, means in codes.items()]
+    lines += [
+        "| all others | 0 | done |",
+        "| all others | 1 | not done: the reason is printed |",
+        "| all | 2 | a bad command line or configuration; nothing was opened |",
+        f"| all | {INTERRUPTED} | Ctrl-C, outside a flight |",
+    ]
+    return "\n".join(lines)
 
 
 def test_the_table_of_exit_codes_is_that_of_the_code_and_names_commands_that_there_are() -> None:

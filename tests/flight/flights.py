@@ -8,9 +8,7 @@ from typing import Any
 
 from groundstation.config import ConfigError
 from groundstation.core.control import Law
-from groundstation.core.messages import (
-    Tick,
-)
+from groundstation.core.messages import Tick
 from sim.runs import fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare

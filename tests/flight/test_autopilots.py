@@ -5,11 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages import (
-    Check,
-    Verdict,
-    tell_lines,
-)
+from groundstation.core.messages import Check, Verdict, tell_lines
 from groundstation.core.mission import State
 from groundstation.flight import FlightOutcome
 from groundstation.recording import make_flight
@@ -44,7 +40,7 @@ def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[FlightO
 
         stage = Stage(world, config, 0, autopilot=autopilot, parameters=parameters)
         running = asyncio.create_task(stage.run())
-        outcome = await make_flight(config, confirm=confirm, observers=(tell_lines(said.append),)).run()
+        outcome = await make_flight(config, confirm=confirm, subscribers=(tell_lines(said.append),)).run()
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
         return outcome, stage

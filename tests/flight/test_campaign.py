@@ -11,10 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import (
-    STEADY_S,
-    Tick,
-)
+from groundstation.core.messages import STEADY_S, Tick
 from sim.__main__ import main
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare

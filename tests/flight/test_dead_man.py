@@ -9,11 +9,7 @@ from typing import Any
 import pytest
 
 from groundstation.config import UserCodeFault
-from groundstation.core.messages import (
-    CommandSent,
-    FlightEvent,
-    Notice,
-)
+from groundstation.core.messages import CommandSent, FlightEvent, Notice
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.flight.flight import Pacing, StallDetector
@@ -99,7 +95,7 @@ def fly(script: Any, *overrides: str, seed: int = 0, pace: str = "period") -> Wi
             return True
 
         wire.stage = Stage(world, config, seed, parameters={"COM_OF_LOSS_T": 1.0})  # later than what is looked at
-        flight = make_flight(config, confirm=confirm, observers=(wire.hear,))
+        flight = make_flight(config, confirm=confirm, subscribers=(wire.hear,))
         stage = asyncio.create_task(wire.stage.run())
         beside = asyncio.create_task(script(flight, wire.stage))
         with contextlib.suppress(UserCodeFault):

@@ -8,9 +8,7 @@ from itertools import repeat
 import pytest
 
 from groundstation.core.geometry import euler_zyx
-from groundstation.core.messages import (
-    IdleRecord,
-)
+from groundstation.core.messages import IdleRecord
 from links.core import Command, Segment
 from links.mavlink.protocol import MavlinkCodec
 from sim.__main__ import main

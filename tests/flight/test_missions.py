@@ -7,12 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.messages import (
-    Ask,
-    Notice,
-    Request,
-    Severity,
-)
+from groundstation.core.messages import Ask, Notice, Request, Severity
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor

@@ -10,17 +10,9 @@ from typing import NamedTuple
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.messages import (
-    IdleRecord,
-    SwitchRecord,
-    TickRecord,
-)
+from groundstation.core.messages import IdleRecord, SwitchRecord, TickRecord
 from groundstation.core.mission import FINAL
-from groundstation.recording import (
-    LineRecord,
-    Record,
-    SentRecord,
-)
+from groundstation.recording import LineRecord, Record, SentRecord
 from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
 from sim.runs import RECORDING, from_floor
 from sim.runs.simulation import RunFolder

@@ -23,11 +23,7 @@ from mcap.reader import make_reader
 from groundstation.analysis import export_command, logs_command
 from groundstation.analysis.recordings import rewrite
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.messages import (
-    STEADY_S,
-    PoseRecord,
-    TickRecord,
-)
+from groundstation.core.messages import STEADY_S, PoseRecord, TickRecord
 from groundstation.interfaces.tui.app import Tape
 from groundstation.pose import TlogReader, read_csv
 from groundstation.recording import (

@@ -11,10 +11,7 @@ from hypothesis import strategies as st
 
 from groundstation.core.control import Adaptive
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import (
-    CommandSent,
-    FlightEvent,
-)
+from groundstation.core.messages import CommandSent, FlightEvent
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
@@ -256,7 +253,7 @@ def start_of(
             assert isinstance(law, Adaptive)
             start.b.append(math.hypot(*law.b_hat) / law.gains.b_bound)
 
-        flight._observers += (hear,)
+        flight._subscribers += (hear,)
         while not begun or asyncio.get_running_loop().time() < begun[0] + 1.1:
             await asyncio.sleep(0.01)
         flight.stop("the test is over")

@@ -4,10 +4,7 @@ import pytest
 
 from groundstation.core.control import Gains, noise_power
 from groundstation.core.control.adaptive import LIMITS, POSES, VERTICAL, terms
-from groundstation.core.messages import (
-    Diagnostics,
-    Tick,
-)
+from groundstation.core.messages import Diagnostics, Tick
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown, flown_ideal

@@ -14,11 +14,7 @@ import msgspec
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.messages import (
-    CommandSent,
-    FlightEvent,
-    Tick,
-)
+from groundstation.core.messages import CommandSent, FlightEvent, Tick
 from groundstation.flight import Flight
 from groundstation.pose import TlogReader
 from groundstation.recording import FlightLog, about, make_flight
@@ -123,7 +119,7 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
 
             log = FlightLog(folder / "flight.mcap", about(config), epoch_ns=0, tell=lambda text, *_: print(text))
             stack.callback(log.close)
-            flight: Flight = make_flight(config, confirm=confirm, observers=(hear,), give=log.write)
+            flight: Flight = make_flight(config, confirm=confirm, subscribers=(hear,), give=log.write)
             outcome = await flight.run()
             assert outcome.reason == "motors off: enough"
             assert not stage.autopilot.armed

@@ -5,14 +5,7 @@ from hypothesis import strategies as st
 
 from groundstation.core.messages import Ask, Reply, Request
 from groundstation.interfaces.mqtt.messages import SealedRequest
-from groundstation.interfaces.mqtt.requests import (
-    ClientKey,
-    Gatekeeper,
-    Place,
-    decode_request,
-    is_sealed,
-    seal_request,
-)
+from groundstation.interfaces.mqtt.requests import ClientKey, Gatekeeper, Place, decode_request, is_sealed, seal_request
 
 PLACE, KEY, NOW_MS = Place("lab", "mqx"), bytes(range(32)), 1_700_000_000_000
 GOOD = seal_request(KEY, PLACE, "0" * 32, "tablet", 1, "land", NOW_MS + 3000, "too windy")

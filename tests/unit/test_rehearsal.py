@@ -15,13 +15,7 @@ from groundstation.config import (
     texts_of,
 )
 from groundstation.lab import read_fleet
-from groundstation.settings import (
-    Config,
-    describe_rehearsal,
-    ensure_served,
-    is_rehearsal,
-    rehearse,
-)
+from groundstation.settings import Config, describe_rehearsal, ensure_served, is_rehearsal, rehearse
 from groundstation.settings.settings import ADDRESSES, TEXTS
 from links.io import is_loopback, parse_address
 

@@ -9,12 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from textual.theme import Theme
 
-from groundstation.core.messages import (
-    Ask,
-    Certificate,
-    Notice,
-    Snapshot,
-)
+from groundstation.core.messages import Ask, Certificate, Notice, Snapshot
 from groundstation.core.mission import State
 from groundstation.interfaces.tui.drawing import (
     PlotLine,

@@ -570,7 +570,6 @@ class Lasting:
     __slots__ = ("_ended_s", "_told", "for_s")
 
     def __init__(self) -> None:
-        """It is not so."""
         self.for_s = 0.0
         self._told = False
         self._ended_s = -math.inf

@@ -488,16 +488,16 @@ FlightEvent: TypeAlias = (
     | SwitchRecord
     | CommandSent
 )
-Observer: TypeAlias = Callable[[FlightEvent], None]
+Subscriber: TypeAlias = Callable[[FlightEvent], None]
 """Hears each event as it happens; never waits, never raises."""
 
 
 def ignore(_: FlightEvent | Tick) -> None:
-    """The observer of a flight that nobody looks at."""
+    """The subscriber of a flight that nobody looks at."""
 
 
-def tell_lines(say: Callable[[str], None]) -> Observer:
-    """An observer that has ``say`` told each notice as a line."""
+def tell_lines(say: Callable[[str], None]) -> Subscriber:
+    """A subscriber that has ``say`` told each notice as a line."""
 
     def hear(event: FlightEvent) -> None:
         if isinstance(event, Notice):

@@ -132,7 +132,6 @@ class Mission:
     """The present state, and why."""
 
     def __init__(self) -> None:
-        """Begin idle."""
         self.state = State.IDLE
         self.reason = ""
 

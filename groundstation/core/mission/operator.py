@@ -22,7 +22,6 @@ class Interrupts:
     """
 
     def __init__(self) -> None:
-        """None yet."""
         self._count = 0
         self._last_s: float | None = None
 

@@ -55,7 +55,6 @@ class Since:
     """Since when each of several conditions has been so, by name. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        """Nothing is so."""
         self._since: dict[str, float] = {}
 
     def lasts(self, name: str, so: bool, now_s: float, for_s: float) -> bool:
@@ -195,7 +194,6 @@ class ThrustOscillationMonitor:
     """For how long one flight's thrust swung of late. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        """Nothing seen."""
         self._at_s = -math.inf
         self._mean_n = self._low_s = self._high_s = 0.0
 
@@ -482,7 +480,6 @@ class Conviction:
     """One flight's. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        """Nothing speaks against the poses."""
         self.says = ""
         """The newest line for the operator; empty where there is no news."""
         self._suspected = False
@@ -554,7 +551,6 @@ class Parole:
     """Poses that come back after the descent has begun for want of them: are they this vehicle's, and new?"""
 
     def __init__(self) -> None:
-        """None are missing."""
         self._missing_s: float | None = None
         self._begun_s: float | None = None
 

@@ -101,7 +101,6 @@ class Rivals:
     """One flight's."""
 
     def __init__(self) -> None:
-        """Nothing seen."""
         self._axes: tuple[_RivalAxis, ...] = ()
         self._gale = 0.0
         self._usual = WIND_M_S2 * WIND_M_S2
@@ -931,7 +930,6 @@ class _TiltAxis:
     __slots__ = ("_before", "_trim_variance", "trim", "variance")
 
     def __init__(self) -> None:
-        """Nothing is known."""
         self.variance = TURN_NOISE_RAD**2
         """Of the noise of a turn [rad²]."""
         self.trim, self._trim_variance = 0.0, TRIM_RAD**2

@@ -358,7 +358,6 @@ class StandingPoses:
     """Poses of a vehicle that stands, and how far they wander."""
 
     def __init__(self) -> None:
-        """Nothing seen."""
         self.poses: deque[Pose] = deque(maxlen=REST_POSES)
         """The newest of them."""
         self._spans: deque[Pose] = deque(maxlen=WANDERS + 1)

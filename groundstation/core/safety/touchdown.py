@@ -45,7 +45,6 @@ class Hover:
     """The thrust that hovers, as commanded: a mean over a hold."""
 
     def __init__(self) -> None:
-        """Nothing measured."""
         self._sum = 0.0
         self._count = 0
 

@@ -119,7 +119,6 @@ class Witness:
     """One vehicle's. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        """Nothing heard."""
         self._seen, self._felt = _AttitudeTrack(), _AttitudeTrack()
         self._pose: Pose | None = None
         self._told: Attitude | None = None
@@ -287,7 +286,6 @@ class _AttitudeTrack:
     """One witness's attitudes on the grid."""
 
     def __init__(self) -> None:
-        """Nothing taken."""
         self._last: Quat | None = None
         self._turned = 0.0
         self.end = 0

@@ -41,14 +41,7 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, State
 from groundstation.core.safety import CERTAIN_S
-from groundstation.flight import (
-    DISARM_WAIT_S,
-    Flight,
-    FlightOutcome,
-    entry_of,
-    examine_trajectory,
-    make_ends,
-)
+from groundstation.flight import DISARM_WAIT_S, Flight, FlightOutcome, entry_of, examine_trajectory, make_ends
 from groundstation.interfaces.api import Core, Server
 from groundstation.recording import END_S, make_flight, recorder
 from groundstation.runtime import (
@@ -535,7 +528,7 @@ class Daemon:
         return make_flight(
             self._config,
             confirm=self._confirm,
-            observers=(self._hear,),
+            subscribers=(self._hear,),
             give=give,
             quiet=self._quiet,
             running=running_processes,
@@ -655,9 +648,9 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say,
     """Fly until landed or aborted, and land on the first signal."""
     quiet = IdleSlots()
     async with recorder(config, say, quiet, view=view) as give:
-        observers = (tell_lines(say),)
+        subscribers = (tell_lines(say),)
         flight = make_flight(
-            config, confirm=confirm, observers=observers, give=give, quiet=quiet, running=running_processes
+            config, confirm=confirm, subscribers=subscribers, give=give, quiet=quiet, running=running_processes
         )
         obey(flight.ask, say)
         calm_memory()

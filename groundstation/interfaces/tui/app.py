@@ -77,11 +77,7 @@ from groundstation.interfaces.tui.pages import (
     PageFrame,
 )
 from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
-from groundstation.recording import (
-    Entry,
-    NoRecording,
-    Recording,
-)
+from groundstation.recording import Entry, NoRecording, Recording
 from groundstation.runtime import (
     ApiError,
     StatusConfig,

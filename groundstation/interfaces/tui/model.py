@@ -182,7 +182,6 @@ class Twice:
     """What needs its key twice."""
 
     def __init__(self) -> None:
-        """Not pressed yet."""
         self._first_s = -math.inf
 
     def press(self, now_s: float) -> bool:

@@ -63,7 +63,6 @@ class Banner(Widget):
     DEFAULT_CSS = "Banner { height: 3; }"
 
     def __init__(self) -> None:
-        """Nothing to say yet."""
         super().__init__()
         self._shown = BannerText("", CALM, "")
         self._beside: tuple[str, str] = ("", "")
@@ -214,7 +213,6 @@ class FlownPlot(Widget):
     """A plot of what was flown."""
 
     def __init__(self) -> None:
-        """Nothing flown yet."""
         super().__init__()
         self._flown: Sequence[PlotSample] = ()
 
@@ -329,7 +327,6 @@ class HorizonView(Widget):
     DEFAULT_CSS = "HorizonView { height: 8; }"
 
     def __init__(self) -> None:
-        """Level."""
         super().__init__()
         self._attitude = (0.0, 0.0, 0.0)
 
@@ -353,7 +350,6 @@ class Preflight(Widget):
     DEFAULT_CSS = "Preflight { height: 1fr; }"
 
     def __init__(self) -> None:
-        """None made yet."""
         super().__init__()
         self._checks: tuple[Check, ...] | None = None
 
@@ -380,7 +376,6 @@ class Numbers(Widget):
     """All numbers of the newest snapshot."""
 
     def __init__(self) -> None:
-        """Nothing seen yet."""
         super().__init__()
         self._rows: list[Spans] = []
 
@@ -401,7 +396,6 @@ class Events(Widget):
     DEFAULT_CSS = "Events { height: 3; }"
 
     def __init__(self) -> None:
-        """Nothing heard yet."""
         super().__init__()
         self._events: tuple[Notice, ...] = ()
 

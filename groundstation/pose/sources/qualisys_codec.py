@@ -38,7 +38,6 @@ class Framer:
     """Cuts a stream, however it comes in pieces, into packets; never holds more than one."""
 
     def __init__(self) -> None:
-        """Nothing received yet."""
         self.broken = False
         """True once packets can't be told apart any more: only a new connection helps."""
         self._pending = bytearray()

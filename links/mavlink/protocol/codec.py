@@ -270,7 +270,6 @@ class MavlinkDialect:
     """All messages: ``MAVLink_heartbeat_message`` is a class, ``MAVLINK_MSG_ID_HEARTBEAT`` its number."""
 
     def __init__(self) -> None:
-        """No class is made yet."""
         self._kinds: dict[int, type[MavlinkMessage] | None] = {}
 
     @cached_property
@@ -672,7 +671,6 @@ class Vitals:
     """The newest of each. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        """Nothing heard."""
         self.mode = ""
         """Its mode's name; empty before the first heartbeat, and where nobody knows its modes."""
         self.mode_s = -math.inf
@@ -742,7 +740,6 @@ class Words:
     """What the autopilot said of late (STATUSTEXT), long texts put together again, and only what is fit to be shown."""
 
     def __init__(self) -> None:
-        """Nothing said yet."""
         self._texts: deque[tuple[int, int, str]] = deque(maxlen=20)
 
     def hear(self, message: Message) -> None:

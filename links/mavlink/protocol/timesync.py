@@ -33,7 +33,6 @@ class Timesync:
     """Our questions, and what follows from the answers."""
 
     def __init__(self) -> None:
-        """Nothing known."""
         self._trips: deque[Trip] = deque(maxlen=NEWEST)
         self._asked_ns = 0
         self.best: Trip | None = None

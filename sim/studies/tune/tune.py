@@ -429,7 +429,7 @@ class Flyers:
 
 TIMES_NOMINAL = 5.0
 FLOOR_CM = 10.0
-SMALLEST, LARGEST = 0.125, 8.0
+LARGEST = 8.0
 """Factors tried go no further."""
 LONGEST_S = 0.320
 """Delays tried go no further [s]."""

@@ -55,7 +55,6 @@ class Waiting:
     """The poses that no command has answered yet. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        """None yet."""
         self.latencies_s: list[float] = []
         self.overtaken = 0
         self._left: deque[float] = deque()

@@ -8,15 +8,8 @@ from statistics import median
 from time import thread_time
 from typing import TYPE_CHECKING, Any
 
-from groundstation.core import (
-    Pilot,
-)
-from groundstation.core.messages import (
-    FlightEvent,
-    Pose,
-    Tick,
-    TickRecord,
-)
+from groundstation.core import Pilot
+from groundstation.core.messages import FlightEvent, Pose, Tick, TickRecord
 from groundstation.recording import ReceivedRecord, Record, RecorderProcess, SentRecord, about
 from groundstation.runtime import RecordingConfig, sleep_until
 from groundstation.settings import Config

@@ -14,14 +14,7 @@ from typing import Any
 import msgspec
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import (
-    Ask,
-    CommandSent,
-    FlightEvent,
-    Notice,
-    Request,
-    Waypoint,
-)
+from groundstation.core.messages import Ask, CommandSent, FlightEvent, Notice, Request, Waypoint
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Give, Record, make_flight
@@ -194,7 +187,7 @@ async def fly_here(
     stage.plant.advance(begun_s)
     if stage.mocap is not None:
         stage.mocap.through(meddle)
-    flight = make_flight(config, confirm=confirm, observers=(watch,), wires=stage.wires, give=give)
+    flight = make_flight(config, confirm=confirm, subscribers=(watch,), wires=stage.wires, give=give)
     scene = Scene(flight, stage, meddlers[0] if meddlers else None, seed)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     striking = asyncio.ensure_future(_strike(scene, state, moves, truth))

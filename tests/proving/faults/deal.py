@@ -140,7 +140,6 @@ class Broker:
     """Listens on a free port of this machine."""
 
     def __init__(self) -> None:
-        """Not yet."""
         self.port = 0
         self.published = 0
         """How many messages have come."""

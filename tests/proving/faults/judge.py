@@ -14,14 +14,8 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import (
-    IdleRecord,
-    Tick,
-    TickRecord,
-)
-from groundstation.recording import (
-    Record,
-)
+from groundstation.core.messages import IdleRecord, Tick, TickRecord
+from groundstation.recording import Record
 from groundstation.settings import Config
 from links.core import Command, Segment, signal
 from links.mavlink import MavlinkLinkConfig
