@@ -1,16 +1,31 @@
 """Real processes on real loopback sockets: a simulated vehicle served by one, flown by another."""
 
+import io
 import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import pytest
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "loopback.toml"
 QUICK_LANDING = ["--set", "flight.descent_m_s=1.0", "--set", "trajectory.altitude_m=-0.3"]
+
+
+def run_here(main: Callable[[], int], *words: str | Path) -> "subprocess.CompletedProcess[str]":
+    """How a program ends and what it prints, in this process: without the start of a Python."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patched, redirect_stdout(out), redirect_stderr(err):
+        patched.setattr("sys.argv", ["program", *map(str, words)])
+        try:
+            code = main()
+        except SystemExit as end:  # of a parser
+            code = int(end.code or 0)
+    return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
 
 def free_udp_port() -> int:

@@ -9,20 +9,15 @@ from typing import Any
 
 import pytest
 
+from groundstation.__main__ import main
+from tests.e2e.stations import run_here
+
 GOLDEN = Path(__file__).parents[1] / "golden"
 PX4, ARDUPILOT = GOLDEN / "px4_takeoff.tlog", GOLDEN / "ardupilot_landing.tlog"
 
 
 def replay(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [Path(sys.executable).with_name("groundstation"), "replay", *arguments],
-        env=os.environ | {"NO_COLOR": "1"},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    return run_here(main, "replay", *arguments)
 
 
 def test_json_is_one_object_with_the_figures_and_the_verdict() -> None:
@@ -45,7 +40,15 @@ def test_json_is_one_object_with_the_figures_and_the_verdict() -> None:
 
 
 def test_the_text_names_the_verdict_and_its_reasons() -> None:
-    done = replay(PX4)
+    done = subprocess.run(
+        [Path(sys.executable).with_name("groundstation"), "replay", PX4],
+        env=os.environ | {"NO_COLOR": "1"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert "PX4, poses from ODOMETRY" in done.stdout
     assert "FIT WITH CARE TO FLY ON" in done.stdout

@@ -12,18 +12,18 @@ from pathlib import Path
 
 import pytest
 
+from groundstation.__main__ import main as export
 from groundstation.pose import TlogReader
+from sim.__main__ import main
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from tests.e2e.stations import free_udp_port, served
+from tests.e2e.stations import free_udp_port, run_here, served
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
 
 def sim(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [sys.executable, "-m", "sim", *arguments], capture_output=True, text=True, timeout=120, check=False
-    )
+    return run_here(main, *arguments)
 
 
 def test_json_is_one_object_with_every_promised_key() -> None:
@@ -179,8 +179,7 @@ def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path)
     assert str(folder) in done.stdout
 
     def rows(channel: str) -> list[dict[str, str]]:
-        export = [sys.executable, "-m", "groundstation", "export", str(folder / "flight.mcap"), "--channel", channel]
-        table = subprocess.run(export, capture_output=True, check=True, text=True).stdout
+        table = run_here(export, "export", folder / "flight.mcap", "--channel", channel).stdout
         return list(csv.DictReader(table.splitlines()))
 
     errors, lyapunov = rows("errors"), rows("lyapunov")

@@ -246,9 +246,9 @@ def test_a_gain_is_changed_and_what_is_no_number_changes_none(stage: Stage) -> N
         async with stage.up():
             await in_control(pilot)
             await pilot.press("2")
+            await until(pilot, lambda: bool(pilot.app.screen.query("DataTable")))
             await pilot.pause(0.4)
-            table = pilot.app.screen.query_one("DataTable")
-            table.focus()
+            pilot.app.screen.query_one("DataTable").focus()
             await pilot.press("enter")
             await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
             await pilot.press("backspace", *"2x", "enter")
@@ -266,12 +266,12 @@ def test_a_screen_that_may_only_look_orders_nothing(stage: Stage) -> None:
         async with stage.up():
             await until(pilot, lambda: knows(pilot))
             await pilot.press("c", "a", "t", "h", "r", "ctrl+l", "ctrl+x", "ctrl+k", "ctrl+k")
+            await until(pilot, lambda: told(pilot, "NOTHING WAS ORDERED"))  # for some seconds
             await pilot.press("ctrl+p", *"land", "enter")
             await pilot.pause(0.5)
             await pilot.press("escape")
             assert not pilot.app.screen.query(Knob)
             assert (stage.asked, stage.core.notes) == ([], [])
-            assert told(pilot, "NOTHING WAS ORDERED")
 
     play(scene, stage.path, read_only=True)
 
