@@ -6,16 +6,16 @@ import os
 import signal
 import socket as sockets
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from groundstation.__main__ import main
 from groundstation.core.messages import Snapshot
 from groundstation.interfaces.api import snapshots
-from tests.e2e.stations import EXAMPLE, served
+from tests.e2e.stations import EXAMPLE, run_here, served
 
 
 async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float = 60.0) -> Snapshot:
@@ -34,14 +34,7 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
 
 def fly_without_terminal(config: Path, *arguments: str) -> "subprocess.CompletedProcess[str]":
     """``groundstation fly CONFIG`` as a script would start it: nobody is there to ask."""
-    return subprocess.run(
-        [sys.executable, "-m", "groundstation", "fly", str(config), *arguments],
-        capture_output=True,
-        check=False,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-    )
+    return run_here(main, "fly", config, *arguments)
 
 
 def test_fly_takes_a_served_vehicle_through_its_trajectory_and_lands_it() -> None:
@@ -177,7 +170,11 @@ def test_a_pose_source_that_cant_be_started_is_told_in_words(tmp_path: Path) -> 
         taken.bind(("127.0.0.1", 0))
         config = tmp_path / "lab.toml"
         config.write_text(f'[pose]\nkind = "json"\nlisten = "127.0.0.1:{taken.getsockname()[1]}"\n')
-        run = fly_without_terminal(config, "--arm", "mqx", "--set", f"status.path={tmp_path}/mqx.sock")
+        words = ["fly", str(config), "--arm", "mqx", "--set", f"status.path={tmp_path}/mqx.sock"]
+        run = subprocess.run(
+            [sys.executable, "-m", "groundstation", *words],
+            capture_output=True, check=False, text=True, timeout=60, stdin=subprocess.DEVNULL,
+        )  # fmt: skip
     assert run.returncode == 1
     assert "cannot listen for JSON poses on 127.0.0.1:" in run.stdout
     assert "Traceback" not in run.stderr

@@ -17,7 +17,8 @@ from groundstation.config import from_dict, parse_toml
 from groundstation.recording import Recording
 from groundstation.settings import Config, rehearse
 from links.mavlink.protocol import MavlinkCodec
-from tests.e2e.stations import free_udp_port
+from sim.__main__ import main
+from tests.e2e.stations import free_udp_port, run_here
 
 ROOM: dict[str, Any] = {
     "vehicle": {"name": "quad"},
@@ -129,9 +130,5 @@ def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path)
     ],
 )
 def test_what_can_not_be_rehearsed_is_a_sentence(tmp_path: Path, words: list[str], says: str) -> None:
-    file = write_room(tmp_path, UDP)
-    done = subprocess.run(
-        [sys.executable, "-m", "sim", "serve", "--config", str(file), "--duration", "1", *words],
-        capture_output=True, text=True, env=environment(tmp_path), timeout=60, check=False,
-    )  # fmt: skip
+    done = run_here(main, "serve", "--config", write_room(tmp_path, UDP), "--duration", "1", *words)
     assert done.returncode == 2 and says in done.stderr
