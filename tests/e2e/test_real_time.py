@@ -6,6 +6,7 @@ import os
 import signal
 import socket as sockets
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
