@@ -12,6 +12,7 @@ import time
 import tty
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -194,13 +195,13 @@ def test_in_flight_its_last_command_is_repeated_then_brought_down_then_disarmed(
 ) -> None:
     case = cases["flying", end]
     slack = 0.06
-    held = [s for s in case.after(0.0) if s.time_s < case.struck_s + COAST_S - slack]
-    assert len(held) > 10
-    assert all(seen.sticks.thrust_n == pytest.approx(1.0, abs=0.01) for seen in held)
-    down = [s for s in case.after(COAST_S + slack) if s.time_s < case.struck_s + COAST_S + DOWN_S - slack]
-    assert len(down) > 10
-    assert all(seen.sticks.thrust_n == pytest.approx(0.8, abs=0.01) for seen in down)
-    over = case.after(COAST_S + DOWN_S + slack)
+    left = case.after(0.0)
+    held = list(takewhile(lambda seen: seen.sticks.thrust_n == pytest.approx(1.0, abs=0.01), left))
+    down = list(takewhile(lambda seen: seen.sticks.thrust_n == pytest.approx(0.8, abs=0.01), left[len(held) :]))
+    over = left[len(held) + len(down) :]
+    # Its last command may have been some time old: a busy machine holds stations up, and then the end comes sooner.
+    assert len(held) > 5 and held[-1].time_s < case.struck_s + COAST_S + slack
+    assert len(down) > 10 and down[-1].time_s < held[-1].time_s + DOWN_S + slack
     assert len(over) > 100
     assert not any(seen.sticks.armed or seen.lifts for seen in over), "not even after it woke up again"
 
