@@ -14,11 +14,18 @@ QUICK := --hypothesis-profile quick
 FLIGHTS ?=
 # What `make bench` measures: all, or some of the names in docs/reference/bench.md.
 WHAT ?=
+# Where a wrong branch may hurt somebody, and the tests that are about it.
+GUARDED := links/core/deadman.py,links/rf/pacer.py,groundstation/pose/sources/intake.py,$\
+    groundstation/core/safety/guards.py,groundstation/core/mission/mission.py
+GUARDING := unit/test_deadman unit/test_pacer unit/test_sleep unit/test_rf_link unit/test_mavlink_link unit/test_gate \
+    unit/test_guards unit/test_mission flight/test_gate flight/test_guards flight/test_missions flight/test_ends \
+    flight/test_dead_man flight/test_pacer_strikes flight/test_slow_radio
+COVERAGE := $(BIN)/uv run --quiet --no-sync --with 'coverage>=7.10' python -m coverage
 # What only computes yields to what may not be kept waiting.
 YIELD := nice -n 19
 
 .PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
-    long-computed test-newer-pythons soak bench evidence margins docs release setup lock clean firmware \
+    long-computed test-newer-pythons coverage soak bench evidence margins docs release setup lock clean firmware \
     test-firmware
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
@@ -71,6 +78,12 @@ long-computed: setup
 
 test-newer-pythons: setup ## the quick tests once more on the newer Pythons of this machine
 	@WORKERS=$(WORKERS) YIELD="$(YIELD)" sh .ci/test-newer-pythons
+
+coverage: setup ## the branches of dead man's switch, pacer, gate, guards and mission that their own tests reach
+	@mkdir -p build
+	@COVERAGE_FILE=build/coverage $(YIELD) $(COVERAGE) run --branch --include='$(GUARDED)' -m pytest -q -p no:xdist $(QUICK) \
+	    -m "not (real_time or matrix or soak)" $(GUARDING:%=tests/%.py)
+	@COVERAGE_FILE=build/coverage $(COVERAGE) report --show-missing
 
 soak: setup ## long runs: minutes to hours
 	$(BIN)/python -m pytest -m soak --timeout 0 || test $$? = 5  # 5: nothing is marked soak
