@@ -41,7 +41,6 @@ from groundstation.core.messages import (
     Say,
     Severity,
     Snapshot,
-    StatusRecord,
     SteadyError,
     Subscriber,
     Tick,
@@ -584,10 +583,6 @@ HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, St
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
 
 
-STATUS_S = 0.2
-"""How often the state of link and source is told [s]."""
-
-
 class FlightOutcome(msgspec.Struct, frozen=True):
     """How a flight ended."""
 
@@ -627,7 +622,6 @@ class Flight:
         self._subscribers = (self._statistics.hear, *subscribers)
         self._network = network
         self._due = FrameLateness(link)
-        self._status_told_s = -STATUS_S
         flight = config.flight
         self._pilot = Pilot(
             config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._hear_pilot, self._now
@@ -824,7 +818,6 @@ class Flight:
                 await to_the_end(self._shutdown.close())
             finally:
                 watching.cancel()
-                self._tell_status()
                 self._tell(EndRecord(loop.time(), self.state, progress.reason))
         return FlightOutcome(self.state, progress.reason, progress.fault)
 
@@ -894,7 +887,6 @@ class Flight:
             self._say(news, severity)
         self._tell(CommandSent(tick))
         self._quiet.begin()
-        self._tell_status(STATUS_S)  # not while a pose waits for its command
 
     def _now(self) -> float:
         return asyncio.get_running_loop().time()
@@ -904,24 +896,12 @@ class Flight:
             hear(event)
 
     def _hear_pilot(self, event: FlightEvent | Tick) -> None:
-        match event:
-            case Tick(time_s, _, pose):
-                self._tell(TickRecord(event, self._due.late_s(time_s, pose.id, pose.arrival_s)))
-                return
-            case IdleRecord():
-                self._due.begin()
+        if isinstance(event, Tick):
+            self._tell(TickRecord(event, self._due.late_s(event.time_s, event.pose.id, event.pose.arrival_s)))
+            return
+        if isinstance(event, IdleRecord):
+            self._due.begin()
         self._tell(event)
-        if isinstance(event, PoseRecord):
-            tick_s = self.newest_tick_s
-            if tick_s is None or event.pose.arrival_s - tick_s > STATUS_S:
-                self._tell_status(STATUS_S)
-
-    def _tell_status(self, period_s: float = 0.0) -> None:
-        """Tell how link and source are, unless that was done within ``period_s`` [s]."""
-        now = self._now()
-        if now - self._status_told_s >= period_s:
-            self._status_told_s = now
-            self._tell(StatusRecord(now, self._link.status, self._source.status))
 
     def _say(
         self,

@@ -6,6 +6,7 @@ pacer's own process opens is not seen.
 """
 
 import asyncio
+import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
@@ -13,14 +14,18 @@ from typing import Any
 from groundstation.config import dump
 from groundstation.core.messages import (
     CommandSent,
+    EndRecord,
     FlightEvent,
     Notice,
     Others,
     OverheardSource,
     Pose,
     PoseEvent,
+    PoseRecord,
+    PoseSource,
     Say,
     Severity,
+    StatusRecord,
     Subscriber,
 )
 from groundstation.flight import Company, Flight, body_of, make_ends, make_hold
@@ -38,6 +43,7 @@ from groundstation.recording.records import (
 )
 from groundstation.runtime import IdleSlots, Running
 from groundstation.settings import Config
+from links.core import CommandLink
 from links.io import Network
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 
@@ -181,24 +187,49 @@ Give = Callable[[Record], None]
 """Takes records in their order; never waits, never raises."""
 
 
+STATUS_S = 0.2
+"""How often the state of link and source is noted [s]."""
+
+
 class FlightRecorder:
     """Hands over what a flight tells, and its wires, as records. Whatever goes wrong with it, the flight goes on."""
 
-    def __init__(self, give: Give, say: Callable[[str], None]) -> None:
-        """``give`` takes the records; ``say`` hears once that one could not be taken."""
+    def __init__(self, give: Give, say: Callable[[str], None], link: CommandLink, source: PoseSource) -> None:
+        """``give`` takes the records; ``say`` hears once that one could not be taken.
+
+        How ``link`` and ``source`` are is noted now and then.
+        """
         self._recorder = give
         self._say = say
+        self._link = link
+        self._source = source
         self._deaf = False
+        self._sent_s = self._noted_s = -math.inf
 
     def hear(self, event: FlightEvent) -> None:
-        """An event."""
+        """Take an event, after all others who hear of it."""
         match event:
-            case CommandSent():
-                return
+            case PoseRecord(pose):
+                self.give(event)
+                if pose.arrival_s - self._sent_s > STATUS_S:  # not while a pose waits for its command
+                    self._note_status()
+            case CommandSent(tick):
+                self._sent_s = tick.time_s
+                self._note_status()
             case Notice(time_s, state, text):
                 self.give(LineRecord(time_s, state, text))
+            case EndRecord():
+                self._note_status(0.0)
+                self.give(event)
             case _:
                 self.give(event)
+
+    def _note_status(self, period_s: float = STATUS_S) -> None:
+        """Note how link and source are, unless that was done within ``period_s`` [s]."""
+        now_s = asyncio.get_running_loop().time()
+        if now_s - self._noted_s >= period_s:
+            self._noted_s = now_s
+            self.give(StatusRecord(now_s, self._link.status, self._source.status))
 
     def give(self, record: Record) -> None:
         """Hand over one record."""
@@ -262,8 +293,8 @@ def make_flight(
         source = ForwardingSource(source, link, config.forwards)
     tape = None
     if give is not None:
-        tape = FlightRecorder(give, lambda text: flight.note(text, Severity.WARNING))
-        subscribers = tape.hear, *subscribers
+        tape = FlightRecorder(give, lambda text: flight.note(text, Severity.WARNING), link, source)
+        subscribers = *subscribers, tape.hear
     flight = Flight(
         config,
         link,

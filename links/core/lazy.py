@@ -8,9 +8,6 @@ import sys
 from functools import cache
 from importlib import import_module
 
-ONLY_AST = 0x400
-"""ast.PyCF_ONLY_AST: the module ast would have to be imported, also for --help."""
-
 
 def load_name(package: str, name: str) -> object:
     """A name of a package, from the module that its face imports it from for types; the package keeps it.
@@ -28,10 +25,12 @@ def load_name(package: str, name: str) -> object:
 
 @cache
 def imports_for_types(package: str) -> dict[str, str]:
-    """Name to module, as the face of ``package`` imports them ``if TYPE_CHECKING``."""
+    """Name to module, as the face of ``package`` imports them ``if TYPE_CHECKING``; a test holds that all are read."""
     face = sys.modules[package].__spec__
     assert face is not None and face.loader is not None, "it was imported"
-    source = face.loader.get_source(package)  # type: ignore[attr-defined]  # of every loader of files
-    tree = compile(source, package, "exec", ONLY_AST)
-    blocks = (node.body for node in tree.body if hasattr(node, "test"))
-    return {name.name: one.module for block in blocks for one in block for name in one.names}
+    source = face.loader.get_data(face.origin).decode()  # type: ignore[attr-defined]  # of every loader of files
+    found = {}
+    for statement in source.partition("if TYPE_CHECKING:")[2].partition("\n\n")[0].split("from ")[1:]:
+        module, _, names = statement.partition(" import ")
+        found.update({name.split()[0]: module for name in names.strip("() \n").split(",") if name.strip()})
+    return found

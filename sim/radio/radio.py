@@ -26,7 +26,7 @@ from groundstation.core.vehicle import Vehicle
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
-from links.io import read_key
+from links.io import NETWORK, read_key
 from links.rf import (
     LOOK_S,
     RF_CODECS,
@@ -68,8 +68,7 @@ class WirePort(asyncio.DatagramProtocol):
 
     async def attach(self) -> None:
         """Get a place on the network in memory."""
-        loop = asyncio.get_running_loop()
-        self._transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=STATION, remote_addr=MODULE)
+        self._transport, _ = await NETWORK.get().open_datagram(lambda: self, STATION, MODULE)
 
     def detach(self) -> None:
         """Give it back."""
