@@ -8,6 +8,7 @@ in arrays, each column one law, wind and seed; z is up.
 """
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
@@ -251,29 +252,37 @@ class OurFlight(msgspec.Struct, frozen=True, kw_only=True):
     most_cm: float
     """What it should be at most."""
     lost: list[str]
-    """Why flights ended."""
+    """Why flights ended, or what a guard said in them."""
 
 
 def fly_ours(told: str, wind: str, seeds: int) -> OurFlight:
     """The vehicle's flights by this program, on body rates and thrust, through the bytes of its wires."""
-    found, lost = [], []
-    for seed in range(seeds):
-        overrides = [*WRONG[told], *(ROUGH if WRONG[told] else ())]
-        world, config = prepare(SCENARIOS[wind], overrides)
-        track, begun = TrueTrack(), 0.0
-
-        def on_tick(tick: Tick) -> None:
-            nonlocal begun
-            begun = tick.estimate.time_s - tick.flight_time_s
-
-        result = fly(world, config, seed=seed, duration_s=gale.LENGTH_S, on_tick=on_tick, on_step=track.step)
-        if result.completed:
-            errors = track.errors(config.trajectory.build(), begun, begun + gale.JUDGED_S)
-            found.append(100.0 * float(np.sqrt(np.mean(np.square(errors)))))
-        else:
-            lost.append(result.why)
+    flown = [_fly_our_own(wind, [*WRONG[told], *(ROUGH if WRONG[told] else ())], seed) for seed in range(seeds)]
+    lost = [why for _, why in flown if why]
     most = SHARES[bool(WRONG[told])] * gale.WINDS[wind].measured_cm["neural-fly"]
-    return OurFlight(told=told, wind=wind, rms_cm=None if lost else median(found), most_cm=most, lost=lost)
+    middle = None if lost else median(rms_cm for rms_cm, _ in flown)
+    return OurFlight(told=told, wind=wind, rms_cm=middle, most_cm=most, lost=lost)
+
+
+def _fly_our_own(wind: str, overrides: list[str], seed: int) -> tuple[float, str]:
+    """RMS error [cm], and why it does not count: why it ended early, or what a guard said."""
+    world, config = prepare(SCENARIOS[wind], overrides)
+    track, begun, flown_s = TrueTrack(), 0.0, 0.0
+    said: list[str] = []
+
+    def on_tick(tick: Tick) -> None:
+        nonlocal begun, flown_s
+        begun, flown_s = tick.estimate.time_s - tick.flight_time_s, tick.flight_time_s
+
+    def on_event(text: str) -> None:
+        if 1.0 < flown_s < gale.LENGTH_S - 1.0:  # of neither the beginning nor the end
+            said.append(text)
+
+    result = fly(
+        world, config, seed=seed, duration_s=gale.LENGTH_S, on_tick=on_tick, on_event=on_event, on_step=track.step
+    )
+    errors = track.errors(config.trajectory.build(), begun, begun + gale.JUDGED_S) or [math.inf]
+    return 100.0 * float(np.sqrt(np.mean(np.square(errors)))), "; ".join(said) if result.completed else result.why
 
 
 def _tabulate_ours(flown: Sequence[OurFlight], seeds: int) -> list[str]:

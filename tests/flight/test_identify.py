@@ -72,12 +72,13 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
     assert value("attitude_noise") == pytest.approx(0.004, rel=0.1)
 
 
-def test_the_drag_that_its_scenario_tells_quad1kg_is_what_is_found_in_flight(tmp_path: Path) -> None:
-    flight = recorded("quad1kg", *SET[:2], "vehicle.drag_per_s=0", seed=1, duration_s=22.0)[0]
+@pytest.mark.parametrize(("scenario", "to"), [("quad1kg", 0.001), ("gale_0", 0.05)])
+def test_the_drag_that_a_scenario_tells_is_what_is_found_in_flight(scenario: str, to: float, tmp_path: Path) -> None:
+    flight = recorded(scenario, *SET[:2], "vehicle.drag_per_s=0", seed=1, duration_s=22.0)[0]
     one = printed(flight, tmp_path / "found.toml")["parameters"]["drag"]
-    told = SCENARIOS["quad1kg"].told.drag_per_s
-    assert one["interval"][0] < told < one["interval"][1]
-    assert told == pytest.approx(one["value"], abs=0.001)
+    drag = SCENARIOS[scenario].told.drag_per_s
+    assert one["interval"][0] < drag < one["interval"][1]
+    assert drag == pytest.approx(one["value"], abs=to)
 
 
 def test_every_figure_has_an_interval_a_unit_and_what_was_told() -> None:
