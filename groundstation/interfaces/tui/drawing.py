@@ -49,11 +49,11 @@ def top_view(tracks: Sequence[PlotTrack], width: int, height: int) -> tuple[list
 
     canvas = Canvas(width, height)
     for track in tracks:
-        last: Point | None = None
+        last: tuple[int, int] | None = None
         for point in track.points:
-            here = point if _drawable(point) else None
-            if here is not None:
-                canvas.line(dot(here if last is None else last), dot(here), track.style)
+            here = dot(point) if _drawable(point) else None
+            if here is not None and here != last:  # most points of a slow flight share a dot
+                canvas.line(here if last is None else last, here, track.style)
             last = here
     for track in tracks:
         if track.head and track.points and _drawable(track.points[-1]):

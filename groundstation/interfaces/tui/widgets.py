@@ -244,12 +244,13 @@ class TopView(FlownPlot):
             PlotTrack(points=[one.reference_ned[:2] for one in self._flown], style=WANTED, head="+"),
             PlotTrack(points=[one.position_ned[:2] for one in self._flown], style=FLOWN, head="●"),
         ]
-        legend: Spans = [("● flown", FLOWN), (" + ref", WANTED)]
+        slim = width < 28  # its signs alone then
+        legend: Spans = [("●" if slim else "● flown", FLOWN), ("+" if slim else " + ref", WANTED)]
         if self._wind is not None and self._flown:
             north, east, _ = self._flown[-1].position_ned
             tip = (north + WIND_S2 * self._wind[0], east + WIND_S2 * self._wind[1])
             tracks.insert(1, PlotTrack(points=[(north, east), tip], style=WIND, head=arrow((*self._wind[:2], 0.0))))
-            legend.append((" → b̂", WIND))
+            legend.append(("→" if slim else " → b̂", WIND))
         rows, cell_m = top_view(tracks, width, height)
         cells = max(1, min(width - 30, 10))
         scale = f"├{'─' * (cells - 2)}┤ {cells * cell_m:.2g} m  N↑  " if cells > 2 else f"{cell_m:.2g} m/col "
