@@ -64,6 +64,14 @@ def messages(path: Path) -> list[tuple[str, str, dict[str, Any]]]:
         ]
 
 
+@pytest.mark.parametrize("link", ["mavlink", "dsm", "crsf", "rf_bridge"])
+def test_what_leaves_is_recorded_whatever_the_link(link: str) -> None:
+    records: list[Record] = []
+    fly(*prepare(SCENARIOS["paper"], [], link=link), seed=0, duration_s=0.5, give=records.append)
+    commands = sum(isinstance(record, TickRecord) for record in records)
+    assert sum(isinstance(record, SentRecord) for record in records) >= commands > 10
+
+
 def fits(value: Any, shape: dict[str, Any]) -> bool:
     """Whether ``value`` is as the JSON schema ``shape`` says, as far as ours go."""
     kinds = {"number": (int, float), "integer": int, "string": str, "boolean": bool, "array": list, "object": dict}
