@@ -359,7 +359,7 @@ def test_the_greeting_tells_whom_one_speaks_to(tmp_path: Path) -> None:
         while not path.exists() or not await listening(path):
             await asyncio.sleep(0.01)
         async with open_client(path) as client:
-            assert client.hello == StationHello(1, "mqx", 7, "0.1", "[vehicle]\n")
+            assert client.hello == StationHello(2, "mqx", 7, "0.1", "[vehicle]\n")
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
 

@@ -34,7 +34,7 @@ from groundstation.config import locate
 from groundstation.core.messages import Ask, Notice, Reply, Request, Snapshot, Waypoints, ensure_points
 from links.core import printable
 
-VERSION = 1
+VERSION = 2
 """Of this protocol."""
 ORDER_MAX_BYTES = 65536
 """No order is longer."""
