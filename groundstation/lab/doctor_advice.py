@@ -439,6 +439,13 @@ def betaflight_advice(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[
     rows += [
         Advice(("thr_expo",), must, exactly(0.0), "The throttle's share is the motors' signal; a curve bends it."),
         Advice(("throttle_limit_type",), must, exactly("OFF"), "Else thrust is less than told."),
+        Advice(("motor_output_limit",), must, exactly(100.0), "It scales the motors down: thrust is less than told."),
+        Advice(
+            ("vbat_sag_compensation",),
+            should,
+            exactly(0.0),
+            "It changes the motors' signals with the battery's voltage; we find lost thrust ourselves.",
+        ),
         Advice(("throttle_boost",), must, exactly(0.0), "Else thrust jumps with the throttle."),
         Advice(
             ("anti_gravity_gain",),

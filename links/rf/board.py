@@ -98,7 +98,7 @@ class Board:
                 self._cut()
                 if loop.time() > until:
                     why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
-                    raise LinkLost(f"{self.port}: {why}") from None
+                    raise LinkLost(f"{self.port}: {why.removeprefix(f'{self.port}: ')}") from None
                 await asyncio.sleep(AGAIN_S)
         if (variant := (await self.ask(FC_VARIANT)).payload) != VARIANT:
             raise LinkRejected(f"{self.port}: expected Betaflight, this is {variant.decode('ascii', 'replace')!r}")

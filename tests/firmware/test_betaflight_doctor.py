@@ -59,6 +59,8 @@ class Host:
         server = await asyncio.start_server(self._relay, "127.0.0.1", 0)
         running = asyncio.create_task(self._run())
         try:
+            while not self._cli_port and not running.done():  # it boots for as long as the machine takes
+                await asyncio.sleep(0.01)
             yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
         finally:
             running.cancel()
