@@ -286,13 +286,13 @@ def test_the_wander_of_a_sources_velocity_is_found_beside_its_white_noise(densit
 
 @pytest.mark.parametrize(("gain", "lag_s", "delay_s"), [(6.0, 0.045, 0.05), (7.0, 0.15, 0.02)])
 def test_an_attitude_loop_is_found_with_its_delay(gain: float, lag_s: float, delay_s: float) -> None:
-    time = np.arange(3000) / 100.0
+    time = np.arange(2000) / 100.0
     asked = 0.2 * np.stack([np.sin(2.1 * time) + np.sin(5.3 * time), np.cos(3.2 * time) + np.sin(7.1 * time)], axis=1)
     late = round(100 * delay_s)
     answer = respond(
         np.concatenate([np.repeat(asked[:1], late, axis=0), asked[:-late]]), 0.01, *map(np.array, ([gain], [lag_s]))
     )
-    noise = 1e-3 * np.random.default_rng(4).standard_normal((3000, 2))
+    noise = 1e-3 * np.random.default_rng(4).standard_normal((2000, 2))
     loop = fit_attitude_loop(time, answer[:, :, 0] + noise, time, asked)
     assert loop is not None
     for value, (low, high) in zip((gain, lag_s, delay_s), loop.intervals, strict=True):
