@@ -10,7 +10,7 @@ from groundstation.core.geometry import FLOATS, so3
 from links.core import thrust
 from sim.scenarios import SCENARIOS, gale
 from sim.studies import gale_command
-from sim.studies.gale import BEGIN, END, PublishedFlight, fly_ours, fly_published
+from sim.studies.gale import BEGIN, END, LAWS, PublishedFlight, fly_ours, fly_published
 from sim.world import AirDrag, Body, TrueState, compute_drag, with_noise
 from tests.flown_once import once
 
@@ -103,8 +103,15 @@ def test_ours_flies_within_the_share_of_what_was_measured_and_no_guard_answers(t
 def test_the_command_says_it_and_writes_it_between_markers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def published(seeds: int = 5, *, aerodynamics: bool = True) -> list[PublishedFlight]:
-        return flown(seeds) if aerodynamics else []
+    def published(_: int = 5, *, aerodynamics: bool = True) -> list[PublishedFlight]:
+        off = 1.0 if aerodynamics else 2.0
+        return [
+            PublishedFlight(
+                law=law, wind=wind, rms_cm=off * facts.measured_cm[law], measured_cm=facts.measured_cm[law],
+                offset_x_cm=0.0, lead_z_ms=100.0,
+            )
+            for law in LAWS for wind, facts in gale.WINDS.items()
+        ]  # fmt: skip
 
     monkeypatch.setattr("sim.studies.gale.fly_published", published)
     assert gale_command(None, 5, 0, as_json=True) == 0
