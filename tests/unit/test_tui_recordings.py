@@ -49,7 +49,7 @@ def test_they_hold_what_was_flown(flight: Path) -> None:
 
 
 def test_of_a_simulated_flight_the_error_by_truth_stands_below_the_one_by_estimate() -> None:
-    path, result, _ = recorded(duration_s=25.0)
+    path, result, _ = recorded(duration_s=17.0)
     last = [one for one in Tape(path).snapshots() if one.state == "tracking"][-1]
     told = [entry.value()["error_m"] for entry in Recording(path).entries(("/truth",))]
     assert last.true_error_m == told[-1]
