@@ -585,8 +585,8 @@ class Checks:
         where = f"{bound:+.2f} m/s² from rest on the reference"
         if bound > 0.0:
             return Check("thrust bound", Verdict.PASS, f"the theory keeps thrust over mass above {where}")
-        least = f"vehicle.thrust_min_n = {self._config.vehicle.thrust_min_n:g} N does"
-        return Check("thrust bound", Verdict.OFF, f"the proof alone keeps no thrust above zero ({where}); {least}")
+        least = f"vehicle.thrust_min_n = {self._config.vehicle.thrust_min_n:g} N keeps it above zero"
+        return Check("thrust bound", Verdict.OFF, f"{least}, as the proof alone does not (its bound: {where})")
 
     def _flyable(self) -> Check:
         report = examine_trajectory(self._config)
