@@ -391,3 +391,10 @@ def test_a_file_without_a_column_is_told_which(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "short.csv", [{"t": 0.0, "px": 0.0, "py": 0.0, "pz": 0.0}])
     with pytest.raises(ConfigError, match="no column qx, qy, qz, qw"):
         import_command([path], "nanobench", tmp_path / "out.mcap")
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e9, 1e-3])
+def test_stamps_of_another_unit_are_refused(factor: float, tmp_path: Path) -> None:
+    path = poses_only(tmp_path, lambda rows: [row | {"t": factor * row["t"]} for row in rows])
+    with pytest.raises(ConfigError, match=r"time_unit: by 's' a pose comes every .* of another unit"):
+        import_command([path], "nanobench", tmp_path / "out.mcap")

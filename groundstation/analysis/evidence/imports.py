@@ -381,6 +381,10 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path) -> int:
     return 0
 
 
+PLAUSIBLE_S = (1e-4, 5.0)
+"""Poses are no closer, and no further apart [s]."""
+
+
 def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight:
     """The flight in the files ``paths``.
 
@@ -397,6 +401,10 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
             "FILE", f"holds no poses as the mapping has them: {reader.lacks(mapping.pose)}", str(paths[0])
         )
     time, place, attitude, velocity, resets = poses
+    apart_s = float(np.median(np.abs(np.diff(time)))) if len(time) > 1 else PLAUSIBLE_S[1]
+    if not PLAUSIBLE_S[0] <= apart_s <= PLAUSIBLE_S[1]:
+        says = f"by {mapping.time_unit!r} a pose comes every {apart_s:.3g} s: its stamps are of another unit"
+        raise ConfigError("--map: time_unit", says, str(paths[0]))
     flight = ImportedFlight(float(time[0]))
     newest = -np.inf
     repeats = np.zeros(len(time), dtype=bool)
