@@ -540,6 +540,16 @@ def _decode_mavlink(pieces: Sequence[bytes]) -> tuple[list[bytes], Counter[str]]
     return [bytes(m.get_msgbuf()) for piece in pieces for m in codec.feed(piece)], codec.dropped
 
 
+CRSF_TELLS = (
+    bytes.fromhex("08 004c 0000 000000 50"),
+    bytes.fromhex("14 28 2b 64 09 00 05 03 32 64 08"),
+    bytes.fromhex("1e 0064 ff38 1ee6"),
+    b"\x21ACRO\0",
+    bytes.fromhex("3a ea ee 10 00009c40 fffffed4"),
+)
+"""What comes back through a module: type and payload of battery, link, attitude, mode and timing."""
+
+
 class RfSubject(Subject):
     """Frames of a serial RF module, as a simulated module takes them."""
 
@@ -550,6 +560,8 @@ class RfSubject(Subject):
         channels = self._codec.channels
         self.seeds = [self._codec.encode([0.1 * n - 1.0] * channels) for n in range(21)]
         self.seeds += [self._codec.encode([0.0] * channels, service) for service in self._codec.services]
+        if kind == "crsf":
+            self.seeds += [self.repair(b"\xea\0" + told + b"\0") for told in CRSF_TELLS]
 
     def feed(self, datagram: bytes, now_s: float) -> int:
         """Let it stand alone on the wire."""
@@ -565,7 +577,7 @@ class RfSubject(Subject):
         """See :class:`Subject`: CRSF's length and checksum; other frames have neither."""
         from fastcrc.crc8 import dvb_s2
 
-        if datagram[:1] not in (b"\xee", b"\xc8") or not 4 <= len(datagram) <= 64:
+        if datagram[:1] not in (b"\xee", b"\xc8", b"\xea") or not 4 <= len(datagram) <= 64:
             return datagram
         body = datagram[2:-1]
         return datagram[:1] + bytes([len(body) + 1]) + body + bytes([dvb_s2(body)])
