@@ -507,6 +507,12 @@ LEANS_M_S2, LEANS_S, LEANS_SLOWLY_S = 0.5, 0.25, 6.0
 [m/s²]: no wind rises so fast and leaves no trace."""
 LEANS_DOWN = 0.3
 """What counts of it down [-]: a battery that sags raises the thrust, and leaves no trace either."""
+STANDS_ALONG = (
+    *((math.cos(k * math.pi / 16), math.sin(k * math.pi / 16), 0.0, 1.0) for k in range(16)),
+    (0.0, 0.0, 1.0, LEANS_DOWN),
+)
+"""Directions along which a position may stand while it moves across them, NED, and what counts of it there [-]: what a
+camera does not see lies along its own axis, which need not be north or east."""
 NO_POSES = (0.0, 0.0, 0.0, 0)
 """The sum of no positions [m], and how many they are."""
 LED_S = 1.0
@@ -733,7 +739,8 @@ class Obedience:
         self._pushed = self._speed = (0.0, 0.0, 0.0)
         self._images.begin(pose.time_s, pose.position_ned, self._pushed)
         self._rivals.begin(pose.position_ned, self._pushed)
-        self._stood = [_Coordinate(x, pose.time_s) for x in pose.position_ned]
+        x, y, z = pose.position_ned
+        self._stood = [_Coordinate(a * x + b * y + c * z, pose.time_s) for a, b, c, _ in STANDS_ALONG]
         self._passed = NO_POSES
         self._swift = self._speed
         self._forget_between()
@@ -844,15 +851,13 @@ class Obedience:
 
     def _lean(self, now_s: float, h: float, within_m: float) -> None:
         """What one node says of each coordinate that stands within so much [m], while the push along it changes."""
-        x, y, z = self._stood
-        (a, b, c, n), (u, v, w), (p, q, r) = self._passed, self._speed, self._swift
+        (x, y, z, n), (u, v, w), (p, q, r) = self._passed, self._speed, self._swift
         self._passed, self._swift = NO_POSES, self._speed
         fast, slow = h / LEANS_S if h < LEANS_S else 1.0, h / LEANS_SLOWLY_S
-        most = max(
-            x.leans(a / n, (u - p) / h, now_s, fast, slow, within_m),
-            y.leans(b / n, (v - q) / h, now_s, fast, slow, within_m),
-            LEANS_DOWN * z.leans(c / n, (w - r) / h, now_s, fast, slow, within_m),
-        )
+        most = 0.0
+        for (a, b, c, counts), one in zip(STANDS_ALONG, self._stood, strict=True):
+            place, push = (a * x + b * y + c * z) / n, (a * (u - p) + b * (v - q) + c * (w - r)) / h
+            most = max(most, counts * one.leans(place, push, now_s, fast, slow, within_m))
         self._leant = min(most / LEANS_M_S2, 1.0) if most > 0.5 * LEANS_M_S2 else 0.0
 
     def _stands(self, pose: Pose, y: Vec3, c: Vec3, fade: float, noise_m: float) -> None:
