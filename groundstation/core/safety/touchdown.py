@@ -91,7 +91,8 @@ class Touchdown:
         ``sinking_m_s`` and ``height_m`` are the vehicle's speed and height above the floor, ``behind_m`` is how far it
         is above its reference: inf where it has none but to sink, and then standing must last longer to be believed.
         """
-        if thrust_n < self._low_n and abs(sinking_m_s) <= HELD_M_S:
+        # One that has become lighter hovers with as little, but sinks with its reference.
+        if thrust_n < self._low_n and abs(sinking_m_s) <= HELD_M_S and behind_m > BEHIND_M:
             self._held_since_s = time_s if self._held_since_s is None else self._held_since_s
             if time_s - self._held_since_s >= CERTAIN_S:
                 return True
