@@ -57,7 +57,8 @@ def test_a_source_that_moves_its_origin_on_the_floor_has_not_lifted_the_vehicle(
         (0.9, 0.4, 0.01, math.inf, None),
         (0.9, 0.0, 0.8, 0.4, None),  # held up by a gust
         (0.9, 0.0, 0.01, 0.1, None),  # hovering low
-        (0.6, 0.3, 0.8, 0.0, 1.0),  # on the floor, by an estimate whose height and speed wander
+        (0.6, 0.3, 0.8, 0.4, 1.0),  # on the floor, by an estimate whose height and speed wander
+        (0.6, 0.3, 0.8, 0.0, None),  # lighter than it was, and sinking as it is told
         (0.6, 0.5, 0.1, 0.0, None),  # sinking fast
         (0.8, 0.3, 0.8, 0.0, None),  # sinking slowly
     ],
