@@ -47,6 +47,8 @@ WIND_MEMORY_S = 1.0
 ASKS = 0.3
 """From this share of what convicts on [-] the poses are asked by a small turn, where it is the attitude that speaks
 against them, and a descent lifts less against what may be a lie."""
+GENTLY = 0.5
+"""A hold that nothing speaks against asks so much less firmly [-]: it moves the vehicle by millimetres all the time."""
 CALM_S = 5.0
 """So long after the poses were suspect our controller flies calmly [s], the figure, too."""
 HOLD_STEP_S = 0.08
@@ -296,10 +298,12 @@ class Pilot:
         self._last = time_s
         law = self._decide if descent is None else descent.decide
         decision = law(estimate, reference, interval)
-        if descent is None and (self._asks or self.suspicious or self.evidence.attitude >= ASKS):
+        firmly = 1.0 if self.suspicious or self.evidence.attitude >= ASKS else GENTLY if self._asks else 0.0
+        if descent is None and firmly > 0.0:
             # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
-            drive, _ = clamp_command(self._vehicle, decision.drive.thrust, (roll + more, pitch + also, yaw))
+            rates = roll + firmly * more, pitch + firmly * also, yaw
+            drive, _ = clamp_command(self._vehicle, decision.drive.thrust, rates)
             decision = decision._replace(drive=drive)
         self._send(time_s, decision.drive)
         if self._driver is not None:
