@@ -153,12 +153,14 @@ class Adaptive:
         """
         memory, vehicle = self.memory, self._vehicle
         before = move_back(reference, vehicle.sooner_s)
-        first, early, _ = self.decide(sooner, before, interval_s)
+        first = self.decide(sooner, before, interval_s).drive
         self.memory = memory
-        last, late, seen = self.decide(later, reference, interval_s)
+        last, _, seen = self.decide(later, reference, interval_s)
         thrust_first = vehicle.thrust_delay_s < vehicle.rate_delay_s
         drive = ActuatorCommand(first.thrust, last.rates) if thrust_first else ActuatorCommand(last.thrust, first.rates)
-        return Decision(drive, early | late, seen)
+        # Halves that are not sent swing, and clamp nothing.
+        self._saturated = self._at_limit(drive)
+        return Decision(drive, self._saturated, seen)
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command for the instant of ``estimate``."""
@@ -319,6 +321,12 @@ class Adaptive:
         inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
         p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
         return new(ActuatorCommand, (inside, (p, q, r))), (inside != thrust) | (p != x) | (q != y) | (r != z)
+
+    def _at_limit(self, drive: ActuatorCommand) -> bool:
+        """Whether any of the four is at one of the vehicle's limits."""
+        vehicle, (x, y, z), (a, b, c) = self._vehicle, drive.rates, self._limits
+        pinned = (drive.thrust <= vehicle.thrust_min_n) | (drive.thrust >= vehicle.thrust_max_n)
+        return pinned | (abs(x) >= a) | (abs(y) >= b) | (abs(z) >= c)
 
 
 def move_back(reference: Reference, by_s: float) -> Reference:
