@@ -272,6 +272,7 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
         line = ""
         while "tracking" not in line:
             line = run.stdout.readline()
+            assert line, "the flight ended before its figure"
         for process in Path("/proc").glob("[0-9]*"):
             with suppress(OSError):
                 words = (process / "cmdline").read_bytes().split(b"\0")
