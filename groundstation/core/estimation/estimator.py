@@ -118,7 +118,7 @@ def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
     return new(Covariance, after)
 
 
-UNEXPECTED, WIDEST = 4.0, 20.0
+UNEXPECTED, WIDEST = 4.0, 5.0
 """An innovation of more than so many times its expected square widens the covariance, by up to so much [-]."""
 
 
