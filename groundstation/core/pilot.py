@@ -22,7 +22,7 @@ from groundstation.core.control import (
     plan_model_descent,
 )
 from groundstation.core.estimation import ModelEstimator
-from groundstation.core.geometry import FLOATS, Vec3, euler_zyx
+from groundstation.core.geometry import FLOATS, Vec3, euler_zyx, third_column
 from groundstation.core.messages import (
     GAIN,
     Certificate,
@@ -47,10 +47,13 @@ WIND_MEMORY_S = 1.0
 ASKS = 0.3
 """From this share of what convicts on [-] the poses are asked by a small turn, where it is the attitude that speaks
 against them, and a descent lifts less against what may be a lie."""
-GENTLY = 0.5
+GENTLY = 0.7
 """A hold that nothing speaks against asks so much less firmly [-]: it moves the vehicle by millimetres all the time."""
 CALM_S = 5.0
 """So long after the poses were suspect our controller flies calmly [s], the figure, too."""
+FALLS, UPRIGHT = 0.35, 0.5
+"""Errors take away at most such a share of the weight from the thrust that the reference asks for [-], while the cosine
+of the vehicle's lean is above the second: heights that are mirrored or leap must not drop it."""
 HOLD_STEP_S = 0.08
 """Longest single step of the model while a command is held to its deadline [s]."""
 
@@ -298,6 +301,8 @@ class Pilot:
         self._last = time_s
         law = self._decide if descent is None else descent.decide
         decision = law(estimate, reference, interval)
+        if descent is None:
+            decision = self._bear(decision, estimate, reference)
         firmly = 1.0 if self.suspicious or self.evidence.attitude >= ASKS else GENTLY if self._asks else 0.0
         if descent is None and firmly > 0.0:
             # A body that obeys answers, and is suspect no longer.
@@ -323,6 +328,16 @@ class Pilot:
             return law.decide(estimate, reference, interval_s)
         sooner = self._estimator.predict(estimate.time_s - sooner_s)
         return law.decide_apart(sooner, estimate, reference, interval_s)
+
+    def _bear(self, decision: Decision, estimate: Estimate, reference: Reference) -> Decision:
+        """``decision`` with thrust enough that an error alone does not make the vehicle fall, while it is upright."""
+        (x, y, z), (thrust, rates), g = reference.acceleration_ned, decision.drive, self._gravity
+        vehicle, effectiveness = self._vehicle, estimate.effectiveness
+        mass = vehicle.mass_kg / (effectiveness if effectiveness > 1.0 else 1.0)
+        least = min(mass * (math.sqrt(x * x + y * y + (z - g) ** 2) - FALLS * g), vehicle.thrust_max_n)
+        if thrust >= least or third_column(estimate.motion.attitude)[2] < UPRIGHT:
+            return decision
+        return decision._replace(drive=ActuatorCommand(least, rates))
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """The last command, where the poses are not believed any more: down on the model, from what it was before.
