@@ -257,6 +257,12 @@ def test_a_descent_by_good_poses_lifts_with_a_weak_motor() -> None:
     assert row.touchdown_m_s < 0.7
 
 
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_height_that_is_mirrored_in_a_landing_does_not_drop_the_vehicle(seed: int) -> None:
+    row = fly_cell("z mirrored", "landing", seed=seed)
+    assert row.safe, row.why
+
+
 def test_a_vehicle_that_is_led_by_a_hand_or_hangs_on_a_cable_comes_to_rest() -> None:
     for fault, state in (("taken out of the air", "tracking"), ("tether", "hold")):
         row = fly_cell(fault, state)

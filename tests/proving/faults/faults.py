@@ -32,6 +32,8 @@ from tests.proving.faults import pictures
 from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Poses, Scene, Strike
 from tests.proving.faults.pictures import WIFI_S, Picture, Struck, Way, jitter, late
 
+LOAD_M_S2 = 3.2
+"""What a load had pulled [m/s²]."""
 GUST_M_S2, GUST_S = (3.0, 2.0, 1.0), 1.5
 """A gust, as the acceleration that it gives, and how long it lasts."""
 SAG_SHARE, SAG_S, SAG_STEP_S = 0.75, 6.0, 0.1
@@ -193,6 +195,11 @@ async def gust(scene: Scene) -> None:
     scene.stage.wind.push = GUST_M_S2
     await asyncio.sleep(GUST_S)
     scene.stage.wind.push = (0.0, 0.0, 0.0)
+
+
+async def lighten(scene: Scene) -> None:
+    """A load falls off: what is left weighs less."""
+    scene.stage.wind.push = (0.0, 0.0, -LOAD_M_S2)
 
 
 async def push(scene: Scene) -> None:
@@ -395,6 +402,12 @@ LYING: dict[str, Fault] = {
             )
         )
     },
+    "north-west frozen": Fault(
+        "the position stands still along north-west alone, with noise",
+        shows(pictures.still_along(1.0, -1.0)),
+        poses=Poses.FALSE,
+        states=("start", *SEEN_IN_TIME),
+    ),
     "attitude frozen": Fault(
         "the attitude alone stands still, with noise", shows(pictures.still_attitude), poses=Poses.FALSE
     ),
@@ -615,6 +628,7 @@ OBEYING: dict[str, Fault] = {
         for end in ("", ", radio")
     },
     "motor at 130 %": Fault("the rotors give 130 % of their thrust", weaken(1.3), obeys=True),
+    "load dropped": Fault("a third of the weight falls off", lighten, obeys=True, states=FLYING),
     "push": Fault("a hand pushes for 1 s, with 4 m/s² at most", push, obeys=True, states=("spool-up", *FLYING)),
     "tether": Fault(
         "a cable on the floor is caught: 0.3 m farther it pulls like a spring",

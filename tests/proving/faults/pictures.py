@@ -109,6 +109,21 @@ def still_coordinate(axis: int) -> Callable[[Struck], Picture]:
     return make
 
 
+def still_along(north: float, east: float) -> Callable[[Struck], Picture]:
+    """The position stands still along one horizontal direction, with noise, as along a camera's own axis."""
+    n, e = north / math.hypot(north, east), east / math.hypot(north, east)
+
+    def make(struck: Struck) -> Picture:
+        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+            (x, y, z), (i, j, _) = position, _noisy(struck, struck.position_ned, struck.attitude)[0]
+            off = n * (x - i) + e * (y - j)
+            return (x - off * n, y - off * e, z), attitude
+
+        return _ours(change)
+
+    return make
+
+
 def now_and_again(for_s: float, every_s: float) -> Callable[[Struck], Picture]:
     """The picture stands for so long of each period [s], with noise; else it is true."""
 
