@@ -47,13 +47,11 @@ WIND_MEMORY_S = 1.0
 ASKS = 0.3
 """From this share of what convicts on [-] the poses are asked by a small turn, where it is the attitude that speaks
 against them, and a descent lifts less against what may be a lie."""
-GENTLY = 0.7
-"""A hold that nothing speaks against asks so much less firmly [-]: it moves the vehicle by millimetres all the time."""
 CALM_S = 5.0
 """So long after the poses were suspect our controller flies calmly [s], the figure, too."""
 FALLS, UPRIGHT = 0.35, 0.5
-"""Errors take away at most such a share of the weight from the thrust that the reference asks for [-], while the cosine
-of the vehicle's lean is above the second: heights that are mirrored or leap must not drop it."""
+"""Off the figure errors take away at most such a share of the weight from the thrust that the reference asks for [-],
+while the cosine of the vehicle's lean is above the second: heights that are mirrored or leap must not drop it."""
 HOLD_STEP_S = 0.08
 """Longest single step of the model while a command is held to its deadline [s]."""
 
@@ -301,14 +299,12 @@ class Pilot:
         self._last = time_s
         law = self._decide if descent is None else descent.decide
         decision = law(estimate, reference, interval)
-        if descent is None:
+        if descent is None and self._eased:
             decision = self._bear(decision, estimate, reference)
-        firmly = 1.0 if self.suspicious or self.evidence.attitude >= ASKS else GENTLY if self._asks else 0.0
-        if descent is None and firmly > 0.0:
+        if descent is None and (self._asks or self.suspicious or self.evidence.attitude >= ASKS):
             # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
-            rates = roll + firmly * more, pitch + firmly * also, yaw
-            drive, _ = clamp_command(self._vehicle, decision.drive.thrust, rates)
+            drive, _ = clamp_command(self._vehicle, decision.drive.thrust, (roll + more, pitch + also, yaw))
             decision = decision._replace(drive=drive)
         self._send(time_s, decision.drive)
         if self._driver is not None:
