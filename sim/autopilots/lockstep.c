@@ -9,11 +9,17 @@
  *
  * State and channels are handed to the firmware's own threads, and time goes on when these have taken them: so a run is
  * the same to the bit each time. No UDP port is opened; those of TCP are ones that the kernel finds, on the loopback.
+ *
+ * Main thread and the one that serves TCP share a list of ports without a lock of their own: a port opened while the
+ * other looked through the list was freed under it, and its board listened and never answered. Here one of the two runs
+ * at a time: the server while the main thread waits for a step, the main thread while the server waits for its sockets.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <netinet/in.h>
+#include <pthread.h>
 #include <semaphore.h>
+#include <signal.h>
 #include <stdatomic.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -33,6 +39,7 @@ struct mouth { int fd, full; size_t size; const uint8_t *data; sem_t given, take
 
 static int wire = -1;
 static pid_t main_thread;
+static pthread_mutex_t ports = PTHREAD_MUTEX_INITIALIZER; /* main thread, but for its waits */
 static _Atomic uint64_t now_ns = 1000000000, until_ns = 1000000000;
 static struct step step;
 static struct answer answer;
@@ -50,6 +57,7 @@ __attribute__((constructor)) static void start(void) {
     if (!text) return;
     wire = atoi(text);
     main_thread = getpid();
+    pthread_mutex_lock(&ports);
     for (int i = 0; i < 2; i++) { sem_init(&mouths[i].given, 0, 0); sem_init(&mouths[i].taken, 0, 0); }
 }
 
@@ -66,7 +74,9 @@ static void take_step(void) {
     static int asked;
     if (asked && send(wire, &answer, sizeof answer, MSG_NOSIGNAL) < 0) _exit(0);
     asked = 1;
+    pthread_mutex_unlock(&ports);
     if (recv(wire, &step, sizeof step, 0) != sizeof step) _exit(0);
+    pthread_mutex_lock(&ports);
     until_ns += step.granted_ns;
     for (int i = 0; i < 2; i++)
         if (step.what & 1u << i && mouths[i].fd >= 0) { sem_post(&mouths[i].given); sem_wait(&mouths[i].taken); }
@@ -93,7 +103,25 @@ int select(int n, fd_set *reads, fd_set *writes, fd_set *faults, struct timeval 
     }
     static int (*real)(int, fd_set *, fd_set *, fd_set *, struct timeval *);
     if (!real) real = dlsym(RTLD_NEXT, "select");
-    return real(n, reads, writes, faults, limit);
+    if (wire < 0) return real(n, reads, writes, faults, limit);
+    pthread_mutex_unlock(&ports);
+    int ready = real(n, reads, writes, faults, limit);
+    pthread_mutex_lock(&ports);
+    return ready;
+}
+
+sighandler_t signal(int number, sighandler_t handler) {
+    static sighandler_t (*real)(int, sighandler_t);
+    if (!real) real = dlsym(RTLD_NEXT, "signal");
+    if (wire >= 0 && number == SIGPIPE) pthread_mutex_lock(&ports); /* what the server does first, before its list */
+    return real(number, handler);
+}
+
+int pthread_join(pthread_t thread, void **result) {
+    static int (*real)(pthread_t, void **);
+    if (wire >= 0 && !real) pthread_mutex_unlock(&ports); /* the server, joined first, ends once it has run on */
+    if (!real) real = dlsym(RTLD_NEXT, "pthread_join");
+    return real(thread, result);
 }
 
 ssize_t recvfrom(int fd, void *data, size_t size, int flags, struct sockaddr *from, socklen_t *length) {
