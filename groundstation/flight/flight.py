@@ -13,7 +13,7 @@ import math
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 
@@ -29,6 +29,7 @@ from groundstation.core.messages import (
     FlightEvent,
     IdleRecord,
     Notice,
+    NoticeKind,
     Others,
     Pose,
     PoseEvent,
@@ -870,7 +871,7 @@ class Flight:
     def _on_command(self, tick: Tick) -> None:
         state = self.state
         if tick.seen.warning:
-            self._say(f"warning: {tick.seen.warning}", Severity.WARNING)
+            self._say(f"warning: {tick.seen.warning}", Severity.WARNING, "certificate")
         suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
         if self._suspicious and not suspicious and isinstance(self._link, TellsMode):
             self._link.ask_mode()  # who has taken it over flies otherwise, too
@@ -903,10 +904,5 @@ class Flight:
             self._due.begin()
         self._tell(event)
 
-    def _say(
-        self,
-        text: str,
-        severity: Severity = Severity.INFO,
-        kind: Literal["state", "course", "news"] = "news",
-    ) -> None:
+    def _say(self, text: str, severity: Severity = Severity.INFO, kind: NoticeKind = "news") -> None:
         self._tell(Notice(self._now(), self.state, text, kind, severity))

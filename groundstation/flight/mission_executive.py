@@ -471,7 +471,7 @@ class MissionExecutive:
         lasts = self._since.lasts("taken", patient, now_s, HEARTBEAT_S)
         self._charge = charge if not patient or lasts else None
         if self._conviction.says:
-            self._say(self._conviction.says)
+            self._say(self._conviction.says, kind="suspicion" if evidence.suspicious else "news")
         return self._charge is not None
 
     def _on_parole(self, pose: Pose, now_s: float) -> Charge | None:

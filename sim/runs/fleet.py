@@ -181,12 +181,12 @@ def fly_fleet(
     autopilot: str = "px4",
     script: FleetScript | None = None,
     change: Change | None = None,
-    on_event: Callable[[str, str], None] | None = None,
+    on_event: Callable[[str, Notice], None] | None = None,
 ) -> FleetMission:
     """Fly ``count`` vehicles like ``config`` in ``world``, side by side; see :func:`sim.runs.flight.from_floor`.
 
     ``script(flights, stage)`` runs beside them; ``change`` may alter truth and plan before; ``on_event`` takes each
-    vehicle's name and line.
+    vehicle's name and notice.
 
     Raises:
         ConfigError: see :func:`sim.runs.stage.lay_out`.
@@ -208,7 +208,7 @@ async def _fly(
     seed: int,
     autopilot: str,
     script: FleetScript | None,
-    on_event: Callable[[str, str], None] | None,
+    on_event: Callable[[str, Notice], None] | None,
 ) -> dict[str, Any]:
     loop, tracks = asyncio.get_running_loop(), Tracks(len(worlds))
     stage = FleetStage(worlds, [member.lab for member in fleet.members], seed, tracks.step, autopilot=autopilot)
@@ -241,11 +241,11 @@ async def _fly(
     return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": ended_s}
 
 
-def _note(states: list[StateEntry], name: str, on_event: Callable[[str, str], None] | None) -> Subscriber:
+def _note(states: list[StateEntry], name: str, on_event: Callable[[str, Notice], None] | None) -> Subscriber:
     def hear(event: FlightEvent) -> None:
         if isinstance(event, Notice):
             if on_event is not None:
-                on_event(name, event.line)
+                on_event(name, event)
             if event.kind == "state":
                 states.append(StateEntry(event.state, event.time_s, event.text))
 

@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Tick, tell_lines
+from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Tick
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from groundstation.flight import Flight, FlightOutcome
@@ -82,7 +82,7 @@ def fly(
     autopilot: str = "px4",
     on_tick: Callable[[Tick], None] | None = None,
     on_datagram: Callable[[float, Address, Address, bytes], None] | None = None,
-    on_event: Callable[[str], None] | None = None,
+    on_event: Callable[[Notice], None] | None = None,
     on_pose: Callable[[Pose], None] | None = None,
     give: Give | None = None,
     on_progress: Callable[[float], None] | None = None,
@@ -112,7 +112,7 @@ async def _fly(
     duration_s: float,
     autopilot: str,
     on_tick: Callable[[Tick], None] | None,
-    on_event: Callable[[str], None] | None,
+    on_event: Callable[[Notice], None] | None,
     on_pose: Callable[[Pose], None] | None,
     give: Give | None,
     on_progress: Callable[[float], None] | None,
@@ -133,6 +133,8 @@ async def _fly(
     plant = stage.plant
 
     def watch(event: FlightEvent) -> None:
+        if isinstance(event, Notice) and on_event is not None:
+            on_event(event)
         if not isinstance(event, CommandSent):
             return
         tick = event.tick
@@ -155,7 +157,7 @@ async def _fly(
     flight = make_flight(
         config,
         confirm=confirm_at(CONFIRM_S),
-        subscribers=(watch,) if on_event is None else (watch, tell_lines(on_event)),
+        subscribers=(watch,),
         on_pose=on_pose,
         wires=stage.wires,
         give=record if give is not None else None,
@@ -281,7 +283,7 @@ def fly_mission(
     *,
     seed: int,
     autopilot: str = "px4",
-    on_event: Callable[[str], None] | None = None,
+    on_event: Callable[[Notice], None] | None = None,
     script: Script | None = None,
     give: Give | None = None,
 ) -> MissionResult:
@@ -301,7 +303,7 @@ async def _fly_mission(
     config: Config,
     seed: int,
     autopilot: str,
-    on_event: Callable[[str], None] | None,
+    on_event: Callable[[Notice], None] | None,
     script: Script | None,
     give: Give | None,
 ) -> dict[str, Any]:
@@ -320,7 +322,7 @@ async def _fly_mission(
     def hear(event: FlightEvent) -> None:
         if isinstance(event, Notice):
             if on_event is not None:
-                on_event(event.line)
+                on_event(event)
             if event.kind == "state":
                 states.append(StateEntry(event.state, round(event.time_s, 6), event.text))
         elif isinstance(event, CommandSent) and give is not None:

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.core.messages import Tick
+from groundstation.core.messages import Notice, Tick
 from groundstation.runtime import replace_between_markers
 from sim.runs import TrueTrack, fly
 from sim.scenarios import SCENARIOS, gale, prepare
@@ -274,10 +274,10 @@ def _fly_our_own(wind: str, overrides: list[str], seed: int) -> tuple[float, str
         nonlocal begun, flown_s
         begun, flown_s = tick.estimate.time_s - tick.flight_time_s, tick.flight_time_s
 
-    def on_event(text: str) -> None:
+    def on_event(event: Notice) -> None:
         # Of neither the beginning nor the end; that V warns of what is told wrongly is no guard's answer.
-        if 1.0 < flown_s < gale.LENGTH_S - 1.0 and " warning: Lyapunov" not in text:
-            said.append(text)
+        if 1.0 < flown_s < gale.LENGTH_S - 1.0 and event.kind != "certificate":
+            said.append(event.line)
 
     result = fly(
         world, config, seed=seed, duration_s=gale.LENGTH_S, on_tick=on_tick, on_event=on_event, on_step=track.step

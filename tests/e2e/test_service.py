@@ -15,6 +15,7 @@ import pytest
 
 from groundstation.__main__ import parser
 from groundstation.config import load
+from groundstation.core.messages import Notice
 from groundstation.core.safety.geofence import BoxFence
 from groundstation.interfaces.service import Format, unit_file
 from groundstation.interfaces.service.flights import (
@@ -257,3 +258,6 @@ def test_the_table_of_exit_codes_is_that_of_the_code_and_names_commands_that_the
 
 def test_json_log_lines_are_json() -> None:
     assert json.loads(line_of(logging.INFO, 'x "y" \x1b', Format.JSON, journal=False))["msg"] == 'x "y" \x1b'
+    event = Notice(12.5, "landing", "asked to", "state")
+    told = json.loads(line_of(logging.INFO, event.line, Format.JSON, event, journal=False))["event"]
+    assert msgspec.convert(told, Notice) == event

@@ -38,7 +38,7 @@ def flown(
 ) -> FleetMission:
     world, config = prepare(SCENARIOS["paper"], list(overrides), source=source)
     world, config = from_floor(world, config, figure_s)
-    hear = None if said is None else lambda name, line: said.append(f"{name} {line}")
+    hear = None if said is None else lambda name, event: said.append(f"{name} {event.line}")
     return fly_fleet(world, config, count, seed=0, script=script, change=change, on_event=hear)
 
 

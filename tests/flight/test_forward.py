@@ -140,7 +140,7 @@ def test_poses_that_were_found_to_be_wrong_leave_no_more_and_no_land_rests_on_th
         assert isinstance(stage.autopilot, Px4Autopilot)
         lands.append(stage.autopilot.mode == LAND and not stage.autopilot.failsafe)
 
-    fly_mission(world, config, seed=1, on_event=lines.append, script=script)
+    fly_mission(world, config, seed=1, on_event=lambda event: lines.append(event.line), script=script)
     external, told = stages[0].autopilot.external, "\n".join(lines)
     assert bool(external.fused) == forwards
     assert all(fused.arrival_s <= convicted_s[0] + 0.001 for fused in external.fused), "nothing that left afterwards"
@@ -200,11 +200,7 @@ def taken_over(
         if beside is not None:
             await beside(flight)
 
-    def tell(line: str) -> None:
-        at_s, _, text = line.partition(" ")
-        lines.append((float(at_s), text))
-
-    fly_mission(world, config, seed=1, on_event=tell, script=script)
+    fly_mission(world, config, seed=1, on_event=lambda event: lines.append((event.time_s, event.says)), script=script)
     return stages[0].autopilot.external, lines
 
 

@@ -16,7 +16,7 @@ def told(scenario: str, *overrides: str, source: str = "vicon", duration_s: floa
     """A flight, and what the operator was told of its poses."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
     events: list[str] = []
-    result = fly(world, config, seed=0, duration_s=duration_s, on_event=events.append)
+    result = fly(world, config, seed=0, duration_s=duration_s, on_event=lambda event: events.append(event.line))
     return result, [
         line.partition(" ")[2] for line in events if "dropped" in line or line.split(" ", 1)[1].startswith("poses are")
     ]

@@ -123,14 +123,14 @@ def test_a_vehicle_that_lifts_too_little_is_not_flown() -> None:
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(autopilot: str) -> None:
-    told: list[str] = []
+    told: list[Notice] = []
 
     async def script(_: Flight, stage: Stage) -> None:
         stage.autopilot.lacks = "Preflight Fail: Compass Sensor 0 missing"
 
     world, config = from_floor(*prepare(SCENARIOS["paper"], []), 2.0)
     flown = fly_mission(world, config, seed=0, autopilot=autopilot, script=script, on_event=told.append)
-    (warning,) = [line for line in told if "pre-flight" in line and "ready to arm" in line]
+    (warning,) = [event.text for event in told if "pre-flight" in event.text and "ready to arm" in event.text]
     assert "WARN" in warning.upper()
     assert "its own pre-arm checks do not pass" in warning
     assert flown.states[-1].state == "aborted"
@@ -156,7 +156,7 @@ def test_what_needs_a_look_is_told_as_a_warning() -> None:
 def test_an_autopilot_whose_own_checks_pass_is_not_warned_of() -> None:
     told: list[str] = []
     world, config = from_floor(*prepare(SCENARIOS["paper"], []), 2.0)
-    assert fly_mission(world, config, seed=0, on_event=told.append).landed
+    assert fly_mission(world, config, seed=0, on_event=lambda event: told.append(event.line)).landed
     assert not [line for line in told if "ready to arm" in line]
 
 

@@ -111,7 +111,7 @@ def spool_up(
             beside.cancel()
 
     lines = list[str]()
-    mission = fly_mission(world, config, seed=seed, script=script, on_event=lines.append)
+    mission = fly_mission(world, config, seed=seed, script=script, on_event=lambda event: lines.append(event.line))
     return Flown(mission, seen["high"], seen["fast"], seen["most"], seen["near"], lines)
 
 
@@ -361,6 +361,6 @@ def test_an_ardupilot_in_guided_is_not_nudged_as_any_thrust_would_take_it_off() 
     world, config = prepare(SCENARIOS["quad1kg"], list(NUDGE))
     world, config = from_floor(world, config, 2.0)
     lines = list[str]()
-    flown = fly_mission(world, config, seed=0, autopilot="ardupilot", on_event=lines.append)
+    flown = fly_mission(world, config, seed=0, autopilot="ardupilot", on_event=lambda event: lines.append(event.line))
     assert not flown.fault
     assert any("no nudge: ArduPilot" in line for line in lines)

@@ -4,7 +4,7 @@ import pytest
 
 from groundstation.core.control import Gains, noise_power
 from groundstation.core.control.adaptive import LIMITS, POSES, VERTICAL, terms
-from groundstation.core.messages import Diagnostics, Tick
+from groundstation.core.messages import Diagnostics, Notice, Tick
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown, flown_ideal
@@ -56,10 +56,11 @@ def test_what_breaks_the_theory_is_told_within_seconds_by_its_name(overrides: tu
 
 
 def test_a_warning_is_an_event_and_has_its_share_of_the_time() -> None:
-    events: list[str] = []
+    events: list[Notice] = []
     world, config = prepare(SCENARIOS["paper"], [f"sim.thrust_lag_s={LAG_2X}"])
     verdict = fly(world, config, seed=0, duration_s=20.0, on_event=events.append).verdict
-    assert [line.split(" ", 1)[1][:24] for line in events if "warning" in line] == ["warning: Lyapunov: V has"]
+    assert [event.says[:24] for event in events if event.kind == "certificate"] == ["warning: Lyapunov: V has"]
+    assert [event.kind for event in events if event.says.startswith("warning: ")] == ["certificate"]
     assert verdict.certificate_violated > 0.5
 
 

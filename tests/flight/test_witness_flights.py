@@ -114,7 +114,8 @@ def flown(
         told.struck_s, liar.lie = asyncio.get_running_loop().time(), lie(liar)
 
     told.mission = fly_mission(
-        world, config, seed=seed, autopilot=autopilot, script=script, on_event=told.events.append
+        world, config, seed=seed, autopilot=autopilot, script=script,
+        on_event=lambda event: told.events.append(event.line),
     )  # fmt: skip
     return told
 

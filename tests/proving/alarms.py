@@ -36,6 +36,7 @@ from groundstation.analysis import (
 )
 from groundstation.config import ConfigError
 from groundstation.core import Pilot
+from groundstation.core.messages import Notice
 from groundstation.core.mission import FINAL
 from groundstation.core.safety import NODE_S, WANDERING_M, Conviction, PoseEvidence, charge_lateness
 from groundstation.core.vehicle import ActuatorCommand
@@ -57,7 +58,7 @@ SHARES = (0.25, 0.375, 0.5, 0.75, 1.0, 1.25, 1.5)
 REMARKABLE = (0.2, 0.5)
 """A flight whose largest statistic exceeds these is counted."""
 ACCUSES = ("suspicion: ", "convicted: ")
-"""A line or a reason that says so accuses the poses."""
+"""A flight that ends for such a reason was ended by its poses."""
 LOOK_S = 0.5 * NODE_S
 """How often it is looked whether there is a new window [s]."""
 STRUCK_S, SEEN_S = 12.0, 8.0
@@ -113,8 +114,8 @@ class Alarms(msgspec.Struct, frozen=True, kw_only=True):
         return sum(max(one.largest.values()) > share for one in self.flights)
 
 
-def _accuses(line: str) -> bool:
-    return any(word in line for word in ACCUSES)
+def _accuses(reason: str) -> bool:
+    return reason.startswith(ACCUSES)
 
 
 class _Trace:
@@ -141,21 +142,20 @@ def watch_flight(
     """Fly ``scenario`` from the floor, its figure for ``figure_s`` [s], and back, with the monitor armed."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source, link=link)
     world, config = from_floor(world, config, figure_s)
-    trace, said, flights = _Trace(), list[str](), list[Flight]()
+    trace, said, flights = _Trace(), list[Notice](), list[Flight]()
 
     async def script(flight: Flight, stage: Stage) -> None:
         flights.append(flight)
         await trace.watch(flight)
 
     flown = fly_mission(world, config, seed=seed, on_event=said.append, script=script)
-    lines = (line.split(" ", 1)[1] for line in said)  # after the instant
     evidence = [each for _, each in trace.windows] or [PoseEvidence(0.0, 0.0, 0.0, 0.0)]
     return WatchedFlight(
         seed=seed,
         windows=flights[0].monitor.windows,
         largest={kind: max(getattr(each, kind) for each in evidence) for kind in KINDS},
         passed=tuple(sum(max(each) >= share for each in evidence) for share in SHARES),
-        accused=tuple(line for line in lines if _accuses(line)),
+        accused=tuple(one.says for one in said if one.kind == "suspicion" or _accuses(one.text)),
         landed=flown.landed,
         why=flown.fault or flown.why,
     )
@@ -429,7 +429,7 @@ def _fly_capture(
         pilot.obey(time_s, ActuatorCommand(full_n * shares[index], recording.sent[index].rates), time_s - last_s)
         last_s = time_s
         looked = conviction.look(pilot.evidence, time_s, led=pilot.monitor.is_led(time_s))
-        if conviction.says.startswith("suspicion"):
+        if conviction.says and pilot.evidence.suspicious:
             said.append(f"{time_s:.1f} s: {conviction.says}")
         charge = charge_lateness(pilot.monitor.late_s) or looked
         if charge is not None:

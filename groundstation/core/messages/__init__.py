@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         FlightEvent,
         IdleRecord,
         Notice,
+        NoticeKind,
         PoseRecord,
         RemoteAsk,
         Reply,

@@ -80,6 +80,9 @@ class Severity(StrEnum):
     WARNING = "warning"
 
 
+NoticeKind: TypeAlias = Literal["state", "course", "certificate", "suspicion", "news"]
+
+
 class Notice(msgspec.Struct, frozen=True):
     """What the operator is told of a flight, once."""
 
@@ -89,15 +92,17 @@ class Notice(msgspec.Struct, frozen=True):
     """Mission state (see mission.py)."""
     text: str
     """A sentence; of a ``state`` that begins, why."""
-    kind: Literal["state", "course", "news"] = "news"
-    """``state``: the mission is in another one; ``course``: it flies elsewhere in the same; ``news``: all else."""
+    kind: NoticeKind = "news"
+    """``state``: the mission is in another one; ``course``: it flies elsewhere in the same; ``certificate``: V or the
+    disturbance estimate is beyond what the theory promises; ``suspicion``: one of the poses begins; ``news``: all else.
+    """
     severity: Severity = Severity.INFO
     """How grave it is."""
 
     @property
     def says(self) -> str:
         """The sentence as screens show it."""
-        return self.text if self.kind == "news" else f"{self.state}: {self.text}"
+        return f"{self.state}: {self.text}" if self.kind in ("state", "course") else self.text
 
     @property
     def line(self) -> str:

@@ -176,8 +176,9 @@ class Format(StrEnum):
 
     TEXT = "text"
     LOGFMT = "logfmt"
-    """``level=info state=landing msg="..."``."""
+    """``level=info msg="..."``."""
     JSON = "json"
+    """With the event of the flight that the line tells of, as the status socket sends it."""
 
 
 class LogHandler(logging.Handler):
@@ -196,17 +197,17 @@ class LogHandler(logging.Handler):
             lost = self._writer.lost
             if lost and self._write(logging.WARNING, f"{lost} log lines were lost: nobody read them"):
                 self._writer.lost = 0
-            if not self._write(record.levelno, record.getMessage()):
+            if not self._write(record.levelno, record.getMessage(), getattr(record, "event", None)):
                 self._writer.lost += 1
         except Exception:  # noqa: BLE001  # a log must not end a flight
             self._writer.lost += 1
 
-    def _write(self, level: int, message: str) -> bool:
-        return self._writer.write(line_of(level, message, self._style, journal=self._journal))
+    def _write(self, level: int, message: str, event: Notice | None = None) -> bool:
+        return self._writer.write(line_of(level, message, self._style, event, journal=self._journal))
 
 
-def line_of(level: int, message: str, style: Format, *, journal: bool) -> str:
-    """One line: ``level`` is logging's."""
+def line_of(level: int, message: str, style: Format, event: Notice | None = None, *, journal: bool) -> str:
+    """One line: ``level`` is logging's, ``event`` what it tells of."""
     message = " ".join(message.split("\n"))
     prefix = f"<{_PRIORITY.get(level, 6)}>" if journal else ""
     name = logging.getLevelName(level)
@@ -216,7 +217,8 @@ def line_of(level: int, message: str, style: Format, *, journal: bool) -> str:
         case Format.LOGFMT:
             return f"{prefix}level={name.lower()} msg={json.dumps(message, ensure_ascii=False)}"
         case Format.JSON:
-            return prefix + json.dumps({"level": name.lower(), "msg": message}, ensure_ascii=False)
+            told = {} if event is None else {"event": msgspec.to_builtins(event)}
+            return prefix + json.dumps({"level": name.lower(), "msg": message, **told}, ensure_ascii=False)
 
 
 _PRIORITY = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
@@ -226,6 +228,11 @@ def is_journal(number: int, environment: Mapping[str, str] = os.environ) -> bool
     """Whether what is written to ``number`` goes to the journal (systemd.exec(5), ``$JOURNAL_STREAM``)."""
     info = os.fstat(number)
     return environment.get("JOURNAL_STREAM", "") == f"{info.st_dev}:{info.st_ino}"
+
+
+def _log(text: str, severity: Severity = Severity.INFO, event: Notice | None = None, /) -> None:
+    level = logging.WARNING if severity is Severity.WARNING else logging.INFO
+    logging.getLogger("groundstation").log(level, "%s", text, extra={"event": event})
 
 
 STOPPING_S = 5.0
@@ -427,10 +434,9 @@ RENEW_S = 3600.0
 class Daemon:
     """Flies when it is told to, until it is stopped."""
 
-    def __init__(self, config: Config, say: Say, notify: Notify, *, arm: bool = False, once: bool = False) -> None:
+    def __init__(self, config: Config, notify: Notify, *, arm: bool = False, once: bool = False) -> None:
         """``arm``: the first flight arms without being asked. ``once``: end with the first flight."""
         self._config = config
-        self._say = say
         self._notify = notify
         self._arm = arm
         self._once = once
@@ -474,7 +480,7 @@ class Daemon:
         """
         await self._notify.open()
         try:
-            async with crew(self._config, self, self._say, self._quiet, needed=True) as server:
+            async with crew(self._config, self, _log, self._quiet, needed=True) as server:
                 self._server = server
                 health = HealthFile(health_path(server.path))
                 pulse = asyncio.ensure_future(self._pulse(server, health))
@@ -498,7 +504,7 @@ class Daemon:
                 if self._once or first:
                     raise
                 outcome = FlightOutcome(State.ABORTED, str(error), str(error))
-                self._say(f"warning: this flight could not begin: {error}", Severity.WARNING)
+                _log(f"warning: this flight could not begin: {error}", Severity.WARNING)
             first = False
             flew = self._armed > before
             if self._once or (flew and self._stop.is_set()):
@@ -516,7 +522,7 @@ class Daemon:
         def keep() -> bool:
             return self._armed > before or self._once
 
-        async with recorder(self._config, self._say, self._quiet, keep) as give:
+        async with recorder(self._config, _log, self._quiet, keep) as give:
             self._flight = self._make_flight(give)
             renewing = asyncio.ensure_future(self._renew(self._flight))
             try:
@@ -538,14 +544,14 @@ class Daemon:
         """Arm by itself only where the operator has said so on the command line, and only once."""
         if not self._arm:
             name = self._config.vehicle.name
-            self._say(f"ready, and staying on the ground: `groundstation request arm --vehicle {name}` makes it fly")
+            _log(f"ready, and staying on the ground: `groundstation request arm --vehicle {name}` makes it fly")
             await asyncio.Event().wait()
         return True
 
     def _hear(self, event: FlightEvent) -> None:
         if not isinstance(event, Notice):
             return
-        self._say(event.line, event.severity)
+        _log(event.line, event.severity, event)
         if event.kind == "state":
             self._armed += event.state == State.ARMING
             if event.state == State.ARMING or event.state in FINAL:
@@ -680,15 +686,12 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
     number = sys.stderr.fileno()
     logging.getLogger().addHandler(LogHandler(number, style, journal=is_journal(number)))
 
-    def say(text: str, /, severity: Severity = Severity.INFO) -> None:
-        log.log(logging.WARNING if severity is Severity.WARNING else logging.INFO, "%s", text)
-
     try:
         with (
             hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name),
             registration(entry_of(config, "daemon", os.getpid())),
         ):
-            return _run_precisely(_serve(config, say, arm=arm, once=once))
+            return _run_precisely(_serve(config, arm=arm, once=once))
     except (Taken, ApiError) as error:
         log.error("%s", error)
         return Exit.TAKEN
@@ -697,9 +700,9 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
         return Exit.FAULT
 
 
-async def _serve(config: Config, say: Say, *, arm: bool, once: bool) -> Exit:
-    daemon = Daemon(config, say, Notify(), arm=arm, once=once)
-    obey(daemon.ask, say, daemon.stop)
+async def _serve(config: Config, *, arm: bool, once: bool) -> Exit:
+    daemon = Daemon(config, Notify(), arm=arm, once=once)
+    obey(daemon.ask, _log, daemon.stop)
     calm_memory()
     return await daemon.run()
 

@@ -237,11 +237,11 @@ class LiveScene:
         assert self.station.stderr is not None, "it is a pipe"
         async for line in self.station.stderr:
             text = line.decode(errors="replace").rstrip()
-            self.log.append(text)
-            # INFO 12.345 state: why
-            state, colon, reason = text.partition(" ")[2].partition(" ")[2].partition(": ")
-            if colon and state in tuple(State) and self.moves.state not in FINAL:  # then it makes ready for the next
-                self.moves.enter(State(state), reason)
+            told: dict[str, Any] = msgspec.json.decode(text) if text.startswith("{") else {"msg": text}
+            self.log.append(told["msg"])
+            event = told.get("event")
+            if event and event["kind"] == "state" and self.moves.state not in FINAL:  # then it makes ready for the next
+                self.moves.enter(State(event["state"]), event["text"])
 
     async def serve_scene(self) -> None:
         """Wait for its status socket."""
@@ -522,9 +522,9 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
         stage.peer.overhear = scene.has_heard
     if behind is not None and fault.link == "rf_bridge":
         scene.bridge = await _bridge(folder, BridgeConfig(listen=bridge, key_file=f"{folder}/bridge.key", link=behind))
-    daemon = make_child_command("groundstation", "daemon", str(folder / "config.toml"), "--arm", config.vehicle.name)
+    words = ("daemon", str(folder / "config.toml"), "--arm", config.vehicle.name, "--log-format", "json")
     scene.station = await asyncio.create_subprocess_exec(
-        *daemon, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+        *make_child_command("groundstation", *words), stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
         start_new_session=True,
     )  # fmt: skip
     tasks = [asyncio.ensure_future(work) for work in (stage.run(), scene.read(), _watch(scene, truth))]
