@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import read_columns, report_command
-from groundstation.analysis.report.figures import FIGURES, OVERLAYS
+from groundstation.analysis.report.figures import FIGURES, OVERLAYS, draw_figures, draw_overlays, print_figures
 from groundstation.analysis.report.flight import numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
@@ -196,6 +198,49 @@ def test_figures_for_print_are_a_column_wide(ending: str, tmp_path: Path, capsys
         found = re.search(rb"(\d+)", str(int.from_bytes(data[16:20]) / 600 * 72).encode())
     assert found is not None
     assert float(found[1]) == pytest.approx(72 * 3.5, abs=1.0)
+
+
+def cut_off(canvas: Figure) -> list[str]:
+    """What is written in a figure and reaches over its edge; numbers at an axis excepted."""
+    canvas.draw_without_rendering()
+    written: list[Text] = []
+    for panel in canvas.axes:
+        legend = panel.get_legend()
+        written += [axis.label for axis in panel._axis_map.values()]  # type: ignore[attr-defined]
+        written += [*panel.texts, panel.title, *(legend.get_texts() if legend else [])]
+    edge = canvas.bbox.padded(1.0)
+    return [
+        text.get_text()
+        for text in written
+        if text.get_text() and not all(edge.contains(*corner) for corner in text.get_window_extent().get_points())
+    ]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_nothing_that_is_written_in_a_figure_is_cut_at_its_edge(
+    count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
+    flights = [read_columns(recorded(duration_s=17.0)[0])] * count
+    print_figures(tmp_path, flights, "pdf")
+    draw_figures(tmp_path, flights)
+    draw_overlays(tmp_path, flights)
+    assert len(drawn) > len(FIGURES)
+    assert [cut_off(canvas) for canvas in drawn] == [[]] * len(drawn)
+
+
+def test_flights_of_one_name_are_told_apart_in_the_legend_by_the_letters_of_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
+    ours, other = (read_columns(recorded("paper", *words)[0]) for words in ((), ("controller.kind=pid",)))
+    print_figures(tmp_path, [ours, other], "pdf")
+    print_figures(tmp_path, [ours, ours], "pdf")
+    legends = [canvas.axes[0].get_legend() for canvas in drawn]
+    names = [[text.get_text() for text in legend.get_texts()][:2] for legend in legends if legend is not None]
+    assert names == [["adaptive, paper", "pid, paper"]] * 2 + [["A: adaptive, paper", "B: adaptive, paper"]] * 2
 
 
 def test_the_table_is_written_for_spreadsheets_and_for_latex(

@@ -104,7 +104,7 @@ def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
         at = np.array([state == name for state in flown.certificates])
         share = 100.0 * float(at.mean())
         word.plot(flown.t[at], np.full(int(at.sum()), row), "|", color=colour, markersize=11)
-        word.annotate(f"{share:.2f} %", (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize=8)
+        word.annotate(f"{share:.2f} %", (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize="small")
     word.set_yticks(range(4), names)
     word.set_ylim(3.6, -0.6)
     word.set_ylabel("certificate")
@@ -113,12 +113,20 @@ def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 def finish_panels(panels: Sequence[Any], columns: int = 3, below: str = TIME) -> None:
     """The legend above the first panel, where no curve is; what the horizontal axis is ``below`` the last."""
-    handles, labels = panels[0].get_legend_handles_labels()
-    if handles:
-        panels[0].legend(handles, labels, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+    _legend_above(panels[0], columns)
     panels[-1].set_xlabel(below)
     for panel in panels:
         panel.margins(x=0.01)
+
+
+def _legend_above(panel: Any, columns: int) -> None:
+    """The legend above a panel, in a column of a journal with two entries a line at most where they are long."""
+    entries = panel.get_legend_handles_labels()[1]
+    if not entries:
+        return
+    letters = max(sum(map(len, entries[i : i + columns])) for i in range(0, len(entries), columns))
+    narrow = panel.figure.get_figwidth() <= COLUMN_IN and letters > 40
+    panel.legend(ncols=2 if narrow else columns, loc="lower right", bbox_to_anchor=(1.0, 0.98))
 
 
 def _at_least(panel: Any, span: float) -> None:
@@ -160,6 +168,8 @@ STATES = (
 )
 FLOOR_CM = 0.01
 """Smaller errors are drawn as this [cm]."""
+LETTER_PT = 7.5
+"""Size of the letters beside the events."""
 LABELS = 14
 """So many lines of text find room beside the events; the table below has them all."""
 
@@ -179,7 +189,7 @@ def path(panels: Sequence[Any], flown: FlightColumns) -> None:
     for i, (axis, sign) in enumerate((("y", 1.0), ("x", 1.0), ("z", -1.0))):
         middle = sign * 0.5 * (both[:, i].min() + both[:, i].max())
         getattr(panel, f"set_{axis}lim")(middle - 0.53 * spans[i], middle + 0.53 * spans[i])
-    panel.set_box_aspect((spans[1], spans[0], spans[2]), zoom=0.9)
+    panel.set_box_aspect((spans[1], spans[0], spans[2]), zoom=0.8)  # with room for "up [m]"
     panel.set_xlabel("east [m]")
     panel.set_ylabel("north [m]")
     panel.set_zlabel("up [m]")
@@ -203,7 +213,7 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     over.set_xlabel(TIME)
     over.set_ylabel("position error [cm]")
     over.margins(x=0.01)
-    over.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+    _legend_above(over, 2)
     steady = cm[flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S - ROUNDING_S)]
     shares.set_xlabel(f"error against the estimate, from {STEADY_S:g} s on [cm]")
     shares.set_ylabel("share of commands [%]")
@@ -218,7 +228,7 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
         (float(steady.max()), "largest", ":"),
     ):
         shares.axvline(value, color="black", linestyle=dash, linewidth=1.1, label=f"{name} {value:.2f} cm")
-    shares.legend()
+    _legend_above(shares, 3)
 
 
 def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -228,19 +238,19 @@ def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
     for row, column in enumerate(parts.values()):
         ms = 1e3 * column
         if not len(ms):
-            bars.annotate(" not in this recording", (0.0, row), va="center", fontsize=8, color=GREY)
+            bars.annotate(" not in this recording", (0.0, row), va="center", fontsize="small", color=GREY)
             continue
         p50, p99, top = float(np.median(ms)), float(np.percentile(ms, 99)), float(ms.max())
         bars.barh(row, p50, height=0.5, color=BLUE, label="median" if row == 0 else None)
         bars.plot([p50, p99], [row, row], color="black", linewidth=1.2)
         bars.plot(p99, row, "|", color="black", markersize=12, label="99 %" if row == 0 else None)
         bars.plot(top, row, "x", color=RED, markersize=6, label="largest" if row == 0 else None)
-        bars.annotate(f"   {p50:.2f} | {p99:.2f} | {top:.2f} ms", (top, row), va="center", fontsize=8)
+        bars.annotate(f"   {p50:.2f} | {p99:.2f} | {top:.2f} ms", (top, row), va="center", fontsize="small")
     bars.set_yticks(range(len(parts)), [name.replace("_", " ") for name in parts])
     bars.set_ylim(len(parts) - 0.4, -0.6)
-    bars.set_xlim(0.0, 1.35 * bars.get_xlim()[1])
+    bars.set_xlim(0.0, 1.5 * bars.get_xlim()[1])
     bars.set_xlabel("[ms]")
-    bars.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+    _legend_above(bars, 3)
     over.plot(flown.t, 1e3 * flown.scalars["pose_age_s"], ".", color=BLUE, markersize=1.5)
     over.set_ylim(bottom=0.0)
     over.set_xlabel(TIME)
@@ -296,7 +306,8 @@ def events(panels: Sequence[Any], flown: FlightColumns) -> None:
     (panel,) = panels
     colours = dict(STATES)
     end = float(flown.t[-1])
-    middle = 0.5 * (min(flown.events[0][0], 0.0) + end) if flown.events else 0.0
+    begin = min(flown.events[0][0], 0.0) if flown.events else 0.0
+    letters = 72.0 * panel.figure.get_figwidth() * panel.get_position().width / (0.58 * LETTER_PT)
     told = [event for event in flown.events if event[1] not in ("request", "lost")]
     for i, (time_s, state, _) in enumerate(told):
         until = told[i + 1][0] if i + 1 < len(told) else max(end, time_s)
@@ -306,14 +317,15 @@ def events(panels: Sequence[Any], flown: FlightColumns) -> None:
     for i, (time_s, kind, text) in enumerate(shown):
         row = 1.0 + i
         words = f"{time_s:.1f} s  {kind}: {text}"
-        words = words if len(words) <= 60 else f"{words[:59]}…"
+        late = time_s - begin > 0.5 * (end - begin)
+        room = int(letters * max(time_s - begin, end - time_s) / max(end - begin, 1e-3))
+        words = words if len(words) <= room else f"{words[: room - 1]}…"
         alert = kind in ("request", "lost", "descent", "aborted", "killed")
         panel.plot([time_s, time_s], [-0.4, row], color="0.6", linewidth=0.6)
         panel.plot(time_s, row, "D" if alert else "o", color=RED if alert else GREY, markersize=4, clip_on=False)
-        late = time_s > middle
         panel.annotate(
             words, (time_s, row), (-6 if late else 6, 0), textcoords="offset points", va="center",
-            ha="right" if late else "left", fontsize=7.5, in_layout=False,
+            ha="right" if late else "left", fontsize=LETTER_PT, in_layout=False,
         )  # fmt: skip
     panel.set_ylim(len(shown) + 0.8, -0.6)
     panel.set_yticks([0.0], ["mission"])
@@ -535,12 +547,27 @@ PRINT_STYLE: Any = {
 OVERLAID = (("-", BLUE), ("--", ORANGE), ("-.", GREEN), (":", RED), ((0, (5, 1, 1, 1, 1, 1)), PURPLE), ("-", GREY))
 
 
+def flight_letters(count: int) -> list[str]:
+    """What several flights are called in tables and titles: A, B, and so on."""
+    return [chr(ord("A") + i) for i in range(count)]
+
+
+def _overlaid(flights: Sequence[FlightColumns]) -> list[tuple[FlightColumns, dict[str, Any]]]:
+    """Each flight with its line, and its name in the legend: with its letter, where two would have the same name."""
+    alike = len({flown.name for flown in flights}) < len(flights)
+    named = zip(flights, flight_letters(len(flights)), cycle(OVERLAID), strict=False)
+    return [
+        (flown, {"linestyle": dash, "color": colour, "label": f"{letter}: {flown.name}" if alike else flown.name})
+        for flown, letter, (dash, colour) in named
+    ]
+
+
 def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> None:
     """All flights in one axis: where they were, and the first one's reference."""
     for i, (panel, (name, _, _)) in enumerate(zip(panels, AXES, strict=True)):
-        for flown, (dash, colour) in zip(flights, cycle(OVERLAID), strict=False):
+        for flown, line in _overlaid(flights):
             key = "true_position_ned" if flown.knows_truth else "position_ned"
-            panel.plot(flown.t, flown.vectors[key][:, i], linestyle=dash, color=colour, label=flown.name)
+            panel.plot(flown.t, flown.vectors[key][:, i], **line)
         panel.plot(
             flights[0].t, flights[0].vectors["reference_ned"][:, i], color="black", linewidth=0.5, label="reference"
         )
@@ -553,9 +580,9 @@ def overlay_error(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> No
     """All flights in one axis: the error against the truth where all of them know it, else against the estimate."""
     (panel,) = panels
     truth = all(flown.knows_truth for flown in flights)
-    for flown, (dash, colour) in zip(flights, cycle(OVERLAID), strict=False):
+    for flown, line in _overlaid(flights):
         cm = 100.0 * flown.scalars["true_error_m" if truth else "error_m"]
-        panel.plot(flown.t, np.maximum(cm, FLOOR_CM), linestyle=dash, color=colour, label=flown.name)
+        panel.plot(flown.t, np.maximum(cm, FLOOR_CM), **line)
     panel.set_yscale("log")
     panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panel.set_ylabel(f"error against the\n{'truth' if truth else 'estimate'} [cm]")
@@ -678,7 +705,7 @@ def draw_figure(one: ReportFigure, flights: Sequence[FlightColumns]) -> "Figure"
             if close_up:
                 _set_title(panels[0, i], ("the whole flight", f"its last {CLOSE_S:g} s")[i])
             elif len(flights) > 1:
-                _set_title(panels[0, i], f"{'AB'[i]}: {flown.path.parent.name}/{flown.path.name}")
+                _set_title(panels[0, i], f"{flight_letters(2)[i]}: {flown.path.parent.name}/{flown.path.name}")
         for panel in panels[:, 1:].flat:
             panel.set_ylabel("" if not one.is_3d else panel.get_ylabel())
         if close_up:

@@ -14,7 +14,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from groundstation.analysis.report.figures import ReportFigure
+from groundstation.analysis.report.figures import ReportFigure, flight_letters
 from groundstation.config import ConfigError
 from groundstation.core.messages import SATURATION_FROM_S, STEADY_S
 from groundstation.recording import NoRecording
@@ -352,4 +352,4 @@ def _write(form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: S
 
 
 def _short_names(facts: Sequence[dict[str, Any]]) -> list[str]:
-    return [facts[0]["flight"]["vehicle"]] if len(facts) == 1 else [chr(ord("A") + i) for i in range(len(facts))]
+    return [facts[0]["flight"]["vehicle"]] if len(facts) == 1 else flight_letters(len(facts))
