@@ -206,7 +206,7 @@ def cut_off(canvas: Figure) -> list[str]:
     written: list[Text] = []
     for panel in canvas.axes:
         legend = panel.get_legend()
-        written += [axis.label for axis in panel._axis_map.values()]  # type: ignore[attr-defined]
+        written += [axis.label for axis in panel._axis_map.values()]
         written += [*panel.texts, panel.title, *(legend.get_texts() if legend else [])]
     edge = canvas.bbox.padded(1.0)
     return [
