@@ -30,6 +30,8 @@ LEAST_S = 1.0
 PATIENCE_S = 20.0
 """How long a test waits for a machine that keeps time again [s]."""
 TOO_BUSY = "left out: machine too busy"
+RARELY = 20_000
+"""Garbage is looked for when so many more objects were made than dropped [-]; else that takes a fortieth of all time."""
 
 # Each moment has its own due time: who is held up for a second misses all of a second's.
 SLEEPER = f"""
@@ -135,6 +137,7 @@ def pytest_collection_finish() -> None:
     """All tests are known: to look at them as garbage again would hold up one in real time for a tenth of a second."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(RARELY, *gc.get_threshold()[1:])
 
 
 def pytest_sessionfinish() -> None:

@@ -81,7 +81,7 @@ def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, 
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "imports are absolute"
             yield from ((node.module or "", alias.name) for alias in node.names)
-        elif typing or not is_for_types(node):
+        elif not isinstance(node, ast.expr) and (typing or not is_for_types(node)):
             yield from tree_imports(node, typing=typing)
 
 
