@@ -31,7 +31,7 @@ PATIENCE_S = 20.0
 """How long a test waits for a machine that keeps time again [s]."""
 TOO_BUSY = "left out: machine too busy"
 RARELY = 20_000
-"""Garbage is looked for when so many more objects were made than dropped [-]; else that takes a fortieth of all time."""
+"""Garbage is looked for when so many more objects were made than dropped [-]: else in a fortieth of all time."""
 
 # Each moment has its own due time: who is held up for a second misses all of a second's.
 SLEEPER = f"""
