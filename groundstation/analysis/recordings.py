@@ -410,11 +410,9 @@ class Channel(Mapping[str, "NDArray[Any]"]):
         return np.stack(parts, axis=-1)
 
     def __iter__(self) -> Iterator[str]:
-        """The names of the columns."""
         return iter(self._columns)
 
     def __len__(self) -> int:
-        """How many columns there are."""
         return len(self._columns)
 
     def to_pandas(self) -> "DataFrame":

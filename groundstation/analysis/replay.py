@@ -120,11 +120,7 @@ def _names_controller(override: str) -> bool:
 
 
 def _ensure_own(config: Config, path: Path) -> None:
-    """Let no recording choose what code runs here: whoever has made it may have meant any.
-
-    Raises:
-        ConfigError: it names a module.
-    """
+    """Let no recording choose what code runs here: whoever has made it may have meant any."""
     if isinstance(config.controller, Custom):
         raise ConfigError(
             "controller.kind",

@@ -173,7 +173,6 @@ class Problem(Exception):
     """A key that is wrong, and why."""
 
     def __init__(self, path: KeyPath, text: str) -> None:
-        """Keep the ``path`` of the key and the ``text`` of what is wrong."""
         super().__init__(text)
         self.path = path
         self.text = text
@@ -307,11 +306,7 @@ def dotted_key(path: KeyPath) -> str:
 
 
 def _complete(info: mi.Type, value: Any, default: Any, path: KeyPath) -> Any:
-    """``value`` checked against ``info``, its missing keys taken from ``default`` (a struct, or None).
-
-    Raises:
-        Problem: the first thing that is wrong, in the order of the file.
-    """
+    """``value`` checked against ``info``, its missing keys taken from ``default`` (a struct, or None)."""
     match info:
         case mi.Metadata():
             return _complete(info.type, value, default, path)

@@ -75,7 +75,6 @@ class Pacing:
     """
 
     def __init__(self, link: CommandLink) -> None:
-        """Nothing leaves before :meth:`begin`."""
         self._link = link
         self._frame_s = 0.0
         self._waiting: asyncio.Future[None] | None = None
@@ -289,11 +288,7 @@ class CommandLoop:
         return f"no pose for {(now - late.pose_time_s) * 1e3:.0f} ms: the link plays its bring-down"
 
     def _ensure_armed(self, now: float) -> None:
-        """Whether the autopilot has disarmed by itself on the floor; anywhere else that ends the flight at once.
-
-        Raises:
-            Ended: it has, in the air.
-        """
+        """Whether the autopilot has disarmed by itself on the floor; anywhere else that ends the flight at once."""
         status, progress = self._link.status, self._progress
         if status.slept_s > 0.0:
             raise FlightEnded(f"the computer that sends slept for {status.slept_s:.1f} s: arm anew to fly")
@@ -382,7 +377,6 @@ class FlightStatistics:
     """Counts and remembers; makes a :class:`Snapshot` only when one is asked for."""
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """Begin with nothing seen."""
         self._vehicle = vehicle
         self._arrivals: deque[float] = deque(maxlen=1000)
         self._notices: deque[Notice] = deque(maxlen=20)

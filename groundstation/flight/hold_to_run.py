@@ -105,11 +105,7 @@ def _name_device(device: "InputDevice[str]") -> str:
 
 
 def _devices(path: str) -> "Iterator[InputDevice[str]]":
-    """The device at ``path``, or all that may be read.
-
-    Raises:
-        ConfigError: there is none at ``path``.
-    """
+    """The device at ``path``, or all that may be read."""
     from evdev import InputDevice, list_devices
 
     if path.startswith("/"):

@@ -83,7 +83,6 @@ class Course:
     """What is flown in each state of the mission: climb, hold, onto the trajectory and along it, back, and down."""
 
     def __init__(self, config: Config) -> None:
-        """Nothing is flown yet."""
         self._config = config
         self._trajectory = config.trajectory.build()
         takeoff = config.takeoff

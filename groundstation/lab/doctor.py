@@ -239,11 +239,7 @@ class BoardVisit:
 
 
 def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
-    """What a Betaflight behind the receiver of ``link`` gets.
-
-    Raises:
-        ValueError: it could not be set up for that.
-    """
+    """What a Betaflight behind the receiver of ``link`` gets."""
     half_us, order = describe_pulses(link)
     sticks = {"roll": link.map.roll, "pitch": link.map.pitch, "yaw": link.map.yaw}
     for axis, stick in sticks.items():
@@ -280,7 +276,6 @@ class MavlinkVisit:
     """Implements :class:`Visit` for PX4 and ArduPilot."""
 
     def __init__(self, config: Config) -> None:
-        """Nothing is opened yet."""
         link = config.link
         assert isinstance(link, MavlinkLinkConfig), "the caller has looked"
         share = config.vehicle.mass_kg * config.controller.gravity / config.full_thrust_n
@@ -503,11 +498,7 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
 
 
 def _ensure_each_once(wanted: list[Setting]) -> None:
-    """Refuse two values for one parameter: nobody could tell which one was meant.
-
-    Raises:
-        ConfigError: a parameter is named twice.
-    """
+    """Refuse two values for one parameter: nobody could tell which one was meant."""
     names = [parameter.name for parameter in wanted]
     for name in names:
         if names.count(name) > 1:

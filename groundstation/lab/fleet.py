@@ -157,11 +157,7 @@ def _behind_relay(config: Config, port: int) -> Config:
 
 
 def _ensure_unlike(key: str, named: Sequence[tuple[str, str | None]], path: Path) -> None:
-    """No two vehicles have the same value of ``key``.
-
-    Raises:
-        ConfigError: two have.
-    """
+    """No two vehicles have the same value of ``key``."""
     first: dict[str, str] = {}
     for name, value in named:
         if value is not None and (other := first.setdefault(value, name)) is not name:
@@ -169,11 +165,7 @@ def _ensure_unlike(key: str, named: Sequence[tuple[str, str | None]], path: Path
 
 
 def _ensure_apart(whos: list[_Who], labs: list[Config], relay_port: int, path: Path) -> None:
-    """No two vehicles share a link or a socket, and all hear the same source.
-
-    Raises:
-        ConfigError: two share one, or they do not.
-    """
+    """No two vehicles share a link or a socket, and all hear the same source."""
     names = [who.name for who in whos]
     for key in ("listen", "serial", "port"):
         _ensure_unlike(f"link.{key}", [(n, _end(lab, key)) for n, lab in zip(names, labs, strict=True)], path)

@@ -285,7 +285,6 @@ class HandProcess:
     """Implements :class:`groundstation.lab.props_off.Hand`."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
-        """Take a process that :func:`open_hand` started."""
         assert process.stdin is not None and process.stdout is not None, "both are pipes"
         self._process = process
         self._in, self._out = process.stdin, process.stdout

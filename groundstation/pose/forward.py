@@ -25,7 +25,6 @@ class Forward:
     """Which poses are told, and how. Sans-IO."""
 
     def __init__(self, config: ForwardConfig) -> None:
-        """Nothing told yet."""
         self._config = config
         self._period_s = 1.0 / config.rate_hz
         self._due_s = -math.inf

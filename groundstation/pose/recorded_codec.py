@@ -84,7 +84,6 @@ class TlogReader:
     """Iterates over the records of a .tlog's bytes; what is no record is skipped and counted."""
 
     def __init__(self, data: bytes) -> None:
-        """Nothing is read before the iteration."""
         self._data = data
         self._codec = MavlinkCodec(255, 190)
 
@@ -94,7 +93,6 @@ class TlogReader:
         return self._codec.dropped
 
     def __iter__(self) -> Iterator[TlogRecord]:
-        """From the first record, counting anew."""
         data, codec = self._data, self._codec
         codec.dropped.clear()
         start, size = 0, len(data)

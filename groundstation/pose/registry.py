@@ -94,7 +94,6 @@ class RecordedSource:
     """Plays a recording from its first pose to its last, and falls silent there."""
 
     def __init__(self, speed: Speed) -> None:
-        """Nothing is read yet."""
         self._speed: Speed = speed
         self._task: asyncio.Task[None] | None = None
 
@@ -153,7 +152,6 @@ class CsvSource(RecordedSource):
     """Implements :class:`groundstation.core.messages.pose.PoseSource` on a CSV file."""
 
     def __init__(self, config: CsvConfig) -> None:
-        """Nothing is read yet."""
         super().__init__(config.speed)
         self._config = config
         self._intake = Intake(0.0, frames_of(config))
@@ -215,7 +213,6 @@ class TlogSource(RecordedSource):
     """Implements :class:`groundstation.core.messages.pose.PoseSource` on a .tlog."""
 
     def __init__(self, config: TlogConfig) -> None:
-        """Nothing is read yet."""
         super().__init__(config.speed)
         self._config = config
         self._reader = TlogReader(b"")

@@ -128,11 +128,7 @@ def _messages() -> Iterator[bytes]:
 
 
 def _open_log(setup: RecorderSetup) -> FlightLog:
-    """The log, in its folder, where what is no longer kept makes room first.
-
-    Raises:
-        OSError: the folder or the file can't be made.
-    """
+    """The log, in its folder, where what is no longer kept makes room first."""
     config, folder = setup.recording, make_folder(setup.recording)
     now = time.time()
     for path in tidy(config, now):

@@ -123,7 +123,6 @@ class TappedProtocol:
         return self
 
     def __getattr__(self, name: str) -> Any:
-        """The protocol's."""
         return getattr(self.inner, name)
 
     def connection_made(self, transport: Any) -> None:
@@ -153,7 +152,6 @@ class TappedTransport:
         self._wire = wire
 
     def __getattr__(self, name: str) -> Any:
-        """The original's."""
         return getattr(self._original, name)
 
     def write(self, data: bytes) -> None:

@@ -153,11 +153,7 @@ async def claim_socket(path: Path) -> None:
 
 
 def _is_socket(path: Path) -> bool:
-    """Whether a socket is there; False where nothing is.
-
-    Raises:
-        ApiError: something else is there.
-    """
+    """Whether a socket is there; False where nothing is."""
     try:
         mode = path.lstat().st_mode
     except FileNotFoundError:

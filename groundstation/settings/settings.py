@@ -278,11 +278,6 @@ class TlsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Check the broker's certificate and name. Without it anybody may pose as the broker: a warning at each start."""
 
     def __post_init__(self) -> None:
-        """Check what the fields alone can't.
-
-        Raises:
-            ValueError: half of a certificate, or files that nobody reads.
-        """
         if bool(self.cert_file) != bool(self.key_file):
             raise ValueError("cert_file and key_file: expected both, or none")
         if not self.enabled and (self.ca_file or self.cert_file or not self.verify):
@@ -309,11 +304,6 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Who may ask, by name."""
 
     def __post_init__(self) -> None:
-        """Check what the fields alone can't.
-
-        Raises:
-            ValueError: nobody may ask, or a name that is none.
-        """
         if self.enabled and not self.clients:
             raise ValueError("clients: expected at least one where enabled = true; or leave requests off")
         for name, client in self.clients.items():
@@ -348,11 +338,6 @@ class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     requests: RequestsConfig = RequestsConfig()
 
     def __post_init__(self) -> None:
-        """Check what the fields alone can't.
-
-        Raises:
-            ValueError: what is published would cross a network in clear, and nobody has said that it may.
-        """
         if self.enabled and not self.tls.enabled and not self.insecure and not is_loopback(self.host):
             raise ValueError(
                 f"host: {self.host!r} is another machine, and nothing would be encrypted: "

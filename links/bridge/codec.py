@@ -221,7 +221,6 @@ class BridgeEnd:
     """One station's, as the bridge keeps it."""
 
     def __init__(self, key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> None:
-        """Nothing was heard yet."""
         self.bridge_nonce = bridge_nonce
         self.welcome = first_seal(key, WELCOME, station_nonce)
         self.up, self.down = session_seals(key, station_nonce, bridge_nonce)

@@ -271,11 +271,6 @@ class BridgeLinkConfig(
     """How long to wait for the bridge [s]."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: ``remote`` is no address.
-        """
         parse_address(self.remote, "remote")
 
     @property

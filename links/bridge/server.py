@@ -169,11 +169,6 @@ class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     link: RfConfig = DsmLinkConfig()
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: ``listen`` is no address; the message begins with that key.
-        """
         parse_address(self.listen, "listen")
 
 

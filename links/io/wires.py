@@ -116,7 +116,6 @@ class PortTransport:
     """An open port on the event loop. What is sent leaves at once or never."""
 
     def __init__(self, fd: int, protocol: Any) -> None:
-        """Take over the open port ``fd`` for ``protocol``, one of asyncio's."""
         import asyncio  # the processes of a pacer open ports without an event loop
 
         self._fd = fd

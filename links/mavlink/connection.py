@@ -96,7 +96,6 @@ class UdpTransport(asyncio.DatagramProtocol):
     datagrams = True
 
     def __init__(self, ear: TransportListener, *, speaks_first: bool) -> None:
-        """Opened by the event loop."""
         self.speaks_first = speaks_first
         self._ear: TransportListener | None = ear
         self._out: Datagrams
@@ -151,7 +150,6 @@ class TcpTransport(asyncio.Protocol):
     speaks_first = True
 
     def __init__(self, ear: TransportListener) -> None:
-        """Opened by the event loop."""
         self._ear: TransportListener | None = ear
         self._transport: Any = None
         self._loop = asyncio.get_running_loop()
@@ -247,7 +245,6 @@ class SerialTransport:
     speaks_first = True
 
     def __init__(self, baud: int, ear: TransportListener) -> None:
-        """Opened by :func:`open_serial`."""
         self._port: Any = None
         self._ear: TransportListener | None = ear
         self._room = max(64.0, SERIAL_QUEUE_S * baud / 10.0)  # a byte takes 10 bits
@@ -441,7 +438,6 @@ class Contact:
     """Heartbeats both ways, each other's time, and messages to whoever reads them: over one wire, for a connection."""
 
     def __init__(self, config: MavlinkLinkConfig, keeper: "MavlinkConnection") -> None:
-        """Nothing is opened yet."""
         self._config = config
         self._target = (config.target_system, config.target_component)
         self._keeper = keeper
@@ -685,7 +681,6 @@ class MavlinkConnection:
     """Opened and closed by the link that owns it; may be opened again."""
 
     def __init__(self, config: MavlinkLinkConfig) -> None:
-        """Nothing is opened yet."""
         self._config = config
         self._contact = Contact(config, self)
         self.codec, self.words = self._contact.codec, self._contact.words
@@ -925,7 +920,6 @@ class StampFile:
     """The newest time stamp, beside the key."""
 
     def __init__(self, key_file: Path) -> None:
-        """``key.stamp`` for the key file ``key``."""
         self._path = key_file.with_name(key_file.name + ".stamp")
 
     def first(self) -> int:

@@ -73,12 +73,10 @@ class Board:
         self._transport: Any = None
 
     async def __aenter__(self) -> Self:
-        """Open it; raises as :meth:`open`."""
         await self.open()
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        """Leave and close."""
         await self.close()
 
     async def open(self, within_s: float = OPEN_S) -> None:

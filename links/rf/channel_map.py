@@ -30,11 +30,6 @@ class Throttle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     vehicle.thrust_curve; 0 where the flight controller straightens the curve."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: it has no throw.
-        """
         if self.low == self.high:
             raise ValueError("low and high are the same: the throttle would not move")
 
@@ -65,11 +60,6 @@ class ArmSwitch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Position that disarms."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: both positions are one.
-        """
         if self.armed == self.disarmed:
             raise ValueError("armed and disarmed are the same: it could never disarm")
 
@@ -109,11 +99,6 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Channels that stay where they are; every channel that nobody names stays at 0."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: two things share a channel.
-        """
         numbers = self.channels
         twice = sorted({number for number in numbers if numbers.count(number) > 1})
         if twice:

@@ -141,11 +141,6 @@ class RfLinkConfig(LinkKind, msgspec.Struct, frozen=True, kw_only=True, forbid_u
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: a channel that the module does not have, or frames that don't fit between each other.
-        """
         codec = self.codec()
         highest = max(self.map.channels)
         if highest > codec.channels:

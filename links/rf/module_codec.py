@@ -66,11 +66,6 @@ class DsmLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fiel
     """Count of position 1; 938 as the MLP4DSM transmitter."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: see :class:`RfLinkConfig`, or the counts are no range.
-        """
         if self.low >= self.high:
             raise ValueError("low must be smaller than high; reverse single channels in the map")
         super().__post_init__()
@@ -88,7 +83,6 @@ class DsmCodec:
     frame_bytes = DSM_FRAME_BYTES
 
     def __init__(self, config: DsmLinkConfig) -> None:
-        """See the configuration."""
         self._config = config
         self._flags = _PROTOCOLS[config.protocol]
 
@@ -201,7 +195,6 @@ class CrsfCodec:
     frame_bytes = FRAME_BYTES
 
     def __init__(self, config: CrsfLinkConfig) -> None:
-        """See the configuration."""
         self._model = config.model_id
         self._address = TO_MODULE if config.address == "module" else SYNC
         self._pitch = 1.0 if config.attitude_pitch == "nose_up" else -1.0

@@ -49,7 +49,6 @@ class Clock:
     """CLOCK_MONOTONIC, and sleeping until an instant on it."""
 
     def __init__(self) -> None:
-        """Look up what the standard library does not offer."""
         self._libc = ctypes.CDLL(None, use_errno=True)
         self._libc.clock_nanosleep.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
         self._until = (ctypes.c_long * 2)()

@@ -35,7 +35,6 @@ class PacerProcess:
         mailbox: Mailbox,
         on_report: Callable[[PacerReport | None], None],
     ) -> None:
-        """See :func:`open_process`; ``process`` is the stand-by, whose child the pacer is."""
         self.manner = manner
         self._process = process
         self._wire = wire

@@ -47,7 +47,6 @@ class SetPoint:
     """One SET_ATTITUDE_TARGET; what its mask takes out is None."""
 
     def __init__(self, message: Message) -> None:
-        """Of a ``message``."""
         mask = message.type_mask
         self.thrust: float | None = None if mask & _IGNORE_THRUST else message.thrust
         self.rates: tuple[float | None, float | None, float | None] = (
@@ -197,7 +196,6 @@ class Parameters:
             self._table[name] = (value, kind)
 
     def __getitem__(self, name: str) -> float:
-        """The value of the parameter ``name``."""
         return self._table[name][0]
 
     def read(self, request: Message, dialect: Message) -> list[Message]:

@@ -194,11 +194,9 @@ class Firmware:
         self._wire.settimeout(10.0)
 
     def __enter__(self) -> Self:
-        """It is on already."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Switch it off."""
         self.close()
 
     @property
@@ -243,7 +241,6 @@ class CommandLine:
     """The firmware's command line; time goes on while it is waited for."""
 
     def __init__(self, firmware: Firmware) -> None:
-        """Enter it."""
         self._firmware = firmware
         port = 0
         for _ in range(2000):

@@ -36,7 +36,6 @@ class FrameCutter:
     """Cuts a stream of bytes into MAVLink frames; what begins none is left out."""
 
     def __init__(self, hear: Hear) -> None:
-        """Give each frame to ``hear``."""
         self._hear, self._rest = hear, b""
 
     def feed(self, data: bytes) -> None:
@@ -56,7 +55,6 @@ class UdpWire(asyncio.DatagramProtocol):
     """Implements :class:`Wire`: to one ground station, or to whoever spoke last where that has to speak first."""
 
     def __init__(self, hear: Hear, *, connected: bool) -> None:
-        """Opened by the event loop; a ``connected`` socket knows its other end."""
         self._hear, self._connected = hear, connected
         self._station: Any = None
         self._transport: Any = None
@@ -86,7 +84,6 @@ class AcceptingTcp(asyncio.Protocol):
     """Implements :class:`Wire` for one TCP connection at a time: a newer one takes the place of the older."""
 
     def __init__(self, hear: Hear) -> None:
-        """Opened by the event loop."""
         self._hear = hear
         self._cutter = FrameCutter(hear)
         self._transport: Any = None
@@ -165,7 +162,6 @@ class SerialEnd:
     """Implements :class:`Wire` at the far end of a serial port, which its owner closes."""
 
     def __init__(self, port: FarEnd) -> None:
-        """Write to ``port``."""
         self._port = port
 
     def sendto(self, frame: bytes) -> None:

@@ -79,7 +79,6 @@ class Symbol:
     __slots__ = ("line", "program")
 
     def __init__(self, program: Program, line: int) -> None:
-        """See the class."""
         self.program = program
         self.line = line
 
@@ -420,7 +419,6 @@ class Numpy:
     """A stage that calls its function with arrays."""
 
     def __init__(self, function: Function, state: Any) -> None:
-        """See :data:`Stages`."""
         self._function, self._state, self._ops = function, state, arrays()
         self._own = set(map(id, _arrays(state)))
 
@@ -442,7 +440,6 @@ class Compiled:
     """A stage whose function is compiled, once for every form of what is given."""
 
     def __init__(self, function: Function, state: Any) -> None:
-        """See :data:`Stages`."""
         self._function, self._state, self._arrays = function, state, _arrays(state)
         assert all(x.dtype == np.float64 and x.flags.c_contiguous for x in self._arrays)
         self._count = self._arrays[0].size

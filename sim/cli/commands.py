@@ -469,11 +469,7 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
 
 
 def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
-    """``NAME=VALUE`` for each of the ``autopilot``'s parameters that differs.
-
-    Raises:
-        ConfigError: it has no such parameter, or the value is none.
-    """
+    """``NAME=VALUE`` for each of the ``autopilot``'s parameters that differs."""
     from sim.autopilots import AUTOPILOTS, Parameters
 
     if autopilot == BETAFLIGHT:

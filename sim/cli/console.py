@@ -21,7 +21,6 @@ class ProgressBar:
         self._format = None if unit is None else f"{{task.completed:5.{digits}f}} of {{task.total:.0f}} {unit}"
 
     def __enter__(self) -> "ProgressBar":
-        """Show the bar."""
         if not self._quiet:
             from rich.console import Console
             from rich.progress import (
@@ -52,7 +51,6 @@ class ProgressBar:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leave the bar as it stands."""
         if not self._quiet:
             self._bar.stop()
 

@@ -112,7 +112,6 @@ class InlinePacer:
     def __init__(
         self, config: RfLinkConfig, thrust_max_n: float, port: WirePort, on_report: Callable[[PacerReport | None], None]
     ) -> None:
-        """See :func:`opened_on`."""
         self.manner = config.manner
         self._loop = asyncio.get_running_loop()
         self._period, self._frame_s = config.period_s, 1.01 * config.frame_s
@@ -394,7 +393,6 @@ class RfReceiver(Receiver):
     """With a flight controller in it: flies one ``airframe``."""
 
     def __init__(self, airframe: Airframe, config: RfLinkConfig, *, lose: Callable[[], bool] = lambda: False) -> None:
-        """See the base."""
         super().__init__(config, lose=lose)
         self.armed = False
         # The throttle's share of its throw is the motors' signal; what thrust that gives the airframe knows.

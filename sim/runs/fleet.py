@@ -88,7 +88,6 @@ class Tracks:
     """Every step of every plant."""
 
     def __init__(self, count: int) -> None:
-        """Nothing yet of ``count`` vehicles."""
         self.of = [TrueTrack() for _ in range(count)]
         """One a vehicle."""
 
@@ -388,7 +387,6 @@ class _Log:
     """What one core has recorded."""
 
     def __init__(self, folder: Path, name: str) -> None:
-        """Read it; where there is none, nothing is known."""
         self._states: list[StateEntry] = []
         self._started_s: float | None = None
         self._ticks: list[float] = []

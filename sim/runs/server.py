@@ -35,9 +35,6 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
     """Keep others like us from ``ends``, by what is sent and where: a ground station would take two for one.
 
     In a rehearsal the ground station looks for what is held here, too, before it opens anything.
-
-    Raises:
-        ConfigError: another one is there already.
     """
     loop = asyncio.get_running_loop()
     if sys.platform != "linux":
@@ -176,11 +173,7 @@ class TruthWriter:
 
 
 async def _run(stage: Stage | FleetStage) -> None:
-    """Run it; an address that can't be opened is a sentence.
-
-    Raises:
-        ConfigError: with the address.
-    """
+    """Run it; an address that can't be opened is a sentence."""
     try:
         await stage.run()
     except* OSError as errors:
@@ -192,11 +185,7 @@ def _medium(link: MavlinkLinkConfig) -> str:
 
 
 def _ours(path: Path) -> Path:
-    """``path`` in a folder that is ours alone.
-
-    Raises:
-        ConfigError: it is not.
-    """
+    """``path`` in a folder that is ours alone."""
     try:
         own_directory(path.parent)
     except ApiError as error:

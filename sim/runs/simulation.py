@@ -52,7 +52,6 @@ class Run(FlightData):
             self.path = path  # read when it is asked for
 
     def __getattr__(self, name: str) -> Any:
-        """Say why there is nothing to read where nothing was recorded."""
         raise AttributeError(f"this flight was not recorded, or there is no such thing: {name}")
 
     def __repr__(self) -> str:

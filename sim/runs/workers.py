@@ -31,7 +31,6 @@ class Workers(ProcessPoolExecutor):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the processes; what they have not begun is left."""
         self.shutdown(cancel_futures=True)
 
 

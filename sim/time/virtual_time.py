@@ -251,7 +251,6 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     _stopping: bool
 
     def __init__(self) -> None:
-        """Start at time 0 with an empty network."""
         super().__init__(_Idle())
         self._now = 0.0
         self._later: list[tuple[float, _Handle]] = []
@@ -391,11 +390,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return host, port or self._free_port(host)
 
     def _free_port(self, host: str) -> int:
-        """The next one in turn, so that what is on its way to a port that was closed meets nobody new there.
-
-        Raises:
-            OSError: all are in use.
-        """
+        """The next one in turn, so that what is on its way to a port that was closed meets nobody new there."""
         for _ in FREE_PORTS:
             port = self._next_port
             self._next_port = port + 1 if port + 1 in FREE_PORTS else FREE_PORTS.start

@@ -278,7 +278,6 @@ class QtmServer:
     """Implements :class:`sim.trackers.trackers.Tracker` at the address where ``config`` expects QTM."""
 
     def __init__(self, config: QualisysConfig) -> None:
-        """Nothing is opened yet."""
         self._frames = frames_of(config)
         self.names: tuple[str, ...] = (config.name,)
         self._address = parse_address(config.server)
@@ -314,7 +313,6 @@ class Client(asyncio.Protocol):
     """One connection."""
 
     def __init__(self, server: QtmServer) -> None:
-        """Not yet asked for anything."""
         self._server = server
         self._framer = qtm.Framer()
         self._streaming = False

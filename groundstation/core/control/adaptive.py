@@ -603,7 +603,6 @@ class CertificateMonitor:
     """Looks at every command of one flight, and changes nothing."""
 
     def __init__(self, vehicle: Vehicle, config: Estimation) -> None:
-        """Take the vehicle as told and the gains; a controller without a Lyapunov function has its limits watched."""
         self._vehicle = vehicle
         self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._noise: tuple[float, float] | None = None

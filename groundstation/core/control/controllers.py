@@ -67,7 +67,6 @@ class InnerLoop:
     """Turns a wanted push and turn into a decision. State: what was wanted last, and its derivative."""
 
     def __init__(self, vehicle: Vehicle, gains: Baseline) -> None:
-        """Take the vehicle as told, and the keys that all baselines share."""
         self._vehicle = vehicle
         self._gains = gains
         self._yaw_limit = math.radians(vehicle.rate_limits_deg_s[2])

@@ -54,7 +54,6 @@ class Descent:
     """Implements :class:`groundstation.core.messages.Controller`; of the reference speed and heading count."""
 
     def __init__(self, vehicle: Vehicle, gravity: float) -> None:
-        """Take the vehicle as told, and g [m/s²]."""
         self._vehicle = vehicle
         self._gravity = gravity
         self.blind = False

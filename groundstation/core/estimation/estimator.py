@@ -519,7 +519,6 @@ class ModelEstimator:
     """
 
     def __init__(self, vehicle: Vehicle, gains: Estimation) -> None:
-        """Take what the controller is told about the vehicle, and the gains and switches."""
         self._vehicle = vehicle
         self._gains = gains
         self._provable = gains.composite == "provable"

@@ -119,7 +119,6 @@ class OverheardSource:
     """A source whose poses somebody else sees too, before they are delivered."""
 
     def __init__(self, source: PoseSource, hear: Callable[[Pose], None]) -> None:
-        """``hear`` sees every pose of ``source``."""
         self._source = source
         self._hear = hear
 
@@ -189,7 +188,6 @@ class Others:
         return tuple(self._recent)
 
     def __contains__(self, name: str) -> bool:
-        """Whether ``name`` counts."""
         if not self.every or name in self.names:
             return name in self.names
         return name != self._own and (name in self._recent or len(self._recent) < BODIES_MAX)

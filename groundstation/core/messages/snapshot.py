@@ -284,11 +284,6 @@ class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
     """Heading there, from north towards east; None: as it was."""
 
     def __post_init__(self) -> None:
-        """Hold a point that a program makes to what the wire takes.
-
-        Raises:
-            ValueError: a coordinate is no number, or too far away.
-        """
         most = dict.fromkeys(("north_m", "east_m", "down_m"), FARTHEST_M)
         for name, far in most.items() if self.yaw_deg is None else (most | {"yaw_deg": TURN_DEG}).items():
             value = getattr(self, name)
@@ -326,11 +321,6 @@ class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where to, for ``goto``."""
 
     def __post_init__(self) -> None:
-        """Check what the fields alone can't.
-
-        Raises:
-            ValueError: see :func:`ensure_points`.
-        """
         ensure_points(self.ask, self.points)
 
 

@@ -32,11 +32,6 @@ class BoxFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     """From west to east [m, NED]."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: a side ends before it begins.
-        """
         if not (self.north_m[0] < self.north_m[1] and self.east_m[0] < self.east_m[1]):
             raise ValueError("north_m and east_m: expected the smaller number first")
 
@@ -53,11 +48,6 @@ class ConvexFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True,
     """Its corners, north and east [m, NED], clockwise or not, one after the other."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: the polygon is not convex, or has no inside.
-        """
         turns = [_turn(*three) for three in zip(self._from(0), self._from(1), self._from(2), strict=True)]
         if not (all(t > 1e-9 for t in turns) or all(t < -1e-9 for t in turns)):
             raise ValueError("corners_m: expected a convex polygon, its corners one after the other")

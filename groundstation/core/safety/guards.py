@@ -69,7 +69,6 @@ class Escalation:
     """Turns findings into steps: each no gentler than the last, the next one where its cause lasts on."""
 
     def __init__(self, lasting_s: float) -> None:
-        """Nothing found."""
         self._lasting = lasting_s
         self._step = GuardAction.WARN
         self._at_s = -math.inf

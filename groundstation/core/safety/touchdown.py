@@ -63,7 +63,6 @@ class Touchdown:
     """Whether the vehicle has come to stand while it is told to sink."""
 
     def __init__(self, hover_n: float) -> None:
-        """Take the thrust that hovers [N]."""
         self._low_n = LOW_SHARE * hover_n
         self._since_s: float | None = None
         self._held_since_s: float | None = None

@@ -197,11 +197,6 @@ class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Bearing of the side that ``tilt_deg`` raises [deg], from north towards east."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: it would have to stop at once, or the ramps are longer than all laps.
-        """
         if self.laps is not None and self.ramp_s == 0.0:
             raise ValueError("laps: needs ramp_s above 0, or it would have to stop within no time at the end")
         if self.laps is not None and self.ramp_s > self.laps * self.lap_s:
@@ -462,11 +457,6 @@ class ExcitationConfig(
     """From rest to full speed in this time, and back to rest at the end [s]."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: there is no room for a sine of each axis and of the heading.
-        """
         if math.floor(self.highest_hz * self.period_s) - math.ceil(self.lowest_hz * self.period_s) < 7:
             needed = self.lowest_hz + 8.0 / self.period_s
             raise ValueError(f"highest_hz: expected at least {needed:.3g} Hz with this lowest_hz and period_s")

@@ -456,11 +456,6 @@ class WaypointsConfig(
     """How often the course is flown without a stop; for more than once it must end where it began."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: the lists don't fit each other, times don't rise, or two points are the same.
-        """
         if self.file is not None:
             raise ValueError(
                 "file: only a configuration can name one: read it with groundstation.config.loader.from_dict"
@@ -559,11 +554,6 @@ class SamplesConfig(
     """From rest to the samples' own speed in this time, and back at the end [s]; 0: as they begin and end."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: the lists don't fit each other, times don't rise, or the ramps are longer than all of it.
-        """
         if self.file is not None:
             raise ValueError(
                 "file: only a configuration can name one: read it with groundstation.config.loader.from_dict"

@@ -66,11 +66,6 @@ class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
     down is done at any time."""
 
     def __post_init__(self) -> None:
-        """Check what the fields alone can't.
-
-        Raises:
-            ValueError: none or several of the three, or points that belong to none.
-        """
         ensure_points(self.ask, self.points)
         if sum(one is not None for one in (self.ask, self.control, self.gains)) != 1:
             raise ValueError("an order has exactly one of ask, control and set")
@@ -121,7 +116,6 @@ class LineSplitter:
     """Cuts what arrives into lines; one that is longer than ``most`` bytes comes out as None, once."""
 
     def __init__(self, most: int) -> None:
-        """Begin with nothing."""
         self._most = most
         self._rest = b""
         self._skipping = False
@@ -242,7 +236,6 @@ class TokenBucket:
     """Allows a burst, and a rate ever after."""
 
     def __init__(self, rate_hz: float, burst: float) -> None:
-        """Begin full."""
         self._rate_hz = rate_hz
         self._burst = self._left = burst
         self._at_s: float | None = None
@@ -287,7 +280,6 @@ class Desk:
     """Takes the orders of all clients, one after the other."""
 
     def __init__(self, vehicle: str, core: Core) -> None:
-        """Nobody holds control."""
         self._vehicle = vehicle
         self._core = core
         self._holder: Party | None = None

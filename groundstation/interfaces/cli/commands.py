@@ -214,11 +214,7 @@ def _read_number(name: str, word: str, most: float) -> float:
 
 
 def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
-    """Where ``goto`` and ``follow`` lead: the points travel in the request, as files here are none of the station's.
-
-    Raises:
-        ConfigError: they are none, or belong to something else.
-    """
+    """Where ``goto`` and ``follow`` lead: the points travel in the request, as files here are none of the station's."""
     if ask == "follow":
         if len(where) != 1:
             raise ConfigError("follow", f"expected one FILE.csv, got {len(where)} words")

@@ -45,7 +45,6 @@ class MqttBroker(msgspec.Struct, frozen=True):
     """None: not encrypted."""
 
     def __str__(self) -> str:
-        """As the operator knows it."""
         return f"{self.config.host}:{self.config.tcp_port}"
 
     def client(self, *, heard_max_bytes: int | None = None, **more: Any) -> "aiomqtt.Client":

@@ -76,11 +76,6 @@ class SealedRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """The seal on it."""
 
     def __post_init__(self) -> None:
-        """Check what the fields alone can't.
-
-        Raises:
-            ValueError: points that belong to nothing, or a ``goto`` without any.
-        """
         ensure_points(self.ask, self.points)
 
 
@@ -160,7 +155,6 @@ class VehicleView:
     """One vehicle."""
 
     def __init__(self, name: str) -> None:
-        """Nothing is known yet."""
         self.name = name
         self.state = ""
         """As published; ``offline`` where no station flies it."""
@@ -229,14 +223,12 @@ class FleetMonitor:
     """All vehicles below one prefix."""
 
     def __init__(self, prefix: str) -> None:
-        """Nobody is there yet."""
         self._prefix = prefix + "/"
         self._seen: dict[str, VehicleView] = {}
         self.misunderstood = 0
         """Messages that were not what they should be, or of one vehicle too many, or of none by its name."""
 
     def __iter__(self) -> Iterator[VehicleView]:
-        """The vehicles, as they appeared."""
         return iter(self._seen.values())
 
     def hear(self, topic: str, payload: bytes, now_s: float) -> None:

@@ -269,11 +269,7 @@ class _Publisher:
                 self._counts["events_lost"] += 1
 
     async def run(self, client: "aiomqtt.Client") -> None:
-        """Publish over one connection until it breaks or we are cancelled; then say goodbye if we still can.
-
-        Raises:
-            MqttError: the connection is gone.
-        """
+        """Publish over one connection until it breaks or we are cancelled; then say goodbye if we still can."""
         import aiomqtt
 
         self._counts["connections"] += 1

@@ -99,7 +99,6 @@ class HealthFile:
     """Replaced as a whole, in two short steps. Never raises: a full disk is not the flight's trouble."""
 
     def __init__(self, path: Path) -> None:
-        """Nothing is written yet."""
         self._path = path
         self._draft = path.with_suffix(".new")
         self._encode = msgspec.json.Encoder().encode
@@ -156,12 +155,7 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
 
 
 def _only(vehicle: str | None) -> Path:
-    """The file of ``vehicle``, or the only one.
-
-    Raises:
-        FileNotFoundError: there is none.
-        ConfigError: there are several.
-    """
+    """The file of ``vehicle``, or the only one."""
     name = "*" if vehicle is None else escape(vehicle)
     found = [*socket_folder().glob(f"{name}.health.json"), *SERVICES.glob(f"*/{name}.health.json")]
     if not found:

@@ -65,7 +65,6 @@ class Canvas:
     """Braille dots: two across and four down in each character; (0, 0) is at the top left."""
 
     def __init__(self, width: int, height: int) -> None:
-        """An empty one of so many characters."""
         self._width, self._height = width, height
         self._bits = [[0] * width for _ in range(height)]
         self._cells = [[("", "")] * width for _ in range(height)]

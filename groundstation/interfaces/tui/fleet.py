@@ -176,7 +176,6 @@ class FleetScreen(App[None]):
     ENABLE_COMMAND_PALETTE = False
 
     def __init__(self, broker: MqttBroker) -> None:
-        """Connect to ``broker`` as soon as the screen is up."""
         super().__init__()
         for theme in THEMES:
             self.register_theme(theme)

@@ -202,7 +202,6 @@ class ControlPage(Page):
         """A gain shall be changed."""
 
         def __init__(self, gain: GainRow) -> None:
-            """This one."""
             super().__init__()
             self.gain = gain
 

@@ -125,7 +125,6 @@ class Knob(Widget):
     """
 
     def __init__(self, order: OperatorOrder) -> None:
-        """For ``order``."""
         super().__init__(classes=order.tone)
         self.order = order
         self.styles.width = f"{len(self._both)}fr"
@@ -183,7 +182,6 @@ class Tabs(Widget):
     DEFAULT_CSS = "Tabs { height: 1; link-style: none; }"
 
     def __init__(self, names: Sequence[str], here: str, more: Sequence[tuple[str, str, str]]) -> None:
-        """``names`` of the pages, the one that this is on, and more: key, word, action."""
         super().__init__()
         self._names, self._here, self._more = names, here, more
 
@@ -513,7 +511,6 @@ class Help(Dialog[None]):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("question_mark,q", "leave", "back")]
 
     def __init__(self, keys: Sequence[tuple[str, str]], *, orders: bool) -> None:
-        """``keys`` and what they do."""
         super().__init__("Keys", "", orders=orders)
         self._keys = keys
 

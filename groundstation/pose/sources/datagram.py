@@ -100,11 +100,6 @@ class ListensAt(PoseKind):
     listen: str
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: ``listen`` is no address.
-        """
         parse_address(self.listen, "listen")
 
     @property

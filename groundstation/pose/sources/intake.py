@@ -417,7 +417,6 @@ class Gate:
     """The poses of one source, in the order of their arrival."""
 
     def __init__(self, config: GateConfig) -> None:
-        """Nothing seen yet."""
         self.dropped: Counter[str] = Counter()
         """By reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump, spin."""
         self._config = config
@@ -512,7 +511,6 @@ class PoseTrack:
     """Poses that fit each other."""
 
     def __init__(self, pose: Pose, config: GateConfig, why: str = "") -> None:
-        """Begin with one, which was dropped for ``why``."""
         self.first_s = pose.time_s
         """When it began [s]."""
         self.last = pose

@@ -76,7 +76,6 @@ class LibmotioncaptureSource:
     """Implements :class:`groundstation.core.messages.pose.PoseSource`; a child that ends is started again."""
 
     def __init__(self, config: LibmotioncaptureConfig, others: Others | None = None) -> None:
-        """Nothing is started yet."""
         self._config = config
         intake = Intake(config.latency_s, frames_of(config), others=others)
         self._intake, self._reader = intake, JsonReader(config.name, intake, intake)

@@ -40,7 +40,6 @@ class MavlinkPoseSource:
     """Implements :class:`groundstation.core.messages.pose.PoseSource` on the connection of a link."""
 
     def __init__(self, config: MavlinkPoseConfig, link: MavlinkLink) -> None:
-        """Nothing is asked for yet."""
         self._config = config
         self._connection = link.connection
         self._decoder: PoseDecoder | None = None

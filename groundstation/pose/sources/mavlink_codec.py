@@ -98,7 +98,6 @@ class LocalPositionDecoder(PoseDecoder):
     messages: tuple[str, ...] = ("LOCAL_POSITION_NED", "ATTITUDE_QUATERNION")
 
     def __init__(self, latency_s: float, *, recorded: bool = False) -> None:
-        """See the base."""
         super().__init__(latency_s, recorded=recorded)
         self._attitude: Message | None = None
 

@@ -48,11 +48,6 @@ class NatNetConfig(
     """Shortest time of a frame on its way here [s]; Motive itself tells how old it was as it left."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: ``server``, ``interface`` or ``group`` is not an IPv4 address of the kind needed.
-        """
         host, _ = parse_address(self.server, "server")
         for key, text in (("server", host), ("interface", self.interface), ("group", self.group)):
             try:
@@ -91,7 +86,6 @@ class NatNetSource:
     """
 
     def __init__(self, config: NatNetConfig, others: Others | None = None) -> None:
-        """Nothing is opened yet."""
         self._config = config
         self._server = parse_address(config.server)
         intake = Intake(config.network_s, frames_of(config), others=others)

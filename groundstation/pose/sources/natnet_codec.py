@@ -48,7 +48,6 @@ class Payload:
     """Reads a payload from front to back; whatever leads beyond its end is ``truncated``."""
 
     def __init__(self, data: bytes) -> None:
-        """Begin at the front."""
         self._data = data
         self._at = 0
 

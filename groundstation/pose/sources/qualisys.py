@@ -48,11 +48,6 @@ class QualisysConfig(
     """Shortest time from the instant that QTM stamps to the arrival here [s]."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: ``server`` is no address.
-        """
         parse_address(self.server, "server")
 
     @property
@@ -69,7 +64,6 @@ class QualisysSource:
     """Implements :class:`groundstation.core.messages.pose.PoseSource`; a connection that breaks is opened anew."""
 
     def __init__(self, config: QualisysConfig, others: Others | None = None) -> None:
-        """Nothing is opened yet."""
         self._config = config
         intake = Intake(config.latency_s, frames_of(config), others=others)
         self._reader = QualisysReader(config.name, intake)

@@ -37,11 +37,6 @@ class ViconConfig(
     Only a simulation without noise turns this off."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: ``listen`` is no address, or ``object`` no name that fits the stream.
-        """
         super().__post_init__()
         name_bytes(self.object)
 

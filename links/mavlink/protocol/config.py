@@ -87,11 +87,6 @@ class MavlinkLinkConfig(
     """Stop the autopilot's default telemetry that nobody here reads; false where others share this connection."""
 
     def __post_init__(self) -> None:
-        """Check what the types cannot.
-
-        Raises:
-            ValueError: more than one way is given, or an address is none.
-        """
         ways = {"listen": self.listen, "remote": self.remote, "tcp": self.tcp, "serial": self.serial}
         given = [name for name, way in ways.items() if way is not None]
         if len(given) > 1:

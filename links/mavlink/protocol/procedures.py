@@ -196,7 +196,6 @@ class Disarmed:
     """Wait for a HEARTBEAT that says that the motors are off."""
 
     def __init__(self, patience_s: float) -> None:
-        """Fail after ``patience_s`` [s]."""
         self.done = False
         self.failure: LinkError | None = None
         self._patience = patience_s
@@ -350,7 +349,6 @@ class AskMode:
     """
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
-        """Nothing is asked yet."""
         self.failure: LinkError | None = None
         self._autopilot = autopilot
         self._heard = self._answered = False
@@ -402,7 +400,6 @@ class Kill:
     """Disarm by force (COMMAND_LONG 400, second parameter 21196), which works in the air. A step."""
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
-        """Nothing leaves before the first poll."""
         self.done = False
         self.failure: LinkError | None = None
         self._autopilot = autopilot

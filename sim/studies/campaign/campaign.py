@@ -189,7 +189,6 @@ class Draw(NamedTuple):
     """The bounds are shares of the scenario's value; otherwise they are in the field's own unit, whatever it says."""
 
     def __str__(self) -> str:
-        """The range, for people."""
         bounds = f"{self.low:g} to {self.high:g}"
         return f"{' and '.join(self.fields)} {bounds}{' times the scenario' if self.relative else ''}"
 
@@ -451,7 +450,6 @@ class Cluster:
         return len(found)
 
     def __enter__(self) -> "Cluster":
-        """Connected already."""
         return self
 
     def __exit__(
@@ -515,7 +513,6 @@ class Local:
     """So many processes of this machine; one flies in this very process."""
 
     def __init__(self, workers: int) -> None:
-        """Nothing is started before there is work."""
         self.workers = workers
 
     def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:

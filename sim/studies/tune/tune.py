@@ -403,11 +403,9 @@ class Flyers:
         self._pool: Workers | None = None
 
     def __enter__(self) -> "Flyers":
-        """Nothing starts before the first flight."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the processes; what they have not begun is left."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 

@@ -369,12 +369,7 @@ class _Copies:
         self._faults = faults
 
     def split(self) -> str:
-        """In each copy its fault.
-
-        Raises:
-            _CopiesFlown: in the process that is copied, when all have ended.
-            RuntimeError: one of them has failed; what it died of.
-        """
+        """In each copy its fault."""
         loop = asyncio.get_running_loop()
         for fault in self._faults:
             far, near = os.pipe()

@@ -617,9 +617,6 @@ async def _end_of(scene: LiveScene, world: World) -> tuple[float | None, bool]:
     """Wait until the flight is over, or its station dead, and the vehicle rests.
 
     Returns when the autopilot acted by itself, where it did, and whether the vehicle came to rest.
-
-    Raises:
-        _Disturbed: this process could not look after the vehicle meanwhile.
     """
     loop, acts_s, over_s = asyncio.get_running_loop(), None, math.inf
     weight, before = world.mass_kg * world.gravity, loop.time()

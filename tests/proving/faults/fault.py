@@ -22,7 +22,6 @@ class Meddler:
     """Implements :class:`sim.trackers.trackers.Tracker` around another one."""
 
     def __init__(self, tracker: Tracker) -> None:
-        """Pass everything on."""
         self.picture: Picture | None = None
         """What becomes of what is seen; None: it is true."""
         self.way: Way | None = None
