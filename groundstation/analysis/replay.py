@@ -1,11 +1,8 @@
 """Replay, ``groundstation replay LOG.mcap``: a recorded flight flown again, from the wire up.
 
-Its bytes go through source and estimator, its instants through the controller. What went in is taken from the
-recording: every byte with its arrival, the instant of every command, the reference. What came out, every pose and every
-command, is made anew and held against what was recorded, to the last bit.
-
-Sources and links run unchanged on a tape loop: they open their wires, and hear what they heard in flight, at the same
-instants and in the same turns of the loop. What they send goes nowhere.
+What went in is taken from the recording: every byte with its arrival, the instant of every command, the reference. What
+came out, every pose and every command, is made anew and held against what was recorded, to the last bit. Sources and
+links run unchanged on a tape loop: they hear what they heard in flight; what they send goes nowhere.
 """
 
 import asyncio

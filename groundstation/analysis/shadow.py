@@ -1,25 +1,13 @@
 """Offline comparison, ``groundstation replay LOG.tlog``: what our estimator and controller make of a recorded flight.
 
-Its report says whether the stream of poses is fit to fly on: one check an aspect, each a sentence with its number.
+The shadow is our estimator and controller at the recorded instants. The estimator gets the poses as in flight, with the
+autopilot's own velocity and its resets, and the set-points that were sent. At each set-point in flight the controller
+says what it would have sent along the path that was flown. As no correction that it asks for is ever made, it keeps
+asking: its commands are livelier than in flight, most where the autopilot's velocity is corrected (by GPS).
 
-The shadow is our estimator and controller over a recording, at the recorded instants; deterministic. The estimator gets
-the poses as in flight, with the autopilot's own velocity and its resets, and the set-points that were sent, as they are
-what the vehicle obeyed. At each set-point in flight the controller says what it would have sent along the path that was
-flown. What it says goes nowhere: the next set-point is again the recorded one. So a correction that it asks for is
-never made, and it keeps asking: its commands are livelier than they would be in flight. Most of all where the
-autopilot's velocity is corrected (by GPS): that looks like wind, and wind is answered.
-
-What the recorded flight was meant to follow is not in the recording. What it did follow is: so the reference at each
-instant is a polynomial fitted to the poses around it (local regression; Savitzky and Golay's filter, but for uneven
-stamps), later poses included, as the whole path is known afterwards. A controller that understands the vehicle
-needs the same thrust and rates along it as those that were sent; it is not judged on where it would have flown.
-
-The reference speaks of what the estimator is shown. Where poses carry a velocity, the estimator takes it for the
-motion and lets the positions wander against it; so there the velocity and its derivatives are those of the recorded
-velocities, and only the position is that of the positions. Where poses carry none, all is that of the positions.
-
-The recorded vehicle is what a .tlog says of its poses, its set-points and when it may have been flying, and the
-configuration with which that is replayed.
+The reference is a polynomial fitted to the poses around each instant, later ones included (local regression; Savitzky
+and Golay's filter, but for uneven stamps). Where poses carry a velocity, the estimator takes it for the motion and lets
+the positions wander against it: there velocity and its derivatives are those of the recorded velocities.
 """
 
 import math
@@ -484,7 +472,7 @@ class Shadow:
 
 
 def replay(recording: RecordedVehicle, config: Config, path: FlownPath, hover: float | None) -> ShadowedFlight:
-    """Run the shadow over ``recording``; ``hover``: see path.py."""
+    """Run the shadow over ``recording``; ``hover``: see :func:`hover_share`."""
     shares = thrust_shares(recording.sent, config.thrust_curve)
     flags = flying(recording, shares, hover)
     shadow = Shadow(config, path)
@@ -590,7 +578,7 @@ class ShadowFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Estimated velocity against the autopilot's own, in flight: length of the difference [m/s]."""
     velocity_max_m_s: float | None
     velocity_path_rms_m_s: float | None
-    """Estimated velocity against how fast the recorded positions move (path.py), in flight: as above [m/s]."""
+    """Estimated velocity against how fast the recorded positions move, in flight: as above [m/s]."""
     own_velocity_path_rms_m_s: float | None
     """The autopilot's own velocity against the same: how far its velocity and its positions disagree [m/s]."""
     innovation_rms_m: float | None
@@ -606,7 +594,7 @@ def measure_facts(
     config: Config,
     hover: float | None,
 ) -> ShadowFacts:
-    """The numbers of one replay with ``config``; ``hover``: see path.py."""
+    """The numbers of one replay with ``config``; ``hover``: see :func:`hover_share`."""
     known = replayed.known
     air = [each for each in known if each.flying]
     intervals = np.array([b.pose.arrival_s - a.pose.arrival_s for a, b in pairwise(known) if a.flying or not air])

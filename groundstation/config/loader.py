@@ -1,19 +1,13 @@
 """Configuration: one TOML file and ``--set`` overrides into frozen structs, and back into TOML.
 
-Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged unions are its schema.
-A table needs only the keys that it changes: the rest comes from the field's default, also inside nested tables.
-Some sections may stand in a file of their own (a vehicle, a preset that comes along, a CSV): its path is relative to
-the configuration's. It is read once, when the configuration is, so that what was checked is what flies; the
-configuration in force holds what was in it and needs it no more. As text it has every key in force, beside the first
-sentence of its docstring.
-
-What was written is checked key by key, and completed from the defaults. The types are the schema (``msgspec.inspect``).
-msgspec checks them too, but its errors don't speak to an operator: what a key accepts, and what was written instead, is
-said here in words.
+Any ``msgspec.Struct`` may be the root; types, ``msgspec.Meta`` bounds, ``Literal`` and tagged unions are its schema. A
+table needs only the keys that it changes. Some sections may stand in a file of their own (a vehicle, a preset, a CSV),
+whose path is relative to the configuration's: it is read once, so that what was checked is what flies. msgspec checks
+the types too, but its errors don't speak to an operator.
 
 A factory is code of the user's own that a configuration names, ``kind = "package.module:factory"``. An object that
-Python already has is lent to a flight under such a name (:func:`lend`), without a module to import. What goes wrong in
-it is told in one sentence, with the user's own frames behind it (:class:`UserCodeFault`).
+Python already has is lent to a flight under such a name (:func:`lend`). What goes wrong in it is told in one sentence,
+with the user's own frames behind it (:class:`UserCodeFault`).
 """
 
 import copy

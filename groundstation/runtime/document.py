@@ -5,8 +5,8 @@ from pathlib import Path
 from groundstation.config import ConfigError
 
 
-def split_at_markers(path: Path, begin: str, end: str) -> tuple[str, str]:
-    """The text of ``path`` up to and with the marker ``begin``, and from the marker ``end`` on.
+def split_at_markers(path: Path, name: str = "figures") -> tuple[str, str]:
+    """The text of ``path`` up to and with the marker ``<!-- NAME:begin -->``, and from ``<!-- NAME:end -->`` on.
 
     Raises:
         ConfigError: the file can't be read, or has not just one pair of markers.
@@ -17,18 +17,19 @@ def split_at_markers(path: Path, begin: str, end: str) -> tuple[str, str]:
         raise ConfigError("--write", f"cannot read {path}: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise ConfigError("--write", f"{path} is not UTF-8 text (byte {error.start})") from None
+    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise ConfigError("--write", f"{path} needs a line {begin} and below it a line {end}, once each")
     return text[: text.index(begin) + len(begin)], text[text.index(end) :]
 
 
-def replace_between_markers(path: Path, begin: str, end: str, text: str) -> None:
-    """Replace what stands between the markers of ``path`` by ``text``.
+def replace_between_markers(path: Path, text: str, name: str = "figures") -> None:
+    """Replace what stands between the markers ``name`` of ``path`` by ``text``.
 
     Raises:
         ConfigError: the file can't be read or written, or has not just one pair of markers.
     """
-    before, after = split_at_markers(path, begin, end)
+    before, after = split_at_markers(path, name)
     try:
         path.write_text(f"{before}\n{text}\n{after}", "utf-8")
     except OSError as error:

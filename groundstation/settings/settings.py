@@ -1,10 +1,8 @@
 """Settings: the whole configuration of a ground station, one TOML file. Most sections stand with their thing.
 
-In a rehearsal every address is turned to one host of this machine's loopback network. There
-`groundstation-sim serve --config` plays tracker and autopilot of that very file. One table decides: a key that
-may hold an address stands in ``ADDRESSES`` with what becomes of it, every other text in ``TEXTS``; a test walks the
-schema, so that no new key is in neither. The host is the file's own, and its ports are nobody else's, so what listens
-on all addresses of this machine, as a router to a vehicle does, hears nothing of a rehearsal either.
+In a rehearsal every address is turned to one host of this machine's loopback network, the file's own, where
+`groundstation-sim serve --config` plays tracker and autopilot of that very file. A key that may hold an address stands
+in ``ADDRESSES`` with what becomes of it, every other text in ``TEXTS``; a test walks the schema.
 """
 
 import asyncio

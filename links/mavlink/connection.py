@@ -1,21 +1,15 @@
 """Connection: one wire to one autopilot, opened again when it is lost, heartbeats both ways, messages and hand-shakes.
 
-When the autopilot is heard again after a silence, or after its wire was lost, it is asked for its messages again, as
-it may have restarted. Set-points do not leave until the vehicle is armed anew: nobody knows what it did meanwhile.
+When the autopilot is heard again after a silence, or after its wire was lost, it may have restarted: it is asked for
+its messages again, and set-points do not leave until the vehicle is armed anew.
 
 A time stamp that signs a frame must never be used twice, also not after a restart with a clock that was set back: so
-the newest one is kept on disk beside the key, and the next run begins behind it. Nothing else of this package reads the
-machine's clock.
+the newest one is kept on disk beside the key, and the next run begins behind it.
 
-Transports: UDP, TCP or a serial port. A frame leaves at once or never: one that would have to wait is dropped, as it
-would be stale when it left.
-
-TCP repeats what got lost until it arrives, so a command may arrive late. Against that:
-
-- A frame is dropped where older ones have waited for their acknowledgement for longer than ``TCP_QUEUE_S``.
-- After ``TCP_STALL_S`` of that the connection is cut so that nothing in it arrives any more (SO_LINGER 0: a reset).
-
-What the other end has acknowledged and not read yet is out of our hands: prefer UDP where there is a choice.
+Transports: UDP, TCP or a serial port. A frame leaves at once or never. TCP repeats what got lost, so a command may
+arrive late. Against that a frame is dropped where older ones have waited for their acknowledgement for longer than
+``TCP_QUEUE_S``, and after ``TCP_STALL_S`` of that the connection is reset (SO_LINGER 0). What the other end has
+acknowledged and not read yet is out of our hands: prefer UDP where there is a choice.
 """
 
 import asyncio

@@ -1,19 +1,9 @@
 """Batch: many flights at once, N vehicles as arrays of shape (N,), from the same law, observer, predictor and plant.
 
 What :func:`sim.runs.flight.fly` does with one vehicle through wire bytes, this does with N: the same random numbers,
-the same cameras, frames, losses and outages, the same single-precision set-points. Only the orchestration is written
-again (a test holds both against each other): the controller on arrays, memory and all, and what the referee writes
-down. All vehicles are told the same and share the periods of frames and poses. The fleet is the truth about them, what
-:mod:`sim.runs.stage` and sim/trackers/trackers.py are to one: plants, wind, and cameras with poses that are noisy,
-late, and sometimes lost.
-
-Their estimator is :class:`groundstation.core.estimation.estimator.ModelEstimator` on arrays: the same pure functions on
-arrays of shape (N,), or on those vehicles whose pose has just arrived. Only what differs between one vehicle and many
-is written here: who has a pose, and which command acts when.
-
-Beside it the certificate of N flights (:class:`groundstation.core.control.adaptive.CertificateMonitor`): the same
-V_m against the same bound, and how long that lasts; nobody is told. Written again is only what the watch does step by
-step with numbers of one flight (a test holds both against each other).
+cameras, frames, losses and outages, the same single-precision set-points. Only the orchestration is written again (a
+test holds both against each other): who has a pose, which command acts when, the controller's memory, the certificate's
+watch, and what the referee writes down. All are told the same and share the periods of frames and poses.
 """
 
 import math

@@ -1,17 +1,13 @@
 """Kernel: a straight-line program as C, one loop over the vehicles in place of one pass an operation.
 
-The program is elementwise code written down by calling it once with symbols in place of its numbers. So the source
-(groundstation/core/geometry/so3.py says how it is written) stays the only one. It has its operations, in its order,
-each once: whoever computes them exactly as told gets the same bits.
+The program is elementwise code (groundstation/core/geometry/so3.py) written down by calling it once with symbols in
+place of its numbers. + - * / and roots are rounded the same everywhere, so C gives numpy's bits; other functions stay
+numpy's own, and the loop ends where one is needed. What the compiler makes runs as the user, so it is kept in the
+user's cache where nobody else can write, or not at all.
 
-+ - * / and roots are rounded the same everywhere, so C gives numpy's bits. Other functions stay numpy's own: the loop
-ends where one is needed, and the next one goes on from there. This machine's compiler makes machine code of it, which
-runs as the user, so it is kept in the user's cache where nobody else can write, or not at all.
-
-A stage is what an elementwise function makes of the state of all the vehicles, or of some. The function takes (ops,
-state, given) and returns (state, result). All are nested tuples: the state of arrays, which never move, what is given
-of arrays and numbers. Plain numbers in the state are constants. Stages are numpy's, or compiled; their figures are the
-same to the bit.
+A stage is what an elementwise function makes of the state of all the vehicles, or of some. It takes (ops, state, given)
+and returns (state, result), all nested tuples: the state of arrays, which never move, what is given of arrays and
+numbers. Plain numbers in the state are constants. Stages are numpy's, or compiled; their figures are the same.
 """
 
 import ctypes

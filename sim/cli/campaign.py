@@ -6,13 +6,14 @@ import os
 import shlex
 import sys
 import textwrap
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 
 import msgspec
 
 from groundstation.config import ConfigError
+from groundstation.runtime import replace_between_markers, split_at_markers
 from groundstation.settings import Config
 from sim.batch import choose_stages
 from sim.cli.console import ProgressBar
@@ -39,11 +40,8 @@ def campaign(args: argparse.Namespace, scenario: str, world: World, config: Conf
     start = perf_counter()
     if args.cluster is None and (note := choose_stages(args.kernel)[1]):
         print(note, file=sys.stderr)
-    quiet = args.json or not sys.stderr.isatty()
-    with (
-        _crew(args.cluster, here) as crew,
-        ProgressBar("flying", args.flights, quiet=quiet, unit="flights") as progress,
-    ):
+    flyers: AbstractContextManager[Crew] = nullcontext(Local(here)) if args.cluster is None else Cluster(args.cluster)
+    with flyers as crew, ProgressBar("flying", args.flights, quiet=args.json, unit="flights") as progress:
         rows, flown = run(
             shared,
             range(args.first_seed, args.first_seed + args.flights),
@@ -62,33 +60,21 @@ def campaign(args: argparse.Namespace, scenario: str, world: World, config: Conf
     return 0 if agree and all(row.survived for row in rows) else 1
 
 
-def _crew(address: str | None, workers: int) -> AbstractContextManager[Crew]:
-    return Cluster(address) if address is not None else nullcontext(Local(workers))
-
-
 def compare(args: argparse.Namespace) -> int:
     """Fly controllers side by side."""
-    from sim.studies import CONTROLLERS, check_markers, text_table, write_between_markers
+    from sim.studies import CONTROLLERS, text_table, write_between_markers
     from sim.studies import compare as fly_side_by_side
     from sim.studies import plot as draw
 
     if args.plot is not None:
         check_plot(args.plot)
     if args.write is not None:
-        check_markers(args.write)
+        split_at_markers(args.write)
     if args.equal_margins:
         return _at_equal_margins(args)
     if args.table is not None or args.trials is not None:
         raise ConfigError("--table" if args.table is not None else "--trials", "is for --equal-margins")
-    quiet = args.json or not sys.stderr.isatty()
-    with ExitStack() as stack:
-        shown: list[ProgressBar] = []  # once something flies: what can't fly says so without a bar
-
-        def show(done: int, of: int) -> None:
-            if not shown:
-                shown.append(stack.enter_context(ProgressBar("flights", of, quiet=quiet)))
-            shown[0].at(done)
-
+    with ProgressBar("flights", quiet=args.json) as bar:
         try:
             found = fly_side_by_side(
                 args.controllers or CONTROLLERS,
@@ -98,7 +84,7 @@ def compare(args: argparse.Namespace) -> int:
                 overrides=args.overrides,
                 workers=args.workers or os.cpu_count() or 1,
                 traced=args.plot is not None,
-                on_done=show,
+                on_done=bar.at,
             )
         except ConfigError as error:
             if error.key != "controller.kind" or args.controllers is None:
@@ -125,7 +111,6 @@ def _at_equal_margins(args: argparse.Namespace) -> int:
         describe_terms,
         draw_equal_margins,
         equal_margins_table,
-        put_between_markers,
         read_trials,
         write_trials,
     )
@@ -143,11 +128,8 @@ def _at_equal_margins(args: argparse.Namespace) -> int:
     laws = [law for law in SEARCHED_LAWS if not args.controllers or law.name.partition(",")[0] in args.controllers]
     table: Path | None = args.table
     steps = sum(args.trials + 1 if law.start else 2 for law in laws)
-    quiet = args.json or not sys.stderr.isatty()
-    with (
-        Flyers(args.workers or os.cpu_count() or 1) as flyers,
-        ProgressBar("evaluations", steps, quiet=quiet) as progress,
-    ):
+    workers = args.workers or os.cpu_count() or 1
+    with Flyers(workers) as flyers, ProgressBar("evaluations", steps, quiet=args.json) as progress:
         found = compare_at_equal_margins(
             flyers,
             trials=args.trials,
@@ -161,7 +143,7 @@ def _at_equal_margins(args: argparse.Namespace) -> int:
         draw_equal_margins(found.rows).savefig(args.plot, dpi=150)
     shown = f"{equal_margins_table(found.rows)}\n\n{textwrap.fill(describe_terms(args.trials, args.seeds), 118)}"
     if args.write is not None:
-        put_between_markers(args.write, shown)
+        replace_between_markers(args.write, shown)
     print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else shown)
     return 0
 

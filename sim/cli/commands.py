@@ -7,18 +7,19 @@ floor to the figure and back, with one vehicle or several; told in words or as J
 import argparse
 import asyncio
 import json
-import sys
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable
+from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
 from groundstation.config import ConfigError, load, read_toml
 from groundstation.core.messages import STEADY_S
 from groundstation.flight import ensure_flyable
-from groundstation.runtime import require_package
+from groundstation.runtime import replace_between_markers, require_package, split_at_markers
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
@@ -40,8 +41,10 @@ from sim.world import World
 if TYPE_CHECKING:
     from sim.runs import FleetMission, Run
 
+T = TypeVar("T")
 
-def proving(command: str, module: str) -> Any:
+
+def load_proving(command: str, module: str) -> Any:
     """The module ``module`` of tests/proving, for ``command``; what only proves is not in the wheel.
 
     Raises:
@@ -54,29 +57,12 @@ def proving(command: str, module: str) -> Any:
     return import_module(f"tests.proving.{module}")
 
 
-def faults(args: argparse.Namespace) -> int:
-    """Break one thing in every state of a mission."""
-    return int(proving("faults", "commands").faults(args))
+def _prove(command: str, module: str, args: argparse.Namespace) -> int:
+    return int(getattr(load_proving(command, module), command)(args))
 
 
-def alarms(args: argparse.Namespace) -> int:
-    """Fly true flights, and see how near the monitor of the poses came to accusing them."""
-    return int(proving("alarms", "alarms").alarms(args))
-
-
-def soak(args: argparse.Namespace) -> int:
-    """Fly for hours, and see whether anything grows."""
-    return int(proving("soak", "commands").soak(args))
-
-
-def firmware(args: argparse.Namespace) -> int:
-    """Measure what Betaflight's own firmware does with ours."""
-    return int(proving("firmware", "firmware").firmware(args))
-
-
-def fuzz(args: argparse.Namespace) -> int:
-    """Feed decoders random and damaged bytes."""
-    return int(proving("fuzz", "commands").fuzz(args))
+faults, soak, fuzz = (partial(_prove, command, "commands") for command in ("faults", "soak", "fuzz"))
+alarms, firmware = (partial(_prove, command, command) for command in ("alarms", "firmware"))
 
 
 def compare(args: argparse.Namespace) -> int:
@@ -104,7 +90,7 @@ def tune(args: argparse.Namespace) -> int:
 
 def bench(args: argparse.Namespace) -> int:
     """Measure this machine."""
-    bench_ = proving("bench", "bench.bench")
+    bench_ = load_proving("bench", "bench.bench")
     for name in args.what:
         if name not in bench_.WHAT:
             raise ConfigError("bench", f"expected some of {list(bench_.WHAT)}, got {name!r}")
@@ -118,50 +104,45 @@ def bench(args: argparse.Namespace) -> int:
 
 def bring_down(args: argparse.Namespace) -> int:
     """Cut flights short, and tell how the bring-down ends."""
-    from sim.cli import ProgressBar
-    from sim.studies import CAUSES, check_markers, cut_all, markdown, put_between_markers
+    from sim.studies import CAUSES, cut_all, markdown
 
-    for name in args.scenarios:
-        scenario_of(name)
-    if args.write is not None:
-        check_markers(args.write)
-    total = len(args.scenarios) * len(CAUSES) * args.flights
-    with ProgressBar("flights", total, quiet=not sys.stderr.isatty()) as counter:
-        falls = []
-        for fall in cut_all(args.scenarios, args.flights):
-            falls.append(fall)
-            counter.at(len(falls))
-    table = markdown(falls)
-    print(table)
-    if args.write is not None:
-        command = f"groundstation-sim bring-down --flights {args.flights} --write {args.write.name}"
-        made = f"{args.flights} flights each: medians, the worst in brackets. Made by `{command}`."
-        put_between_markers(args.write, f"{table}\n\n{made}")
+    falls = _count_flights(args, len(CAUSES), lambda: cut_all(args.scenarios, args.flights))
+    _show(args, "bring-down", markdown(falls), f"{args.flights} flights each: medians, the worst in brackets. ")
     return 0
 
 
 def intervals(args: argparse.Namespace) -> int:
     """Fly excitation flights, and count how often the truth lies within what is identified of them."""
+    from sim.studies import coverage_table, identify_flights
+
+    flown = _count_flights(
+        args, 1, lambda: (f for name in args.scenarios for f in identify_flights(name, args.flights))
+    )
+    _show(args, "intervals", coverage_table(list(chain.from_iterable(flown)), args.flights))
+    return 0
+
+
+def _count_flights(args: argparse.Namespace, kinds: int, fly_all: Callable[[], Iterable[T]]) -> list[T]:
+    """All that ``fly_all`` makes of ``kinds`` of flights in each scenario; what can't be done is said before."""
     from sim.cli import ProgressBar
-    from sim.studies import check_markers, coverage_table, identify_flights, put_between_markers
 
     for name in args.scenarios:
         scenario_of(name)
     if args.write is not None:
-        check_markers(args.write)
-    found = []
-    with ProgressBar("flights", len(args.scenarios) * args.flights, quiet=not sys.stderr.isatty()) as counter:
-        for number, told in enumerate(
-            flight for name in args.scenarios for flight in identify_flights(name, args.flights)
-        ):
-            found += told
-            counter.at(number + 1)
-    table = coverage_table(found, args.flights)
+        split_at_markers(args.write)
+    made = []
+    with ProgressBar("flights", len(args.scenarios) * kinds * args.flights) as counter:
+        for one in fly_all():
+            made.append(one)
+            counter.step()
+    return made
+
+
+def _show(args: argparse.Namespace, command: str, table: str, about: str = "") -> None:
     print(table)
     if args.write is not None:
-        command = f"groundstation-sim intervals --flights {args.flights} --write {args.write.name}"
-        put_between_markers(args.write, f"{table}\n\nMade by `{command}`.")
-    return 0
+        words = f"groundstation-sim {command} --flights {args.flights} --write {args.write.name}"
+        replace_between_markers(args.write, f"{table}\n\n{about}Made by `{words}`.")
 
 
 def scenarios(args: argparse.Namespace) -> int:
@@ -236,7 +217,7 @@ def completion(args: argparse.Namespace) -> int:
 
 def reference(args: argparse.Namespace) -> int:
     """Print or write the pages of docs/reference that are made from the code."""
-    print(proving("reference", "reference").reference_command(args.write))
+    print(load_proving("reference", "reference").reference_command(args.write))
     return 0
 
 
@@ -253,15 +234,7 @@ def fly(args: argparse.Namespace) -> int:
         if args.out is None:
             raise ConfigError("--view", "shows what was recorded: expected --out DIR beside it")
         require_package(args.view, "--view", "view")
-    quiet = args.json or not sys.stderr.isatty()
-    with ExitStack() as stack:
-        shown: list[ProgressBar] = []  # once the flight begins: what can't fly says so without a bar
-
-        def show(done_s: float, of_s: float) -> None:
-            if not shown:
-                shown.append(stack.enter_context(ProgressBar("flying", of_s, quiet=quiet, unit="s", digits=1)))
-            shown[0].at(done_s)
-
+    with ProgressBar("flying", quiet=args.json, unit="s", digits=1) as bar:
         run = simulate(
             args.scenario,
             controller=args.controller,
@@ -274,7 +247,7 @@ def fly(args: argparse.Namespace) -> int:
             autopilot=args.autopilot,
             out=args.out,
             record=args.out is not None,
-            on_progress=show,
+            on_progress=bar.at,
         )
     print(json.dumps(run.facts) if args.json else summary(run.facts, args.out, paper=_is_papers(args, run)), flush=True)
     if args.view is not None:

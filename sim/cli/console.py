@@ -2,7 +2,6 @@
 
 import sys
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from groundstation.core.messages import STEADY_S
@@ -13,45 +12,49 @@ PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 
 
 class ProgressBar:
-    """A bar on stderr while a flight is flown, or many things are done."""
+    """A bar on stderr while a flight is flown, or many things are done; it is shown once it is known of how many."""
 
-    def __init__(self, label: str, total: float, *, quiet: bool, unit: str | None = None, digits: int = 0) -> None:
-        """``quiet`` shows nothing (and imports nothing); ``unit`` is what ``total`` counts in, None for things."""
-        self._label, self._total, self._quiet = label, total, quiet
+    def __init__(
+        self, label: str, total: float | None = None, *, quiet: bool = False, unit: str | None = None, digits: int = 0
+    ) -> None:
+        """``quiet``, or with no terminal, nothing is shown; ``unit`` is what ``total`` counts in, None for things."""
+        self._label, self._total, self._quiet = label, total, quiet or not sys.stderr.isatty()
         self._format = None if unit is None else f"{{task.completed:5.{digits}f}} of {{task.total:.0f}} {unit}"
+        self._bar: Any = None
+        self._done = 0.0
 
     def __enter__(self) -> "ProgressBar":
-        if not self._quiet:
-            from rich.console import Console
-            from rich.progress import (
-                BarColumn,
-                MofNCompleteColumn,
-                Progress,
-                TextColumn,
-                TimeElapsedColumn,
-                TimeRemainingColumn,
-            )
-
-            columns = (
-                (MofNCompleteColumn(), TimeRemainingColumn())
-                if self._format is None
-                else (TextColumn(self._format), TimeElapsedColumn())
-            )
-            console = Console(file=raw_stream(sys.stderr))
-            self._bar = Progress(TextColumn(self._label), BarColumn(), *columns, console=console)
-            self._bar.start()
-            self._task = self._bar.add_task(self._label, total=self._total)
+        if self._total is not None:
+            self.at(0.0)
         return self
 
-    def at(self, done: float) -> None:
-        """So much is ``done``."""
-        if not self._quiet:
-            self._bar.update(self._task, completed=min(done, self._total))
+    def at(self, done: float, total: float | None = None) -> None:
+        """So much is ``done``, of ``total``."""
+        self._done, self._total = done, total or self._total
+        if self._quiet or self._total is None:
+            return
+        if self._bar is None:
+            self._bar = self._make_bar()
+            self._bar.start()
+            self._task = self._bar.add_task(self._label, total=self._total)
+        self._bar.update(self._task, completed=min(done, self._total))
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if not self._quiet:
+    def step(self) -> None:
+        """One more is done."""
+        self.at(self._done + 1)
+
+    def _make_bar(self) -> Any:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import TimeRemainingColumn as Remaining
+
+        columns = (
+            (TextColumn(self._format), TimeElapsedColumn()) if self._format else (MofNCompleteColumn(), Remaining())
+        )
+        return Progress(TextColumn(self._label), BarColumn(), *columns, console=Console(file=raw_stream(sys.stderr)))
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
             self._bar.stop()
 
 

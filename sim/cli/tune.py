@@ -15,9 +15,9 @@ import msgspec
 from groundstation.config import ConfigError
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
+from groundstation.runtime import replace_between_markers, split_at_markers
 from groundstation.settings import Config
 from sim.cli.console import ProgressBar
-from sim.studies import check_markers, put_between_markers
 from sim.studies.tune import (
     AXES,
     SEARCH_SEED,
@@ -53,23 +53,16 @@ def report(args: argparse.Namespace) -> int:
     if args.out is not None:
         raise ConfigError("--out", "a report writes no configuration; --write puts it into a document")
     if args.write is not None:
-        check_markers(args.write)
-    quiet = args.json or not sys.stderr.isatty()
-    done = 0
-    with Flyers(_workers(args)) as flyers, ProgressBar("margins", len(stages) * len(AXES), quiet=quiet) as counter:
-
-        def count_margin() -> None:
-            nonlocal done
-            done += 1
-            counter.at(done)
-
+        split_at_markers(args.write)
+    margins = len(stages) * len(AXES)
+    with Flyers(_workers(args)) as flyers, ProgressBar("margins", margins, quiet=args.json) as counter:
         reports = [
-            measured(stage, flyers, seeds=args.seeds, duration_s=args.duration, on_found=count_margin)
+            measured(stage, flyers, seeds=args.seeds, duration_s=args.duration, on_found=counter.step)
             for stage in stages
         ]
     if args.write is not None:
         made = textwrap.fill(criterion(reports[0]), 118)
-        put_between_markers(args.write, f"{markdown_table(reports)}\n\n{made}\nMade by `{_command()}`.")
+        replace_between_markers(args.write, f"{markdown_table(reports)}\n\n{made}\nMade by `{_command()}`.")
     if args.json:
         print(json.dumps({"margins": msgspec.to_builtins(reports)}))
     else:
@@ -96,7 +89,7 @@ def search(args: argparse.Namespace) -> int:
     base = own(args.config, args.overrides) or station_of(stages[0])
     keeper = _Keeper(base, args.out)
     with Flyers(_workers(args)) as flyers:
-        with ProgressBar("trials", args.trials, quiet=args.json or not sys.stderr.isatty()) as counter:
+        with ProgressBar("trials", args.trials, quiet=args.json) as counter:
 
             def show_trial(trial: TuningTrial, best: TuningTrial) -> None:
                 counter.at(trial.number + 1)

@@ -1,16 +1,9 @@
 """Comparison: controllers side by side in the same scenarios, with the same seeds, estimator and wire bytes.
 
-Several processes fly it. Its table is for people, and for documents, between the markers that they hold for it.
-
-As a picture: RMS error by scenario, and the error through the gust front over time.
-
-At equal margins every law is tuned by the same search under the same floors, its best reflown on other seeds. A
-comparison of laws with gains of anybody's choice compares the choices: stiffer is closer, until the world is wrong.
-Here the gains of each law are searched (:mod:`sim.studies.tune.tune`) with the same number of evaluations, for the
-geometric mean of its RMS errors in two scenarios. None may win that does not still fly them with so much more delay, so
-wrong a thrust and so wrong a rate lag as :data:`FLOORS` say, that takes more effort than :data:`EFFORT_RAD_S`, or that
-fails on rotors. All get our estimate and our inversion of the lags. Each starts from round gains, and is searched
-within a factor of :data:`SPREAD` around these.
+At equal margins the gains of each law are searched (:mod:`sim.studies.tune.tune`) with the same number of evaluations,
+for the geometric mean of its RMS errors in two scenarios, and its best reflown on other seeds. None may win that does
+not fly them with what :data:`FLOORS` have wrong, that takes more effort than :data:`EFFORT_RAD_S`, or that fails on
+rotors. All get our estimate and our inversion of the lags, and start from round gains.
 """
 
 import concurrent.futures as cf  # noqa: TID251  # processes, not threads, and none of them around an event loop
@@ -31,7 +24,7 @@ from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend, several, without_frames
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S, Tick
-from groundstation.runtime import replace_between_markers, require_package, split_at_markers
+from groundstation.runtime import replace_between_markers, require_package
 from sim.runs import TrueTrack, Workers, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.tune import (
@@ -341,7 +334,6 @@ def _middle(values: list[float | None], crashed: int) -> float | None:
     return median(known) if known and not crashed else None
 
 
-BEGIN, END = "<!-- figures:begin -->", "<!-- figures:end -->"
 NOTE = (
     "The error is the true one, from 15 s on. The baselines fly on our estimate and send commands as published, "
     "without inverting\nthe actuators' lags; `docs/decisions/0006-baselines.md` has both."
@@ -381,15 +373,6 @@ def markdown_table(rows: Sequence[ComparisonRow]) -> str:
     return "\n".join(lines)
 
 
-def check_markers(path: Path) -> None:
-    """Look for the markers in ``path``, before any work is done.
-
-    Raises:
-        ConfigError: it can't be read, or has not just one pair of them.
-    """
-    split_at_markers(path, BEGIN, END)
-
-
 def write_between_markers(path: Path, rows: Sequence[ComparisonRow], command: str) -> None:
     """Replace what stands between the markers of ``path`` by the table and by the ``command`` that made it.
 
@@ -400,16 +383,7 @@ def write_between_markers(path: Path, rows: Sequence[ComparisonRow], command: st
     what = f"Medians over {flights} flights each" if flights > 1 else "One flight each"
     spread = ", smallest and largest in brackets" if flights > 1 else ""
     made = f"{what}{spread}; made by `{command}`.\n{NOTE}"
-    put_between_markers(path, f"{markdown_table(rows)}\n\n{made}")
-
-
-def put_between_markers(path: Path, shown: str) -> None:
-    """Replace what stands between the markers of ``path`` by ``shown``.
-
-    Raises:
-        ConfigError: the file can't be read or written, or has not just one pair of markers.
-    """
-    replace_between_markers(path, BEGIN, END, shown)
+    replace_between_markers(path, f"{markdown_table(rows)}\n\n{made}")
 
 
 def _cells(row: ComparisonRow) -> tuple[str, ...]:

@@ -1,10 +1,8 @@
 """Gale study: what published laws do in a wind tunnel that was built of published logs, beside what was measured there.
 
-Before anything of ours may be believed in this tunnel, it has to give back the flights that were flown in it: three
-published laws, as recovered from their logged commands, in five winds. They fly through the attitude set-point loop and
-the thrust of :mod:`sim.scenarios.gale`, at 50 Hz. Most of the agreement comes from the recovered gains; so the same
-table without any aerodynamics (``aerodynamics=False``) says how much power the test has. All flights run side by side
-in arrays, each column one law, wind and seed; z is up.
+Three published laws, as recovered from their logged commands, fly in five winds through the attitude set-point loop and
+the thrust of :mod:`sim.scenarios.gale`, at 50 Hz, side by side in arrays; z is up. The same table without aerodynamics
+says how much power the test has, as most of the agreement comes from the recovered gains.
 """
 
 import json
@@ -34,7 +32,6 @@ VELOCITY_NOISE_M_S = 2e-3
 CLOSE = 0.3
 """A figure is given back if it lies within this share of the measured one."""
 HEADS = ("calm", "4.2 m/s", "8.5 m/s", "8.5 + 2.2 sin(t + 5) m/s", "12.1 m/s")
-BEGIN, END = "<!-- gale:begin -->", "<!-- gale:end -->"
 
 
 class RecoveredLaw(NamedTuple):
@@ -327,7 +324,7 @@ def gale_command(write: Path | None, seeds: int, ours: int, *, as_json: bool) ->
         "of": len(flown),
     }
     if write is not None:
-        replace_between_markers(write, BEGIN, END, "\n".join(lines))
+        replace_between_markers(write, "\n".join(lines), "gale")
         print(f"{write} written")
     elif as_json:
         print(json.dumps(facts))

@@ -10,7 +10,7 @@ from groundstation.core.geometry import FLOATS, so3
 from links.core import thrust
 from sim.scenarios import SCENARIOS, gale
 from sim.studies import gale_command
-from sim.studies.gale import BEGIN, END, LAWS, PublishedFlight, fly_ours, fly_published
+from sim.studies.gale import LAWS, PublishedFlight, fly_ours, fly_published
 from sim.world import AirDrag, Body, TrueState, compute_drag, with_noise
 from tests.flown_once import once
 
@@ -119,7 +119,7 @@ def test_the_command_says_it_and_writes_it_between_markers(
     assert facts["of"] == 15 == len(facts["flights"])
     assert facts["null_close"] < facts["close"]
     page = tmp_path / "page.md"
-    page.write_text(f"above\n{BEGIN}\nold\n{END}\nbelow\n", "utf-8")
+    page.write_text("above\n<!-- gale:begin -->\nold\n<!-- gale:end -->\nbelow\n", "utf-8")
     gale_command(page, 5, 0, as_json=False)
     text = page.read_text("utf-8")
     assert text.startswith("above\n") and text.endswith("below\n") and "old" not in text

@@ -1,10 +1,8 @@
 """False alarms, ``groundstation-sim alarms``: true flights from the floor with the monitor of the poses armed.
 
-It is told how near the monitor came to accusing them; and the other side of the same coin, how long it takes to see
-that the picture stands, by the threshold that convicts. Or the monitor over a recorded flight: its poses and the set-
-points that were sent, as a flight would. The shadow of ``groundstation replay`` reads the recording, finds where it
-flew on set-points of rates and thrust, and what carried it. The poses are the autopilot's own there, so that there is
-no second witness: in flight it is not asked then either.
+How near the monitor came to accusing them; how long it takes to see that the picture stands, by the threshold that
+convicts; or the monitor over a recorded flight, which the shadow of ``groundstation replay`` reads. There the poses are
+the autopilot's own, so that there is no second witness.
 """
 
 import argparse
@@ -41,12 +39,11 @@ from groundstation.core.mission import FINAL
 from groundstation.core.safety import NODE_S, WANDERING_M, Conviction, PoseEvidence, charge_lateness
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
-from groundstation.runtime import sleep_until
+from groundstation.runtime import replace_between_markers, sleep_until, split_at_markers
 from groundstation.settings import Config
 from sim.cli import ProgressBar
 from sim.runs import MISSION_CONFIRM_S, Stage, Workers, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
-from sim.studies import check_markers, put_between_markers
 from sim.trackers import Tracker
 from sim.world import rows, stream
 from tests.proving.faults import Meddler, Struck, still
@@ -257,15 +254,14 @@ def alarms(args: argparse.Namespace) -> int:
     if args.write is not None:
         if not args.curve:
             raise ConfigError("--write", "only the table of --curve is written")
-        check_markers(args.write)
+        split_at_markers(args.write)
     names = CURVE if args.curve else (args.scenario or "adverse",)
     for name in names:  # what can't be flown is told before anything is
         world, config = prepare(scenario_of(name), args.overrides, source=args.source, link=args.link)
         ensure_flyable(from_floor(world, config, args.duration)[1])
     found = dict[str, Alarms]()
-    quiet = args.json or not sys.stderr.isatty()
     for name in names:
-        with ProgressBar(f"flights of {name}", args.flights, quiet=quiet) as counter:
+        with ProgressBar(f"flights of {name}", args.flights, quiet=args.json) as counter:
             found[name] = watch_all(
                 name, range(args.seed, args.seed + args.flights), overrides=args.overrides, source=args.source,
                 link=args.link, figure_s=args.duration, workers=args.workers or os.cpu_count() or 1,
@@ -278,7 +274,7 @@ def alarms(args: argparse.Namespace) -> int:
         if args.write is not None:
             words = [word for word in sys.argv[1:] if word != "--json"]
             made = f"Made by `{shlex.join(['groundstation-sim', *words])}`."
-            put_between_markers(args.write, f"{table} {made}")
+            replace_between_markers(args.write, f"{table} {made}")
     else:
         ((name, one),) = found.items()
         print(json.dumps(facts(name, one)) if args.json else text(name, one))

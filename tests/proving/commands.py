@@ -30,7 +30,7 @@ def faults(args: argparse.Namespace) -> int:
     if not work:
         raise ConfigError("--state", f"{args.fault} is not flown there" + (" with --quick" if args.quick else ""))
     flown: list[list[Row]] = []
-    with ProgressBar("cells", args.seeds * len(work), quiet=args.json or not sys.stderr.isatty()) as counter:
+    with ProgressBar("cells", args.seeds * len(work), quiet=args.json) as counter:
         for number in range(args.seeds):
 
             def count(done: int, before: int = number * len(work)) -> None:  # that of this round
@@ -61,7 +61,7 @@ def soak(args: argparse.Namespace) -> int:
     from tests.proving.soak import text
 
     scenario_of(args.scenario)
-    with ProgressBar("flying", args.hours, quiet=args.json or not sys.stderr.isatty(), unit="h", digits=1) as progress:
+    with ProgressBar("flying", args.hours, quiet=args.json, unit="h", digits=1) as progress:
         facts = fly_on(args.hours, scenario=args.scenario, seed=args.seed, on_progress=progress.at)
     print(json.dumps(msgspec.to_builtins(facts)) if args.json else text(facts))
     return 0 if facts.passed else 1
@@ -81,8 +81,7 @@ def fuzz(args: argparse.Namespace) -> int:
             )
         if name is not None or (args.source is None and args.link is None):
             chosen |= {key: make for key, make in table.items() if name in (None, key.split()[0])}
-    quiet = args.json or not sys.stderr.isatty()
-    with ProgressBar("datagrams", args.count * len(chosen), quiet=quiet) as counter:
+    with ProgressBar("datagrams", args.count * len(chosen), quiet=args.json) as counter:
         total = fuzz_all(chosen, args.count, args.seed, counter.at)
     print(json.dumps(msgspec.to_builtins(total)) if args.json else text(total))
     return 0 if total.exceptions == 0 and total.mismatches == 0 else 1

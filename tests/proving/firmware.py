@@ -34,7 +34,6 @@ WATCHED_S = 5.0
 """How long the world goes on after a strike [s]."""
 TAKE_OFFS = 20
 SEEDS = range(3)
-BEGIN, END = "<!-- firmware:begin -->", "<!-- firmware:end -->"
 
 
 class StrikeOutcome(NamedTuple):
@@ -293,7 +292,7 @@ def firmware(args: argparse.Namespace) -> int:
     text = tables(facts)
     print(json.dumps(facts) if args.json else text)
     if args.write is not None:
-        replace_between_markers(args.write, BEGIN, END, text)
+        replace_between_markers(args.write, text, "firmware")
     return 0
 
 

@@ -1,5 +1,6 @@
 """The mission table: total where it must be, every state reached, and a way out of each."""
 
+import argparse
 from pathlib import Path
 
 import pytest
@@ -8,12 +9,10 @@ from groundstation.core.messages import Ask, Request
 from groundstation.core.messages.snapshot import decode
 from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
 from groundstation.core.mission.mission import IllegalMove
-from groundstation.interfaces.cli.commands import STATES_BEGIN as BEGIN
-from groundstation.interfaces.cli.commands import STATES_END as END
-from groundstation.interfaces.cli.commands import mermaid
+from groundstation.interfaces.cli.commands import mermaid, states
 from groundstation.interfaces.cli.commands import states_page as markdown
-from groundstation.interfaces.cli.commands import write_states as write
 
+BEGIN, END = "<!-- states:begin -->", "<!-- states:end -->"
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "mission.md"
 
 
@@ -117,5 +116,5 @@ def test_the_page_shows_the_table_that_flies() -> None:
 def test_writing_the_diagram_leaves_the_rest_of_the_page(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", "utf-8")
-    write(page)
+    states(argparse.Namespace(write=page))
     assert page.read_text("utf-8") == f"before\n{BEGIN}\n{markdown()}\n{END}\nafter\n"

@@ -1,5 +1,6 @@
 """The published JSON Schemas are those of the code, and what is published keeps to them."""
 
+import argparse
 import math
 import re
 from pathlib import Path
@@ -11,11 +12,10 @@ from jsonschema import Draft202012Validator
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import Snapshot
+from groundstation.interfaces.mqtt import mqtt_command
 from groundstation.interfaces.mqtt import requests as gatekeeper
-from groundstation.interfaces.mqtt.command import TOPICS_BEGIN as BEGIN
-from groundstation.interfaces.mqtt.command import TOPICS_END as END
 from groundstation.interfaces.mqtt.command import schema_text as text
-from groundstation.interfaces.mqtt.command import schemas, topics_table, write_topics
+from groundstation.interfaces.mqtt.command import schemas, topics_table
 from groundstation.interfaces.mqtt.messages import (
     TOPICS,
     EventMessage,
@@ -27,6 +27,7 @@ from groundstation.interfaces.mqtt.messages import (
 from groundstation.interfaces.mqtt.requests import Place, decode_request, is_sealed, seal_answer, seal_request
 from tests.sample_flight import sample
 
+BEGIN, END = "<!-- mqtt-topics:begin -->", "<!-- mqtt-topics:end -->"
 DOCS = Path(__file__).parents[2] / "docs" / "reference"
 KEY, PLACE = bytes(range(32)), Place("lab", "mqx")
 REQUEST = seal_request(KEY, PLACE, "0" * 32, "tablet", 1, "land", 2, "wind")
@@ -60,11 +61,11 @@ def test_the_table_of_topics_is_what_the_command_writes(tmp_path: Path) -> None:
     assert f"{BEGIN}\n{topics_table()}\n{END}" in page
     old = tmp_path / "mqtt.md"
     old.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
-    write_topics(old)
+    mqtt_command(argparse.Namespace(verb="topics", write=old))
     assert old.read_text("utf-8") == f"before\n{BEGIN}\n{topics_table()}\n{END}\nafter\n"
     old.write_text("no markers")
     with pytest.raises(ConfigError, match="needs a line"):
-        write_topics(old)
+        mqtt_command(argparse.Namespace(verb="topics", write=old))
 
 
 def test_every_topic_with_json_has_a_schema_and_an_example_here() -> None:

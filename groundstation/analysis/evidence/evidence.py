@@ -1,19 +1,13 @@
 """Evidence, ``groundstation evidence FLIGHT…``: how well our estimator predicts a recorded flight.
 
-At each pose of the part that flies, the estimator that flies here has seen the poses up to then and the commands that
-had been sent; it says where the vehicle will be, and the pose that is measured then is the judge. Beside it stand
-p + v t (v over 50 ms) and constant acceleration (over 100 ms). Nothing of the filter is fitted to the flight's
-innovations: its noise is that of the source, from differences of the positions alone.
+At each pose of the part that flies, the estimator has seen the poses up to then and the commands that had been sent; it
+says where the vehicle will be, and the pose that is measured then is the judge. Beside it stand p + v t (v over 50 ms)
+and constant acceleration (over 100 ms). The filter's noise is that of the source, from differences of the positions.
 
-What a flight commanded is turned into thrust and body rates. An attitude set-point becomes body rates by the gain of
-the autopilot's attitude loop (mapping), about the attitude that was measured; where nobody commanded any, the body
-keeps turning as it turned last. The signal that hovers is read from the flight, where its source does not tell.
-
-The attitude loop of an autopilot that was commanded attitudes is found from how the attitude followed them: roll and
-pitch each follow their set-point u by φ˙ = ω, τ ω˙ = P (u(t - δ) - φ) - ω, with one P, τ and δ for both.
-The loop is linear: every (P, τ) of a grid is simulated once, and a delay is a shift of what comes of it. What differs
-by a constant is a trim. Intervals are by the jackknife over eight parts of the flight (B. Efron, 1982), and no narrower
-than the grid.
+An attitude set-point becomes body rates by the gain of the autopilot's attitude loop (mapping), about the measured
+attitude. That loop is found from how the attitude followed: φ˙ = ω, τ ω˙ = P (u(t - δ) - φ) - ω, with one P, τ and δ
+for roll and pitch. It is linear: every (P, τ) of a grid is simulated once, and a delay is a shift. What differs by a
+constant is a trim. Intervals are by the jackknife over eight parts of the flight (B. Efron, 1982).
 """
 
 import json
@@ -660,11 +654,10 @@ def evidence_command(paths: Sequence[Path], write: Path | None, part: str, *, as
         ConfigError: one of them is no recording of a flight, or the page can't be written.
     """
     if write is not None:
-        split_at_markers(write, f"<!-- {part}:begin -->", f"<!-- {part}:end -->")  # before minutes go by
+        split_at_markers(write, part)  # before minutes go by
     flights = [examine_flight(path) for path in paths]
     if write is not None:
-        lines = "\n".join(tabulate_flights(flights))
-        replace_between_markers(write, f"<!-- {part}:begin -->", f"<!-- {part}:end -->", lines)
+        replace_between_markers(write, "\n".join(tabulate_flights(flights)), part)
         print(f"{write} written")
         return 0
     print(json.dumps({"flights": flights}) if as_json else "\n\n".join(map(describe_flight, flights)))

@@ -1,13 +1,11 @@
 """Import, ``groundstation import FILE… --map MAP --out FLIGHT.mcap``: a flight that others recorded, as a recording.
 
-Poses stand where those of our own flights do (``/measured``); what the vehicle was commanded, the reference and the
-truth have channels of their own (``/imported/…``), so that nobody takes them for commands of this program. A recording
-of that kind has no configuration. What the file does not hold is said, and stays out.
+Poses stand where those of our own flights do (``/measured``); commands, reference and truth have channels of their own
+(``/imported/…``), so that nobody takes them for ours. Such a recording has no configuration.
 
-A mapping says how the columns of such a file become poses, commands, reference and truth. It is TOML, one that comes
-along (``groundstation/mappings``) or a file: columns, units, axes, order of quaternions and time base are named in it,
-nothing is guessed. Tables are what the form of the file has: of CSV the file itself, of a ULog its topics, of an
-ArduPilot .bin its message types, of a recording of ours its channels.
+A mapping is TOML, one that comes along (``groundstation/mappings``) or a file: it names columns, units, axes, order of
+quaternions and time base; nothing is guessed. Tables are what the form of the file has: of CSV the file itself, of a
+ULog its topics, of an ArduPilot .bin its message types, of a recording of ours its channels.
 """
 
 import csv

@@ -1,31 +1,23 @@
 """Waypoints: smooth ways through given points, sparse or dense, from a configuration or a CSV file.
 
-From rest at the first, through all of them, to rest at the last, as smoothly as can be. Between them fly polynomials of
-degree 7 with the least snap (C⁶ at every waypoint), or of degree 5 with the least jerk (C⁴; jerk steps at both ends).
-Times are given, or found from limits of speed and acceleration.
+From rest at the first, through all of them, to rest at the last. Between them fly polynomials of degree 7 with the
+least snap (C⁶ at every waypoint), or of degree 5 with the least jerk (C⁴; jerk steps at both ends). Times are given, or
+found from limits of speed and acceleration: first those of least ∫|p^(r)|² for a given duration, by the sign of the
+gradient (Rprop, in the logarithm of each leg's time). With the derivatives at the knots in d, a leg of h seconds costs
+E = dᵀ S H S d h^(1-2r), S = diag(h^k), so dE/dh with d held is all of the gradient. Then each leg is moved towards what
+its own speed and acceleration ask for. A course flown k times slower has a k-th of the speed and a k²-th of the
+acceleration everywhere, so every round is brought within both limits exactly; the shortest is kept.
 
-How they are found: first the times of least ∫|p^(r)|² for a given duration, leg by leg by the sign of the gradient
-(Rprop, in the logarithm of each leg's time). That is no search among polynomials: with the derivatives at the knots in
-d, a leg of h seconds costs E = dᵀ S H S d h^(1-2r), S = diag(h^k), and those are the best ones already, so dE/dh with
-d held is all of the gradient. Then each leg is moved towards what its own speed and acceleration ask for. A course
-flown k times slower has a k-th of the speed and a k²-th of the acceleration everywhere, so every round can be brought
-within both limits exactly; the shortest is kept.
-
-Waypoints may stand in a CSV file: one a line, the first line names the columns.
+A CSV file has one waypoint a line, in columns of any order that the first line names; # begins a comment:
 
     t_s, north_m, east_m, up_m [, yaw_deg] [, v_north_m_s, v_east_m_s, v_up_m_s]
 
-Columns may stand in any order. ``down_m`` may stand for ``up_m``, as may the short names ``t``, ``x``, ``y``, ``z`` and
-``vx``, ``vy``, ``vz`` for world NED: z counts down. Empty lines and lines that begin with # are left out.
+``down_m`` may stand for ``up_m``; ``t``, ``x``, ``y``, ``z``, ``vx``, ``vy``, ``vz`` are in world NED: z counts down.
 
-Smoothest piecewise polynomials have the least integral of |p^(r)|² through given points at given times. r = 3 gives
-quintics (least jerk, C⁴ where only the points are given), r = 4 septics (least snap, C⁶). The unknowns are the
-derivatives 1 to r-1 at the knots. A span of h seconds with those of both its ends in d has the polynomial p(x h) = Σ cᵢ
-xⁱ, c = A⁻¹ S d, S = diag(h^k), and costs dᵀ S H S d h^(1-2r), H = A⁻ᵀ Q A⁻¹, Q = ∫₀¹ of the products of the r-th
-derivatives of xⁱ. Setting the gradient to zero where a derivative is free is a block-tridiagonal system, symmetric and
-positive definite, solved in one sweep forth and back: thousands of knots cost a moment. The condition at a free k-th
-derivative is that p^(2r-1-k) does not jump: prescribing some derivatives costs smoothness there alone, and at a free
-end the conditions are the natural ones.
+The unknowns are the derivatives 1 to r-1 at the knots. A span has the polynomial p(x h) = Σ cᵢ xⁱ, c = A⁻¹ S d, and
+H = A⁻ᵀ Q A⁻¹, Q = ∫₀¹ of the products of the r-th derivatives of xⁱ. Setting the gradient to zero where a derivative is
+free is a block-tridiagonal system, symmetric and positive definite, solved in one sweep forth and back. Prescribing
+derivatives costs smoothness there alone; at a free end the conditions are the natural ones.
 Minimum snap: D. Mellinger, V. Kumar, ICRA 2011; in the derivatives at the knots: C. Richter, A. Bry, N. Roy, ISRR 2013.
 """
 

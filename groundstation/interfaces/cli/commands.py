@@ -452,7 +452,9 @@ def check(args: argparse.Namespace) -> int:
 def states(args: argparse.Namespace) -> int:
     """Draw the states of a flight."""
     if args.write is not None:
-        write_states(args.write)
+        from groundstation.runtime import replace_between_markers
+
+        replace_between_markers(args.write, states_page(), "states")
     print(states_page())
     return EXIT_DONE
 
@@ -559,7 +561,6 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
     return False
 
 
-STATES_BEGIN, STATES_END = "<!-- states:begin -->", "<!-- states:end -->"
 EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OVER)
 """Drawn once beside the diagram, as arrows from everywhere would hide all others."""
 
@@ -593,17 +594,6 @@ def states_page() -> str:
         "Made from the table in `groundstation/core/mission/mission.py` by `groundstation states --write mission.md`."
     )
     return f"```mermaid\n{mermaid()}\n```\n\n{everywhere()}\n\n{made}"
-
-
-def write_states(path: Path) -> None:
-    """Replace what stands between the markers of ``path``.
-
-    Raises:
-        ConfigError: the file can't be read or written, or has not just one pair of markers.
-    """
-    from groundstation.runtime import replace_between_markers
-
-    replace_between_markers(path, STATES_BEGIN, STATES_END, states_page())
 
 
 Words = Callable[[str, str], list[str]]

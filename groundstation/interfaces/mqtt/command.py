@@ -69,7 +69,7 @@ def _make_key(args: argparse.Namespace) -> None:
 
 def _topics(args: argparse.Namespace) -> None:
     if args.write is not None:
-        write_topics(args.write)
+        replace_between_markers(args.write, topics_table(), "mqtt-topics")
     print(topics_table())
 
 
@@ -206,9 +206,6 @@ def _key(file: Path) -> bytes:
         raise ConfigError("--key", str(error)) from None
 
 
-TOPICS_BEGIN, TOPICS_END = "<!-- mqtt topics -->", "<!-- end of mqtt topics -->"
-
-
 def schemas() -> dict[str, dict[str, Any]]:
     """File name -> JSON Schema (draft 2020-12), one for each topic with JSON."""
     return {file_of(topic): _schema(topic) for topic in TOPICS if topic.message is not None}
@@ -244,15 +241,6 @@ def topics_table() -> str:
         retained = "yes" if topic.retained else ""
         lines.append(f"| `{topic.name}` | {way}{topic.says}{schema} | {retained} | {topic.quality} | {expires} |")
     return "\n".join(lines)
-
-
-def write_topics(path: Path) -> None:
-    """Put the table between the markers of ``path``.
-
-    Raises:
-        ConfigError: it has none, or can't be written.
-    """
-    replace_between_markers(path, TOPICS_BEGIN, TOPICS_END, topics_table())
 
 
 def _schema(topic: Topic) -> dict[str, Any]:

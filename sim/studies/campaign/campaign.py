@@ -1,15 +1,10 @@
 """Campaign: a scenario flown a thousand times in drawn worlds, as arrays, on all cores; its folder and its crew.
 
-Every flight is drawn from its seed alone, and neither the size of the batches nor who flies them changes a figure
-of it: processes of this machine, or the workers of a Dask cluster. Every worker of a cluster must run this very
-program: it is asked before the first flight, and once more by every batch, as workers come and go. What a lost worker
-was flying, Dask gives to another one. Verification flies some flights again, one by one, through wire bytes.
+Every flight is drawn from its seed alone, and neither the size of the batches nor who flies them changes a figure of
+it: processes of this machine, or the workers of a Dask cluster, all of which must run this very program.
 
 The folder holds ``flights.csv``, one row a flight, and ``settings.json``, what all its flights share. An interrupted
 campaign resumes from it: whole rows are kept, and the rest is flown again.
-
-Its report says how many flights survived and how well they flew, as figures and as a picture. It names those to look at
-first, and draws what of the world goes with an error.
 """
 
 import csv

@@ -1,21 +1,12 @@
 """Search for gains: optuna's sampler proposes, whole flights judge, what breaks a constraint never wins.
 
-What a set of gains costs is the geometric mean of the RMS errors of its flights. Hard constraints: the law's proof
-holds (where the form that flies has one), no flight crashes, and the controller still flies, by the measure of
-the margins, with so much delay and so wrong a thrust as the floors say, with a tenth in hand.
+A set of gains costs the geometric mean of the RMS errors of its flights. Hard constraints: the law's proof holds (where
+the form that flies has one), no flight crashes, and it still flies with what the floors have wrong and a tenth more.
+The sampler is seeded anew for each trial, so a search that was interrupted goes on as if it had not been. Flights go
+through wire bytes: the arrays of :mod:`sim.batch.batch` fly one kind of controller only, and pay from some 25 on.
 
-One trial after the other, its flights side by side; the sampler is seeded anew for each trial. So a search is a
-function of its arguments, and one that was interrupted goes on as if it had not been. The evidence that is written
-down: tuned gains flown beside the old ones with seeds that no search sees.
-
-The flights that it judges are whole ones, through wire bytes. Not the arrays of :mod:`sim.batch.batch`: those fly one
-kind of controller only, and pay from some 25 equal flights on, while a set of gains is tried on about ten. The world is
-a scenario's as it stands, or made to fit the configuration's own vehicle.
-
-A margin is how wrong the world may be before a configuration stops flying, one thing at a time, by bisection.
-
-A flight fails when it crashes, or when its RMS error from 15 s on exceeds five times what it is with nothing wrong,
-and 10 cm: below that a room still has its floor and its walls, and a few times a tenth of a millimetre is no failure.
+A margin is how wrong the world may be before a configuration stops flying, one thing at a time, by bisection. A flight
+fails when it crashes, or when its RMS error from 15 s on exceeds five times what it is with nothing wrong, and 10 cm.
 """
 
 import importlib.metadata

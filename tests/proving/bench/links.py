@@ -1,10 +1,8 @@
 """How commands keep time: the pacer's frames beside a bare sleep loop, and pose to command beside a bare echo.
 
-From a pose's datagram in to its command's datagram out: ``groundstation daemon`` flies a simulated vehicle that lives
-here; poses leave from here at 50, 100 and 250 Hz, and between any two of them a datagram of the same size goes to a
-bare asyncio echo in a process of its own. Both times are taken here, by one clock, so both hold the same wake-up of
-this process; each is how long what was sent had to wait for its answer. Poses are a thousandth slower than they say:
-they slide along what the autopilot tells of itself, as cameras of their own clock do, and so does the echo.
+``groundstation daemon`` flies a simulated vehicle that lives here; poses leave at 50, 100 and 250 Hz, and between any
+two of them a datagram of the same size goes to a bare asyncio echo in a process of its own. Both times are taken here,
+by one clock. Poses are a thousandth slower than they say: they slide along what the autopilot tells of itself.
 """
 
 import asyncio

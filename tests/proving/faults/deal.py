@@ -1,12 +1,8 @@
 """The cells of the fault deck, and how they are flown: virtual ones by several processes, then the real-time ones.
 
-Live cells, which need processes of their own: the daemon flies in real time, and it or what hangs on it is killed.
-
-The simulated vehicle is in this process, on the machine's own network, or at the end of a pseudo-terminal. The judge
-reads what the flight tells of itself: what it answered to the fault, and what went wrong.
-
-The broker takes all and passes nothing on: enough to be there, and then to be gone. MQTT 5.0: a CONNACK for each
-CONNECT, a PUBACK for each PUBLISH with QoS 1, a PINGRESP for each PINGREQ.
+Live cells need processes of their own: the daemon flies in real time, and it or what hangs on it is killed. The
+simulated vehicle is in this process; the judge reads what the flight tells of itself. The MQTT broker takes all and
+passes nothing on: a CONNACK for each CONNECT, a PUBACK for each PUBLISH with QoS 1, a PINGRESP for each PINGREQ.
 """
 
 import asyncio
