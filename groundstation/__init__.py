@@ -6,6 +6,8 @@ For scripts and notebooks (docs/reference/python.md):
     compare             fly several controllers through the same scenarios; gives a ControllerComparison
     error_budget        fly a recorded flight again without each source of its error; gives an ErrorBudget
     load                read a recorded flight: a FlightData of arrays, tables and pictures
+    ask_station         ask a vehicle that is being flown here, as `groundstation request` does: a Request, with its Ask
+                        and for goto its Waypoints
 
 What a controller of your own asks for (docs/how-to/own-controller.md), each loaded when it is asked for:
 
@@ -31,25 +33,38 @@ What a controller of your own asks for (docs/how-to/own-controller.md), each loa
 from groundstation.runtime.version import __version__ as __version__
 
 TYPE_CHECKING = False
+# Each as itself, as type checkers take no other name for one that is handed on.
 if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to what stands above what
-    from groundstation.analysis.recordings import FlightData, load
-    from groundstation.config.loader import ConfigError, UserCodeFault
-    from groundstation.core.control.attitude import (
-        clamp_command,
-        half_angle_error,
-        make_decision,
-        push,
-        sine_error,
-        turning,
-    )
-    from groundstation.core.control.controllers import Baseline, InnerLoop
-    from groundstation.core.messages.snapshot import Controller, Decision, Diagnostics, Estimate
-    from groundstation.core.trajectory.port import Reference
+    from groundstation.analysis.recordings import FlightData as FlightData
+    from groundstation.analysis.recordings import load as load
+    from groundstation.config.loader import ConfigError as ConfigError
+    from groundstation.config.loader import UserCodeFault as UserCodeFault
+    from groundstation.core.control.attitude import clamp_command as clamp_command
+    from groundstation.core.control.attitude import half_angle_error as half_angle_error
+    from groundstation.core.control.attitude import make_decision as make_decision
+    from groundstation.core.control.attitude import push as push
+    from groundstation.core.control.attitude import sine_error as sine_error
+    from groundstation.core.control.attitude import turning as turning
+    from groundstation.core.control.controllers import Baseline as Baseline
+    from groundstation.core.control.controllers import InnerLoop as InnerLoop
+    from groundstation.core.messages.snapshot import Ask as Ask
+    from groundstation.core.messages.snapshot import Controller as Controller
+    from groundstation.core.messages.snapshot import Decision as Decision
+    from groundstation.core.messages.snapshot import Diagnostics as Diagnostics
+    from groundstation.core.messages.snapshot import Estimate as Estimate
+    from groundstation.core.messages.snapshot import Request as Request
+    from groundstation.core.messages.snapshot import Waypoint as Waypoint
+    from groundstation.core.trajectory.port import Reference as Reference
     from groundstation.core.vehicle.vehicle import ActuatorCommand as ActuatorCommand
-    from groundstation.core.vehicle.vehicle import Motion, Vehicle
-    from sim.runs.simulation import Run, simulate
-    from sim.studies.budget import ErrorBudget, error_budget
-    from sim.studies.comparison import ControllerComparison, compare
+    from groundstation.core.vehicle.vehicle import Motion as Motion
+    from groundstation.core.vehicle.vehicle import Vehicle as Vehicle
+    from groundstation.interfaces.api.client import ask_station as ask_station
+    from sim.runs.simulation import Run as Run
+    from sim.runs.simulation import simulate as simulate
+    from sim.studies.budget import ErrorBudget as ErrorBudget
+    from sim.studies.budget import error_budget as error_budget
+    from sim.studies.comparison import ControllerComparison as ControllerComparison
+    from sim.studies.comparison import compare as compare
 
 
 def __getattr__(name: str) -> object:
@@ -63,3 +78,10 @@ def __getattr__(name: str) -> object:
         raise ImportError(
             f"groundstation.{name} flies in the simulator, the package sim, which is not installed"
         ) from None
+
+
+def __dir__() -> list[str]:
+    """What a notebook offers at the tab key, before any of it is loaded."""
+    from links.core.lazy import imports_for_types
+
+    return sorted({*globals(), *imports_for_types(__name__)})

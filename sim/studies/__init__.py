@@ -3,6 +3,7 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sim.studies.bring_down import CAUSES, cut_all, markdown
+    from sim.studies.budget import Contribution
     from sim.studies.comparison import (
         CONTROLLERS,
         GUST,

@@ -47,7 +47,9 @@ class Contribution(msgspec.Struct, frozen=True, kw_only=True):
     """What one source has of the error."""
 
     source: str
+    """Its name, such as gusts."""
     means: str
+    """What is switched off."""
     rms_cm: float | None
     """RMS error without it [cm]; None where the flight then does not get to its end."""
     squared_cm2: float | None

@@ -28,6 +28,7 @@ from groundstation.recording import CHANNELS
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating
+from sim.studies import Contribution
 from sim.studies.campaign import COLUMNS, CampaignRow
 from sim.world import World
 
@@ -433,37 +434,56 @@ Where code of your own fails in flight you get a `UserCodeFault`, and where it c
 `ConfigError`: one sentence, and the frames of your code as its cause."""
 GIVEN = """## What a controller gets and gives
 
+A factory is called with the `Vehicle` as it is told. A `Controller` has one method, `decide(estimate, reference,
+interval_s)`. It returns an `ActuatorCommand`, or a `Decision`, which has the `Diagnostics` that screens show.
+
 `Vec3` is a tuple of three floats, `Quat` one of four: w, x, y, z; `Real` is a float."""
+HELPERS = """## What helps a controller
+
+Parts of our own laws and baselines: [own controller](../how-to/own-controller.md) flies one made of them."""
+ASKING = """## Asking a vehicle in flight
+
+What `groundstation request` does, for scripts: [core API](api.md). In a notebook write `await gs.ask_station(…)`. What
+may be asked for is an `Ask`, such as `Ask.HOLD`, `Ask.GOTO` or `Ask.LAND`: each word of `groundstation request`."""
 SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.M)
 
 
 def python_page() -> str:
     """The page of what Python code calls."""
-    calls: tuple[Callable[..., Any], ...] = (groundstation.simulate, groundstation.compare, groundstation.load)
-    results = (groundstation.Run, groundstation.FlightData, Track, Channel, groundstation.ControllerComparison)
-    structs = (groundstation.Estimate, groundstation.Motion, groundstation.Reference, groundstation.ActuatorCommand)
+    gs = groundstation
+    calls: tuple[Callable[..., Any], ...] = (gs.simulate, gs.compare, gs.load, gs.error_budget)
+    results = (gs.Run, gs.FlightData, Track, Channel, gs.ControllerComparison, gs.ErrorBudget, Contribution)
+    given = (gs.Vehicle, gs.Estimate, gs.Motion, gs.Reference, gs.ActuatorCommand, gs.Decision, gs.Diagnostics)
+    helpers = (gs.push, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command, gs.make_decision)
     return "\n\n".join(
         [
             PYTHON_HEAD,
             *(_call(one) for one in calls),
             *map(_result, results),
             GIVEN,
-            *(_fields(one, 3) for one in (*structs, groundstation.Decision)),
+            *(_fields(one, 3) for one in given),
+            HELPERS,
+            *(_call(one, 3) for one in helpers),
+            *(_result(one, 3) for one in (gs.Baseline, gs.InnerLoop)),
+            ASKING,
+            _call(gs.ask_station, 3),
+            *(_fields(one, 3) for one in (gs.Request, gs.Waypoint)),
         ]
     )
 
 
-def _call(function: Callable[..., Any]) -> str:
+def _call(function: Callable[..., Any], level: int = 2) -> str:
     (node,) = (one for one in _tree(function.__module__).body if getattr(one, "name", "") == function.__name__)
-    assert isinstance(node, ast.FunctionDef)
+    assert isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     lines = [f"    {line}," for line in re.split(r", (?![^\[]*\])", ast.unparse(node.args))]
-    shown = "\n".join([f"{function.__name__}(", *lines, ")"])
-    return f"## `{function.__name__}`\n\n```text\n{shown}\n```\n\n{_words(function)}"
+    given = "" if node.returns is None else f" -> {ast.unparse(node.returns)}"
+    shown = "\n".join([f"{function.__name__}(", *lines, f"){given}"])
+    return f"{'#' * level} `{function.__name__}`\n\n```text\n{shown}\n```\n\n{_words(function)}"
 
 
-def _result(cls: type[Any]) -> str:
+def _result(cls: type[Any], level: int = 2) -> str:
     """A class: its fields, then its properties and methods."""
-    parts = [_fields(cls, 2)]
+    parts = [_fields(cls, level)]
     for name, member in vars(cls).items():
         function = getattr(member, "fget", getattr(member, "func", member))
         if not callable(function) or (name.startswith("_") and name != "__getitem__"):
@@ -474,13 +494,19 @@ def _result(cls: type[Any]) -> str:
     return "\n\n".join(parts)
 
 
+BAR = r"\|"
+
+
 def _fields(cls: type[Any], level: int) -> str:
     """The class, and a table of its fields."""
     said = remarks(cls)
     (node,) = (one for one in _tree(cls.__module__).body if getattr(one, "name", "") == cls.__name__)
     fields = [one for one in ast.walk(node) if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name)]
-    types = {ast.unparse(one.target): ast.unparse(one.annotation).strip("'").replace("|", "\\|") for one in fields}
-    rows = [f"| `{name}` | {kind} | {said[name]} |" for name, kind in types.items() if name in said]
+    types = {ast.unparse(one.target): ast.unparse(one.annotation).strip("'") for one in fields}
+    types = {
+        name: re.sub(r"Annotated\[(\w+), .*\]", r"\1", kind) for name, kind in types.items() if "ClassVar" not in kind
+    }
+    rows = [f"| `{name}` | {kind.replace('|', BAR)} | {said[name]} |" for name, kind in types.items() if name in said]
     table = "\n".join(["", "", "| field | type | |", "|---|---|---|", *rows]) if rows else ""
     return f"{'#' * level} `{cls.__name__}`\n\n{one_line(cls.__doc__ or '')}{table}"
 

@@ -62,9 +62,16 @@ def test_a_face_hands_on_what_it_imports_for_types_and_holds_no_code() -> None:
         assert imports_for_types(face) == table(face), face
         for node in parse(face).body:
             literal = isinstance(node, ast.Assign) and ast.literal_eval(node.value) is not None
-            function = isinstance(node, ast.FunctionDef) and node.name == "__getattr__"
+            function = isinstance(node, ast.FunctionDef) and node.name in ("__getattr__", "__dir__")
             text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
             assert text or literal or function or is_for_types(node) or isinstance(node, ast.ImportFrom), face
+
+
+def test_what_scripts_import_is_handed_on_to_a_strict_type_checker_too() -> None:
+    """Of a package that says that it is typed, a name is public where it is imported as itself."""
+    (block,) = (node for node in parse("groundstation").body if is_for_types(node))
+    names = [alias for node in ast.walk(block) if isinstance(node, ast.ImportFrom) for alias in node.names]
+    assert names and [alias.name for alias in names if alias.asname != alias.name] == []
 
 
 def test_a_room_is_asked_through_its_face() -> None:

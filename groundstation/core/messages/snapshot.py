@@ -277,7 +277,9 @@ class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
     """A point to fly to. On the wire ``[north, east, down]`` or ``[north, east, down, yaw]``."""
 
     north_m: _Metres
+    """World NED [m], as the next two."""
     east_m: _Metres
+    """Eastwards."""
     down_m: _Metres
     """1 m up is -1."""
     yaw_deg: Annotated[float, msgspec.Meta(ge=-TURN_DEG, le=TURN_DEG)] | None = None
@@ -315,6 +317,7 @@ class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One request, and why."""
 
     ask: Ask
+    """What for."""
     why: str = ""
     """Who asks and why, as the operator shall read it."""
     points: Waypoints = ()
