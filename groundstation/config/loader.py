@@ -918,10 +918,14 @@ def _value(value: Any) -> str:
         return f"{{ {items} }}" if items else "{}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_value, value))}]"
+    if type(value) in (int, float):
+        return str(value)
     return tomli_w.dumps({"v": msgspec.to_builtins(value)}).removeprefix("v = ").rstrip("\n")
 
 
 def _key(key: str) -> str:
+    if key.isidentifier() and key.isascii():  # all of ours, of which a configuration has hundreds
+        return key
     return tomli_w.dumps({key: 0}).removesuffix(" = 0\n")
 
 

@@ -19,7 +19,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core import Pilot
-from groundstation.core.control import Law, acceleration_sup, thrust_bound
+from groundstation.core.control import Law, thrust_bound
 from groundstation.core.geometry import Vec3, angle_deg, third_column
 from groundstation.core.messages import Check, Others, Pose, PoseSource, Say, Severity, Verdict
 from groundstation.core.mission import Event
@@ -340,7 +340,8 @@ class Checks:
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
-        self._still = [self._flyable(), self._certificate(), self._take_off(), *self._simulation()]
+        asked = examine_trajectory(config)
+        self._still = [self._flyable(asked), self._certificate(asked), self._take_off(), *self._simulation()]
 
     def __call__(
         self, standing: StandingPoses, noise_m: float, link: LinkStatus, now_s: float, witness: Agreement | None = None
@@ -576,21 +577,19 @@ class Checks:
         says = f"link.simulated = true: {believed}. Behind {link.port} no module may be; else take it out"
         return [Check("simulated", Verdict.WARN, says)]
 
-    def _certificate(self) -> Check:
+    def _certificate(self, asked: FeasibilityReport) -> Check:
         law = self._config.controller
         if not isinstance(law, Law):
             return Check("thrust bound", Verdict.OFF, "this controller comes without a Lyapunov function")
-        accelerations = [self._trajectory.at(0.02 * i).acceleration_ned for i in range(3000)]
-        bound = thrust_bound(law, acceleration_sup=acceleration_sup(accelerations), v_start=0.0).bound
+        bound = thrust_bound(law, acceleration_sup=asked.acceleration_m_s2, v_start=0.0).bound
         where = f"{bound:+.2f} m/s² from rest on the reference"
         if bound > 0.0:
             return Check("thrust bound", Verdict.PASS, f"the theory keeps thrust over mass above {where}")
         least = f"vehicle.thrust_min_n = {self._config.vehicle.thrust_min_n:g} N keeps it above zero"
         return Check("thrust bound", Verdict.OFF, f"{least}, as the proof alone does not (its bound: {where})")
 
-    def _flyable(self) -> Check:
-        report = examine_trajectory(self._config)
-        why = explain_refusal(self._config, report)
+    def _flyable(self, asked: FeasibilityReport) -> Check:
+        why = explain_refusal(self._config, asked)
         if why is not None:
             return Check("trajectory", Verdict.FAIL, why)
         return Check("trajectory", Verdict.PASS, "within the limits of vehicle and configuration")

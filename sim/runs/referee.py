@@ -39,14 +39,16 @@ class TrueTrack:
     def __init__(self) -> None:
         self.times = array("d")
         self.x, self.y, self.z = array("d"), array("d"), array("d")
+        self._add = self.times.append, self.x.append, self.y.append, self.z.append  # at four hundred steps a second
 
     def step(self, time_s: float, place: Vec3) -> None:
         """One step."""
-        self.times.append(time_s)
+        add_time, add_x, add_y, add_z = self._add
         x, y, z = place
-        self.x.append(x)
-        self.y.append(y)
-        self.z.append(z)
+        add_time(time_s)
+        add_x(x)
+        add_y(y)
+        add_z(z)
 
     def errors(
         self, trajectory: Trajectory, start_s: float, since_s: float = -math.inf, until_s: float = math.inf

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core.control import Gains, Law, acceleration_sup, bound_decrease, thrust_bound
+from groundstation.core.control import Gains, Law, bound_decrease, thrust_bound
 from groundstation.core.control.adaptive import virtual_control_sup
 from groundstation.core.control.backstepping import axis
 from groundstation.core.geometry import FLOATS
@@ -38,11 +38,6 @@ def test_the_bound_is_its_terms_and_negative_for_the_papers_gains() -> None:
 def test_softer_gains_and_a_smaller_disturbance_make_it_positive() -> None:
     soft = Law(k2=0.3, sigma_bound=0.5, sigma_slope=0.6, rho_bound=0.5, b_bound=1.0, epsilon=0.2)
     assert thrust_bound(soft, acceleration_sup=0.2, v_start=0.1).bound > 0.0
-
-
-def test_the_references_largest_acceleration_is_found() -> None:
-    assert acceleration_sup([(0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (1.0, 1.0, 1.0)]) == 5.0
-    assert acceleration_sup([]) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
         CertificateMonitor,
         Gains,
         Uncompensated,
-        acceleration_sup,
         bound_decrease,
         calm,
         measure,

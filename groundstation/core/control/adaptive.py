@@ -20,6 +20,7 @@ where V only swings, though it must fall. Lasting excess is a warning that names
 """
 
 import math
+from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
 import msgspec
@@ -383,6 +384,7 @@ class ThrustBound(NamedTuple):
     """√(2 V(0))."""
 
 
+@lru_cache(16)
 def virtual_control_sup(law: Law) -> float:
     """The largest |u*| on one axis [m/s²], over all position and speed errors (u* is odd: z1_dot > 0 is enough).
 
@@ -417,11 +419,6 @@ def thrust_bound(law: Law, *, acceleration_sup: float, v_start: float) -> Thrust
     start = math.sqrt(2.0 * v_start)
     bound = law.gravity - disturbance - acceleration_sup - control - start
     return ThrustBound(bound, law.gravity, disturbance, acceleration_sup, control, start)
-
-
-def acceleration_sup(accelerations: list[Vec3]) -> float:
-    """sup |p¨d| [m/s²] over samples of a reference."""
-    return max((math.hypot(*a) for a in accelerations), default=0.0)
 
 
 COVERED_RATE_M_S3 = 8.0

@@ -196,6 +196,11 @@ class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
         """Whether it keeps all limits."""
         return all(demand.ok for demand in self.demands)
 
+    @property
+    def acceleration_m_s2(self) -> float:
+        """Its largest acceleration [m/s²]."""
+        return next(demand.value for demand in self.demands if demand.name == "acceleration")
+
 
 def check_feasibility(
     trajectory: Trajectory, vehicle: Vehicle, limits: LimitsConfig, *, gravity: float, floor_z_m: float
