@@ -11,7 +11,7 @@ import sys
 import textwrap
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -105,58 +105,8 @@ TABLES: dict[int, Callable[[VehicleFacts], list[Advice]]] = {PX4: px4_advice, AR
 """HEARTBEAT.autopilot → its advice."""
 
 
-class Visit(Protocol):
-    """``open`` it, ``examine``, perhaps ``set``, and ``close`` it. Changes nothing by itself.
-
-    Every method but ``close`` raises LinkError where the other end goes away.
-    """
-
-    parameters: dict[str, Setting]
-    """As they were read last."""
-
-    @property
-    def autopilot(self) -> str:
-        """PX4, ArduPilot or Betaflight."""
-        ...
-
-    @property
-    def system(self) -> int | str:
-        """What tells this one from others of its kind."""
-        ...
-
-    @property
-    def advice(self) -> list[Advice]:
-        """What is known about this kind of autopilot."""
-        ...
-
-    async def open(self) -> None:
-        """Connect."""
-        ...
-
-    async def close(self) -> None:
-        """Disconnect."""
-        ...
-
-    async def examine(self) -> list[ParameterFinding]:
-        """Read everything that the table asks about, and judge it."""
-        ...
-
-    async def read(self, names: Iterable[str]) -> dict[str, Setting]:
-        """Those of the parameters ``names`` that it has."""
-        ...
-
-    async def set(self, parameter: Setting) -> Setting:
-        """Set one parameter, read it back, and return it.
-
-        Raises:
-            LinkRejected: the vehicle is armed, or the autopilot keeps another value.
-            ValueError: such a parameter can't have this value.
-        """
-        ...
-
-
 class BoardVisit:
-    """Implements :class:`Visit` for a Betaflight behind a receiver, by its own port."""
+    """A Betaflight behind a receiver, by its own port: ``open`` it, ``examine``, perhaps ``set``, and ``close`` it."""
 
     autopilot = "Betaflight"
 
@@ -273,7 +223,7 @@ def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
 
 
 class MavlinkVisit:
-    """Implements :class:`Visit` for PX4 and ArduPilot."""
+    """The same for PX4 and ArduPilot."""
 
     def __init__(self, config: Config) -> None:
         link = config.link
@@ -377,6 +327,8 @@ class MavlinkVisit:
             leave()
 
 
+Visit = BoardVisit | MavlinkVisit
+"""Changes nothing by itself. Every method but ``close`` raises LinkError where the other end goes away."""
 _MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
 _ORDER = list(_MARKS)
 WIDTH = 100

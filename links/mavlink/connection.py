@@ -41,26 +41,6 @@ from links.mavlink.protocol import (
 )
 
 
-class MavlinkTransport(Protocol):
-    """An open medium."""
-
-    datagrams: bool
-    """True where what is heard at once holds whole frames; a stream may be cut anywhere."""
-    speaks_first: bool
-    """True where it is known whom to send to before anybody has been heard."""
-
-    def leave(self, frame: bytes, to: Any) -> str:
-        """Send ``frame`` to the address ``to`` (None: the only one there is).
-
-        Returns why it was dropped instead, or an empty string.
-        """
-        ...
-
-    def cut(self) -> None:
-        """Release the medium at once, with all that waits in it. Nothing is heard afterwards."""
-        ...
-
-
 class TransportListener(Protocol):
     """What an open medium reports to."""
 
@@ -85,7 +65,7 @@ def _describe(error: OSError) -> str:
 
 
 class UdpTransport(asyncio.DatagramProtocol):
-    """A :class:`MavlinkTransport` that is never gone: a network that was away comes back itself."""
+    """Is never gone: a network that was away comes back itself."""
 
     datagrams = True
 
@@ -138,7 +118,7 @@ _SOL_SOCKET, _SO_LINGER = 1, 13  # the same on every Linux that Python runs on
 
 
 class TcpTransport(asyncio.Protocol):
-    """Implements :class:`MavlinkTransport`."""
+    """A connection; what does not leave soon enough is dropped, and the connection with it."""
 
     datagrams = False
     speaks_first = True
@@ -233,7 +213,7 @@ SERIAL_STALL_S = 0.25
 
 
 class SerialTransport:
-    """Implements :class:`MavlinkTransport`, and :class:`links.io.wires.PortProtocol`."""
+    """Implements :class:`links.io.wires.PortProtocol`."""
 
     datagrams = False
     speaks_first = True
@@ -301,6 +281,9 @@ async def open_serial(config: MavlinkLinkConfig, ear: TransportListener) -> Seri
     return wire
 
 
+MavlinkTransport = UdpTransport | TcpTransport | SerialTransport
+"""``datagrams``: what is heard at once holds whole frames; ``speaks_first``: whom to send to is known from the start.
+``leave(frame, to)`` says why the frame was dropped instead, or nothing; ``cut()`` ends all at once."""
 Opener = Callable[[MavlinkLinkConfig, TransportListener], Awaitable[MavlinkTransport]]
 
 

@@ -21,7 +21,7 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -306,27 +306,10 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
         }
 
 
-class Crew(Protocol):
-    """Who flies the batches."""
-
-    @property
-    def workers(self) -> int:
-        """How many fly at once."""
-        ...
-
-    def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
-        """The flights of each chunk of seeds, in any order.
-
-        Raises:
-            ConfigError: the crew cannot go on; what to do.
-        """
-        ...
-
-
 def run(
     campaign: Campaign,
     seeds: Sequence[int],
-    crew: Crew,
+    crew: "Crew",
     *,
     out: Path | None = None,
     batch: int | None = None,
@@ -338,7 +321,7 @@ def run(
     Returns all rows in the order of the seeds, and how many of them were flown now.
 
     Raises:
-        ConfigError: see :meth:`Campaign.require_batchable`, :class:`Folder` and :meth:`Crew.fly`.
+        ConfigError: see :meth:`Campaign.require_batchable`, :class:`Folder` and ``fly`` of the crew.
     """
     campaign.check()
     folder = Folder(out, campaign.settings()) if out is not None else None
@@ -454,7 +437,7 @@ class Cluster:
         self._client.close()
 
     def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
-        """See :class:`sim.studies.campaign.campaign.Crew`."""
+        """The flights of each chunk of seeds, in any order."""
         from distributed import CancelledError, KilledWorker, as_completed
 
         mine = program_sha256()
@@ -511,7 +494,7 @@ class Local:
         self.workers = workers
 
     def fly(self, campaign: Campaign, chunks: Sequence[list[int]]) -> Iterator[list[CampaignRow]]:
-        """See :class:`sim.studies.campaign.campaign.Crew`."""
+        """The flights of each chunk of seeds, in any order."""
         workers = min(self.workers, len(chunks))
         if workers <= 1:
             for chunk in chunks:
@@ -528,6 +511,8 @@ class Local:
             ) from None
 
 
+Crew = Local | Cluster
+"""Who flies the batches, ``workers`` of them at once."""
 LIMIT_CM = 0.01
 """How far two RMS errors of one flight may lie apart [cm]."""
 
