@@ -26,7 +26,7 @@ from groundstation.recording import NoRecording, Recording, make_flight
 from groundstation.settings import Config
 from links.core import make_child_command
 from sim.runs.flight import LIMIT_S, MISSION_CONFIRM_S, REST_S, confirm_at, run_missions
-from sim.runs.referee import StateEntry, TrueTrack
+from sim.runs.referee import MissionVerdict, StateEntry, TrueTrack
 from sim.runs.stage import FleetStage, lay_out
 from sim.time import VirtualTimeLoop
 from sim.world import World
@@ -52,25 +52,10 @@ class StationRecord(msgspec.Struct, frozen=True, kw_only=True):
     """When the figure began, on the event loop's clock [s]."""
 
 
-class FleetFlight(msgspec.Struct, frozen=True, kw_only=True):
-    """One vehicle's flight."""
+class FleetFlight(MissionVerdict, frozen=True, kw_only=True):
+    """One vehicle's mission, and what its commands took."""
 
     name: str
-    landed: bool
-    """On the floor, motors off, and nothing made it come down early."""
-    why: str
-    """Why it ended, or what made it come down early."""
-    states: tuple[StateEntry, ...]
-    """In their order, with reasons; times are from the first vehicle's release [s]."""
-    touchdown_m_s: float | None
-    """Fastest that it met the floor; None where it never did."""
-    rms_cm: float | None
-    """Of the true error on the figure, from 15 s after it began."""
-    max_cm: float | None
-    figure_s: float
-    """How long that is [s]."""
-    home_m: float
-    """From where it took off to where it stands now [m]."""
     tick_p50_ms: float | None = None
     """From the pose's arrival in the core to the command's leaving it; None in virtual time."""
     tick_p99_ms: float | None = None
@@ -446,7 +431,7 @@ def _percentiles(name: str, seconds: list[float]) -> dict[str, float]:
     return {f"{name}_{key}_ms": 1e3 * percentile(seconds, share) for key, share in (("p50", 0.5), ("p99", 0.99))}
 
 
-def percentile(values: list[float], share: float) -> float:
+def percentile(values: Sequence[float], share: float) -> float:
     """The value below which ``share`` (0..1) of them lie."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]

@@ -22,7 +22,7 @@ from groundstation.flight import Flight, FlightOutcome
 from groundstation.recording import Give, Record, TruthRecord, make_flight
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
-from sim.runs.referee import FlightVerdict, Referee, StateEntry, TrueTrack
+from sim.runs.referee import FlightVerdict, MissionVerdict, Referee, StateEntry, TrueTrack
 from sim.runs.stage import Stage
 from sim.time import Address, VirtualTimeLoop
 from sim.world import TrueState, World
@@ -240,26 +240,11 @@ REST_S = 1.0
 """How long the world goes on after the end [s]."""
 
 
-class MissionResult(msgspec.Struct, frozen=True, kw_only=True):
+class MissionResult(MissionVerdict, frozen=True, kw_only=True):
     """A flown mission."""
 
-    landed: bool
-    """On the floor, motors off, and nothing made it come down early."""
-    why: str
-    """Why it ended, as a sentence."""
     fault: str
     """What made it come down early; empty where nothing did."""
-    states: tuple[StateEntry, ...]
-    """In their order."""
-    touchdown_m_s: float | None
-    """Fastest that it met the floor, by the truth; None where it never did."""
-    rms_cm: float | None
-    """Of the true error on the figure, from 15 s after it began; None where it was not flown so long."""
-    max_cm: float | None
-    figure_s: float
-    """How long that is [s]."""
-    home_m: float
-    """From where it took off to where it stands now [m]."""
     tilt_max_deg: float
     """Farthest that it leant."""
     duration_s: float

@@ -33,6 +33,26 @@ class StateEntry(msgspec.Struct, frozen=True):
     reason: str
 
 
+class MissionVerdict(msgspec.Struct, frozen=True, kw_only=True):
+    """What the truth says of one vehicle's mission."""
+
+    landed: bool
+    """On the floor, motors off, and nothing made it come down early."""
+    why: str
+    """Why it ended, or what made it come down early."""
+    states: tuple[StateEntry, ...]
+    """In their order; of a fleet, times are from the first vehicle's release [s]."""
+    touchdown_m_s: float | None
+    """Fastest that it met the floor; None where it never did."""
+    rms_cm: float | None
+    """Of the true error on the figure, from 15 s after it began; None where it was not flown so long."""
+    max_cm: float | None
+    figure_s: float
+    """How long that is [s]."""
+    home_m: float
+    """From where it took off to where it stands now [m]."""
+
+
 class TrueTrack:
     """Every step of one plant after its release; times on the event loop's clock [s], places in metres, NED."""
 

@@ -58,19 +58,8 @@ Put = Callable[["aiomqtt.Client", Topic, bytes], Awaitable[None]]
 """Publishes to a topic."""
 
 
-class ClientKeys(msgspec.Struct, frozen=True):
-    """The clients of a configuration, their keys read."""
-
-    prefix: str
-    clients: dict[str, ClientKey]
-
-    def of(self, vehicle: str, ask: Callable[[Request], Reply], tell: Callable[[str], None]) -> "RequestListener":
-        """What takes the requests to ``vehicle``."""
-        return RequestListener(Place(self.prefix, vehicle), self.clients, ask, tell)
-
-
-def read_client_keys(config: MqttConfig) -> ClientKeys:
-    """Read the keys of all clients.
+def read_client_keys(config: MqttConfig) -> dict[str, ClientKey]:
+    """The clients by name, their keys read.
 
     Raises:
         ConfigError: by its dotted key, where one can't be read, others may read it, or two clients share it.
@@ -85,7 +74,7 @@ def read_client_keys(config: MqttConfig) -> ClientKeys:
         if any(key == other.key for other in clients.values()):
             raise ConfigError(where, f"{client.key_file} holds another client's key: each needs its own")
         clients[name] = ClientKey(key, frozenset(map(Ask, client.may)))
-    return ClientKeys(config.prefix, clients)
+    return clients
 
 
 def ensure_mqtt(config: MqttConfig) -> None:
@@ -202,11 +191,12 @@ async def publish_forever(
     import aiomqtt
 
     broker = open_broker(config)
-    keys = read_client_keys(config) if config.requests.enabled else None
+    clients = read_client_keys(config) if config.requests.enabled else None
     _, first = await latest.newer()
     publisher = _Publisher(config, first.vehicle, latest)
-    if keys is not None and ask is not None:
-        publisher.requests = keys.of(first.vehicle, ask, lambda line: log.warning("%s", line))
+    if clients is not None and ask is not None:
+        place = Place(config.prefix, first.vehicle)
+        publisher.requests = RequestListener(place, clients, ask, lambda line: log.warning("%s", line))
     # The same name in each connection: the broker drops one that is half dead, with its last will, for the next.
     name = f"groundstation-{first.vehicle}-{os.urandom(4).hex()}"
     collecting = asyncio.create_task(publisher.collect())

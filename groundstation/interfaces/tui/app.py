@@ -173,13 +173,10 @@ TURN_S = 0.1
 """How often it looks whether something is to be shown [s]."""
 WIND_S = 5.0
 """So far one key winds [s]."""
-NOBODY = Reply(done=False, says="a recording can't be asked for anything")
 
 
-class Playback:
-    """Implements :class:`groundstation.interfaces.tui.model.Feed`."""
-
-    live = False
+class Playback(Feed):
+    """A recording, played back."""
 
     def __init__(self, hello: FlightIdentity, snapshots: Sequence[Snapshot]) -> None:
         """Whom it is about, and the snapshots in their order; it begins at the first one, playing."""
@@ -246,21 +243,6 @@ class Playback:
         whole = self._times[-1] - self._times[0] if self._times else 0.0
         pace = "stopped" if self.paused else f"×{SPEEDS[self._speed]:g}"
         return f"RECORDING {self.passed_s:.1f}/{whole:.1f} s {pace}"
-
-    async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
-        """Nothing flies."""
-        del ask, why, vehicle
-        return NOBODY
-
-    async def control(self, *, take: bool) -> Reply:
-        """Nothing flies."""
-        del take
-        return NOBODY
-
-    async def set_gain(self, key: str, value: float) -> Reply:
-        """Nothing flies."""
-        del key, value
-        return NOBODY
 
 
 STEP_S = 0.1

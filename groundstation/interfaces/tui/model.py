@@ -46,13 +46,16 @@ class Jump(msgspec.Struct, frozen=True):
 News = FlightIdentity | Snapshot | Holder | FeedTrouble | Jump
 
 
+NOBODY = Reply(done=False, says="a recording can't be asked for anything")
+
+
 class Feed(Protocol):
-    """A running ground station, or a recording of one."""
+    """A running ground station, or a recording of one, which can't be asked for anything."""
 
     @property
     def live(self) -> bool:
         """True where something flies that can be asked for something."""
-        ...
+        return False
 
     def news(self) -> AsyncIterator[News]:
         """Everything that is to be shown, as it comes; it may end, but never raises. Iterated once."""
@@ -60,15 +63,18 @@ class Feed(Protocol):
 
     async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         """Ask for ``ask`` now or never: what can't be said at once is not said later. Arming names the ``vehicle``."""
-        ...
+        del ask, why, vehicle
+        return NOBODY
 
     async def control(self, *, take: bool) -> Reply:
         """Take control, or give it back."""
-        ...
+        del take
+        return NOBODY
 
     async def set_gain(self, key: str, value: float) -> Reply:
         """Change a gain in flight."""
-        ...
+        del key, value
+        return NOBODY
 
 
 SILENCE_S = 1.5

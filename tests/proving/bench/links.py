@@ -28,6 +28,7 @@ from links.mavlink import MavlinkLinkConfig
 from links.rf import Arm, DsmLinkConfig, End, Give, Pacer, PacerReport, Stop, open_process
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.radio import PtyWire
+from sim.runs import percentile
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, vicon_encoder
 from sim.world import Quadrotor, SimulatedVehicle, Wind, rows, stream
@@ -75,20 +76,14 @@ class Waiting:
 
 def figures_of(answers: Answers) -> dict[str, float]:
     """Percentiles [µs] of all that were answered, overtaken ones too; how many those were, and how many were not."""
-    ordered = sorted(answers.latencies_s)
-
-    def percentile(p: float) -> float:
-        return round(1e6 * ordered[min(int(p * len(ordered)), len(ordered) - 1)], 1)
-
-    if not ordered:
+    found = answers.latencies_s
+    if not found:
         raise LatencyFailed("nothing came back")
     return {
-        "p50_us": percentile(0.5),
-        "p99_us": percentile(0.99),
-        "p999_us": percentile(0.999),
-        "count": len(ordered),
+        **{name: round(1e6 * percentile(found, share), 1) for name, share in SHOWN.items()},
+        "count": len(found),
         "overtaken": answers.overtaken,
-        "unanswered": answers.sent - len(ordered),
+        "unanswered": answers.sent - len(found),
     }
 
 
@@ -101,6 +96,7 @@ def together(several: Sequence[Answers]) -> Answers:
     )
 
 
+SHOWN = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
 RATES_HZ = (50, 100, 250)
 """Poses per second."""
 START_LIMIT_S = 20.0
@@ -324,9 +320,8 @@ async def _measure(seconds: float, busy: bool) -> dict[str, Any]:
             await pacer.wait_for_end()
             wire.close()
     last = reports[-1]
-    p50, p99, p999 = last.late_us
     return {
-        "pacer": {"p50_us": p50, "p99_us": p99, "p999_us": p999, "lost": last.lost},
+        "pacer": {**dict(zip(SHOWN, last.late_us, strict=True)), "lost": last.lost},
         "floor": _pacer_figures(floor),
         "fifo": fifo,
     }
@@ -361,10 +356,8 @@ async def _floor(folder: Path, count: int, priority: int) -> list[int]:
 
 
 def _pacer_figures(late_us: list[int]) -> dict[str, int]:
-    ordered = sorted(late_us)
-    p50, p99, p999 = (ordered[min(len(ordered) - 1, int(share * len(ordered)))] for share in (0.5, 0.99, 0.999))
-    lost = sum(1 for late in late_us if late >= 1e6 * PERIOD_S)
-    return {"p50_us": p50, "p99_us": p99, "p999_us": p999, "lost": lost}
+    shown = {name: int(percentile(late_us, share)) for name, share in SHOWN.items()}
+    return {**shown, "lost": sum(late >= 1e6 * PERIOD_S for late in late_us)}
 
 
 @contextmanager
@@ -399,8 +392,7 @@ def measure(options: "Options") -> dict[str, Any]:
 
 
 def _ratios(ours: dict[str, float], floor: dict[str, float]) -> dict[str, float]:
-    keys = ("p50_us", "p99_us", "p999_us")
-    return {key.removesuffix("_us"): round(ours[key] / max(floor[key], 1.0), 2) for key in keys}
+    return {key.removesuffix("_us"): round(ours[key] / max(floor[key], 1.0), 2) for key in SHOWN}
 
 
 def text(facts: dict[str, Any]) -> list[str]:

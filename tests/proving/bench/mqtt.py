@@ -18,6 +18,7 @@ from groundstation.interfaces.mqtt import from_url, publish_forever
 from groundstation.runtime import Latest
 from groundstation.settings import MqttConfig
 from links.core import LinkStatus, make_child_command
+from sim.runs import percentile
 from tests.proving.bench.bench import Options
 
 STATIONS = 100
@@ -152,13 +153,12 @@ async def _listen(url: str, settle_s: float, seconds: float) -> dict[str, Any]:
                     if begin_s <= snapshot.time_s < end_s:
                         latencies.append(loop.time() - snapshot.time_s)
                         vehicles.add(snapshot.vehicle)
-    latencies.sort()
     return {
         "delivered": len(latencies),
         "vehicles": len(vehicles),
-        "p50_ms": 1e3 * latencies[len(latencies) // 2],
-        "p99_ms": 1e3 * latencies[int(0.99 * len(latencies))],
-        "max_ms": 1e3 * latencies[-1],
+        "p50_ms": 1e3 * percentile(latencies, 0.5),
+        "p99_ms": 1e3 * percentile(latencies, 0.99),
+        "max_ms": 1e3 * max(latencies),
         "cpu_listener": (time.process_time() - cpu_s) / (end_s - begin_s),
     }
 
