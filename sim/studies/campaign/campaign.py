@@ -529,8 +529,7 @@ def verify(campaign: Campaign, rows: Sequence[CampaignRow], count: int, *, worke
     if workers == 1:
         return _compare(sample, map(again, sample))
     with Workers(workers) as pool:
-        flights: Callable[..., Iterable[tuple[bool, float | None]]] = pool.map
-        return _compare(sample, flights(again, sample))
+        return _compare(sample, pool.each(again, sample))
 
 
 def _refly(campaign: Campaign, row: CampaignRow) -> tuple[bool, float | None]:

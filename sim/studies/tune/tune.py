@@ -411,7 +411,7 @@ class Flyers:
         if self._pool is None:
             self._pool = Workers(self._workers)
         try:
-            return list(self._pool.map(fly_sortie, work))
+            return list(self._pool.each(fly_sortie, work))
         except BrokenProcessPool:
             raise ConfigError("--workers", "a process was ended from outside; the same command goes on") from None
 
