@@ -7,7 +7,9 @@ COPY pyproject.toml uv.lock README.md LICENSE ./
 COPY links links
 COPY groundstation groundstation
 COPY sim sim
-RUN UV_PROJECT_ENVIRONMENT=/usr/local/groundstation uv sync --frozen --no-default-groups --no-editable --no-cache
+# Compiled, as whoever runs it may not write beside the modules, and each start would compile them anew.
+RUN UV_PROJECT_ENVIRONMENT=/usr/local/groundstation uv sync --frozen --no-default-groups --no-editable --no-cache \
+    --compile-bytecode
 
 FROM python:3.13-slim
 COPY --from=build /usr/local/groundstation /usr/local/groundstation
