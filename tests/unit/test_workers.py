@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from sim.runs.workers import Workers
+from sim.runs import Workers
 
 
 def test_what_ctrl_c_leaves_undone_is_for_the_pools_own_thread_to_give_up(monkeypatch: pytest.MonkeyPatch) -> None:
