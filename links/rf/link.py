@@ -435,8 +435,9 @@ class PacedLink:
             raise LinkLost(self._heard.why_lost())
 
     def _miss(self) -> None:
+        """Nobody tells what leaves: where frames do, the newest command runs out and its bring-down follows."""
         self._note_unmet()
-        self._stop()
+        self._deadman.hold()
 
     def _note_unmet(self) -> None:
         """What is owed does not leave where nothing does; that the port comes back, or a pacer, changes nothing."""

@@ -282,6 +282,32 @@ def test_a_network_that_fails_in_flight_is_brought_down_by_the_bridge_and_comes_
     in_virtual_time(main())
 
 
+@pytest.mark.parametrize("both_ways", [False, True])
+def test_a_network_that_comes_back_or_fails_one_way_does_not_cut_a_bring_down_short(both_ways: bool) -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        async with room(armed=True) as it:
+            await it.stream(1.0, 0.3)
+            down = (Segment(1.5, 0.8, (0.0, 0.0, 0.0)),)
+            assert it.link.send(command(1.0, bring_down=down))
+            await asyncio.sleep(it.link.period_s)
+            it.network.lose = lambda datagram: both_ways or kind_of(datagram[2]) != UP
+            it.vehicle.acts.clear()
+            failed_s, until_s = loop.time(), loop.time() + 3.5
+            while loop.time() < until_s:
+                if loop.time() > failed_s + 1.1:
+                    it.network.lose = lambda datagram: False
+                it.link.send(command(1.0, bring_down=down))
+                await asyncio.sleep(it.link.period_s)
+            lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+            held = 0.0 if both_ways else SILENT_S
+            assert lifted[-1] == pytest.approx(failed_s + held + 0.25 + 1.5, abs=0.25)
+            assert all(share > 0.0 for time_s, share, _ in it.vehicle.acts if time_s < lifted[-1])
+            assert not it.receiver.armed
+
+    in_virtual_time(main())
+
+
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_orders_arrive_over_a_network_that_loses_much(share: float) -> None:
     async def main() -> None:
