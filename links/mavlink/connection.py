@@ -531,7 +531,7 @@ class Contact:
         if self._loop is None or wire is None:
             return
         now = self._loop.time()
-        if known is not None and source != known and not self.heard.is_silent(now):
+        if known is not None and source != known and (self._keeper.owes() or not self.heard.is_silent(now)):
             self._dropped["other_address"] += 1
             return
         read = self.codec.feed_datagram if wire.datagrams else self.codec.feed
@@ -670,6 +670,9 @@ class MavlinkConnection:
         """Called when the wire is lost."""
         self.when_back: Callable[[], None] = _nothing
         """Called when an autopilot is heard again that was silent, or whose wire was lost."""
+        self.owes: Callable[[], bool] = lambda: False
+        """Whether a command or its bring-down may still leave: it belongs to the autopilot that was armed, and to no
+        other that speaks in its place from another address."""
         self._reset()
 
     def _reset(self) -> None:

@@ -185,6 +185,7 @@ class MavlinkLink:
         # An autopilot that was silent may have heard us all the time: it gets the rest, and no newer command.
         self.connection.when_lost = self._transmitter.stop
         self.connection.when_back = self._deadman.hold
+        self.connection.owes = lambda: self.status.phase != Phase.OVER
         self._under_way: Handshake | None = None
         self._obeys = False
         self._obeys_s = 0.0

@@ -279,6 +279,31 @@ def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_and_wa
     in_virtual_time(main())
 
 
+def test_what_is_owed_to_a_vehicle_in_the_air_never_goes_to_another_with_its_number() -> None:
+    async def main() -> None:
+        own, stranger = await Endpoint().open(), await Endpoint().open()
+        own.answer = stranger.answer = accept
+        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+        beating = asyncio.create_task(own.beating())
+        await link.connect()
+        await link.arm(command)
+        beating.cancel()
+        for _ in range(200):  # its heartbeats are lost, and it is commanded all the same
+            link.send(command())
+            stranger.beat()
+            await asyncio.sleep(0.02)
+        assert link.status.state == "lost"
+        assert stranger.of("SET_ATTITUDE_TARGET") == []
+        assert own.of("SET_ATTITUDE_TARGET")
+        await link.silent()
+        stranger.beat()
+        await asyncio.sleep(0.1)
+        assert link.status.state == "connected"
+        await link.close()
+
+    in_virtual_time(main())
+
+
 def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
     def play(quiet: bool) -> set[str]:
         seen: set[str] = set()

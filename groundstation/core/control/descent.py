@@ -37,17 +37,15 @@ BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
 BLIND_WIND_M_S2 = 1.5
 """Of an estimated disturbance so much is believed when blind, on each axis."""
 
-ASK_RAD_S, ASK_S = 0.3, 0.4
-"""A question to the poses: the axis that it leans about circles; so fast is the turn [rad/s], so long one round [s]."""
-UNEVEN_RAD, UNEVEN_S = 2.5, 1.1
-"""The rounds are uneven by so much to and fro [rad], so slowly [s]: late by one even round would pass for an answer."""
+ASK_RAD_S, ASK_TONES_RAD_S = 0.27, (10.5, 14.0, 18.5)
+"""A question to the poses: the axis that it leans about circles at once so fast, each by so much [rad/s]. Slower ones
+would carry it away; together they repeat after no time by which poses are late."""
 
 
 def ask(time_s: float) -> tuple[float, float]:
     """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by a degree."""
-    turn = 2.0 * math.pi * time_s
-    phase = turn / ASK_S + UNEVEN_RAD * math.sin(turn / UNEVEN_S)
-    return ASK_RAD_S * math.cos(phase), ASK_RAD_S * math.sin(phase)
+    phases = [tone * time_s for tone in ASK_TONES_RAD_S]
+    return ASK_RAD_S * sum(map(math.cos, phases)), ASK_RAD_S * sum(map(math.sin, phases))
 
 
 class Descent:
