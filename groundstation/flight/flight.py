@@ -57,7 +57,7 @@ from groundstation.pose import make_source
 from groundstation.runtime import IdleSlots, to_the_end
 from groundstation.settings import Config
 from links import make_link
-from links.core import Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, TellsMode
+from links.core import Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase, TellsMode
 from links.io import NETWORK, Network
 from links.mavlink import MavlinkLink
 
@@ -288,7 +288,10 @@ class CommandLoop:
         return f"no pose for {(now - late.pose_time_s) * 1e3:.0f} ms: the link plays its bring-down"
 
     def _ensure_armed(self, now: float) -> None:
-        """Whether the autopilot has disarmed by itself on the floor; anywhere else that ends the flight at once."""
+        """Whether the autopilot has disarmed by itself on the floor; anywhere else that ends the flight at once.
+
+        One that is not heard any more may hear us still: it lands, while the poses show that it obeys.
+        """
         status, progress = self._link.status, self._progress
         if status.slept_s > 0.0:
             raise FlightEnded(f"the computer that sends slept for {status.slept_s:.1f} s: arm anew to fly")
@@ -302,7 +305,11 @@ class CommandLoop:
             return
         if status.state == "lost":  # nobody knows whether it is armed still: it may be coming down by itself
             last = f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
-            raise FlightEnded(f"the link is lost: commands have stopped{last}. {status.text}")
+            if status.phase != Phase.FRESH:
+                raise FlightEnded(f"the link is lost: commands have stopped{last}. {status.text}")
+            if progress.state is not State.DESCENT:
+                progress.go(Event.LAND, f"the link is lost{last}: landing, as it may hear us still", now, fault=True)
+            return
         raise FlightEnded(
             f"the link is {status.state}, the vehicle armed no longer: commands have stopped. {status.text}"
         )
@@ -319,8 +326,10 @@ class CommandLoop:
                     break
                 except LinkError as error:
                     if loop.time() > give_up:
+                        fault = self._progress.fault if self._link.status.state == "lost" else ""
+                        why = f"nobody has told whether the motors are off: {fault}" if fault else ""
                         raise FlightEnded(
-                            f"landed at zero thrust, but the autopilot will not disarm: {error}"
+                            f"landed at zero thrust, but {why or f'the autopilot will not disarm: {error}'}"
                         ) from error
                     await asyncio.sleep(0.5)
         finally:
