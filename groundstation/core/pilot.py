@@ -403,7 +403,7 @@ class Pilot:
         found = self.evidence
         if max(found.still, found.push) < max(found) and self._obedience.late_s == 0.0:
             return newest
-        older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), newest)
+        older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), self._trusted[0])
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)
 
     def _reckon(self, before: Trusted, until_s: float) -> Motion:
