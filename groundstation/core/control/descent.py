@@ -43,7 +43,7 @@ would carry it away; together they repeat after no time by which poses are late.
 
 
 def ask(time_s: float) -> tuple[float, float]:
-    """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by a degree."""
+    """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by a degree or so."""
     phases = [tone * time_s for tone in ASK_TONES_RAD_S]
     return ASK_RAD_S * sum(map(math.cos, phases)), ASK_RAD_S * sum(map(math.sin, phases))
 
