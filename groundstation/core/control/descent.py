@@ -4,7 +4,7 @@ The push that takes the velocity to (0, 0, sink), tilted a little at most; the a
 It holds no place: what is left of the wind's estimate, it drifts with. An estimate that is wrong must not make it
 climb: an integral of the sinking speed's error outweighs it. Blind, it asks the speed for nothing either: it levels
 into the wind it knew and pushes a little less than what hovers, and with time ever less; and it asks the poses
-whether they are this vehicle's, by turning it to and fro by a degree: in calm air nothing else would tell soon.
+whether they are this vehicle's, by turning it to and fro by two degrees: in calm air nothing else would tell soon.
 """
 
 import math
@@ -43,7 +43,7 @@ would carry it away; together they repeat after no time by which poses are late.
 
 
 def ask(time_s: float) -> tuple[float, float]:
-    """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by a degree or so."""
+    """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by two degrees."""
     phases = [tone * time_s for tone in ASK_TONES_RAD_S]
     return ASK_RAD_S * sum(map(math.cos, phases)), ASK_RAD_S * sum(map(math.sin, phases))
 
