@@ -480,7 +480,7 @@ def betaflight_advice(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[
         Advice(
             ("failsafe_delay",),
             must,
-            between(1.0, 15.0, 12.0),
+            between(1.0, 12.0, 12.0),
             "The motors turn for so long [0.1 s] after the receiver has given up; where it gives pulses that mean "
             "nothing 0.3 s more: with 12 that, too, ends within 2.6 s of the last frame (1 s are the receiver's).",
         ),

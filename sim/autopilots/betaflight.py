@@ -49,7 +49,7 @@ aux 0 0 0 1700 2100 0 0
 aux 1 27 1 1700 2100 0 0
 set failsafe_switch_mode = STAGE1
 set failsafe_procedure = DROP
-set failsafe_delay = 15
+set failsafe_delay = 12
 set rates_type = ACTUAL
 set thr_expo = 0
 set throttle_limit_type = OFF

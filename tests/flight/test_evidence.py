@@ -15,10 +15,13 @@ import pytest
 
 from groundstation.analysis.evidence import import_command
 from groundstation.analysis.evidence.evidence import (
+    DRIFTED,
     WANDERED,
+    describe_flight,
     examine_flight,
     find_airborne,
     fit_attitude_loop,
+    measure_drift,
     measure_pose_noise,
     measure_wander,
     respond,
@@ -284,6 +287,45 @@ def test_the_wander_of_a_sources_velocity_is_found_beside_its_white_noise(densit
     assert pytest.approx(8.0 / 3.0 / 70.0) == WANDERED
 
 
+@pytest.mark.parametrize("density", [1.0, 4.0])
+def test_the_wander_of_an_acceleration_is_found_beside_white_noise_and_a_wandering_velocity(density: float) -> None:
+    stamps, place = circle(100.0, 0.001, 5e-5)
+    draw = np.random.default_rng(4)
+    steps = draw.standard_normal((2, *place.shape)) * 0.1  # of densities 1, for 0.01 s
+    drifts = np.cumsum(np.cumsum(np.cumsum(density * steps[0], axis=0) * 0.01, axis=0) * 0.01, axis=0)
+    wanders = np.cumsum(np.cumsum(0.05 * steps[1], axis=0) * 0.01, axis=0)
+    assert measure_drift(stamps, place + drifts + wanders, 0.05) == pytest.approx(density, rel=0.2)
+    assert measure_drift(stamps, place + wanders, 0.05) < 0.5
+    assert pytest.approx(2.0 / 3.0 / 70.0) == DRIFTED
+
+
+@pytest.mark.parametrize("leans", [True, False], ids=["poses", "positions"])
+@pytest.mark.parametrize("jitter_s", [0.001, 0.002])
+def test_hard_steps_that_nobody_commanded_are_predicted_better_than_by_constant_velocity(
+    jitter_s: float, leans: bool, tmp_path: Path
+) -> None:
+    """A vehicle that leaps every two seconds; where its attitude is not known, nothing tells of the leap."""
+    draw = np.random.default_rng(5)
+    time = np.arange(0.0, 24.0, 0.001)
+    goals = np.repeat(draw.uniform(-0.5, 0.5, (12, 2)), 2000, axis=0)
+    lagging, place = np.zeros((4, 2)), np.empty((len(time), 2))
+    for k, goal in enumerate(goals):
+        place[k] = lagging[0]
+        lagging += 0.001 / 0.08 * (np.concatenate([lagging[1:], [goal]]) - lagging)
+    push = np.gradient(np.gradient(place, time, axis=0), time, axis=0)
+    rows = []
+    for at in np.arange(0.05, 23.9, 0.01):
+        k = int(1000.0 * (at + jitter_s * draw.standard_normal()))
+        x, y, z = np.array([*place[k], 1.0]) + 1e-4 * draw.standard_normal(3)
+        i, j = (0.5 * math.atan2(a, 9.81) if leans else 0.0 for a in (-push[k, 1], push[k, 0]))
+        rows.append({"t": at, "px": x, "py": y, "pz": z, "qw": 1.0, "qx": i, "qy": j, "qz": 0.0})
+    facts = examine_flight(imported(tmp_path, write_csv(tmp_path / "steps.csv", rows), "nanobench"))
+    row = facts["prediction"]["60"]
+    assert facts["jitter_ms"] == pytest.approx(1e3 * jitter_s, rel=0.2)
+    assert row["rms_mm"] < (0.8 if leans else 0.95) * row["pvt_rms_mm"]
+    assert row["across_mm"] < row["along_mm"]
+
+
 @pytest.mark.parametrize(("gain", "lag_s", "delay_s"), [(6.0, 0.045, 0.05), (7.0, 0.15, 0.02)])
 def test_an_attitude_loop_is_found_with_its_delay(gain: float, lag_s: float, delay_s: float) -> None:
     time = np.arange(2000) / 100.0
@@ -376,6 +418,39 @@ def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
     assert row["rms_mm"] < 0.7 * row["pvt_rms_mm"]
     json.dumps(facts, allow_nan=False)
     assert "identified" not in facts
+
+
+@pytest.mark.parametrize("back_s", [0.07, 5.0, 1e5])
+def test_of_a_flight_whose_clock_is_set_back_the_longer_part_is_judged_and_it_is_said(
+    back_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with gzip.open(nanobench(tmp_path), "rt", newline="") as file:
+        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    later = len(rows) - 200
+    rows = [row | {"t": float(row["t"]) - (back_s if n >= later else 0.0)} for n, row in enumerate(rows)]
+    path = imported(tmp_path, write_csv(tmp_path / "back.csv", rows), "nanobench")
+    left_out = "poses left out, before or after a set-back of their clock: 200"
+    assert left_out in capsys.readouterr().out
+    facts = examine_flight(path)
+    assert left_out in describe_flight(facts)
+    assert facts["flown_s"] == pytest.approx((later - 1) / 50.0, abs=0.7)
+    assert facts["prediction"]["60"]["rms_mm"] < 0.5 * facts["prediction"]["60"]["pvt_rms_mm"]
+    newest = [entry.value()["time_s"] for entry in Recording(path).entries((SETPOINT,))]
+    assert len(newest) == later and newest == sorted(newest)
+
+
+def test_commands_whose_clock_is_set_back_at_other_times_are_left_out_and_it_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with gzip.open(nanobench(tmp_path), "rt", newline="") as file:
+        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    told = [row | {"sent": float(row["t"]) - (5.0 if n > 300 else 0.0)} for n, row in enumerate(rows)]
+    mapping = tmp_path / "own.toml"
+    mapping.write_text(shipped_mappings()["nanobench"].replace("[[command]]", '[[command]]\ntime = "sent"'))
+    out = tmp_path / "own.mcap"
+    assert import_command([write_csv(tmp_path / "own.csv", told)], str(mapping), out) == 0
+    assert "no commands in it but with a clock that is set back at other times" in capsys.readouterr().out
+    assert not list(Recording(out).entries((SETPOINT,)))
 
 
 def test_what_never_moves_is_said_to_stand(tmp_path: Path) -> None:

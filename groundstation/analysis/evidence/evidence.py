@@ -43,7 +43,7 @@ from groundstation.analysis.shadow import (
     thrust_shares,
 )
 from groundstation.config import ConfigError, from_dict, parse_toml
-from groundstation.core.estimation import JITTER_SHOWS, ModelEstimator
+from groundstation.core.estimation import JITTER_SHOWS, Estimation, ModelEstimator
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand
@@ -187,6 +187,8 @@ class EvidenceFlight:
     told: MappedVehicle
     config: Config | None
     """What our own controller was told; None of what others flew."""
+    left_out: dict[str, int]
+    """How much of the file was not used as it stands when it was imported, by reason."""
 
     @property
     def commands_attitude(self) -> bool:
@@ -237,7 +239,8 @@ def load_flight(path: Path) -> EvidenceFlight:
     hover = float(about["hover"]) if about.get("hover") else None
     told = msgspec.json.decode(about["vehicle_told"], type=MappedVehicle) if not ours else _told_by(config)
     source = about.get("source", "simulation" if about.get("scenario") else "our own")
-    return EvidenceFlight(path, source, poses, flags, sent, hover, told, config)
+    left_out = msgspec.json.decode(about.get("notes", "{}"), type=dict[str, int])
+    return EvidenceFlight(path, source, poses, flags, sent, hover, told, config, left_out)
 
 
 def _told_by(config: Config | None) -> MappedVehicle:
@@ -261,20 +264,29 @@ class PoseNoise(NamedTuple):
     """How far a stamp is off: what it is along the motion and not across, over the speed."""
 
 
-def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
-    """Of positions (N, 3) [m] at ``at_s`` (N,) [s]; all zero where there are too few.
+def take_differences(at_s: Column, place: Column, stride: int = 1) -> tuple[Column, Column, Column]:
+    """What no smooth motion leaves of five positions, each ``stride`` after the one before.
 
-    Divided differences of fourth order leave nothing of any cubic, however the stamps lie.
+    Divided differences of fourth order leave nothing of any cubic, however the stamps lie; of noise they have the
+    deviation. Positions are (N, 3) [m], at ``at_s`` (N,) [s].
+
+    Returns:
+        Differences (M, 3) [m]; how long the five take (M,) [s]; the way from the first to the last (M, 3) [m].
     """
-    if len(at_s) < 10:
-        return PoseNoise(0.0, 0.0, 0.0)
-    times = np.stack([at_s[k : len(at_s) - 4 + k] for k in range(5)])
-    points = np.stack([place[k : len(at_s) - 4 + k] for k in range(5)])
+    several = [slice(k * stride, len(at_s) - (4 - k) * stride) for k in range(5)]
+    times, points = (np.stack([of[some] for some in several]) for of in (at_s, place))
     apart = times[:, None] - times[None] + np.eye(5)[:, :, None]
     weights = 1.0 / apart.prod(axis=1)
     left = (weights[:, :, None] * points).sum(axis=0) / np.sqrt((weights**2).sum(axis=0))[:, None]
-    span = times[4] - times[0]
-    velocity = (points[4] - points[0]) / span[:, None]
+    return left, times[4] - times[0], points[4] - points[0]
+
+
+def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
+    """Of positions (N, 3) [m] at ``at_s`` (N,) [s]; all zero where there are too few."""
+    if len(at_s) < 10:
+        return PoseNoise(0.0, 0.0, 0.0)
+    left, span, way = take_differences(at_s, place)
+    velocity = way / span[:, None]
     speed = np.linalg.norm(velocity, axis=1)
     whole = span < 1.5 * np.median(span)
     moves = whole & (speed > MOVES_M_S)
@@ -308,6 +320,29 @@ def measure_wander(at_s: Column, place: Column) -> float:
     white, both = measure_pose_noise(at_s, place).across_m, measure_pose_noise(at_s[::stride], place[::stride]).across_m
     grown = (stride * near) ** 3 - near**3
     return math.sqrt(max(0.0, both**2 - white**2) / (WANDERED * grown))
+
+
+DRIFT_S = 0.2
+"""Over this spacing of poses it shows how an acceleration that is not told wanders [s]."""
+DRIFTED = 2.0 * (11.0 / 20.0 - 13.0 / 60.0) / 70.0
+"""Variance that an acceleration of density 1, a random walk, leaves of such a difference, over the fifth power of the
+spacing: third differences of its double integral have 11/20 and, between neighbours, 13/60; fourth ones as above."""
+BURSTS = 1.4
+"""An acceleration that nobody tells jumps in bursts, and they make most of the error: so many times the mean [-]."""
+
+
+def measure_drift(at_s: Column, place: Column, wander: float) -> float:
+    """How the acceleration that moves positions wanders [m/s³ per √Hz], beside the ``wander`` of their velocity."""
+    near = float(np.median(np.diff(at_s)))
+    stride = max(2, round(DRIFT_S / near))
+    if len(at_s) < 30 * stride:
+        return 0.0
+    variances, far = [], stride * near
+    for some in (stride, 1):
+        left, span, _ = take_differences(at_s, place, some)
+        variances.append(float((left[span < 1.5 * np.median(span)] ** 2).mean()))
+    grown = variances[0] - variances[1] - WANDERED * wander**2 * (far**3 - near**3)
+    return math.sqrt(max(0.0, grown) / (DRIFTED * (far**5 - near**5)))
 
 
 def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice:
@@ -517,17 +552,46 @@ class Judged(NamedTuple):
     prediction: dict[str, dict[str, float] | None]
 
 
+def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
+    """What the filter is told of its noise: that of the source, by differences of its positions.
+
+    Where no command tells what moves the vehicle, the differences tell how it wanders, too.
+    """
+    at_s, place, told = driven.at_s[driven.air], driven.place[driven.air], driven.config.controller
+    wander, drift = measure_wander(at_s, place), 0.0
+    if not driven.recorded.sent:
+        drift = BURSTS * measure_drift(at_s, place - _integrate_lean(driven), wander)
+    return msgspec.structs.replace(
+        told,
+        pose_noise_m=max(noise.across_m, 1e-6),
+        pose_jitter_s=noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0,
+        acceleration_noise=max(told.acceleration_noise, wander),
+        wind_noise=max(told.wind_noise, drift),
+    )
+
+
+def _bear_weight(attitude: Quat) -> float:
+    """Thrust over weight that carries the vehicle as it leans [-]."""
+    return 1.0 / max(so3.third_column(attitude)[2], LEAST_UPRIGHT)
+
+
+def _integrate_lean(driven: DrivenFlight) -> Column:
+    """How far it would have gone from rest by the thrust that carries it, as it leant (N, 3) [m]."""
+    leans = [pose.attitude for pose in driven.flight.poses[driven.air]]
+    push = np.array([[_bear_weight(attitude) * x for x in so3.third_column(attitude)] for attitude in leans])
+    push = driven.config.controller.gravity * (np.array([0.0, 0.0, 1.0]) - push)
+    h = np.diff(driven.at_s[driven.air])[:, None]
+    gained = np.cumsum(0.5 * h * (push[:-1] + push[1:]), axis=0)
+    speed = np.concatenate([np.zeros((1, 3)), gained[:-1]])
+    way = np.cumsum(h * speed + h * h * (2.0 * push[:-1] + push[1:]) / 6.0, axis=0)
+    return np.concatenate([np.zeros((1, 3)), way])
+
+
 def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
     """Fly the filter over the part that flies, and hold what it predicts against the poses measured then."""
     flight, air, at_s, place = driven.flight, driven.air, driven.at_s, driven.place
     config = driven.config
-    wander = max(config.controller.acceleration_noise, measure_wander(at_s[air], place[air]))
-    gains = msgspec.structs.replace(
-        config.controller,
-        pose_noise_m=max(noise.across_m, 1e-6),
-        pose_jitter_s=noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0,
-        acceleration_noise=wander,
-    )
+    gains = tell_noise(driven, noise)
     estimator, newest = ModelEstimator(config.vehicle, gains), -math.inf
     full, delay = config.full_thrust_n, config.vehicle.command_delay_s
     drives = [
@@ -553,8 +617,7 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
         if not drives and i > air.start:
             turn = _turn(flight.poses[i - 1].attitude, pose.attitude)
             x, y, z = (angle / (now - float(at_s[i - 1])) for angle in turn)
-            upright = max(so3.third_column(pose.attitude)[2], LEAST_UPRIGHT)
-            estimator.add_command(now, ActuatorCommand(weight / upright, (x, y, z)))
+            estimator.add_command(now, ActuatorCommand(weight * _bear_weight(pose.attitude), (x, y, z)))
         nis = estimator.consistency(pose) if estimator.ready else None
         estimator.update(pose)
         if now < begun + SETTLING_S:
@@ -636,6 +699,8 @@ def examine_flight(path: Path) -> dict[str, Any]:
         "nis3": judged.nis3,
         "prediction": judged.prediction,
     }
+    if flight.left_out:
+        facts["left_out"] = flight.left_out
     if not flew:
         facts["note"] = "it stands all the time: nothing flies in it"
     if identified is not None:
@@ -685,6 +750,7 @@ def describe_flight(facts: dict[str, Any]) -> str:
         elif one["value"] is not None:
             low, high = one["interval"]
             lines.append(f"  {name:22}{one['value']:>9.4g}  {low:.4g} to {high:.4g} {one['unit']}".rstrip())
+    lines += [f"  not used as it stands, {reason}: {count}" for reason, count in facts.get("left_out", {}).items()]
     if facts.get("shadow"):
         for name in ("thrust_n", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"):
             pair = facts["shadow"][name]

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -383,6 +384,18 @@ PLAUSIBLE_S = (1e-4, 5.0)
 """Poses are no closer, and no further apart [s]."""
 
 
+MIXED = 2.0
+"""Loggers mix up rows that are so many intervals apart; where time goes back by more, its clock was set back."""
+OF_ANOTHER_CLOCK = " but with a clock that is set back at other times than that of the poses"
+
+
+def split_at_set_backs(time: Column) -> list[slice]:
+    """The rows from one set-back of their clock to the next; ``time`` (N,) [s] is theirs."""
+    steps = np.diff(time)
+    backs = np.flatnonzero(steps < -MIXED * np.median(np.abs(steps))) + 1 if len(steps) else np.array([], dtype=int)
+    return [slice(a, b) for a, b in pairwise([0, *backs.tolist(), len(time)])]
+
+
 def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight:
     """The flight in the files ``paths``.
 
@@ -403,6 +416,13 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
     if not PLAUSIBLE_S[0] <= apart_s <= PLAUSIBLE_S[1]:
         says = f"by {mapping.time_unit!r} a pose comes every {apart_s:.3g} s: its stamps are of another unit"
         raise ConfigError("--map: time_unit", says, str(paths[0]))
+    rows = split_at_set_backs(time)
+    part = max(range(len(rows)), key=lambda k: rows[k].stop - rows[k].start)
+    reader.part = part, len(rows)
+    if len(rows) > 1:
+        # How long it had been going on by then nobody can tell: what comes before and after does not fit together.
+        reader.notes["poses left out, before or after a set-back of their clock"] = len(time) - len(time[rows[part]])
+        time, place, attitude, velocity, resets = reader.cut(poses) or poses
     flight = ImportedFlight(float(time[0]))
     newest = -np.inf
     repeats = np.zeros(len(time), dtype=bool)
@@ -421,10 +441,11 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
     _add_commands(flight, reader, mapping)
     for topic, parts, what in ((REFERENCE, mapping.reference, "reference"), (TRUTH, mapping.truth, "truth")):
         found = reader.first(parts, reader.motion)
-        if found is None:
-            flight.missing.append(f"no {what} in it")
+        known = reader.cut(found)
+        if known is None:
+            flight.missing.append(f"no {what} in it{OF_ANOTHER_CLOCK if found else ''}")
             continue
-        time, place, _, velocity, _ = found
+        time, place, _, velocity, _ = known
         for k, at in enumerate((time - flight.begun_s).tolist()):
             moving = msgspec.UNSET if velocity is None else vector(_three(velocity[k]))
             flight.messages.append((at, topic, ImportedMotion(at, vector(_three(place[k])), moving)))
@@ -433,10 +454,12 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
 
 def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
     commands = reader.first(mapping.command, reader.command)
-    if commands is None:
-        flight.missing.append("no commands in it: nothing is identified, prediction knows no thrust")
+    known = reader.cut(None if commands is None else commands[:4])
+    if commands is None or known is None:
+        but = OF_ANOTHER_CLOCK if commands else ""
+        flight.missing.append(f"no commands in it{but}: nothing is identified, prediction knows no thrust")
         return
-    time, signal, rates, attitude, flight.hover = commands
+    (time, signal, rates, attitude), flight.hover = known, commands[4]
     beyond = int(np.count_nonzero((signal < 0.0) | (signal > 1.0)))
     if beyond:
         flight.notes["thrust beyond 0 or full, cut off there"] += beyond
@@ -535,6 +558,14 @@ class _MappingReader:
         self._tables = tables
         self._frames = Frames(mapping.world, mapping.body)
         self.notes: Counter[str] = Counter()
+        self.part = 0, 1
+        """Which of how many parts is read, where the poses' clock is set back."""
+
+    def cut(self, columns: tuple[Any, ...] | None) -> tuple[Any, ...] | None:
+        """That part of ``columns``, whose first is time; None where their clock is set back at other times."""
+        if columns is None or len(rows := split_at_set_backs(columns[0])) != self.part[1]:
+            return None
+        return tuple(None if column is None else column[rows[self.part[0]]] for column in columns)
 
     def first(self, parts: Sequence[Any], read: Callable[[Any], Any]) -> Any:
         """What the first of ``parts`` gives that the tables hold; None where they hold none."""
