@@ -87,11 +87,7 @@ class ForwardingSource:
         return self._source.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Start the source; the autopilot gets each pose after ``deliver``, and after the command that it leads to.
-
-        Raises:
-            SourceError: the source can't be started.
-        """
+        """Start the source; the autopilot gets each pose after ``deliver``, and after the command that it leads to."""
         loop = asyncio.get_running_loop()
 
         def both(pose: Pose) -> None:

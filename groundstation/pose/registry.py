@@ -162,11 +162,7 @@ class CsvSource(RecordedSource):
         return self._intake.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Read the whole file, then begin to play it.
-
-        Raises:
-            SourceError: the file can't be read, or holds no poses; the text says what to look for.
-        """
+        """Read the whole file, then begin to play it."""
         self._play([(row.arrival_s, row) for row in self._read()], self._decode, deliver)
 
     def _read(self) -> list[CsvRow]:
@@ -227,11 +223,7 @@ class TlogSource(RecordedSource):
         return msgspec.structs.replace(status, dropped=dict(self._reader.dropped + self._decoder.dropped))
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Read the whole file, then begin to play it.
-
-        Raises:
-            SourceError: the file can't be read, or holds no messages that make poses; the text says what to look for.
-        """
+        """Read the whole file, then begin to play it."""
         records, decoder = self._read()
         self._decoder = decoder
         self._play(

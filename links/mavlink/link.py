@@ -256,24 +256,14 @@ class MavlinkLink:
         return 0.0 if self._sleep is None else self._sleep.slept_s
 
     async def connect(self) -> None:
-        """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted.
-
-        Raises:
-            LinkLost: the address can't be opened, or nobody answered within the configured time.
-            LinkRejected: the autopilot refuses to send a message that was requested.
-        """
+        """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted."""
         self._loop = asyncio.get_running_loop()
         self._distrusted = False
         await self.connection.open()
         self._busy = ""
 
     async def examine(self) -> None:
-        """Ask the autopilot for its version, and whether it is set up so that it may be armed.
-
-        Raises:
-            LinkLost: it did not answer.
-            LinkMisuse: the link is not connected.
-        """
+        """Ask the autopilot for its version, and whether it is set up so that it may be armed."""
         autopilot = self.connection.autopilot()
         version = ReadVersion(autopilot)
         await self._ask(Handshake([version]))
@@ -284,15 +274,10 @@ class MavlinkLink:
             self._unfit = str(error)
 
     async def arm(self, idle: Callable[[], Command]) -> None:
-        """Stream what ``idle()`` returns until the vehicle is in OFFBOARD (GUIDED on ArduPilot) and armed.
+        """Stream until the vehicle is in OFFBOARD (GUIDED on ArduPilot) and armed; see the port.
 
-        Only for an operator's own arming. Whatever ends this early, an order to disarm leaves after an order to arm.
-
-        Raises:
-            LinkRejected: the autopilot refused, in its own words.
-            LinkLost: it did not answer.
-            LinkError: ``idle()`` returned a command whose deadline had passed, or the motors were killed meanwhile.
-            LinkMisuse: the link is not connected.
+        Whatever ends this early, an order to disarm leaves after an order to arm. A LinkError, too, where ``idle()``
+        returned a command whose deadline had passed, or the motors were killed meanwhile.
         """
 
         def stream(now_s: float) -> None:
@@ -332,15 +317,7 @@ class MavlinkLink:
                 self._busy = ""
 
     def send(self, command: Command) -> bool:
-        """Send one command now, and repeat it until its deadline if no other comes.
-
-        Returns False, and changes nothing, where its deadline has passed, where a bring-down has begun, where the
-        autopilot is armed no longer, or where nobody has armed.
-
-        Raises:
-            LinkMisuse: a number in the command is not finite, its deadline or its bring-down is too long, the link
-                is not connected, or ``arm`` is streaming.
-        """
+        """See the port; False also where the autopilot is armed no longer, LinkMisuse while ``arm`` is streaming."""
         if self._busy or self._loop is None:
             raise LinkMisuse(f"send() {self._busy}")
         return self._send(command, self._loop.time())
@@ -423,13 +400,7 @@ class MavlinkLink:
         await self._transmitter.silent()
 
     async def disarm(self) -> None:
-        """Ask the vehicle, which stands on the ground, to stop its motors; then nothing leaves without a new arming.
-
-        Raises:
-            LinkRejected: the autopilot refused, in its own words.
-            LinkLost: it did not answer.
-            LinkMisuse: the link is not connected.
-        """
+        """Ask the vehicle, which stands on the ground, to stop its motors; then nothing leaves without a new arming."""
         autopilot = self.connection.autopilot()
         try:
             await self._ask(disarming(autopilot))
@@ -448,14 +419,7 @@ class MavlinkLink:
             self._under_way = None
 
     async def kill(self) -> None:
-        """Stop the motors at once, also in the air: nothing else leaves from the call on. Works in every state.
-
-        It goes on to its end where the caller is cancelled, and :meth:`close` waits for it.
-
-        Raises:
-            LinkLost: nobody acknowledged within some seconds, or the link was never connected.
-            LinkRejected: the autopilot refused, in its own words.
-        """
+        """See the port. It goes on to its end where the caller is cancelled, and :meth:`close` waits for it."""
         self._transmitter.stop()
         if self._under_way is not None:
             self._under_way.failure = LinkError("the motors were killed")
@@ -475,11 +439,7 @@ class MavlinkLink:
         self.connection.believe_armed(False)
 
     async def close(self) -> None:
-        """Release the socket. Nothing leaves afterwards.
-
-        What may still leave does so first: the newest command until its deadline, then its bring-down; a kill that
-        is under way goes on until it is acknowledged.
-        """
+        """See the port; a kill that is under way goes on until it is acknowledged."""
         self._busy = "on a link that is being closed"
         if self._under_way is not None:
             self._under_way.failure = LinkError("the link was closed before the autopilot answered")

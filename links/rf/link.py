@@ -244,12 +244,7 @@ class PacedLink:
         self._watch = watch
 
     async def connect(self) -> None:
-        """Start the pacer and open the port, or find both; from now on disarm frames leave.
-
-        Raises:
-            LinkLost: the port can't be opened, or there is no pacer.
-            LinkRejected: the pacer obeys somebody else.
-        """
+        """Start the pacer and open the port, or find both: disarm frames leave. LinkRejected where it obeys another."""
         if self._busy != _CLOSED:
             raise LinkMisuse("the link is connected already, or being closed; close it first")
         self._busy = "while it connects"
@@ -265,23 +260,14 @@ class PacedLink:
         self._busy = ""
 
     async def examine(self) -> None:
-        """Nothing can be asked: no receiver tells of itself.
-
-        Raises:
-            LinkMisuse: the link is not connected.
-        """
+        """Nothing can be asked: no receiver tells of itself."""
         self._free_for("examine")
 
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Show a disarmed transmitter, then an armed one, both with the throttle down, while ``idle()`` is streamed.
 
-        Only a fresh ``idle()`` keeps this alive; its thrust leaves once the vehicle counts as armed. Returns so that
-        a caller who sends at once, and then every period, stays just ahead of the frames.
-
-        Raises:
-            LinkLost: the port went away.
-            LinkError: ``idle()`` returned a command whose deadline had passed.
-            LinkMisuse: the link is not connected, or armed already.
+        Only a fresh ``idle()`` keeps this alive, else a LinkError tells; its thrust leaves once the vehicle counts as
+        armed. Returns so that a caller who sends at once, and then every period, stays just ahead of the frames.
         """
         self._free_for("arm")
         if self._state() == "armed":
@@ -316,14 +302,7 @@ class PacedLink:
                 self._busy = ""
 
     def send(self, command: Command) -> bool:
-        """Make ``command`` the one that leaves with the next frame, and with every other until its deadline.
-
-        Returns False, and changes nothing, where its deadline has passed, a bring-down has begun, nobody
-        has armed, or the port is gone.
-
-        Raises:
-            LinkMisuse: a number in it is not finite, the link is not connected, or ``arm`` is streaming.
-        """
+        """See the port; it leaves with the next frame. False also where the port is gone."""
         if self._busy:
             raise LinkMisuse(f"send() {self._busy}")
         return self._send(command, _now())
@@ -343,13 +322,7 @@ class PacedLink:
             await asyncio.sleep(self._heard.manner.period_s)
 
     async def kill(self) -> None:
-        """Disarm at once, also in the air: with the next frame, and nothing else leaves until a new arming.
-
-        Returns when disarm frames have left for ``disarm_s``. Works in every state.
-
-        Raises:
-            LinkLost: the port or the pacer is gone: the receiver's failsafe has to act.
-        """
+        """Disarm with the next frame; returns when disarm frames have left for ``disarm_s``. See the port."""
         heard, pacer = self._heard, self._heard.pacer
         self._stop()
         await asyncio.sleep(self._heard.manner.disarm_s)
@@ -358,20 +331,11 @@ class PacedLink:
             raise LinkLost(f"nothing can be sent, the receiver's failsafe has to act: {why}")
 
     async def disarm(self) -> None:
-        """Send disarm frames; the vehicle counts as disarmed once they have left for ``disarm_s``.
-
-        Raises:
-            LinkLost: the port went away.
-            LinkMisuse: the link is not connected.
-        """
+        """Send disarm frames; the vehicle counts as disarmed once they have left for ``disarm_s``."""
         self._free_for("disarm")
         self._stop()
         await asyncio.sleep(self._heard.manner.disarm_s)
         self._still_there()
-
-    async def bind(self, duration_s: float = 10.0) -> None:
-        """Have the module bind to a receiver that waits for it; see :meth:`serve`."""
-        await self.serve(Service.BIND, duration_s)
 
     async def serve(self, service: Service, duration_s: float) -> None:
         """Have the module do ``service`` for ``duration_s`` [s]; returns when that is over.
@@ -391,11 +355,7 @@ class PacedLink:
         self._still_there()
 
     async def close(self) -> None:
-        """Release the port. Nothing leaves afterwards.
-
-        A vehicle in the air is brought down first: the newest command until its deadline, then its bring-down, then
-        disarm frames. Only :meth:`kill` cuts that short.
-        """
+        """See the port: disarm frames come last."""
         pacer, busy = self._heard.pacer, self._busy
         self._busy = _CLOSED if pacer is None else _CLOSING
         if busy == _ARMING:

@@ -216,14 +216,14 @@ def test_arming_twice_is_misuse_and_changes_nothing() -> None:
 def test_a_module_binds_and_checks_its_range_only_while_disarmed() -> None:
     async def main() -> None:
         async with room() as it:
-            await it.link.bind(0.5)
+            await it.link.serve(Service.BIND, 0.5)
             await it.link.serve(Service.RANGE_CHECK, 0.5)
             assert set(it.receiver.services) == {Service.BIND, Service.RANGE_CHECK}
             it.receiver.services.clear()
             await it.link.arm(idle)
             stream = asyncio.create_task(it.stream(1.0, 1.0))
             with pytest.raises(LinkRejected, match="disarm first"):
-                await it.link.bind(0.5)
+                await it.link.serve(Service.BIND, 0.5)
             await stream
             assert it.receiver.services == []
 
@@ -235,7 +235,7 @@ def test_a_crsf_module_is_told_that_it_has_no_range_check() -> None:
         async with room(CrsfLinkConfig()) as it:
             with pytest.raises(LinkRejected, match="see its own menu"):
                 await it.link.serve(Service.RANGE_CHECK, 0.5)
-            await it.link.bind(0.1)
+            await it.link.serve(Service.BIND, 0.1)
             assert it.receiver.services == [Service.BIND]
 
     in_virtual_time(main())

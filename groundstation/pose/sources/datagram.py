@@ -37,11 +37,7 @@ class DatagramSource(asyncio.DatagramProtocol):
         return self._reader.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Begin to listen; ``deliver`` is called on the event loop for each pose.
-
-        Raises:
-            SourceError: the address cannot be listened on; the message says which and why.
-        """
+        """Begin to listen; ``deliver`` is called on the event loop for each pose."""
         self._deliver = deliver
         self._loop = asyncio.get_running_loop()
         try:

@@ -724,11 +724,7 @@ class GatedSource:
         )
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Start the source; ``deliver`` gets each pose that passes.
-
-        Raises:
-            SourceError: it can't be started.
-        """
+        """Start the source; ``deliver`` gets each pose that passes."""
 
         def take(pose: Pose) -> None:
             if pose.arrival_s - pose.time_s > self._lost_s:

@@ -92,11 +92,7 @@ class LibmotioncaptureSource:
         return self._reader.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Start the child; ``deliver`` is called on the event loop for each pose.
-
-        Raises:
-            SourceError: libmotioncapture is not installed, or its server does not answer; the message says what to do.
-        """
+        """Start the child; ``deliver`` is called on the event loop for each pose."""
         if find_spec("motioncapture") is None:
             raise SourceError(
                 "poses by libmotioncapture need motioncapture, which is not installed: "

@@ -55,11 +55,7 @@ class MavlinkPoseSource:
         return self._decoder.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Read along from now on, and have the link ask for the messages as it connects.
-
-        Raises:
-            LinkMisuse: the link is connected already.
-        """
+        """Read along from now on, and have the link ask for the messages as it connects."""
         self._connection.request(self._choose)
         self._deliver = deliver
         self._unsubscribe = self._connection.subscribe(self._take)

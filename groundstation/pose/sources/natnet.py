@@ -107,11 +107,7 @@ class NatNetSource:
         return self._reader.names
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Begin to listen and to ask; ``deliver`` is called on the event loop for each pose.
-
-        Raises:
-            SourceError: the addresses cannot be listened on; the message says which and why.
-        """
+        """Begin to listen and to ask; ``deliver`` is called on the event loop for each pose."""
         self._loop = asyncio.get_running_loop()
         self._deliver = deliver
         config = self._config

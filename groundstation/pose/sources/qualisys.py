@@ -81,11 +81,7 @@ class QualisysSource:
         return self._reader.names
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Connect and ask for the stream; ``deliver`` is called on the event loop for each pose.
-
-        Raises:
-            SourceError: QTM can't be reached or refuses, or qtm-rt is not installed; the message says what to look at.
-        """
+        """Connect and ask for the stream; ``deliver`` is called on the event loop for each pose."""
         self._deliver = deliver
         try:
             connection = await self._open()
