@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from groundstation.analysis.identify import find_outside
-from groundstation.analysis.report import read_columns, report_command
-from groundstation.analysis.report.figures import FIGURES, OVERLAYS, draw_figures, draw_overlays, print_figures
+from groundstation.analysis.report import draw_columns, read_columns, report_command
+from groundstation.analysis.report.figures import FIGURES, OVERLAYS, draw_figures, print_figures
 from groundstation.analysis.report.flight import numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
@@ -225,7 +225,7 @@ def test_nothing_that_is_written_in_a_figure_is_cut_at_its_edge(
     flights = [read_columns(recorded(duration_s=17.0)[0])] * count
     print_figures(tmp_path, flights, "pdf")
     draw_figures(tmp_path, flights)
-    draw_overlays(tmp_path, flights)
+    draw_columns(tmp_path, OVERLAYS, flights)
     assert len(drawn) > len(FIGURES)
     assert [cut_off(canvas) for canvas in drawn] == [[]] * len(drawn)
 

@@ -36,13 +36,12 @@ from groundstation.analysis.identify.fit import (
 from groundstation.analysis.identify.stretch import Column, FlightStretch, StretchTooShort, components, read_stretch
 from groundstation.analysis.report import (
     BLUE,
-    DPI,
     GREEN,
     GREY,
     ORANGE,
-    PLOT_STYLE,
     ReportFigure,
     document,
+    draw_columns,
     finish_panels,
     frame_picture,
 )
@@ -647,27 +646,6 @@ FIGURES = (
 )
 
 
-def draw_figures(folder: Path, found: IdentifiedVehicle) -> list[tuple[ReportFigure, Path]]:
-    """Draw every figure into ``folder``; returns each with its file.
-
-    Raises:
-        OSError: a file can't be written.
-    """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure as Canvas
-
-    made = []
-    with rc_context(PLOT_STYLE):
-        for one in FIGURES:
-            canvas = Canvas(figsize=(7.4, one.height_in), layout="constrained")
-            panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=True)
-            one.draw(panels[:, 0], found)
-            path = folder / f"{one.name}.png"
-            canvas.savefig(path, dpi=DPI)
-            made.append((one, path))
-    return made
-
-
 EXIT_FOUND, EXIT_NOTHING = 0, 1
 NEEDED = ("thrust_scale", "thrust_lag", "thrust_delay", "rate_lag", "rate_delay")
 """What a vehicle file is written for: without any of them there is nothing to write."""
@@ -705,7 +683,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
     if page is not None:
         try:
             page.mkdir(parents=True, exist_ok=True)
-            shown = write_page(page, found, draw_figures(page, found))
+            shown = write_page(page, found, draw_columns(page, FIGURES, found))
         except OSError as error:
             raise ConfigError("--page", f"cannot write {error.filename or page}: {error.strerror}") from None
     if as_json:

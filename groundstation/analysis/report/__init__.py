@@ -4,12 +4,11 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.analysis.report.figures import (
         BLUE,
-        DPI,
         GREEN,
         GREY,
         ORANGE,
-        PLOT_STYLE,
         ReportFigure,
+        draw_columns,
         draw_figure,
         figure_class,
         find_figure,

@@ -4,7 +4,7 @@ First those of control, the paper's 3 to 6 and the Lyapunov function with its ce
 whole: path, error, latency, lateness, events, saturation.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from io import BytesIO
 from itertools import cycle
@@ -601,8 +601,13 @@ OVERLAYS = (
 """Drawn of all flights at once."""
 
 
-def print_figures(folder: Path, flights: Sequence[FlightColumns], ending: str) -> list[Path]:
-    """Draw every figure a column wide, as ``ending`` says (pdf, svg, png): of one flight all, of several overlaid.
+def draw_columns(
+    folder: Path, figures: Iterable[ReportFigure], shown: Any, form: str = ""
+) -> list[tuple[ReportFigure, Path]]:
+    """Draw ``figures`` of what is ``shown`` into ``folder``; with a ``form`` (pdf, svg, png) a column wide, for print.
+
+    Returns:
+        Each with its file.
 
     Raises:
         OSError: a file can't be written.
@@ -610,35 +615,24 @@ def print_figures(folder: Path, flights: Sequence[FlightColumns], ending: str) -
     from matplotlib import rc_context
 
     made = []
-    with rc_context(PRINT_STYLE):
-        for one in choose_figures(flights) if len(flights) == 1 else OVERLAYS:
-            canvas = figure_class()(figsize=(COLUMN_IN, 0.62 * one.height_in), layout="constrained")
+    with rc_context(PRINT_STYLE if form else PLOT_STYLE):
+        for one in figures:
+            size = (COLUMN_IN, 0.62 * one.height_in) if form else (7.4, one.height_in)
+            canvas = figure_class()(figsize=size, layout="constrained")
             subplot: dict[str, Any] = {"projection": "3d"} if one.is_3d else {}
             panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=one.in_time, subplot_kw=subplot)[:, 0]
-            one.draw(panels, flights[0] if len(flights) == 1 else flights)
-            name = f"{one.name}-column" if ending == "png" else one.name  # the page's own are PNGs, too
-            made.append(folder / f"{name}.{ending}")
-            canvas.savefig(made[-1], dpi=PRINT_DPI)
+            one.draw(panels, shown)
+            name = f"{one.name}-column" if form == "png" else one.name  # the page's own are PNGs, too
+            made.append((one, folder / f"{name}.{form or 'png'}"))
+            canvas.savefig(made[-1][1], dpi=PRINT_DPI if form else DPI)
     return made
 
 
-def draw_overlays(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[ReportFigure, Path]]:
-    """Draw what shows all of ``flights`` at once into ``folder``; returns each with its file.
-
-    Raises:
-        OSError: a file can't be written.
-    """
-    from matplotlib import rc_context
-
-    made = []
-    with rc_context(PLOT_STYLE):
-        for one in OVERLAYS:
-            canvas = figure_class()(figsize=(7.4, one.height_in), layout="constrained")
-            panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=True)[:, 0]
-            one.draw(panels, flights)
-            made.append((one, folder / f"{one.name}.png"))
-            canvas.savefig(made[-1][1], dpi=DPI)
-    return made
+def print_figures(folder: Path, flights: Sequence[FlightColumns], form: str) -> list[Path]:
+    """Draw every figure a column wide: of one flight all, of several overlaid; see :func:`draw_columns`."""
+    alone = len(flights) == 1
+    shown = flights[0] if alone else flights
+    return [path for _, path in draw_columns(folder, choose_figures(flights) if alone else OVERLAYS, shown, form)]
 
 
 def draw_figures(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[ReportFigure, Path]]:
@@ -649,12 +643,10 @@ def draw_figures(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[R
     """
     from matplotlib import rc_context
 
-    made = []
-    for one in choose_figures(flights):
-        path = folder / f"{one.name}.png"
-        with rc_context(PLOT_STYLE):
+    made = [(one, folder / f"{one.name}.png") for one in choose_figures(flights)]
+    with rc_context(PLOT_STYLE):
+        for one, path in made:
             draw_figure(one, flights).savefig(path, dpi=DPI)
-        made.append((one, path))
     return made
 
 

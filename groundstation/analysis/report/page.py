@@ -341,11 +341,11 @@ def _write(form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: S
             else:
                 file.write(latex_table(rows))
         return [path]
-    from groundstation.analysis.report.figures import draw_figures, draw_overlays, print_figures
+    from groundstation.analysis.report.figures import OVERLAYS, draw_columns, draw_figures, print_figures
 
     if form != "html":
         return print_figures(folder, flights, form)
-    overlaid = draw_overlays(folder, flights) if len(flights) > 1 else []
+    overlaid = draw_columns(folder, OVERLAYS, flights) if len(flights) > 1 else []
     return [
         write_page(folder, [*overlaid, *(draw_figures(folder, flights) if len(flights) <= SIDE_BY_SIDE else [])], facts)
     ]
