@@ -3,13 +3,12 @@
 import json
 import sys
 from collections import Counter
-from collections.abc import Sequence
 
 import pytest
 
 import links.make
 from sim.__main__ import main
-from tests.proving.fuzz import FLIGHTS, LINKS, SOURCES, PoseSubject, fuzz
+from tests.proving.fuzz import FLIGHTS, LINKS, SOURCES, Subject, fuzz
 
 ALL = SOURCES | LINKS
 
@@ -31,26 +30,19 @@ def test_every_link_is_fuzzed() -> None:
     assert LINKS.keys() == links.make.LINKS.keys() | {"betaflight"}  # a board's own port, for the doctor
 
 
-class Broken(PoseSubject):
-    """Raises on long datagrams, and says something else in pieces."""
+def broken() -> Subject:
+    """A decoder that raises on long datagrams, and says something else in pieces."""
 
-    def __init__(self) -> None:
-        super().__init__("json")
-
-    def feed(self, datagram: bytes, now_s: float) -> int:
+    def feed(datagram: bytes, now_s: float) -> int:
         if len(datagram) > 1000:
             raise IndexError("too long")
         return 1
 
-    def drops(self) -> Counter[str]:
-        return Counter()
-
-    def in_pieces(self, stream: bytes, cuts: Sequence[int]) -> bool | None:
-        return len(cuts) < 5
+    return SOURCES["json"]()._replace(feed=feed, drops=Counter, decode_stream=len)
 
 
 def test_what_raises_or_differs_is_found_and_told(capsys: pytest.CaptureFixture[str]) -> None:
-    report = fuzz("broken", Broken, 1000)
+    report = fuzz("broken", broken, 1000)
     assert report.exceptions > 10
     assert report.mismatches > 10
     assert capsys.readouterr().err.count("IndexError: too long") == 3
