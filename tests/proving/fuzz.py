@@ -35,7 +35,7 @@ from groundstation.pose.sources import (
     natnet_codec,
 )
 from links.core import Command
-from links.mavlink.protocol import MavlinkCodec, Message
+from links.mavlink.protocol import DIALECT, MavlinkCodec, Message
 from links.rf import RF_CODECS
 from sim.trackers import NatNetServer, QtmServer, TrackedBody, json_encoder, vicon_encoder, vision_encoder
 
@@ -267,8 +267,6 @@ def pieces_of(stream: bytes, cuts: Sequence[int]) -> list[bytes]:
 def repair_mavlink(frame: bytes) -> bytes:
     """A damaged MAVLink 2 frame with the length and the checksum of what it holds."""
     from fastcrc.crc16 import mcrf4xx
-
-    from links.mavlink.protocol import DIALECT
 
     if len(frame) < 12:
         return frame
@@ -550,9 +548,8 @@ def read_bridge() -> Subject:
     nonces = (bytes(range(codec.NONCE_BYTES)), bytes(codec.NONCE_BYTES))
     seal, theirs = (codec.session_seals(b"k" * 32, *nonces)[0] for _ in range(2))
     drops: Counter[str] = Counter()
-    ups = [
-        codec.Up(0.1 * n, 0.1 * n, 5.0, n, 0.2, False, Command(0.8, (0.1, -0.2, 0.3), 7, 1.0, 1.1)) for n in range(5)
-    ]
+    command = Command(0.8, (0.1, -0.2, 0.3), 7, 1.0, 1.1)
+    ups = [codec.Up(0.1 * n, 0.1 * n, 5.0, n, 0.2, False, command) for n in range(5)]
     ups += [codec.Up(1.0, 1.0, 5.0, stopped=True), codec.Up(1.0, 1.0, 5.0, end=True)]
     ups += [codec.Up(1.0, 1.0, 5.0, serve=(1, service, 2.0)) for service in Service]
 
