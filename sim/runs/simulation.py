@@ -112,7 +112,8 @@ def simulate(
             factory, called with the vehicle and the options, or as much of them as it needs, whose result has
             ``decide(estimate, reference, interval_s)``; that function itself; such an object, of which each flight
             has a copy; or ``"package.module:factory"``. Without it, the adaptive one.
-        trajectory: likewise: a class or factory whose result has ``at(time_s)``, which returns a Reference; that
+        trajectory: likewise: the name of one that comes along; or a class or another factory, called with the options
+            if it takes any (not with the vehicle), whose result has ``at(time_s)``, which returns a Reference; that
             function itself; or ``"package.module:factory"``. Without it, the scenario's.
         duration: how long [s]; without it 60, or as ``config`` has it.
         seed: every random draw comes from it.

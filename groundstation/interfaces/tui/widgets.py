@@ -251,7 +251,7 @@ class TopView(FlownPlot):
             legend.append(("→" if slim else " → b̂", WIND))
         rows, cell_m = top_view(tracks, width, height)
         cells = max(1, min(width - 30, 10))
-        scale = f"├{'─' * (cells - 2)}┤ {cells * cell_m:.2g} m  N↑  " if cells > 2 else f"{cell_m:.2g} m/col "
+        scale = f"├{'─' * (cells - 2)}┤ {cells * cell_m:.2g} m  N↑  " if cells > 2 else f"─ {cell_m:.2g} m "
         return content([*rows, [(scale, LABEL), *legend]], width)
 
 
