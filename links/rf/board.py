@@ -43,9 +43,6 @@ class _Ear(asyncio.Protocol):
         self.news = asyncio.Event()
         self.ended = False
 
-    def connection_made(self, transport: Any) -> None:
-        """Nothing to do: whoever opens has it."""
-
     def data_received(self, data: bytes) -> None:
         self.heard += data
         self.news.set()

@@ -8,6 +8,7 @@ import asyncio
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -240,7 +241,7 @@ class FleetStage:
                 world,
                 lab,
                 seed + SEEDS_APART * number,
-                _number_steps(on_step, number),
+                partial(on_step, number),
                 autopilot=autopilot,
                 alone=False,
             )
@@ -304,10 +305,6 @@ class FleetMocap:
     def _send(self, frame: int, when: float, seen: list[TrackedBody]) -> None:
         self.sent_s = asyncio.get_running_loop().time()
         self._tracker.send(frame, when, seen)
-
-
-def _number_steps(on_step: OnStep, number: int) -> Callable[[float, Vec3], None]:
-    return lambda time_s, place: on_step(number, time_s, place)
 
 
 APART_M = 3.0

@@ -226,9 +226,6 @@ class _AttachedClient(asyncio.Protocol):
             return
         self.transport.write(line)
 
-    def eof_received(self) -> None:
-        """It has gone: what it may still read is not worth keeping its control for."""
-
     def connection_lost(self, exc: Exception | None) -> None:
         del exc
         if self._later is not None:

@@ -295,9 +295,7 @@ class Notify:
         name = "\0" + self._address[1:] if self._address.startswith("@") else self._address
         try:
             self._transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-                _Silent,
-                remote_addr=name,
-                family=sockets.AF_UNIX,
+                asyncio.DatagramProtocol, remote_addr=name, family=sockets.AF_UNIX
             )
         except OSError:
             self._transport = None
@@ -329,11 +327,6 @@ class Notify:
             return
         if transport.get_write_buffer_size() < WAITING_MAX_BYTES:  # type: ignore[attr-defined]  # it has, since 3.4
             transport.sendto(text.encode())
-
-
-class _Silent(asyncio.DatagramProtocol):
-    def error_received(self, exc: Exception) -> None:
-        """The manager has gone, or is slow: it will see."""
 
 
 class WatchedCore(Core, Protocol):
