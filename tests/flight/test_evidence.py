@@ -25,6 +25,7 @@ from groundstation.analysis.evidence.evidence import (
     measure_pose_noise,
     measure_wander,
     respond,
+    tabulate_flights,
 )
 from groundstation.analysis.evidence.imports import SETPOINT, Column, load_mapping, shipped_mappings
 from groundstation.config import ConfigError
@@ -230,6 +231,8 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     assert 0.7 < facts["nis3"] < 1.4
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
     assert facts["pose_hz"] == pytest.approx(50.0, rel=0.01)
+    timing = {one for one in facts["identified"] if "lag" in one or "delay" in one} - {"thrust_lag", "thrust_delay"}
+    assert timing >= {"rate_lag", "rate_delay"} and (own or timing == {"rate_lag", "rate_delay"})
 
 
 def test_stamps_that_are_off_leave_the_filter_consistent_and_cost_nothing_across_the_motion() -> None:
@@ -250,8 +253,10 @@ def test_prediction_of_an_autopilots_flight_is_no_worse_than_constant_velocity(n
     at_60 = facts["prediction"]["60"]
     assert at_60["rms_mm"] <= at_60["pvt_rms_mm"]
     assert facts["identified"]["rate_lag"]["value"] == pytest.approx(0.05, abs=0.015)
-    low, high = facts["identified"]["rate_lag"]["interval"]
-    assert low < facts["identified"]["rate_lag"]["value"] < high
+    found = [facts["identified"][which] for which in ("rate_lag", "rate_delay")]
+    assert all(one["interval"][0] < one["value"] < one["interval"][1] for one in found)
+    row = tabulate_flights([facts])[-1].split("|")
+    assert [cell.split()[0] for cell in row[2:4]] == [f"{one['value']:.3g}" for one in found]
 
 
 def circle(hz: float, jitter_s: float, noise_m: float, count: int = 3000) -> tuple[Column, Column]:

@@ -12,6 +12,7 @@ constant is a trim. Intervals are by the jackknife over eight parts of the fligh
 
 import json
 import math
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -530,10 +531,10 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
         result[one.name] = {"value": one.value, "interval": one.interval, "unit": one.unit, "note": one.note}
     if driven.flight.commands_attitude:
         # The rates are ours, made of the set-points: what follows them is told by the attitude loop instead.
-        for name in ("rate_lag", "roll_rate_lag", "pitch_rate_lag", "yaw_rate_lag", "command_delay"):
-            result.pop(name, None)
+        for name in [name for name in result if "rate_lag" in name or "rate_delay" in name]:
+            del result[name]
         loop = driven.loop
-        named = (("attitude_gain", "1/s"), ("rate_lag", "s"), ("command_delay", "s"))
+        named = (("attitude_gain", "1/s"), ("rate_lag", "s"), ("rate_delay", "s"))
         for k, (name, unit) in enumerate(named):
             note = (
                 f"explains {loop.explained:.0%} of roll and pitch"
@@ -599,7 +600,7 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
         for sent, share in zip(driven.recorded.sent, driven.shares, strict=True)
     ]
     weight = config.vehicle.mass_kg * gains.gravity  # without commands it is taken to carry that, however it leans
-    errors: dict[int, list[tuple[Column, Column, Column, Column]]] = {h: [] for h in HORIZONS_MS}
+    errors: dict[int, array[float]] = {h: array("d") for h in HORIZONS_MS}  # a flight may have a million poses
     consistency: list[float] = []
     resets = [pose.reset_count for pose in flight.poses]
     usual, k, begun = float(np.median(np.diff(at_s[air]))), 0, -math.inf
@@ -641,20 +642,19 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
             predicted = np.array(estimator.predict(float(at_s[j])).motion.position)
             straight = place[i] + velocity * ahead
             curved = place[i] + tangent * ahead + 0.5 * acceleration * ahead**2
-            errors[h].append(
-                (predicted - place[j], straight - place[j], curved - place[j], tangent + acceleration * ahead)
-            )
+            off = (predicted - place[j], straight - place[j], curved - place[j], tangent + acceleration * ahead)
+            errors[h].frombytes(np.concatenate(off).tobytes())
     return Judged(
         float(np.mean(consistency)) / 3.0 if consistency else None,
-        {str(h): _measure_errors(some) for h, some in errors.items()},
+        {str(h): _measure_errors(np.array(some).reshape(-1, 4, 3)) for h, some in errors.items()},
     )
 
 
-def _measure_errors(some: Sequence[tuple[Column, Column, Column, Column]]) -> dict[str, float] | None:
-    """RMS [mm] over all predictions; None where too few poses judge them."""
+def _measure_errors(some: Column) -> dict[str, float] | None:
+    """RMS [mm] over all predictions (N, 4, 3); None where too few poses judge them."""
     if len(some) < 20:
         return None
-    ours, straight, curved, motion = (np.array(part) for part in zip(*some, strict=True))
+    ours, straight, curved, motion = some.transpose(1, 0, 2)
     ahead = motion / np.maximum(np.linalg.norm(motion, axis=1, keepdims=True), 1e-9)
     along = (ours * ahead).sum(axis=1)
 
@@ -776,7 +776,7 @@ def tabulate_flights(flights: Sequence[dict[str, Any]]) -> list[str]:
         noise = f"{one['noise_across_mm']:.3f}, {one['noise_along_mm']:.3f}"
         head = [f"{one['name']} ({one['source']})", f"{one['pose_hz']:.1f}", noise, f"{one['jitter_ms']:.2f}"]
         lines.append("| " + " | ".join([*head, _text(one["nis3"]), *cells]) + " |")
-    names = ("rate_lag", "command_delay", "attitude_gain", "thrust_lag", "thrust_scale", "drag")
+    names = ("rate_lag", "rate_delay", "attitude_gain", "thrust_lag", "thrust_scale", "drag")
     lines += ["", "| identified (95 %) | " + " | ".join(name.replace("_", " ") for name in names) + " |"]
     lines.append("|---" * (len(names) + 1) + "|")
     for one in flights:
