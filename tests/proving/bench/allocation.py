@@ -4,17 +4,15 @@ The flight is `fly`'s without its referee, which keeps every step, and without a
 """
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
+from tests.proving.bench.bench import Options
 from tests.proving.soak import look
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
 
 SCENARIO = "adverse"
 LOOKS = 20
@@ -58,7 +56,7 @@ def measure_growth(hours: float) -> dict[str, Any]:
     }
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """The figures of one flight."""
     return measure_growth(options.hours)
 

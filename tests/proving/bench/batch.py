@@ -7,7 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -20,10 +20,7 @@ from groundstation.core.vehicle import ZERO, Motion, Vehicle
 from sim.batch import Compiled, Numpy, Stages, columns, fly_batch, zeros
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Physics, integrate
-from tests.proving.bench.bench import in_turns
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
+from tests.proving.bench.bench import Options, in_turns
 
 
 class Bench(NamedTuple):
@@ -183,7 +180,7 @@ OURS: dict[str, Callable[[], Bench]] = {
 }
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """Every row in turns; a peer that can't run says why in its note."""
     rows: dict[str, dict[str, Any]] = {}
     benches: dict[str, Bench] = {}

@@ -6,13 +6,10 @@ import tempfile
 from functools import partial
 from importlib.util import find_spec
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from links.core import make_child_command
-from tests.proving.bench.bench import in_turns
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
+from tests.proving.bench.bench import Options, in_turns
 
 DURATIONS_S = (20.0, 60.0)
 PEER = "rotorpy: a circle of 20 s, nothing recorded"
@@ -22,7 +19,7 @@ GOAL_SHARE = 0.08
 """Of the peer's time for a flight as long."""
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """Processor time of each command, user's and system's, measured in turns."""
     with tempfile.TemporaryDirectory() as folder:
         fly = make_child_command("sim", "fly", "--out", folder, "--duration")

@@ -5,13 +5,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from statistics import median
 from time import perf_counter_ns
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sim.runs import percentile
+from tests.proving.bench.bench import Options
 from tests.proving.fuzz import FLIGHTS, PERIOD_S
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
 
 DATAGRAMS = 1000
 """For each decoder in each round."""
@@ -44,7 +42,7 @@ class Timed:
             self.took_us += took
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """The figures of each decoder.
 
     Raises:

@@ -1,16 +1,13 @@
 """Flight seconds per second of ``fly``: one vehicle, through real wire bytes."""
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from groundstation.settings import Config
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import World
-from tests.proving.bench.bench import in_turns
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
+from tests.proving.bench.bench import Options, in_turns
 
 FLOWN = ("paper", "adverse", "quad1kg")
 DURATION_S = 60.0
@@ -22,7 +19,7 @@ def once(world: World, config: Config) -> None:
     fly(world, config, seed=0, duration_s=DURATION_S)
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """The figures of each scenario, measured in turns."""
     del options
     found = in_turns({name: partial(once, *prepare(SCENARIOS[name], [])) for name in FLOWN}, ROUNDS)

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from groundstation.config import dump
 from groundstation.pose.sources import ViconConfig
@@ -32,9 +32,7 @@ from sim.runs import percentile
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, vicon_encoder
 from sim.world import Quadrotor, SimulatedVehicle, Wind, rows, stream
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
+from tests.proving.bench.bench import Options
 
 
 class LatencyFailed(Exception):
@@ -373,7 +371,7 @@ def _hogs(busy: bool) -> Iterator[None]:
             hog.wait()
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """The pacer idle and with every processor busy, ``options.seconds`` each; the latencies as long, all together."""
     idle = measure_pacer(options.seconds, busy=False)
     busy = measure_pacer(options.seconds, busy=True)

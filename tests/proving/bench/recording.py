@@ -6,16 +6,14 @@ import tempfile
 from collections.abc import Callable
 from statistics import median
 from time import thread_time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from groundstation.core import Pilot
 from groundstation.core.messages import FlightEvent, Pose, Tick, TickRecord
 from groundstation.recording import ReceivedRecord, Record, RecorderProcess, SentRecord, about
 from groundstation.runtime import RecordingConfig, sleep_until
 from groundstation.settings import Config
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
+from tests.proving.bench.bench import Options
 
 RATE_HZ = 100.0
 TICKS = 300
@@ -96,7 +94,7 @@ def compare(ticks: int, turns: int) -> dict[str, Any]:
     }
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """The figures."""
     del options
     return compare(TICKS, TURNS)

@@ -10,14 +10,12 @@ import termios
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from links.core import make_child_command
+from tests.proving.bench.bench import Options
 from tests.proving.bench.links import Answers, figures_of, lost_words, together
 from tests.proving.bench.links import fly_latency as fly
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
 
 RATE_HZ = 50
 TURNS = 2
@@ -28,7 +26,7 @@ LIMIT_US = 2000.0
 """Goal for the 99th percentile with a dashboard [µs]."""
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """``options.seconds`` in all, half of them watched."""
     gc.collect()
     gc.freeze()

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from statistics import median
 from time import perf_counter_ns, thread_time, thread_time_ns
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from groundstation.core import Pilot
 from groundstation.core.control import Adaptive
@@ -17,10 +17,7 @@ from groundstation.core.estimation import ModelEstimator
 from groundstation.core.safety import Obedience, Witness
 from sim.runs import fly, percentile
 from sim.scenarios import SCENARIOS, prepare
-
-if TYPE_CHECKING:
-    from tests.proving.bench.bench import Options
-
+from tests.proving.bench.bench import Options
 
 GOAL_SHARE = 0.1
 """Most that both may take of all of a command."""
@@ -172,7 +169,7 @@ def one(scenario: str, ticks: int) -> dict[str, Any]:
     }
 
 
-def measure(options: "Options") -> dict[str, Any]:
+def measure(options: Options) -> dict[str, Any]:
     """The figures of each scenario."""
     del options
     return {
