@@ -27,7 +27,7 @@ from groundstation.analysis.evidence.evidence import (
     respond,
     tabulate_flights,
 )
-from groundstation.analysis.evidence.imports import SETPOINT, Column, load_mapping, shipped_mappings
+from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping, shipped_mappings
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
@@ -196,6 +196,42 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str
             assert tuple(ATTITUDE_P[name] * x for x in turn) == pytest.approx(rates, abs=1e-4)
         else:
             assert tuple(told["rates_rad_s"].values()) == pytest.approx(rates, abs=1e-5)
+
+
+OWN = """
+title = "ours"
+format = "mcap"
+source = "motion capture"
+time = "time_s"
+command = [{ table = "/command", thrust = ["thrust_n"], thrust_full = 1.37, rates = [%(rates)s] }]
+reference = [{ table = "/reference", position = [%(place)s] }]
+truth = [{ table = "/truth", position = [%(place)s] }]
+pose = [{ table = "/measured", position = [%(place)s], attitude = [%(attitude)s] }]
+""" % {
+    name: ", ".join(f'"{path}.{axis}"' for axis in axes)
+    for name, path, axes in (
+        ("place", "position_ned", "xyz"), ("attitude", "attitude", "wxyz"), ("rates", "rates_rad_s", "xyz"),
+    )
+}  # fmt: skip
+"""A mapping of our own recordings."""
+
+
+def test_a_recording_of_ours_comes_back_with_what_it_holds_and_with_the_truth(tmp_path: Path) -> None:
+    ours, mapping, out = recorded("paper", duration_s=SECONDS)[0], tmp_path / "own.toml", tmp_path / "out.mcap"
+    mapping.write_text(OWN)
+    assert import_command([ours], str(mapping), out) == 0
+    pairs = (("/measured", "/measured"), ("/command", SETPOINT), ("/reference", REFERENCE), ("/truth", TRUTH))
+    begun = next(Recording(ours).entries(("/measured",))).value()["time_s"]
+    for topic, imported_as in pairs:
+        told, found = (list(Recording(file).entries((name,))) for file, name in ((ours, topic), (out, imported_as)))
+        assert len(told) == len(found) > 100
+        before, after = told[50].value(), found[50].value()
+        assert after["time_s"] == pytest.approx(before["time_s"] - begun, abs=1e-6)
+        if topic == "/command":
+            assert after["rates_rad_s"] == pytest.approx(before["rates_rad_s"])
+            assert after["thrust"] == pytest.approx(before["thrust_n"] / 1.37)
+        else:
+            assert after["position_ned"] == pytest.approx(before["position_ned"])
 
 
 def test_where_nobody_commanded_an_attitude_the_motors_tell_of_thrust_and_it_is_said(

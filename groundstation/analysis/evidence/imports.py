@@ -269,7 +269,7 @@ def _mcap_tables(path: Path) -> Iterator[tuple[str, Table]]:
 
     values: dict[str, dict[str, list[float]]] = {}
     try:
-        for entry in Recording(path).entries(("/measured", "/command", "/reference")):
+        for entry in Recording(path).entries(("/measured", "/command", "/reference", "/truth")):
             table = values.setdefault(entry.topic, {})
             for name, value in flatten(entry.value(), ""):
                 if isinstance(value, int | float) and not name.startswith("bring_down"):
