@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         structs,
         texts_of,
         without_frames,
+        write_value,
     )
 
 

@@ -888,7 +888,7 @@ def _table(table: msgspec.Struct | dict[str, Any], path: tuple[str, ...]) -> Ite
     for key, value in entries.items():
         if _is_table(value):
             continue
-        line = f"# {_key(key)} is not set" if value is None else f"{_key(key)} = {_value(value)}"
+        line = f"# {_key(key)} is not set" if value is None else f"{_key(key)} = {write_value(value)}"
         note = notes.get(key, "")
         yield f"{line}{'. ' if value is None else '  # '}{note}" if note else line
     for key, value in entries.items():
@@ -911,13 +911,13 @@ def _is_table(value: Any) -> bool:
     return isinstance(value, msgspec.Struct | dict)
 
 
-def _value(value: Any) -> str:
-    """One value on one line."""
+def write_value(value: Any) -> str:
+    """``value`` as TOML, on one line."""
     if _is_table(value):
-        items = ", ".join(f"{_key(key)} = {_value(item)}" for key, item in _entries(value) if item is not None)
+        items = ", ".join(f"{_key(key)} = {write_value(item)}" for key, item in _entries(value) if item is not None)
         return f"{{ {items} }}" if items else "{}"
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
+        return f"[{', '.join(map(write_value, value))}]"
     if type(value) in (int, float):
         return str(value)
     return tomli_w.dumps({"v": msgspec.to_builtins(value)}).removeprefix("v = ").rstrip("\n")

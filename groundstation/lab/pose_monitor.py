@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
-import tomli_w
 
-from groundstation.config import ConfigError, load
+from groundstation.config import ConfigError, load, write_value
 from groundstation.core.geometry import Alignment, Vec3
 from groundstation.core.messages import OverheardSource, Pose, PoseEvent, PoseSource, SourceError
 from groundstation.lab.pose_stream import (
@@ -309,11 +308,7 @@ def write_keys(path: Path, tables: Mapping[str, Mapping[str, Value]], expected: 
 
 
 def _line(item: tuple[str, Value]) -> str:
-    key, value = item
-    plain = list(value) if isinstance(value, tuple | list) else value
-    return f"{key} = " + re.sub(r"\s+", " ", tomli_w.dumps({"v": plain}).removeprefix("v = ")).strip().replace(
-        ",]", "]"
-    )
+    return f"{item[0]} = {write_value(item[1])}"
 
 
 EXIT_FOUND, EXIT_CONTRADICTION = 0, 1
