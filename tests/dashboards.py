@@ -29,11 +29,11 @@ class Fixed:
     """A feed of what is known beforehand; it is asked for nothing."""
 
     def __init__(self, news: Sequence[News], *, live: bool = True) -> None:
-        self._news = news
+        self.all = news
         self.live = live
 
     async def news(self) -> AsyncIterator[News]:
-        for one in self._news:
+        for one in self.all:
             yield one
         await asyncio.Event().wait()
 
@@ -128,6 +128,8 @@ def play(scene: Scene, feed: Feed | Path, size: tuple[int, int] = (80, 24), **op
         dashboard = Dashboard(Attached(feed) if isinstance(feed, Path) else feed, **options)
         async with dashboard.run_test(size=size, notifications=True) as pilot:
             await until(pilot, lambda: bool(dashboard.screen.query(Banner)))
+            if isinstance(feed, Fixed):
+                await keep_fresh(pilot, dashboard, feed)
             await scene(pilot)
 
     asyncio.run(with_screen())
@@ -147,6 +149,12 @@ def says(pilot: Pilot[None], words: str) -> bool:
 def told(pilot: Pilot[None], words: str) -> bool:
     """Whether the operator was told ``words``."""
     return any(words in note.message for note in pilot.app._notifications)
+
+
+async def keep_fresh(pilot: Pilot[None], dashboard: Dashboard, feed: Fixed) -> None:
+    """Wait until all of ``feed`` is there; it never gets old, however long a page takes to draw."""
+    await until(pilot, lambda: dashboard.picture.count == len(feed.all))
+    dashboard.picture.arrived_s = math.inf
 
 
 async def until(pilot: Pilot[None], true: Callable[[], bool]) -> None:

@@ -1,7 +1,6 @@
 """The pictures of the dashboard that tests compare with: ``python -m tests.tui_pictures`` draws them anew."""
 
 import asyncio
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +11,7 @@ from textual.widgets import Input
 from groundstation.interfaces.tui.app import Dashboard, normal
 from groundstation.interfaces.tui.model import Holder, News
 from groundstation.interfaces.tui.widgets import Banner
-from tests.dashboards import Fixed, flown, on_ground, until
+from tests.dashboards import Fixed, flown, keep_fresh, on_ground, until
 from tests.sample_flight import sample
 
 FOLDER = Path(__file__).parent / "pictures"
@@ -49,11 +48,12 @@ def draw(name: str) -> str:
 
 
 async def _draw(wanted: Pictured) -> str:
-    dashboard = Dashboard(Fixed(wanted.news, live=wanted.live))
+    feed = Fixed(wanted.news, live=wanted.live)
+    dashboard = Dashboard(feed)
     dashboard.theme = wanted.theme
     async with dashboard.run_test(size=wanted.size) as pilot:
-        await until(pilot, lambda: bool(dashboard.screen.query(Banner)) and dashboard.picture.count == len(wanted.news))
-        dashboard.picture.arrived_s = math.inf  # it never gets old
+        await until(pilot, lambda: bool(dashboard.screen.query(Banner)))
+        await keep_fresh(pilot, dashboard, feed)
         await pilot.press(*wanted.keys)
         await pilot.pause(0.5)
         for line in dashboard.screen.query(Input):
