@@ -72,6 +72,10 @@ class PageFrame(msgspec.Struct, frozen=True):
     """Who holds control, or where a recording is."""
 
 
+UNDRAWN: tuple[int, bool, tuple[int, ...]] = (-1, False, ())
+"""What a page was last drawn of, where it is to be drawn anew: count, stale, and the widths of its parts."""
+
+
 class Page(Screen[None]):
     """One page. It is told what to draw; a page that is not seen is not."""
 
@@ -92,7 +96,7 @@ class Page(Screen[None]):
         """``orders``: whether anything can be ordered here; ``more``: what else there is a key for (bars.Tabs)."""
         super().__init__()
         self._orders, self._more = orders, more
-        self._drawn: tuple[int, bool] = (-1, False)
+        self._drawn = UNDRAWN
 
     def compose(self) -> ComposeResult:
         """From top to bottom."""
@@ -118,18 +122,20 @@ class Page(Screen[None]):
         self.set_class(headline.tone == ALARM, "alarm")
         for knobs in self.query(Knobs):
             knobs.show(None if picture.newest is None else picture.newest.state, frame.again)
-        if (picture.count, frame.stale) != self._drawn:
-            self._drawn = (picture.count, frame.stale)
+        # Text is folded to the width that its part has now: a page may be drawn before its new layout is.
+        drawn = picture.count, frame.stale, tuple(part.size.width for part in self.query("*"))
+        if drawn != self._drawn:
+            self._drawn = drawn
             self.draw(frame)
 
     def on_resize(self, event: Resize) -> None:
         """What stands side by side stands one below the other where there is no room for both."""
         self.set_class(event.size.width < SMALL and self.NAME != "Fly", "small")
-        self._drawn = (-1, False)
+        self._drawn = UNDRAWN
 
     def on_screen_resume(self) -> None:
         """It is seen again: all of it is new."""
-        self._drawn = (-1, False)
+        self._drawn = UNDRAWN
 
 
 class FlyPage(Page):
@@ -446,7 +452,7 @@ class TextPage(Page):
 
     def on_input_changed(self) -> None:
         """Draw it at the next occasion."""
-        self._drawn = (-1, False)
+        self._drawn = UNDRAWN
 
     def on_input_submitted(self) -> None:
         """Read what was found."""
