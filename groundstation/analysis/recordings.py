@@ -294,7 +294,8 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
         config = msgspec.structs.replace(config, folder=str(args.folder))
     folder = folder_of(config)
     removed = tidy(config, args.now_s) if args.tidy else []
-    flights = [describe_recording(path, folder) for path in _recordings(folder)]
+    found = sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))  # each simulated flight's folder, too
+    flights = [describe_recording(path, folder) for path in found]
     if args.json:
         print(json.dumps({"folder": str(folder), "flights": flights, "removed": [path.name for path in removed]}))
         return 0
@@ -304,11 +305,6 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
     for line in _table([_row(flight) for flight in flights]):
         print(line)
     return 0
-
-
-def _recordings(folder: Path) -> list[Path]:
-    """Those in it, and those of simulated flights, each of which has a folder of its own."""
-    return sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))
 
 
 def describe_recording(path: Path, folder: Path) -> dict[str, Any]:

@@ -71,7 +71,7 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
     try:
         recording = Recording(path)
         config = _config(recording, overrides)
-        if not trust_modules and not any(map(_names_controller, overrides)):
+        if not trust_modules and not {"controller.kind", "controller.factory"} & set(map(_key, overrides)):
             _ensure_own(config, path)
         result = fly_again(recording, config)
     except NoRecording as error:
@@ -94,7 +94,7 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
         "whole": recording.whole,
         "damaged_at": recording.damaged_at,
         "overrides": list(overrides),
-        "without_effect": [override for override in overrides if _table(override) not in FLOWN_AGAIN],
+        "without_effect": [override for override in overrides if _key(override).partition(".")[0] not in FLOWN_AGAIN],
         "changes": {
             name: _change([(p.recorded[i], p.replayed[i]) for p in result.commands]) for i, name in enumerate(NAMES)
         },
@@ -112,8 +112,8 @@ def _config(recording: Recording, overrides: Sequence[str]) -> Config:
     return from_dict(told, Config, overrides, source=str(recording.path))
 
 
-def _names_controller(override: str) -> bool:
-    return override.partition("=")[0].strip() in ("controller.kind", "controller.factory")
+def _key(override: str) -> str:
+    return override.partition("=")[0].strip()
 
 
 def _ensure_own(config: Config, path: Path) -> None:
@@ -125,10 +125,6 @@ def _ensure_own(config: Config, path: Path) -> None:
             "Where you trust it, say --trust-modules; or fly your own: --set controller.factory=package.module:factory",
             str(path),
         )
-
-
-def _table(override: str) -> str:
-    return override.partition("=")[0].strip().partition(".")[0]
 
 
 def _change(pairs: list[tuple[float, float]]) -> dict[str, float] | None:

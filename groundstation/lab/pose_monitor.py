@@ -344,7 +344,8 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
     Raises:
         ConfigError: these poses have no axes to find, or the file can't be written.
     """
-    _check(config)
+    if config.pose.by_autopilot or config.pose.recorded:
+        raise ConfigError("pose.kind", "expected a tracking system that runs: other poses have no axes to find")
     if overrides and not keep:
         raise ConfigError(
             "--set", "with overrides nothing can be written into the file: add --dry-run, or leave them out"
@@ -506,8 +507,3 @@ def describe_calibration(
     for table, keys in tables.items():
         lines += [f"  {table}.{key} = {value!r}" for key, value in keys.items()]
     return lines
-
-
-def _check(config: Config) -> None:
-    if config.pose.by_autopilot or config.pose.recorded:
-        raise ConfigError("pose.kind", "expected a tracking system that runs: other poses have no axes to find")

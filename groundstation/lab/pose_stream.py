@@ -111,7 +111,8 @@ class PoseStreamMonitor:
             self._longest_s = max(self._longest_s, pose.arrival_s - self._recent[-1].arrival_s)
         self._poses += 1
         self._recent.append(pose)
-        self._forget(pose.arrival_s - WINDOW_S, least=2)
+        while len(self._recent) > 2 and self._recent[0].arrival_s < pose.arrival_s - WINDOW_S:
+            self._recent.popleft()
 
     def event(self, event: PoseEvent, now_s: float) -> None:
         """Something happened to them."""
@@ -148,10 +149,6 @@ class PoseStreamMonitor:
             bodies=bodies,
             events=tuple(self._events),
         )
-
-    def _forget(self, before_s: float, least: int) -> None:
-        while len(self._recent) > least and self._recent[0].arrival_s < before_s:
-            self._recent.popleft()
 
 
 def _at_rest(poses: list[Pose]) -> tuple[Vec3, Vec3] | None:
@@ -531,7 +528,7 @@ def _turn(before: Quat, after: Quat) -> Vec3:
 def _between_deg(a: Any, b: Any) -> float:
     length = math.hypot(*a) * math.hypot(*b)
     cosine = sum(p * q for p, q in zip(a, b, strict=True)) / length if length > 0.0 else 0.0
-    return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
+    return so3.angle_deg(cosine)
 
 
 def _in_words(vector: Any, *, shift: bool = False) -> str:

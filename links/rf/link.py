@@ -234,10 +234,8 @@ class PacedLink:
             return "connecting"
         if self._heard.why_lost():
             return "lost"
-        return "connected" if self._over() else "armed"
-
-    def _over(self) -> bool:
-        return self._busy == _ARMING or self._deadman.phase(_now()) is Phase.OVER
+        over = self._busy == _ARMING or self._deadman.phase(_now()) is Phase.OVER
+        return "connected" if over else "armed"
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
         """Call ``watch`` with the attitudes that come back through the module, as CRSF's do."""

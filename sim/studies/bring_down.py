@@ -61,7 +61,7 @@ async def _cut(scenario: str, cause: str, at_s: float, seed: int, overrides: lis
     path: list[tuple[float, Vec3, float]] = []
 
     def step(time_s: float, position: Vec3) -> None:
-        path.append((time_s, position, _tilt_deg(stage.plant.attitude)))
+        path.append((time_s, position, so3.angle_deg(so3.third_column(stage.plant.attitude)[2])))
 
     def watch(event: FlightEvent) -> None:
         if cause == "controller" and isinstance(event, CommandSent) and event.tick.flight_time_s >= at_s:
@@ -95,10 +95,6 @@ async def _cut(scenario: str, cause: str, at_s: float, seed: int, overrides: lis
         tilt_deg=max((tilt for t, _, tilt in path if met is not None and met - 0.05 <= t < met), default=0.0),
         drift_m=math.dist(begun.position_ned[:2], ends.position_ned[:2]),
     )
-
-
-def _tilt_deg(attitude: tuple[float, float, float, float]) -> float:
-    return math.degrees(math.acos(min(1.0, max(-1.0, so3.third_column(attitude)[2]))))
 
 
 def cut_all(scenarios: list[str], flights: int) -> Iterator[Fall]:

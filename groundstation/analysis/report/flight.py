@@ -133,7 +133,7 @@ class FlightColumns:
     @property
     def tracking(self) -> NDArray[np.bool_]:
         """True for commands on the trajectory: not on the way to it, and before the way back."""
-        return _tracking(self.states, self.scalars["flight_time_s"])
+        return np.array([state == State.TRACKING for state in self.states]) & (self.scalars["flight_time_s"] >= 0.0)
 
 
 def read_columns(path: Path) -> FlightColumns:
@@ -201,10 +201,6 @@ def read_columns(path: Path) -> FlightColumns:
     flown.compute_s, flown.arrivals_s = np.array(compute), np.array(arrivals).reshape(-1, 2)
     flown.events = [(time_s - flown.begun_s, kind, text) for time_s, kind, text in flown.events]
     return flown
-
-
-def _tracking(states: list[str], flight_time_s: Column) -> NDArray[np.bool_]:
-    return np.array([state == State.TRACKING for state in states]) & (flight_time_s >= 0.0)
 
 
 def _row(topic: str, message: dict[str, Any]) -> list[float]:

@@ -125,7 +125,10 @@ class Attached:
                 origin = f"process {hello.pid}, groundstation {hello.groundstation}"
                 yield FlightIdentity(hello.vehicle, origin, hello.config)
                 async for message in self._client:
-                    yield _holder(message) if isinstance(message, Control) else message
+                    if isinstance(message, Control):
+                        yield Holder(message.holder or "", message.yours)
+                    else:
+                        yield message
             except FileNotFoundError:
                 trouble = f"No ground station serves {self._path}."
             except OSError as error:
@@ -162,10 +165,6 @@ class Attached:
         client, self._client = self._client, None
         if client is not None:
             client.close()
-
-
-def _holder(control: Control) -> Holder:
-    return Holder(control.holder or "", control.yours)
 
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)

@@ -568,7 +568,7 @@ def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: f
     Percentiles are the smallest RMS that so many percent of the flights do not exceed.
     """
     count = len(rows)
-    worst = sorted(rows, key=_badness, reverse=True)
+    worst = sorted(rows, key=lambda row: (math.inf if row.rms_cm is None else row.rms_cm, -row.seed), reverse=True)
     vehicle_steps = flown * campaign.duration_s / STEP_S
     return {
         "scenario": campaign.scenario,
@@ -669,10 +669,6 @@ def _middle(values: Sequence[float | None]) -> float | None:
 
 def _drop_unknown(values: Sequence[float | None]) -> list[float]:
     return [value for value in values if value is not None]
-
-
-def _badness(row: CampaignRow) -> tuple[float, int]:
-    return (math.inf if row.rms_cm is None else row.rms_cm, -row.seed)
 
 
 def _cm(value: float | None) -> str:

@@ -15,7 +15,7 @@ import math
 import platform
 import textwrap
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as above
 from pathlib import Path
 from statistics import median
@@ -145,7 +145,7 @@ def _find_key(controller: ControllerConfig, accepted: Mapping[str, Any], text: s
     name = name.strip().removeprefix(SECTION)
     dotted = SECTION + name
     if name not in accepted:
-        raise ConfigError("--keys", f"expected some of {_list_names(accepted)}, got {dotted!r}")
+        raise ConfigError("--keys", f"expected some of {[SECTION + key for key in accepted]}, got {dotted!r}")
     kind, default = accepted[name]
     start = _value(controller, name)
     if equals:
@@ -182,10 +182,6 @@ def _allows(kind: mi.FloatType, value: float) -> bool:
         and (kind.lt is None or value < kind.lt)
         and (kind.le is None or value <= kind.le)
     )
-
-
-def _list_names(names: Iterable[str]) -> list[str]:
-    return [SECTION + name for name in names]
 
 
 _STATION = ("vehicle", "controller", "pose", "link", "status", "mqtt")

@@ -230,11 +230,11 @@ async def fly_here(
         answers.append((autopilot.acts_s, "autopilot lands", "set-points stopped: the autopilot's own failsafe"))
     answers.sort()
     restless = "" if rests else "it does not come to rest" if ended else "it does not end"
-    weak = Exemption.WEAK if _too_weak(stage, world) else Exemption.NONE
+    too_weak = stage.plant.most_n(loop.time()) <= hover_n(world)  # its rotors at their fullest can't hold it
     return judge(
         name, fault, state, truth, answers,
         wrong=restless or wrong,
-        exemption=exemption or weak,
+        exemption=exemption or (Exemption.WEAK if too_weak else Exemption.NONE),
         begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
         touchdown_m_s=stage.plant.hardest_m_s,
@@ -335,11 +335,6 @@ def hover_n(world: World) -> float:
     """The thrust that holds it against weight and wind [N]."""
     north, east, down = world.wind_mean
     return world.mass_kg * math.hypot(north, east, world.gravity + down)
-
-
-def _too_weak(stage: Stage, world: World) -> bool:
-    """Whether its rotors at their fullest can't hold it."""
-    return stage.plant.most_n(asyncio.get_running_loop().time()) <= hover_n(world)
 
 
 def _left_wrongly(fault: Fault, state: str, config: Config, wire: WireJudge, pushing: Thrust, struck_s: float) -> str:

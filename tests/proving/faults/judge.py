@@ -64,7 +64,7 @@ class Truth:
     @property
     def tilt_deg(self) -> float:
         """Farthest that it leant."""
-        return math.degrees(math.acos(max(-1.0, min(1.0, self._upright))))
+        return so3.angle_deg(self._upright)
 
     @property
     def led(self) -> bool:
