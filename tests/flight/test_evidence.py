@@ -107,12 +107,13 @@ def neural_fly(folder: Path) -> Path:
     return write_csv(folder / "custom_figure8_ours_nowind.csv", (row(n, *one) for n, one in enumerate(flown())))
 
 
-def ulog(folder: Path) -> Path:
-    """PX4's form, docs.px4.io/main/en/dev_log/ulog_file_format."""
+def ulog(folder: Path, grounded_s: float | None = None) -> Path:
+    """PX4's form, docs.px4.io/main/en/dev_log/ulog_file_format; it says that it is landed until ``grounded_s``."""
     forms = {
         "vehicle_odometry": "uint64_t timestamp;uint64_t timestamp_sample;float[3] position;float[4] q;"
         "float[3] velocity;uint8_t reset_counter;",
         "vehicle_rates_setpoint": "uint64_t timestamp;float roll;float pitch;float yaw;float[3] thrust_body;",
+        "vehicle_land_detected": "uint64_t timestamp;bool landed;",
     }
     data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
 
@@ -127,6 +128,8 @@ def ulog(folder: Path) -> Path:
         us = round(1e6 * t)
         data += message("D", struct.pack("<HQQ3f4f3fB", 0, us, us, *p, *q, 0.0, 0.0, 0.0, 3))
         data += message("D", struct.pack("<HQ3f3f", 1, us, *rates, 0.0, 0.0, -share))
+        if grounded_s is not None:
+            data += message("D", struct.pack("<HQB", 2, us, t - flown()[0][0] < grounded_s))
     path = folder / "ours.ulg"
     path.write_bytes(data)
     return path
@@ -232,6 +235,20 @@ def test_a_recording_of_ours_comes_back_with_what_it_holds_and_with_the_truth(tm
             assert after["thrust"] == pytest.approx(before["thrust_n"] / 1.37)
         else:
             assert after["position_ned"] == pytest.approx(before["position_ned"])
+
+
+def test_an_autopilot_that_tells_when_it_flies_is_judged_there_alone(tmp_path: Path) -> None:
+    pytest.importorskip("pyulog")
+    facts = examine_flight(imported(tmp_path, ulog(tmp_path, grounded_s=3.0), "px4-ulog"))
+    assert facts["flown_s"] == pytest.approx(flown()[-1][0] - flown()[0][0] - 3.0, abs=0.1)
+    for grounded_s, why in ((99.0, "on the ground all the time: nothing flies in it"), (10.5, "it flies for 1.5 s")):
+        (tmp_path / "px4-ulog.mcap").unlink()
+        facts = examine_flight(imported(tmp_path, ulog(tmp_path, grounded_s), "px4-ulog"))
+        assert why in facts["note"] and why in describe_flight(facts)
+        assert set(facts["prediction"].values()) == {None}
+    (tmp_path / "px4-ulog.mcap").unlink()
+    with pytest.raises(ConfigError, match=r"holds \d+ poses of a flight"):
+        examine_flight(imported(tmp_path, ulog(tmp_path, 11.5), "px4-ulog"))
 
 
 def test_where_nobody_commanded_an_attitude_the_motors_tell_of_thrust_and_it_is_said(

@@ -170,6 +170,9 @@ BREAK_S = 0.5
 """After so long without a pose the filter begins anew [s]."""
 LOOKED_AT_S = 180.0
 """Of a longer flight the vehicle is identified on so much [s]: its fits take longer than all judging."""
+LEAST_FLOWN_S = 3.0
+"""A shorter hop tells nothing: the filter has hardly found what is not told of the thrust [s]."""
+LEAST_POSES = 50
 STILL_M = 0.001
 """What never moves its mean over half a second by more than this never flew [m]."""
 
@@ -234,8 +237,9 @@ def load_flight(path: Path) -> EvidenceFlight:
         raise ConfigError("FLIGHT", str(error), str(path)) from None
     except OSError as error:
         raise ConfigError("FLIGHT", f"cannot read it: {error.strerror}", str(path)) from None
-    if len(poses) < 50:
-        raise ConfigError("FLIGHT", f"holds {len(poses)} poses, which tell nothing: 50 are the least", str(path))
+    if len(poses) < LEAST_POSES:
+        says = f"holds {len(poses)} poses, which tell nothing: {LEAST_POSES} are the least"
+        raise ConfigError("FLIGHT", says, str(path))
     about = recording.about
     hover = float(about["hover"]) if about.get("hover") else None
     told = msgspec.json.decode(about["vehicle_told"], type=MappedVehicle) if not ours else _told_by(config)
@@ -371,6 +375,16 @@ def stands(at_s: Column, place: Column) -> bool:
     return len(whole) > 1 and float(np.ptp(whole, axis=0).max()) < STILL_M
 
 
+def why_not_judged(flight: EvidenceFlight, at_s: Column, place: Column) -> str:
+    """Why nothing can be said of the part that flies; empty where it can."""
+    if not any(flight.may_fly):
+        return "its autopilot says that it is on the ground all the time: nothing flies in it"
+    if stands(at_s, place):
+        return "it stands all the time: nothing flies in it"
+    flown_s = float(at_s[-1] - at_s[0])
+    return f"it flies for {flown_s:.1f} s: {LEAST_FLOWN_S:g} s are the least" if flown_s < LEAST_FLOWN_S else ""
+
+
 def choose_part(at_s: Column, air: slice) -> slice:
     """The longest part of ``air`` without a break, and at most :data:`LOOKED_AT_S` of it."""
     breaks = np.flatnonzero(np.diff(at_s[air]) > BREAK_S) + air.start + 1
@@ -410,10 +424,17 @@ class DrivenFlight:
 
 
 def drive_flight(flight: EvidenceFlight) -> DrivenFlight:
-    """Find the part that flies, and what drives it there."""
+    """Find the part that flies, and what drives it there.
+
+    Raises:
+        ConfigError: hardly anything of it flies.
+    """
     at_s = np.array([pose.time_s for pose in flight.poses])
     place = np.array([pose.position_ned for pose in flight.poses])
     air = find_airborne(at_s, place, flight.may_fly)
+    if air.stop - air.start < LEAST_POSES:
+        says = f"holds {air.stop - air.start} poses of a flight, which tell nothing: {LEAST_POSES} are the least"
+        raise ConfigError("FLIGHT", says, str(flight.path))
     sent, loop = _as_rates(flight, at_s, air)
     inside = [air.start <= k < air.stop for k in range(len(at_s))]
     poses = [RecordedPose(pose, may) for pose, may in zip(flight.poses, inside, strict=True)]
@@ -682,10 +703,11 @@ def examine_flight(path: Path) -> dict[str, Any]:
     at_s, place = driven.at_s[air], driven.place[air]
     spans = np.diff(at_s)
     noise = measure_pose_noise(at_s, place)
-    flew = flight.config is not None or not stands(at_s, place)
+    why = "" if flight.config is not None else why_not_judged(flight, at_s, place)
+    flew = not why
     identified: dict[str, Any] | None = None
     if flight.sent:
-        identified = identify_vehicle(driven) if flew else {"note": "not identifiable: it never flies"}
+        identified = identify_vehicle(driven) if flew else {"note": f"not identifiable: {why}"}
     judged = judge_filter(driven, noise) if flew else Judged(None, {str(h): None for h in HORIZONS_MS})
     facts: dict[str, Any] = {
         "name": flight.path.stem,
@@ -702,7 +724,7 @@ def examine_flight(path: Path) -> dict[str, Any]:
     if flight.left_out:
         facts["left_out"] = flight.left_out
     if not flew:
-        facts["note"] = "it stands all the time: nothing flies in it"
+        facts["note"] = why
     if identified is not None:
         facts["identified"] = identified
     if identified is not None and flew:

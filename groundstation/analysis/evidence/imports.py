@@ -104,6 +104,14 @@ class MappedCommand(MappedTable, frozen=True, kw_only=True, forbid_unknown_field
     """Of roll, pitch and yaw (or their rates), where the autopilot counts one the other way than the axes say."""
 
 
+class MappedState(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Whether it flies, where the source tells."""
+
+    column: str
+    flies: float
+    """What stands in it while it does."""
+
+
 class MappedVehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is known of the vehicle beforehand; what a flight tells by itself need not be here."""
 
@@ -137,6 +145,7 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     command: tuple[MappedCommand, ...] = ()
     reference: tuple[MappedMotion, ...] = ()
     truth: tuple[MappedMotion, ...] = ()
+    state: tuple[MappedState, ...] = ()
     vehicle: MappedVehicle = MappedVehicle()
 
 
@@ -439,6 +448,11 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
         flight.messages.append((at, MEASURED, _make_measured(pose, k)))
     flight.notes.update(reader.notes)
     _add_commands(flight, reader, mapping)
+    times, flies = reader.cut(reader.first(mapping.state, reader.state)) or ((), ())
+    since = [max(0.0, float(at) - flight.begun_s) for at in times]
+    since[:1] = [0.0] * len(since[:1])  # the first tells of what was before, too
+    states = [(at, STATE, ImportedState(at, bool(may))) for at, may in zip(since, flies, strict=True)]
+    flight.messages[:0] = states  # before the poses of the same instant
     for topic, parts, what in ((REFERENCE, mapping.reference, "reference"), (TRUTH, mapping.truth, "truth")):
         found = reader.first(parts, reader.motion)
         known = reader.cut(found)
@@ -617,6 +631,11 @@ class _MappingReader:
         if not good.all():
             self.notes["rows without a number"] += int(np.count_nonzero(~good))
         return time[good], place[good], attitude[good], None if velocity is None else velocity[good], resets[good]
+
+    def state(self, part: MappedState) -> tuple[Column, Column] | None:
+        """When it said so, and whether it flies; None where it is not there."""
+        table, rows = self._rows(part, [part.column])
+        return None if table is None else (self._time(part, table)[rows], table[part.column][rows] == part.flies)
 
     def command(self, part: MappedCommand) -> Commands | None:
         """None where it is not there, or its thrust never changes."""
