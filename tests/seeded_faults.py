@@ -28,18 +28,18 @@ class Fault(NamedTuple):
 
 
 CONCERNED = {
-    "deadman.py": "unit/test_deadman.py unit/test_pacer.py unit/test_mavlink_link.py",
-    "guards.py": "unit/test_guards.py flight/test_guards.py",
-    "pacer.py": "unit/test_pacer.py unit/test_sleep.py unit/test_rf_link.py flight/test_pacer_strikes.py",
-    "intake.py": "unit/test_gate.py flight/test_gate.py",
-    "mission.py": "unit/test_mission.py flight/test_missions.py flight/test_ends.py",
-    "backstepping.py": "unit/test_law_vectors.py property/test_law.py",
+    "deadman.py": "unit/links/core/test_deadman.py unit/links/rf/test_pacer.py unit/links/mavlink/test_mavlink_link.py",
+    "guards.py": "unit/groundstation/core/safety/test_guards.py flight/test_guards.py",
+    "pacer.py": "unit/links/rf/test_pacer.py unit/links/mavlink/test_sleep.py unit/links/rf/test_rf_link.py flight/test_pacer_strikes.py",
+    "intake.py": "unit/groundstation/pose/sources/test_gate.py flight/test_gate.py",
+    "mission.py": "unit/groundstation/core/mission/test_mission.py flight/test_missions.py flight/test_ends.py",
+    "backstepping.py": "unit/sim/studies/test_law_vectors.py property/test_law.py",
     "adaptive.py": "property/test_composite_proof.py contract/test_controllers.py",
-    "protocol/codec.py": "unit/test_mavlink_codec.py property/test_mavlink_codec.py",
-    "module_codec.py": "unit/test_rf_codecs.py property/test_rf_codecs.py",
-    "vicon_codec.py": "unit/test_vicon_codec.py property/test_vicon_codec.py",
-    "bridge/codec.py": "unit/test_bridge.py",
-    "natnet_codec.py": "unit/test_natnet.py unit/test_pose_codecs.py",
+    "protocol/codec.py": "unit/links/mavlink/test_mavlink_codec.py property/test_mavlink_codec.py",
+    "module_codec.py": "unit/links/rf/test_rf_codecs.py property/test_rf_codecs.py",
+    "vicon_codec.py": "unit/groundstation/pose/sources/test_vicon_codec.py property/test_vicon_codec.py",
+    "bridge/codec.py": "unit/links/bridge/test_bridge.py",
+    "natnet_codec.py": "unit/groundstation/pose/sources/test_natnet.py unit/groundstation/pose/sources/test_pose_codecs.py",
 }
 """The tests that are about a file."""
 

@@ -16,7 +16,7 @@ from sim.runs import RECORDING, Stage, fly
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT, mission
-from tests.unit.test_crsf_telemetry import frame
+from tests.unit.links.rf.test_crsf_telemetry import frame
 
 
 @pytest.mark.parametrize(

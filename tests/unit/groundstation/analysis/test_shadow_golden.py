@@ -1,0 +1,155 @@
+"""groundstation/shadow on recordings of PX4 and ArduPilot in flight (tests/golden/README.md)."""
+
+import struct
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from groundstation.analysis import RecordedVehicle, read_recording
+from groundstation.analysis.shadow import ShadowReport, report
+from groundstation.core.messages import Pose
+
+GOLDEN = Path(__file__).parents[3] / "golden"
+PX4, ARDUPILOT = GOLDEN / "px4_takeoff.tlog", GOLDEN / "ardupilot_landing.tlog"
+LATENCY_S = 0.01
+ODOMETRY, LOCAL_POSITION_NED, ATTITUDE_QUATERNION, SET_ATTITUDE_TARGET = 331, 32, 31, 82
+
+
+@cache
+def replayed(path: Path) -> ShadowReport:
+    return report(path)
+
+
+@cache
+def recording(path: Path) -> RecordedVehicle:
+    return read_recording(path, LATENCY_S, 1)
+
+
+def payloads(path: Path, number: int, size: int) -> Iterator[bytes]:
+    """The payloads of one message, straight from the bytes, the zeros that MAVLink left out put back."""
+    data = path.read_bytes()
+    start = 0
+    while start < len(data):
+        length = data[start + 9]
+        assert data[start + 8] == 0xFD and data[start + 10] == 0
+        if int.from_bytes(data[start + 15 : start + 18], "little") == number:
+            yield data[start + 18 : start + 18 + length].ljust(size, b"\0")
+        start += 8 + 12 + length
+
+
+def numbers(pose: Pose) -> tuple[object, ...]:
+    return (pose.position_ned, pose.attitude, pose.velocity_ned, pose.reset_count)
+
+
+def test_poses_of_px4_are_its_own_numbers_to_the_last_bit() -> None:
+    expected = []
+    for payload in payloads(PX4, ODOMETRY, 233):
+        _, x, y, z, qw, qx, qy, qz, vx, vy, vz = struct.unpack_from("<Q10f", payload)
+        frames = payload[228:230]
+        assert frames == b"\1\1"  # both NED: its velocity is not in the body's frame
+        expected.append(((x, y, z), (qw, qx, qy, qz), (vx, vy, vz), payload[230]))
+    assert [numbers(seen.pose) for seen in recording(PX4).poses] == expected
+    assert len(expected) > 900
+
+
+def test_poses_of_ardupilot_are_its_own_numbers_to_the_last_bit() -> None:
+    attitudes = {}
+    for payload in payloads(ARDUPILOT, ATTITUDE_QUATERNION, 48):
+        boot_ms, *quaternion = struct.unpack_from("<I4f", payload)
+        attitudes[boot_ms] = tuple(quaternion)
+    expected = []
+    for payload in payloads(ARDUPILOT, LOCAL_POSITION_NED, 28):
+        boot_ms, x, y, z, vx, vy, vz = struct.unpack("<I6f", payload)
+        expected.append(((x, y, z), attitudes[boot_ms], (vx, vy, vz), 0))
+    assert [numbers(seen.pose) for seen in recording(ARDUPILOT).poses] == expected
+    assert len(expected) > 1700
+
+
+@pytest.mark.parametrize("path", [PX4, ARDUPILOT], ids=lambda path: path.stem)
+def test_set_points_are_those_that_were_sent(path: Path) -> None:
+    expected = []
+    for payload in payloads(path, SET_ATTITUDE_TARGET, 39):
+        *rates, thrust = struct.unpack_from("<4f", payload, 20)
+        expected.append((tuple(rates), thrust))
+    assert [(sent.rates, sent.signal) for sent in recording(path).sent] == expected
+
+
+@pytest.mark.parametrize("path", [PX4, ARDUPILOT], ids=lambda path: path.stem)
+def test_no_pose_is_true_after_it_arrived_or_long_before(path: Path) -> None:
+    ages = [seen.pose.arrival_s - seen.pose.time_s for seen in recording(path).poses]
+    assert min(ages) >= LATENCY_S - 1e-9
+    assert max(ages) < LATENCY_S + 0.05
+
+
+@pytest.mark.parametrize(("path", "flight_s"), [(PX4, 16.0), (ARDUPILOT, 28.0)], ids=["px4", "ardupilot"])
+def test_the_velocity_is_within_10_cm_a_second_of_the_autopilots_own(path: Path, flight_s: float) -> None:
+    found = replayed(path)
+    assert found.flight_s > flight_s
+    assert found.velocity_rms_m_s is not None and found.velocity_rms_m_s < 0.1
+    assert found.velocity_max_m_s is not None and found.velocity_max_m_s < 0.5  # as the vehicle leaves the ground
+
+
+def test_px4s_positions_wander_against_its_velocity_and_ardupilots_do_not() -> None:
+    px4, ardupilot = replayed(PX4).own_velocity_path_rms_m_s, replayed(ARDUPILOT).own_velocity_path_rms_m_s
+    assert px4 is not None and ardupilot is not None
+    assert 0.15 < px4 < 0.3  # its simulated GPS does that
+    assert ardupilot < 0.1
+
+
+def test_take_off_and_landing_are_where_the_captures_have_them() -> None:
+    flights = []
+    for path in (PX4, ARDUPILOT):
+        found = replayed(path)
+        flights.append((found.flights, found.flight_s))
+    (px4, px4_s), (ardupilot, ardupilot_s) = flights
+    assert (px4, ardupilot) == (1, 1)
+    assert px4_s == pytest.approx(25.5 - 8.3, abs=0.3)  # the distance sensor leaves the ground at 8.4 s
+    assert ardupilot_s == pytest.approx(88.8 - 58.0, abs=0.5)  # "SIM Hit ground" at 88.8 s
+
+
+def test_hover_thrust_is_what_the_autopilots_hover_with() -> None:
+    assert replayed(PX4).hover_thrust == pytest.approx(0.486, abs=0.012)
+    assert replayed(ARDUPILOT).hover_thrust == pytest.approx(0.369, abs=0.005)
+
+
+def test_the_shadow_carries_the_same_weight_and_turns_the_same_way_as_what_was_sent() -> None:
+    for path in (PX4, ARDUPILOT):
+        commands = replayed(path).commands
+        assert commands is not None and commands.compared > 800
+        thrust = commands.thrust_n
+        assert thrust.shadow_mean == pytest.approx(thrust.sent_mean, rel=0.03)
+        assert thrust.correlation is not None and thrust.correlation > 0.3
+        assert commands.yaw_rate_rad_s.shadow_mean == pytest.approx(commands.yaw_rate_rad_s.sent_mean, abs=0.05)
+
+
+def test_along_its_own_path_no_vehicle_is_asked_for_more_than_it_can_do() -> None:
+    for path, share, most in ((PX4, 0.03, 1.5), (ARDUPILOT, 0.01, 1.0)):  # PX4's estimate leaps once
+        commands = replayed(path).commands
+        assert commands is not None and commands.saturated_fraction < share
+        for rate in (commands.roll_rate_rad_s, commands.pitch_rate_rad_s):
+            assert rate.shadow_std < most  # a reference of another velocity than the estimate's: twice as much
+
+
+def test_ardupilots_stream_is_fit_and_px4s_with_care_for_its_wandering_and_its_reset() -> None:
+    assert replayed(ARDUPILOT).verdict == "fit"
+    px4 = replayed(PX4)
+    assert px4.verdict == "fit with care"
+    assert [check.about for check in px4.checks if check.level == "care"] == ["resets", "wander"]
+    assert "0.7 deg" in px4.reasons[0]
+
+
+@pytest.mark.parametrize("path", [PX4, ARDUPILOT], ids=lambda path: path.stem)
+def test_a_second_replay_gives_the_same_numbers_to_the_last_bit(path: Path) -> None:
+    assert report(path) == replayed(path)
+
+
+def test_a_recording_that_was_cut_off_is_replayed_up_to_there_and_says_so(tmp_path: Path) -> None:
+    data = PX4.read_bytes()
+    cut = tmp_path / "cut.tlog"
+    cut.write_bytes(data[: len(data) // 2 + 7])
+    found = report(cut)
+    assert found.dropped["truncated"] == 1
+    assert 300 < found.poses < replayed(PX4).poses
+    assert found.flights == 1

@@ -1,0 +1,120 @@
+"""The mission table: total where it must be, every state reached, and a way out of each."""
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from groundstation.core.messages import Ask, Request
+from groundstation.core.messages.snapshot import decode
+from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
+from groundstation.core.mission.mission import IllegalMove
+from groundstation.interfaces.cli.commands import mermaid, states
+from groundstation.interfaces.cli.commands import states_page as markdown
+
+BEGIN, END = "<!-- states:begin -->", "<!-- states:end -->"
+PAGE = Path(__file__).parents[5] / "docs" / "explanation" / "mission.md"
+
+
+def reached(start: State, without: frozenset[Event] = frozenset()) -> set[State]:
+    """Every state that can be reached from ``start`` by other events than ``without``."""
+    found = {start}
+    while more := {t for (s, event), t in TABLE.items() if s in found and event not in without} - found:
+        found |= more
+    return found
+
+
+def test_every_state_can_be_reached() -> None:
+    assert reached(State.IDLE) == set(State)
+
+
+@pytest.mark.parametrize("state", [s for s in State if s not in FINAL])
+def test_every_state_leads_to_an_end(state: State) -> None:
+    assert reached(state) & FINAL
+
+
+@pytest.mark.parametrize("state", IN_AIR)
+def test_every_state_in_the_air_leads_to_the_floor_without_being_told_to_stop(state: State) -> None:
+    assert State.LANDED in reached(state, frozenset({Event.ABORT, Event.KILL, Event.TAKEN_OVER}))
+
+
+@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("event", [Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL])
+def test_what_brings_down_is_legal_in_every_state(state: State, event: Event) -> None:
+    assert (state, event) in TABLE
+
+
+@pytest.mark.parametrize("state", State)
+def test_a_kill_kills_in_every_state(state: State) -> None:
+    assert TABLE[state, Event.KILL] is State.KILLED
+
+
+@pytest.mark.parametrize("state", [s for s in State if s not in FINAL])
+def test_an_abort_ends_every_state_that_has_not_ended(state: State) -> None:
+    assert TABLE[state, Event.ABORT] is State.ABORTED
+
+
+@pytest.mark.parametrize("state", [s for s in IN_AIR if s is not State.DESCENT])
+def test_in_the_air_a_descent_follows_at_once_from_every_state(state: State) -> None:
+    assert TABLE[state, Event.DESCEND] is State.DESCENT
+
+
+@pytest.mark.parametrize("state", sorted(FINAL))
+def test_what_has_ended_can_only_be_killed(state: State) -> None:
+    assert reached(state) <= {state, State.KILLED}
+
+
+@pytest.mark.parametrize("event", [Event.LAND, Event.DESCEND])
+def test_nothing_that_brings_down_takes_a_vehicle_off_the_ground(event: Event) -> None:
+    for state in ON_GROUND:
+        assert TABLE[state, event] in FINAL
+
+
+def test_a_descent_is_never_made_gentler() -> None:
+    assert reached(State.DESCENT) & set(IN_AIR) == {State.DESCENT}
+
+
+def test_nobody_who_took_over_is_ever_contradicted() -> None:
+    assert all((state, Event.TAKEN_OVER) in TABLE for state in IN_AIR)
+    assert reached(State.HANDED_OVER) == {State.HANDED_OVER, State.KILLED}
+
+
+def test_an_illegal_move_names_event_and_state() -> None:
+    with pytest.raises(IllegalMove, match="armed is not possible while idle"):
+        Mission().on(Event.ARMED)
+
+
+def test_a_move_keeps_its_reason_and_staying_keeps_the_first() -> None:
+    mission = Mission()
+    mission.on(Event.START, "because")
+    assert (mission.state, mission.reason) == (State.CONNECTING, "because")
+    mission.on(Event.ABORT, "first")
+    mission.on(Event.ABORT, "second")
+    assert mission.reason == "first"
+
+
+def test_every_request_is_an_event() -> None:
+    assert set(EVENT_OF) == set(Ask)
+
+
+def test_a_request_is_read_from_json_and_anything_else_is_none() -> None:
+    assert decode(b'{"ask": "land", "why": "MQTT"}') == Request(Ask.LAND, "MQTT")
+    for bad in (b"", b"land", b'{"ask": "fly"}', b'{"ask": "land", "force": true}', b"[]", b"\xff"):
+        assert decode(bad) is None
+
+
+def test_the_diagram_has_every_state() -> None:
+    assert all(f"    {state} --> " in mermaid() for state in State)
+
+
+def test_the_page_shows_the_table_that_flies() -> None:
+    """If this fails: groundstation states --write docs/explanation/mission.md."""
+    text = PAGE.read_text("utf-8")
+    assert text[text.index(BEGIN) + len(BEGIN) : text.index(END)].strip() == markdown()
+
+
+def test_writing_the_diagram_leaves_the_rest_of_the_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", "utf-8")
+    states(argparse.Namespace(write=page))
+    assert page.read_text("utf-8") == f"before\n{BEGIN}\n{markdown()}\n{END}\nafter\n"

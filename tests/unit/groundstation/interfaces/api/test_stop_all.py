@@ -1,0 +1,56 @@
+"""``stop-all`` where a process can't be asked: it gets a signal, is told of, and no other waits for it."""
+
+import asyncio
+import signal
+from pathlib import Path
+
+import pytest
+
+from groundstation.core.messages import Ask
+from groundstation.interfaces.api import stop_all
+from tests.unit.groundstation.runtime.test_register import another, end
+
+
+@pytest.fixture(autouse=True)
+def _alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("ask", "number", "means"),
+    [
+        (Ask.LAND, signal.SIGTERM, "lands"),
+        (Ask.DESCEND, signal.SIGTERM, "lands"),
+        (Ask.KILL, signal.SIGQUIT, "motors off"),
+    ],
+)
+def test_a_flight_whose_socket_is_not_served_gets_the_signal_that_means_the_same(
+    ask: Ask, number: signal.Signals, means: str
+) -> None:
+    bee = another("bee")
+    try:
+        [told] = asyncio.run(stop_all(ask))
+        assert not told.answered
+        assert told.says.startswith(f"bee (process {bee.pid}): NOT ANSWERED: ")
+        assert f"{number.name} sent ({means} as soon as it runs)" in told.says
+        assert bee.wait(60) == -number
+    finally:
+        end(bee)
+
+
+def test_a_bridge_is_left_to_its_station_and_stopped_by_kill() -> None:
+    bridge = another("0.0.0.0:14600", command="rf-bridge")
+    try:
+        [told] = asyncio.run(stop_all(Ask.LAND))
+        assert told.answered
+        assert f"kill {bridge.pid} ends it and brings down what flies" in told.says
+        assert bridge.poll() is None
+        [told] = asyncio.run(stop_all(Ask.KILL))
+        assert told.answered
+        assert bridge.wait(60) == -signal.SIGQUIT
+    finally:
+        end(bridge)
+
+
+def test_nothing_is_asked_where_nothing_runs() -> None:
+    assert asyncio.run(stop_all(Ask.LAND)) == []

@@ -1,0 +1,376 @@
+"""groundstation/doctor: what is found, what is said, and that one parameter changes only as it should."""
+
+import asyncio
+import json
+import re
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.lab import DoctorOrders, run_doctor
+from groundstation.lab.doctor import (
+    EXIT_FINDINGS,
+    EXIT_HEALTHY,
+    EXIT_NO_ANSWER,
+    Restore,
+    doctor_report,
+    load_restore,
+    save_restore,
+)
+from groundstation.lab.doctor_advice import (
+    Advice,
+    ParameterFinding,
+    Rule,
+    Setting,
+    VehicleFacts,
+    Weight,
+    ardupilot_advice,
+    between,
+    exactly,
+    is_wrong,
+    judge,
+    near,
+    px4_advice,
+    with_bit,
+    without_bit,
+)
+from groundstation.settings import Config
+from links.mavlink.protocol import REAL32
+from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
+from sim.autopilots.autopilot import ARDUPILOT_PARAMETERS, PX4_PARAMETERS
+from tests.airframe_double import Brick
+from tests.loops import in_virtual_time
+
+HERE = ("127.0.0.1", 14540)
+HOVER = 0.080 * 9.81 / 1.37
+FACTS = VehicleFacts(own_system=245, target_system=1, hover=HOVER, own_curve=False)
+TABLES = {"px4": px4_advice, "ardupilot": ardupilot_advice}
+
+
+class Visit:
+    """The exit code and what was said, and the autopilot afterwards."""
+
+    code: int
+    said: str
+    autopilot: SimulatedAutopilot
+
+
+def visit(
+    folder: Path,
+    kind: str = "px4",
+    *,
+    armed: bool = False,
+    answer: str | None = None,
+    set_: tuple[str, ...] = (),
+    orders: dict[str, Any] | None = None,
+    parameters: dict[str, float] | None = None,
+) -> Visit:
+    """Run the doctor on a simulated autopilot; ``answer`` is what the operator types, None where nobody is there."""
+    seen = Visit()
+    seen.autopilot = AUTOPILOTS[kind](Brick(), hover=HOVER, parameters=parameters)
+    seen.autopilot.armed = armed
+    lines: list[str] = []
+
+    async def ask(question: str) -> str:
+        lines.append(question)
+        await asyncio.sleep(5.0)  # operators take their time
+        return f"{answer}\n"
+
+    async def main() -> int:
+        peer = asyncio.create_task(AutopilotPeer(seen.autopilot, HERE).run())
+        config = from_dict({}, Config, set_)
+        who: Callable[[str], Awaitable[str]] | None = ask if answer is not None else None
+        try:
+            return await run_doctor(config, DoctorOrders("doctor", folder=folder, **(orders or {})), who, lines.append)
+        finally:
+            peer.cancel()
+            await asyncio.gather(peer, return_exceptions=True)
+
+    seen.code = in_virtual_time(main())
+    seen.said = "\n".join(lines)
+    return seen
+
+
+# ---- the tables
+
+
+SAFETY = Path(__file__).parents[4] / "docs" / "explanation" / "safety.md"
+WANTED = re.findall(
+    r"^\| (PX4|ArduPilot) `(\w+)` \| ([\d.]+).*? \| ([^|]+) \|", SAFETY.read_text("utf-8"), re.MULTILINE
+)
+
+
+@pytest.mark.parametrize(("autopilot", "name", "delivered", "wanted"), WANTED)
+def test_what_the_page_on_safety_wants_of_an_autopilot_is_what_the_doctor_sets(
+    autopilot: str, name: str, delivered: str, wanted: str
+) -> None:
+    rows = (px4_advice if autopilot == "PX4" else ardupilot_advice)(FACTS)
+    (rule,) = [advice.rule for advice in rows if name in advice.names]
+    assert not rule.accepts(float(delivered))
+    span = re.match(r"[\d.]+ to [\d.]+", wanted)
+    assert span is None or span[0] == rule.words
+    best = re.search(r"best ([\d.]+)", wanted) or re.match(r"([\d.]+)", wanted)
+    assert best is not None
+    assert float(best[1]) == rule.better(float(delivered))
+    assert len(WANTED) == 5
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_every_advice_recommends_what_it_accepts_and_says_why(kind: str) -> None:
+    for own_curve in (False, True):
+        table = TABLES[kind](FACTS._replace(own_curve=own_curve))
+        for advice in table:
+            for value in (0.0, 1.0, 33.0):
+                assert advice.rule.accepts(advice.rule.better(value)), advice.names
+            assert len(advice.why) > 30
+        names = [name for advice in table for name in advice.names]
+        assert len(set(names)) == len(names)
+        assert all(len(name) <= 16 for name in names)
+
+
+@pytest.mark.parametrize(("kind", "has"), [("px4", PX4_PARAMETERS), ("ardupilot", ARDUPILOT_PARAMETERS)])
+def test_the_simulated_autopilot_has_every_parameter_that_is_looked_at(kind: str, has: dict[str, Any]) -> None:
+    assert [advice.names for advice in TABLES[kind](FACTS) if not has.keys() & set(advice.names)] == []
+
+
+@pytest.mark.parametrize(
+    ("rule", "good", "bad", "better"),
+    [
+        (exactly(1.0), (1.0,), (0.0, 1.5), 1.0),
+        (between(0.2, 1.0, 0.5), (0.2, 0.20000000298, 1.0), (0.19, 1.01), 0.5),
+        (near(0.5, 0.2), (0.41, 0.59), (0.39, 0.61), 0.5),
+        (with_bit(3, ""), (8.0, 9.0, 15.0), (0.0, 7.0, 16.0), 15.0),
+        (without_bit(0, ""), (0.0, 2.0, 32.0), (1.0, 33.0), 6.0),
+    ],
+)
+def test_a_rule_accepts_and_recommends(
+    rule: Rule, good: tuple[float, ...], bad: tuple[float, ...], better: float
+) -> None:
+    assert all(map(rule.accepts, good))
+    assert not any(map(rule.accepts, bad))
+    assert rule.better(7.0) == better
+
+
+def finding(value: float | None, weight: Weight) -> ParameterFinding:
+    found = {} if value is None else {"NEW": Setting("NEW", value, REAL32)}
+    return judge(Advice(("OLD", "NEW"), weight, exactly(1.0), "because"), found)
+
+
+def test_a_parameter_is_judged_by_any_of_its_names() -> None:
+    assert (finding(1.0, Weight.MUST).name, finding(1.0, Weight.MUST).verdict) == ("NEW", "ok")
+    assert (finding(2.0, Weight.MUST).verdict, finding(2.0, Weight.MUST).recommended) == ("must", 1.0)
+    assert finding(2.0, Weight.SHOULD).verdict == "should"
+    assert finding(None, Weight.MUST).verdict == "absent"
+
+
+def test_what_is_only_to_be_read_is_never_wrong() -> None:
+    note = finding(2.0, Weight.NOTE)
+    assert (note.verdict, note.recommended, is_wrong([note])) == ("note", None, False)
+
+
+def test_the_report_names_the_command_that_mends_what_is_wrong() -> None:
+    text = doctor_report(
+        "title", [finding(1.0, Weight.MUST), finding(2.0, Weight.SHOULD)], "groundstation doctor x.toml"
+    )
+    assert "set it to 1: groundstation doctor x.toml --fix NEW" in text
+    assert text.index("SHOULD") < text.index("ok ")
+    assert text.endswith("0 must and 1 should be changed; 1 ok.")
+    assert max(map(len, text.splitlines())) <= 100
+
+
+# ---- looking
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_an_autopilot_that_is_set_up_well_has_nothing_to_change(tmp_path: Path, kind: str) -> None:
+    seen = visit(tmp_path, kind, parameters={"GUID_TIMEOUT": 0.5} if kind == "ardupilot" else {})
+    assert seen.code == EXIT_HEALTHY
+    assert "Nothing to change" in seen.said
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value"),
+    [
+        ("px4", "MAV_FWDEXTSP", 0.0),
+        ("px4", "MAV_TYPE", 0.0),
+        ("px4", "COM_OF_LOSS_T", 5.0),
+        ("px4", "COM_OBL_RC_ACT", 0.0),
+        ("px4", "MPC_THR_HOVER", 0.3),
+        ("ardupilot", "GUID_OPTIONS", 1.0),
+        ("ardupilot", "ATC_ANGLE_BOOST", 1.0),
+        ("ardupilot", "GUID_TIMEOUT", 3.0),
+        ("ardupilot", "FS_GCS_ENABLE", 1.0),
+        ("ardupilot", "FS_GCS_TIMEOUT", 5.0),
+        ("ardupilot", "RC_OPTIONS", 1.0),
+        ("ardupilot", "SYSID_MYGCS", 255.0),
+        ("ardupilot", "MOT_THST_HOVER", 0.35),
+    ],
+)
+def test_each_wrong_value_is_found(tmp_path: Path, kind: str, name: str, value: float) -> None:
+    parameters = {"GUID_TIMEOUT": 0.5} if kind == "ardupilot" else {}
+    seen = visit(tmp_path, kind, orders={"as_json": True}, parameters=parameters | {name: value})
+    assert seen.code == EXIT_FINDINGS
+    facts = json.loads(seen.said)
+    wrong = [f for f in facts["findings"] if f["verdict"] in ("must", "should")]
+    assert [(f["name"], f["value"]) for f in wrong] == [(name, pytest.approx(value))]
+    assert facts["healthy"] is False
+    assert facts["fixed"] == []
+
+
+@pytest.mark.parametrize(("kind", "name"), [("px4", "THR_MDL_FAC"), ("ardupilot", "MOT_THST_EXPO")])
+@pytest.mark.parametrize("ours", ["link", "vehicle"])
+def test_a_curve_that_is_straightened_twice_is_found(tmp_path: Path, kind: str, name: str, ours: str) -> None:
+    set_ = (f"{ours}.thrust_curve=0.5",)
+    seen = visit(tmp_path, kind, set_=set_, orders={"as_json": True}, parameters={name: 0.5})
+    (curve,) = [f for f in json.loads(seen.said)["findings"] if f["name"] == name]
+    assert (curve["verdict"], curve["recommended"]) == ("must", 0.0)
+
+
+@pytest.mark.parametrize(("kind", "name"), [("px4", "MPC_THR_HOVER"), ("ardupilot", "MOT_THST_HOVER")])
+def test_the_hover_thrust_that_we_are_told_is_held_against_the_autopilots(tmp_path: Path, kind: str, name: str) -> None:
+    set_ = ("vehicle.hover_thrust=0.4", "vehicle.thrust_max_n=1.5")
+    seen = visit(tmp_path, kind, set_=set_, orders={"as_json": True}, parameters={name: 0.55})
+    (hover,) = [f for f in json.loads(seen.said)["findings"] if f["name"] == name]
+    assert (hover["verdict"], hover["recommended"]) == ("should", 0.4)
+
+
+def test_looking_changes_nothing(tmp_path: Path) -> None:
+    seen = visit(tmp_path, parameters={"COM_OF_LOSS_T": 5.0})
+    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nobody_there_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    async def main() -> int:
+        config = from_dict({}, Config, ["link.connect_timeout_s=1"])
+        return await run_doctor(config, DoctorOrders("doctor", folder=tmp_path), None)
+
+    assert in_virtual_time(main()) == EXIT_NO_ANSWER
+    assert "no HEARTBEAT" in capsys.readouterr().err
+
+
+# ---- changing
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "old", "new"),
+    [
+        ("px4", "COM_OF_LOSS_T", 5.0, 0.4),
+        ("px4", "COM_OBL_RC_ACT", 0.0, 4.0),
+        ("ardupilot", "GUID_OPTIONS", 5.0, 13.0),
+        ("ardupilot", "ATC_ANGLE_BOOST", 1.0, 0.0),
+    ],
+)
+def test_a_parameter_whose_name_the_operator_types_is_set_and_can_be_put_back(
+    tmp_path: Path, kind: str, name: str, old: float, new: float
+) -> None:
+    seen = visit(tmp_path, kind, answer=name, orders={"fix": (name,)}, parameters={name: old})
+    assert seen.autopilot.parameters[name] == pytest.approx(new, rel=1e-6)  # float32 on the wire
+    assert f"{name}: {old:g} became {new:g}, read back" in seen.said
+    (file,) = tmp_path.iterdir()
+    kept = load_restore(file)
+    assert (kept.name, kept.value) == (name, old)
+    back = visit(tmp_path, kind, orders={"restore": file, "yes": True}, parameters={name: new})
+    assert back.autopilot.parameters[name] == old
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_several_parameters_are_set_one_after_the_other(tmp_path: Path) -> None:
+    wrong = {"COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0}
+    orders = {"fix": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT"), "yes": True}
+    seen = visit(tmp_path, orders=orders, parameters=wrong)
+    assert seen.code == EXIT_HEALTHY
+    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == pytest.approx(0.4)
+    assert seen.autopilot.parameters["COM_OBL_RC_ACT"] == 4.0
+    assert sorted(load_restore(file).name for file in tmp_path.iterdir()) == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
+    assert all(f"--restore {file}" in seen.said for file in tmp_path.iterdir())
+
+
+def test_nothing_is_set_where_one_of_several_makes_no_sense(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="expected one of"):
+        visit(tmp_path, orders={"fix": ("COM_OF_LOSS_T=0.3", "NO_SUCH"), "yes": True})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_parameter_that_is_not_confirmed_leaves_the_first_set_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = {"COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0}
+    orders = {"fix": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")}
+    seen = visit(tmp_path, answer="COM_OF_LOSS_T", orders=orders, parameters=wrong)
+    assert seen.code == EXIT_FINDINGS
+    assert "COM_OF_LOSS_T: 5 became 0.4" in seen.said
+    assert seen.autopilot.parameters["COM_OBL_RC_ACT"] == 0.0
+    assert "COM_OBL_RC_ACT was not changed" in capsys.readouterr().err
+
+
+def test_old_values_are_kept_in_a_folder_that_is_made_and_for_the_owner_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "state" / "flights"
+    visit(folder, orders={"fix": ("COM_OF_LOSS_T",), "yes": True}, parameters={"COM_OF_LOSS_T": 5.0})
+    (file,) = folder.iterdir()
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
+def test_anything_else_typed_changes_nothing(tmp_path: Path) -> None:
+    seen = visit(tmp_path, answer="yes", orders={"fix": ("COM_OF_LOSS_T",)}, parameters={"COM_OF_LOSS_T": 5.0})
+    assert seen.code == EXIT_FINDINGS
+    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_armed_vehicle_is_not_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    seen = visit(
+        tmp_path, armed=True, orders={"fix": ("COM_OF_LOSS_T",), "yes": True}, parameters={"COM_OF_LOSS_T": 5.0}
+    )
+    assert seen.code == EXIT_NO_ANSWER
+    assert "the vehicle is armed" in capsys.readouterr().err
+    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
+
+
+def test_a_value_of_ones_own_must_be_accepted(tmp_path: Path) -> None:
+    seen = visit(tmp_path, orders={"fix": ("COM_OF_LOSS_T=0.25",), "yes": True}, parameters={"COM_OF_LOSS_T": 5.0})
+    assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 0.25
+    with pytest.raises(ConfigError, match=r"COM_OF_LOSS_T: expected 0\.2 to 0\.5, got 3"):
+        visit(tmp_path, orders={"fix": ("COM_OF_LOSS_T=3",), "yes": True})
+
+
+@pytest.mark.parametrize(
+    ("orders", "complaint"),
+    [
+        ({"yes": True}, "--yes: it needs the one parameter that it confirms"),
+        ({"fix": ("COM_OF_LOSS_T",)}, "without a terminal, confirm with --yes"),
+        ({"fix": ("COM_OF_LOSS_T",), "restore": Path("x"), "yes": True}, "leave out --fix"),
+        ({"fix": ("NO_SUCH",), "yes": True}, "expected one of"),
+        ({"fix": ("COM_OF_LOSS_T=soon",), "yes": True}, "expected a number"),
+        ({"fix": ("COM_OF_LOSS_T",), "yes": True}, "is 0.4, which is fine"),
+        ({"fix": ("COM_OF_LOSS_T=0.3", "COM_OF_LOSS_T=0.4"), "yes": True}, "COM_OF_LOSS_T is named twice"),
+        ({"restore": Path("missing.json"), "yes": True}, "cannot read missing.json"),
+    ],
+)
+def test_orders_that_make_no_sense_are_refused(tmp_path: Path, orders: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ConfigError, match=complaint):
+        visit(tmp_path, orders=orders)
+
+
+def test_a_file_of_another_vehicle_is_not_put_back(tmp_path: Path) -> None:
+    other = Restore(vehicle="x", autopilot="ArduPilot", system=1, name="GUID_TIMEOUT", value=1.0, kind=REAL32)
+    path = save_restore(other, tmp_path)
+    with pytest.raises(ConfigError, match="the file is of ArduPilot, system 1; this is PX4"):
+        visit(tmp_path, orders={"restore": path, "yes": True})
+
+
+def test_no_file_of_an_old_value_is_ever_overwritten(tmp_path: Path) -> None:
+    kept = Restore(vehicle="x", autopilot="PX4", system=1, name="A", value=1.0, kind=REAL32)
+    assert [save_restore(kept, tmp_path).name for _ in range(3)] == [
+        "restore-x-A.json", "restore-x-A-2.json", "restore-x-A-3.json"
+    ]  # fmt: skip
+
+
+def test_a_file_that_is_none_is_told_of(tmp_path: Path) -> None:
+    path = tmp_path / "x.json"
+    path.write_text('{"name": "A"}')
+    with pytest.raises(ValueError, match="no file that --fix has written"):
+        load_restore(path)

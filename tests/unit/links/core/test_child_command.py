@@ -1,0 +1,53 @@
+"""Processes that our programs start run our own modules, whatever else bears the names of their packages."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from links.core import make_child_command
+
+ROOT = Path(__file__).parents[4]
+SOURCES = [file for package in ("groundstation", "links", "sim") for file in (ROOT / package).rglob("*.py")]
+PACKAGES = ("groundstation", "links", "sim")
+
+
+def run(command: list[str], folder: Path, path: str) -> "subprocess.CompletedProcess[str]":
+    environment = os.environ | {"PYTHONPATH": path}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+# Where PYTHONPATH puts it first, a `groundstation` of the user's is theirs: docs/decisions/0010-distribution.md.
+@pytest.mark.parametrize(("name", "path"), [*((name, "") for name in PACKAGES), ("links", "."), ("sim", ".")])
+@pytest.mark.parametrize("module", ["groundstation", "sim"])
+def test_a_module_of_the_users_with_the_name_of_ours_is_not_run(
+    module: str, name: str, path: str, tmp_path: Path
+) -> None:
+    (tmp_path / f"{name}.py").write_text("raise SystemExit('not ours')", "utf-8")
+    done = run(make_child_command(module, "--version"), tmp_path, path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("groundstation")
+
+
+def test_a_module_of_the_users_with_another_name_is_found_on_its_path(tmp_path: Path) -> None:
+    (tmp_path / "leaning.py").write_text("", "utf-8")
+    words = ("fly", "--duration", "1", "--controller", "leaning:make")
+    assert "leaning has no attribute 'make'" in run(make_child_command("sim", *words), tmp_path, ".").stderr
+    assert "No module named 'leaning'" in run(make_child_command("sim", *words), tmp_path, "").stderr
+
+
+def test_whoever_only_imports_our_packages_finds_his_own(tmp_path: Path) -> None:
+    (tmp_path / "sim.py").write_text("mine = True", "utf-8")
+    script = tmp_path / "script.py"
+    script.write_text("import groundstation.flight.flight, links.rf.pacer_process, sim\nassert sim.mine\n", "utf-8")
+    done = run([sys.executable, str(script)], tmp_path, "")
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_program_of_ours_is_started_in_any_other_way() -> None:
+    started = {str(file.relative_to(ROOT)) for file in SOURCES if re.search(r"\"-m\"", file.read_text("utf-8"))}
+    theirs = "groundstation/analysis/viewers.py"  # Rerun's own program
+    assert started - {theirs} == {"links/core/child_command.py"}

@@ -1,0 +1,201 @@
+"""The autopilot's own attitude: asked for, read, put on our clock; what is no attitude is nothing."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from groundstation.core.geometry import so3
+from groundstation.pose import TlogReader
+from links.core import Attitude, LinkMisuse
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol import ATTITUDE_HZ, DIALECT, PX4, Message, Trip, attitude_of
+from sim.autopilots import AutopilotPeer, Px4Autopilot, SimulatedAutopilot
+from sim.autopilots.dialects import ArduPilotAutopilot
+from tests.airframe_double import Brick
+from tests.loops import in_virtual_time
+from tests.unit.links.mavlink.test_mavlink_link import HERE, Endpoint, accept
+
+GOLDEN = Path(__file__).parents[3] / "golden"
+CLOCK = Trip(0.004, 100.0)
+RATES = (0.1, -0.2, 0.3)
+
+
+def quaternion(
+    boot_ms: int = 105_000, q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0), rates: tuple[float, ...] = RATES
+) -> Message:
+    return DIALECT.MAVLink_attitude_quaternion_message(boot_ms, *q, *rates)
+
+
+def test_both_messages_tell_the_same() -> None:
+    angles = (0.3, -0.2, 2.5)
+    q = so3.from_euler_zyx(*angles)
+    one = attitude_of(quaternion(q=q), 5.01, CLOCK)
+    other = attitude_of(DIALECT.MAVLink_attitude_message(105_000, *angles, *RATES), 5.01, CLOCK)
+    assert one is not None and other is not None
+    assert one.attitude == pytest.approx(q)
+    assert other.attitude == pytest.approx(q)
+    assert one.rates_rad_s == other.rates_rad_s == RATES
+    assert one.time_s == other.time_s == 5.0
+
+
+@pytest.mark.parametrize(
+    ("arrival_s", "clock", "time_s"),
+    [
+        (5.003, CLOCK, 5.0),
+        (4.999, CLOCK, 5.0),  # TIMESYNC is wrong by half a round trip
+        (5.9, CLOCK, 5.0),
+        (6.1, CLOCK, 6.1),
+        (4.8, CLOCK, 4.8),
+        (5.003, None, 5.003),
+    ],
+)
+def test_its_time_is_its_stamp_where_the_clock_is_known_and_else_its_arrival(
+    arrival_s: float, clock: Trip | None, time_s: float
+) -> None:
+    told = attitude_of(quaternion(), arrival_s, clock)
+    assert told is not None
+    assert told.time_s == pytest.approx(time_s)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        DIALECT.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3),
+        quaternion(q=(0.0, 0.0, 0.0, 0.0)),
+        quaternion(q=(math.nan, 0.0, 0.0, 1.0)),
+        quaternion(q=(math.inf, 0.0, 0.0, 1.0)),
+        quaternion(q=(1.1, 0.0, 0.0, 0.0)),
+        quaternion(rates=(0.0, math.nan, 0.0)),
+        quaternion(rates=(0.0, math.inf, 0.0)),
+        DIALECT.MAVLink_attitude_message(0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0),
+        DIALECT.MAVLink_attitude_message(0, 0.0, math.nan, 0.0, 0.0, 0.0, 0.0),
+    ],
+    ids=str,
+)
+def test_what_is_no_attitude_is_nothing(message: Message) -> None:
+    assert attitude_of(message, 1.0, CLOCK) is None
+
+
+def test_every_attitude_of_a_real_autopilot_is_read() -> None:
+    messages = [record.message for record in TlogReader((GOLDEN / "ardupilot_landing.tlog").read_bytes())]
+    told = [attitude_of(m, 0.0, None) for m in messages if m.get_type() == "ATTITUDE_QUATERNION"]
+    assert len(told) == 1750
+    assert None not in told
+
+
+@pytest.mark.parametrize("make", [Px4Autopilot, ArduPilotAutopilot])
+@pytest.mark.parametrize("quiet", [True, False])
+def test_whoever_watches_gets_fifty_attitudes_a_second_on_our_clock(
+    make: Callable[[Brick], SimulatedAutopilot], quiet: bool
+) -> None:
+    heard: list[tuple[float, Attitude]] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        link = MavlinkLink(MavlinkLinkConfig(quiet=quiet), thrust_max_n=2.0)
+        link.watch_attitude(lambda told: heard.append((loop.time(), told)))
+        peer = asyncio.create_task(AutopilotPeer(make(Brick()), HERE, delay_s=0.03).run())
+        await link.connect()
+        heard.clear()
+        await asyncio.sleep(4.0)
+        await link.close()
+        peer.cancel()
+
+    in_virtual_time(main())
+    assert len(heard) == pytest.approx(4.0 * ATTITUDE_HZ, abs=3)
+    late = [when - told.time_s for when, told in heard[10:]]
+    assert max(late) - min(late) < 0.002
+    assert 0.01 < min(late) < 0.035  # half of the round trip, which is 30 ms one way and nothing the other
+
+
+def asked(answer: Callable[[Message], list[Message]] = accept) -> list[tuple[float, float]]:
+    """Which messages a link that is watched asks of an autopilot, with their intervals [µs], in order."""
+    seen: list[tuple[float, float]] = []
+
+    async def main() -> None:
+        autopilot = await Endpoint(kind=PX4).open()
+        autopilot.answer = answer
+        beating = asyncio.create_task(autopilot.beating())
+        link = MavlinkLink(MavlinkLinkConfig(quiet=True), thrust_max_n=2.0)
+        link.watch_attitude(lambda told: None)
+        try:
+            await link.connect()
+            seen.extend((m.param1, m.param2) for m in autopilot.of("COMMAND_LONG"))
+        finally:
+            beating.cancel()
+            await link.close()
+
+    in_virtual_time(main())
+    return seen
+
+
+def test_the_quaternion_is_asked_for_and_the_angles_are_stopped() -> None:
+    seen = asked()
+    assert (31.0, 20_000.0) in seen
+    assert (31.0, -1.0) not in seen
+    assert (30.0, -1.0) in seen
+    assert (30.0, 20_000.0) not in seen
+
+
+def test_an_autopilot_that_has_no_quaternion_is_asked_for_the_angles() -> None:
+    def answer(message: Message) -> list[Message]:
+        if message.get_type() == "COMMAND_LONG" and message.param1 == 31.0:
+            return [DIALECT.MAVLink_command_ack_message(message.command, 2, 0, 0, 245, 190)]
+        return accept(message)
+
+    assert asked(answer)[-1] == (30.0, 20_000.0)
+
+
+def test_one_that_is_wanted_anyhow_is_asked_for_once() -> None:
+    seen: list[tuple[float, float]] = []
+
+    async def main() -> None:
+        autopilot = await Endpoint(kind=PX4).open()
+        autopilot.answer = accept
+        beating = asyncio.create_task(autopilot.beating())
+        link = MavlinkLink(MavlinkLinkConfig(quiet=True), thrust_max_n=2.0)
+        link.watch_attitude(lambda told: None)
+        link.connection.request(lambda _kind: {"ATTITUDE_QUATERNION": 100.0})
+        await link.connect()
+        seen.extend((m.param1, m.param2) for m in autopilot.of("COMMAND_LONG"))
+        beating.cancel()
+        await link.close()
+
+    in_virtual_time(main())
+    assert [interval for number, interval in seen if number == 31.0] == [10_000.0]
+
+
+@pytest.mark.parametrize(
+    ("way", "rate_hz"),
+    [
+        ({"serial": "/dev/ttyUSB0", "baud": 57_600}, 12.5),
+        ({"serial": "/dev/ttyUSB0", "baud": 921_600}, 50.0),
+        ({"listen": "127.0.0.1:14540"}, 50.0),
+    ],
+)
+def test_a_slow_serial_port_is_not_filled_with_it(way: dict[str, Any], rate_hz: float) -> None:
+    link = MavlinkLink(MavlinkLinkConfig(**way), thrust_max_n=2.0)
+    with pytest.MonkeyPatch.context() as patch:
+        wished: list[float] = []
+        patch.setattr(link.connection, "wish", lambda names, hz: wished.append(hz))
+        link.watch_attitude(lambda told: None)
+    assert wished == [rate_hz]
+
+
+def test_it_can_only_be_watched_from_before_the_link_is_connected() -> None:
+    async def main() -> None:
+        autopilot = await Endpoint(kind=PX4).open()
+        autopilot.answer = accept
+        beating = asyncio.create_task(autopilot.beating())
+        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+        await link.connect()
+        with pytest.raises(LinkMisuse, match="before"):
+            link.watch_attitude(lambda told: None)
+        beating.cancel()
+        await link.close()
+
+    in_virtual_time(main())

@@ -1,0 +1,36 @@
+"""links/mavlink/protocol/procedures.py: an autopilot that is asked for its mode."""
+
+import math
+
+from links.mavlink.protocol import PX4, REQUEST_MESSAGE, AskMode, AutopilotAddress, MavlinkCodec, Words
+from links.mavlink.protocol.procedures import MODE_AGAIN_S as AGAIN_S
+from links.mavlink.protocol.procedures import MODE_PATIENCE_S as PATIENCE_S
+from tests.unit.links.mavlink.test_mavlink_link import D
+
+HEARTBEAT = D.MAVLink_heartbeat_message(2, PX4, 128, 6 << 16, 3, 3)
+ACK = D.MAVLink_command_ack_message(REQUEST_MESSAGE, 3, 0, 0, 245, 190)
+
+
+def ask() -> AskMode:
+    return AskMode(AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4))
+
+
+def test_it_is_asked_until_both_its_answer_and_its_heartbeat_have_come() -> None:
+    step = ask()
+    (frame,) = step.poll(0.0)
+    (message,) = MavlinkCodec(1, 1).feed_datagram(frame)
+    assert (message.command, message.param1) == (REQUEST_MESSAGE, D.MAVLINK_MSG_ID_HEARTBEAT)
+    assert step.poll(0.5 * AGAIN_S) == []
+    step.hear(HEARTBEAT, 0.01)
+    assert not step.done, "it may have left before the question"
+    assert len(step.poll(AGAIN_S)) == 1
+    step.hear(ACK, 0.12)
+    assert step.done, "also where it refuses: then the heartbeat that comes by itself has told"
+    assert step.poll(math.inf) == []
+
+
+def test_one_that_does_not_tell_is_not_asked_for_ever() -> None:
+    step = ask()
+    asked = [t for n in range(1000) for t in [0.01 * n] if step.poll(t)]
+    assert step.failure is not None
+    assert asked[-1] < PATIENCE_S

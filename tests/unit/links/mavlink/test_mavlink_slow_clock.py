@@ -1,0 +1,72 @@
+"""The autopilot's own poses where its clock runs slower than ours, and where they come late: TIMESYNC tells which."""
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from groundstation.core.messages import Pose
+from groundstation.pose.sources import MavlinkPoseConfig, MavlinkPoseSource
+from tests.unit.links.mavlink.test_mavlink_link import D, Endpoint, accept, scene
+
+SLOW = 0.008
+"""As a simulated PX4 was seen to fall behind on a busy machine."""
+LONG_S = 60.0
+
+
+def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
+    """Poses of a minute at 50 Hz from a clock that is ``slow`` by that share; all it says is late from 30 s on."""
+    poses: list[Pose] = []
+    sources: list[MavlinkPoseSource] = []
+
+    async def play(link: Any, autopilot: Endpoint) -> None:
+        loop = asyncio.get_running_loop()
+        begun = loop.time()
+
+        def clock_s() -> float:
+            return 7.0 + (loop.time() - begun) * (1.0 - slow)
+
+        def say(message: Any) -> None:
+            loop.call_later(late_s if loop.time() - begun > 0.5 * LONG_S else 0.0, autopilot.say, message)
+
+        def answer(message: Any) -> list[Any]:
+            if message.get_type() == "TIMESYNC" and message.tc1 == 0:
+                say(D.MAVLink_timesync_message(int(clock_s() * 1e9), message.ts1))
+            return accept(message)
+
+        autopilot.answer = answer
+        source = MavlinkPoseSource(MavlinkPoseConfig(latency_s=0.0), link)
+        sources.append(source)
+        await source.start(poses.append)
+        await link.connect()
+        unknown = [float("nan")] * 21
+        while loop.time() - begun < LONG_S:
+            at_us = int(clock_s() * 1e6)
+            say(
+                D.MAVLink_odometry_message(
+                    at_us, 1, 1, loop.time(), 0.0, 0.0, (1.0, 0.0, 0.0, 0.0), *[0.0] * 6, unknown, unknown, 0, 8, 0
+                )
+            )
+            await asyncio.sleep(0.02)
+
+    scene(play, connect=False)
+    return poses, sources[0]
+
+
+@pytest.mark.parametrize("slow", [0.0, SLOW])
+def test_a_simulated_autopilot_that_falls_behind_sends_no_late_poses(slow: float) -> None:
+    poses, source = flown(slow, 0.0)
+    assert len(poses) > 2900
+    ages = [pose.arrival_s - pose.time_s for pose in poses]
+    assert max(ages) < 0.012, "what it falls behind between two questions for the time"
+    assert source.status.late_s == 0.0
+
+
+@pytest.mark.parametrize("slow", [0.0, SLOW])
+def test_poses_of_an_autopilot_that_come_late_are_as_old_as_they_are(slow: float) -> None:
+    poses, _ = flown(slow, 0.2)
+    late = [pose for pose in poses if pose.position_ned[0] > poses[0].arrival_s + 0.5 * LONG_S + 1.0]
+    errors = [pose.time_s - pose.position_ned[0] for pose in late]  # each says where it is by when it was
+    assert max(errors) < 1e-3, "never younger"
+    assert min(errors) > -0.012
+    assert len(late) > 1000

@@ -1,0 +1,159 @@
+"""What comes back through a CRSF module, by the words of its document; and how it steers the pacer."""
+
+import math
+import struct
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.core.geometry import so3
+from links.bridge.codec import StationEnd, Welcome
+from links.core import Command, Segment
+from links.rf import Arm, Channels, CrsfLinkConfig, FramePacer, Give, encode_attitude
+from links.rf.codec import RfTelemetry
+from links.rf.pacer import STEER, TELLS_S, TOLD_LATE_S
+from tests.unit.links.rf.test_pacer import Bench, Notebook
+
+
+def frame(kind: int, payload: bytes) -> bytes:
+    """A frame to the handset, by the document and without our codec."""
+    body = bytes((kind,)) + payload
+    crc = 0
+    for byte in body:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc << 1 ^ 0xD5 if crc & 0x80 else crc << 1) & 0xFF
+    return bytes((0xEA, len(body) + 1)) + body + bytes((crc,))
+
+
+def timing(early_s: float, period_s: float = 0.004) -> bytes:
+    return frame(0x3A, b"\xea\xee\x10" + struct.pack(">Ii", round(1e7 * period_s), round(1e7 * early_s)))
+
+
+BATTERY = frame(0x08, bytes.fromhex("00A8 0011 000123 32"))
+LINK = frame(0x14, bytes((60, 0, 99, 0xFB, 0, 2, 3, 70, 98, 7)))
+
+
+@pytest.mark.parametrize(
+    ("data", "tells"),
+    [
+        (BATTERY, RfTelemetry(battery_v=16.8, battery_share=0.5)),
+        (frame(0x08, bytes(8)), RfTelemetry()),
+        (LINK, RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-5)),
+        (frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)), RfTelemetry(attitude=so3.from_euler_zyx(0.2, 0.1, 3.1))),
+        (frame(0x21, b"ACRO*\0rest"), RfTelemetry(mode="ACRO*")),
+        (timing(-0.00012), RfTelemetry(early_s=-0.00012)),
+    ],
+)
+def test_frames_are_read_as_their_document_says(data: bytes, tells: RfTelemetry) -> None:
+    (heard,) = CrsfLinkConfig().codec().decoder().feed(data)
+    assert heard.positions is None
+    assert heard.tells is not None
+    for name in RfTelemetry.__struct_fields__:
+        assert getattr(heard.tells, name) == pytest.approx(getattr(tells, name)), name
+
+
+@given(st.sampled_from([0x08, 0x14, 0x1E, 0x21, 0x3A]), st.binary(max_size=60))
+def test_whatever_they_hold_nothing_raises_and_every_number_is_finite(kind: int, payload: bytes) -> None:
+    (heard,) = CrsfLinkConfig().codec().decoder().feed(frame(kind, payload))
+    if heard.tells is not None:
+        told = heard.tells
+        numbers = (told.battery_v, told.battery_share, told.uplink_share, told.early_s, *(told.attitude or ()))
+        assert all(math.isfinite(number) for number in numbers if number is not None)
+
+
+def test_pitch_counts_the_way_that_it_is_told_to() -> None:
+    data, seen = encode_attitude(0.1, -0.2, 4.0), []
+    for pitch in ("nose_up", "nose_down"):
+        (heard,) = CrsfLinkConfig(attitude_pitch=pitch).codec().decoder().feed(data)
+        assert heard.tells is not None and heard.tells.attitude is not None
+        seen.append(so3.euler_zyx(heard.tells.attitude))
+    assert data == frame(0x1E, struct.pack(">hhh", 1000, -2000, round(1e4 * (4.0 - math.tau))))
+    assert seen[0] == pytest.approx((-0.2, 0.1, 4.0 - math.tau), abs=1e-4)
+    assert seen[1] == pytest.approx((-0.2, -0.1, 4.0 - math.tau), abs=1e-4)
+
+
+def test_an_attitude_is_reported_at_once_and_with_about_when_it_was() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.frame()
+    bench.pacer.report(bench.now)
+    assert not bench.pacer.has_news(bench.now)
+    bench.port.comes = encode_attitude(0.0, 0.1, 0.0)
+    bench.frame()
+    assert bench.pacer.has_news(bench.now)
+    told = bench.pacer.report(bench.now).telemetry
+    assert told.attitude_s == pytest.approx(bench.now - TOLD_LATE_S)
+    assert bench.pacer.report(bench.now + 0.1).telemetry.attitude_s == told.attitude_s
+
+
+def test_a_bridge_s_attitude_is_of_the_stations_own_clock() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = encode_attitude(0.0, 0.1, 0.0)
+    bench.frame()
+    there = bench.pacer.report(bench.now)
+    end = StationEnd(bytes(32), Welcome(bytes(16), bytes(16), 0.0, CrsfLinkConfig().manner, there), 0.0)
+    end._clock.narrow(99.0, 101.0, 0.0)
+    here = end.ours(there)
+    assert there.telemetry.attitude_s is not None
+    assert here.telemetry.attitude_s == pytest.approx(there.telemetry.attitude_s + 100.0, abs=1e-3)
+    assert here.telemetry.attitude == there.telemetry.attitude
+    assert end.ours(msgspec.structs.replace(there, telemetry=RfTelemetry())).telemetry == RfTelemetry()
+
+
+def test_what_is_told_is_reported_and_forgotten_after_a_while() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = BATTERY + LINK
+    bench.frame()
+    told = bench.pacer.report(bench.now).telemetry
+    assert told.battery_v == pytest.approx(16.8)
+    assert told.uplink_share == pytest.approx(0.99)
+    assert bench.pacer.report(bench.now + TELLS_S).telemetry == RfTelemetry()
+
+
+@pytest.mark.parametrize("early_s", [0.0011, -0.0007])
+def test_the_pacer_meets_the_modules_phase_by_two_percent_of_a_period_a_frame(early_s: float) -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = timing(early_s)
+    bench.frame()
+    shifts = [bench.pacer.steer() for _ in range(40)]
+    most = STEER * bench.period
+    assert max(abs(shift) for shift in shifts) <= most * (1.0 + 1e-9)
+    assert sum(shifts) == pytest.approx(early_s)
+    assert shifts[0] == pytest.approx(math.copysign(most, early_s))
+    assert shifts[-1] == 0.0
+
+
+def test_a_phase_that_is_whole_periods_off_is_no_phase() -> None:
+    bench = Bench(CrsfLinkConfig())
+    bench.port.comes = timing(3.0 * bench.period + 0.00005)
+    bench.frame()
+    assert sum(bench.pacer.steer() for _ in range(10)) == pytest.approx(0.00005)
+
+
+def test_no_deadline_moves_however_the_frames_are_steered() -> None:
+    """The module asks for later frames all the time; what a command may do ends when it would without."""
+    config = CrsfLinkConfig(arm_low_s=0.0, arm_high_s=0.01)
+    ends = []
+    for asks in (b"", timing(0.0019)):
+        port, now = Notebook(), 100.0
+        pacer = FramePacer(config, 2.0, port, now)
+        channels = Channels(config.map, count=16, thrust_max_n=2.0)
+        pacer.order(Arm(1, now), now)
+        command = Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.1, (Segment(0.05, 0.5, (0.0, 0.0, 0.0)),))
+        pacer.order(Give(1, command), now)
+        lifted_s = now
+        while now < 101.0:
+            now += config.period_s + pacer.steer()
+            pacer.prepare(now)
+            pacer.leave(now)
+            port.comes = asks
+            pacer.tidy(now)
+            (heard,) = config.codec().decoder().feed(port.frames[-1])
+            assert heard.positions is not None
+            if channels.read(heard.positions).thrust_n > 0.01:
+                lifted_s = now
+        ends.append(lifted_s)
+        assert lifted_s <= 100.15
+    assert ends[0] == pytest.approx(ends[1], abs=config.period_s)
