@@ -127,7 +127,7 @@ def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def command() -> Command:
     now = asyncio.get_running_loop().time()
-    return Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.25)
+    return Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.9)
 
 
 async def until(condition: Callable[[], bool], within_s: float = 60.0) -> None:
