@@ -47,7 +47,7 @@ PROMISES = [
     ("the last {:.0f} of them with the thrust at zero", 1e3 * bring_down.OFF_S),
     ("**settle**: {:.1f} s at slightly less", bring_down.SETTLE_S),
     ("missing for `link.heartbeat_timeout_s` ({:.0f})", 1e3 * MavlinkLinkConfig().heartbeat_timeout_s),
-    ("and up to {:.0f} more, then the bring-down", 1e3 * LINK_LOOK_S),
+    ("and up to {:.0f} more, then those of a landing", 1e3 * LINK_LOOK_S),
     ("It holds for two and a half periods", 2.5),
     ("at most {:.0f} ms and then", 1e3 * model_descent.LASTS_S),
     ("and then {:.0f} ms of zero thrust", 1e3 * model_descent.OFF_S),
