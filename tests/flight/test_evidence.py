@@ -520,6 +520,24 @@ def test_what_never_moves_is_said_to_stand(tmp_path: Path) -> None:
     assert facts["nis3"] is None and set(facts["prediction"].values()) == {None}
 
 
+def test_a_packed_file_that_is_damaged_is_refused(tmp_path: Path) -> None:
+    path = nanobench(tmp_path)
+    data = path.read_bytes()
+    for at in range(40, len(data), 2000):
+        path.write_bytes(data[:at] + b"\xff" * 50 + data[at + 50 :])
+        with pytest.raises(ConfigError, match=r"no csv file, or damaged|cannot read it|not UTF-8"):
+            import_command([path], "nanobench", tmp_path / "out.mcap")
+
+
+def test_a_place_that_none_can_be_is_left_out(tmp_path: Path) -> None:
+    def leaps(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        return [row | ({"py": 1e35} if n % 50 == 7 else {}) for n, row in enumerate(rows)]
+
+    facts = examine_flight(imported(tmp_path, poses_only(tmp_path, leaps), "nanobench"))
+    assert facts["left_out"] == {"rows without a number": 12}
+    assert facts["prediction"]["60"]["rms_mm"] < 0.7 * facts["prediction"]["60"]["pvt_rms_mm"]
+
+
 def test_a_file_without_a_column_is_told_which(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "short.csv", [{"t": 0.0, "px": 0.0, "py": 0.0, "pz": 0.0}])
     with pytest.raises(ConfigError, match="no column qx, qy, qz, qw"):

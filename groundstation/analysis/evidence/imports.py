@@ -12,6 +12,7 @@ import csv
 import gzip
 import json
 import math
+import zlib
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -197,7 +198,7 @@ def read_tables(form: str, paths: Sequence[Path]) -> Tables:
             ) from None
         except UnicodeDecodeError as error:
             raise ConfigError("FILE", f"is no {form} file: not UTF-8 text (byte {error.start})", str(path)) from None
-        except (ValueError, TypeError, KeyError, IndexError) as error:
+        except (ValueError, TypeError, KeyError, IndexError, zlib.error) as error:
             raise ConfigError("FILE", f"is no {form} file, or damaged: {error}", str(path)) from None
     return tables
 
@@ -393,6 +394,8 @@ PLAUSIBLE_S = (1e-4, 5.0)
 """Poses are no closer, and no further apart [s]."""
 
 
+FARTHEST_M = 1e5
+"""No vehicle is further from its source's origin: such a place is none [m]."""
 MIXED = 2.0
 """Loggers mix up rows that are so many intervals apart; where time goes back by more, its clock was set back."""
 OF_ANOTHER_CLOCK = " but with a clock that is set back at other times than that of the poses"
@@ -625,7 +628,7 @@ class _MappingReader:
             if other is None:
                 return None
             attitude = self._between(self._time(part, other), self._attitudes(part, other, slice(None)), time)
-        good = np.isfinite(place).all(axis=1) & np.isfinite(attitude).all(axis=1) & np.isfinite(time)
+        good = (np.abs(place) < FARTHEST_M).all(axis=1) & np.isfinite(attitude).all(axis=1) & np.isfinite(time)
         if not good.any():
             return None
         if not good.all():
