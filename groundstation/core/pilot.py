@@ -52,6 +52,13 @@ CALM_S = 5.0
 FALLS, UPRIGHT = 0.35, 0.5
 """Off the figure errors take away at most such a share of the weight from the thrust that the reference asks for [-],
 while the cosine of the vehicle's lean is above the second: heights that are mirrored or leap must not drop it."""
+CLIMBS, CLIMBS_S, CLIMBS_MORE = 1.2, 1.0, 0.5
+"""So much of what hovered as it left the floor is pushed at most at first [-], and from so long after [s] on by so much
+more each second [1/s], ..."""
+CLIMBED_M = 0.25
+"""... until the poses have shown that it rises by so much [m]: what they leave out is pushed against gently till then."""
+CUSHIONED = 0.95
+"""As a share of the weight as told: with less it is the floor's cushion that carries, and soon no more [-]."""
 HOLD_STEP_S = 0.08
 """Longest single step of the model while a command is held to its deadline [s]."""
 
@@ -122,7 +129,8 @@ class Pilot:
         self._watch = CertificateMonitor(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
         self._lifted = self._climbed = False
-        self._lifted_s = -math.inf
+        self._lifted_s = self._left_s = -math.inf
+        self._hover_n, self._left_down = math.inf, 0.0
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
         self._drives: deque[tuple[float, ActuatorCommand]] = deque()
@@ -224,8 +232,10 @@ class Pilot:
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._released = self._lifted = True
+        self._left_s, self._hover_n = time_s, max(hover_share, CUSHIONED) * self._vehicle.mass_kg * self._gravity
         self._trust_from_here(disturbance)
         motion = self._estimator.predict(time_s + self._vehicle.acting_delay_s).motion
+        self._left_down = motion.position[2]
         return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
 
     @property
@@ -301,6 +311,8 @@ class Pilot:
         decision = law(estimate, reference, interval)
         if descent is None and self._eased:
             decision = self._bear(decision, estimate, reference)
+        if descent is None:
+            decision = self._climb_gently(time_s, decision)
         if descent is None and (self._asks or self.suspicious or self.evidence.attitude >= ASKS):
             # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
@@ -334,6 +346,16 @@ class Pilot:
         if thrust >= least or third_column(estimate.motion.attitude)[2] < UPRIGHT:
             return decision
         return decision._replace(drive=ActuatorCommand(least, rates))
+
+    def _climb_gently(self, time_s: float, decision: Decision) -> Decision:
+        """``decision`` with no more thrust than a vehicle needs that has just left the floor."""
+        since_s, (thrust, rates) = time_s - self._left_s, decision.drive
+        if self._pose is not None and self._left_down - self._pose.position_ned[2] > CLIMBED_M:
+            self._hover_n = math.inf
+        most = self._hover_n * (CLIMBS + CLIMBS_MORE * max(since_s - CLIMBS_S, 0.0))
+        if thrust <= most:
+            return decision
+        return decision._replace(drive=ActuatorCommand(most, rates))
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """The last command, where the poses are not believed any more: down on the model, from what it was before.

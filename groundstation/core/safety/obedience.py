@@ -85,16 +85,17 @@ LEARNS_S, LEARNS_AT_ONCE, RIVAL_MOVES = 2.0, 0.6, 0.35
 third [-]."""
 STAYS_S = 0.6
 """So long after a leap nothing is learnt, and speeds are held against those of before [s]."""
-STOPS_M_S, STOPS_AT, STOPS, GOES_ON, STOPS_NOISES = 0.12, 0.05, 4.0, 1.0, 18.0
+STOPS_M_S, STOPS_AT, STOPS, GOES_ON, STOPS_NOISES, CLIMB_NOISES = 0.12, 0.05, 4.0, 1.0, 18.0, 9.0
 """A coordinate that moved so fast [m/s], and from one pose to the next has the speed of a rival but for this share of
-that [-], says so much, and then so much with each node. Less than so many times its noise [-] is no speed."""
+that [-], says so much, and then so much with each node. Less than so many times its noise [-] is no speed, the second
+while it climbs off the floor: there it is slow, and falls no way."""
 ASTRAY_M_S, ASTRAY_NOISES, ASTRAY_M_S2 = 0.1, 3.0, 0.5
 """A speed after a leap that is so much off [m/s], so many times its noise [-], and by what wind makes of it [m/s²], for
 two nodes, has changed from one pose to the next: something has hit the vehicle, or the picture is another's."""
 LEAPS_AS = 0.9 * STOPS / ENDS
 """So large a share has what has leapt, and goes on as a rival [-]."""
-BEGINS = 5
-"""So many nodes are averaged to begin with."""
+BEGINS, CLIMB_BEGINS = 5, 2
+"""So many nodes are averaged to begin with, and so many less along the vertical: what lifts it off is known."""
 
 
 class Rivals:
@@ -114,11 +115,13 @@ class Rivals:
             pushed: where the commands would have taken it, from any point that it was at with any velocity [m, NED].
         """
         if not self._axes:
-            self._axes = _RivalAxis(WIND_M_S2), _RivalAxis(WIND_M_S2), _RivalAxis(0.0)
+            self._axes = _RivalAxis(WIND_M_S2), _RivalAxis(WIND_M_S2), _RivalAxis(0.0, CLIMB_BEGINS)
         for axis, x, told in zip(self._axes, position, pushed, strict=True):
             axis.begin(x, told)
 
-    def node(self, position: Vec3, pushed: Vec3, h: float, noise_m: float, leapt: bool) -> float:
+    def node(
+        self, position: Vec3, pushed: Vec3, h: float, noise_m: float, leapt: bool, *, climbs: bool = False
+    ) -> float:
         """What speaks for a rival along any axis, as a share of what ends a flight [-].
 
         Args:
@@ -127,6 +130,7 @@ class Rivals:
             h: time since the node before [s], shorter than ``SMOOTHED_S``.
             noise_m: of a second difference of the positions, 1σ [m].
             leapt: whether a pose since then was where nothing pushes a vehicle.
+            climbs: whether it has just left the floor.
         """
         x, y, z = self._axes
         (a, b, c), (p, q, r) = position, pushed
@@ -135,6 +139,7 @@ class Rivals:
         variance = sigma * sigma
         x.node(a, p, h, variance, speed_noise, leapt)
         y.node(b, q, h, variance, speed_noise, leapt)
+        z.noises = CLIMB_NOISES if climbs else STOPS_NOISES
         z.node(c, r, h, variance, speed_noise, leapt)
         squared, usual = x.off * x.off + y.off * y.off, self._usual
         most = USUAL * math.sqrt(usual)
@@ -157,7 +162,7 @@ class Rivals:
         gale = min(before, self._gale) + (across / ENDS if calm else 0.0)
         # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
         held = max(gale, down / ENDS)
-        return max(across / ENDS, held if held >= 1.0 else 0.5 * held)
+        return max(across / ENDS, held if held >= 1.0 or (climbs and z.since_s <= STAYS_S) else 0.5 * held)
 
 
 class _RivalAxis:
@@ -165,13 +170,15 @@ class _RivalAxis:
 
     __slots__ = (
         "_before", "_h", "_known", "_moved", "_place", "_push", "_smooth", "_speed", "_told", "_wind",
-        "astray", "evidence", "off", "since_s", "speaks",
+        "astray", "evidence", "noises", "off", "since_s", "speaks",
     )  # fmt: skip
 
-    def __init__(self, wind_m_s2: float) -> None:
-        """``wind_m_s2`` is what wind leaves that was just answered [m/s²]."""
+    def __init__(self, wind_m_s2: float, known: int = 0) -> None:
+        """``wind_m_s2`` is what wind leaves that was just answered [m/s²], ``known`` how many nodes are averaged already."""
         self._wind = wind_m_s2 * wind_m_s2
-        self._known, self._push, self._smooth = 0, 0.0, 0.0
+        self._known, self._push, self._smooth = known, 0.0, 0.0
+        self.noises = STOPS_NOISES
+        """Less than so many times its noise is no speed [-]."""
         self._before = 0.0
         self.since_s = math.inf
         """How long ago it leapt, to the node after [s]."""
@@ -226,7 +233,7 @@ class _RivalAxis:
     def _compare(self, speed: float, goes: float, sigma: float) -> None:
         """What the speed after a leap says, where it ``goes`` so fast by what it was told since, ± ``sigma`` [m/s]."""
         self.astray = speed - goes
-        if abs(goes) < max(STOPS_M_S, STOPS_NOISES * sigma):
+        if abs(goes) < max(STOPS_M_S, self.noises * sigma):
             return
         says = STOPS if self.since_s < 1.5 * self._h else GOES_ON
         for i, share in enumerate(SHARES):
@@ -515,6 +522,9 @@ STANDS_ALONG = (
 camera does not see lies along its own axis, which need not be north or east."""
 NO_POSES = (0.0, 0.0, 0.0, 0)
 """The sum of no positions [m], and how many they are."""
+CLIMB_S, ROSE_M, ROSE_M_S, RISES_M_S, RISES_NODES = 2.0, 0.01, 0.1, 0.03, 5
+"""For so long after lift-off [s] a height that has risen by so much [m], so fast [m/s], and then no faster than the
+third [m/s] for so many nodes stands: a gust that just carries the vehicle passes through that speed."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -551,11 +561,11 @@ class Obedience:
     """One flight's. Fed with each pose and what the commands did since the last one."""
 
     __slots__ = (  # with so many, a dictionary is slow
-        "_arrest", "_asked", "_attitude", "_between", "_flown", "_gravity", "_half_s", "_halves", "_heading",
+        "_arrest", "_asked", "_attitude", "_between", "_down", "_flown", "_from_down", "_gravity", "_half_s", "_halves", "_heading",
         "_hole_s", "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s",
         "_node_s", "_off", "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters",
-        "_resets", "_rested", "_rests", "_rivals", "_roll", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
-        "_speed", "_still", "_stood", "_stopped_s", "_strays", "_swept_s", "_swift", "_told_x", "_told_y",
+        "_resets", "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
+        "_speed", "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y",
         "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence",
         "late_s", "led_s", "windows",
     )  # fmt: skip
@@ -611,6 +621,8 @@ class Obedience:
         self._turns.clear()
         self._asked.clear()
         self._leant = 0.0
+        self._down = self._from_down = math.nan
+        self._rose, self._stuck = False, 0
         self.evidence = PoseEvidence(0.0, 0.0, 0.0, 0.0)
         """As it stands."""
 
@@ -740,6 +752,9 @@ class Obedience:
         self._images.begin(pose.time_s, pose.position_ned, self._pushed)
         self._rivals.begin(pose.position_ned, self._pushed)
         x, y, z = pose.position_ned
+        self._down = z
+        if self._flown == 0:
+            self._from_down = z
         self._stood = [_Coordinate(a * x + b * y + c * z, pose.time_s) for a, b, c, _ in STANDS_ALONG]
         self._passed = NO_POSES
         self._swift = self._speed
@@ -824,7 +839,11 @@ class Obedience:
         else:
             shakes_m = NOISES * noise_m
             shakes_m = math.sqrt(shakes_m * shakes_m + wander)
-            self._push = self._rivals.node(place, pushed, h, shakes_m, now_s - self._leapt_s < h)
+            climbs = self._flown * NODE_S <= CLIMB_S
+            leapt = now_s - self._leapt_s < h
+            self._push = self._rivals.node(place, pushed, h, shakes_m, leapt, climbs=climbs)
+            if climbs:
+                self._push = max(self._push, self._climb(place[2], h, noise_m))
         self._lean(now_s, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
         self._judge()
         attitude, axes, heading, still, push = self.evidence
@@ -848,6 +867,14 @@ class Obedience:
         rates = [rate for _, rate in asked]
         low, high = min(rates), max(rates)
         return seen - low if seen < low else seen - high if seen > high else 0.0
+
+    def _climb(self, down: float, h: float, noise_m: float) -> float:
+        """What speaks for a height that stands, just off the floor."""
+        rises, self._down = (self._down - down) / h, down
+        self._rose = self._rose or (rises > ROSE_M_S and self._from_down - down > ROSE_M + 3.0 * noise_m)
+        stands = self._rose and abs(rises) < RISES_M_S + 3.0 * noise_m / h and self._wander == 0.0
+        self._stuck = self._stuck + 1 if stands else 0
+        return 1.0 if self._stuck >= RISES_NODES else PUSH_SUSPECTS if self._stuck == RISES_NODES - 1 else 0.0
 
     def _lean(self, now_s: float, h: float, within_m: float) -> None:
         """What one node says of each coordinate that stands within so much [m], while the push along it changes."""

@@ -30,6 +30,8 @@ REST_M, RESTS_M = 0.15, 0.015
 REST_S, REST_WAY_M = 0.4, 0.1
 """... once they do for so long [s], and it was told to sink so far meanwhile [m]. That counts whatever the estimate
 says: where few poses come, the model has it fall on through the floor, and then thrown up by what holds it."""
+GAP_S = 0.3
+"""Of poses further apart than this nobody knows where it was between them [s]: late ones begin again where they ceased."""
 
 
 class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -67,7 +69,7 @@ class Touchdown:
         self._since_s: float | None = None
         self._held_since_s: float | None = None
         self._stand: deque[tuple[float, float]] = deque()
-        """The newest poses whose heights agree: of when [s], and how high [m]."""
+        """The newest poses whose heights agree: when they came [s], whatever their stamps say, and how high [m]."""
 
     def stands(self, pose: Pose, height_m: float, sinks_m_s: float) -> bool:
         """Whether the poses by themselves say that it stands on the floor; ``pose`` is the newest one.
@@ -78,10 +80,12 @@ class Touchdown:
         if height_m > REST_M or not sinks_m_s > 0.0:
             stand.clear()
             return False
-        if not stand or pose.time_s > stand[-1][0]:
+        if not stand or pose.arrival_s > stand[-1][0]:
+            if stand and pose.arrival_s - stand[-1][0] > GAP_S:
+                stand.clear()
             while stand and any(abs(height_m - height) > RESTS_M for _, height in stand):
                 stand.popleft()
-            stand.append((pose.time_s, height_m))
+            stand.append((pose.arrival_s, height_m))
         return stand[-1][0] - stand[0][0] >= max(REST_S, REST_WAY_M / sinks_m_s)
 
     def update(self, time_s: float, thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float) -> bool:

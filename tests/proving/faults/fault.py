@@ -164,8 +164,8 @@ MOVES_AFTER_S = 0.5
 """A point is asked for after so long in the first hold, and the way back after so long in the next one [s]."""
 MOVES_BY = (0.9, 0.6, -0.3)
 """Where that point is from where it holds [m, NED]."""
-CLIMBED_M = 0.3
-"""A take-off is struck so high above the floor [m]."""
+LIFTED_M, CLIMBED_M = 0.1, 0.3
+"""A lift-off and a take-off are struck so high above the floor [m]."""
 
 PLANNED = {
     (State.IDLE, State.CONNECTING),
@@ -241,6 +241,7 @@ MOMENTS: dict[str, Moment] = {
     "ready": Moment(State.READY, 0.3, flying=False),
     "arming": Moment(State.ARMING, 0.4, flying=False),
     "spool-up": Moment(State.TAKEOFF, 1.0, flying=False),
+    "lift-off": Moment(State.TAKEOFF, 0.0, climbed_m=LIFTED_M),
     "take-off": Moment(State.TAKEOFF, 0.0, climbed_m=CLIMBED_M),
     "hold": Moment(State.HOLD, 0.5),
     "tracking": Moment(State.TRACKING, 1.0),
@@ -249,5 +250,5 @@ MOMENTS: dict[str, Moment] = {
     "landing": Moment(State.LANDING, 0.7),
     "descent": Moment(State.DESCENT, 0.3),
 }
-"""By the name that the deck gives them. ``start`` is before the first pose comes; ``spool-up`` and ``take-off`` are two
-parts of one state."""
+"""By the name that the deck gives them. ``start`` is before the first pose comes; ``spool-up``, ``lift-off`` and
+``take-off`` are parts of one state."""

@@ -286,12 +286,12 @@ async def terminate(scene: Scene) -> None:
 STATES = tuple(name for name in MOMENTS if name != "start")
 FROM_START = ("start", *STATES)
 ON_FLOOR = ("start", "ready", "arming", "spool-up")
-IN_AIR = ("arming", "spool-up", "take-off", "hold", "tracking", "returning", "landing", "descent")
-FLYING = ("take-off", "hold", "tracking", "moving", "returning", "landing", "descent")
+IN_AIR = ("arming", "spool-up", "lift-off", "take-off", "hold", "tracking", "returning", "landing", "descent")
+FLYING = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "landing", "descent")
 PACED = ("spool-up", "hold", "tracking", "descent")
-RADIO_STATES = ("spool-up", "take-off", "hold", "tracking", "descent")
+RADIO_STATES = ("spool-up", "lift-off", "take-off", "hold", "tracking", "descent")
 """Where a false pose over a radio meets something else than over MAVLink: nobody could land the vehicle."""
-SEEN_IN_TIME = ("take-off", "hold", "tracking", "moving", "returning", "descent")
+SEEN_IN_TIME = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "descent")
 """Where a coordinate that stands, or a position that comes late, is seen before it has led the vehicle away; guards.md
 tells of the others."""
 BEHIND_RADIO = ", on a vehicle behind a radio"

@@ -87,6 +87,7 @@ def test_what_falls_has_not_touched_down(share: float, speed_m_s: float, gust_m_
     ("heights_m", "sinks_m_s", "every_s", "stands_s"),
     [
         ([0.06, 0.01, 0.008, 0.0, 0.0, 0.0], 0.25, 0.22, 0.66),  # few poses come: stands since the second one
+        ([0.1, 0.1], 0.25, 0.42, None),  # poses that were held back begin again where they had ceased
         ([0.1] * 40, 0.25, 0.02, 0.4),
         ([0.1] * 40, 0.16, 0.02, 0.64),  # told to sink slowly: so it may be slower
         ([0.1] * 40, 0.0, 0.02, None),  # a hover so low, and a landing that stops first
