@@ -31,7 +31,7 @@ REST_S, REST_WAY_M = 0.4, 0.1
 """... once they do for so long [s], and it was told to sink so far meanwhile [m]. That counts whatever the estimate
 says: where few poses come, the model has it fall on through the floor, and then thrown up by what holds it."""
 GAP_S = 0.3
-"""Of poses further apart than this nobody knows where it was between them [s]: late ones begin again where they ceased."""
+"""Of poses further apart than this nobody knows where it was between them [s]: late ones begin where they ceased."""
 
 
 class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
