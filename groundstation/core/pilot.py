@@ -56,7 +56,7 @@ CLIMBS, CLIMBS_S, CLIMBS_MORE = 1.2, 1.0, 0.5
 """So much of what hovered as it left the floor is pushed at most at first [-], and from so long after [s] on by so much
 more each second [1/s], ..."""
 CLIMBED_M = 0.25
-"""... until the poses have shown that it rises by so much [m]: what they leave out is pushed against gently till then."""
+"""... until the poses have shown that it rises by so much [m]: what they leave out is pushed against gently."""
 CUSHIONED = 0.95
 """As a share of the weight as told: with less it is the floor's cushion that carries, and soon no more [-]."""
 HOLD_STEP_S = 0.08

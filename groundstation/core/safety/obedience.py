@@ -174,7 +174,7 @@ class _RivalAxis:
     )  # fmt: skip
 
     def __init__(self, wind_m_s2: float, known: int = 0) -> None:
-        """``wind_m_s2`` is what wind leaves that was just answered [m/s²], ``known`` how many nodes are averaged already."""
+        """``wind_m_s2`` is what wind leaves that was just answered [m/s²], ``known`` nodes need no average."""
         self._wind = wind_m_s2 * wind_m_s2
         self._known, self._push, self._smooth = known, 0.0, 0.0
         self.noises = STOPS_NOISES
@@ -561,13 +561,13 @@ class Obedience:
     """One flight's. Fed with each pose and what the commands did since the last one."""
 
     __slots__ = (  # with so many, a dictionary is slow
-        "_arrest", "_asked", "_attitude", "_between", "_down", "_flown", "_from_down", "_gravity", "_half_s", "_halves", "_heading",
-        "_hole_s", "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s",
-        "_node_s", "_off", "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters",
-        "_resets", "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
-        "_speed", "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y",
-        "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence",
-        "late_s", "led_s", "windows",
+        "_arrest", "_asked", "_attitude", "_between", "_down", "_flown", "_from_down", "_gravity", "_half_s",
+        "_halves", "_heading", "_hole_s", "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s",
+        "_newest_s", "_node_s", "_off", "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter",
+        "_quarters", "_resets", "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z",
+        "_shock_s", "_shocks_s", "_speed", "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s",
+        "_swift", "_told_x", "_told_y", "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s",
+        "evidence", "late_s", "led_s", "windows",
     )  # fmt: skip
 
     def __init__(self, mass_kg: float, gravity: float) -> None:
