@@ -131,6 +131,8 @@ class Pilot:
         self._lifted = self._climbed = False
         self._lifted_s = self._left_s = -math.inf
         self._hover_n, self._left_down = math.inf, 0.0
+        self.upset = False
+        """Whether something moves the vehicle as no wind to fly in does."""
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
         self._drives: deque[tuple[float, ActuatorCommand]] = deque()
@@ -398,9 +400,10 @@ class Pilot:
         self._climbed = self._climbed or high
         wind = self._wind or (0.0, 0.0, 0.0)
         gust = math.dist(estimator.disturbance, wind)
+        self.upset = gust > UPSET_M_S2
         node = self._obedience.pose(
             pose, before, given, pose.time_s - self._newest_s, estimator.noise_m,
-            counts=high or not self._climbed, upset=gust > UPSET_M_S2, off_m=estimator.diverged_m,
+            counts=high or not self._climbed, upset=self.upset, off_m=estimator.diverged_m,
         )  # fmt: skip
         if not node:
             return

@@ -114,6 +114,14 @@ def test_a_vehicle_that_a_tether_stops_below_its_course_lands_from_where_it_is_a
     assert row.touchdown_m_s < 0.7
 
 
+def test_a_stall_of_the_link_in_a_take_off_ends_it_before_the_autopilot_has_landed_by_itself() -> None:
+    row = fly_cell("link stall", "take-off")
+    assert row.safe, row.why
+    assert row.reaction == "autopilot lands → descent"
+    assert row.over_hover_s is not None
+    assert row.over_hover_s < 1.0, "pushed on into a link that is dead"
+
+
 @pytest.mark.parametrize("seed", [0, 3])
 def test_positions_in_another_unit_do_not_throw_the_estimate_by_one_that_comes_near(seed: int) -> None:
     row = fly_cell("mm for m", "hold", seed=seed)

@@ -522,9 +522,10 @@ STANDS_ALONG = (
 camera does not see lies along its own axis, which need not be north or east."""
 NO_POSES = (0.0, 0.0, 0.0, 0)
 """The sum of no positions [m], and how many they are."""
-CLIMB_S, ROSE_M, ROSE_M_S, RISES_M_S, RISES_NODES = 2.0, 0.01, 0.1, 0.03, 5
-"""For so long after lift-off [s] a height that has risen by so much [m], so fast [m/s], and then no faster than the
-third [m/s] for so many nodes stands: a gust that just carries the vehicle passes through that speed."""
+CLIMB_S, LOW_M, ROSE_M, ROSE_M_S, RISES_M_S, RISES_NODES = 2.0, 0.15, 0.01, 0.1, 0.03, 5
+"""For so long after lift-off [s], and lower above it than the second [m], a height that has risen by so much [m], so
+fast [m/s], and then no faster than that [m/s] for so many nodes stands: nobody flies so low, and a gust that just
+carries the vehicle passes through that speed."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -871,8 +872,14 @@ class Obedience:
     def _climb(self, down: float, h: float, noise_m: float) -> float:
         """What speaks for a height that stands, just off the floor."""
         rises, self._down = (self._down - down) / h, down
-        self._rose = self._rose or (rises > ROSE_M_S and self._from_down - down > ROSE_M + 3.0 * noise_m)
-        stands = self._rose and abs(rises) < RISES_M_S + 3.0 * noise_m / h and self._wander == 0.0
+        high_m = self._from_down - down
+        self._rose = self._rose or (rises > ROSE_M_S and high_m > ROSE_M + 3.0 * noise_m)
+        stands = (
+            self._rose
+            and ROSE_M < high_m < LOW_M
+            and abs(rises) < RISES_M_S + 3.0 * noise_m / h
+            and self._wander == 0.0
+        )
         self._stuck = self._stuck + 1 if stands else 0
         return 1.0 if self._stuck >= RISES_NODES else PUSH_SUSPECTS if self._stuck == RISES_NODES - 1 else 0.0
 
