@@ -464,7 +464,7 @@ class MissionExecutive:
             if self._pilot.upset and self.state is not State.DESCENT:
                 silent_ms = 1e3 * (now_s - self.heard_s)
                 why = f"not heard for {silent_ms:.0f} ms, and it does not do as told: the link stalls"
-                self.go(Event.DESCEND, why, now_s, fault=True, blind=True)
+                self.go(Event.DESCEND, why, now_s, fault=True)
         evidence = self._pilot.evidence
         doubts = self._doubts(now_s) if max(evidence) >= WITNESS else None
         led = self._pilot.monitor.is_led(now_s)

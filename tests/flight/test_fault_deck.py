@@ -118,8 +118,15 @@ def test_a_stall_of_the_link_in_a_take_off_ends_it_before_the_autopilot_has_land
     row = fly_cell("link stall", "take-off")
     assert row.safe, row.why
     assert row.reaction == "autopilot lands → descent"
-    assert row.over_hover_s is not None
-    assert row.over_hover_s < 1.0, "pushed on into a link that is dead"
+    assert row.touchdown_m_s is not None
+    assert row.touchdown_m_s < 0.7
+
+
+@pytest.mark.parametrize("fault", ["z frozen", "flicker", "z mirrored", "frozen, radio"])
+def test_a_picture_that_lies_from_lift_off_on_does_not_send_the_vehicle_up(fault: str) -> None:
+    row = fly_cell(fault, "lift-off")
+    assert row.safe, row.why
+    assert row.highest_m < 0.7
 
 
 @pytest.mark.parametrize("seed", [0, 3])

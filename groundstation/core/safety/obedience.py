@@ -526,6 +526,8 @@ CLIMB_S, LOW_M, ROSE_M, ROSE_M_S, RISES_M_S, RISES_NODES = 2.0, 0.15, 0.01, 0.1,
 """For so long after lift-off [s], and lower above it than the second [m], a height that has risen by so much [m], so
 fast [m/s], and then no faster than that [m/s] for so many nodes stands: nobody flies so low, and a gust that just
 carries the vehicle passes through that speed."""
+BELOW_M = 0.06
+"""It does not go so far below where it left the floor [m]."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -873,6 +875,8 @@ class Obedience:
         """What speaks for a height that stands, just off the floor."""
         rises, self._down = (self._down - down) / h, down
         high_m = self._from_down - down
+        if high_m < -BELOW_M and self._wander == 0.0:
+            return 1.0
         self._rose = self._rose or (rises > ROSE_M_S and high_m > ROSE_M + 3.0 * noise_m)
         stands = (
             self._rose
