@@ -72,6 +72,8 @@ FOLLOW_RAD = math.radians(2.0)
 TURN_WINDOWS = ((0.15, 2, 4.0), (0.6, 6, 3.0))
 """Turning is compared over the last so long [s], from one instant to so many steps later, and stands out where its mean
 square is about so many times that of the noise."""
+COARSE = 2.0
+"""Of an attitude that comes ten times a second the noise is so much more: what it did between is not known [-]."""
 SPAN = min(span for _, span, _ in TURN_WINDOWS)
 """So many steps after a gap the first turn is known."""
 TURN_COUNTS_RAD_S = math.radians(20.0)
@@ -242,7 +244,7 @@ class Witness:
         fast.add(samples, at, felt, then, noise, steps)
         slow.add(samples, at, felt, then, noise, steps)
         coarse = self._told is None or self._told.rates_rad_s is None
-        self._turning = slow.statistic(noise) if coarse else max(fast.statistic(noise), slow.statistic(noise))
+        self._turning = slow.statistic(COARSE * noise) if coarse else max(fast.statistic(noise), slow.statistic(noise))
         agrees = self._tilting < 1.0 and self._turning < 1.0
         self._doubts_s = None if agrees else number * STEP_S if self._doubts_s is None else self._doubts_s
         if self._armed and agrees:
