@@ -67,11 +67,11 @@ class IdentifiedParameter(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     title: str
     unit: str
-    value: float | None
+    value: float | None = None
     """None where the flight does not tell."""
-    interval: tuple[float, float] | None
+    interval: tuple[float, float] | None = None
     """95 %."""
-    told: float | None
+    told: float | None = None
     """What the controller was told; None where it is told nothing of this."""
     note: str = ""
 
@@ -98,7 +98,7 @@ def judge_parameter(
     """The parameter; without a value where half its interval is more than ``enough``, or where nothing ``moved``."""
     half = WIDE * deviation
     if not (moved and half <= enough):
-        return IdentifiedParameter(name=name, title=title, unit=unit, value=None, interval=None, told=told, note=FLY)
+        return IdentifiedParameter(name=name, title=title, unit=unit, told=told, note=FLY)
     low, high = (float(min(max(edge, least), most)) for edge in (value - half, value + half))
     value, told = float(min(max(value, least), most)), None if told is None else float(told)
     return IdentifiedParameter(
@@ -396,7 +396,7 @@ def _latency(seen: FlightStretch) -> IdentifiedParameter:
     name, title, note = "pose_latency", "latency of poses", "no key of a vehicle, but pose.latency_s"
     if seen.late_s is None:
         note = "the vehicle told no attitude of its own"
-        return IdentifiedParameter(name=name, title=title, unit="s", value=None, interval=None, told=told, note=note)
+        return IdentifiedParameter(name=name, title=title, unit="s", told=told, note=note)
     late, spread = seen.late_s
     return judge_parameter(name, title, "s", told + late, math.hypot(spread, LOOP_S), 0.015, told=told, note=note)
 
@@ -410,15 +410,11 @@ ENOUGH_JITTER_S = 0.002
 def jitter_of(jitter: StampJitter) -> IdentifiedParameter:
     """The jitter of stamps as a parameter: its square is what has a symmetric interval."""
     half = WIDE * JITTER_SPREAD * jitter.deviation
-    title = "jitter of stamps"
+    unknown = IdentifiedParameter(name="stamp_jitter", title="jitter of stamps", unit="s", note=FLY)
     if not math.sqrt(max(jitter.along, 0.0) + half) - math.sqrt(max(jitter.along, 0.0)) <= ENOUGH_JITTER_S:
-        return IdentifiedParameter(
-            name="stamp_jitter", title=title, unit="s", value=None, interval=None, told=None, note=FLY
-        )
+        return unknown
     value, low, high = (math.sqrt(max(jitter.along + part, 0.0)) for part in (0.0, -half, half))
-    return IdentifiedParameter(
-        name="stamp_jitter", title=title, unit="s", value=value, interval=(low, high), told=None, note=JITTER_NOTE
-    )
+    return msgspec.structs.replace(unknown, value=value, interval=(low, high), note=JITTER_NOTE)
 
 
 def _rest(
@@ -487,7 +483,10 @@ def _busiest(at_s: Column, values: Column) -> tuple[float, float]:
 
 
 def turns(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Body rates between poses: commanded, measured, modelled."""
+    """Commanded, measured (from one pose to the next) and modelled, over the 5 s in which they move most.
+
+    Dots that lie beside the line all to one side speak of another lag or delay.
+    """
     seen, turned = found.seen, found.turned
     spans = np.diff(seen.at_s)[:, None]
     begun = seen.at_s[0]
@@ -513,7 +512,10 @@ def turns(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
 
 
 def pushes(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Accelerations: measured and modelled, each less its mean."""
+    """Second differences over 0.2 s of the measured positions and of the model's, each less its mean.
+
+    What differs slowly is wind.
+    """
     at, measured, model = accelerations(found)
     start, end = _busiest(at, model)
     near = (at >= start) & (at <= end)
@@ -530,7 +532,10 @@ def pushes(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
 
 
 def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Thrust by its signal, as told and as found, and how often which signal flew."""
+    """Thrust by the signal that is sent, as told and as found; below, which signals this flight used.
+
+    Beyond these the curve is a guess.
+    """
     over, often = panels
     config, pushed = found.seen.config, found.pushed
     scale, f = (float(pushed.fit.values[THRUST_NAMES.index(name)]) for name in ("scale", "curve"))
@@ -560,7 +565,10 @@ def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
 
 
 def whiteness(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """How what the models leave hangs together in time."""
+    """Innovations of turns and positions against themselves, later.
+
+    Far outside the band, the model lacks something; intervals are widened for it.
+    """
     span = float(np.median(np.diff(found.seen.at_s)))
     groups = (
         (found.turned.fit.news, (("roll", BLUE, "-"), ("pitch", ORANGE, "--"), ("yaw", GREEN, "-."))),
@@ -581,13 +589,14 @@ def whiteness(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
 
 
 def shares(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Each parameter against what was told."""
+    """Each parameter that the controller is told, and its 95 % interval, as a share of what this flight was told.
+
+    What it was told as 0 is in the table only.
+    """
     (panel,) = panels
     known = [one for one in found.parameters.values() if one.interval and one.value is not None and one.told]
     for row, one in enumerate(known):
-        assert one.interval is not None
-        assert one.value is not None
-        assert one.told
+        assert one.interval and one.value is not None and one.told, "chosen by them"
         low, high, value = (100.0 * edge / one.told for edge in (*one.interval, one.value))
         panel.plot([low, high], [row, row], color=BLUE, linewidth=2.0, solid_capstyle="butt")
         panel.plot([value], [row], "o", color=BLUE, markersize=5)
@@ -598,51 +607,11 @@ def shares(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
 
 
 FIGURES = (
-    ReportFigure(
-        "told",
-        "Found against told",
-        "Each parameter that the controller is told, and its 95 % interval, as a share of what it was told in this "
-        "flight. What it was told as 0 is in the table only.",
-        1,
-        3.4,
-        shares,
-    ),
-    ReportFigure(
-        "turns",
-        "Body rates",
-        "Commanded, measured (from one pose to the next) and modelled, over the 5 s in which they move most. Dots that "
-        "lie beside the line all to one side speak of another lag or delay.",
-        3,
-        5.2,
-        turns,
-    ),
-    ReportFigure(
-        "pushes",
-        "Accelerations",
-        "Second differences over 0.2 s of the measured positions and of the model's, each less its mean. What differs "
-        "slowly is wind.",
-        3,
-        5.2,
-        pushes,
-    ),
-    ReportFigure(
-        "curve",
-        "Thrust curve",
-        "Thrust by the signal that is sent, as told and as found; below, which signals this flight used. Beyond these "
-        "the curve is a guess.",
-        2,
-        5.0,
-        curve,
-    ),
-    ReportFigure(
-        "whiteness",
-        "What is left",
-        "Innovations of turns and positions against themselves, later. Far outside the band, the model lacks "
-        "something; intervals are widened for it.",
-        2,
-        4.6,
-        whiteness,
-    ),
+    ReportFigure("told", "Found against told", 1, 3.4, shares),
+    ReportFigure("turns", "Body rates", 3, 5.2, turns),
+    ReportFigure("pushes", "Accelerations", 3, 5.2, pushes),
+    ReportFigure("curve", "Thrust curve", 2, 5.0, curve),
+    ReportFigure("whiteness", "What is left", 2, 4.6, whiteness),
 )
 
 
@@ -702,6 +671,12 @@ def number(value: float | None) -> str:
     return "–" if value is None else f"{value:.4g}"
 
 
+def describe_figures(one: IdentifiedParameter) -> tuple[str, str, str]:
+    """Value, interval, and what was told."""
+    interval = "" if one.interval is None else f"{number(one.interval[0])} to {number(one.interval[1])}"
+    return number(one.value), interval, number(one.told)
+
+
 def remarks(found: IdentifiedVehicle) -> list[str]:
     """What to know about all of it."""
     seen = found.seen
@@ -716,12 +691,14 @@ def table(found: IdentifiedVehicle) -> str:
     """One line a parameter."""
     lines = [*remarks(found), f"{'':30}{'found':>12}{'95 %':>26}{'told':>12}"]
     for one in found.parameters.values():
-        interval = "" if one.interval is None else f"{number(one.interval[0])} to {number(one.interval[1])}"
+        value, interval, told = describe_figures(one)
         unit = f" {one.unit}" if one.unit else ""
-        lines.append(
-            f"{one.title:30}{number(one.value):>12}{interval:>26}{number(one.told):>12}{unit:<7} {one.note}".rstrip()
-        )
+        lines.append(f"{one.title:30}{value:>12}{interval:>26}{told:>12}{unit:<7} {one.note}".rstrip())
     return "\n".join(lines)
+
+
+TOLD = ("title", "value", "interval", "unit", "told", "identified", "note")
+"""What JSON has of a parameter."""
 
 
 def facts(found: IdentifiedVehicle) -> dict[str, Any]:
@@ -734,18 +711,7 @@ def facts(found: IdentifiedVehicle) -> dict[str, Any]:
         "flight": {key: about.get(key, "") for key in ("vehicle", "controller", "trajectory", "scenario", "seed")},
         "length_s": seen.length_s,
         "poses": len(seen.at_s),
-        "parameters": {
-            one.name: {
-                "title": one.title,
-                "value": one.value,
-                "interval": one.interval,
-                "unit": one.unit,
-                "told": one.told,
-                "identified": one.identified,
-                "note": one.note,
-            }
-            for one in found.parameters.values()
-        },
+        "parameters": {one.name: {key: getattr(one, key) for key in TOLD} for one in found.parameters.values()},
     }
 
 
@@ -775,8 +741,8 @@ def find_outside(path: Path) -> list[str]:
             unit = f" {one.unit}" if one.unit else ""
             low, high = one.interval
             lines.append(
-                f"{one.title}: told {_short(one.told)}{unit}, and this flight shows {_short(one.value)}{unit} "
-                f"({_short(low)} to {_short(high)}): look at groundstation identify"
+                f"{one.title}: told {number(one.told)}{unit}, and this flight shows {number(one.value)}{unit} "
+                f"({number(low)} to {number(high)}): look at groundstation identify"
             )
     return lines
 
@@ -797,10 +763,8 @@ def write_page(folder: Path, found: IdentifiedVehicle, figures: Sequence[tuple[R
     )
     rows = [f"<tr>{head}<th></th></tr>"]
     for one in found.parameters.values():
-        interval = "" if one.interval is None else f"{number(one.interval[0])} to {number(one.interval[1])}"
-        cells = [number(one.value), interval, number(one.told)]
         label = f"{one.title} [{one.unit}]" if one.unit else one.title
-        numbers = "".join(f'<td class="number">{escape(cell)}</td>' for cell in cells)
+        numbers = "".join(f'<td class="number">{escape(cell)}</td>' for cell in describe_figures(one))
         rows.append(f'<tr><td>{escape(label)}</td>{numbers}<td class="note">{escape(one.note)}</td></tr>')
     parts = [f"<h1>{escape(title)}</h1>"]
     parts += [f'<p class="note">{escape(line)}</p>' for line in remarks(found)]
@@ -887,7 +851,7 @@ def _split_delays(found: IdentifiedVehicle, values: dict[str, Any], notes: dict[
     common = max(0.0, min(values["command_delay_s"], *whole.values()))
     notes["command_delay_s"] = "as told: the part of both delays below that is the link's"
     if common < values["command_delay_s"]:
-        notes["command_delay_s"] = f"told {_short(values['command_delay_s'])}, and no more of it was found"
+        notes["command_delay_s"] = f"told {number(values['command_delay_s'])}, and no more of it was found"
     values["command_delay_s"] = _round(common)
     for key, one in ones.items():
         values[key] = _round(max(whole[key] - common, 0.0))
@@ -905,16 +869,12 @@ def _scale_thrust(found: IdentifiedVehicle, values: dict[str, Any]) -> None:
 
 def describe_parameter(one: IdentifiedParameter) -> str:
     """Value, interval and what was told, in a few words."""
-    told = "" if one.told is None else f", told {_short(one.told)}"
+    told = "" if one.told is None else f", told {number(one.told)}"
     if one.value is None or one.interval is None:
         return f"as told: {one.note}" if one.told is not None else one.note
     unit = f" {one.unit}" if one.unit else ""
     low, high = one.interval
-    return f"{_short(one.value)}{unit}, 95 % from {_short(low)} to {_short(high)}{told}"
-
-
-def _short(value: float) -> str:
-    return f"{value:.4g}"
+    return f"{number(one.value)}{unit}, 95 % from {number(low)} to {number(high)}{told}"
 
 
 def _round(value: float) -> float:

@@ -29,7 +29,7 @@ V_FLOOR = 1e-8
 
 
 def position(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Estimate, the truth where it is known, and reference, an axis a panel."""
+    """Estimated position, that of a simulated flight's truth, and reference, world NED; the paper's figure 3."""
     for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
         panel.plot(flown.t, flown.vectors["position_ned"][:, i], color=colour, linewidth=1.6, label="estimate")
         if flown.knows_truth:
@@ -41,7 +41,7 @@ def position(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """b̂ and d̂, an axis a panel."""
+    """Adaptive estimate b̂ and the observer's d̂ in time; the paper's figure 4."""
     for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
         panel.plot(flown.t, flown.vectors["b_hat_m_s2"][:, i], color=colour, label="b̂ (adaptation)")
         panel.plot(flown.t, flown.vectors["d_hat_m_s2"][:, i], color="black", linewidth=0.7, label="d̂ (observer)")
@@ -50,7 +50,7 @@ def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def actuation(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Thrust and three body rates, with the commands that met a limit."""
+    """Commanded thrust and body rates, with the vehicle's limits; the paper's figure 5."""
     bounds = limits(flown)
     columns: tuple[tuple[str, str, str, Column], ...] = (
         ("thrust", "N", "black", flown.scalars["thrust_n"]),
@@ -71,7 +71,10 @@ def actuation(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def backstepping(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """z1, z2 and z3, three axes a panel. The scale is that of the flight, not that of its first instants."""
+    """z1 (position), z2 (speed) and z3 (acceleration) in time; the paper's figure 6.
+
+    Scales are linear near zero, and logarithmic beyond where the start would dwarf the rest.
+    """
     for panel, (key, name) in zip(
         panels, (("z1_m", "z1 [m]"), ("z2_m_s", "z2 [m/s]"), ("z3_m_s2", "z3 [m/s²]")), strict=True
     ):
@@ -84,7 +87,7 @@ def backstepping(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def lyapunov(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """V with its terms, its excess, and the watch's word as a band."""
+    """V without its unknown b̃ term, its excess above the bound that the theory gives it, and what the watch said."""
     over, excess, word = panels
     for key, label, colour, dash in (
         ("v_sigma", "position term", BLUE, "--"),
@@ -175,7 +178,7 @@ LABELS = 14
 
 
 def path(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Path and reference in space, on the same scale along each axis."""
+    """Estimated path and reference in space. Up is drawn up: the vertical axis is −down."""
     (panel,) = panels
     for key, colour, dash, name in (
         ("position_ned", BLUE, "-", "estimate"),
@@ -198,7 +201,7 @@ def path(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def error(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """The error in time, and its histogram."""
+    """Distance from the reference in time, and how often it was how large over the steady part."""
     over, shares = panels
     cm = 100.0 * flown.scalars["error_m"]
     over.plot(flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="against the estimate")
@@ -232,7 +235,11 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Percentiles of each part, and the pose's age in time."""
+    """From a pose to the vehicle.
+
+    Transport: from a pose's instant to its arrival. Pose age: from that to the command, waiting included. Compute:
+    from the command's instant until its bytes left. Link: half a round trip.
+    """
     bars, over = panels
     parts = latency(flown)
     for row, column in enumerate(parts.values()):
@@ -259,7 +266,10 @@ def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def lateness(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Histograms over decades: the tail is what counts."""
+    """How late commands were computed: for their frame, or where they follow the poses, after their pose came.
+
+    With a radio also how late its pacer let frames go. Shown from 1 µs: what is sooner is in the first bar.
+    """
     (panel,) = panels
     late = 1e3 * drop_unknown(flown.scalars["lateness_s"])
     octaves = flown.looks[-1].get("late_octaves", ()) if flown.looks else ()
@@ -302,7 +312,7 @@ def _spread(panel: Any, late: Column) -> None:
 
 
 def events(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """A band of mission states, and a numbered mark for each event; words where there is room."""
+    """Mission states, requests, gaps of the recording and the link's word, in time."""
     (panel,) = panels
     colours = dict(STATES)
     end = float(flown.t[-1])
@@ -337,7 +347,7 @@ def events(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def saturation(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Commands at a limit by second, and the distribution of the thrust between its limits."""
+    """Share of the commands of each second that met a limit, and how much of the thrust's range was used."""
     over, use = panels
     t, clamped = flown.t, flown.scalars["saturated"]
     seconds = np.floor(t - t[0]).astype(int)
@@ -383,7 +393,7 @@ PLOT_STYLE: Any = {
 
 
 def budget(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Squared contributions as bars, the largest on top, beside RMS² of the flight."""
+    """What each source of error has of RMS², by flying the model again without it; they need not add up."""
     (panel,) = panels
     known = [one for one in flown.budget["contributions"] if one["squared_cm2"] is not None]
     known.sort(key=lambda one: float(one["squared_cm2"]))
@@ -413,116 +423,21 @@ class ReportFigure(NamedTuple):
 
 
 FIGURES = (
-    ReportFigure(
-        "position",
-        "Position and reference",
-        "Estimated position, that of a simulated flight's truth, and reference, world NED; the paper's figure 3.",
-        3,
-        5.2,
-        position,
-    ),
-    ReportFigure(
-        "disturbance",
-        "Disturbance estimate",
-        "Adaptive estimate b̂ and the observer's d̂ in time; the paper's figure 4.",
-        3,
-        5.2,
-        disturbance,
-    ),
-    ReportFigure(
-        "actuation",
-        "Actuation",
-        "Commanded thrust and body rates, with the vehicle's limits; the paper's figure 5.",
-        4,
-        6.2,
-        actuation,
-    ),
-    ReportFigure(
-        "backstepping",
-        "Backstepping errors",
-        "z1 (position), z2 (speed) and z3 (acceleration) in time; the paper's figure 6. Scales are linear "
-        "near zero, and logarithmic beyond where the start would dwarf the rest.",
-        3,
-        5.2,
-        backstepping,
-    ),
-    ReportFigure(
-        "path",
-        "Path",
-        "Estimated path and reference in space. Up is drawn up: the vertical axis is −down.",
-        1,
-        5.0,
-        path,
-        is_3d=True,
-        in_time=False,
-    ),
-    ReportFigure(
-        "error",
-        "Position error",
-        "Distance from the reference in time, and how often it was how large over the steady part.",
-        2,
-        5.2,
-        error,
-        in_time=False,
-    ),
-    ReportFigure(
-        "lyapunov",
-        "Lyapunov function and certificate",
-        "V without its unknown b̃ term, its excess above the bound that the theory gives it, and what the watch said.",
-        3,
-        5.6,
-        lyapunov,
-    ),
-    ReportFigure(
-        "latency",
-        "Latency budget",
-        "From a pose to the vehicle. Transport: from a pose's instant to its arrival. Pose age: from that to the "
-        "command, waiting included. Compute: from the command's instant until its bytes left. Link: half a round trip.",
-        2,
-        5.2,
-        latency_budget,
-        in_time=False,
-    ),
-    ReportFigure(
-        "lateness",
-        "Lateness",
-        "How late commands were computed: for their frame, or where they follow the poses, after their pose came. With "
-        "a radio also how late its pacer let frames go. Shown from 1 µs: what is sooner is in the first bar.",
-        1,
-        3.0,
-        lateness,
-        in_time=False,
-    ),
-    ReportFigure(
-        "events",
-        "Events",
-        "Mission states, requests, gaps of the recording and the link's word, in time.",
-        1,
-        3.4,
-        events,
-        in_time=False,
-    ),
-    ReportFigure(
-        "saturation",
-        "Saturation",
-        "Share of the commands of each second that met a limit, and how much of the thrust's range was used.",
-        2,
-        4.6,
-        saturation,
-        in_time=False,
-    ),
+    ReportFigure("position", "Position and reference", 3, 5.2, position),
+    ReportFigure("disturbance", "Disturbance estimate", 3, 5.2, disturbance),
+    ReportFigure("actuation", "Actuation", 4, 6.2, actuation),
+    ReportFigure("backstepping", "Backstepping errors", 3, 5.2, backstepping),
+    ReportFigure("path", "Path", 1, 5.0, path, is_3d=True, in_time=False),
+    ReportFigure("error", "Position error", 2, 5.2, error, in_time=False),
+    ReportFigure("lyapunov", "Lyapunov function and certificate", 3, 5.6, lyapunov),
+    ReportFigure("latency", "Latency budget", 2, 5.2, latency_budget, in_time=False),
+    ReportFigure("lateness", "Lateness", 1, 3.0, lateness, in_time=False),
+    ReportFigure("events", "Events", 1, 3.4, events, in_time=False),
+    ReportFigure("saturation", "Saturation", 2, 4.6, saturation, in_time=False),
 )
 
 
-BUDGET = ReportFigure(
-    "budget",
-    "Error budget, drawn",
-    "What each source of error has of RMS², by flying the model again without it; they need not add up.",
-    1,
-    3.0,
-    budget,
-    in_time=False,
-)
+BUDGET = ReportFigure("budget", "Error budget, drawn", 1, 3.0, budget, in_time=False)
 """Drawn where there is one."""
 
 
@@ -563,7 +478,7 @@ def _overlaid(flights: Sequence[FlightColumns]) -> list[tuple[FlightColumns, dic
 
 
 def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> None:
-    """All flights in one axis: where they were, and the first one's reference."""
+    """All flights in one axis, with the reference of the first."""
     for i, (panel, (name, _, _)) in enumerate(zip(panels, AXES, strict=True)):
         for flown, line in _overlaid(flights):
             key = "true_position_ned" if flown.knows_truth else "position_ned"
@@ -577,7 +492,7 @@ def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) ->
 
 
 def overlay_error(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> None:
-    """All flights in one axis: the error against the truth where all of them know it, else against the estimate."""
+    """Distance from each flight's own reference."""
     (panel,) = panels
     truth = all(flown.knows_truth for flown in flights)
     for flown, line in _overlaid(flights):
@@ -590,13 +505,8 @@ def overlay_error(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> No
 
 
 OVERLAYS = (
-    ReportFigure(
-        "overlaid-position", "Positions, overlaid", "All flights in one axis, with the reference of the first.",
-        3, 5.2, overlay_position,
-    ),
-    ReportFigure(
-        "overlaid-error", "Errors, overlaid", "Distance from each flight's own reference.", 1, 2.6, overlay_error
-    ),
+    ReportFigure("overlaid-position", "Positions, overlaid", 3, 5.2, overlay_position),
+    ReportFigure("overlaid-error", "Errors, overlaid", 1, 2.6, overlay_error),
 )  # fmt: skip
 """Drawn of all flights at once."""
 
