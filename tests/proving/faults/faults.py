@@ -21,6 +21,7 @@ with, and with another body's name.
 import asyncio
 import math
 from collections.abc import Callable
+from typing import Any
 
 import msgspec
 
@@ -30,7 +31,7 @@ from sim.autopilots import Px4Autopilot
 from sim.world import Body, Wind, rows, stream
 from tests.proving.faults import pictures
 from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Poses, Scene, Strike
-from tests.proving.faults.pictures import WIFI_S, Picture, Struck, Way, jitter, late
+from tests.proving.faults.pictures import WIFI_S, Picture, Way, jitter, late
 
 LOAD_M_S2 = 3.2
 """What a load had pulled [m/s²]."""
@@ -64,11 +65,11 @@ ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
 """How much another wind a partner feels that flies beside ours."""
 
 
-def shows(make: Callable[[Struck], Picture]) -> Strike:
-    """A wrong picture."""
+def shows(make: Callable[..., Picture], *told: Any) -> Strike:
+    """A wrong picture, made of what was shown last and of what it is ``told``."""
 
     async def strike(scene: Scene) -> None:
-        scene.between.picture = make(scene.struck)
+        scene.between.picture = make(scene.struck, *told)
 
     return strike
 
@@ -307,13 +308,10 @@ BROKEN: dict[str, Fault] = {
     "dropout, radio": Fault("no more poses" + BEHIND_RADIO, dropout, link="dsm", poses=Poses.GONE),
     "teleport": Fault("the vehicle is seen 1 m away from where it is", shows(pictures.teleport), poses=Poses.GONE),
     "yaw flip": Fault(
-        "the vehicle is seen turned by 180°", shows(pictures.turn_axes(0.0, 0.0, 180.0)), poses=Poses.GONE
+        "the vehicle is seen turned by 180°", shows(pictures.turn_axes, 0.0, 0.0, 180.0), poses=Poses.GONE
     ),
     "marker swap": Fault(
-        "our body and another change names",
-        shows(pictures.swap),
-        overrides=("sim.other_bodies=1",),
-        poses=Poses.GONE,
+        "our body and another change names", shows(pictures.swap), overrides=("sim.other_bodies=1",), poses=Poses.GONE
     ),
     "duplicates": Fault("every datagram comes three times", comes(lambda: pictures.duplicates), obeys=True),
     "reorder": Fault("each second datagram overtakes the one before", comes(pictures.reorder), obeys=True),
@@ -345,11 +343,7 @@ BROKEN: dict[str, Fault] = {
         states=("hold", "tracking"),
     ),
     "pacer killed": Fault(
-        "the process that paces the radio's frames is killed",
-        link="dsm",
-        poses=Poses.GONE,
-        live=PACED,
-        states=PACED,
+        "the process that paces the radio's frames is killed", link="dsm", poses=Poses.GONE, live=PACED, states=PACED
     ),
     "pacer stopped": Fault(
         "the process that paces the radio's frames is stopped (SIGSTOP)",
@@ -375,23 +369,14 @@ BROKEN: dict[str, Fault] = {
 }
 """Something breaks, and shows it."""
 
-LYING: dict[str, Fault] = {
-    "flicker": Fault(
-        "frames go on, the picture stands still but for a nanometre", shows(pictures.flicker), poses=Poses.FALSE
-    ),
-    "frozen": Fault(
-        "frames go on, the picture stands still but for noise of 0.3 mm and 2 mrad",
-        shows(pictures.still),
-        poses=Poses.FALSE,
-    ),
-    "position frozen": Fault(
-        "the position alone stands still, with noise", shows(pictures.still_position), poses=Poses.FALSE
-    ),
+_LYING: dict[str, Fault] = {
+    "flicker": Fault("frames go on, the picture stands still but for a nanometre", shows(pictures.flicker)),
+    "frozen": Fault("frames go on, the picture stands still but for noise of 0.3 mm and 2 mrad", shows(pictures.still)),
+    "position frozen": Fault("the position alone stands still, with noise", shows(pictures.still_position)),
     **{
         f"{name} frozen": Fault(
             f"the position's {axis} alone stands still, with noise",
-            shows(pictures.still_coordinate(number)),
-            poses=Poses.FALSE,
+            shows(pictures.still_coordinate, number),
             states=states,
         )
         for number, (name, axis, states) in enumerate(
@@ -404,25 +389,18 @@ LYING: dict[str, Fault] = {
     },
     "north-west frozen": Fault(
         "the position stands still along north-west alone, with noise",
-        shows(pictures.still_along(1.0, -1.0)),
-        poses=Poses.FALSE,
+        shows(pictures.still_along, 1.0, -1.0),
         states=("start", *SEEN_IN_TIME),
     ),
-    "attitude frozen": Fault(
-        "the attitude alone stands still, with noise", shows(pictures.still_attitude), poses=Poses.FALSE
-    ),
+    "attitude frozen": Fault("the attitude alone stands still, with noise", shows(pictures.still_attitude)),
     "body at rest": Fault(
-        "the poses are those of a body beside it that rests",
-        shows(pictures.resting),
-        poses=Poses.FALSE,
-        states=FROM_START,
+        "the poses are those of a body beside it that rests", shows(pictures.resting), states=FROM_START
     ),
     **{
         f"body at rest, {what}": Fault(
             f"the poses are those of a body beside it that rests, and {says}",
             shows(pictures.resting),
             overrides=(override,),
-            poses=Poses.FALSE,
             states=ON_FLOOR,
         )
         for what, says, override in (
@@ -433,104 +411,69 @@ LYING: dict[str, Fault] = {
     "body carried": Fault(
         "the poses are those of a body beside it that is carried around at 0.5 m/s",
         shows(pictures.carry),
-        poses=Poses.FALSE,
         states=FROM_START,
     ),
     "partner": Fault(
         "the poses are those of a vehicle beside it that flies the same course: told the same, in other air",
         partner,
-        poses=Poses.FALSE,
         exemption=Exemption.NOT_OBSERVABLE,
         states=FROM_START,
     ),
     "drift 0.1 m/s": Fault(
-        "the position drifts away at 0.1 m/s",
-        shows(pictures.drift(0.1)),
-        poses=Poses.FALSE,
-        exemption=Exemption.NOT_OBSERVABLE,
+        "the position drifts away at 0.1 m/s", shows(pictures.drift, 0.1), exemption=Exemption.NOT_OBSERVABLE
     ),
     "drift 0.3 m/s": Fault(
-        "the position drifts away at 0.3 m/s",
-        shows(pictures.drift(0.3)),
-        poses=Poses.FALSE,
-        exemption=Exemption.NOT_OBSERVABLE,
+        "the position drifts away at 0.3 m/s", shows(pictures.drift, 0.3), exemption=Exemption.NOT_OBSERVABLE
     ),
     "x mirrored": Fault(
         "the position's north is south",
-        shows(pictures.map_positions(((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))),
-        poses=Poses.FALSE,
+        shows(pictures.map_positions, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
         states=FROM_START,
     ),
     "y mirrored": Fault(
         "the position's east is west",
-        shows(pictures.map_positions(((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))),
-        poses=Poses.FALSE,
+        shows(pictures.map_positions, ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))),
         states=FROM_START,
     ),
     "z mirrored": Fault(
         "the position's up is down",
-        shows(pictures.map_positions(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)))),
-        poses=Poses.FALSE,
+        shows(pictures.map_positions, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))),
         states=FROM_START,
     ),
     "x and y swapped": Fault(
         "the position's north and east have changed places",
-        shows(pictures.map_positions(((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))),
-        poses=Poses.FALSE,
+        shows(pictures.map_positions, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
         states=FROM_START,
     ),
     "roll and pitch swapped": Fault(
-        "roll is seen as pitch, and pitch as roll",
-        shows(pictures.swap_axes),
-        poses=Poses.FALSE,
-        states=FROM_START,
+        "roll is seen as pitch, and pitch as roll", shows(pictures.swap_axes), states=FROM_START
     ),
-    "roll mirrored": Fault(
-        "roll has the wrong sign", shows(pictures.flip_signs(-1.0, 1.0)), poses=Poses.FALSE, states=FROM_START
-    ),
-    "pitch mirrored": Fault(
-        "pitch has the wrong sign", shows(pictures.flip_signs(1.0, -1.0)), poses=Poses.FALSE, states=FROM_START
-    ),
+    "roll mirrored": Fault("roll has the wrong sign", shows(pictures.flip_signs, -1.0, 1.0), states=FROM_START),
+    "pitch mirrored": Fault("pitch has the wrong sign", shows(pictures.flip_signs, 1.0, -1.0), states=FROM_START),
     "yaw off by 14°": Fault(
-        "the vehicle is seen turned by 14°",
-        shows(pictures.turn_axes(0.0, 0.0, 14.0)),
-        poses=Poses.FALSE,
-        states=FROM_START,
+        "the vehicle is seen turned by 14°", shows(pictures.turn_axes, 0.0, 0.0, 14.0), states=FROM_START
     ),
     "yaw off by 90°": Fault(
-        "the vehicle is seen turned by 90°",
-        shows(pictures.turn_axes(0.0, 0.0, 90.0)),
-        poses=Poses.FALSE,
-        states=FROM_START,
+        "the vehicle is seen turned by 90°", shows(pictures.turn_axes, 0.0, 0.0, 90.0), states=FROM_START
     ),
     "yaw off by 180°": Fault(
         "the vehicle is seen turned by 180° from the beginning; later this is *yaw flip*",
-        shows(pictures.turn_axes(0.0, 0.0, 180.0)),
-        poses=Poses.FALSE,
+        shows(pictures.turn_axes, 0.0, 0.0, 180.0),
         states=("start",),
     ),
-    "yaw turning": Fault(
-        "the vehicle is seen to turn at 20°/s more than it does",
-        shows(pictures.turning),
-        poses=Poses.FALSE,
-    ),
+    "yaw turning": Fault("the vehicle is seen to turn at 20°/s more than it does", shows(pictures.turning)),
     "tilt off by 14°": Fault(
         "the vehicle is seen to lean by 14° more than it does",
-        shows(pictures.turn_axes(14.0, 0.0, 0.0)),
-        poses=Poses.FALSE,
+        shows(pictures.turn_axes, 14.0, 0.0, 0.0),
         states=FROM_START,
     ),
     "m for mm": Fault(
-        "positions are a thousandth of what they are",
-        shows(pictures.scale_positions(1e-3)),
-        poses=Poses.FALSE,
-        states=FROM_START,
+        "positions are a thousandth of what they are", shows(pictures.scale_positions, 1e-3), states=FROM_START
     ),
     **{
         f"position {share:g} of itself": Fault(
             f"positions go only {share:g} of the way that the vehicle goes",
-            shows(pictures.scale_positions(share)),
-            poses=Poses.FALSE,
+            shows(pictures.scale_positions, share),
             states=states,
         )
         for share, states in (
@@ -539,19 +482,16 @@ LYING: dict[str, Fault] = {
         )
     },
     "mm for m": Fault(
-        "positions are a thousand times what they are",
-        shows(pictures.scale_positions(1e3)),
-        poses=Poses.FALSE,
-        states=FROM_START,
+        "positions are a thousand times what they are", shows(pictures.scale_positions, 1e3), states=FROM_START
     ),
 }
+LYING = {name: fault._replace(poses=Poses.FALSE) for name, fault in _LYING.items()}
 """Poses look as if they were of our vehicle, and are not."""
 
 LATE: dict[str, Fault] = {
     **{
         f"late by {ms} ms": Fault(
-            f"poses come {ms} ms later than they did; their numbers tell",
-            comes_late(1e-3 * ms, fresh=False),
+            f"poses come {ms} ms later than they did; their numbers tell", comes_late(1e-3 * ms, fresh=False)
         )
         for ms in (100, 200, 400)
     },
@@ -566,25 +506,25 @@ LATE: dict[str, Fault] = {
     },
     "position late by 300 ms": Fault(
         "the position comes 300 ms later than the attitude, both with fresh stamps",
-        shows(pictures.late_position(0.3)),
+        shows(pictures.late_position, 0.3),
         poses=Poses.FALSE,
         states=SEEN_IN_TIME,
     ),
     "position smoothed": Fault(
         "the position is smoothed with a time constant of 1 s, the attitude is not",
-        shows(pictures.smoothed_position(1.0)),
+        shows(pictures.smoothed_position, 1.0),
         poses=Poses.FALSE,
         states=SEEN_IN_TIME,
     ),
     "stands now and again": Fault(
         "for 0.25 s of each second the picture stands still but for noise",
-        shows(pictures.now_and_again(0.25, 1.0)),
+        shows(pictures.now_and_again, 0.25, 1.0),
         poses=Poses.FALSE,
         states=FLYING,
     ),
     "stands once": Fault(
         "for 0.3 s the picture stands still but for noise, then it is true again",
-        shows(pictures.now_and_again(0.3, math.inf)),
+        shows(pictures.now_and_again, 0.3, math.inf),
         poses=Poses.FALSE,
         states=FLYING,
     ),
@@ -607,45 +547,36 @@ LATE: dict[str, Fault] = {
 }
 """Poses are true, but not when they say, or not when they are needed."""
 
-OBEYING: dict[str, Fault] = {
+_OBEYING: dict[str, Fault] = {
     **{
         f"{what} {sign}{share} %{end}": Fault(
             f"{says} by {share} % {how}{BEHIND_RADIO if end else ''}",
             nothing,
             link="dsm" if end else "mavlink",
             overrides=(f"{key}={value:g}",),
-            obeys=True,
             states=("start",),
         )
         for what, says, key, one in (
             ("mass told", "the mass is told wrong,", "vehicle.mass_kg", 0.08),
             ("thrust", "propellers or battery give another thrust than told,", "sim.thrust_gain", 1.0),
         )
-        for sign, how, share, value in (
-            ("+", "too much", 30, 1.3 * one),
-            ("-", "too little", 30, 0.7 * one),
-        )
+        for sign, how, share, value in (("+", "too much", 30, 1.3 * one), ("-", "too little", 30, 0.7 * one))
         for end in ("", ", radio")
     },
-    "motor at 130 %": Fault("the rotors give 130 % of their thrust", weaken(1.3), obeys=True),
-    "load dropped": Fault("a third of the weight falls off", lighten, obeys=True, states=FLYING),
-    "push": Fault("a hand pushes for 1 s, with 4 m/s² at most", push, obeys=True, states=("spool-up", *FLYING)),
+    "motor at 130 %": Fault("the rotors give 130 % of their thrust", weaken(1.3)),
+    "load dropped": Fault("a third of the weight falls off", lighten, states=FLYING),
+    "push": Fault("a hand pushes for 1 s, with 4 m/s² at most", push, states=("spool-up", *FLYING)),
     "tether": Fault(
-        "a cable on the floor is caught: 0.3 m farther it pulls like a spring",
-        tether,
-        obeys=True,
-        states=("spool-up", *FLYING),
+        "a cable on the floor is caught: 0.3 m farther it pulls like a spring", tether, states=("spool-up", *FLYING)
     ),
     "ground effect": Fault(
         "on the floor the same rotors lift 25 % more than far from it, 10 cm above it 6 %",
         cushion,
-        obeys=True,
         states=("start", "landing", "descent"),
     ),
     "taken out of the air": Fault(
         "an operator grips the vehicle, leads it down to the floor at 0.5 m/s, and holds it there",
         take_out,
-        obeys=True,
         states=FLYING,
     ),
     "estimator reset": Fault(
@@ -653,21 +584,18 @@ OBEYING: dict[str, Fault] = {
         "one, and says so",
         reset,
         source="odometry",
-        obeys=True,
     ),
     "wandering estimate": Fault(
         "poses are the autopilot's own, and wander: a random walk of 5 cm (1 sigma) in 2 s, and one turn by 19°",
         nothing,
         source="odometry",
         overrides=("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19"),
-        obeys=True,
         states=("start",),
     ),
     "late floor": Fault(
         "the floor holds the vehicle for 0.6 s while it gathers speed",
         nothing,
         overrides=("sim.floor_hold_s=0.6",),
-        obeys=True,
         states=("start",),
     ),
     "late floor, own estimate": Fault(
@@ -675,11 +603,11 @@ OBEYING: dict[str, Fault] = {
         nothing,
         source="odometry",
         overrides=("sim.floor_hold_s=0.6",),
-        obeys=True,
         states=("start",),
     ),
-    "wireless": Fault("poses come up to 60 ms late, each otherwise; their numbers tell", wifi, obeys=True),
+    "wireless": Fault("poses come up to 60 ms late, each otherwise; their numbers tell", wifi),
 }
+OBEYING = {name: fault._replace(obeys=True) for name, fault in _OBEYING.items()}
 """Nothing is wrong with the poses, and whoever convicts them is wrong."""
 
 UNSEEN_BY_RADIO = (
@@ -697,7 +625,7 @@ RADIO: dict[str, Fault] = {
             state
             for state in ("start", *RADIO_STATES)
             if state in (fault.states or STATES) and (name, state) not in UNSEEN_BY_RADIO
-        ),
+        )
     )
     for name, fault in (LYING | LATE).items()
     if name
@@ -705,7 +633,7 @@ RADIO: dict[str, Fault] = {
         "flicker", "frozen", "position frozen", "x frozen", "z frozen", "attitude frozen", "body at rest",
         "body carried", "x mirrored", "z mirrored", "roll and pitch swapped", "yaw off by 90°",
         "position 0.1 of itself", "position 0.3 of itself", "m for mm", "position late by 300 ms",
-        "stands now and again", "later and later, fresh", "every 11th frame",
+        "stands now and again", "later and later, fresh", "every 11th frame"
     )
 }  # fmt: skip
 """The same on a vehicle behind a radio."""

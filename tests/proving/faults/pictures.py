@@ -95,53 +95,43 @@ def still_attitude(struck: Struck) -> Picture:
     return _ours(lambda time_s, position, attitude: (position, _noisy(struck, struck.position_ned, struck.attitude)[1]))
 
 
-def still_coordinate(axis: int) -> Callable[[Struck], Picture]:
+def still_coordinate(struck: Struck, axis: int) -> Picture:
     """One coordinate of the position stands still, with noise: 0 is north, 1 east, 2 down."""
 
-    def make(struck: Struck) -> Picture:
-        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-            place = list(position)
-            place[axis] = _noisy(struck, struck.position_ned, struck.attitude)[0][axis]
-            return (place[0], place[1], place[2]), attitude
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        place = list(position)
+        place[axis] = _noisy(struck, struck.position_ned, struck.attitude)[0][axis]
+        return (place[0], place[1], place[2]), attitude
 
-        return _ours(change)
-
-    return make
+    return _ours(change)
 
 
-def still_along(north: float, east: float) -> Callable[[Struck], Picture]:
+def still_along(struck: Struck, north: float, east: float) -> Picture:
     """The position stands still along one horizontal direction, with noise, as along a camera's own axis."""
     n, e = north / math.hypot(north, east), east / math.hypot(north, east)
 
-    def make(struck: Struck) -> Picture:
-        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-            (x, y, z), (i, j, _) = position, _noisy(struck, struck.position_ned, struck.attitude)[0]
-            off = n * (x - i) + e * (y - j)
-            return (x - off * n, y - off * e, z), attitude
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        (x, y, z), (i, j, _) = position, _noisy(struck, struck.position_ned, struck.attitude)[0]
+        off = n * (x - i) + e * (y - j)
+        return (x - off * n, y - off * e, z), attitude
 
-        return _ours(change)
-
-    return make
+    return _ours(change)
 
 
-def now_and_again(for_s: float, every_s: float) -> Callable[[Struck], Picture]:
+def now_and_again(struck: Struck, for_s: float, every_s: float) -> Picture:
     """The picture stands for so long of each period [s], with noise; else it is true."""
+    turn, held = -1, (struck.position_ned, struck.attitude)
 
-    def make(struck: Struck) -> Picture:
-        turn, held = -1, (struck.position_ned, struck.attitude)
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        nonlocal turn, held
+        number, since_s = divmod(max(time_s - struck.time_s, 0.0), every_s)
+        if since_s >= for_s:
+            return position, attitude
+        if number != turn:
+            turn, held = int(number), (position, attitude)
+        return _noisy(struck, *held)
 
-        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-            nonlocal turn, held
-            number, since_s = divmod(max(time_s - struck.time_s, 0.0), every_s)
-            if since_s >= for_s:
-                return position, attitude
-            if number != turn:
-                turn, held = int(number), (position, attitude)
-            return _noisy(struck, *held)
-
-        return _ours(change)
-
-    return make
+    return _ours(change)
 
 
 # ---- other bodies
@@ -195,87 +185,68 @@ def teleport(struck: Struck) -> Picture:
     return _ours(lambda time_s, position, attitude: ((position[0] + TELEPORT_M, *position[1:]), attitude))
 
 
-def drift(speed_m_s: float) -> Callable[[Struck], Picture]:
+def drift(struck: Struck, speed_m_s: float) -> Picture:
     """The place drifts away at a steady speed [m/s], north-east."""
     each = speed_m_s * math.sqrt(0.5)
 
-    def make(struck: Struck) -> Picture:
-        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-            far, (x, y, z) = each * (time_s - struck.time_s), position
-            return (x + far, y + far, z), attitude
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        far, (x, y, z) = each * (time_s - struck.time_s), position
+        return (x + far, y + far, z), attitude
 
-        return _ours(change)
-
-    return make
+    return _ours(change)
 
 
-def map_positions(rows: tuple[Vec3, Vec3, Vec3]) -> Callable[[Struck], Picture]:
+def map_positions(struck: Struck, rows: tuple[Vec3, Vec3, Vec3]) -> Picture:
     """The world's axes are mixed up by a matrix, about the place where ours is; its attitude stays true."""
+    at = struck.position_ned
 
-    def make(struck: Struck) -> Picture:
-        at = struck.position_ned
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        gap = [p - q for p, q in zip(position, at, strict=True)]
+        x, y, z = (q + sum(m * g for m, g in zip(row, gap, strict=True)) for q, row in zip(at, rows, strict=True))
+        return (x, y, z), attitude
 
-        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-            gap = [p - q for p, q in zip(position, at, strict=True)]
-            x, y, z = (q + sum(m * g for m, g in zip(row, gap, strict=True)) for q, row in zip(at, rows, strict=True))
-            return (x, y, z), attitude
-
-        return _ours(change)
-
-    return make
+    return _ours(change)
 
 
-def scale_positions(share: float) -> Callable[[Struck], Picture]:
+def scale_positions(struck: Struck, share: float) -> Picture:
     """Lengths are told in another unit, about the place where ours is."""
-    return map_positions(((share, 0.0, 0.0), (0.0, share, 0.0), (0.0, 0.0, share)))
+    return map_positions(struck, ((share, 0.0, 0.0), (0.0, share, 0.0), (0.0, 0.0, share)))
 
 
-def late_position(delay_s: float) -> Callable[[Struck], Picture]:
+def late_position(struck: Struck, delay_s: float) -> Picture:
     """The place is that of so long ago [s], the attitude is of now."""
+    past: deque[tuple[float, Vec3]] = deque([(struck.time_s, struck.position_ned)])
 
-    def make(struck: Struck) -> Picture:
-        past: deque[tuple[float, Vec3]] = deque([(struck.time_s, struck.position_ned)])
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        past.append((time_s, position))
+        while len(past) > 1 and past[1][0] <= time_s - delay_s:
+            past.popleft()
+        return past[0][1], attitude
 
-        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-            past.append((time_s, position))
-            while len(past) > 1 and past[1][0] <= time_s - delay_s:
-                past.popleft()
-            return past[0][1], attitude
-
-        return _ours(change)
-
-    return make
+    return _ours(change)
 
 
-def smoothed_position(tau_s: float) -> Callable[[Struck], Picture]:
+def smoothed_position(struck: Struck, tau_s: float) -> Picture:
     """The place is smoothed with a time constant [s], the attitude is of now."""
+    last_s, place = struck.time_s, struck.position_ned
 
-    def make(struck: Struck) -> Picture:
-        last_s, place = struck.time_s, struck.position_ned
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        nonlocal last_s, place
+        keep = math.exp(-(time_s - last_s) / tau_s)
+        (a, b, c), (x, y, z) = place, position
+        last_s, place = time_s, (x + keep * (a - x), y + keep * (b - y), z + keep * (c - z))
+        return place, attitude
 
-        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-            nonlocal last_s, place
-            keep = math.exp(-(time_s - last_s) / tau_s)
-            (a, b, c), (x, y, z) = place, position
-            last_s, place = time_s, (x + keep * (a - x), y + keep * (b - y), z + keep * (c - z))
-            return place, attitude
-
-        return _ours(change)
-
-    return make
+    return _ours(change)
 
 
 # ---- attitudes that are not so
 
 
-def turn_axes(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Callable[[Struck], Picture]:
+def turn_axes(struck: Struck, roll_deg: float, pitch_deg: float, yaw_deg: float) -> Picture:
     """The body's axes are found turned by these angles [deg]."""
     turn = so3.from_euler_zyx(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
-
-    def make(struck: Struck) -> Picture:
-        return _ours(lambda time_s, position, attitude: (position, so3.multiply(attitude, turn)))
-
-    return make
+    return _ours(lambda time_s, position, attitude: (position, so3.multiply(attitude, turn)))
 
 
 def turning(struck: Struck) -> Picture:
@@ -298,17 +269,14 @@ def swap_axes(struck: Struck) -> Picture:
     return _ours(change)
 
 
-def flip_signs(roll: float, pitch: float) -> Callable[[Struck], Picture]:
+def flip_signs(struck: Struck, roll: float, pitch: float) -> Picture:
     """Roll or pitch has the wrong sign: each is multiplied by what is told."""
 
-    def make(struck: Struck) -> Picture:
-        def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-            phi, theta, psi = so3.euler_zyx(attitude)
-            return position, so3.from_euler_zyx(roll * phi, pitch * theta, psi)
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        phi, theta, psi = so3.euler_zyx(attitude)
+        return position, so3.from_euler_zyx(roll * phi, pitch * theta, psi)
 
-        return _ours(change)
-
-    return make
+    return _ours(change)
 
 
 CLOCK_STEP_S = 5.0
