@@ -6,16 +6,12 @@ if TYPE_CHECKING:
     from groundstation.analysis.replay import replay_command
     from groundstation.analysis.shadow import (
         FlownPath,
+        OpenedRecording,
         RecordedVehicle,
-        complete_config,
         flying,
-        hover_share,
-        latency_s,
-        load_described,
-        mavlink,
+        open_recording,
         read_recording,
         shadow_command,
-        thrust_shares,
     )
     from groundstation.analysis.viewers import view_command
 

@@ -188,34 +188,6 @@ NOMINAL_LATENCY_S = 0.01
 """From the instant of a pose to its earliest arrival in the log [s], where the configuration is of another source."""
 
 
-def load_described(path: Path | None, overrides: Sequence[str]) -> Config:
-    """The configuration as the operator gave it, before the recording is read.
-
-    Raises:
-        ConfigError: see :func:`groundstation.config.loader.load`.
-    """
-    if path is not None:
-        return load(path, Config, overrides)
-    return from_dict({"vehicle": {"mass_kg": NOMINAL_KG}}, Config, overrides)
-
-
-def latency_s(config: Config) -> float:
-    """Time from the instant of a pose to its earliest arrival [s]."""
-    pose = config.pose
-    return pose.latency_s if isinstance(pose, MavlinkPoseConfig | TlogConfig) else NOMINAL_LATENCY_S
-
-
-def mavlink(config: Config) -> MavlinkLinkConfig:
-    """The link of the recording.
-
-    Raises:
-        ConfigError: the configuration has another one.
-    """
-    if not isinstance(config.link, MavlinkLinkConfig):
-        raise ConfigError("link.kind", "a recording holds MAVLink: expected 'mavlink'")
-    return config.link
-
-
 def complete_config(
     config: Config, path: Path | None, overrides: Sequence[str], recording: RecordedVehicle, hover: float | None
 ) -> Config:
@@ -813,18 +785,46 @@ class ShadowReport(ShadowFacts, frozen=True, kw_only=True):
     """Everything that was looked at."""
 
 
+class OpenedRecording(NamedTuple):
+    """A recording, and what is needed to fly its poses."""
+
+    config: Config
+    """With what the recording shows of its vehicle."""
+    recording: RecordedVehicle
+    path: FlownPath
+    shares: list[float]
+    """Thrust of each set-point as a share of the full one."""
+    hover: float | None
+    """Share of full thrust that carries the vehicle."""
+
+
+def open_recording(file: Path, config_path: Path | None, overrides: Sequence[str]) -> OpenedRecording:
+    """Read ``file``, and complete its configuration.
+
+    Raises:
+        ConfigError: the configuration is bad, or the file can't be read or holds no poses.
+    """
+    nobodys = {"vehicle": {"mass_kg": NOMINAL_KG}}
+    config = from_dict(nobodys, Config, overrides) if config_path is None else load(config_path, Config, overrides)
+    if not isinstance(config.link, MavlinkLinkConfig):
+        raise ConfigError("link.kind", "a recording holds MAVLink: expected 'mavlink'")
+    pose = config.pose
+    late_s = pose.latency_s if isinstance(pose, MavlinkPoseConfig | TlogConfig) else NOMINAL_LATENCY_S
+    recording = read_recording(file, late_s, config.link.target_system)
+    path = FlownPath([seen.pose for seen in recording.poses], config.flight.coast_s)
+    shares = thrust_shares(recording.sent, config.thrust_curve)
+    hover = hover_share(recording, shares, path, config.controller.gravity)
+    config = complete_config(config, config_path, overrides, recording, hover)
+    return OpenedRecording(config, recording, path, shares, hover)
+
+
 def report(file: Path, config_path: Path | None = None, overrides: Sequence[str] = ()) -> ShadowReport:
     """Replay ``file``. The same file and configuration give the same report, to the last bit.
 
     Raises:
         ConfigError: the configuration is bad, or the file can't be read or holds no poses.
     """
-    config = load_described(config_path, overrides)
-    recording = read_recording(file, latency_s(config), mavlink(config).target_system)
-    path = FlownPath([seen.pose for seen in recording.poses], config.flight.coast_s)
-    shares = thrust_shares(recording.sent, config.thrust_curve)
-    hover = hover_share(recording, shares, path, config.controller.gravity)
-    config = complete_config(config, config_path, overrides, recording, hover)
+    config, recording, path, _, hover = open_recording(file, config_path, overrides)
     facts = measure_facts(str(file), recording, replay(recording, config, path, hover), path, config, hover)
     looked_at = checks(facts)
     result = verdict(looked_at)

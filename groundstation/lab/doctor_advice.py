@@ -8,6 +8,7 @@ Betaflight 4.6, src/main/cli/settings.c.
 import math
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import msgspec
@@ -153,6 +154,14 @@ def is_wrong(findings: Iterable[ParameterFinding]) -> bool:
     return any(finding.verdict in (Weight.MUST, Weight.SHOULD) for finding in findings)
 
 
+def _advise(weight: Weight, names: str | tuple[str, ...], rule: Rule, why: str, *, reboot: bool = False) -> Advice:
+    return Advice((names,) if isinstance(names, str) else names, weight, rule, why, reboot)
+
+
+must, should, note = (partial(_advise, weight) for weight in Weight)
+"""Advice of that weight about a parameter, or about one that has several names."""
+
+
 def px4_advice(facts: VehicleFacts) -> list[Advice]:
     """The advice for a vehicle of which we believe ``facts``."""
     curve = (
@@ -160,97 +169,77 @@ def px4_advice(facts: VehicleFacts) -> list[Advice]:
         "only one of the two may straighten the curve."
     )
     return [
-        Advice(
-            ("MAV_SYS_ID",),
-            Weight.MUST,
+        must(
+            "MAV_SYS_ID",
             exactly(facts.target_system),
             "The vehicle's MAVLink system: what link.target_system says, and on a network no two the same.",
             reboot=True,
         ),
-        Advice(
-            ("MAV_TYPE",),
-            Weight.MUST,
+        must(
+            "MAV_TYPE",
             one_of({float(number): name for number, name in MULTIROTORS.items()}, 2.0),
             "PX4 takes our thrust as lift only where it knows that the vehicle is a multirotor; generic gives none.",
             reboot=True,
         ),
-        Advice(
-            ("MAV_FWDEXTSP",),
-            Weight.MUST,
-            exactly(1.0),
-            "With 0, PX4 takes our commands from the wire and gives them to nobody.",
-        ),
-        Advice(
-            ("COM_OF_LOSS_T",),
-            Weight.SHOULD,
+        must("MAV_FWDEXTSP", exactly(1.0), "With 0, PX4 takes our commands from the wire and gives them to nobody."),
+        should(
+            "COM_OF_LOSS_T",
             between(0.2, 0.5, 0.4),
             "When commands stop, PX4 holds the last one for this long [s], blind. We fall silent on purpose after a "
             "bring-down, so this must be short: with 1 s, as delivered, one that leans may meet the floor at 1.3 m/s. "
             "Below 0.2 s a hiccup of the network already counts.",
         ),
-        Advice(
-            ("COM_OBL_RC_ACT",),
-            Weight.SHOULD,
+        should(
+            "COM_OBL_RC_ACT",
             one_of({4.0: "land", 6.0: "terminate", 7.0: "disarm"}, 4.0),
             "What PX4 does after that time. Land comes down where it is. Position, altitude and hold (0, 1, 5) leave "
             "it in the air, return (3) flies through the lab.",
         ),
-        Advice(
-            ("COM_RCL_EXCEPT",),
-            Weight.NOTE,
+        note(
+            "COM_RCL_EXCEPT",
             between(0.0, 31.0, 4.0),
             "Modes in which a lost remote control does not matter. Bit 2 (4) is OFFBOARD: set it only where nobody "
             "holds a remote control, or else a transmitter that fails is not noticed.",
         ),
-        Advice(
-            ("COM_RC_OVERRIDE",),
-            Weight.NOTE,
+        note(
+            "COM_RC_OVERRIDE",
             between(0.0, 7.0, 3.0),
             "Moving the sticks takes over: bit 0 (1) from automatic modes, bit 1 (2) from OFFBOARD. With bit 1 the "
             "pilot takes over at once; without it he needs the mode switch or the kill switch.",
         ),
-        Advice(
-            ("COM_RC_IN_MODE",),
-            Weight.NOTE,
+        note(
+            "COM_RC_IN_MODE",
             between(0.0, 8.0, 0.0),
             "Where sticks come from; 4 is nowhere at all. A lab wants a remote control with a kill switch.",
         ),
-        Advice(
-            ("COM_DISARM_PRFLT",),
-            Weight.NOTE,
+        note(
+            "COM_DISARM_PRFLT",
             between(-1.0, 60.0, 10.0),
             "An armed vehicle that does not take off within this time [s] disarms itself; 0 or less: it never does.",
         ),
-        Advice(
-            ("THR_MDL_FAC",),
-            Weight.MUST if facts.own_curve else Weight.NOTE,
-            exactly(0.0) if facts.own_curve else between(0.0, 1.0, 0.0),
-            curve,
+        (must if facts.own_curve else note)(
+            "THR_MDL_FAC", exactly(0.0) if facts.own_curve else between(0.0, 1.0, 0.0), curve
         ),
-        Advice(
-            ("MPC_THR_HOVER",),
-            Weight.SHOULD,
+        should(
+            "MPC_THR_HOVER",
             near(facts.hover, HOVER_SHARE),
             "PX4's own idea of the thrust that carries the vehicle, for its landing. Ours is vehicle.hover_thrust, or "
             "vehicle.mass_kg × 9.81 / vehicle.thrust_max_n through the thrust curve: if they differ, one is wrong.",
         ),
-        Advice(
-            ("EKF2_EV_CTRL",),
-            Weight.NOTE,
+        note(
+            "EKF2_EV_CTRL",
             between(0.0, 15.0, 15.0),
             "What PX4's estimator takes from an external pose: bit 0 horizontal position, 1 height, 2 velocity, 3 yaw. "
             "Only where something sends it one.",
         ),
-        Advice(
-            ("EKF2_HGT_REF",),
-            Weight.NOTE,
+        note(
+            "EKF2_HGT_REF",
             between(0.0, 3.0, 3.0),
             "Where height comes from: 0 barometer, 1 GPS, 2 range finder, 3 vision. Indoors with an external pose: 3.",
             reboot=True,
         ),
-        Advice(
-            ("EKF2_EV_DELAY",),
-            Weight.NOTE,
+        note(
+            "EKF2_EV_DELAY",
             between(0.0, 300.0, 0.0),
             "Age of the external pose when it arrives [ms]; wrong by 50 ms, fast flight is estimated wrongly.",
             reboot=True,
@@ -267,108 +256,91 @@ def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
     source = "Where EKF3 takes {} from: {}."
     places = "3 GPS, 6 external navigation, where something sends it a pose"
     return [
-        Advice(
-            ("GUID_OPTIONS",),
-            Weight.MUST,
+        must(
+            "GUID_OPTIONS",
             with_bit(3, "thrust means thrust"),
             "Without this bit ArduPilot takes our thrust as a climb rate: half is hovering, full is its fastest climb.",
         ),
-        Advice(
-            ("ATC_ANGLE_BOOST",),
-            Weight.MUST,
+        must(
+            "ATC_ANGLE_BOOST",
             exactly(0.0),
             "With 1, ArduPilot raises our thrust whenever the vehicle leans; the controller has done so already.",
         ),
-        Advice(
+        must(
             ("SYSID_THISMAV", "MAV_SYSID"),
-            Weight.MUST,
             exactly(facts.target_system),
             "The vehicle's MAVLink system: what link.target_system says, and on a network no two the same.",
             reboot=True,
         ),
-        Advice(
-            ("FRAME_CLASS",),
-            Weight.MUST,
+        must(
+            "FRAME_CLASS",
             one_of({1.0: "quad", 2.0: "hexa", 3.0: "octa", 4.0: "octaquad", 5.0: "Y6", 7.0: "tri"}, 1.0),
             "The vehicle's rotors; 0 is undefined, and then it does not arm.",
             reboot=True,
         ),
-        Advice(
-            ("GUID_TIMEOUT",),
-            Weight.SHOULD,
+        should(
+            "GUID_TIMEOUT",
             between(0.2, 1.0, 0.5),
             "When commands stop, ArduPilot holds the last one for this long [s], blind, then levels out and keeps its "
             "height. We fall silent on purpose after a bring-down, so this must be short.",
         ),
-        Advice(
+        should(
             ("SYSID_MYGCS", "MAV_GCS_SYSID"),
-            Weight.SHOULD,
             exactly(facts.own_system),
             "The ground station whose heartbeat FS_GCS_ENABLE watches: us, link.system_id.",
         ),
-        Advice(
-            ("FS_GCS_ENABLE",),
-            Weight.SHOULD,
+        should(
+            "FS_GCS_ENABLE",
             one_of({5.0: "land", 7.0: "brake, or land"}, 5.0),
             "What it does when the heartbeat of the ground station stops. 0: nothing, it stays in the air where it "
             "last levelled out. 1 and 3 return through the lab.",
         ),
-        Advice(
-            ("FS_GCS_TIMEOUT",),
-            Weight.SHOULD,
+        should(
+            "FS_GCS_TIMEOUT",
             between(2.0, 3.0, 2.0),
             "How long our heartbeat, which comes once a second, may be missing before that [s]. A program that was "
             "killed in flight is noticed by this alone: with 5 s, as delivered, a vehicle at 1 m/s came down 3 m away. "
             "Below 2 s a single lost heartbeat may count.",
         ),
-        Advice(
-            ("FS_THR_ENABLE",),
-            Weight.NOTE,
+        note(
+            "FS_THR_ENABLE",
             between(0.0, 7.0, 3.0),
             "What it does when the remote control is lost: 0 nothing (only where there is none), 3 lands.",
         ),
-        Advice(
-            ("RC_OPTIONS",),
-            Weight.SHOULD,
+        should(
+            "RC_OPTIONS",
             without_bit(0, "the receiver counts"),
             "With bit 0 set it ignores the receiver, and the pilot's switches with it: nobody can take over by hand.",
         ),
-        Advice(
-            ("MOT_THST_EXPO",),
-            Weight.MUST if facts.own_curve else Weight.NOTE,
-            exactly(0.0) if facts.own_curve else between(0.0, 1.0, 0.65),
-            curve,
+        (must if facts.own_curve else note)(
+            "MOT_THST_EXPO", exactly(0.0) if facts.own_curve else between(0.0, 1.0, 0.65), curve
         ),
-        Advice(
-            ("MOT_SPIN_MIN",),
-            Weight.SHOULD,
+        should(
+            "MOT_SPIN_MIN",
             between(0.03, 0.3, 0.15),
             "The slowest that rotors turn in flight: our thrust 0 is this, so that no motor stops in the air. Too "
             "high, and it does not come down.",
         ),
-        Advice(
-            ("MOT_THST_HOVER",),
-            Weight.SHOULD,
+        should(
+            "MOT_THST_HOVER",
             near(facts.hover, HOVER_SHARE),
             "ArduPilot's own idea of the thrust that carries the vehicle; it learns it in flight (MOT_HOVER_LEARN). "
             "Ours is vehicle.hover_thrust, or else vehicle.mass_kg × 9.81 / vehicle.thrust_max_n through the thrust "
             "curve: if they differ, one is wrong.",
         ),
-        Advice(
-            ("DISARM_DELAY",),
-            Weight.NOTE,
+        note(
+            "DISARM_DELAY",
             between(0.0, 127.0, 10.0),
             "An armed vehicle that stands on the ground for this long [s] disarms itself; 0: it never does.",
         ),
-        Advice(
-            ("VISO_TYPE",),
-            Weight.NOTE,
+        note(
+            "VISO_TYPE",
             between(0.0, 3.0, 0.0),
             "Whether it takes an external pose at all: 0 no, 1 over MAVLink.",
             reboot=True,
         ),
         *(
-            Advice((f"EK3_SRC1_{name}",), Weight.NOTE, between(0.0, 8.0, 0.0), source.format(what, values))
+            note(f"EK3_SRC1_{name}", between(0.0, 8.0, 0.0), source.format(what, values))
             for name, what, values in (
                 ("POSXY", "horizontal position", places),
                 ("POSZ", "height", f"1 barometer, 2 range finder, {places}"),
@@ -417,97 +389,76 @@ def betaflight_advice(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[
     idle_us = round(1500.0 + 500.0 * facts.throttle_low)
     curve = "A rate is the stick's share of full_rate_deg_s in link.map: any other curve bends it"
     linear = "The motors' curve is told by vehicle.thrust_curve; only one of the two may straighten it."
-    must, should = Weight.MUST, Weight.SHOULD
     rows = [
-        Advice(("map",), must, exactly(facts.order), "What each channel is: the sticks are mixed up otherwise."),
+        must("map", exactly(facts.order), "What each channel is: the sticks are mixed up otherwise."),
         *(
-            Advice((f"rxrange {k}",), must, exactly(f"{low:.0f} {high:.0f}"), "Else full stick is not full rate.")
+            must(f"rxrange {k}", exactly(f"{low:.0f} {high:.0f}"), "Else full stick is not full rate.")
             for k in range(4)
         ),
-        Advice(("rates_type",), must, exactly("ACTUAL"), "Else the rates below mean something else."),
+        must("rates_type", exactly("ACTUAL"), "Else the rates below mean something else."),
     ]
     for axis, rate in zip(("roll", "pitch", "yaw"), facts.rates_deg_s, strict=True):
         tenth = exactly(rate / RATE_UNIT_DEG_S)
         rows += [
-            Advice((f"{axis}_rc_rate",), must, tenth, f"{curve}; this is its slope in the middle, in 10 deg/s."),
-            Advice((f"{axis}_srate",), must, tenth, f"{curve}; this is the rate at full stick, in 10 deg/s."),
-            Advice((f"{axis}_expo",), must, exactly(0.0), f"{curve}, here around the middle."),
-            Advice(
-                (f"{axis}_rate_limit",), must, between(rate, RATE_MOST_DEG_S, RATE_MOST_DEG_S), "It cuts faster rates."
-            ),
+            must(f"{axis}_rc_rate", tenth, f"{curve}; this is its slope in the middle, in 10 deg/s."),
+            must(f"{axis}_srate", tenth, f"{curve}; this is the rate at full stick, in 10 deg/s."),
+            must(f"{axis}_expo", exactly(0.0), f"{curve}, here around the middle."),
+            must(f"{axis}_rate_limit", between(rate, RATE_MOST_DEG_S, RATE_MOST_DEG_S), "It cuts faster rates."),
         ]
     rows += [
-        Advice(("thr_expo",), must, exactly(0.0), "The throttle's share is the motors' signal; a curve bends it."),
-        Advice(("throttle_limit_type",), must, exactly("OFF"), "Else thrust is less than told."),
-        Advice(("motor_output_limit",), must, exactly(100.0), "It scales the motors down: thrust is less than told."),
-        Advice(
-            ("vbat_sag_compensation",),
-            should,
+        must("thr_expo", exactly(0.0), "The throttle's share is the motors' signal; a curve bends it."),
+        must("throttle_limit_type", exactly("OFF"), "Else thrust is less than told."),
+        must("motor_output_limit", exactly(100.0), "It scales the motors down: thrust is less than told."),
+        should(
+            "vbat_sag_compensation",
             exactly(0.0),
             "It changes the motors' signals with the battery's voltage; we find lost thrust ourselves.",
         ),
-        Advice(("throttle_boost",), must, exactly(0.0), "Else thrust jumps with the throttle."),
-        Advice(
-            ("anti_gravity_gain",),
-            should,
-            exactly(0.0),
-            "It raises the integrals as the throttle moves, in hover, too.",
-        ),
-        Advice(("thrust_linear",), must if facts.own_curve else Weight.NOTE, exactly(0.0), linear),
-        Advice(
-            ("min_check",),
-            must,
+        must("throttle_boost", exactly(0.0), "Else thrust jumps with the throttle."),
+        should("anti_gravity_gain", exactly(0.0), "It raises the integrals as the throttle moves, in hover, too."),
+        (must if facts.own_curve else note)("thrust_linear", exactly(0.0), linear),
+        must(
+            "min_check",
             between(max(1001.0, idle_us - 5.0), max(1005.0, idle_us + 5.0), max(1005.0, float(idle_us))),
             "Below this the throttle is down. link.map's thrust.low must be the same place (-0.98 is 1010): where it is"
             " above, nothing arms; far below, our least thrusts are none.",
         ),
-        Advice(("deadband",), must, exactly(0.0), "It swallows small corrections of roll and pitch."),
-        Advice(("yaw_deadband",), must, exactly(0.0), "It swallows small corrections of yaw."),
-        Advice(("rc_smoothing",), should, exactly("OFF"), "It is a lag more, which is in nobody's model."),
-        Advice(("small_angle",), should, exactly(180.0), "It refuses to arm where the floor is not level."),
-        Advice(
-            ("runaway_takeoff_prevention",),
-            should,
+        must("deadband", exactly(0.0), "It swallows small corrections of roll and pitch."),
+        must("yaw_deadband", exactly(0.0), "It swallows small corrections of yaw."),
+        should("rc_smoothing", exactly("OFF"), "It is a lag more, which is in nobody's model."),
+        should("small_angle", exactly(180.0), "It refuses to arm where the floor is not level."),
+        should(
+            "runaway_takeoff_prevention",
             exactly("OFF"),
             "It disarms on the floor, as our spool-up looks like a runaway.",
         ),
-        Advice(
-            ("failsafe_procedure",),
-            must,
-            exactly("DROP"),
-            "Else it hovers away, or lands for seconds, without a pilot.",
-        ),
-        Advice(
-            ("failsafe_delay",),
-            must,
+        must("failsafe_procedure", exactly("DROP"), "Else it hovers away, or lands for seconds, without a pilot."),
+        must(
+            "failsafe_delay",
             between(1.0, 12.0, 12.0),
             "The motors turn for so long [0.1 s] after the receiver has given up; where it gives pulses that mean "
             "nothing 0.3 s more: with 12 that, too, ends within 2.6 s of the last frame (1 s are the receiver's).",
         ),
-        Advice(
-            ("msp_override_channels_mask",),
-            must,
+        must(
+            "msp_override_channels_mask",
             exactly(0.0),
             "Channels that a computer sends by MSP never go stale: the last thrust holds for ever.",
         ),
-        Advice(("motor_idle", "dshot_idle_value"), Weight.NOTE, between(0.0, 2000.0, 550.0), linear),
-        Advice(
-            ("simplified_pids_mode",),
-            should,
+        note(("motor_idle", "dshot_idle_value"), between(0.0, 2000.0, 550.0), linear),
+        should(
+            "simplified_pids_mode",
             exactly("OFF"),
             "Else the sliders write the gains over at each start, those below too.",
         ),
-        Advice(
-            ("i_yaw",),
-            should,
+        should(
+            "i_yaw",
             between(0.0, 20.0, 10.0),
             "The firmware's own gains are for fast five-inch vehicles; on slow rotors its 80 here makes yaw swing for "
             "ever, which eats the thrust: on our simulated 80 g a step overshoots by 95 %, with 20 by 42, 10 by 25.",
         ),
         *(
-            Advice(
-                (f"f_{axis}",),
-                Weight.NOTE,
+            note(
+                f"f_{axis}",
                 exactly(0.0),
                 "Feed-forward acts on steps of the stick, and ours moves in steps, one a frame: 0 flies in our tests.",
             )
@@ -540,16 +491,14 @@ def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advi
 
     name_of = {name: LEVEL_MODES.get(slot[0], "ARM") for name, slot in used.items()}
     return [
-        Advice(
-            (arming,),
-            Weight.MUST,
+        must(
+            arming,
             Rule(f"ARM on AUX{channel + 1}, on {armed_us:.0f} and off {disarmed_us:.0f} µs", arms, lambda _: right),
             "Mode, channel, range: it arms by our arm channel, and disarms by it.",
         ),
         *(
-            Advice(
-                (name,),
-                Weight.MUST,
+            must(
+                name,
                 Rule("no mode of its own that our frames would meet", stays_out, lambda _: EMPTY_SLOT),
                 f"{name_of[name]}: our frames would turn it on, and sticks are then something else than rates.",
             )

@@ -6,6 +6,7 @@ if TYPE_CHECKING:
         FAILSAFE_S,
         MODULE,
         Failsafe,
+        InlinePacer,
         PtyWire,
         PulseReceiver,
         Receiver,

@@ -20,18 +20,7 @@ from statistics import mean, median
 
 import msgspec
 
-from groundstation.analysis import (
-    FlownPath,
-    RecordedVehicle,
-    complete_config,
-    flying,
-    hover_share,
-    latency_s,
-    load_described,
-    mavlink,
-    read_recording,
-    thrust_shares,
-)
+from groundstation.analysis import OpenedRecording, flying, open_recording
 from groundstation.config import ConfigError
 from groundstation.core import Pilot
 from groundstation.core.messages import Notice
@@ -40,7 +29,6 @@ from groundstation.core.safety import NODE_S, WANDERING_M, Conviction, PoseEvide
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
 from groundstation.runtime import replace_between_markers, sleep_until, split_at_markers
-from groundstation.settings import Config
 from sim.cli import ProgressBar
 from sim.runs import MISSION_CONFIRM_S, Stage, Workers, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
@@ -146,15 +134,21 @@ def watch_flight(
         await trace.watch(flight)
 
     flown = fly_mission(world, config, seed=seed, on_event=said.append, script=script)
-    evidence = [each for _, each in trace.windows] or [PoseEvidence(0.0, 0.0, 0.0, 0.0)]
+    evidence = [each for _, each in trace.windows]
+    accused = [one.says for one in said if one.kind == "suspicion" or _accuses(one.text)]
+    why = flown.fault or flown.why
+    return _sum_up(seed, flights[0].monitor.windows, evidence, accused, landed=flown.landed, why=why)
+
+
+def _sum_up(
+    seed: int, windows: int, evidence: Sequence[PoseEvidence], accused: Sequence[str], *, landed: bool, why: str
+) -> WatchedFlight:
+    """One flight by the evidence of each of its windows."""
+    evidence = evidence or [PoseEvidence(0.0, 0.0, 0.0, 0.0)]
+    largest = {kind: max(getattr(each, kind) for each in evidence) for kind in KINDS}
+    passed = tuple(sum(max(each) >= share for each in evidence) for share in SHARES)
     return WatchedFlight(
-        seed=seed,
-        windows=flights[0].monitor.windows,
-        largest={kind: max(getattr(each, kind) for each in evidence) for kind in KINDS},
-        passed=tuple(sum(max(each) >= share for each in evidence) for share in SHARES),
-        accused=tuple(one.says for one in said if one.kind == "suspicion" or _accuses(one.text)),
-        landed=flown.landed,
-        why=flown.fault or flown.why,
+        seed=seed, windows=windows, largest=largest, passed=passed, accused=tuple(accused), landed=landed, why=why
     )
 
 
@@ -377,28 +371,22 @@ def watch_capture(file: Path, overrides: Sequence[str]) -> Alarms:
     Raises:
         ConfigError: the file can't be read, or holds no poses, or no flight on set-points of rates and thrust.
     """
-    config = load_described(None, overrides)
-    recording = read_recording(file, latency_s(config), mavlink(config).target_system)
-    path = FlownPath([seen.pose for seen in recording.poses], config.flight.coast_s)
-    shares = thrust_shares(recording.sent, config.thrust_curve)
-    hover = hover_share(recording, shares, path, config.controller.gravity)
-    if hover is None:
+    opened = open_recording(file, None, overrides)
+    if opened.hover is None:
         missing = "nothing in it flies on SET_ATTITUDE_TARGET with rates and thrust (type_mask 128)"
         raise ConfigError("", f"{missing}: the monitor has no commands to hold its poses against", str(file))
-    config = complete_config(config, None, overrides, recording, hover)
-    flags = [bool(flag) for flag in flying(recording, shares, hover)]
+    flags = [bool(flag) for flag in flying(opened.recording, opened.shares, opened.hover)]
     bounds = [i for i in range(len(flags)) if flags[i] != (i > 0 and flags[i - 1])] + [len(flags)]
     flights = [
-        _fly_capture(number, recording, shares, config, begin, end)
+        _fly_capture(number, opened, begin, end)
         for number, (begin, end) in enumerate(zip(bounds[::2], bounds[1::2], strict=False))
     ]
     return Alarms(flights=tuple(flights))
 
 
-def _fly_capture(
-    number: int, recording: RecordedVehicle, shares: list[float], config: Config, begin: int, end: int
-) -> WatchedFlight:
+def _fly_capture(number: int, opened: OpenedRecording, begin: int, end: int) -> WatchedFlight:
     """The flight of the poses from ``begin`` to before ``end``."""
+    config, recording, shares = opened.config, opened.recording, opened.shares
     poses = [seen.pose for seen in recording.poses]
     lifts_s, ends_s = poses[begin].arrival_s, poses[end - 1].arrival_s
     from_s, full_n = lifts_s - BEFORE_S, config.full_thrust_n
@@ -432,13 +420,5 @@ def _fly_capture(
             ended = charge.reason
             said.append(f"{time_s:.1f} s: {ended}")
             break
-    evidence = evidence or [PoseEvidence(0.0, 0.0, 0.0, 0.0)]
-    return WatchedFlight(
-        seed=number,
-        windows=windows,
-        largest={kind: max(getattr(each, kind) for each in evidence) for kind in KINDS},
-        passed=tuple(sum(max(each) >= share for each in evidence) for share in SHARES),
-        accused=tuple(said),
-        landed=not ended,
-        why=ended or f"recorded from {lifts_s:.1f} to {ends_s:.1f} s",
-    )
+    why = ended or f"recorded from {lifts_s:.1f} to {ends_s:.1f} s"
+    return _sum_up(number, windows, evidence, said, landed=not ended, why=why)

@@ -23,7 +23,7 @@ from groundstation.recording import make_flight
 from groundstation.runtime import replace_between_markers
 from sim import autopilots
 from sim.autopilots import GAINS, STEP_S, FlightBoard, describe_settings
-from sim.radio import PulseReceiver
+from sim.radio import InlinePacer, PulseReceiver
 from sim.runs import RECORDING, Stage, confirm_at, fly, fly_mission, from_floor, simulate
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import VirtualTimeLoop
@@ -78,28 +78,9 @@ def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutcome:
         return runner.run(watch())
 
 
-def kill_pacer(stage: Stage) -> None:
-    """The pacer is killed; its stand-by is not."""
+def _pacer_of(stage: Stage) -> InlinePacer:
     assert stage.port.pacer is not None, "a radio has one"
-    stage.port.pacer.strike()
-
-
-def freeze_pacer(stage: Stage) -> None:
-    """The pacer stands still."""
-    assert stage.port.pacer is not None, "a radio has one"
-    stage.port.pacer.strike(stopped=True)
-
-
-def kill_station(stage: Stage) -> None:
-    """The station's process is killed."""
-    assert stage.port.pacer is not None, "a radio has one"
-    stage.port.pacer.lose_commander()
-
-
-def freeze_station(stage: Stage) -> None:
-    """The station's process is stopped."""
-    assert stage.port.pacer is not None, "a radio has one"
-    stage.port.pacer.lose_commander(stopped=True)
+    return stage.port.pacer
 
 
 def interrupt_bridge(stage: Stage) -> None:
@@ -139,10 +120,10 @@ def _set_failsafe(stage: Stage) -> PulseReceiver:
 
 
 STRIKES: tuple[tuple[str, Callable[[Stage], None], str], ...] = (
-    ("pacer killed", kill_pacer, "crsf"),
-    ("pacer stopped", freeze_pacer, "dsm"),
-    ("station killed", kill_station, "crsf"),
-    ("station stopped", freeze_station, "dsm"),
+    ("pacer killed", lambda stage: _pacer_of(stage).strike(), "crsf"),
+    ("pacer stopped", lambda stage: _pacer_of(stage).strike(stopped=True), "dsm"),
+    ("station killed", lambda stage: _pacer_of(stage).lose_commander(), "crsf"),
+    ("station stopped", lambda stage: _pacer_of(stage).lose_commander(stopped=True), "dsm"),
     ("bridge interrupted", interrupt_bridge, "rf_bridge"),
     ("bridge's network gone", cut_bridge_off, "rf_bridge"),
     ("port cut, or pacer and stand-by killed", cut_wire, "crsf"),

@@ -134,24 +134,10 @@ def odometry(frames: int) -> PoseFlight:
 
     def message(n: int) -> Message:
         position, attitude = _bodies(n)[0][1:3]
-        nothing = [float("nan")] * 21
+        motion, nothing = (0.5, *[0.0] * 5), [float("nan")] * 21
+        stamp_us = round(n * PERIOD_S * 1e6)
         return codec.dialect.MAVLink_odometry_message(
-            round(n * PERIOD_S * 1e6),
-            1,
-            1,
-            *position,
-            attitude,
-            0.5,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            nothing,
-            nothing,
-            0,
-            8,
-            0,
+            stamp_us, 1, 1, *position, attitude, *motion, nothing, nothing, 0, 8, 0
         )
 
     return PoseFlight(MessageReader(OdometryDecoder(0.0)), [codec.pack(message(n)) for n in range(frames)])

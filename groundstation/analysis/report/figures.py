@@ -411,7 +411,6 @@ class ReportFigure(NamedTuple):
     name: str
     """Of its file, without ``.png``."""
     title: str
-    caption: str
     rows: int
     """Panels above each other."""
     height_in: float
@@ -420,6 +419,11 @@ class ReportFigure(NamedTuple):
     is_3d: bool = False
     in_time: bool = True
     """Time is below every panel: a long flight's last seconds are shown beside it."""
+
+    @property
+    def caption(self) -> str:
+        """What stands below it: the words of the function that draws it."""
+        return " ".join((self.draw.__doc__ or "").split())
 
 
 FIGURES = (
