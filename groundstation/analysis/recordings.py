@@ -90,7 +90,8 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None,
             count = write_poses(recording, target)
             print(f"{target}: {count} poses; pose.kind = 'csv' plays them{_short_of(recording)}")
         elif form != "csv":
-            _write_tables(recording, form, wanted or list(CHANNELS), target)
+            rows = write_tables(recording, form, wanted or list(CHANNELS), target)
+            print(f"{target}: {sum(rows.values())} rows of {len(rows)} channels{_short_of(recording)}")
         elif to_screen:
             write_csv(recording, {wanted[0]: sys.stdout})
             if not recording.whole:
@@ -111,12 +112,6 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None,
 
 def _short_of(recording: "Recording") -> str:
     return "" if recording.whole else f"; the recording {recording.trouble}"
-
-
-def _write_tables(recording: "Recording", form: str, topics: list[str], target: Path) -> None:
-
-    rows = write_tables(recording, form, topics, target)
-    print(f"{target}: {sum(rows.values())} rows of {len(rows)} channels{_short_of(recording)}")
 
 
 def _write_folder(recording: "Recording", topics: list[str], folder: Path) -> None:
@@ -354,15 +349,8 @@ def _row(flight: dict[str, Any]) -> list[str]:
         ended = f"{flight['state']}: being recorded now"
     size = f"{flight['size_bytes'] / 1e6:.1f} MB"
     errors = [_cm(flight["rms_m"]), _cm(flight["true_rms_m"]), _cm(flight["max_m"])]
-    return [
-        flight["file"],
-        flight["controller"],
-        flight["trajectory"],
-        f"{flight['flown_s']:.1f} s",
-        *errors,
-        size,
-        ended,
-    ]
+    names = (flight[key] for key in ("file", "controller", "trajectory"))
+    return [*names, f"{flight['flown_s']:.1f} s", *errors, size, ended]
 
 
 def _cm(value: float | None) -> str:
@@ -439,14 +427,10 @@ class FlightData:
 
     @cached_property
     def _recording(self) -> "Recording":
-        from groundstation.recording import NoRecording, Recording
+        from groundstation.recording import Recording, refuse_recordings
 
-        try:
+        with refuse_recordings():
             return Recording(self.path)
-        except NoRecording as error:
-            raise ConfigError("LOG", str(error)) from None
-        except OSError as error:
-            raise ConfigError("LOG", f"cannot read {self.path}: {error.strerror}") from None
 
     def __repr__(self) -> str:
         """For a notebook: what was flown, and how well."""

@@ -29,12 +29,12 @@ from groundstation.pose.sources import Gate
 from groundstation.recording import (
     About,
     Entry,
-    NoRecording,
     Recording,
     about_texts,
     read_command,
     read_pose,
     read_reference,
+    refuse_recordings,
 )
 from groundstation.recording import channels as ch
 from groundstation.settings import Config
@@ -68,16 +68,12 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
     Raises:
         ConfigError: see :func:`replay_command`.
     """
-    try:
+    with refuse_recordings():
         recording = Recording(path)
         config = _config(recording, overrides)
         if not trust_modules and not {"controller.kind", "controller.factory"} & set(map(_key, overrides)):
             _ensure_own(config, path)
         result = fly_again(recording, config)
-    except NoRecording as error:
-        raise ConfigError("LOG", str(error)) from None
-    except OSError as error:
-        raise ConfigError("LOG", f"cannot read {path}: {error.strerror}") from None
     own = about_texts(About(config="", vehicle="", controller="", trajectory="", period_s=0.0))
     nothing_differs = not any(result.differing.values())
     count = len(result.commands)
@@ -309,19 +305,10 @@ class _Mute(asyncio.DatagramTransport, asyncio.Transport):
 
 
 class _NoSocket:
-    """What code finds behind a wire."""
+    """What code finds behind a wire: what is asked of it does nothing."""
 
-    def setsockopt(self, *_: Any) -> None:
-        pass
-
-    def send(self, *_: Any) -> None:
-        pass
-
-    def sendto(self, *_: Any) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *_: None
 
     def dup(self) -> "_NoSocket":
         return self

@@ -21,10 +21,10 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from groundstation.config import ConfigError, from_dict, load
+from groundstation.config import ConfigError, from_dict, load, refuse_io
 from groundstation.core.control import Adaptive, make_controller
 from groundstation.core.estimation import ModelEstimator
-from groundstation.core.geometry import Vec3, conjugate, multiply, rotation_vector, so3, third_column
+from groundstation.core.geometry import Vec3, so3, third_column
 from groundstation.core.messages import Controller, Estimate, Pose
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
@@ -93,10 +93,8 @@ def read_recording(path: Path, latency_s: float, system: int) -> RecordedVehicle
     Raises:
         ConfigError: the file can't be read, or holds no poses; the text says what to do.
     """
-    try:
+    with refuse_io("", "cannot read the recording", str(path)):
         data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError("", f"cannot read the recording: {error.strerror}", str(path)) from None
     if not data:
         raise ConfigError("", "the recording is empty", str(path))
     reader, leaps = TlogReader(data), Counter[str]()
@@ -591,7 +589,9 @@ def measure_facts(
         ),
         resets=len(resets),
         resets_in_flight=[
-            PoseReset(b.pose.time_s, b.innovation_m, _turned_rad(a.pose, b.pose)) for a, b in resets if b.flying
+            PoseReset(b.pose.time_s, b.innovation_m, math.hypot(*so3.turn_between(a.pose.attitude, b.pose.attitude)))
+            for a, b in resets
+            if b.flying
         ],
         flights=sum(b.flying and not a.flying for a, b in pairwise(known)) + known[0].flying,
         flight_s=total if air else 0.0,
@@ -604,10 +604,6 @@ def measure_facts(
         innovation_rms_m=_rms(np.array([each.innovation_m for each in air])),
         commands=compare_commands(replayed.compared),
     )
-
-
-def _turned_rad(before: Pose, after: Pose) -> float:
-    return math.hypot(*rotation_vector(multiply(conjugate(before.attitude), after.attitude)))
 
 
 def _lengths(vectors: Array) -> Array:

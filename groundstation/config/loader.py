@@ -157,6 +157,19 @@ class ConfigError(Exception):
         self.source = source
 
 
+@contextmanager
+def refuse_io(key: str, doing: str, source: str = "") -> Iterator[None]:
+    """Tell the operator by ``key`` why what is done here, such as ``cannot write FILE``, is not possible.
+
+    Raises:
+        ConfigError: in the place of an OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(key, f"{doing}: {error.strerror or error}", source) from None
+
+
 def locate(error: msgspec.ValidationError) -> tuple[str, str]:
     """The dotted key that ``error`` is about (empty: the whole), and what is wrong there."""
     text, _, where = str(error).partition(" - at `$")
@@ -388,7 +401,7 @@ def _is_float(info: Any, value: Any) -> bool:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     try:
-        return math.isfinite(float(value)) and _is_within_bounds(info, value)
+        return math.isfinite(float(value)) and is_within_bounds(info, value)
     except OverflowError:
         return False
 
@@ -403,7 +416,7 @@ def _is_str(info: Any, value: Any) -> bool:
 
 _SCALARS: dict[type, Callable[[Any, Any], bool]] = {
     mi.FloatType: _is_float,
-    mi.IntType: lambda info, value: type(value) is int and abs(value) < 2**63 and _is_within_bounds(info, value),
+    mi.IntType: lambda info, value: type(value) is int and abs(value) < 2**63 and is_within_bounds(info, value),
     mi.BoolType: lambda _, value: isinstance(value, bool),
     mi.StrType: _is_str,
     mi.NoneType: lambda _, value: value is None,
@@ -412,7 +425,8 @@ _SCALARS: dict[type, Callable[[Any, Any], bool]] = {
 }
 
 
-def _is_within_bounds(info: mi.FloatType | mi.IntType, value: float) -> bool:
+def is_within_bounds(info: mi.FloatType | mi.IntType, value: float) -> bool:
+    """Whether what ``info`` asks of a number holds for ``value``."""
     return (
         (info.gt is None or value > info.gt)
         and (info.ge is None or value >= info.ge)
@@ -634,10 +648,7 @@ def resolve_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def presets(kind: type[FromFile]) -> dict[str, str]:
     """The text of each preset of ``kind``, by name, in the order of their names."""
-    if not kind.PRESETS:
-        return {}
-    files = sorted(_folder(kind.PRESETS).iterdir(), key=lambda file: file.name)
-    return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
+    return shipped_texts(kind.PRESETS) if kind.PRESETS else {}
 
 
 def _kind(field: mi.Field, table: dict[str, Any]) -> type[FromFile] | None:
@@ -762,7 +773,7 @@ def dump(config: msgspec.Struct) -> str:
 
     A key that is None has no TOML form and appears as a comment.
     """
-    return toml_text(config)
+    return "\n".join(_table(config, ())).lstrip("\n") + "\n"
 
 
 def _override(data: dict[str, Any], text: str) -> KeyPath:
@@ -828,18 +839,22 @@ def _folder(name: str) -> "Traversable":
     return resources.files(PACKAGE) / name
 
 
-def example_names() -> list[str]:
-    """The names of the configurations, in their order."""
-    return sorted(
-        file.name.removesuffix(".toml") for file in _folder("examples").iterdir() if file.name.endswith(".toml")
-    )
+def shipped_texts(folder: str) -> dict[str, str]:
+    """The text of each TOML file in a folder that comes along, by name and in the order of their names."""
+    files = sorted(_folder(folder).iterdir(), key=lambda file: file.name)
+    return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
+
+
+def example_texts() -> dict[str, str]:
+    """The configurations that come along, by name."""
+    return shipped_texts("examples")
 
 
 def list_examples() -> str:
     """A line each: its name, and what it says first of itself."""
-    names = example_names()
-    width = max(map(len, names))
-    return "\n".join(f"{name:{width}}  {example_text(name).splitlines()[0].removeprefix('# ')}" for name in names)
+    texts = example_texts()
+    width = max(map(len, texts))
+    return "\n".join(f"{name:{width}}  {text.splitlines()[0].removeprefix('# ')}" for name, text in texts.items())
 
 
 def example_text(name: str) -> str:
@@ -848,9 +863,10 @@ def example_text(name: str) -> str:
     Raises:
         ConfigError: there is none.
     """
-    if name not in example_names():
-        raise ConfigError("config new", f"expected one of {example_names()}, got {name!r}")
-    return (_folder("examples") / f"{name}.toml").read_text("utf-8")
+    texts = example_texts()
+    if name not in texts:
+        raise ConfigError("config new", f"expected one of {list(texts)}, got {name!r}")
+    return texts[name]
 
 
 def copy_examples(folder: Path) -> None:
@@ -859,10 +875,8 @@ def copy_examples(folder: Path) -> None:
     Raises:
         ConfigError: it exists, or can't be written.
     """
-    try:
+    with refuse_io("--all", f"cannot write {folder}"):
         _copy(_folder("examples"), folder)
-    except OSError as error:
-        raise ConfigError("--all", f"cannot write {error.filename}: {error.strerror}") from None
 
 
 def _copy(source: "Traversable", target: Path) -> None:
@@ -872,11 +886,6 @@ def _copy(source: "Traversable", target: Path) -> None:
             _copy(each, target / each.name)
     else:
         target.write_bytes(source.read_bytes())
-
-
-def toml_text(config: msgspec.Struct) -> str:
-    """The TOML of ``config``; a key that is None appears as a comment, as TOML has no word for it."""
-    return "\n".join(_table(config, ())).lstrip("\n") + "\n"
 
 
 def _table(table: msgspec.Struct | dict[str, Any], path: tuple[str, ...]) -> Iterator[str]:

@@ -282,7 +282,7 @@ class Carry:
 
 def angle_deg(a: Quat, b: Quat) -> float:
     """From one attitude to the other [deg]."""
-    return math.degrees(math.hypot(*so3.rotation_vector(so3.multiply(so3.conjugate(a), b))))
+    return math.degrees(math.hypot(*so3.turn_between(a, b)))
 
 
 def mean_attitude(attitudes: list[Quat]) -> Quat:
@@ -418,9 +418,9 @@ def _body(rests: list[Rest], theirs: list[Quat] | None) -> "NDArray[Any]":
     for index, move in enumerate(MOVES):
         if move.kind not in ("turn", "back"):
             continue
-        turn = _turn(rests[index - 1].attitude, rests[index].attitude)
+        turn = so3.turn_between(rests[index - 1].attitude, rests[index].attitude)
         shown = tuple(math.hypot(*turn) * part for part in move.axis)
-        told = shown if theirs is None else _turn(theirs[index - 1], theirs[index])
+        told = shown if theirs is None else so3.turn_between(theirs[index - 1], theirs[index])
         _check_turn(move, turn, (told[0], told[1], told[2]))
         seen.append(turn)
         true.append(told)
@@ -519,10 +519,6 @@ def _matrix(q: Quat) -> "NDArray[Any]":
     import numpy as np
 
     return np.array(so3.matrix(q))
-
-
-def _turn(before: Quat, after: Quat) -> Vec3:
-    return so3.rotation_vector(so3.multiply(so3.conjugate(before), after))
 
 
 def _between_deg(a: Any, b: Any) -> float:

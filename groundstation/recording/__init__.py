@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         vector,
     )
     from groundstation.recording.process import END_S, RecorderProcess
-    from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline
+    from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline, refuse_recordings
     from groundstation.recording.records import (
         About,
         FlightHeadline,

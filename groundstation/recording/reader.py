@@ -4,6 +4,7 @@ import os
 import struct
 import zlib
 from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -15,6 +16,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Metadata
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
+from groundstation.config import ConfigError
 from groundstation.recording.records import MAGIC, FlightHeadline, HeadlineCounter
 from groundstation.runtime import is_being_written
 
@@ -31,6 +33,22 @@ _RECORD_BYTES = 1 << 28
 """No record of ours is longer: a length beyond it is damage."""
 _DATA = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
 """What stands in a recording before its index. mcap passes over other records; here they are damaged chunks."""
+
+
+@contextmanager
+def refuse_recordings(*more: type[Exception]) -> Iterator[None]:
+    """Tell the operator why a recording can't be read here, or what ``more`` is wrong with it.
+
+    Raises:
+        ConfigError: in the place of NoRecording, OSError and ``more``.
+    """
+    wrong: tuple[type[Exception], ...] = (NoRecording, *more)
+    try:
+        yield
+    except wrong as error:
+        raise ConfigError("LOG", str(error)) from None
+    except OSError as error:
+        raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
 
 
 class NoRecording(Exception):

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_io
 
 
 def split_at_markers(path: Path, name: str = "figures") -> tuple[str, str]:
@@ -12,9 +12,8 @@ def split_at_markers(path: Path, name: str = "figures") -> tuple[str, str]:
         ConfigError: the file can't be read, or has not just one pair of markers.
     """
     try:
-        text = path.read_text("utf-8")
-    except OSError as error:
-        raise ConfigError("--write", f"cannot read {path}: {error.strerror}") from None
+        with refuse_io("--write", f"cannot read {path}"):
+            text = path.read_text("utf-8")
     except UnicodeDecodeError as error:
         raise ConfigError("--write", f"{path} is not UTF-8 text (byte {error.start})") from None
     begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
@@ -30,7 +29,5 @@ def replace_between_markers(path: Path, text: str, name: str = "figures") -> Non
         ConfigError: the file can't be read or written, or has not just one pair of markers.
     """
     before, after = split_at_markers(path, name)
-    try:
+    with refuse_io("--write", f"cannot write {path}"):
         path.write_text(f"{before}\n{text}\n{after}", "utf-8")
-    except OSError as error:
-        raise ConfigError("--write", f"cannot write {path}: {error.strerror}") from None

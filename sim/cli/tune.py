@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
 from groundstation.runtime import replace_between_markers, split_at_markers
@@ -207,10 +207,8 @@ def _command() -> str:
 
 
 def _write(path: Path, content: str) -> None:
-    try:
+    with refuse_io("--out", f"cannot write {path}"):
         path.write_text(content, "utf-8")
-    except OSError as error:
-        raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
 
 
 def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> int:

@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_io
 from groundstation.core.geometry import Vec3
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
@@ -108,10 +108,8 @@ async def serve(
             pty = PtyWire(None if room is None else _ours(Path(room.serial)))
         track: TruthWriter | None = None
         if truth is not None:
-            try:
+            with refuse_io("--truth", f"cannot write {truth}"):
                 track = TruthWriter(files.enter_context(truth.open("xb")))
-            except OSError as error:
-                raise ConfigError("--truth", f"cannot write {truth}: {error.strerror}") from None
         stage = Stage(
             world, config, seed, None if track is None else track.note, autopilot=autopilot, parameters=parameters,
             pty=pty, standing=standing,

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from groundstation.analysis.report import figure_class
-from groundstation.config import ConfigError, lend, several, without_frames
+from groundstation.config import ConfigError, lend, refuse_io, several, without_frames
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S, Tick
 from groundstation.runtime import replace_between_markers, require_package
@@ -839,17 +839,14 @@ def write_trials(path: Path, trials: dict[str, list[TuningTrial]]) -> None:
     Raises:
         ConfigError: the file can't be written.
     """
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            for law, found in trials.items():
-                for one in found:
-                    gains = " ".join(f"{name}={value:g}" for name, value in one.gains.items())
-                    figures = f"{one.rms_cm:.4g}", f"{one.cost:.8g}"
-                    writer.writerow([law, one.number, *figures, "; ".join(one.broken), gains])
-    except OSError as error:
-        raise ConfigError("--table", f"cannot write {path}: {error.strerror}") from None
+    with refuse_io("--table", f"cannot write {path}"), path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for law, found in trials.items():
+            for one in found:
+                gains = " ".join(f"{name}={value:g}" for name, value in one.gains.items())
+                figures = f"{one.rms_cm:.4g}", f"{one.cost:.8g}"
+                writer.writerow([law, one.number, *figures, "; ".join(one.broken), gains])
 
 
 def equal_margins_table(rows: Sequence[EqualMarginsRow]) -> str:

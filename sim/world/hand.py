@@ -43,7 +43,7 @@ def make_hand(
         share = share**3 * (10.0 - 15.0 * share + 6.0 * share * share)
         (p, q), (r, s) = stops[leg], stops[leg + 1]
         tremor = tuple(2e-3 * math.sin(9.0 * time_s + phase) for phase in (0.0, 1.0, 2.0))
-        way = so3.rotation_vector(so3.multiply(so3.conjugate(q), s))
+        way = so3.turn_between(q, s)
         turn = _turn(q, (share * way[0], share * way[1], share * way[2]))
         turn = so3.rotate(turn, (4.0 * tremor[1], 4.0 * tremor[2], 4.0 * tremor[0]))
         x, y, z = (a + share * (b - a) + t for a, b, t in zip(p, r, tremor, strict=True))

@@ -27,8 +27,8 @@ from groundstation.analysis.evidence.evidence import (
     respond,
     tabulate_flights,
 )
-from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping, shipped_mappings
-from groundstation.config import ConfigError
+from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping
+from groundstation.config import ConfigError, shipped_texts
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
 from tests.recordings import recorded
@@ -414,7 +414,7 @@ def test_what_stands_on_the_floor_before_and_after_does_not_fly() -> None:
 
 def test_every_mapping_that_comes_along_is_one() -> None:
     names = ["ardupilot-bin", "ardupilot-tlog", "nanobench", "neural-fly", "px4-ulog"]
-    assert list(shipped_mappings()) == names
+    assert list(shipped_texts("mappings")) == names
     for name in names:
         assert load_mapping(name).title
 
@@ -504,7 +504,7 @@ def test_commands_whose_clock_is_set_back_at_other_times_are_left_out_and_it_is_
         rows: list[dict[str, Any]] = list(csv.DictReader(file))
     told = [row | {"sent": float(row["t"]) - (5.0 if n > 300 else 0.0)} for n, row in enumerate(rows)]
     mapping = tmp_path / "own.toml"
-    mapping.write_text(shipped_mappings()["nanobench"].replace("[[command]]", '[[command]]\ntime = "sent"'))
+    mapping.write_text(shipped_texts("mappings")["nanobench"].replace("[[command]]", '[[command]]\ntime = "sent"'))
     out = tmp_path / "own.mcap"
     assert import_command([write_csv(tmp_path / "own.csv", told)], str(mapping), out) == 0
     assert "no commands in it but with a clock that is set back at other times" in capsys.readouterr().out

@@ -22,7 +22,7 @@ from msgspec import inspect as mi
 import groundstation
 from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
-from groundstation.config import ConfigError, describe_type, structs
+from groundstation.config import describe_type, refuse_io, structs
 from groundstation.interfaces.mqtt import write_schemas
 from groundstation.recording import CHANNELS
 from groundstation.settings import Config
@@ -552,10 +552,8 @@ def reference_command(folder: Path | None) -> str:
     if folder is None:
         return "\n".join(page(name) for name in PAGES)
     for name in PAGES:
-        try:
+        with refuse_io("--write", f"cannot write {folder / name}"):
             folder.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(page(name), "utf-8")
-        except OSError as error:
-            raise ConfigError("--write", f"cannot write {folder / name}: {error.strerror}") from None
     written = [folder / name for name in PAGES] + write_schemas(folder / SCHEMAS)
     return "\n".join(f"{path} written" for path in written)

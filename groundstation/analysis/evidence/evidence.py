@@ -496,7 +496,7 @@ def _as_rates(flight: EvidenceFlight, at_s: Column, air: slice) -> tuple[list[Se
     signals = np.array([one.thrust for one in sent])
     attitudes = [pose.attitude for pose in flight.poses]
     spans = np.diff(at_s)
-    turned = np.array([_turn(a, b) for a, b in zip(attitudes, attitudes[1:], strict=False)]) / spans[:, None]
+    turned = np.array([so3.turn_between(a, b) for a, b in zip(attitudes, attitudes[1:], strict=False)]) / spans[:, None]
     wanted = [(a.w, a.x, a.y, a.z) for one in sent if (a := one.attitude) is not msgspec.UNSET]
 
     def ask(shift_s: float) -> Column:
@@ -504,7 +504,9 @@ def _as_rates(flight: EvidenceFlight, at_s: Column, air: slice) -> tuple[list[Se
         if len(wanted) < len(sent):  # thrust alone: it turns as it turned last
             return np.concatenate([turned[:1], turned])
         newest = np.clip(np.searchsorted(times, at_s - shift_s, "right") - 1, 0, None)
-        return flight.told.attitude_p * np.array([_turn(q, wanted[k]) for q, k in zip(attitudes, newest, strict=True)])
+        return flight.told.attitude_p * np.array(
+            [so3.turn_between(q, wanted[k]) for q, k in zip(attitudes, newest, strict=True)]
+        )
 
     loop = None
     if len(wanted) == len(sent):
@@ -524,10 +526,6 @@ def _rates(sent: ImportedSetpoint) -> Vec3:
     w = sent.rates_rad_s
     assert w is not msgspec.UNSET, "asked for before"
     return w.x, w.y, w.z
-
-
-def _turn(before: Quat, after: Quat) -> Vec3:
-    return so3.rotation_vector(so3.multiply(so3.conjugate(before), after))
 
 
 def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
@@ -637,7 +635,7 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
             estimator.add_command(drives[k][0] + delay, drives[k][1])
             k += 1
         if not drives and i > air.start:
-            turn = _turn(flight.poses[i - 1].attitude, pose.attitude)
+            turn = so3.turn_between(flight.poses[i - 1].attitude, pose.attitude)
             x, y, z = (angle / (now - float(at_s[i - 1])) for angle in turn)
             estimator.add_command(now, ActuatorCommand(weight * _bear_weight(pose.attitude), (x, y, z)))
         nis = estimator.consistency(pose) if estimator.ready else None

@@ -18,7 +18,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -28,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.analysis.shadow import read_recording
-from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, shipped_texts
 from groundstation.core.geometry import Body, Frames, Quat, World, axes, so3
 from groundstation.core.messages import Pose
 from groundstation.recording import (
@@ -150,19 +149,13 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     vehicle: MappedVehicle = MappedVehicle()
 
 
-def shipped_mappings() -> dict[str, str]:
-    """The text of each mapping that comes along, by name."""
-    files = sorted((resources.files("groundstation") / "mappings").iterdir(), key=lambda file: file.name)
-    return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
-
-
 def load_mapping(name: str) -> FlightMapping:
     """The mapping that comes along as ``name``, or that in the file ``name``.
 
     Raises:
         ConfigError: there is none, or a key is wrong.
     """
-    known = shipped_mappings()
+    known = shipped_texts("mappings")
     text = known.get(name)
     if text is None:
         try:
@@ -369,20 +362,10 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path) -> int:
         raise ConfigError("--out", f"{out} is there already")
     mapping = load_mapping(map_name)
     flight = read_flight(mapping, paths)
-    try:
+    with refuse_io("--out", f"cannot write {out}"):
         write_flight(flight, mapping, map_name, paths, out)
-    except OSError as error:
-        raise ConfigError("--out", f"cannot write {out}: {error.strerror}") from None
-    counts = ", ".join(
-        f"{flight.count(topic)} {what}"
-        for topic, what in (
-            (MEASURED, "poses"),
-            (SETPOINT, "commands"),
-            (REFERENCE, "of the reference"),
-            (TRUTH, "true"),
-        )
-    )
-    print(f"{out}: {counts}")
+    told = {MEASURED: "poses", SETPOINT: "commands", REFERENCE: "of the reference", TRUTH: "true"}
+    print(f"{out}: {', '.join(f'{flight.count(topic)} {what}' for topic, what in told.items())}")
     for line in flight.missing:
         print(f"missing: {line}")
     for reason, count in sorted(flight.notes.items()):

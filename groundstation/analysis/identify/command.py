@@ -45,10 +45,10 @@ from groundstation.analysis.report import (
     finish_panels,
     frame_picture,
 )
-from groundstation.config import ConfigError, from_dict
+from groundstation.config import ConfigError, from_dict, refuse_io
 from groundstation.core.geometry import so3
 from groundstation.core.trajectory import ExcitationConfig
-from groundstation.recording import NoRecording
+from groundstation.recording import refuse_recordings
 from groundstation.runtime import require_package
 from groundstation.settings import Config
 from links.core import signal
@@ -633,21 +633,15 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
         require_package("matplotlib", "--page", "plot")
     if out is not None and out.exists():
         raise ConfigError("--out", f"{out} is there already")
-    try:
+    with refuse_recordings(StretchTooShort):
         found = identify(read_stretch(path))
-    except (NoRecording, StretchTooShort) as error:
-        raise ConfigError("LOG", str(error)) from None
-    except OSError as error:
-        raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
     knows = any(found.parameters[name].identified for name in NEEDED)
     if out is not None:
         if not knows:
             raise ConfigError("--out", f"nothing to write: thrust, lags and delay are {FLY}")
         text = file_text(found)
-        try:
+        with refuse_io("--out", f"cannot write {out}"):
             out.write_text(text, "utf-8")
-        except OSError as error:
-            raise ConfigError("--out", f"cannot write {out}: {error.strerror}") from None
     shown = None
     if page is not None:
         try:

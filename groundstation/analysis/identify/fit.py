@@ -407,7 +407,7 @@ class TurnFit(NamedTuple):
 def turns(attitude: Column) -> Column:
     """Rotation vector from each of the attitudes (N, 4) to the next, in the body's frame, (N-1, 3) [rad]."""
     before, after = components(attitude[:-1]), components(attitude[1:])
-    return np.stack(so3.rotation_vector(so3.multiply(so3.conjugate(before), after), arrays()), axis=1)
+    return np.stack(so3.turn_between(before, after, arrays()), axis=1)
 
 
 def angles(seen: FlightStretch, values: Column, time_s: Column) -> Column:

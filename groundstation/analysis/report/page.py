@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from groundstation.analysis.report.figures import ReportFigure, flight_letters
 from groundstation.config import ConfigError
 from groundstation.core.messages import SATURATION_FROM_S, STEADY_S
-from groundstation.recording import NoRecording
+from groundstation.recording import refuse_recordings
 from groundstation.runtime import require_package
 
 if TYPE_CHECKING:
@@ -67,7 +67,8 @@ def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts
     names = _short_names(facts)
     title = " against ".join(_name(one) for one in facts)
     parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
-    parts += ["<h2>Result</h2>", _results(names, facts), f'<p class="note">{AGAINST}</p>']
+    head, *rows = result_table(names, facts)
+    parts += ["<h2>Result</h2>", _table(head, rows, numbers=True), f'<p class="note">{AGAINST}</p>']
     parts += [_budget(name, one["budget"]) for name, one in zip(names, facts, strict=True) if one["budget"]]
     parts += [frame_picture(one.name, one.title, one.caption, path) for one, path in figures]
     parts += ["<h2>Events</h2>", *(_events(name, one) for name, one in zip(names, facts, strict=True))]
@@ -127,11 +128,6 @@ def _warnings(one: dict[str, Any]) -> str:
         said.append("Flown in virtual time: computing takes none there, and nothing is ever late.")
     said += map(escape, one["told_outside"])
     return "".join(f'<p class="note warning">{escape(one["file"])}: {line}</p>' for line in said)
-
-
-def _results(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> str:
-    head, *rows = result_table(names, facts)
-    return _table(head, rows, numbers=True)
 
 
 def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[list[str]]:
@@ -286,16 +282,12 @@ def report_command(
         require_package("matplotlib", "report", "plot", "; --json does without")
     from groundstation.analysis.report.flight import NoCommand, numbers, read_columns
 
-    try:
+    with refuse_recordings(NoCommand):
         flights = [read_columns(path) for path in paths]
         if find_budget is not None and len(flights) <= SIDE_BY_SIDE:
             for flown in flights:
                 flown.budget = find_budget(flown)
         outside = [] if only_budget else [find_outside(path) for path in paths]
-    except (NoRecording, NoCommand) as error:
-        raise ConfigError("LOG", str(error)) from None
-    except OSError as error:
-        raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
     if only_budget:
         print(
             json.dumps({"budgets": [f.budget for f in flights]}) if as_json else "\n\n".join(map(_say_budget, flights))

@@ -148,6 +148,11 @@ def rotate(q: Quat, angle: Vec3) -> Quat:
     return (n * e, n * f, n * g, n * h)
 
 
+def turn_between(before: Quat, after: Quat, ops: Ops = FLOATS) -> Vec3:
+    """Rotation vector [rad] that leads from one attitude to the other, in the body's axes."""
+    return rotation_vector(multiply(conjugate(before), after), ops)
+
+
 def rotation_vector(q: Quat, ops: Ops = FLOATS) -> Vec3:
     """The rotation vector [rad] of ``q``, of length <= pi: the inverse of ``exp``."""
     w, x, y, z = q

@@ -657,7 +657,7 @@ def words_of_flying(command: str, argument: str) -> list[str]:
     if argument == "overrides":
         return [f"{key}=" for key in keys_of(BridgeConfig if command == "rf-bridge" else Config)]
     if (command, argument) == ("config new", "name"):
-        from groundstation.config import example_names
+        from groundstation.config import example_texts
 
-        return example_names()
+        return list(example_texts())
     return []

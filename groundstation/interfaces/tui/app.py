@@ -29,7 +29,7 @@ from textual.notifications import SeverityLevel
 from textual.pilot import Pilot
 from textual.screen import Screen
 
-from groundstation.config import ConfigError, parse_toml
+from groundstation.config import ConfigError, parse_toml, refuse_io
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
     GAIN,
@@ -77,7 +77,7 @@ from groundstation.interfaces.tui.pages import (
     PageFrame,
 )
 from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
-from groundstation.recording import Entry, NoRecording, Recording
+from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.runtime import (
     ApiError,
     StatusConfig,
@@ -911,12 +911,8 @@ def _run(dashboard: Dashboard, theme: str) -> int:
 
 
 def _show_recording(log: Path, theme: str, at: float | None, picture: Path | None, size: str) -> int:
-    try:
+    with refuse_recordings():
         tape = Tape(log)
-    except NoRecording as error:
-        raise ConfigError("LOG", str(error)) from None
-    except OSError as error:
-        raise ConfigError("LOG", f"cannot read {log}: {error.strerror}") from None
     playback = Playback(tape.hello, list(tape.snapshots()))
     dashboard = Dashboard(playback)
     if at is not None:
@@ -928,10 +924,8 @@ def _show_recording(log: Path, theme: str, at: float | None, picture: Path | Non
     dashboard.theme = theme
     playback.paused = True
     columns, rows = _size(size)
-    try:
+    with refuse_io("--screenshot", f"cannot write {picture}"):
         picture.write_text(shoot(dashboard, (columns, rows)), "utf-8")
-    except OSError as error:
-        raise ConfigError("--screenshot", f"cannot write {picture}: {error.strerror}") from None
     print(f"written: {picture}")
     return 0
 

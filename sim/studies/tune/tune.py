@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import msgspec
 from msgspec import inspect as mi
 
-from groundstation.config import ConfigError, dump, load
+from groundstation.config import ConfigError, dump, is_within_bounds, load, strip_metadata
 from groundstation.core.control import ControllerConfig, Custom, Gains, bound_decrease
 from groundstation.core.vehicle import Vehicle
 from groundstation.pose.sources import ViconConfig
@@ -127,7 +127,7 @@ def _numbers(controller: ControllerConfig) -> dict[str, tuple[mi.FloatType, floa
         return {name: (mi.FloatType(), float(value)) for name, value in options.items()}
     info = mi.type_info(type(controller))
     assert isinstance(info, mi.StructType)
-    kinds = ((field, field.type.type if isinstance(field.type, mi.Metadata) else field.type) for field in info.fields)
+    kinds = ((field, strip_metadata(field.type)) for field in info.fields)
     return {
         field.name: (kind, field.default if isinstance(field.default, float) else None)
         for field, kind in kinds
@@ -151,7 +151,7 @@ def _find_key(controller: ControllerConfig, accepted: Mapping[str, Any], text: s
     if equals:
         low, high = _bounds(dotted, bounds)
         for bound in (low, high):
-            if not _allows(kind, bound):
+            if not is_within_bounds(kind, bound):
                 raise ConfigError("--keys", f"{dotted} does not accept {bound:g}")
     elif start == 0.0:
         raise ConfigError("--keys", f"{dotted} is switched off (0): switch it on with --set, or leave it out")
@@ -173,15 +173,6 @@ def _bounds(dotted: str, text: str) -> tuple[float, float]:
     if not 0.0 < low < high < math.inf:
         raise ConfigError("--keys", f"expected 0 < LOW < HIGH for {dotted}, got {text!r}")
     return low, high
-
-
-def _allows(kind: mi.FloatType, value: float) -> bool:
-    return (
-        (kind.gt is None or value > kind.gt)
-        and (kind.ge is None or value >= kind.ge)
-        and (kind.lt is None or value < kind.lt)
-        and (kind.le is None or value <= kind.le)
-    )
 
 
 _STATION = ("vehicle", "controller", "pose", "link", "status", "mqtt")

@@ -261,7 +261,7 @@ async def take_out(scene: Scene) -> None:
         t = time_s - begun_s
         (place, turn), (ahead, then) = at(t), at(t + STEP_S)
         u, v, w = ((q - p) / STEP_S for p, q in zip(place, ahead, strict=True))
-        p, q, r = (angle / STEP_S for angle in so3.rotation_vector(so3.multiply(so3.conjugate(turn), then)))
+        p, q, r = (angle / STEP_S for angle in so3.turn_between(turn, then))
         return Body(place, (u, v, w), turn, thrust, (p, q, r))
 
     scene.stage.plant.lead = lead

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from groundstation.config import ConfigError
+from groundstation.config import refuse_io
 from tests.proving.faults.cell import AUTOPILOT
 from tests.proving.faults.fault import REASONS
 from tests.proving.faults.faults import FAULTS
@@ -112,7 +112,5 @@ def write(path: Path, rows: Sequence[Row], command: str) -> None:
     Raises:
         ConfigError: the file can't be written.
     """
-    try:
+    with refuse_io("--write", f"cannot write {path}"):
         path.write_text(page(rows, command), "utf-8")
-    except OSError as error:
-        raise ConfigError("--write", f"cannot write {path}: {error.strerror}") from None
