@@ -352,9 +352,19 @@ def test_the_wander_of_an_acceleration_is_found_beside_white_noise_and_a_wanderi
     steps = draw.standard_normal((2, *place.shape)) * 0.1  # of densities 1, for 0.01 s
     drifts = np.cumsum(np.cumsum(np.cumsum(density * steps[0], axis=0) * 0.01, axis=0) * 0.01, axis=0)
     wanders = np.cumsum(np.cumsum(0.05 * steps[1], axis=0) * 0.01, axis=0)
-    assert measure_drift(stamps, place + drifts + wanders, 0.05) == pytest.approx(density, rel=0.2)
-    assert measure_drift(stamps, place + wanders, 0.05) < 0.5
+    found = measure_drift(stamps, place + drifts + wanders, 0.05)
+    assert found.mean == pytest.approx(density, rel=0.2)
+    assert found.bursts < 1.1
+    assert measure_drift(stamps, place + wanders, 0.05).mean < 0.5
     assert pytest.approx(2.0 / 3.0 / 70.0) == DRIFTED
+
+
+def test_an_acceleration_that_jumps_in_bursts_is_told_from_one_that_wanders_all_the_time() -> None:
+    stamps, place = circle(100.0, 0.0, 5e-5)
+    jolts = 0.5 * np.random.default_rng(4).standard_normal(place.shape)
+    jolts[np.arange(len(stamps)) % 500 > 50] = 0.0
+    drifts = np.cumsum(np.cumsum(np.cumsum(jolts, axis=0), axis=0), axis=0) * 1e-4
+    assert measure_drift(stamps, place + drifts, 0.0).bursts > 1.25
 
 
 @pytest.mark.parametrize("leans", [True, False], ids=["poses", "positions"])
@@ -382,6 +392,26 @@ def test_hard_steps_that_nobody_commanded_are_predicted_better_than_by_constant_
     assert facts["jitter_ms"] == pytest.approx(1e3 * jitter_s, rel=0.2)
     assert row["rms_mm"] < (0.8 if leans else 0.95) * row["pvt_rms_mm"]
     assert row["across_mm"] < row["along_mm"]
+
+
+@pytest.mark.parametrize("flown_s", [24.0, 5.0])
+@pytest.mark.parametrize("hz", [50.0, 100.0])
+def test_a_hover_that_nobody_commanded_is_predicted_better_than_by_constant_velocity(
+    hz: float, flown_s: float, tmp_path: Path
+) -> None:
+    """Centimetres to and fro within seconds: what the differences do not show of an acceleration is not there."""
+    draw = np.random.default_rng(6)
+    time = np.arange(0.0, flown_s, 1.0 / hz)
+    phases = 2.0 * math.pi * (np.outer(time, [0.1, 0.2, 0.35]) + draw.random(3))
+    place = np.sin(phases) @ draw.uniform(-0.005, 0.005, (3, 3)) + 5e-5 * draw.standard_normal((len(time), 3))
+    rows = [
+        {"t": at, "px": x, "py": y, "pz": 1.0 + z, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
+        for at, (x, y, z) in zip(time + 0.05, place, strict=True)
+    ]
+    facts = examine_flight(imported(tmp_path, write_csv(tmp_path / "hover.csv", rows), "nanobench"))
+    row = facts["prediction"]["60"]
+    assert row["rms_mm"] < 0.85 * row["pvt_rms_mm"]
+    assert 0.7 < facts["nis3"] < 1.4
 
 
 @pytest.mark.parametrize(("gain", "lag_s", "delay_s"), [(6.0, 0.045, 0.05), (7.0, 0.15, 0.02)])

@@ -333,21 +333,37 @@ DRIFTED = 2.0 * (11.0 / 20.0 - 13.0 / 60.0) / 70.0
 """Variance that an acceleration of density 1, a random walk, leaves of such a difference, over the fifth power of the
 spacing: third differences of its double integral have 11/20 and, between neighbours, 13/60; fourth ones as above."""
 BURSTS = 1.4
-"""An acceleration that nobody tells jumps in bursts, and they make most of the error: so many times the mean [-]."""
+"""An acceleration that nobody tells may jump in bursts, which make most of the error: at most so many times the mean
+counts [-]."""
+LEAST_DENSITY, RATE_DENSITY = 1e-3, 0.2
+"""Of what is measured and does not show: the filter's noise is never nought [m/s² or m/s³ per √Hz]. And of the rate of
+such an acceleration, which never shows beside it [m/s⁴ per √Hz]."""
 
 
-def measure_drift(at_s: Column, place: Column, wander: float) -> float:
-    """How the acceleration that moves positions wanders [m/s³ per √Hz], beside the ``wander`` of their velocity."""
+class Drift(NamedTuple):
+    """How the acceleration that moves positions wanders."""
+
+    mean: float
+    """Over all of them; what chance may hide where none is seen [m/s³ per √Hz]."""
+    bursts: float
+    """Where most of it is, over the mean: 1 for Gaussian noise, which is the same at all times [-]."""
+
+
+def measure_drift(at_s: Column, place: Column, wander: float) -> Drift:
+    """What acceleration positions tell of, beside the ``wander`` of their velocity [m/s² per √Hz]."""
     near = float(np.median(np.diff(at_s)))
     stride = max(2, round(DRIFT_S / near))
-    if len(at_s) < 30 * stride:
-        return 0.0
-    variances, far = [], stride * near
+    if len(at_s) < 8 * stride:
+        return Drift(0.0, 1.0)
+    squares, far = [], stride * near
     for some in (stride, 1):
         left, span, _ = take_differences(at_s, place, some)
-        variances.append(float((left[span < 1.5 * np.median(span)] ** 2).mean()))
-    grown = variances[0] - variances[1] - WANDERED * wander**2 * (far**3 - near**3)
-    return math.sqrt(max(0.0, grown) / (DRIFTED * (far**5 - near**5)))
+        squares.append((left[span < 1.5 * np.median(span)] ** 2).sum(axis=1) / 3.0)
+    seen, white = (float(some.mean()) for some in squares)
+    grown = seen - white - WANDERED * wander**2 * (far**3 - near**3)
+    hidden = seen / math.sqrt(len(squares[0]))
+    bursts = (float((squares[0] ** 2).mean()) / (5.0 / 3.0 * seen**2)) ** 0.25 if seen else 1.0
+    return Drift(math.sqrt(max(hidden, grown) / (DRIFTED * (far**5 - near**5))), min(max(bursts, 1.0), BURSTS))
 
 
 def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice:
@@ -575,18 +591,25 @@ class Judged(NamedTuple):
 def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
     """What the filter is told of its noise: that of the source, by differences of its positions.
 
-    Where no command tells what moves the vehicle, the differences tell how it wanders, too.
+    Where no command tells what moves the vehicle, they tell how that wanders, too, and the filter's own figures, which
+    are for a wind beside commands, do not count.
     """
     at_s, place, told = driven.at_s[driven.air], driven.place[driven.air], driven.config.controller
-    wander, drift = measure_wander(at_s, place), 0.0
-    if not driven.recorded.sent:
-        drift = BURSTS * measure_drift(at_s, place - _integrate_lean(driven), wander)
-    return msgspec.structs.replace(
+    wander = measure_wander(at_s, place)
+    of_source = msgspec.structs.replace(
         told,
         pose_noise_m=max(noise.across_m, 1e-6),
         pose_jitter_s=noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0,
         acceleration_noise=max(told.acceleration_noise, wander),
-        wind_noise=max(told.wind_noise, drift),
+    )
+    if driven.recorded.sent:
+        return of_source
+    drift = measure_drift(at_s, place - _integrate_lean(driven), wander)
+    return msgspec.structs.replace(
+        of_source,
+        acceleration_noise=max(wander, LEAST_DENSITY),
+        wind_noise=max(drift.bursts * drift.mean, LEAST_DENSITY),
+        wind_rate_noise=RATE_DENSITY,
     )
 
 
