@@ -123,7 +123,11 @@ def _write_folder(recording: "Recording", topics: list[str], folder: Path) -> No
         }
         rows = write_csv(recording, files)
     for topic, path in paths.items():
-        print(f"{path}: {rows[topic]} rows")
+        if rows[topic]:
+            print(f"{path}: {rows[topic]} rows")
+        else:  # nobody reads a table without a column
+            path.unlink()
+            print(f"{topic}: holds nothing, no file of it")
     if not recording.whole:
         print(f"the recording {recording.trouble}")
 

@@ -137,6 +137,14 @@ def test_export_writes_what_save_does(run: gs.Run, tmp_path: Path, capsys: pytes
         assert {name.partition(".")[0] for name in kept} == {"errors"}
 
 
+def test_every_table_that_is_written_for_a_spreadsheet_can_be_read(run: gs.Run, tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    assert export_command(run.path, "csv", [], tmp_path / "tables") == 0
+    tables = {path.stem: pandas.read_csv(path) for path in (tmp_path / "tables").iterdir()}
+    assert len(tables["errors"]) == len(run["errors"]["error_m"])
+    assert "request" not in tables  # nobody made one
+
+
 def test_a_figure_shows_itself_in_a_notebook(run: gs.Run) -> None:
     figure: Any = run.plot("error")
     assert figure._repr_png_().startswith(b"\x89PNG")
