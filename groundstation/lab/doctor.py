@@ -151,7 +151,7 @@ class BoardVisit:
         """Read all tables and what the advice names, on its command line."""
         await self._board.enter()
         self.parameters = {}
-        for table in ("aux", "rxrange", "map"):
+        for table in ("aux", "rxrange", "rxfail", "map"):
             self.parameters |= self._find_settings(await self._board.tell(table))
         self.parameters |= await self.read(
             name for advice in self.advice for name in advice.names if name not in self.parameters and " " not in name

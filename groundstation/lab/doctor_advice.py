@@ -352,8 +352,9 @@ def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
     ]
 
 
-AUX_CHANNELS, AUX_SLOTS, EMPTY_SLOT = 12, 20, "0 0 900 900 0 0"
-"""Of a Betaflight: channels beside the first four, rows that assign modes to them, and a row that assigns none."""
+FLIGHT_CHANNELS, AUX_CHANNELS, AUX_SLOTS, EMPTY_SLOT = 4, 12, 20, "0 0 900 900 0 0"
+"""Of a Betaflight: channels of sticks and throttle, those beside them, rows that assign modes to them, and a row that
+assigns none."""
 ARM_MODE = 0
 LEVEL_MODES = {
     1: "ANGLE", 2: "HORIZON", 3: "ALTHOLD", 5: "MAG", 6: "HEADFREE", 11: "POS HOLD", 12: "PASSTHRU", 27: "FAILSAFE",
@@ -435,9 +436,9 @@ def betaflight_advice(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[
         must("failsafe_procedure", exactly("DROP"), "Else it hovers away, or lands for seconds, without a pilot."),
         must(
             "failsafe_delay",
-            between(1.0, 12.0, 12.0),
-            "The motors turn for so long [0.1 s] after the receiver has given up; where it gives pulses that mean "
-            "nothing 0.3 s more: with 12 that, too, ends within 2.6 s of the last frame (1 s are the receiver's).",
+            between(3.0, 12.0, 12.0),
+            "If no channel stands for disarmed by then, the motors turn for so long [0.1 s] after the receiver has "
+            "given up; where it gives pulses that mean nothing 0.3 s more.",
         ),
         must(
             "msp_override_channels_mask",
@@ -491,6 +492,12 @@ def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advi
 
     name_of = {name: LEVEL_MODES.get(slot[0], "ARM") for name, slot in used.items()}
     return [
+        must(
+            f"rxfail {FLIGHT_CHANNELS + channel}",
+            exactly("s 1000" if disarmed_us < armed_us else "s 2000"),
+            "Once its pulses are missing or mean nothing, the arm channel stands for disarmed, and the motors stop "
+            "0.3 s (without frames 0.5 s) after the receiver has given up. Else it stays armed for failsafe_delay.",
+        ),
         must(
             arming,
             Rule(f"ARM on AUX{channel + 1}, on {armed_us:.0f} and off {disarmed_us:.0f} µs", arms, lambda _: right),

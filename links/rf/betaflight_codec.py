@@ -34,7 +34,7 @@ _REQUEST, _ANSWERS = b"$M<", (b"$M>", b"$M!")
 _FRAME_BYTES, _LONGEST = 6, 255
 _MODES, _ARMED = struct.Struct("<6xI"), 1
 _REFUSES = re.compile(r"###ERROR|invalid|unknown|parse error", re.IGNORECASE)
-_ROWS = re.compile(r"^(aux|rxrange) (\d+) ([\d ]+?)\s*$|^(map) ([A-Z0-9]{8})\s*$", re.MULTILINE)
+_ROWS = re.compile(r"^(aux|rxrange|rxfail) (\d+) ([ahs\d][\d ]*?)\s*$|^(map) ([A-Z0-9]{8})\s*$", re.MULTILINE)
 
 
 class MspAnswer(NamedTuple):
@@ -108,9 +108,9 @@ def find_refusal(answer: str) -> str | None:
 
 
 def find_settings(answer: str) -> dict[str, float | str]:
-    """Every setting in an answer of the command line: ``name = value``, ``aux``, ``rxrange`` and ``map``.
+    """Every setting in an answer of the command line: ``name = value``, ``aux``, ``rxrange``, ``rxfail``, ``map``.
 
-    Rows of a table go by their numbers: ``aux 0`` is ``0 0 1700 2100 0 0``.
+    Rows of a table go by their numbers: ``aux 0`` is ``0 0 1700 2100 0 0``, ``rxfail 4`` is ``s 1000``.
     """
     found: dict[str, float | str] = {}
     for line in answer.splitlines():

@@ -46,8 +46,7 @@ PULSES = 16
 RECIPE = """
 map {order}
 aux 0 0 0 1700 2100 0 0
-aux 1 27 1 1700 2100 0 0
-set failsafe_switch_mode = STAGE1
+rxfail 4 s 1000
 set failsafe_procedure = DROP
 set failsafe_delay = 12
 set rates_type = ACTUAL
@@ -66,8 +65,8 @@ set runaway_takeoff_prevention = OFF
 set gyro_calib_duration = 50
 set pid_process_denom = 1
 """
-"""What a board is told before it flies ours (docs/how-to/betaflight.md): it arms on AUX1. AUX2 is the failsafe switch,
-by which frames that are missing are played: see :class:`FlightBoard`."""
+"""What a board is told before it flies ours (docs/how-to/betaflight.md): it arms on AUX1, which stands for disarmed
+once its pulses are missing or mean nothing."""
 GAINS = (
     "set simplified_pids_mode = OFF",
     *(f"set f_{axis} = 0" for axis in ("roll", "pitch", "yaw")),
@@ -97,7 +96,8 @@ def describe_settings(half_us: float, order: str, rates_deg_s: Sequence[float]) 
 
 _STATE, _CHANNELS, _STEP = struct.Struct("<18d"), struct.Struct(f"<d{PULSES}H"), struct.Struct("<2Q144s40s")
 _ANSWER = struct.Struct("<IHH4f")
-_FAILSAFE_SWITCH = 5
+_USED = 5
+"""Channels that ours moves."""
 _REST = _STATE.pack(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 1.0, *[0.0] * 9, 101325.0)
 
 
@@ -317,11 +317,10 @@ class FlightBoard:
         """
         self._plant = plant
         self._gyro, self._noise = gyro, noise_rad_s
-        self._pulses = [1500, 1500, 1500, 1500, 1000]
         self.on_motors: Callable[[float, FourRotors], None] | None = None
         """Sees the motors' signals (0..1) of each step, and when [s]."""
         self.firmware = Firmware(configure(settings))
-        rest = self._tell(1000)
+        rest = pack_pulses([1500, 1500, 1500, 1500, 1000])
         for k in range(round(BOOT_S / STEP_S)):
             self.firmware.step(channels=rest if k * STEP_S > LISTENS_S else None)
         self._fresh: bytes | None = None
@@ -329,15 +328,10 @@ class FlightBoard:
     def hear(self, pulses: Sequence[float] | None) -> None:
         """Take the receiver's pulses of all channels [µs]; None where it gives none any more.
 
-        The simulated input knows no missing frames: it repeats the last pulses for ever. So they are played by the
-        failsafe switch, which does in the firmware what missing frames would, after the same time.
+        The simulated input knows no missing frames: it repeats the last pulses for ever. So they are played by pulses
+        that mean nothing. In both the firmware holds the last good ones for 0.3 s first, and then does the same (rx.c).
         """
-        if pulses is not None:
-            self._pulses = [round(pulse) for pulse in pulses[:_FAILSAFE_SWITCH]]
-        self._fresh = self._tell(1000 if pulses is not None else 2000)
-
-    def _tell(self, failsafe_us: int) -> bytes:
-        return pack_pulses([*self._pulses, failsafe_us])
+        self._fresh = pack_pulses([0] * _USED if pulses is None else [round(pulse) for pulse in pulses[:_USED]])
 
     async def run(self) -> None:
         """Fly until cancelled."""

@@ -5,7 +5,8 @@ from functools import cache
 
 import pytest
 
-from sim.autopilots import Firmware
+from sim.autopilots import STEP_S, Firmware, betaflight, configure, describe_settings, pack_pulses
+from sim.autopilots.betaflight import LIFTS, LISTENS_S
 from sim.radio import FAILSAFE_S
 from sim.runs import Stage, fly, fly_mission, from_floor
 from sim.runs.flight import Result
@@ -26,6 +27,8 @@ pytestmark = pytest.mark.firmware
 
 FAILSAFE_DELAY_S = 1.2
 """Of the firmware, by its settings."""
+HOLD_S = 0.3
+"""So long it holds the last good pulses, whatever its settings (MAX_INVALID_PULSE_TIME_MS, src/main/rx/rx.c)."""
 BROUGHT_DOWN_S = 2.75
 """Motors are off so long after the last pose at the latest."""
 
@@ -100,8 +103,13 @@ def test_what_is_left_of_ours_brings_it_down_and_stops_its_motors(strike: Callab
 
 
 @pytest.mark.parametrize("link", ["dsm", "crsf"])
-def test_where_nothing_of_ours_is_heard_any_more_receiver_and_firmware_stop_its_motors(link: str) -> None:
-    assert strike_down(cut_wire, link).off_s < FAILSAFE_S + FAILSAFE_DELAY_S + 0.1
+@pytest.mark.parametrize("strike", [cut_wire, give_invalid])
+def test_where_nothing_of_ours_is_heard_any_more_receiver_and_firmware_stop_its_motors(
+    strike: Callable[[Stage], None], link: str
+) -> None:
+    off_s = strike_down(strike, link).off_s
+    assert off_s < FAILSAFE_S + FAILSAFE_DELAY_S + 0.1
+    assert off_s == pytest.approx(FAILSAFE_S + HOLD_S, abs=0.05)
 
 
 def test_a_receiver_that_holds_its_last_pulses_keeps_the_motors_turning_for_ever() -> None:
@@ -109,10 +117,32 @@ def test_a_receiver_that_holds_its_last_pulses_keeps_the_motors_turning_for_ever
     assert strike_down(hold_for_ever, "dsm").off_s > WATCHED_S - 0.01
 
 
-def test_pulses_that_mean_nothing_count_for_the_last_good_ones_for_as_long_as_the_firmware_has_it() -> None:
+def test_where_no_channel_stands_for_disarmed_the_delay_begins_after_the_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(betaflight, "RECIPE", betaflight.RECIPE.replace("rxfail 4 s 1000\n", ""))
     off_s = strike_down(give_invalid, "dsm").off_s
-    assert off_s == pytest.approx(FAILSAFE_S + 0.3 + FAILSAFE_DELAY_S, abs=0.1)
+    assert off_s == pytest.approx(FAILSAFE_S + HOLD_S + FAILSAFE_DELAY_S, abs=0.1)
     assert off_s < BROUGHT_DOWN_S
+
+
+def test_pulses_that_come_back_start_no_motor_until_the_arm_channel_has_been_down() -> None:
+    with Firmware(configure(describe_settings(512.0, "AETR1234", (200.0, 200.0, 300.0)))) as firmware:
+
+        def give(for_s: float, throttle_us: int, arm_us: int, stick_us: int = 1500) -> float:
+            pulses = pack_pulses([stick_us, stick_us, throttle_us, stick_us, arm_us])
+            answers = [firmware.step(channels=None if k else pulses) for k in range(round(for_s / STEP_S))]
+            return max(answers[-1].motors)
+
+        for _ in range(round(LISTENS_S / STEP_S)):
+            firmware.step()
+        assert give(4.0, 988, 988) == 0.0
+        assert give(1.0, 988, 2012) > 0.0
+        assert give(0.5, 1600, 2012) > LIFTS
+        assert give(HOLD_S - 0.05, 0, 0, 0) > LIFTS
+        assert give(0.1, 0, 0, 0) == 0.0
+        assert give(2.0, 1600, 2012) == 0.0
+        assert give(1.0, 988, 2012) == 0.0
+        assert give(0.5, 988, 988) == 0.0
+        assert give(1.0, 988, 2012) > 0.0
 
 
 def test_identify_finds_what_steps_on_the_plant_show() -> None:

@@ -24,11 +24,12 @@ WRONG = (
     "set roll_srate = 67",
     "set rc_smoothing = ON",
     "set failsafe_delay = 60",
+    "rxfail 4 h",
     "aux 2 1 1 1300 1700 0 0",
     "set i_yaw = 80",
 )
-"""A rate, a lag, a failsafe, ANGLE where our frames are always, and an own gain."""
-FIVE = {"roll_srate", "rc_smoothing", "failsafe_delay", "aux 2", "i_yaw"}
+"""A rate, a lag, two of failsafe, ANGLE where our frames are always, and an own gain."""
+WRONGLY = {"roll_srate", "rc_smoothing", "failsafe_delay", "rxfail 4", "aux 2", "i_yaw"}
 
 
 def told() -> Config:
@@ -163,7 +164,7 @@ def test_each_wrong_setting_is_found_and_nothing_is_changed(tmp_path: Path) -> N
     before = host.eeprom
     code, said = visit(host, tmp_path, as_json=True)
     facts = json.loads(said)
-    assert {one["name"] for one in facts["findings"] if one["verdict"] in ("must", "should")} == FIVE
+    assert {one["name"] for one in facts["findings"] if one["verdict"] in ("must", "should")} == WRONGLY
     assert facts["autopilot"] == "Betaflight"
     assert code == EXIT_FINDINGS
     assert host.eeprom == before
@@ -180,13 +181,14 @@ def test_a_board_as_it_is_delivered_is_told_what_must_change(tmp_path: Path) -> 
 
 def test_settings_are_set_one_by_one_and_can_be_put_back(tmp_path: Path) -> None:
     host = Host([*recipe(told()), *WRONG])
-    code, said = visit(host, tmp_path, fix=tuple(sorted(FIVE)), yes=True)
+    code, said = visit(host, tmp_path, fix=tuple(sorted(WRONGLY)), yes=True)
     assert code == EXIT_HEALTHY, said
     assert "rc_smoothing: ON became OFF, read back" in said
-    assert host.restarts == len(FIVE) + 1
+    assert host.restarts == len(WRONGLY) + 1
     kept = {one.name: one for one in map(load_restore, tmp_path.iterdir())}
     assert {name: one.value for name, one in kept.items()} == {
-        "roll_srate": 67.0, "rc_smoothing": "ON", "failsafe_delay": 60.0, "aux 2": "1 1 1300 1700 0 0", "i_yaw": 80.0
+        "roll_srate": 67.0, "rc_smoothing": "ON", "failsafe_delay": 60.0, "rxfail 4": "h", "aux 2": "1 1 1300 1700 0 0",
+        "i_yaw": 80.0,
     }  # fmt: skip
     (file,) = tmp_path.glob("*aux_2.json")
     code, said = visit(host, tmp_path, restore=file, yes=True, as_json=True)

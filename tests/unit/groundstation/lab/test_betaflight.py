@@ -119,11 +119,12 @@ def test_settings_are_found_in_what_the_command_line_says() -> None:
     said = (
         "get rates_type\r\nrates_type = ACTUAL\r\nAllowed values: BETAFLIGHT, RACEFLIGHT, KISS, ACTUAL, QUICK\r\n"
         "Default value: BETAFLIGHT\r\naux 3 1 0 900 2100 0 0\r\nrxrange 2 988 2012\r\nmap AETR1234\r\n\r\n"
+        "rxfail 3 a\r\nrxfail 4 s 1000\r\nrxfail 5 h\r\n"
         "thr_mid = 50\r\nboard_name = nan\r\n# "
     )
     assert find_settings(said) == {
         "rates_type": "ACTUAL", "thr_mid": 50.0, "board_name": "nan", "aux 3": "1 0 900 2100 0 0",
-        "rxrange 2": "988 2012", "map": "AETR1234",
+        "rxrange 2": "988 2012", "map": "AETR1234", "rxfail 3": "a", "rxfail 4": "s 1000", "rxfail 5": "h",
     }  # fmt: skip
 
 
@@ -134,6 +135,8 @@ def test_settings_are_found_in_what_the_command_line_says() -> None:
         ("rc_smoothing", "OFF", "set rc_smoothing = OFF"),
         ("aux 0", "0 0 1700 2100 0 0", "aux 0 0 0 1700 2100 0 0"),
         ("rxrange 3", "988 2012", "rxrange 3 988 2012"),
+        ("rxfail 4", "s 1000", "rxfail 4 s 1000"),
+        ("rxfail 4", "h", "rxfail 4 h"),
         ("map", "TAER1234", "map TAER1234"),
     ],
 )
@@ -192,6 +195,21 @@ def test_arming_is_by_one_row_and_no_mode_that_our_frames_meet_takes_the_sticks(
     slots: dict[str, str], verdicts: dict[str, str]
 ) -> None:
     assert slot_verdicts(slots) == verdicts
+
+
+@pytest.mark.parametrize(
+    ("arm", "row"),
+    [({"channel": 5}, ("rxfail 4", "s 1000")), ({"channel": 7, "armed": -1, "disarmed": 1}, ("rxfail 6", "s 2000"))],
+)
+def test_the_arm_channel_is_to_stand_for_disarmed_once_it_says_nothing(
+    arm: dict[str, Any], row: tuple[str, str]
+) -> None:
+    visit = BoardVisit(from_dict({"link": {"kind": "crsf", "map": {"arm": arm}}}, Config), "/dev/ttyACM0")
+    name, right = row
+    for value, verdict in (("h", "must"), ("s 1500", "must"), (right, "ok")):
+        visit.parameters = {name: Setting(name, value)}
+        (one,) = [judge(advice, visit.parameters) for advice in visit.advice if advice.names == (name,)]
+        assert (one.verdict, one.recommended) == (verdict, right if verdict == "must" else None)
 
 
 def test_a_channel_that_is_fixed_where_a_mode_is_meets_it() -> None:
