@@ -912,8 +912,8 @@ def _entries(table: msgspec.Struct | dict[str, Any]) -> Iterator[tuple[str, Any]
     settings = table.__struct_config__
     if settings.tag_field is not None:
         yield settings.tag_field, settings.tag
-    for field in msgspec.structs.fields(table):
-        yield field.encode_name, getattr(table, field.name)
+    for key, name in _keys_and_names(type(table)):
+        yield key, getattr(table, name)
 
 
 def _is_table(value: Any) -> bool:
@@ -942,6 +942,10 @@ _FIELD = re.compile(r'^    (\w+): .*\n(?:(?:     .*|    [)\]}#].*)?\n)*    """(\
 """A field of a class, and its docstring: parsing all of them takes the time of a second of flight."""
 
 
+_MARGIN = re.compile(r"\n[^ )\n#]")
+"""Where a class of a module has ended: the next line that begins at the margin."""
+
+
 @cache
 def field_notes(struct: type[msgspec.Struct]) -> dict[str, str]:
     """The first sentence of the docstring of each field, by key; empty where the source can't be read."""
@@ -949,17 +953,30 @@ def field_notes(struct: type[msgspec.Struct]) -> dict[str, str]:
     for cls in reversed(struct.__mro__):
         for name, text in _FIELD.findall(_definition(cls)):
             found[name] = _sentence(text)
-    return {field.encode_name: found[field.name] for field in msgspec.structs.fields(struct) if field.name in found}
+    return {key: found[name] for key, name in _keys_and_names(struct) if name in found}
+
+
+def _keys_and_names(struct: type[msgspec.Struct]) -> Iterator[tuple[str, str]]:
+    """Of each field, as it is written and as it is called here; msgspec.structs.fields() looks at all types, too."""
+    return zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True)
 
 
 def _definition(cls: type) -> str:
     """The source of a class of a module; empty where it can't be read."""
-    file = getattr(sys.modules.get(cls.__module__), "__file__", None)
-    lines = linecache.getlines(file) if file is not None else []
-    heads = (f"class {cls.__qualname__}(", f"class {cls.__qualname__}:")
-    first = next((n for n, line in enumerate(lines) if line.startswith(heads)), len(lines))
-    ends = (n for n in range(first + 1, len(lines)) if lines[n][0] not in " )\n#")
-    return "".join(lines[first : next(ends, len(lines))])
+    source = _source(cls.__module__)
+    head = f"\nclass {cls.__qualname__}"
+    start = max(source.find(head + end) for end in "(:")
+    if start < 0:
+        return ""
+    end = _MARGIN.search(source, start + len(head))
+    return source[start + 1 : end.start() + 1 if end else len(source)]
+
+
+@cache
+def _source(module: str) -> str:
+    """The text of a module, after an empty line; empty where it can't be read, or is none, as msgspec's own."""
+    file = getattr(sys.modules.get(module), "__file__", None) or ""
+    return "\n" + "".join(linecache.getlines(file)) if file.endswith(".py") else ""
 
 
 def _sentence(text: str) -> str:
