@@ -223,13 +223,11 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
 
 def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> BacksteppingAxis:
     """(5), (6) and their partial derivatives in (z1, z2), for one axis."""
-    x1 = ops.clamp(z1, -POSITION_LIMIT, POSITION_LIMIT)
-    x2 = ops.clamp(z1_dot, -VELOCITY_LIMIT, VELOCITY_LIMIT)
-    s, s1, s2, v_sigma = saturation(ops, x1, law.sigma_bound, law.sigma_slope)
+    x1, x2, k2, m = z1, z1_dot, law.k2, law.sigma_bound
+    s, s1, s2, v_sigma = saturation(ops, x1, m, law.sigma_slope)
     z2 = x2 + s  # (5)
-    k2 = law.k2
     rho, rho1, _, _ = saturation(ops, z2, law.rho_bound, law.rho_slope)
-    if ops is FLOATS and -law.sigma_bound <= x2 <= law.sigma_bound:
+    if ops is FLOATS and -m <= x2 <= m:
         # One vehicle is here nearly always, where Ω is the identity: the same, without what is then 0 or 1.
         a, slope = k2 * rho + s, k2 * rho1
         u_x1, u_x2 = -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
@@ -237,7 +235,7 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> BacksteppingAxis:
         return BacksteppingAxis(
             x1, x2, z2, s, s1, -(a + s1 * x2), du_dz1, u_x2, z2, v_sigma, 0.5 * z2 * z2, s * s, k2 * z2 * rho
         )
-    excess, o1, o2 = growth(ops, x2, law.sigma_bound, law.velocity_scale)
+    excess, o1, o2 = growth(ops, x2, m, law.velocity_scale)
     # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
     sum_ = z2 + excess
     over = 1.0 / ops.where(excess == 0.0, 1.0, sum_)
@@ -252,6 +250,15 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> BacksteppingAxis:
     # In the order of the fields: by name it would take three times as long, three times a command.
     v_omega, du_dz1, dv_dz2 = 0.5 * sum_ * sum_, u_x1 - s1 * u_x2, o1 * sum_
     return BacksteppingAxis(x1, x2, z2, s, s1, u_star, du_dz1, u_x2, dv_dz2, v_sigma, v_omega, s * s, k2 * z2 * rho)
+
+
+def confine(ops: Ops, v: Vec3, limit: float) -> Vec3:
+    """Each component within ±``limit``."""
+    x, y, z = v
+    if ops is FLOATS and -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit:
+        return v
+    clamp = ops.clamp
+    return clamp(x, -limit, limit), clamp(y, -limit, limit), clamp(z, -limit, limit)
 
 
 class LawState(NamedTuple):
@@ -327,19 +334,17 @@ def turn_rates(
 def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, suspended: bool) -> Any:
     """The three axes, z3, ξ, the projection's edge, kb as it acts, b̂˙ = kb Proj(ξ, b̂), T, and y of (10), FRD."""
     z1, z1_dot, velocity, attitude, thrust, b_hat, acceleration, jerk = state
-    lim = POSITION_LIMIT
-    clamp = ops.clamp
-    x = axis(ops, law, z1[0], z1_dot[0])
-    y = axis(ops, law, z1[1], z1_dot[1])
-    z = axis(ops, law, z1[2], z1_dot[2])
-    thrust = clamp(thrust, 1e-3 * mass * law.gravity, 1e6)
+    a, b, c = confine(ops, z1, POSITION_LIMIT)
+    d, e, f = confine(ops, z1_dot, VELOCITY_LIMIT)
+    x, y, z = axis(ops, law, a, d), axis(ops, law, b, e), axis(ops, law, c, f)
+    thrust = ops.clamp(thrust, 1e-3 * mass * law.gravity, 1e6)
     down = third_column(attitude)
     f = -thrust / mass
-    ax, ay, az = clamp(acceleration[0], -lim, lim), clamp(acceleration[1], -lim, lim), clamp(acceleration[2], -lim, lim)
+    ax, ay, az = confine(ops, acceleration, POSITION_LIMIT)
     ux = f * down[0] + b_hat[0] - ax
     uy = f * down[1] + b_hat[1] - ay
     uz = f * down[2] + law.gravity + b_hat[2] - az
-    jx, jy, jz = clamp(jerk[0], -lim, lim), clamp(jerk[1], -lim, lim), clamp(jerk[2], -lim, lim)
+    jx, jy, jz = confine(ops, jerk, POSITION_LIMIT)
     if drag:
         vx, vy, vz = velocity
         ux, uy, uz = ux - drag * vx, uy - drag * vy, uz - drag * vz
