@@ -171,10 +171,15 @@ class MavlinkMessage(msgspec.Struct, eq=False, gc=False):
         return whole.rstrip(b"\0") or whole[:1]
 
 
-def _read_definition(source: str, name: str) -> tuple[list[_Field], list[int], int]:
+def _part(source: bytes, begin: str, end: str) -> str:
+    """The text from where ``begin`` is first to the next ``end``."""
+    start = source.index(begin.encode())
+    return source[start : source.index(end.encode(), start)].decode()
+
+
+def _read_definition(source: bytes, name: str) -> tuple[list[_Field], list[int], int]:
     """What pymavlink's class of a message says: its fields, their order on the wire, and its byte of the checksum."""
-    start = source.index(f"class MAVLink_{name.lower()}_message(MAVLink_message):")
-    text = source[start : source.index("def pack(", start)]
+    text = _part(source, f"class MAVLink_{name.lower()}_message(MAVLink_message):", "def pack(")
 
     def words(key: str) -> list[str]:
         """One of its lists, as it is written."""
@@ -192,7 +197,7 @@ def _read_definition(source: str, name: str) -> tuple[list[_Field], list[int], i
     return fields, [names.index(key) for key in ordered], int(extra[1])
 
 
-def _make_class(number: int, name: str, source: str) -> type[MavlinkMessage]:
+def _make_class(number: int, name: str, source: bytes) -> type[MavlinkMessage]:
     """The class of one message of pymavlink's ``source``."""
     fields, order, extra = _read_definition(source, name)
     wire = struct.Struct("<" + "".join(f"{fields[n].length or ''}{fields[n].code}" for n in order))
@@ -273,18 +278,15 @@ class MavlinkDialect:
         self._kinds: dict[int, type[MavlinkMessage] | None] = {}
 
     @cached_property
-    def _source(self) -> str:
+    def _source(self) -> bytes:
         source = get_data("pymavlink.dialects.v20", "ardupilotmega.py")
         assert source is not None, "pymavlink is installed as files"
-        return source.decode()
+        return source  # two megabytes, of which little becomes text
 
     @cached_property
     def _numbers(self) -> dict[str, int]:
-        source = self._source
-        begin = source.index("\nMAVLINK_MSG_ID_")
-        found = re.findall(
-            r"^MAVLINK_MSG_ID_(\w+) = (\d+)$", source[begin : source.index("\nclass ", begin)], re.MULTILINE
-        )
+        text = _part(self._source, "\nMAVLINK_MSG_ID_", "\nclass ")
+        found = re.findall(r"^MAVLINK_MSG_ID_(\w+) = (\d+)$", text, re.MULTILINE)
         return {name: int(number) for name, number in found}
 
     @cached_property
