@@ -65,21 +65,43 @@ def compute_drag(ops: Ops, body: Body, drag: AirDrag) -> Vec3:
     return to_world(body.attitude, (-(lx + within) * x, -(ly + within) * y, down))
 
 
+class Decay(NamedTuple):
+    """What the lags keep of an old value over a step, and over its first half [-]. Elementwise."""
+
+    rates: Real
+    rates_half: Real
+    thrust: Real
+    thrust_half: Real
+
+
+def compute_decay(ops: Ops, h: Real, physics: Physics) -> Decay:
+    """That of a step of ``h`` [s]."""
+    exp, half, thrust_lag, tau = ops.exp, 0.5 * h, physics.thrust_lag_s, physics.rate_lag_s
+    # Without lag the exponent is so large that nothing of the old value is kept.
+    rates, rates_half = exp(-h / (tau + 1e-12)), exp(-half / (tau + 1e-12))
+    if thrust_lag is tau:
+        return Decay(rates, rates_half, rates, rates_half)
+    return Decay(rates, rates_half, exp(-h / (thrust_lag + 1e-12)), exp(-half / (thrust_lag + 1e-12)))
+
+
 def integrate(
-    ops: Ops, body: Body, thrust_command: Real, rate_command: Vec3, wind: Vec3, h: Real, physics: Physics
+    ops: Ops,
+    body: Body,
+    thrust_command: Real,
+    rate_command: Vec3,
+    wind: Vec3,
+    h: Real,
+    physics: Physics,
+    decay: Decay | None = None,
 ) -> Body:
-    """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant ``wind`` [m/s², NED]."""
+    """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant ``wind`` [m/s², NED].
+
+    ``decay`` is that of such a step, where it is known.
+    """
     mass, thrust_lag, tau, drag, leak, gravity = physics
     (px, py, pz), (vx, vy, vz), attitude, before, (wx, wy, wz) = body
     half = 0.5 * h
-    exp = ops.exp
-    # Without lag the exponent is so large that nothing of the old value is kept.
-    keep = exp(-h / (tau + 1e-12))
-    mid_keep = exp(-half / (tau + 1e-12))
-    if thrust_lag is tau:
-        thrust_keep, mid_thrust_keep = keep, mid_keep
-    else:
-        thrust_keep, mid_thrust_keep = exp(-h / (thrust_lag + 1e-12)), exp(-half / (thrust_lag + 1e-12))
+    keep, mid_keep, thrust_keep, mid_thrust_keep = compute_decay(ops, h, physics) if decay is None else decay
     cx, cy, cz = rate_command
     dx, dy, dz = wx - cx, wy - cy, wz - cz
     m, f = tau * (1.0 - mid_keep), tau * (1.0 - keep)

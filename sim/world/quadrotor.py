@@ -29,6 +29,7 @@ from sim.world.plant import (
     FourRotors,
     Physics,
     begin_rotors,
+    compute_decay,
     compute_drag,
     describe_air,
     describe_rotors,
@@ -133,7 +134,7 @@ class Quadrotor:
     """One simulated vehicle. It is held at ``world.start_ned`` until released. Implements Airframe's physics."""
 
     __slots__ = (  # with so many, a dictionary is slow
-        "_actuators", "_body", "_cut", "_drag", "_frame", "_gain_now", "_gains", "_gyro", "_gyro_noise", "_held_s",
+        "_actuators", "_body", "_cut", "_decay", "_drag", "_frame", "_gain_now", "_gains", "_gyro", "_gyro_noise", "_held_s",
         "_highest_m", "_late_rates", "_late_thrust", "_limits", "_on_ground", "_on_step", "_physics", "_rate_command",
         "_signals", "_steps", "_strength", "_thrust_command", "_time", "_told", "_tunnel", "_wind", "_world", "felt",
         "hardest_m_s", "lead", "partner", "pull", "released_s", "specific_force", "touchdown_m_s",
@@ -168,6 +169,7 @@ class Quadrotor:
             world.rate_leak,
             world.gravity,
         )
+        self._decay = compute_decay(FLOATS, world.step_s, self._physics)
         thrust = world.start_thrust * world.mass_kg * world.gravity
         begins = so3.from_euler_zyx(0.0, math.radians(world.tunnel.start_pitch_deg), 0.0)
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), begins, thrust, (0.0, 0.0, 0.0))
@@ -347,7 +349,8 @@ class Quadrotor:
         if self._tunnel is not None:
             rates = self._tunnel.turn(rates, body.velocity)
         if actuators is None:
-            body = integrate(FLOATS, body, thrust, rates, wind, h, self._physics)
+            decay = self._decay if h == world.step_s else None
+            body = integrate(FLOATS, body, thrust, rates, wind, h, self._physics, decay)
         else:
             gain, frame, gains = self._gain_now, self._frame, self._gains
             if self._signals is None:
