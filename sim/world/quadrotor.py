@@ -134,10 +134,10 @@ class Quadrotor:
     """One simulated vehicle. It is held at ``world.start_ned`` until released. Implements Airframe's physics."""
 
     __slots__ = (  # with so many, a dictionary is slow
-        "_actuators", "_body", "_cut", "_decay", "_drag", "_frame", "_gain_now", "_gains", "_gyro", "_gyro_noise", "_held_s",
-        "_highest_m", "_late_rates", "_late_thrust", "_limits", "_on_ground", "_on_step", "_physics", "_rate_command",
-        "_signals", "_steps", "_strength", "_thrust_command", "_time", "_told", "_tunnel", "_wind", "_world", "felt",
-        "hardest_m_s", "lead", "partner", "pull", "released_s", "specific_force", "touchdown_m_s",
+        "_actuators", "_body", "_cut", "_decay", "_drag", "_frame", "_gain_now", "_gains", "_gyro", "_gyro_noise",
+        "_held_s", "_highest_m", "_late_rates", "_late_thrust", "_limits", "_on_ground", "_on_step", "_physics",
+        "_rate_command", "_signals", "_steps", "_strength", "_thrust_command", "_time", "_told", "_tunnel", "_wind",
+        "_world", "felt", "hardest_m_s", "lead", "partner", "pull", "released_s", "specific_force", "touchdown_m_s",
     )  # fmt: skip
 
     def __init__(
