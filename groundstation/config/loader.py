@@ -841,7 +841,7 @@ def _folder(name: str) -> "Traversable":
 
 def shipped_texts(folder: str) -> dict[str, str]:
     """The text of each TOML file in a folder that comes along, by name and in the order of their names."""
-    files = sorted(_folder(folder).iterdir(), key=lambda file: file.name)
+    files = sorted(_folder(folder).iterdir(), key=lambda file: file.name.removesuffix(".toml"))
     return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
 
 

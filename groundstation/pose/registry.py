@@ -121,9 +121,7 @@ IN_RUN_FOLDER = "poses.csv"
 """What a run's folder calls its poses."""
 
 
-class CsvConfig(
-    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="csv"
-):
+class CsvConfig(PoseKind, frozen=True, kw_only=True, tag="csv"):
     """Recorded poses: a CSV file t,x,y,z,qw,qx,qy,qz, or the folder of a run."""
 
     recorded: ClassVar[bool] = True
@@ -180,9 +178,7 @@ class CsvSource(RecordedSource):
         return self._intake.pose(row.arrival_s, arrival_s, row.position, row.attitude, age_s=age_s)
 
 
-class TlogConfig(
-    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="tlog"
-):
+class TlogConfig(PoseKind, frozen=True, kw_only=True, tag="tlog"):
     """A .tlog file of a flight on PX4 or ArduPilot."""
 
     recorded: ClassVar[bool] = True

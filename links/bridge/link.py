@@ -258,9 +258,7 @@ def _there(says: str) -> str:
     return f"on the bridge: {says}" if says else ""
 
 
-class BridgeLinkConfig(
-    LinkKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="rf_bridge", tag_field="kind"
-):
+class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
     """`groundstation rf-bridge` on another computer, which has the module. That one knows port, codec and channels."""
 
     remote: str = "127.0.0.1:14600"

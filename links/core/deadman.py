@@ -141,10 +141,9 @@ class TellsMode(Protocol):
         ...
 
 
-class LinkKind:
+class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
     """Beside the configuration of a link: what a flight asks of its kind."""
 
-    __slots__ = ()
     has_autopilot: ClassVar[bool] = False
     """At the other end is an autopilot that tells of itself, not a receiver that is told alone."""
 

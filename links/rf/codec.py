@@ -112,7 +112,7 @@ class Manner(msgspec.Struct, frozen=True, kw_only=True):
     services: frozenset[Service]
 
 
-class RfLinkConfig(LinkKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
+class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
     """What every serial RF link can be told."""
 
     port: str = "/dev/ttyUSB0"

@@ -71,10 +71,9 @@ class SourceError(OSError):
     """A source can't be started; the text says why, and what to look at."""
 
 
-class PoseKind:
+class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
     """Beside the configuration of a pose source: what a flight asks of the kind of its poses."""
 
-    __slots__ = ()
     recorded: ClassVar[bool] = False
     """They play a recording: they must never fly a vehicle."""
     by_autopilot: ClassVar[bool] = False

@@ -8,7 +8,7 @@ Poses from a home-made tracker that sends JSON (json_codec.py has the schema).
 import asyncio
 import socket
 from collections.abc import Callable
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import msgspec
 
@@ -89,11 +89,11 @@ def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
     options.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface))
 
 
-class ListensAt(PoseKind):
+class ListensAt(PoseKind, frozen=True, kw_only=True):
     """Beside the configuration of a source that listens on a UDP socket of this machine."""
 
-    __slots__ = ()
-    listen: str
+    if TYPE_CHECKING:
+        listen: str
 
     def __post_init__(self) -> None:
         parse_address(self.listen, "listen")
@@ -104,9 +104,7 @@ class ListensAt(PoseKind):
         return beyond("listen", self.listen)
 
 
-class JsonConfig(
-    ListensAt, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="json"
-):
+class JsonConfig(ListensAt, frozen=True, kw_only=True, tag="json"):
     """JSON objects over UDP, one or an array of them a datagram."""
 
     shows_others: ClassVar[bool] = True

@@ -31,15 +31,7 @@ AGAIN_S = 1.0
 LINE_BYTES = 1 << 16
 
 
-class LibmotioncaptureConfig(
-    PoseKind,
-    msgspec.Struct,
-    frozen=True,
-    kw_only=True,
-    forbid_unknown_fields=True,
-    tag_field="kind",
-    tag="libmotioncapture",
-):
+class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotioncapture"):
     """VRPN, Vicon DataStream and others; needs ``pip install 'quadrotor-groundstation[motioncapture]'``."""
 
     shows_others: ClassVar[bool] = True
@@ -47,7 +39,7 @@ class LibmotioncaptureConfig(
     """What it speaks; ``vicon`` is the DataStream (TCP 801). ``mock`` makes bodies up, and never flies a vehicle."""
     hostname: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"
     """Name or address of the tracking computer."""
-    options: dict[str, str] = {}
+    options: dict[str, str] = msgspec.field(default_factory=dict)
     """What else the back end is told, by libmotioncapture's own names, such as ``frequency`` of ``mock``."""
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)] = "quad"
     """Name of the vehicle's body."""

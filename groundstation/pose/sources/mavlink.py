@@ -18,9 +18,7 @@ from links.mavlink import MavlinkLink
 from links.mavlink.protocol import Message, Trip
 
 
-class MavlinkPoseConfig(
-    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
-):
+class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
     """The autopilot's estimate: ODOMETRY from PX4, LOCAL_POSITION_NED and ATTITUDE_QUATERNION from ArduPilot."""
 
     by_autopilot: ClassVar[bool] = True
@@ -85,9 +83,7 @@ class MavlinkPoseSource:
                 self._deliver(pose)
 
 
-class VisionConfig(
-    ListensAt, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vision"
-):
+class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     """MAVLink VISION_POSITION_ESTIMATE over UDP, as sent by bridges from motion capture to autopilots."""
 
     shares_link: ClassVar[bool] = True

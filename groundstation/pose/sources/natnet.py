@@ -18,9 +18,7 @@ BEAT_S = 0.5
 """How often the server is told that we are there [s]."""
 
 
-class NatNetConfig(
-    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="natnet"
-):
+class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
     """OptiTrack's NatNet 3.0 to 4.x, straight from Motive; its exposure stamps tell how old each pose is."""
 
     shows_others: ClassVar[bool] = True

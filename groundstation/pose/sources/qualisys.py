@@ -28,9 +28,7 @@ AGAIN_S = 1.0
 """How long to wait before a lost connection is opened anew [s]."""
 
 
-class QualisysConfig(
-    PoseKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="qualisys"
-):
+class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
     """Qualisys Track Manager over TCP; needs ``pip install 'quadrotor-groundstation[qualisys]'``."""
 
     shows_others: ClassVar[bool] = True

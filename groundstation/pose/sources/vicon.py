@@ -11,9 +11,7 @@ from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import ViconReader, name_bytes
 
 
-class ViconConfig(
-    ListensAt, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="vicon"
-):
+class ViconConfig(ListensAt, frozen=True, kw_only=True, tag="vicon"):
     """Vicon Tracker's UDP Object Stream, which carries no time stamps and no validity flags."""
 
     shows_others: ClassVar[bool] = True

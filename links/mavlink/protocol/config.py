@@ -32,9 +32,7 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """A pose that is older as it would leave does not [s]."""
 
 
-class MavlinkLinkConfig(
-    LinkKind, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="mavlink"
-):
+class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     """MAVLink 2 over UDP, TCP or a serial port, to PX4 (OFFBOARD) or ArduPilot Copter (GUIDED)."""
 
     has_autopilot: ClassVar[bool] = True

@@ -231,7 +231,7 @@ def test_a_simulated_one_needs_neither(data: dict[str, Any]) -> None:
     ensure_guarded(from_dict(data, Config))
 
 
-class Unasked(LinkKind, PoseKind, msgspec.Struct, frozen=True, tag_field="kind", tag="homemade"):
+class Unasked(LinkKind, PoseKind, frozen=True, kw_only=True, tag="homemade"):
     """A kind of link or of poses that has never heard of the question."""
 
 
