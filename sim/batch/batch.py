@@ -8,7 +8,7 @@ watch, and what the referee writes down. All are told the same and share the per
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -866,12 +866,6 @@ def require_batchable(world: World, config: Config) -> None:
             raise ConfigError(f"sim.{name}", "the cameras of a batch never take one body for another; expected 0")
 
 
-OnPoses: TypeAlias = Callable[[Index, Array, Any, Any], None]
-"""Takes who has a pose, its stamp [s], position [m, NED] and attitude."""
-OnCommands: TypeAlias = Callable[[float, ActuatorCommand], None]
-"""Takes when commands leave [s], and those of all."""
-
-
 def fly_batch(
     worlds: Sequence[World],
     config: Config,
@@ -879,13 +873,10 @@ def fly_batch(
     *,
     duration_s: float = 60.0,
     stages: Stages = Numpy,
-    on_poses: OnPoses | None = None,
-    on_commands: OnCommands | None = None,
 ) -> Flights:
     """Fly N vehicles in N worlds, all told the same ``config``, for ``duration_s`` [s] after the release.
 
-    ``stages`` computes them; whichever does, the figures are the same. ``on_poses`` and ``on_commands`` are shown what
-    a recording would have.
+    ``stages`` computes them; whichever does, the figures are the same.
 
     Raises:
         ValueError: the worlds differ in a period or in the reference.
@@ -924,8 +915,6 @@ def fly_batch(
         for who, stamp, position, attitude in fleet.arrived(time):
             estimator.pose(who, stamp, position, attitude)
             watch.pose(who, stamp, estimator.noise_m2)
-            if on_poses is not None:
-                on_poses(who, stamp, position, attitude)
         if frame < 0:
             fleet.hold(time)
             continue
@@ -939,8 +928,6 @@ def fly_batch(
         estimate = estimator.predict(acting)
         decision = pilot.decide([*sooner, estimate], trajectory.at(acting))
         estimator.take_command(frame, decision.drive)
-        if on_commands is not None:
-            on_commands(time, decision.drive)
         fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
         fleet.fly(time)
         marks.command(time, decision, estimate, fleet.felt[0])

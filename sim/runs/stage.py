@@ -313,9 +313,7 @@ MOST = 13
 """So many bodies fit into one datagram of the Vicon stream."""
 
 
-def lay_out(
-    folder: Path, world: World, config: Config, count: int, ports: Sequence[int], apart_m: float = APART_M
-) -> tuple[Path, list[World]]:
+def lay_out(folder: Path, world: World, config: Config, count: int, ports: Sequence[int]) -> tuple[Path, list[World]]:
     """Write ``lab.toml`` and ``fleet.toml`` into ``folder``, for ``count`` vehicles like the one told.
 
     Args:
@@ -325,7 +323,6 @@ def lay_out(
         count: how many vehicles.
         ports: free UDP ports: one for poses, one for the first of ``count`` copies of them, which follow one another,
             and one for each vehicle's link.
-        apart_m: from one figure to the next [m].
 
     Returns:
         The fleet file, and the truth of each vehicle.
@@ -352,7 +349,7 @@ def lay_out(
     across = math.ceil(math.sqrt(count))
     worlds, vehicles = [], list[dict[str, Any]]()
     for number in range(count):
-        x, y = apart_m * (number % across), apart_m * (number // across)
+        x, y = APART_M * (number % across), APART_M * (number // across)
         start = world.start_ned
         worlds.append(msgspec.structs.replace(world, start_ned=(start[0] + x, start[1] + y, start[2])))
         vehicles.append(

@@ -18,11 +18,12 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import msgspec
-from textual.app import App, AutopilotCallbackType, SystemCommand
+from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.css.query import NoMatches
 from textual.notifications import SeverityLevel
@@ -745,26 +746,16 @@ class Dashboard(App[None]):
         del screen
         if self._orders:
             for order in ORDERS:
-                yield SystemCommand(order.label, order.says, self._call(self.action_order, order.ask))
+                yield SystemCommand(order.label, order.says, partial(self.action_order, order.ask))
             yield SystemCommand("LAND ALL", "every flight of yours on this machine", self.action_land_all)
             yield SystemCommand("Control", "take control, or give it back", self.action_control)
         for name in PAGES:
-            yield SystemCommand(f"Page {name}", "show this page", self._call(self.action_page, name.lower()))
+            yield SystemCommand(f"Page {name}", "show this page", partial(self.action_page, name.lower()))
         for theme in THEMES:
-            yield SystemCommand(
-                f"Colours {theme.name} (color theme)", "all eyes can tell them apart", self._colours(theme.name)
-            )
+            wear = partial(setattr, self, "theme", theme.name)
+            yield SystemCommand(f"Colours {theme.name} (color theme)", "all eyes can tell them apart", wear)
         yield SystemCommand("Keys", "show all keys", self.action_keys)
         yield SystemCommand("Quit", "leave; what flies goes on flying", self.action_quit)
-
-    def _call(self, what: Callable[[str], None], word: str) -> Callable[[], None]:
-        return lambda: what(word)
-
-    def _colours(self, name: str) -> Callable[[], None]:
-        def choose() -> None:
-            self.theme = name
-
-        return choose
 
     async def action_quit(self) -> None:
         """Leave; what flies goes on, and the operator is told so."""
@@ -785,28 +776,23 @@ class Dashboard(App[None]):
             )
 
 
-SETTLE_S = 0.6
+SETTLE_S = 1.2
 """Long enough for a few drawings [s]."""
 _ID = re.compile(r"terminal-\d+-")
 _FAR_FONT = re.compile(r',\s*url\("https?://[^"]*"\) format\("[^"]*"\)')
 
 
-def shoot(dashboard: Dashboard, size: tuple[int, int], keys: tuple[str, ...] = ()) -> str:
-    """``dashboard`` on a terminal of so many columns and rows, after ``keys`` were pressed, as the text of an SVG."""
+def shoot(dashboard: Dashboard, size: tuple[int, int]) -> str:
+    """``dashboard`` on a terminal of so many columns and rows, as the text of an SVG."""
     shots: list[str] = []
-    dashboard.run(headless=True, size=size, auto_pilot=_photographer(keys, shots))
-    return shots[0]
 
-
-def _photographer(keys: tuple[str, ...], shots: list[str]) -> AutopilotCallbackType:
     async def photograph(pilot: Pilot[object]) -> None:
-        await pilot.pause(SETTLE_S)
-        await pilot.press(*keys)
         await pilot.pause(SETTLE_S)
         shots.append(normal(pilot.app.export_screenshot()))
         pilot.app.exit()
 
-    return photograph
+    dashboard.run(headless=True, size=size, auto_pilot=photograph)
+    return shots[0]
 
 
 def normal(svg: str) -> str:

@@ -278,7 +278,6 @@ class Picture:
         self.holder = Holder("", yours=False)
         self.flown: deque[PlotSample] = deque(maxlen=KEPT)
         self.events: deque[Notice] = deque(maxlen=EVENTS_KEPT)
-        self.answer = Reply(done=True, says="")
         self.count = 0
         """How many news there were: a screen that has drawn this number needs no new drawing."""
 

@@ -15,6 +15,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
+from textual.reactive import reactive
 from textual.screen import ModalScreen
 from textual.theme import Theme
 from textual.widget import Widget
@@ -124,19 +125,18 @@ class Knob(Widget):
     Knob:hover { text-style: bold reverse; }
     """
 
+    _again = reactive(default=False)
+
     def __init__(self, order: OperatorOrder) -> None:
         super().__init__(classes=order.tone)
         self.order = order
         self.styles.width = f"{len(self._both)}fr"
-        self._again = False
 
     def show(self, state: str | None, again: bool) -> None:
         """Take the mission's state, and whether this has been pressed once and waits for the second press."""
         self.set_class(not possible(self.order, state), "off")
         self.set_class(again, "again")
-        if again != self._again:
-            self._again = again
-            self.refresh()
+        self._again = again
 
     def render(self) -> Content:
         """Key and name; the name alone where there is no room for both."""
@@ -324,15 +324,11 @@ class HorizonView(Widget):
     """The horizon as it is seen from the vehicle, and where its nose points."""
 
     DEFAULT_CSS = "HorizonView { height: 8; }"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._attitude = (0.0, 0.0, 0.0)
+    _attitude: reactive[Vec3] = reactive((0.0, 0.0, 0.0))
 
     def show(self, snapshot: Snapshot) -> None:
         """Take the attitude."""
         self._attitude = euler_zyx(snapshot.attitude)
-        self.refresh()
 
     def render(self) -> Content:
         """A row of words above the drawing."""
@@ -347,20 +343,15 @@ class Preflight(Widget):
     """The pre-flight list."""
 
     DEFAULT_CSS = "Preflight { height: 1fr; }"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._checks: tuple[Check, ...] | None = None
+    _checks: reactive[tuple[Check, ...]] = reactive(())
 
     def show(self, snapshot: Snapshot) -> None:
         """Take the checks."""
-        if snapshot.checks != self._checks:
-            self._checks = snapshot.checks
-            self.refresh()
+        self._checks = snapshot.checks
 
     def render(self) -> Content:
         """One below the other, wrapped where there is room for all; what stands in the way is whole in any case."""
-        rows = check_rows(self._checks or ())
+        rows = check_rows(self._checks)
         width, room = max(1, self.size.width), self.size.height
         wrapped = [Content.assemble(*row).wrap(width) for row in rows]
         if sum(map(len, wrapped)) > room:
@@ -374,15 +365,12 @@ class Preflight(Widget):
 class Numbers(Widget):
     """All numbers of the newest snapshot."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._rows: list[Spans] = []
+    _rows: reactive[list[Spans]] = reactive(list)
 
     def show(self, snapshot: Snapshot, stale: bool) -> None:
         """Take the snapshot; a stale one is shown faint, because it is no longer true."""
         rows = number_rows(snapshot)
         self._rows = [[(text, f"dim {LABEL}") for text, _ in row] for row in rows] if stale else rows
-        self.refresh()
 
     def render(self) -> Content:
         """Its rows."""
@@ -393,17 +381,11 @@ class Events(Widget):
     """The newest events, the newest last."""
 
     DEFAULT_CSS = "Events { height: 3; }"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._events: tuple[Notice, ...] = ()
+    _events: reactive[tuple[Notice, ...]] = reactive(())
 
     def show(self, events: Sequence[Notice]) -> None:
         """Take the newest events, oldest first."""
-        newest = tuple(events)
-        if newest != self._events:
-            self._events = newest
-            self.refresh()
+        self._events = tuple(events)
 
     def render(self) -> Content:
         """As many as there is room for."""
