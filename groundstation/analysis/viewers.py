@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.recording import CHANNELS, ChannelForm, Entry, NoRecording, Recording, describe_channels
+from groundstation.recording import CHANNELS, ChannelForm, Entry, Recording, describe_channels, refuse_recordings
 from groundstation.runtime import is_being_written, require_package
 from links.io import parse_address
 
@@ -387,13 +387,10 @@ def view_command(path: Path, viewer: str, listen: str | None) -> int:
     """
     require_package(viewer, "--in", "view")
     try:
-        recording = Recording(path)
-        host, port = parse_address(listen or f"127.0.0.1:{PORTS[viewer]}")
-        asyncio.run((_show_in_rerun if viewer == "rerun" else _serve_foxglove)(recording, host, port))
-    except NoRecording as error:
-        raise ConfigError("LOG", str(error)) from None
-    except OSError as error:
-        raise ConfigError("LOG", f"{error.filename}: {error.strerror}") from None
+        with refuse_recordings():
+            recording = Recording(path)
+            host, port = parse_address(listen or f"127.0.0.1:{PORTS[viewer]}")
+            asyncio.run((_show_in_rerun if viewer == "rerun" else _serve_foxglove)(recording, host, port))
     except ValueError as error:
         raise ConfigError("--listen", str(error)) from None
     return 0

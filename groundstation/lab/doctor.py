@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, refuse_io
 from groundstation.lab.doctor_advice import (
     AUX_CHANNELS,
     RATE_MOST_DEG_S,
@@ -518,13 +518,9 @@ async def _set(visit: Visit, wanted: Setting, config: Config, orders: DoctorOrde
         value=old.value,
         kind=old.kind,
     )
-    try:
+    with refuse_io("--fix", f"cannot keep the old value in {orders.folder.resolve()}"):
         orders.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         path = save_restore(kept, orders.folder)
-    except OSError as error:
-        raise ConfigError(
-            "--fix", f"cannot keep the old value in {orders.folder.resolve()}: {error.strerror}"
-        ) from None
     try:
         now = await visit.set(wanted)
     except ValueError as error:

@@ -21,7 +21,7 @@ from typing import Any, TextIO, TypeVar
 import msgspec
 
 from groundstation.analysis import FlightData
-from groundstation.config import ConfigError, dump, lend, name_object, several, without_frames
+from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
 from groundstation.core.messages import EndRecord, Pose, Severity, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import ensure_flyable
@@ -274,7 +274,7 @@ class RunFolder:
         """
         self.path = path
         told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
-        try:
+        with refuse_io("--out", f"cannot write {path}"):
             path.mkdir(parents=True, exist_ok=True)
             (path / "config.toml").write_text(told.config)
             for name in (RECORDING, "flight.tlog", FRAMES):
@@ -283,8 +283,6 @@ class RunFolder:
             self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
             self._poses = _open(path / IN_RUN_FOLDER)
             self._frames = None if config.link.has_autopilot else _open(path / FRAMES)
-        except OSError as error:
-            raise ConfigError("--out", f"cannot write {path}: {error.strerror}") from None
         self._poses.write(CSV_COLUMNS + "\n")
         self._world = world
         self._waiting: deque[Record] = deque()

@@ -214,23 +214,15 @@ def _lead_ms(height: Column, asked: Column) -> Column:
     return lead
 
 
-_THRUST_S, _RATES_S = gale.THRUST_LAG_S, 1.0 / gale.ATTITUDE_RAD_S
+_SHORT, _LONG = (
+    (f"vehicle.thrust_lag_s={gale.THRUST_LAG_S + off:g}", f"vehicle.rate_lag_s={1.0 / gale.ATTITUDE_RAD_S + off:g}")
+    for off in (-0.02, 0.02)
+)
 WRONG = {
     "told right": (),
-    "lags and delay told 20 ms too short": (
-        f"vehicle.thrust_lag_s={_THRUST_S - 0.02:g}",
-        f"vehicle.rate_lag_s={_RATES_S - 0.02:g}",
-        "sim.command_delay_s=0.02",
-    ),
-    "lags and delay told 20 ms too long": (
-        f"vehicle.thrust_lag_s={_THRUST_S + 0.02:g}",
-        f"vehicle.rate_lag_s={_RATES_S + 0.02:g}",
-        "vehicle.command_delay_s=0.02",
-    ),
-    "lags told 20 ms too short": (
-        f"vehicle.thrust_lag_s={_THRUST_S - 0.02:g}",
-        f"vehicle.rate_lag_s={_RATES_S - 0.02:g}",
-    ),
+    "lags and delay told 20 ms too short": (*_SHORT, "sim.command_delay_s=0.02"),
+    "lags and delay told 20 ms too long": (*_LONG, "vehicle.command_delay_s=0.02"),
+    "lags told 20 ms too short": _SHORT,
     "delay told 20 ms too short": ("sim.command_delay_s=0.02",),
 }
 """What ours is told of lags and delay, beside the truth; where it is wrong,"""
