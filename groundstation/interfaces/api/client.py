@@ -284,13 +284,10 @@ async def snapshots(path: Path) -> AsyncIterator[Snapshot]:
         OSError: nobody serves there.
         ApiError: what is served there is not this protocol.
     """
-    client = await attach(path)
-    try:
+    async with open_client(path) as client:
         async for message in client:
             if isinstance(message, Snapshot):
                 yield message
-    finally:
-        client.close()
 
 
 EXIT_DONE, EXIT_REFUSED, EXIT_NOBODY = 0, 1, 2

@@ -34,30 +34,36 @@ SUBJECTS: dict[type, tuple[str, ...]] = {
 """What is measured, and the methods that its owner calls."""
 
 Call = tuple[str, tuple[Any, ...], dict[str, Any]]
+Method = Callable[..., Any]
+
+
+@contextmanager
+def wrapped(parts: Sequence[tuple[type, str]], wrap: Callable[[str, Method], Method]) -> Iterator[None]:
+    """Within it each method of ``parts`` is what ``wrap`` makes of its name and itself."""
+    inner = [(owner, name, getattr(owner, name)) for owner, name in parts]
+    for owner, name, method in inner:
+        setattr(owner, name, wrap(name, method))
+    try:
+        yield
+    finally:
+        for owner, name, method in inner:
+            setattr(owner, name, method)
 
 
 @contextmanager
 def record_calls(subject: type, names: tuple[str, ...]) -> Iterator[list[Call]]:
     """Within it the calls of ``names`` are noted, from the making of a ``subject`` on."""
     calls: list[Call] = []
-    inner = {name: getattr(subject, name) for name in ("__init__", *names)}
 
-    def noting(name: str) -> Any:
-        method = inner[name]
-
+    def noting(name: str, method: Method) -> Method:
         def note(*arguments: Any, **options: Any) -> Any:
             calls.append((name, arguments[1:], options))
             return method(*arguments, **options)
 
         return note
 
-    for name in inner:
-        setattr(subject, name, noting(name))
-    try:
+    with wrapped([(subject, name) for name in ("__init__", *names)], noting):
         yield calls
-    finally:
-        for name, method in inner.items():
-            setattr(subject, name, method)
 
 
 def spent_s(subject: type, calls: list[Call]) -> float:
@@ -118,28 +124,22 @@ def time_calls(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> I
     """Within it the time spent in ``parts`` is measured from outside [µs]; the last of them ends an entry."""
     found: list[float] = []
     spent = 0
-    inner = [(owner, name, getattr(owner, name)) for owner, name in parts]
 
-    def wrap(method: Callable[..., Any], *, last: bool) -> Callable[..., Any]:
+    def wrap(name: str, method: Method) -> Method:
         def measure_call(*arguments: Any, **options: Any) -> Any:
             nonlocal spent
             start = clock()
             result = method(*arguments, **options)
             spent += clock() - start
-            if last:
+            if name == parts[-1][1]:
                 found.append(1e-3 * spent)
                 spent = 0
             return result
 
         return measure_call
 
-    for number, (owner, name, method) in enumerate(inner, 1):
-        setattr(owner, name, wrap(method, last=number == len(inner)))
-    try:
+    with wrapped(parts, wrap):
         yield found
-    finally:
-        for owner, name, method in inner:
-            setattr(owner, name, method)
 
 
 def one(scenario: str, ticks: int) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import math
 import os
 import signal
 import tempfile
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -294,48 +294,40 @@ class LiveScene:
         os.close(near)
 
 
-async def _kill(scene: LiveScene) -> None:
+def _kill(scene: LiveScene) -> None:
     scene.station.kill()
 
 
-async def _kill_recorder(scene: LiveScene) -> None:
-    os.kill(scene.child("groundstation.recording"), signal.SIGKILL)
-
-
-async def _kill_pacer(scene: LiveScene) -> None:
+def _kill_pacer(scene: LiveScene) -> None:
     os.kill(scene.child(PACER), signal.SIGKILL)
 
 
-async def _stop_pacer(scene: LiveScene) -> None:
-    scene.stop(PACER)
-
-
-async def _interrupt_bridge(scene: LiveScene) -> None:
+def _interrupt_bridge(scene: LiveScene) -> None:
     assert scene.bridge is not None, "the bridge runs"
     scene.bridge.send_signal(signal.SIGINT)
 
 
-async def _kill_broker(scene: LiveScene) -> None:
+def _kill_broker(scene: LiveScene) -> None:
     if not scene.broker.published:
         raise RuntimeError("nothing was published")
     scene.broker.kill()
 
 
-async def _kill_screen(scene: LiveScene) -> None:
+def _kill_screen(scene: LiveScene) -> None:
     assert scene.screen is not None, "the screen runs"
     if scene.screen.returncode is not None:
         raise RuntimeError("the screen has ended already")
     scene.screen.kill()
 
 
-STRIKES: dict[str, Callable[[LiveScene], Awaitable[None]]] = {
+STRIKES: dict[str, Callable[[LiveScene], None]] = {
     "SIGKILL": _kill,
     "SIGKILL, radio": _kill,
     "pacer killed": _kill_pacer,
-    "pacer stopped": _stop_pacer,
+    "pacer stopped": lambda scene: scene.stop(PACER),
     "pacer killed, bridge": _kill_pacer,
     "bridge interrupted": _interrupt_bridge,
-    "recorder failure": _kill_recorder,
+    "recorder failure": lambda scene: os.kill(scene.child("groundstation.recording"), signal.SIGKILL),
     "MQTT broker gone": _kill_broker,
     "TUI crash": _kill_screen,
 }
@@ -531,7 +523,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
         struck_s = loop.time()
         moves.struck = True
         where = truth.strike(struck_s)
-        await STRIKES[name](scene)
+        STRIKES[name](scene)
         acts_s, rests = await _end_of(scene, world)
     finally:
         await scene.end()
