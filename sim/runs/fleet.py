@@ -28,7 +28,7 @@ from links.core import make_child_command
 from sim.runs.flight import LIMIT_S, MISSION_CONFIRM_S, REST_S, confirm_at, run_missions
 from sim.runs.referee import MissionVerdict, StateEntry, TrueTrack
 from sim.runs.stage import FleetStage, lay_out
-from sim.time import VirtualTimeLoop
+from sim.time import in_virtual_time
 from sim.world import World
 
 SAMPLE_S = 0.02
@@ -156,7 +156,8 @@ class FleetMission(msgspec.Struct, frozen=True, kw_only=True):
         return all(one.landed for one in self.vehicles)
 
 
-def fly_fleet(
+@in_virtual_time
+async def fly_fleet(
     world: World,
     config: Config,
     count: int,
@@ -181,19 +182,6 @@ def fly_fleet(
         fleet = read_fleet(file)
     if change is not None:
         worlds, fleet = change(worlds, fleet)
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        values = runner.run(_fly(worlds, fleet, seed, autopilot, script, on_event))
-    return FleetMission(**values, wall_s=time.perf_counter() - start)
-
-
-async def _fly(
-    worlds: Sequence[World],
-    fleet: FleetPlan,
-    seed: int,
-    autopilot: str,
-    script: FleetScript | None,
-    on_event: Callable[[str, Notice], None] | None,
-) -> dict[str, Any]:
     loop, tracks = asyncio.get_running_loop(), Tracks(len(worlds))
     stage = FleetStage(worlds, [member.lab for member in fleet.members], seed, tracks.step, autopilot=autopilot)
     relay = None if fleet.relay_listen is None else Relay(fleet.relay_listen, fleet.relay_targets)
@@ -222,7 +210,10 @@ async def _fly(
         fault = f"not over after {limit:g} s" if outcome is None else outcome.fault
         vehicles.append(judge(number, member.name, member.core, told, fault, tracks, stage))
     names, starts = [member.name for member in fleet.members], [world.start_ned for world in worlds]
-    return {"vehicles": tuple(vehicles), "nearest": tracks.nearest(names, starts), "duration_s": ended_s}
+    nearest = tracks.nearest(names, starts)
+    return FleetMission(
+        vehicles=tuple(vehicles), nearest=nearest, duration_s=ended_s, wall_s=time.perf_counter() - start
+    )
 
 
 def _note(states: list[StateEntry], name: str, on_event: Callable[[str, Notice], None] | None) -> Subscriber:

@@ -24,7 +24,7 @@ from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from sim.runs.referee import FlightVerdict, MissionVerdict, Referee, StateEntry, TrueTrack
 from sim.runs.stage import Stage
-from sim.time import Address, VirtualTimeLoop
+from sim.time import Address, VirtualTimeLoop, in_virtual_time
 from sim.world import TrueState, World
 
 CONFIRM_S = 1.0
@@ -73,7 +73,8 @@ class WireLog:
 _STAMP = struct.Struct("<dHHI")
 
 
-def fly(
+@in_virtual_time
+async def fly(
     world: World,
     config: Config,
     *,
@@ -93,33 +94,9 @@ def fly(
     ``give`` takes what is to be recorded. ``autopilot`` is one of :data:`sim.autopilots.peer.AUTOPILOTS`.
     ``on_step`` sees the true position [m, NED] at every step of the plant, by the event loop's clock.
     """
-    start = time.perf_counter()
-    log = WireLog(on_datagram)
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        loop = runner.get_loop()
-        assert isinstance(loop, VirtualTimeLoop)
-        loop.tap = log
-        values = runner.run(
-            _fly(world, config, seed, duration_s, autopilot, on_tick, on_event, on_pose, give, on_progress, on_step)
-        )
-    return Result(**values, log_sha256=log.sha256(), datagrams=log.count, wall_s=time.perf_counter() - start)
-
-
-async def _fly(
-    world: World,
-    config: Config,
-    seed: int,
-    duration_s: float,
-    autopilot: str,
-    on_tick: Callable[[Tick], None] | None,
-    on_event: Callable[[Notice], None] | None,
-    on_pose: Callable[[Pose], None] | None,
-    give: Give | None,
-    on_progress: Callable[[float], None] | None,
-    on_step: Callable[[float, Vec3], None] | None,
-) -> dict[str, Any]:
-    loop = asyncio.get_running_loop()
+    start, loop = time.perf_counter(), asyncio.get_running_loop()
     assert isinstance(loop, VirtualTimeLoop)
+    log = loop.tap = WireLog(on_datagram)
     referee = Referee(world, config.vehicle, config.controller.kb if isinstance(config.controller, Law) else None)
 
     def step(time_s: float, position: Vec3) -> None:
@@ -181,12 +158,15 @@ async def _fly(
     complete = begun is not None and referee.crash is None and flown >= duration_s - 1e-6
     if isinstance(outcome, FlightOutcome) and outcome.state is State.LANDED:
         complete = True
-    return {
-        "completed": complete,
-        "why": "flown to the end" if complete else _why(referee, outcome, failure),
-        "duration_s": flown,
-        "verdict": referee.verdict(trajectory, begun or 0.0),
-    }
+    return Result(
+        completed=complete,
+        why="flown to the end" if complete else _why(referee, outcome, failure),
+        duration_s=flown,
+        verdict=referee.verdict(trajectory, begun or 0.0),
+        log_sha256=log.sha256(),
+        datagrams=log.count,
+        wall_s=time.perf_counter() - start,
+    )
 
 
 def make_truth(truth: TrueState, wind: Vec3, trajectory: Trajectory, started_s: float | None) -> TruthRecord:
@@ -262,7 +242,8 @@ def from_floor(world: World, config: Config, figure_s: float | None) -> tuple[Wo
     )
 
 
-def fly_mission(
+@in_virtual_time
+async def fly_mission(
     world: World,
     config: Config,
     *,
@@ -277,22 +258,7 @@ def fly_mission(
     ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something; ``give`` takes
     what is to be recorded.
     """
-    start = time.perf_counter()
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        values = runner.run(_fly_mission(world, config, seed, autopilot, on_event, script, give))
-    return MissionResult(**values, wall_s=time.perf_counter() - start)
-
-
-async def _fly_mission(
-    world: World,
-    config: Config,
-    seed: int,
-    autopilot: str,
-    on_event: Callable[[Notice], None] | None,
-    script: Script | None,
-    give: Give | None,
-) -> dict[str, Any]:
-    loop = asyncio.get_running_loop()
+    begun_s, loop = time.perf_counter(), asyncio.get_running_loop()
     track, states, upright = TrueTrack(), list[StateEntry](), 1.0
 
     def step(time_s: float, position: Vec3) -> None:
@@ -330,17 +296,18 @@ async def _fly_mission(
     (outcome,), ended_s = await run_missions(stage.run(), [flight], limit, script and script(flight, stage))
     stage.plant.advance(loop.time())
     start, end = world.start_ned, stage.plant.truth(loop.time()).position_ned
-    return {
-        "landed": outcome is not None and outcome.state is State.LANDED and not outcome.fault,
-        "why": f"not over after {limit:g} s" if outcome is None else f"{outcome.state}: {outcome.reason}",
-        "fault": "" if outcome is None else outcome.fault,
-        "states": tuple(states),
-        "touchdown_m_s": stage.plant.hardest_m_s,
+    return MissionResult(
+        landed=outcome is not None and outcome.state is State.LANDED and not outcome.fault,
+        why=f"not over after {limit:g} s" if outcome is None else f"{outcome.state}: {outcome.reason}",
+        fault="" if outcome is None else outcome.fault,
+        states=tuple(states),
+        touchdown_m_s=stage.plant.hardest_m_s,
         **track.judge_figure(trajectory, flight.started_s, states, world.step_s),
-        "home_m": math.dist(start[:2], end[:2]),
-        "tilt_max_deg": math.degrees(math.acos(max(upright, -1.0))),
-        "duration_s": ended_s,
-    }
+        home_m=math.dist(start[:2], end[:2]),
+        tilt_max_deg=math.degrees(math.acos(max(upright, -1.0))),
+        duration_s=ended_s,
+        wall_s=time.perf_counter() - begun_s,
+    )
 
 
 async def run_missions(

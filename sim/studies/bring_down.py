@@ -13,7 +13,7 @@ from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from sim.runs import CONFIRM_S, Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import VirtualTimeLoop
+from sim.time import in_virtual_time
 
 CAUSES = ("poses", "controller")
 """What is cut: the poses (the controller goes on to the coast limit), or the controller (its last command is held)."""
@@ -50,14 +50,10 @@ class _ControllerFailure(Exception):
     """What the controller of a flight with the cause ``controller`` dies of."""
 
 
-def cut(scenario: str, cause: str, at_s: float, *, seed: int = 0, overrides: list[str] | None = None) -> Fall:
+@in_virtual_time
+async def cut(scenario: str, cause: str, at_s: float, *, seed: int = 0, overrides: list[str] | None = None) -> Fall:
     """Fly ``scenario`` in virtual time, cut ``cause`` after ``at_s`` [s], and see where the vehicle ends."""
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(_cut(scenario, cause, at_s, seed, overrides or []))
-
-
-async def _cut(scenario: str, cause: str, at_s: float, seed: int, overrides: list[str]) -> Fall:
-    world, config = prepare(SCENARIOS[scenario], overrides)
+    world, config = prepare(SCENARIOS[scenario], overrides or [])
     path: list[tuple[float, Vec3, float]] = []
 
     def step(time_s: float, position: Vec3) -> None:

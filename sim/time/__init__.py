@@ -2,7 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.time.virtual_time import Address, VirtualTimeLoop
+    from sim.time.virtual_time import Address, VirtualTimeLoop, in_virtual_time
 
 
 def __getattr__(name: str) -> object:

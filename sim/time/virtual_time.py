@@ -9,10 +9,14 @@ fraction of a second. No threads and no real sockets in this mode.
 import asyncio
 import selectors
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from contextvars import Context, copy_context
+from functools import wraps
 from heapq import heapify, heappop, heappush
-from typing import Any, TypeAlias
+from typing import Any, ParamSpec, TypeAlias, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 Address: TypeAlias = tuple[str, int]
 Hear: TypeAlias = Callable[[Address, Address, bytes], None]
@@ -410,3 +414,14 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         endpoint = self.endpoints.get(target)
         if endpoint is not None:
             self.call_soon(endpoint.receive, data, source)
+
+
+def in_virtual_time(work: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P, T]:
+    """``work`` as a plain function: each call runs on a :class:`VirtualTimeLoop` of its own."""
+
+    @wraps(work)
+    def run(*args: P.args, **options: P.kwargs) -> T:
+        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+            return runner.run(work(*args, **options))
+
+    return run

@@ -26,7 +26,7 @@ from sim.autopilots import GAINS, STEP_S, FlightBoard, describe_settings
 from sim.radio import InlinePacer, PulseReceiver
 from sim.runs import RECORDING, Stage, confirm_at, fly, fly_mission, from_floor, simulate
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
-from sim.time import VirtualTimeLoop
+from sim.time import in_virtual_time
 from sim.world import FourRotors, Quadrotor, Wind, rows, stream
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
@@ -53,6 +53,7 @@ class StrikeOutcome(NamedTuple):
 def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutcome:
     """Fly until tracking has lasted half a second, have ``strike`` fall, and look at the motors."""
 
+    @in_virtual_time
     async def watch() -> StrikeOutcome:
         motors: list[tuple[float, FourRotors]] = []
         loop = asyncio.get_running_loop()
@@ -74,8 +75,7 @@ def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutcome:
 
     world, config = prepare(by_betaflight(SCENARIOS["paper"]), list(SHORT), link=link)
     world, config = from_floor(world, config, 30.0)
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(watch())
+    return watch()
 
 
 def _pacer_of(stage: Stage) -> InlinePacer:
@@ -141,6 +141,7 @@ def respond(axis: int, rate_deg_s: float, gains: Sequence[str] = GAINS) -> tuple
     seen, told = list[float](), list[float]()
     sign = (1.0, -1.0, 1.0)[axis]
 
+    @in_virtual_time
     async def run() -> None:
         loop = asyncio.get_running_loop()
         flying = asyncio.ensure_future(board.run())
@@ -161,8 +162,7 @@ def respond(axis: int, rate_deg_s: float, gains: Sequence[str] = GAINS) -> tuple
         flying.cancel()
         await asyncio.gather(flying, return_exceptions=True)
 
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        runner.run(run())
+    run()
     lag, delay = _fit(np.array(told), np.array(seen))
     return lag, delay, max(seen[:500]) / rate_deg_s - 1.0
 

@@ -19,7 +19,7 @@ from groundstation.config import dump
 from groundstation.recording import FlightLog, about
 from groundstation.runtime import RecordingConfig, free_name, list_recordings, tidy
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import VirtualTimeLoop
+from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.proving.faults import BROKEN, STATES, Fault, NotReached, Row, Scene, fly_here
 
 FAULTY_SHARE = 0.4
@@ -89,11 +89,8 @@ def soak(
 ) -> Soak:
     """Fly for ``hours`` of virtual time; ``on_progress`` hears how many have passed."""
     start = time.perf_counter()
-    with (
-        tempfile.TemporaryDirectory(prefix="gs-soak-") as folder,
-        asyncio.Runner(loop_factory=VirtualTimeLoop) as runner,
-    ):
-        ledger = runner.run(_soak(3600.0 * hours, scenario, seed, Path(folder), on_progress))
+    with tempfile.TemporaryDirectory(prefix="gs-soak-") as folder:
+        ledger = _soak(3600.0 * hours, scenario, seed, Path(folder), on_progress)
     first, last = _means(ledger.looks)
     growth = last / first - 1.0 if first else 0.0
     limit = 1e3 * KEEP_GB + ledger.largest_mb
@@ -139,6 +136,7 @@ async def _do_nothing(_: Scene) -> None:
     return
 
 
+@in_virtual_time
 async def _soak(
     until_s: float, scenario: str, seed: int, folder: Path, on_progress: Callable[[float], None] | None
 ) -> _Ledger:

@@ -10,7 +10,7 @@ from groundstation.recording import make_flight
 from groundstation.runtime import sleep_until
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import VirtualTimeLoop
+from sim.time import in_virtual_time
 from tests.proving.bench.bench import Options
 from tests.proving.soak import look
 
@@ -19,6 +19,7 @@ LOOKS = 20
 """Looks spread over the flight. The first quarter is warm-up: deques and caches fill."""
 
 
+@in_virtual_time
 async def _fly(duration_s: float) -> list[dict[str, int]]:
     world, config = prepare(SCENARIOS[SCENARIO], [])
 
@@ -45,8 +46,7 @@ async def _fly(duration_s: float) -> list[dict[str, int]]:
 
 def measure_growth(hours: float) -> dict[str, Any]:
     """Fly for ``hours``; growth is from the end of the first quarter to the end of the flight."""
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        looks = runner.run(_fly(3600.0 * hours))
+    looks = _fly(3600.0 * hours)
     first, last = looks[LOOKS // 4], looks[-1]
     return {
         "scenario": SCENARIO,
