@@ -255,3 +255,11 @@ def test_the_table_is_written_for_spreadsheets_and_for_latex(
     assert text.count(r"\\") == len(rows)
     assert r"certificate holds [\%]" in text
     assert not re.search(r"(?<!\\)[%&#_](?! )", text.replace(" & ", ""))
+
+
+def test_a_controller_without_a_v_has_no_certificate_in_the_table(tmp_path: Path) -> None:
+    paths = [recorded()[0], recorded("paper", "controller.kind=pid")[0]]
+    assert report_command(paths, tmp_path, nothing_outside, as_json=False, formats=["csv"]) == 0
+    rows = {row[0]: row[1:3] for row in csv.reader((tmp_path / "results.csv").read_text("utf-8").splitlines())}
+    assert rows["certificate violated [%]"] == ["0.00", "–"]
+    assert rows["certificate holds [%]"][1] == "–"

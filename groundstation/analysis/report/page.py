@@ -34,7 +34,9 @@ h2 { font-size: 1.15rem; margin: 2rem 0 0.5rem; }
 table { border-collapse: collapse; margin: 0.5rem 0; }
 th, td { text-align: left; padding: 0.2rem 0.9rem 0.2rem 0; border-bottom: 1px solid #ddd; vertical-align: top;
          overflow-wrap: anywhere; }
+td:first-child, th:first-child { overflow-wrap: normal; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+td.number:last-child { white-space: normal; overflow-wrap: normal; }
 figure { margin: 1.5rem 0; break-inside: avoid; }
 img { max-width: 100%; height: auto; }
 figcaption, .note { color: #444; font-size: 0.9rem; }
@@ -150,8 +152,7 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
             f"commands at a limit, from {SATURATION_FROM_S:g} s on [%]",
             (_p(f["actuation"]["saturated_fraction_steady"]) for f in facts),
         ),
-        row("certificate holds [%]", (_p(f["certificate"]["fractions"].get("holds", 0.0)) for f in facts)),
-        row("certificate violated [%]", (_p(f["certificate"]["fractions"].get("violated", 0.0)) for f in facts)),
+        *(row(f"certificate {state} [%]", (_p(_share(f, state)) for f in facts)) for state in ("holds", "violated")),
     ]
     if any(f["true_error"]["rms_cm"] is not None for f in facts):
         rows[2:2] = [
@@ -235,7 +236,13 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool 
 
 
 def _n(value: float | None, digits: int = 2) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
+    return "–" if value is None else f"{value:z.{digits}f}"
+
+
+def _share(facts: dict[str, Any], state: str) -> float | None:
+    """How often the certificate was in ``state``; None of a controller that has no V."""
+    fractions = facts["certificate"]["fractions"]
+    return None if set(fractions) == {"none"} else fractions.get(state, 0.0)
 
 
 def _p(value: float | None) -> str:
