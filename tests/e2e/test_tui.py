@@ -243,6 +243,11 @@ class Terminal:
     def type(self, keys: str) -> None:
         self._do("send-keys", keys)
 
+    def paste(self, data: bytes) -> None:
+        """Have it typed as it is, without the marks of a paste."""
+        subprocess.run([*self._tmux, "load-buffer", "-"], input=data, check=True, timeout=60)
+        self._do("paste-buffer", "-r")
+
     def wait_for(self, *rows: str) -> str:
         screen = ""
         for _ in range(400):
@@ -289,6 +294,26 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
         terminal.type("Down")
         terminal.type("Enter")
         terminal.wait_for("left with 0", "groundstation request land --socket")
+
+
+@pytest.mark.parametrize("typed", [
+    b"\xe9x",
+    bytes(range(128, 256)) * 20,
+    b"\x1b[99999999999u",  # a key of a number that no character has
+    b"\xe9\x1b[1;1;99999999999u\xff",
+])  # fmt: skip
+def test_keys_still_work_after_bytes_that_are_no_text(terminal: Terminal, tmp_path: Path, typed: bytes) -> None:
+    path = tmp_path / "mqx.sock"
+    with contextlib.ExitStack() as stack:
+        core = subprocess.Popen([sys.executable, "-m", "tests.sample_flight", str(path)])
+        stack.callback(core.wait)
+        stack.callback(core.kill)
+        terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", path)
+        terminal.wait_for(*big("tracking"))
+        terminal.paste(typed)
+        terminal.type("Escape")
+        terminal.type("?")
+        terminal.wait_for("twice within 1 s")
 
 
 @pytest.mark.parametrize(("words", "says"), [

@@ -84,3 +84,28 @@ def test_a_core_that_ends_by_itself_is_told_on_the_screen_and_after_it(terminals
         terminals[0].wait_for(*big("aborted"), "no pose within 1 s")
         terminals[0].type("q")
         terminals[0].wait_for("has ended", "mqx aborted: no pose within 1 s", "mqx.log", "left with 1")
+
+
+FAILING = """
+from groundstation.__main__ import main
+from groundstation.interfaces.tui.app import Dashboard
+
+def fail(_):
+    raise RuntimeError("of the test")
+
+Dashboard.action_keys = fail
+raise SystemExit(main())
+"""
+"""A program whose dashboard fails where the operator asks for its keys."""
+
+
+def test_a_dashboard_that_fails_begins_anew_while_its_flight_goes_on(terminals: list[Terminal]) -> None:
+    with flown_in_a_room() as room:
+        python, _, _, *words = room.station("fly", "--tui")
+        terminals[0].start(python, "-c", FAILING, *words)
+        terminals[0].wait_for(*big("ready"), "you hold control")
+        core = [pid for pid, args in processes(str(room.status_socket)).items() if " daemon " in args]
+        terminals[0].type("?")
+        terminals[0].wait_for("has failed and begins", f"process {core[0]}", *big("ready"), "you hold control")
+        terminals[0].type("q")
+        terminals[0].wait_for("has ended", "left with")

@@ -77,6 +77,7 @@ from groundstation.interfaces.tui.pages import (
     Page,
     PageFrame,
 )
+from groundstation.interfaces.tui.terminal import driver_class
 from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
 from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.runtime import (
@@ -562,6 +563,8 @@ class Ordering:
 
 FRAME_S = 0.2
 """Time between two drawings [s]."""
+NOTICE_S = 20.0
+"""How long the notice of a new dashboard stays in sight [s]."""
 PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
 NO_SCREEN = frozenset((*ON_GROUND, *FINAL))
 """In these states a flight needs nobody to look at it."""
@@ -590,7 +593,13 @@ class Dashboard(App[None]):
     ]
 
     def __init__(
-        self, feed: Feed, *, read_only: bool = False, take_control: bool = False, which: str | None = None
+        self,
+        feed: Feed,
+        *,
+        read_only: bool = False,
+        take_control: bool = False,
+        which: str | None = None,
+        notice: str = "",
     ) -> None:
         """Show ``feed``.
 
@@ -600,8 +609,12 @@ class Dashboard(App[None]):
             take_control: Take control as soon as somebody is there; after that only when told to.
             which: The options that name this flight to other commands, for who leaves while it flies; without it, its
                 vehicle's name.
+            notice: What is said to the operator at first.
         """
-        super().__init__()
+        super().__init__(driver_class=driver_class())
+        self.left = False
+        """Whether the operator has left it; else it has failed, where it has ended."""
+        self._notice = notice
         self.title = "groundstation"
         self.HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]
         self.VERTICAL_BREAKPOINTS = [(0, "short"), (TALL, "tall")]
@@ -642,6 +655,8 @@ class Dashboard(App[None]):
     def on_ready(self) -> None:
         """Begin to draw: only now are all parts of the screen there."""
         self.set_interval(FRAME_S, self.draw)
+        if self._notice:
+            self.notify(self._notice, severity="warning", timeout=NOTICE_S)
 
     async def _listen(self) -> None:
         loop = asyncio.get_running_loop()
@@ -761,6 +776,7 @@ class Dashboard(App[None]):
         """Leave; what flies goes on, and the operator is told so."""
         newest = self.picture.newest
         if newest is None or not self._feed.live or newest.state in NO_SCREEN:
+            self.left = True
             self.exit()
         elif not isinstance(self.screen, Dialog):
             self.run_worker(self._leave(newest.vehicle, newest.state))
@@ -770,6 +786,7 @@ class Dashboard(App[None]):
         options: Sequence[tuple[str, str]] = [("stay", "Stay"), ("leave", "Leave; the flight goes on")]
         if await self.push_screen_wait(Choice("Leave?", says, options, orders=self._orders)) == "leave":
             which = self._which or f"--vehicle {vehicle}"
+            self.left = True
             self.exit(
                 message=f"The flight of {vehicle} goes on ({state}).\n"
                 f"  see it again  groundstation tui {which}\n  land          groundstation request land {which}"
@@ -804,6 +821,8 @@ NICE = 5
 """By so much the dashboard stands behind what flies (nice(2)): a key still gets through on a machine that is busy."""
 END_S = 20.0
 """How long a ground station on the ground may take to end [s]."""
+AGAIN_S = 1.0
+"""A dashboard that has failed begins anew no sooner [s]."""
 
 
 def tui_command(args: argparse.Namespace) -> int:
@@ -845,8 +864,21 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         return "" if core.poll() is None else f"It has ended, exit code {core.returncode}: {_last_line(log)}"
 
     which = _which(path if config.status.path else None)
-    dashboard = Dashboard(Attached(path, core.pid, describe_end), take_control=True, which=which)
+
+    def make(notice: str) -> Dashboard:
+        return Dashboard(Attached(path, core.pid, describe_end), take_control=True, which=which, notice=notice)
+
+    dashboard = make("")
     code = _run(dashboard, args.theme)
+    while not dashboard.left and core.poll() is None and sys.stdin.isatty():  # without a terminal nobody sees it
+        says = f"The dashboard has failed and begins anew; the ground station goes on as process {core.pid}"
+        print(says, file=sys.stderr)
+        try:
+            asyncio.run(asyncio.sleep(AGAIN_S))
+        except KeyboardInterrupt:
+            break
+        dashboard = make(says)
+        code = _show(dashboard, args.theme)
     newest = dashboard.picture.newest
     if core.poll() is None and newest is not None and newest.state in NO_SCREEN:
         core.terminate()  # it ends what has not taken off; it would land what has, meanwhile
@@ -891,6 +923,10 @@ def _which(socket: Path | None) -> str | None:
 
 def _run(dashboard: Dashboard, theme: str) -> int:
     os.nice(NICE)  # what flies comes first, where both want the same processor
+    return _show(dashboard, theme)
+
+
+def _show(dashboard: Dashboard, theme: str) -> int:
     dashboard.theme = theme
     dashboard.run()
     return dashboard.return_code or 0

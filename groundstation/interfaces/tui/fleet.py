@@ -23,6 +23,7 @@ from groundstation.interfaces.mqtt import (
     heed_cancellation,
 )
 from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText
+from groundstation.interfaces.tui.terminal import driver_class
 from groundstation.interfaces.tui.widgets import THEMES, Banner, require_terminal
 from links.core import printable
 
@@ -176,7 +177,7 @@ class FleetScreen(App[None]):
     ENABLE_COMMAND_PALETTE = False
 
     def __init__(self, broker: MqttBroker) -> None:
-        super().__init__()
+        super().__init__(driver_class=driver_class())
         for theme in THEMES:
             self.register_theme(theme)
         self.theme = THEMES[0].name
