@@ -76,6 +76,9 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None,
     target = out or path.with_name(f"{path.stem}{SUFFIXES[form]}")
     if form not in ("csv", "parquet") and target.exists():  # those are folders
         raise ConfigError("--out", f"{target} is there already: name another, or remove it")
+    ending = Path(f"x{SUFFIXES[form]}").suffix
+    if form in ("mcap", "foxglove", "rrd") and target.suffix != ending:
+        raise ConfigError("--out", f"expected a name that ends in {ending}, as viewers go by it, got {target.name!r}")
     try:
         recording = Recording(path)
         known = None if truth is None else TruthTrack(truth)

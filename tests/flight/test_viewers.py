@@ -23,6 +23,7 @@ from groundstation.analysis.viewers import (
     WindArrow,
     turn_to,
 )
+from groundstation.config import ConfigError
 from groundstation.core.geometry import to_world
 from groundstation.recording import About, FlightLog, Recording
 from tests.recordings import recorded
@@ -43,6 +44,12 @@ def exported(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("viewers") / "flight-foxglove.mcap"
     assert export_command(flight, "foxglove", [], target) == 0
     return target
+
+
+@pytest.mark.parametrize(("form", "ending"), [("foxglove", "mcap"), ("rrd", "rrd")])
+def test_a_file_for_viewers_is_named_as_they_know_it(flight: Path, form: str, ending: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=rf"--out: expected a name that ends in \.{ending}"):
+        export_command(flight, form, [], tmp_path / "flight")
 
 
 def shapes(flight: Path) -> list[tuple[float, Placement | Trail | WindArrow]]:
