@@ -389,15 +389,45 @@ def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
     play(scene, short_path)
 
 
-def test_too_many_clients_are_turned_away(tmp_path: Path) -> None:
+def test_who_only_reads_keeps_no_order_out(tmp_path: Path) -> None:
     async def scene(path: Path, latest: Latest[Snapshot]) -> None:
         latest.put(sample(1.0))
-        async with served(path, latest):
-            streams = [snapshots(path) for _ in range(api_server.CLIENTS_MAX)]
-            for stream in streams:
-                assert await anext(stream) == sample(1.0)
-            with pytest.raises(ApiError, match="closed the connection"):
-                await anext(snapshots(path))
+        core = Sampled()
+        async with served(path, latest, core=core), contextlib.AsyncExitStack() as stack:
+            most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
+            readers = [await stack.enter_async_context(open_client(path)) for _ in range(most)]
+            for reader in readers:
+                await anext(reader)
+            assert (await ask_station(Request(Ask.KILL), None, path)).done
+            assert core.asked[-1].ask is Ask.KILL
+            guest = readers.pop(api_server.CLIENTS_MAX)
+            with pytest.raises(StopAsyncIteration):
+                while True:
+                    await anext(guest)
+            latest.put(sample(2.0))
+            for reader in readers:  # all others are served on
+                while await anext(reader) != sample(2.0):
+                    pass
+
+    play(scene, tmp_path)
+
+
+def test_who_holds_control_is_never_dropped_for_another(tmp_path: Path) -> None:
+    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
+        latest.put(sample(1.0))
+        core = Sampled()
+        async with served(path, latest, core=core), contextlib.AsyncExitStack() as stack:
+            most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
+            clients = [await stack.enter_async_context(open_client(path)) for _ in range(most)]
+            for client in clients:
+                await client.ask(Request(Ask.LAND))
+            holder = clients[api_server.CLIENTS_MAX]
+            assert (await holder.take_control()).done
+            for _ in range(most):
+                new = await stack.enter_async_context(open_client(path))
+                assert (await new.ask(Request(Ask.LAND))).done
+            assert (await holder.ask(Request(Ask.RETURN))).done
+            assert core.asked[-1].ask is Ask.RETURN
 
     play(scene, tmp_path)
 

@@ -15,7 +15,7 @@ import argparse
 import asyncio
 import signal
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Literal, cast
@@ -291,19 +291,51 @@ async def snapshots(path: Path) -> AsyncIterator[Snapshot]:
 
 
 EXIT_DONE, EXIT_REFUSED, EXIT_NOBODY = 0, 1, 2
+STOP_ANSWER_S = 1.0
+"""Whom ``stop-all``, or a kill, has asked and who has not answered by then, gets a signal [s]."""
 
 
 def request_command(request: Request, vehicle: str | None, socket: Path | None) -> int:
-    """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody is there."""
+    """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody is there.
+
+    Where a kill is not answered, the process that is meant gets the signal instead.
+    """
+    kill = request.ask is Ask.KILL
     try:
-        answer = asyncio.run(ask_station(request, vehicle, socket))
+        asked = ask_station(request, vehicle, socket)
+        answer = asyncio.run(_at_once(asked) if kill else asked)
     except (ApiError, OSError) as error:
         nobody = isinstance(error, OSError) and error.filename is None
-        says = f"{socket}: no ground station serves there" if nobody else error
+        says = f"{socket}: no ground station serves there" if nobody else str(error)
+        meant = _meant(vehicle, socket) if kill else None
+        if meant is not None:
+            told = _stop_by_signal(meant, Ask.KILL, says)
+            print(printable(told.says), file=sys.stderr)
+            return EXIT_DONE if told.answered else EXIT_REFUSED
         print(f"groundstation: request: {says}", file=sys.stderr)
         return EXIT_NOBODY
     print(answer.says)
     return EXIT_DONE if answer.done else EXIT_REFUSED
+
+
+async def _at_once(asked: Awaitable[OrderAnswer]) -> OrderAnswer:
+    try:
+        async with asyncio.timeout(STOP_ANSWER_S):
+            return await asked
+    except TimeoutError:
+        raise ApiError(f"no answer within {STOP_ANSWER_S:g} s") from None
+
+
+def _meant(vehicle: str | None, socket: Path | None) -> Running | None:
+    """The one flight of this machine that a request is for; None where there is none, or more than one."""
+    there = [
+        one
+        for one in running_processes()
+        if one.command != BRIDGE
+        and vehicle in (None, one.vehicle)
+        and (socket is None or socket.absolute() == Path(one.socket))
+    ]
+    return there[0] if len(there) == 1 else None
 
 
 async def ask_station(request: Request, vehicle: str | None, socket: Path | None = None) -> OrderAnswer:
@@ -327,8 +359,6 @@ async def ask_station(request: Request, vehicle: str | None, socket: Path | None
         return await client.ask(request, vehicle=vehicle or "")
 
 
-STOP_ANSWER_S = 1.0
-"""Who has not answered by then gets a signal [s]."""
 EXIT_UNANSWERED = 1
 
 
@@ -359,6 +389,12 @@ async def _stop(one: Running, ask: Ask, why: str) -> StopReport:
         trouble = str(error)
     except OSError as error:
         trouble = f"its socket {one.socket}: {error.strerror or error}"
+    return _stop_by_signal(one, ask, trouble)
+
+
+def _stop_by_signal(one: Running, ask: Ask, trouble: str) -> StopReport:
+    """Who can't be asked gets the signal that means the same."""
+    who = f"{one.vehicle} (process {one.pid})"
     number = signal.SIGQUIT if ask is Ask.KILL else signal.SIGTERM
     if not send_signal(one, number):
         return StopReport(True, f"{who}: {trouble}, and it has ended")

@@ -25,7 +25,9 @@ from groundstation.interfaces.api.messages import (
 from groundstation.runtime import ApiError, IdleSlots, Latest, StatusConfig, claim_socket, socket_path
 
 CLIENTS_MAX = 16
-"""More clients than this are turned away."""
+"""So many clients stay for as long as they like."""
+GUESTS_MAX = 4
+"""So many more may be there; the next one takes the place of one of them, so that an order always gets in."""
 BACKLOG_MAX_BYTES = 65536
 """A client that leaves more than this unread, beyond what the kernel holds for it, is dropped."""
 ORDERS_HZ = 20.0
@@ -115,15 +117,24 @@ class Server:
         for client in list(self._clients):
             client.transport.close()
 
-    def attach(self, client: "_AttachedClient") -> bool:
-        """Take a new client, unless there are too many."""
-        if len(self._clients) >= CLIENTS_MAX:
-            return False
+    def attach(self, client: "_AttachedClient") -> None:
+        """Take a new client, whose order may be the one that counts; where there are too many, another one goes."""
+        if len(self._clients) >= CLIENTS_MAX + GUESTS_MAX:
+            self._make_room()
         self._clients[client] = 0
         self._attached.set()
         client.write(self._hello)
         client.write(encode(self.desk.control(client.party)))
-        return True
+
+    def _make_room(self) -> None:
+        """Drop the guest that came first of those that only read; else who only reads, else who lacks control."""
+        there = list(self._clients)
+        guests = there[CLIENTS_MAX:]
+        reading = [client for client in (*guests, *there) if not client.orders]
+        free = [client for client in (*guests, *there) if not self.desk.control(client.party).yours]
+        dropped = next(iter(reading or free))
+        self.detach(dropped)
+        dropped.transport.abort()
 
     def detach(self, client: "_AttachedClient") -> None:
         """Forget a client that went away; control goes with it."""
@@ -141,6 +152,7 @@ class Server:
             return self._refuse(client, "malformed", order)
         if client.party.replays(order):
             return self._refuse(client, "replayed", f"id {order.id} is not greater than those before it")
+        client.orders = True
         before = self.desk.control(client.party)
         client.write(encode(self.desk.take(order, client.party, asyncio.get_running_loop().time())))
         if self.desk.control(client.party) != before:
@@ -183,6 +195,8 @@ class _AttachedClient(asyncio.Protocol):
     def __init__(self, server: Server) -> None:
         self.party = Party(None)
         self.bad: Counter[str] = Counter()
+        self.orders = False
+        """Whether it has ever sent an order, and does not only read."""
         self._server = server
         self._lines = LineSplitter(ORDER_MAX_BYTES)
         self._waiting: list[bytes | None] = []
@@ -192,8 +206,7 @@ class _AttachedClient(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast("asyncio.Transport", transport)
         self.party = Party(_pid(transport))
-        if not self._server.attach(self):
-            self.transport.abort()
+        self._server.attach(self)
 
     def data_received(self, data: bytes) -> None:
         self._waiting += self._lines.feed(data)

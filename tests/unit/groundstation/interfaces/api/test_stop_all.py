@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages import Ask
+from groundstation.core.messages import Ask, Request
 from groundstation.interfaces.api import stop_all
+from groundstation.interfaces.api.client import request_command
 from tests.unit.groundstation.runtime.test_register import another, end
 
 
@@ -36,6 +37,24 @@ def test_a_flight_whose_socket_is_not_served_gets_the_signal_that_means_the_same
         assert bee.wait(60) == -number
     finally:
         end(bee)
+
+
+def test_a_kill_that_nobody_answers_is_given_by_signal_to_the_one_that_is_meant(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bee, ant = another("bee"), another("ant")
+    try:
+        assert request_command(Request(Ask.LAND), "bee", None) == 2
+        assert request_command(Request(Ask.KILL), None, None) == 2  # either may be meant
+        assert request_command(Request(Ask.KILL), "cat", None) == 2
+        assert (bee.poll(), ant.poll()) == (None, None)
+        assert request_command(Request(Ask.KILL), "bee", None) == 1
+        assert "SIGQUIT sent (motors off as soon as it runs)" in capsys.readouterr().err
+        assert bee.wait(60) == -signal.SIGQUIT
+        assert ant.poll() is None
+    finally:
+        end(bee)
+        end(ant)
 
 
 def test_a_bridge_is_left_to_its_station_and_stopped_by_kill() -> None:
