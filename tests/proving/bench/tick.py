@@ -38,7 +38,7 @@ Method = Callable[..., Any]
 
 
 @contextmanager
-def wrapped(parts: Sequence[tuple[type, str]], wrap: Callable[[str, Method], Method]) -> Iterator[None]:
+def wrap_methods(parts: Sequence[tuple[type, str]], wrap: Callable[[str, Method], Method]) -> Iterator[None]:
     """Within it each method of ``parts`` is what ``wrap`` makes of its name and itself."""
     inner = [(owner, name, getattr(owner, name)) for owner, name in parts]
     for owner, name, method in inner:
@@ -62,7 +62,7 @@ def record_calls(subject: type, names: tuple[str, ...]) -> Iterator[list[Call]]:
 
         return note
 
-    with wrapped([(subject, name) for name in ("__init__", *names)], noting):
+    with wrap_methods([(subject, name) for name in ("__init__", *names)], noting):
         yield calls
 
 
@@ -138,7 +138,7 @@ def time_calls(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> I
 
         return measure_call
 
-    with wrapped(parts, wrap):
+    with wrap_methods(parts, wrap):
         yield found
 
 
