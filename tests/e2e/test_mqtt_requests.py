@@ -192,19 +192,43 @@ def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_pa
         module.PATIENCE_S = patience
 
 
-def test_a_flood_of_requests_is_not_listened_to_for_a_while(
-    lab: LabBroker, key: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("groundstation.interfaces.mqtt.publisher.PAUSE_S", 0.5)
+def test_a_kill_is_heard_in_a_flood_and_all_else_once_it_is_over(lab: LabBroker, key: Path) -> None:
+    station = Station()
+
+    async def flood(client: aiomqtt.Client) -> None:
+        while True:
+            await client.publish("groundstation/mqx/request", b"{}")
+            await asyncio.sleep(0.006)
+
+    async def scene() -> None:
+        operator, secret = lab.address("operator"), read_key(key)
+        async with station.serving(config_of(lab, key)), operator.client() as client:
+            await retained(client, "groundstation/mqx/request/session")
+            for _ in range(200):
+                await client.publish("groundstation/mqx/request", b"{}")
+            flooding = asyncio.create_task(flood(client))
+            for _ in range(3):
+                assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "kill")).done
+            flooding.cancel()
+            await asyncio.gather(flooding, return_exceptions=True)
+            await asyncio.sleep(1.0)
+            assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "land")).done
+            assert (await counted(client, 1))["flooded"] >= 1
+        assert [request.ask for request in station.core.asked] == [Ask.KILL, Ask.KILL, Ask.KILL, Ask.LAND]
+
+    play(scene())
+
+
+def test_far_more_than_a_flood_is_not_listened_to_for_a_moment(lab: LabBroker, key: Path) -> None:
     station = Station()
 
     async def scene() -> None:
         operator, secret = lab.address("operator"), read_key(key)
         async with station.serving(config_of(lab, key)), operator.client() as client:
             await retained(client, "groundstation/mqx/request/session")
-            for _ in range(3000):
+            for _ in range(6000):
                 await client.publish("groundstation/mqx/request", b"x" * 900)
-            await asyncio.sleep(1.2)
+            await asyncio.sleep(2.5)
             assert (await request_by_mqtt(operator, "mqx", "tablet", secret, "land")).done
             counts = await counted(client, 1)
             assert counts["flooded"] >= 1

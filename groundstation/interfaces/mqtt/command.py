@@ -83,6 +83,8 @@ def _schemas(args: argparse.Namespace) -> None:
 
 LIFE_MS = 4000
 """How long the request is good for [ms]."""
+AGAIN_S = 0.3
+"""A kill that is not answered is published again so often, the same, and obeyed once [s]."""
 PATIENCE_S = 5.0
 """How long we wait, for everything [s]."""
 
@@ -157,8 +159,17 @@ class _Asking:
         self._points = points
         self._ids: set[int] = set()
         self._state = ""
+        self._repeating: asyncio.Task[None] | None = None
 
     async def run(self, connection: "aiomqtt.Client") -> SealedAnswer:
+        try:
+            return await self._run(connection)
+        finally:
+            if self._repeating is not None:
+                self._repeating.cancel()
+                await asyncio.gather(self._repeating, return_exceptions=True)
+
+    async def _run(self, connection: "aiomqtt.Client") -> SealedAnswer:
         root = f"{self._place.prefix}/{self._place.vehicle}/"
         await connection.subscribe([(root + topic.name, 1) for topic in (STATE, ANSWER, SESSION)])
         heed_cancellation()
@@ -181,6 +192,19 @@ class _Asking:
         request = seal_request(
             self._key, self._place, session, self._client, now_ms, self._ask, now_ms + LIFE_MS, self._why, self._points
         )
+        await self._publish(connection, topic, request)
+        if self._ask == "kill":
+            if self._repeating is not None:
+                self._repeating.cancel()
+            self._repeating = asyncio.create_task(self._repeat(connection, topic, request))
+
+    async def _repeat(self, connection: "aiomqtt.Client", topic: str, request: bytes) -> None:
+        """Others may have flooded the station, which then does not listen for a moment."""
+        for _ in range(int(1e-3 * LIFE_MS / AGAIN_S)):
+            await asyncio.sleep(AGAIN_S)
+            await self._publish(connection, topic, request)
+
+    async def _publish(self, connection: "aiomqtt.Client", topic: str, request: bytes) -> None:
         await connection.publish(
             topic, request, qos=REQUEST.quality, properties=properties(REQUEST, -(-LIFE_MS // 1000))
         )

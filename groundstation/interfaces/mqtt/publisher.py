@@ -49,8 +49,8 @@ if TYPE_CHECKING:
     import aiomqtt
 
 
-PAUSE_S = 5.0
-"""How long nobody listens after too many messages [s]."""
+PAUSE_S = 1.0
+"""How long nobody listens after far too many messages: a kill is asked again and again for 4 s [s]."""
 ANSWERS_KEPT = 16
 """So many answers wait for a slow broker; no request waits for them."""
 
@@ -130,7 +130,7 @@ class RequestListener:
                 await put(client, SESSION, msgspec.json.encode(SessionMessage(said)))
             message = await anext(client.messages)
             now_s = loop.time()
-            if self._gate.is_flooded(now_s):
+            if self._gate.is_overrun(now_s):
                 await self._pause(client)
                 continue
             answer = self._gate.take(message.payload, retained=message.retain, now_s=now_s, wall_ms=wall_ms())

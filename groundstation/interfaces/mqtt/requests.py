@@ -120,7 +120,9 @@ LIFE_MAX_MS = 10_000
 CLIENT_HZ, CLIENT_BURST = 2.0, 10.0
 """So many requests of one client are obeyed [1/s], and at once."""
 ANY_HZ, ANY_BURST = 50.0, 100.0
-"""More messages than this, whoever sends them, and nobody listens for a while [1/s], and at once."""
+"""More messages than this, whoever sends them, and only what may be a kill is looked at [1/s], and at once."""
+MOST_HZ, MOST_BURST = 1000.0, 1000.0
+"""More than this, and nobody listens for a moment: reading them takes time that flights need [1/s], and at once."""
 TELL_S = 60.0
 """A reason for which requests are dropped is told once in this time [s]."""
 SESSIONS_KEPT = 64
@@ -139,6 +141,11 @@ class Dropped(NamedTuple):
 
     reason: str
     text: str
+
+
+FLOODED = Dropped("flooded", "too many messages, of whomever: only a kill is heard")
+KILL_WORD = b'"kill"'
+"""What every kill has in it; so cheap to look for that it can be done in a flood."""
 
 
 class Gatekeeper:
@@ -168,6 +175,7 @@ class Gatekeeper:
         """Each session that counts, oldest first: who may name it, and the newest number of that client in it."""
         self._each = {name: TokenBucket(CLIENT_HZ, CLIENT_BURST) for name in clients}
         self._any = TokenBucket(ANY_HZ, ANY_BURST)
+        self._most = TokenBucket(MOST_HZ, MOST_BURST)
         self._begin()
 
     @property
@@ -181,18 +189,21 @@ class Gatekeeper:
         if len(self._sessions) > SESSIONS_KEPT:
             del self._sessions[next(iter(self._sessions))]
 
-    def is_flooded(self, now_s: float) -> bool:
+    def is_overrun(self, now_s: float) -> bool:
         """Count one more message, whatever it is; True where they are so many that it is better not to listen."""
-        if self._any.take(now_s):
+        if self._most.take(now_s):
             return False
-        self._drop(Dropped("flooded", "too many messages, of whomever: not listening for a while"), now_s)
+        self._drop(Dropped("overrun", "far too many messages, of whomever: not listening for a moment"), now_s)
         return True
 
     def take(self, data: bytes, *, retained: bool, now_s: float, wall_ms: int) -> bytes | None:
         """Do what a message asks for, and return its answer; None where it is dropped, counted by reason.
 
-        A kill is answered even then, so that whoever has asked for it knows that the motors still run: but for what
-        was not sealed by a client, what came before and was answered then, and one too many of who may not kill.
+        In a flood only a kill is taken, for which one seal is checked, and all else dropped unread.
+
+        A kill is answered even where it is dropped, so that whoever has asked for it knows that the motors still run:
+        but for what was not sealed by a client, what came before and was answered then, and one too many of who may
+        not kill.
 
         Args:
             data: What was published.
@@ -200,7 +211,13 @@ class Gatekeeper:
             now_s: The event loop's clock [s].
             wall_ms: The wall clock [ms since 1970].
         """
+        flooded = not self._any.take(now_s)
+        if flooded and (KILL_WORD not in data or len(data) > REQUEST_MAX_BYTES):
+            self._drop(FLOODED, now_s)
+            return None
         found = self._open_request(data, retained)
+        if flooded and not (isinstance(found, SealedRequest) and Ask(found.ask) is Ask.KILL):
+            found = FLOODED
         if isinstance(found, Dropped):
             self._drop(found, now_s)
             return None

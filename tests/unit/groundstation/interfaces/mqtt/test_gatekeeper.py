@@ -15,6 +15,7 @@ from groundstation.interfaces.mqtt.requests import (
     ANY_BURST,
     CLIENT_BURST,
     LIFE_MAX_MS,
+    MOST_BURST,
     REQUEST_MAX_BYTES,
     SESSIONS_KEPT,
     TELL_S,
@@ -227,10 +228,39 @@ def test_a_client_that_asks_all_the_time_is_heard_at_a_rate(desk: Desk) -> None:
     assert desk.take(sealed(1000), now_s=1.0) is not None
 
 
-def test_a_flood_is_not_listened_to(desk: Desk) -> None:
-    flooded = [desk.gate.is_flooded(0.0) for _ in range(200)]
-    assert flooded.count(False) == ANY_BURST
-    assert not desk.gate.is_flooded(1.0)
+def test_in_a_flood_only_a_kill_is_heard(desk: Desk) -> None:
+    killing = Gatekeeper(PLACE, {"tablet": ClientKey(KEY, ANYONE)}, desk.core.ask, lambda: SESSION, desk.told.append)
+    for _ in range(200):
+        killing.take(b'{"ask":"land"}', retained=False, now_s=0.0, wall_ms=NOW_MS)
+    assert killing.counts == {"malformed": ANY_BURST, "flooded": 200 - ANY_BURST}
+
+    def take(data: bytes) -> bytes | None:
+        return killing.take(data, retained=False, now_s=0.0, wall_ms=NOW_MS)
+
+    for number, data in enumerate(
+        (
+            sealed(1),
+            sealed(2, "kill", key=OTHER_KEY),
+            b'"kill"',
+            sealed(3, why='"kill"'),
+            sealed(4, "kill") + b" " * 4000,
+        )
+    ):
+        assert take(data) is None
+        assert killing.counts["flooded"] == 201 - ANY_BURST + number
+    assert desk.core.asked == []
+    assert take(sealed(5, "kill")) is not None
+    assert take(sealed(5, "kill")) is None  # played again
+    assert [request.ask for request in desk.core.asked] == [Ask.KILL]
+    assert killing.take(sealed(6), retained=False, now_s=1.0, wall_ms=NOW_MS) is not None  # it is over
+    assert len(desk.told) == 3  # malformed, flooded, replayed
+
+
+def test_far_more_than_a_flood_is_not_listened_to(desk: Desk) -> None:
+    overrun = [desk.gate.is_overrun(0.0) for _ in range(2000)]
+    assert overrun.count(False) == MOST_BURST
+    assert not desk.gate.is_overrun(1.0)
+    assert desk.gate.counts == {"overrun": 2000 - MOST_BURST}
     assert len(desk.told) == 1
 
 
@@ -279,7 +309,7 @@ def test_a_clock_ahead_makes_sessions_at_the_rate_of_a_client_and_no_faster() ->
         desk.take(sealed(number, "hold", session=desk.gate.session, expires_ms=NOW_MS + LIFE_MAX_MS + 1000))
         seen.add(desk.gate.session)
     assert len(seen) <= CLIENT_BURST + 1
-    assert desk.gate.counts["too_many"] == 1000 - CLIENT_BURST
+    assert desk.gate.counts["too_many"] + desk.gate.counts["flooded"] == 1000 - CLIENT_BURST
 
 
 def test_a_kill_too_makes_no_sessions_faster() -> None:
