@@ -310,8 +310,10 @@ FEW_HZ, WARN_RATE = 20.0, 0.8
 """Fewer poses a second fail; a smaller share of what the source should send is a warning."""
 OLD_SHARE, WARN_AGE_S = 0.5, 0.08
 """A pose older than this share of ``flight.coast_s`` fails; older than this is a warning [s]."""
-NOISE_M, WARN_NOISE_M = 0.02, 0.005
-"""Noise of the poses, 1σ per axis [m]."""
+NOISE_M, WARN_NOISE_M = 0.0025, 0.0015
+"""Noise of the poses, 1σ per axis [m]: of 3 mm on what watches the poses takes some true flights for lies."""
+NOISE_DEG, WARN_NOISE_DEG = 0.4, 0.3
+"""Of their roll and pitch [°]: of 8 mrad (0.46°) on likewise."""
 MOVED_M, WANDERED_M = 0.03, 0.5
 """How far the poses of a vehicle that stands may lie apart [m]; the second where the source knows velocities (GPS)."""
 TILT_DEG, WARN_TILT_DEG = 15.0, 6.0
@@ -325,6 +327,17 @@ def grade(name: str, value: float, warn: float, fail: float, says: str) -> Check
     """The larger ``value`` the worse; anything that is not below ``fail``, NaN too, fails."""
     verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
     return Check(name, verdict, says)
+
+
+def tilt_noise_deg(poses: Sequence[Pose]) -> float:
+    """The noise of roll and pitch that ``poses`` of a vehicle at rest show, 1σ of each [°]."""
+    axes = [third_column(pose.attitude) for pose in poses]
+    steps = [
+        math.dist([2.0 * y for y in b], [x + z for x, z in zip(a, c, strict=True)])
+        for a, b, c in zip(axes, axes[1:], axes[2:], strict=False)
+    ]
+    # Of two axes, and a second difference of white noise has six times its variance.
+    return math.degrees(math.sqrt(sum(step * step for step in steps) / (12.0 * max(1, len(steps)))))
 
 
 class Checks:
@@ -359,7 +372,7 @@ class Checks:
             self._age(poses[-1], now_s),
             self._deadline(),
             self._props_off(link),
-            grade("pose noise", noise_m, WARN_NOISE_M, NOISE_M, f"noise of {1e3 * noise_m:.2f} mm on each axis"),
+            self._noise(noise_m, tilt_noise_deg(poses)),
             self._rest(poses),
             self._tilt(poses[-1]),
             self._witness(witness),
@@ -410,6 +423,17 @@ class Checks:
             return Check("deadline", Verdict.PASS, says)
         says += f". Together they are {1e3 * usual_s:.0f} ms unless told otherwise"
         return Check("deadline", Verdict.WARN, says)
+
+    def _noise(self, noise_m: float, noise_deg: float) -> Check:
+        """Of position and of roll and pitch, whichever is the worse by its limits."""
+        quiet = noise_m <= WARN_NOISE_M and noise_deg <= WARN_NOISE_DEG
+        more = (
+            "" if quiet else ": calibrate the volume, and have more cameras see the body; with more of it flights end"
+        )
+        says = f"noise of {1e3 * noise_m:.2f} mm on each axis, {noise_deg:.2f}° of roll and pitch{more}"
+        place = grade("pose noise", noise_m, WARN_NOISE_M, NOISE_M, says)
+        lie = grade("pose noise", noise_deg, WARN_NOISE_DEG, NOISE_DEG, says)
+        return next((one for v in (Verdict.FAIL, Verdict.WARN) for one in (place, lie) if one.verdict is v), place)
 
     def _rest(self, poses: list[Pose]) -> Check:
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)

@@ -219,7 +219,8 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
     [
         (("flight.floor_z_m=0.5",), "floor: it stands at +1.00 m (down), flight.floor_z_m says +0.50 m"),
         (("sim.pose_rate_hz=10", "pose.drop_frozen=false"), "pose rate: 10 poses a second"),
-        (("sim.pose_noise_m=0.05",), "noise of"),
+        (("sim.pose_noise_m=0.005",), "noise of"),
+        (("sim.attitude_noise_rad=0.012",), "noise of"),
         (
             (
                 "fence.kind=box", "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]", "fence.height_m=3.0",

@@ -2,12 +2,14 @@
 
 import math
 import os
+import random
 from typing import Any, get_args
 
 import msgspec
 import pytest
 
 from groundstation.config import ConfigError, from_dict
+from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Check, Pose, PoseKind, Verdict
 from groundstation.core.safety import Agreement, StandingPoses
 from groundstation.flight import describe_checks, describe_failures, ensure_guarded
@@ -24,13 +26,16 @@ LINK = LinkStatus(state="connected", sent=0, expired=0, received=9, dropped={}, 
 FENCE = {"kind": "box", "north_m": [-2.0, 2.0], "east_m": [-2.0, 2.0], "height_m": 2.0}
 
 
-def standing(rate_hz: float = 50.0, *, tilt_deg: float = 0.0, drift_m: float = 0.0, down: float = 0.0) -> StandingPoses:
+def standing(
+    rate_hz: float = 50.0, *, tilt_deg: float = 0.0, drift_m: float = 0.0, down: float = 0.0, noise_deg: float = 0.0
+) -> StandingPoses:
     """A vehicle that has stood for a second until t = 1 s."""
-    half, stands = math.radians(0.5 * tilt_deg), StandingPoses()
+    stands, dice = StandingPoses(), random.Random(1)
     count = int(rate_hz) + 1
     for i in range(count):
         t = i / rate_hz
-        stands.stands(Pose(i, t, t, (drift_m * t, 0.0, down), (math.cos(half), math.sin(half), 0.0, 0.0)))
+        roll, pitch = (math.radians(dice.gauss(mean, noise_deg)) for mean in (tilt_deg, 0.0))
+        stands.stands(Pose(i, t, t, (drift_m * t, 0.0, down), from_euler_zyx(roll, pitch, 0.0)))
     return stands
 
 
@@ -63,9 +68,13 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("deadline", {"config": {"flight": {"coast_s": 0.3}}}, Verdict.WARN),
     ("deadline", {"config": {"guards": {"level_s": 0.75}}}, Verdict.WARN),
     ("pose noise", {}, Verdict.PASS),
-    ("pose noise", {"noise_m": 0.006}, Verdict.WARN),
-    ("pose noise", {"noise_m": 0.03}, Verdict.FAIL),
+    ("pose noise", {"noise_m": 0.002}, Verdict.WARN),
+    ("pose noise", {"noise_m": 0.003}, Verdict.FAIL),
     ("pose noise", {"noise_m": math.nan}, Verdict.FAIL),
+    ("pose noise", {"stands": standing(noise_deg=0.23)}, Verdict.PASS),
+    ("pose noise", {"stands": standing(noise_deg=0.35)}, Verdict.WARN),
+    ("pose noise", {"stands": standing(noise_deg=0.5)}, Verdict.FAIL),
+    ("pose noise", {"stands": standing(noise_deg=0.35), "noise_m": 0.003}, Verdict.FAIL),
     ("at rest", {"stands": standing(drift_m=0.02)}, Verdict.PASS),
     ("at rest", {"stands": standing(drift_m=0.1)}, Verdict.FAIL),
     ("tilt", {}, Verdict.PASS),
