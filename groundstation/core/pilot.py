@@ -278,7 +278,8 @@ class Pilot:
         if self._descent is None:
             self._coast += rest_s
             self._estimator.frozen = True  # what thrust seems to give is not learnt from poses that may be at fault
-        self._descent = self._descent or Descent(self._vehicle, self._gravity)
+            down = 0.0 if self._wind is None else self._wind[2]
+            self._descent = Descent(self._vehicle, self._gravity, down, self._learnt().effectiveness)
         self._descent.blind = blind
         self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()
@@ -423,13 +424,23 @@ class Pilot:
 
     def _before(self) -> Trusted:
         """The newest estimate of well before suspicion began, or the first."""
-        until = self._obedience.calm_s - TRUST_S
+        until, late_s, seen = self._obedience.calm_s - TRUST_S, self._obedience.late_s, self._estimator.motion
         newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
         found = self.evidence
-        if max(found.still, found.push) < max(found) and self._obedience.late_s == 0.0:
+        if max(found.still, found.push) < max(found) and late_s == 0.0:
             return newest
-        older = next((one for one in reversed(self._trusted) if one.time_s <= until - LEARNT_S), self._trusted[0])
+        older = self._learnt()
+        if late_s > 0.0 and seen is not None:
+            # Poses that are only late are true of then. Of what the vehicle did since, the model knows about half.
+            (x, y, z), (u, v, w), half_s = seen.position, seen.velocity, 0.5 * late_s
+            seen = seen._replace(position=(x + half_s * u, y + half_s * v, z + half_s * w))
+            newest = newest._replace(time_s=self._newest_s - half_s, motion=seen)
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)
+
+    def _learnt(self) -> Trusted:
+        """The estimate from which wind and thrust are believed, where a slow lie may have been learnt as these."""
+        until = self._obedience.calm_s - TRUST_S - LEARNT_S
+        return next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
 
     def _reckon(self, before: Trusted, until_s: float) -> Motion:
         """Where the commands sent have taken the vehicle since ``before``, by ``until_s`` [s]."""

@@ -25,11 +25,15 @@ WIND_LIMIT_M_S2 = 4.0
 """Of an estimated disturbance no more is believed, on each axis."""
 MOST = 0.24
 """Largest acceleration upwards that it asks for, as a share of gravity: poses that are late or wrong ask for more."""
+DOUBTED_MOST = 0.18
+"""The same where something speaks against the poses [-]."""
 INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
 """Acceleration per integral of the sinking speed's error [1/s²], and its largest: more than any wind believed."""
 HEAVIER_M_S2 = 3.0
 """The largest downward disturbance that it lifts against where nothing speaks against the poses: rotors that give seven
 tenths look like 4.2."""
+HEAVIER_S = 1.0
+"""What it lifts against is averaged for so long [s]: what swings is no wind, but poses that are late."""
 BLIND_PULL_M_S2 = 0.35
 """Downward acceleration that it asks for when blind: 1.2 m/s after 2 m."""
 BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
@@ -51,9 +55,15 @@ def ask(time_s: float) -> tuple[float, float]:
 class Descent:
     """Implements :class:`groundstation.core.messages.Controller`; of the reference speed and heading count."""
 
-    def __init__(self, vehicle: Vehicle, gravity: float) -> None:
+    def __init__(self, vehicle: Vehicle, gravity: float, down_m_s2: float, effectiveness: float) -> None:
+        """Take the vehicle as told and g [m/s²].
+
+        ``down_m_s2`` is the mean disturbance downwards of the last time [m/s², NED], ``effectiveness`` what the thrust
+        gave of what was told, before anything spoke against the poses [-].
+        """
         self._vehicle = vehicle
         self._gravity = gravity
+        self._heavier, self._effectiveness = down_m_s2, effectiveness
         self.blind = False
         """True where speed is not to be believed."""
         self.doubted = False
@@ -81,10 +91,14 @@ class Descent:
             n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
             roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
         also = ask(self._blind_s) if self.blind else (0.0, 0.0)
-        mass = self._vehicle.mass_kg / estimate.effectiveness
-        heavier = min(z, BLIND_WIND_M_S2 if self.blind or self.doubted else HEAVIER_M_S2)
+        effectiveness, strongest = estimate.effectiveness, MOST
+        if self.doubted:
+            effectiveness, strongest = max(effectiveness, self._effectiveness), DOUBTED_MOST
+        mass = self._vehicle.mass_kg / effectiveness
+        self._heavier += interval_s / (interval_s + HEAVIER_S) * (z - self._heavier)
+        heavier = min(self._heavier, BLIND_WIND_M_S2 if self.blind or self.doubted else HEAVIER_M_S2)
         # A leaning vehicle lifts less, one far over nothing that helps.
-        lift = min(length(along) / max(upright, 0.7), (1.0 + MOST) * (g + heavier)) if upright > 0.3 else 0.0
+        lift = min(length(along) / max(upright, 0.7), (1.0 + strongest) * (g + heavier)) if upright > 0.3 else 0.0
         return make_decision(
             self._vehicle,
             estimate,
