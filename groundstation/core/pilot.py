@@ -20,9 +20,11 @@ from groundstation.core.control import (
     make_controller,
     plan_bring_down,
     plan_model_descent,
+    push,
+    sine_error,
 )
 from groundstation.core.estimation import ModelEstimator
-from groundstation.core.geometry import FLOATS, Vec3, euler_zyx, third_column
+from groundstation.core.geometry import FLOATS, Quat, Vec3, euler_zyx, third_column
 from groundstation.core.messages import (
     GAIN,
     Certificate,
@@ -52,6 +54,9 @@ CALM_S = 5.0
 FALLS, UPRIGHT = 0.35, 0.5
 """Off the figure errors take away at most such a share of the weight from the thrust that the reference asks for [-],
 while the cosine of the vehicle's lean is above the second: heights that are mirrored or leap must not drop it."""
+LEANS, LEANS_GAIN = math.sin(math.radians(25.0)), 6.0
+"""Off the figure errors make it lean at most by that sine away from the push that the mean wind and the reference ask
+for [-]; it turns towards that no faster than by the second times what is left [1/s]."""
 CLIMBS, CLIMBS_S, CLIMBS_MORE = 1.2, 1.0, 0.5
 """So much of what hovered as it left the floor is pushed at most at first [-], and from so long after [s] on by so much
 more each second [1/s], ..."""
@@ -236,6 +241,7 @@ class Pilot:
         self._released = self._lifted = True
         self._left_s, self._hover_n = time_s, max(hover_share, CUSHIONED) * self._vehicle.mass_kg * self._gravity
         self._trust_from_here(disturbance)
+        self._obedience.lift_off(max(hover_share, CUSHIONED), climb_m_s)
         motion = self._estimator.predict(time_s + self._vehicle.acting_delay_s).motion
         self._left_down = motion.position[2]
         return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
@@ -346,9 +352,22 @@ class Pilot:
         vehicle, effectiveness = self._vehicle, estimate.effectiveness
         mass = vehicle.mass_kg / (effectiveness if effectiveness > 1.0 else 1.0)
         least = min(mass * (math.sqrt(x * x + y * y + (z - g) ** 2) - FALLS * g), vehicle.thrust_max_n)
-        if thrust >= least or third_column(estimate.motion.attitude)[2] < UPRIGHT:
-            return decision
-        return decision._replace(drive=ActuatorCommand(least, rates))
+        attitude = estimate.motion.attitude
+        if third_column(attitude)[2] >= UPRIGHT:
+            thrust = max(thrust, least)
+        rates = self._keep_upright(attitude, rates, push((x, y, z), self._wind or (0.0, 0.0, 0.0), g)[0])
+        drive, _ = clamp_command(vehicle, thrust, rates)
+        return decision._replace(drive=drive)
+
+    def _keep_upright(self, attitude: Quat, rates: Vec3, along: Vec3) -> Vec3:
+        """``rates`` that leave the body's z axis near the push ``along`` [m/s², NED], or bring it back: a barrier."""
+        roll, pitch = sine_error(attitude, along)
+        off = math.hypot(roll, pitch)
+        back = LEANS_GAIN * (off - LEANS)
+        more = back - (rates[0] * roll + rates[1] * pitch) / off if off > 0.0 else 0.0
+        if more <= 0.0:
+            return rates
+        return rates[0] + more * roll / off, rates[1] + more * pitch / off, rates[2]
 
     def _climb_gently(self, time_s: float, decision: Decision) -> Decision:
         """``decision`` with no more thrust than a vehicle needs that has just left the floor."""

@@ -460,7 +460,7 @@ class MissionExecutive:
         if self._charge is not None:
             return True
         if SILENT_S < now_s - self.heard_s < LOST_S:
-            self._pilot.monitor.restart()  # the link stalls: who does not hear the commands can't obey them
+            self._pilot.monitor.forget()  # the link stalls: who does not hear the commands can't obey them
             if self._pilot.upset and self.state is not State.DESCENT:
                 silent_ms = 1e3 * (now_s - self.heard_s)
                 why = f"not heard for {silent_ms:.0f} ms, and it does not do as told: the link stalls"

@@ -182,9 +182,10 @@ class MavlinkLink:
         self._deadman = Deadman()
         self._transmitter = Transmitter(self._deadman, config.period_s, self._leave)
         # On a wire that was lost the autopilot has begun its own failsafe: nothing more leaves, also when it is back.
-        # An autopilot that was silent may have heard us all the time: it gets the rest, and no newer command.
+        # An autopilot that was silent may have heard us all the time: what lands it by commands goes on, or what it
+        # heard last runs out.
         self.connection.when_lost = self._transmitter.stop
-        self.connection.when_back = self._deadman.hold
+        self.connection.when_back = self._come_back
         self.connection.owes = lambda: self.status.phase != Phase.OVER
         self._under_way: Handshake | None = None
         self._obeys = False
@@ -203,6 +204,11 @@ class MavlinkLink:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._busy = "on a link that is not connected"
         """Why send() is out of place now; empty where it is not."""
+
+    def _come_back(self) -> None:
+        """The autopilot is heard again."""
+        if self._deadman.phase(asyncio.get_running_loop().time()) is not Phase.FRESH:
+            self._deadman.hold()
 
     @property
     def period_s(self) -> float:

@@ -497,6 +497,8 @@ FILTER_NOISE = 2.0
 RESTS_M, RESTS_MORE, RESTS_S = 0.001, 9.0, 5.0
 """A position that stands moves by so much from node to node [m], and more counts up to so much of the mean square so
 far [-], as a single leap is no wander; the mean of so long counts [s]."""
+WANDERS_M = 0.001
+"""A height that wanders by more from node to node [m] is not asked near the floor whether it stands or stays behind."""
 ASTRAY_M = 0.5
 """However long it wanders, it does not go farther [m]: something holds it, as GPS or a barometer."""
 HEADING_S, HEADING_RAD_S = 0.7, 0.25
@@ -528,6 +530,9 @@ fast [m/s], and then no faster than that [m/s] for so many nodes stands: nobody 
 carries the vehicle passes through that speed."""
 BELOW_M = 0.06
 """It does not go so far below where it left the floor [m]."""
+BEHIND_M, BEHIND_M_S2, BEHIND_TO_M = 0.06, 1.0, 0.25
+"""Up to the third above it [m], it is behind where thrust must have lifted it by no more than the first [m] and what
+wind, and a hover thrust that was measured on the floor's cushion, make of it [m/s²]."""
 LED_S = 1.0
 """So long after it was moved by something else than commands it may still be in somebody's hand [s]."""
 LATE_LOOKS, LATE_NODES = 0.3, 3
@@ -564,13 +569,13 @@ class Obedience:
     """One flight's. Fed with each pose and what the commands did since the last one."""
 
     __slots__ = (  # with so many, a dictionary is slow
-        "_arrest", "_asked", "_attitude", "_between", "_down", "_flown", "_from_down", "_gravity", "_half_s",
-        "_halves", "_heading", "_hole_s", "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s",
-        "_newest_s", "_node_s", "_off", "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter",
-        "_quarters", "_resets", "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z",
-        "_shock_s", "_shocks_s", "_speed", "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s",
-        "_swift", "_told_x", "_told_y", "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s",
-        "evidence", "late_s", "led_s", "windows",
+        "_arrest", "_asked", "_attitude", "_between", "_climb_m_s", "_down", "_flown", "_from_down", "_from_s",
+        "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_hover_share", "_images", "_last", "_lates",
+        "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_off", "_passed", "_per_newton",
+        "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets", "_rested", "_rests", "_rivals",
+        "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s", "_speed", "_still", "_stood",
+        "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z", "_turns", "_upset",
+        "_wander", "_wander_m", "answered", "calm_s", "evidence", "late_s", "led_s", "windows",
     )  # fmt: skip
 
     def __init__(self, mass_kg: float, gravity: float) -> None:
@@ -586,7 +591,7 @@ class Obedience:
         self._between: Images | None = None
         """Those of the half-way instants, while an image is suspected: what it drives away is soon twice as fast."""
         self._rested: Pose | None = None
-        self._rests = 0.0
+        self._rests, self._resets = 0.0, 0
         self._wander = self._wander_m = 0.0
         self.windows = 0
         """Nodes looked at."""
@@ -602,14 +607,26 @@ class Obedience:
         self._asked: deque[tuple[float, float]] = deque()
         self.restart()
 
+    def lift_off(self, hover_share: float, climb_m_s: float) -> None:
+        """It has just left the floor, where the share ``hover_share`` of the weight seems to hover."""
+        self.restart()
+        self._hover_share, self._climb_m_s = hover_share, climb_m_s
+
     def restart(self) -> None:
-        """It has just left the floor, or was let go in the air: what was seen before counts no more."""
+        """It is let go in the air: what was seen before counts no more."""
+        self.forget()
+        self._flown = 0
+        self._hover_share = self._climb_m_s = self._down = self._from_down = self._from_s = math.nan
+        self._rose = False
+
+    def forget(self) -> None:
+        """What was seen before counts no more, but how long it flies, and from where: it has not heard the commands."""
         self._attitude = self._quarter = self._still = self._heading = 0.0
         self._quarters = [0.0, 0.0]
         self._last: Quat | None = None
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
-        self._flown = self._lates = 0
+        self._lates = self._stuck = 0
         self._strays = False
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._roll.restart()
@@ -624,8 +641,6 @@ class Obedience:
         self._turns.clear()
         self._asked.clear()
         self._leant = 0.0
-        self._down = self._from_down = math.nan
-        self._rose, self._stuck = False, 0
         self.evidence = PoseEvidence(0.0, 0.0, 0.0, 0.0)
         """As it stands."""
 
@@ -749,15 +764,18 @@ class Obedience:
 
     def _begin(self, pose: Pose) -> None:
         self.answered = 0.0
-        self._resets, self._node_s = pose.reset_count, pose.time_s
+        x, y, z = pose.position_ned
+        if self._flown == 0 and self._climb_m_s > 0.0:
+            self._from_down, self._from_s = z, pose.time_s
+        else:
+            self._from_s = math.nan  # what the commands did since is not known
+            if pose.reset_count != self._resets:
+                self._from_down = math.nan
+        self._resets, self._node_s, self._down = pose.reset_count, pose.time_s, z
         self._seen_x = self._seen_y = self._seen_z = self._told_x = self._told_y = self._told_z = 0.0
         self._pushed = self._speed = (0.0, 0.0, 0.0)
         self._images.begin(pose.time_s, pose.position_ned, self._pushed)
         self._rivals.begin(pose.position_ned, self._pushed)
-        x, y, z = pose.position_ned
-        self._down = z
-        if self._flown == 0:
-            self._from_down = z
         self._stood = [_Coordinate(a * x + b * y + c * z, pose.time_s) for a, b, c, _ in STANDS_ALONG]
         self._passed = NO_POSES
         self._swift = self._speed
@@ -845,8 +863,8 @@ class Obedience:
             climbs = self._flown * NODE_S <= CLIMB_S
             leapt = now_s - self._leapt_s < h
             self._push = self._rivals.node(place, pushed, h, shakes_m, leapt, climbs=climbs)
-            if climbs:
-                self._push = max(self._push, self._climb(place[2], h, noise_m))
+            if climbs and self._wander_m < WANDERS_M:
+                self._push = max(self._push, self._climb(now_s, place[2], h, noise_m))
         self._lean(now_s, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
         self._judge()
         attitude, axes, heading, still, push = self.evidence
@@ -871,19 +889,17 @@ class Obedience:
         low, high = min(rates), max(rates)
         return seen - low if seen < low else seen - high if seen > high else 0.0
 
-    def _climb(self, down: float, h: float, noise_m: float) -> float:
-        """What speaks for a height that stands, just off the floor."""
+    def _climb(self, now_s: float, down: float, h: float, noise_m: float) -> float:
+        """What speaks for a height that stands or stays behind, just off the floor, where it does not wander."""
         rises, self._down = (self._down - down) / h, down
-        high_m = self._from_down - down
-        if high_m < -BELOW_M and self._wander == 0.0:
+        high_m, since_s = self._from_down - down, now_s - self._from_s
+        fallen_m = 0.5 * self._gravity * since_s * since_s
+        lifted_m = (fallen_m - self._pushed[2]) / self._hover_share - fallen_m + self._climb_m_s * since_s
+        behind_m = BEHIND_M + 3.0 * noise_m + 0.5 * BEHIND_M_S2 * since_s * since_s
+        if high_m < -BELOW_M or (high_m < BEHIND_TO_M and lifted_m - high_m > behind_m):
             return 1.0
         self._rose = self._rose or (rises > ROSE_M_S and high_m > ROSE_M + 3.0 * noise_m)
-        stands = (
-            self._rose
-            and ROSE_M < high_m < LOW_M
-            and abs(rises) < RISES_M_S + 3.0 * noise_m / h
-            and self._wander == 0.0
-        )
+        stands = self._rose and ROSE_M < high_m < LOW_M and abs(rises) < RISES_M_S + 3.0 * noise_m / h
         self._stuck = self._stuck + 1 if stands else 0
         return 1.0 if self._stuck >= RISES_NODES else PUSH_SUSPECTS if self._stuck == RISES_NODES - 1 else 0.0
 

@@ -228,6 +228,13 @@ ACCEPTED, TEMPORARILY_REJECTED, FAILED, IN_PROGRESS = 0, 1, 4, 5
 _MAY_PASS = (TEMPORARILY_REJECTED, FAILED)
 
 
+def _answers(message: Message, command: int, autopilot: AutopilotAddress) -> bool:
+    """Whether it is the answer to a ``command`` of ours, and not to another ground station's."""
+    if message.get_type() != "COMMAND_ACK" or message.command != command:
+        return False
+    return message.target_system in (0, autopilot.codec.system_id)
+
+
 class Exchange(Repeated):
     """One COMMAND_LONG until its COMMAND_ACK."""
 
@@ -271,9 +278,7 @@ class Exchange(Repeated):
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take the answer, where ``message`` is one and answers us."""
-        if message.get_type() != "COMMAND_ACK" or message.command != self._command or not self._sent:
-            return
-        if message.target_system not in (0, self._autopilot.codec.system_id):
+        if not self._sent or not _answers(message, self._command, self._autopilot):
             return
         result = message.result
         began_s = now_s if self._since_s is None else self._since_s
@@ -326,7 +331,7 @@ class ReadVersion:
         if name == "AUTOPILOT_VERSION":
             self.firmware = f"{self._autopilot.name} {version(message)}"
             self.done = True
-        elif name == "COMMAND_ACK" and message.command == REQUEST_MESSAGE and message.result != ACCEPTED:
+        elif _answers(message, REQUEST_MESSAGE, self._autopilot) and message.result != ACCEPTED:
             self.done = True
 
 
@@ -377,7 +382,7 @@ class AskMode:
         """Take a heartbeat, or the answer."""
         name = message.get_type()
         self._heard = self._heard or name == "HEARTBEAT"
-        self._answered = self._answered or (name == "COMMAND_ACK" and message.command == REQUEST_MESSAGE)
+        self._answered = self._answered or _answers(message, REQUEST_MESSAGE, self._autopilot)
 
 
 def make_mode_request(autopilot: AutopilotAddress, repetition: int = 0) -> bytes:
@@ -426,7 +431,7 @@ class Kill:
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take the answer, where ``message`` is one."""
-        if message.get_type() != "COMMAND_ACK" or message.command != ARM_DISARM or not self._sent:
+        if not self._sent or not _answers(message, ARM_DISARM, self._autopilot):
             return
         if message.result == ACCEPTED:
             self._accepted += 1
