@@ -54,7 +54,7 @@ CALM_S = 5.0
 FALLS, UPRIGHT = 0.35, 0.5
 """Off the figure errors take away at most such a share of the weight from the thrust that the reference asks for [-],
 while the cosine of the vehicle's lean is above the second: heights that are mirrored or leap must not drop it."""
-LEANS, LEANS_GAIN = math.sin(math.radians(25.0)), 6.0
+LEANS, LEANS_GAIN = math.sin(math.radians(40.0)), 6.0
 """Off the figure errors make it lean at most by that sine away from the push that the mean wind and the reference ask
 for [-]; it turns towards that no faster than by the second times what is left [1/s]."""
 CLIMBS, CLIMBS_S, CLIMBS_MORE = 1.2, 1.0, 0.5

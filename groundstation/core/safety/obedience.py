@@ -77,7 +77,8 @@ pushes by that."""
 SAYS = 1.2
 """Where a vehicle that obeys is off by so little more than the noise, squared, no rival is looked at [-]."""
 NOISE_M_S2, WIND_M_S2 = 0.06, 0.3
-"""Noise of an acceleration at least, and what wind leaves across that a law has just answered, 1σ [m/s²]."""
+"""Noise of an acceleration at least, and what wind leaves that a law has just answered, 1σ [m/s²]."""
+WIND2 = WIND_M_S2 * WIND_M_S2
 NOISES = math.sqrt(6.0)
 """A second difference has so many times the noise of one position [-]."""
 LEARNS_S, LEARNS_AT_ONCE, RIVAL_MOVES = 2.0, 0.6, 0.35
@@ -115,7 +116,7 @@ class Rivals:
             pushed: where the commands would have taken it, from any point that it was at with any velocity [m, NED].
         """
         if not self._axes:
-            self._axes = _RivalAxis(WIND_M_S2), _RivalAxis(WIND_M_S2), _RivalAxis(0.0, CLIMB_BEGINS)
+            self._axes = _RivalAxis(), _RivalAxis(), _RivalAxis(known=CLIMB_BEGINS)
         for axis, x, told in zip(self._axes, position, pushed, strict=True):
             axis.begin(x, told)
 
@@ -169,13 +170,12 @@ class _RivalAxis:
     """One axis."""
 
     __slots__ = (
-        "_before", "_h", "_known", "_moved", "_place", "_push", "_smooth", "_speed", "_told", "_wind",
+        "_before", "_h", "_known", "_moved", "_place", "_push", "_smooth", "_speed", "_told",
         "astray", "evidence", "noises", "off", "since_s", "speaks",
     )  # fmt: skip
 
-    def __init__(self, wind_m_s2: float, known: int = 0) -> None:
-        """``wind_m_s2`` is what wind leaves that was just answered [m/s²], ``known`` nodes need no average."""
-        self._wind = wind_m_s2 * wind_m_s2
+    def __init__(self, known: int = 0) -> None:
+        """``known`` nodes need no average."""
         self._known, self._push, self._smooth = known, 0.0, 0.0
         self.noises = STOPS_NOISES
         """Less than so many times its noise is no speed [-]."""
@@ -222,7 +222,7 @@ class _RivalAxis:
             return
         obeys = a - off
         self._smooth += h / SMOOTHED_S * (obeys - self._smooth)
-        variance += self._wind
+        variance += WIND2
         wrong = EXACT2 * off * off + variance
         if self.speaks or wrong >= SAYS * variance:  # else it says nothing, as nearly always
             self._weigh(a, obeys, wrong, h, variance)
