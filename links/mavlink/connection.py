@@ -26,6 +26,7 @@ from links.core import LinkError, LinkLost, LinkMisuse
 from links.io import NETWORK, Datagrams, parse_address, read_key, waiting
 from links.mavlink.protocol import (
     GROUND_STATION,
+    INVALID,
     TICKS_PER_S,
     AutopilotAddress,
     Handshake,
@@ -559,8 +560,8 @@ class Contact:
 
     def _heartbeat(self, message: Message, source: Any, now_s: float) -> None:
         wire = self._line.wire
-        if message.type == GROUND_STATION or wire is None:
-            return
+        if message.type == GROUND_STATION or message.autopilot == INVALID or wire is None:
+            return  # a companion or a camera behind the same number
         is_first = self.heard.kind is None
         if self.heard.beat(message, now_s):
             if not wire.speaks_first:

@@ -243,9 +243,9 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         """Let nothing leave any more, as a telemetry radio that dies; it still hears and flies."""
         self._mute = True
 
-    def cut(self, cut: bool) -> None:
-        """Let nothing pass either way, or everything again; what would have passed is lost."""
-        self._mute = self._deaf = cut
+    def cut(self, cut: bool, *, hears: bool = False, speaks: bool = False) -> None:
+        """Let nothing pass but what it still ``hears`` or ``speaks``, or everything again; the rest is lost."""
+        self._mute, self._deaf = cut and not speaks, cut and not hears
 
     def reboot(self, lasts_s: float) -> None:
         """Restart the autopilot, which neither hears nor speaks for ``lasts_s`` [s]."""

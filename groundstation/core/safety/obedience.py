@@ -102,7 +102,9 @@ BEGINS, CLIMB_BEGINS = 5, 2
 class Rivals:
     """One flight's."""
 
-    def __init__(self) -> None:
+    def __init__(self, known: int = 0) -> None:
+        """Along the vertical so many nodes need no average: what lifts it off is known."""
+        self._known = known
         self._axes: tuple[_RivalAxis, ...] = ()
         self._gale = 0.0
         self._usual = WIND_M_S2 * WIND_M_S2
@@ -116,7 +118,7 @@ class Rivals:
             pushed: where the commands would have taken it, from any point that it was at with any velocity [m, NED].
         """
         if not self._axes:
-            self._axes = _RivalAxis(), _RivalAxis(), _RivalAxis(known=CLIMB_BEGINS)
+            self._axes = _RivalAxis(), _RivalAxis(), _RivalAxis(self._known)
         for axis, x, told in zip(self._axes, position, pushed, strict=True):
             axis.begin(x, told)
 
@@ -569,13 +571,13 @@ class Obedience:
     """One flight's. Fed with each pose and what the commands did since the last one."""
 
     __slots__ = (  # with so many, a dictionary is slow
-        "_arrest", "_asked", "_attitude", "_between", "_climb_m_s", "_down", "_flown", "_from_down", "_from_s",
-        "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_hover_share", "_images", "_last", "_lates",
-        "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_off", "_passed", "_per_newton",
-        "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets", "_rested", "_rests", "_rivals",
-        "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s", "_speed", "_still", "_stood",
-        "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z", "_turns", "_upset",
-        "_wander", "_wander_m", "answered", "calm_s", "evidence", "late_s", "led_s", "windows",
+        "_arrest", "_asked", "_attitude", "_begun_s", "_between", "_climb_m_s", "_down", "_flown", "_from_down",
+        "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_hover_share", "_images", "_last",
+        "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_off", "_passed",
+        "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets", "_rested",
+        "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s", "_speed",
+        "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z",
+        "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence", "late_s", "led_s", "windows",
     )  # fmt: skip
 
     def __init__(self, mass_kg: float, gravity: float) -> None:
@@ -615,7 +617,8 @@ class Obedience:
     def restart(self) -> None:
         """It is let go in the air: what was seen before counts no more."""
         self.forget()
-        self._flown = 0
+        self._rivals = Rivals(CLIMB_BEGINS)
+        self._flown, self._begun_s = 0, math.inf
         self._hover_share = self._climb_m_s = self._down = self._from_down = self._from_s = math.nan
         self._rose = False
 
@@ -765,8 +768,10 @@ class Obedience:
     def _begin(self, pose: Pose) -> None:
         self.answered = 0.0
         x, y, z = pose.position_ned
-        if self._flown == 0 and self._climb_m_s > 0.0:
-            self._from_down, self._from_s = z, pose.time_s
+        if self._begun_s == math.inf:
+            self._begun_s = pose.time_s
+            if self._climb_m_s > 0.0:
+                self._from_down, self._from_s = z, pose.time_s
         else:
             self._from_s = math.nan  # what the commands did since is not known
             if pose.reset_count != self._resets:
@@ -860,7 +865,7 @@ class Obedience:
         else:
             shakes_m = NOISES * noise_m
             shakes_m = math.sqrt(shakes_m * shakes_m + wander)
-            climbs = self._flown * NODE_S <= CLIMB_S
+            climbs = now_s - self._begun_s <= CLIMB_S + 1e-6
             leapt = now_s - self._leapt_s < h
             self._push = self._rivals.node(place, pushed, h, shakes_m, leapt, climbs=climbs)
             if climbs and self._wander_m < WANDERS_M:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         DO_SET_MODE,
         FORCE,
         GROUND_STATION,
+        INVALID,
         NAV_LAND,
         PX4,
         REQUEST_MESSAGE,

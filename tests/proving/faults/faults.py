@@ -37,6 +37,10 @@ LOAD_M_S2 = 3.2
 """What a load had pulled [m/s²]."""
 GUST_M_S2, GUST_S = (3.0, 2.0, 1.0), 1.5
 """A gust, as the acceleration that it gives, and how long it lasts."""
+WAVE_M_S2, WAVE_PERIOD_S, WAVE_S = 1.5, 5.0, 12.5
+"""A wind that goes up and down: how much of it, how slowly, and how long it lasts."""
+SILENT_S = 4.0
+"""How long one way of the link passes nothing [s]: an autopilot is lost after 3."""
 SAG_SHARE, SAG_S, SAG_STEP_S = 0.75, 6.0, 0.1
 """What a battery that collapses leaves of the thrust, and how fast."""
 FULL_V, EMPTY_V = 3.9, 3.1
@@ -155,6 +159,20 @@ async def stall(scene: Scene) -> None:
     scene.stage.peer.cut(False)
 
 
+async def mute(scene: Scene) -> None:
+    """Nothing that the autopilot says comes for a while, and it hears all."""
+    scene.stage.peer.cut(True, hears=True)
+    await asyncio.sleep(SILENT_S)
+    scene.stage.peer.cut(False)
+
+
+async def deafen(scene: Scene) -> None:
+    """The autopilot hears nothing for a while, and all that it says comes."""
+    scene.stage.peer.cut(True, speaks=True)
+    await asyncio.sleep(SILENT_S)
+    scene.stage.peer.cut(False)
+
+
 async def unplug(scene: Scene) -> None:
     """The radio module is pulled out."""
     scene.stage.port.cut = True
@@ -195,6 +213,16 @@ async def gust(scene: Scene) -> None:
     """The wind pushes harder for a while."""
     scene.stage.wind.push = GUST_M_S2
     await asyncio.sleep(GUST_S)
+    scene.stage.wind.push = (0.0, 0.0, 0.0)
+
+
+async def wave(scene: Scene) -> None:
+    """The wind goes up and down, slowly."""
+    steps = round(WAVE_S / STEP_S)
+    for step in range(steps):
+        down = WAVE_M_S2 * math.sin(2.0 * math.pi * step * STEP_S / WAVE_PERIOD_S)
+        scene.stage.wind.push = (0.0, 0.0, down)
+        await asyncio.sleep(STEP_S)
     scene.stage.wind.push = (0.0, 0.0, 0.0)
 
 
@@ -326,6 +354,14 @@ BROKEN: dict[str, Fault] = {
     "mode stolen": Fault("a pilot takes over by the remote control, and lands", steal, silences=True),
     "motor at 70 %": Fault("the rotors give 70 % of their thrust", weaken(0.7), obeys=True),
     "battery sag": Fault("within 6 s the battery is empty, and thrust falls to 75 %", sag, obeys=True),
+    "telemetry gone": Fault("for 4 s nothing comes that the autopilot says; it hears all", mute, obeys=True),
+    "uplink gone": Fault("for 4 s the autopilot hears nothing; all that it says comes", deafen),
+    "wind, up and down": Fault(
+        "for 12.5 s the wind pushes up and down by 1.5 m/s², once in 5 s",
+        wave,
+        obeys=True,
+        states=("take-off", "hold", "tracking", "moving", "returning", "landing"),
+    ),
     "gust": Fault("for 1.5 s the wind pushes with 3.7 m/s² more", gust, obeys=True),
     "controller exception": Fault("the controller raises", controller),
     "recorder failure": Fault("the recorder raises; its process is killed", recorder, live=("tracking",)),
