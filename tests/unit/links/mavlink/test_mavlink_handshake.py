@@ -13,6 +13,7 @@ from links.mavlink.protocol import (
     PX4,
     AutopilotAddress,
     Handshake,
+    Kill,
     MavlinkCodec,
     Words,
     arming,
@@ -223,6 +224,26 @@ def test_silence_is_given_up_after_some_tries() -> None:
 def test_an_answer_to_another_ground_station_is_not_ours() -> None:
     scene = Scene(PX4, arming, lambda request: [ack(request, 0, to=255)]).run()
     assert isinstance(scene.handshake.failure, LinkLost)
+
+
+def killing(autopilot: AutopilotAddress) -> Handshake:
+    return Handshake([Kill(autopilot)])
+
+
+@pytest.mark.parametrize("result", [0, 2])
+def test_motors_are_ordered_off_until_we_ourselves_are_answered(result: int) -> None:
+    """Another station's disarming is acknowledged as often as it likes."""
+    scene = Scene(PX4, killing, lambda request: [ack(request, result, to=255)] * 2).run(1.0)
+    assert not scene.handshake.done
+    assert len(scene.asked) > 10
+    scene.answer = accept
+    assert scene.run(0.2).handshake.done
+
+
+def test_a_refusal_of_another_station_s_order_is_not_quoted_as_ours() -> None:
+    scene = Scene(PX4, killing, lambda request: [ack(request, 2, to=255)]).run()
+    assert isinstance(scene.handshake.failure, LinkLost)
+    assert "no answer to “motors off”" in str(scene.handshake.failure)
 
 
 def test_an_answer_before_the_question_is_not_one() -> None:

@@ -11,7 +11,16 @@ from groundstation.core.messages import Pose
 from groundstation.pose.sources import MavlinkPoseConfig, MavlinkPoseSource
 from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, DO_SET_MODE, PX4, SET_MESSAGE_INTERVAL, MavlinkCodec
+from links.mavlink.protocol import (
+    ARDUPILOT,
+    ARM_DISARM,
+    DO_SET_MODE,
+    INVALID,
+    PX4,
+    SET_MESSAGE_INTERVAL,
+    MavlinkCodec,
+)
+from links.mavlink.protocol.codec import STALE_NEWS_S
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
@@ -191,6 +200,23 @@ def test_messages_of_other_systems_and_components_are_ignored(system: int, compo
         await asyncio.sleep(0.1)
         assert got == []
         assert link.status.dropped == {"other_system": 1}
+
+    scene(play)
+
+
+def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        autopilot.armed = True
+        await link.arm(lambda: command(0.0))
+        await asyncio.sleep(STALE_NEWS_S + 1.0)
+        for kind in (18, 26, 30):  # a companion, a gimbal, a camera with the autopilot's own numbers, which never arm
+            autopilot.say(D.MAVLink_heartbeat_message(kind, INVALID, 0, 0, 4, 3))
+        await asyncio.sleep(0.01)
+        assert link.status.state == "armed"
+        autopilot.armed = False
+        autopilot.beat()
+        await asyncio.sleep(0.01)
+        assert link.status.state == "connected", "the autopilot's own tells"
 
     scene(play)
 

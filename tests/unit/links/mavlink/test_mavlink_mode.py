@@ -34,3 +34,14 @@ def test_one_that_does_not_tell_is_not_asked_for_ever() -> None:
     asked = [t for n in range(1000) for t in [0.01 * n] if step.poll(t)]
     assert step.failure is not None
     assert asked[-1] < PATIENCE_S
+
+
+def test_an_answer_to_another_station_s_question_is_none_to_ours() -> None:
+    step = ask()
+    step.poll(0.0)
+    step.hear(HEARTBEAT, 0.01)
+    step.hear(D.MAVLink_command_ack_message(REQUEST_MESSAGE, 0, 0, 0, 255, 190), 0.02)
+    assert not step.done, "that heartbeat may have left before our question"
+    assert len(step.poll(AGAIN_S)) == 1
+    step.hear(D.MAVLink_command_ack_message(REQUEST_MESSAGE, 0, 0, 0, 0, 0), 0.12)
+    assert step.done, "one that names nobody is an old autopilot's, and for all"

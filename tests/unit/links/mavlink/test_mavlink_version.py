@@ -43,3 +43,12 @@ def test_an_acknowledgement_alone_is_waited_after() -> None:
     step.poll(0.0)
     step.hear(D.MAVLink_command_ack_message(REQUEST_MESSAGE, 0), 0.1)
     assert not step.done
+
+
+def test_a_refusal_of_another_station_s_question_leaves_ours_open() -> None:
+    step = reading()
+    step.poll(0.0)
+    step.hear(D.MAVLink_command_ack_message(REQUEST_MESSAGE, 3, 0, 0, 255, 190), 0.1)
+    assert not step.done
+    step.hear(D.MAVLink_command_ack_message(REQUEST_MESSAGE, 3, 0, 0, 245, 190), 0.2)
+    assert step.done

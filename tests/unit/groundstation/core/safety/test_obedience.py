@@ -86,6 +86,20 @@ class Watched:
         return max(evidence.attitude, evidence.axes, evidence.heading)
 
     @property
+    def place(self) -> Vec3:
+        """Where it is in truth [m, NED]."""
+        return self._past[-1].position
+
+    @property
+    def sinks_m_s(self) -> float:
+        """How fast it goes down in truth [m/s]."""
+        return self._velocity[2]
+
+    @sinks_m_s.setter
+    def sinks_m_s(self, speed: float) -> None:
+        self._velocity = (*self._velocity[:2], speed)
+
+    @property
     def attitude(self) -> Quat:
         """How it leans in truth."""
         return self._past[-1].attitude

@@ -1,0 +1,63 @@
+"""The failsafe descent's thrust: what it believes of wind and thrust, and how much it lifts at most."""
+
+import math
+
+import pytest
+
+from groundstation.core.control import Descent
+from groundstation.core.messages import Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import Motion, Vehicle
+
+G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.02
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+VEHICLE = Vehicle(mass_kg=MASS_KG, thrust_max_n=4.0 * MASS_KG * G)
+
+
+def estimate(time_s: float, *, down_m_s2: float = 0.0, effectiveness: float = 1.0, sinks_m_s: float = 3.0) -> Estimate:
+    """Level, and sinking much faster than it is to: it wants to be lifted as much as may be."""
+    motion = Motion((0.0, 0.0, -2.0), (0.0, 0.0, sinks_m_s), LEVEL, MASS_KG * G, (0.0, 0.0, 0.0))
+    return Estimate(time_s, motion, (0.0, 0.0, down_m_s2), (0.0, 0.0, 0.0), effectiveness)
+
+
+def lifts(descent: Descent, at: Estimate) -> float:
+    """Its thrust as a share of the weight [-]."""
+    reference = Reference(at.motion.position, (0.0, 0.0, 0.3))
+    return descent.decide(at, reference, PERIOD_S).drive.thrust / (MASS_KG * G)
+
+
+@pytest.mark.parametrize(("before", "now"), [(1.0, 1.0), (1.0, 0.7), (0.8, 0.6), (0.8, 1.0)])
+def test_where_poses_are_doubted_it_lifts_by_what_thrust_gave_before_and_by_118_percent_of_it_at_most(
+    before: float, now: float
+) -> None:
+    """Poses that lie show a thrust that gives less; lifted against, that sends the vehicle up."""
+    descent = Descent(VEHICLE, G, 0.0, before)
+    descent.doubted = True
+    assert lifts(descent, estimate(0.0, effectiveness=now)) == pytest.approx(1.18 / max(before, now), rel=1e-6)
+
+
+def test_where_nothing_speaks_against_the_poses_it_lifts_by_what_thrust_gives_now() -> None:
+    descent = Descent(VEHICLE, G, 0.0, 1.0)
+    assert lifts(descent, estimate(0.0, effectiveness=0.7)) == pytest.approx(1.24 / 0.7, rel=1e-6)
+
+
+def test_what_swings_up_and_down_is_not_lifted_against() -> None:
+    """Poses that are late make a disturbance of their own lateness: 3 m/s² to and fro, once a second."""
+    descent = Descent(VEHICLE, G, 0.0, 1.0)
+    swings = [3.0 * math.sin(2.0 * math.pi * PERIOD_S * n) for n in range(250)]
+    most = max(lifts(descent, estimate(PERIOD_S * n, down_m_s2=down)) for n, down in enumerate(swings))
+    assert most < 1.24 * (1.0 + 1.0 / G)
+
+
+def test_what_pulls_down_steadily_is_lifted_against_within_two_seconds() -> None:
+    descent = Descent(VEHICLE, G, 0.0, 1.0)
+    course = [lifts(descent, estimate(PERIOD_S * n, down_m_s2=2.0)) for n in range(100)]
+    assert course[0] < 1.24 * (1.0 + 0.1 / G)
+    learnt = (course[round(1.0 / PERIOD_S)] / 1.24 - 1.0) * G / 2.0
+    assert learnt == pytest.approx(1.0 - math.exp(-1.0), abs=0.05)
+    assert course[-1] == pytest.approx(1.24 + 2.0 / G)
+
+
+def test_the_mean_wind_of_before_is_lifted_against_at_once() -> None:
+    descent = Descent(VEHICLE, G, 2.0, 1.0)
+    assert lifts(descent, estimate(0.0, down_m_s2=2.0)) == pytest.approx(1.24 + 2.0 / G)
