@@ -443,8 +443,8 @@ class Pilot:
 
     def _before(self) -> Trusted:
         """The newest estimate of well before suspicion began, or the first."""
-        until, late_s, seen = self._obedience.calm_s - TRUST_S, self._obedience.late_s, self._estimator.motion
-        newest = next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
+        late_s, seen = self._obedience.late_s, self._estimator.motion
+        newest = self._trusted_at(self._obedience.calm_s - TRUST_S)
         found = self.evidence
         if max(found.still, found.push) < max(found) and late_s == 0.0:
             return newest
@@ -457,9 +457,16 @@ class Pilot:
         return newest._replace(disturbance=older.disturbance, effectiveness=older.effectiveness)
 
     def _learnt(self) -> Trusted:
-        """The estimate from which wind and thrust are believed, where a slow lie may have been learnt as these."""
-        until = self._obedience.calm_s - TRUST_S - LEARNT_S
-        return next((one for one in reversed(self._trusted) if one.time_s <= until), self._trusted[0])
+        """The estimate from which wind and thrust are believed, where a slow lie may have been learnt as these.
+
+        Just off the floor it is the newest one: what lifted it off the floor's cushion is no measure of what hovers.
+        """
+        until = self._obedience.calm_s - TRUST_S
+        return self._trusted_at(until - LEARNT_S if self._trusted[0].time_s <= until - LEARNT_S else until)
+
+    def _trusted_at(self, time_s: float) -> Trusted:
+        """The newest estimate that is no younger than ``time_s`` [s], or the first."""
+        return next((one for one in reversed(self._trusted) if one.time_s <= time_s), self._trusted[0])
 
     def _reckon(self, before: Trusted, until_s: float) -> Motion:
         """Where the commands sent have taken the vehicle since ``before``, by ``until_s`` [s]."""
