@@ -459,10 +459,13 @@ class Pilot:
     def _learnt(self) -> Trusted:
         """The estimate from which wind and thrust are believed, where a slow lie may have been learnt as these.
 
-        Just off the floor it is the newest one: what lifted it off the floor's cushion is no measure of what hovers.
+        Just off the floor it is the first or the newest one, whichever is nearer to what was told of the thrust: the
+        floor's cushion falsifies the one, and what began meanwhile the other.
         """
-        until = self._obedience.calm_s - TRUST_S
-        return self._trusted_at(until - LEARNT_S if self._trusted[0].time_s <= until - LEARNT_S else until)
+        first, until = self._trusted[0], self._obedience.calm_s - TRUST_S
+        if first.time_s <= until - LEARNT_S:
+            return self._trusted_at(until - LEARNT_S)
+        return min(first, self._trusted_at(until), key=lambda one: abs(one.effectiveness - 1.0))
 
     def _trusted_at(self, time_s: float) -> Trusted:
         """The newest estimate that is no younger than ``time_s`` [s], or the first."""

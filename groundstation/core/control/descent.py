@@ -93,10 +93,11 @@ class Descent:
         also = ask(self._blind_s) if self.blind else (0.0, 0.0)
         effectiveness, strongest = estimate.effectiveness, MOST
         if self.doubted:
-            effectiveness, strongest = max(effectiveness, self._effectiveness), DOUBTED_MOST
+            effectiveness, strongest = self._effectiveness, DOUBTED_MOST
         mass = self._vehicle.mass_kg / effectiveness
         self._heavier += interval_s / (interval_s + HEAVIER_S) * (z - self._heavier)
-        heavier = min(self._heavier, BLIND_WIND_M_S2 if self.blind or self.doubted else HEAVIER_M_S2)
+        believed = BLIND_WIND_M_S2 if self.blind or self.doubted else HEAVIER_M_S2
+        heavier = max(-believed, min(self._heavier, believed))
         # A leaning vehicle lifts less, one far over nothing that helps.
         lift = min(length(along) / max(upright, 0.7), (1.0 + strongest) * (g + heavier)) if upright > 0.3 else 0.0
         return make_decision(
