@@ -33,7 +33,7 @@ from groundstation.pose.sources import MavlinkPoseConfig, PoseDecoder
 from groundstation.settings import Config
 from links.core import thrust
 from links.mavlink import MavlinkLinkConfig
-from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, PX4, Message
+from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, INVALID, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 """What to call them, by HEARTBEAT.autopilot."""
@@ -156,7 +156,7 @@ def _of_vehicle(records: list[TlogRecord], system: int, decoder: PoseDecoder) ->
                     sent.append(SentSetPoint(time_s, message.thrust, rates))
                 else:
                     others["other_set_point"] += 1
-        elif name == "HEARTBEAT" and message.type != GROUND_STATION:
+        elif name == "HEARTBEAT" and message.type != GROUND_STATION and message.autopilot != INVALID:
             autopilot = AUTOPILOTS.get(message.autopilot, f"autopilot of type {message.autopilot}")
             armed, told = bool(message.base_mode & ARMED), True
         elif name == "COMMAND_ACK" and message.command == ARM_DISARM and message.result == 0:

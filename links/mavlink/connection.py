@@ -542,6 +542,9 @@ class Contact:
                 self.heard_vision = self.heard_vision or message.get_type() in VISION
                 continue
             if message.get_type() == "HEARTBEAT":
+                if message.type == GROUND_STATION or message.autopilot == INVALID:
+                    self._dropped["other_system"] += 1  # a station, a companion or a camera with the same numbers
+                    continue
                 self._heartbeat(message, source, now)
             # others have sent no heartbeat yet
             if self.heard.kind is not None and self.heard.address in (None, source):
@@ -560,8 +563,8 @@ class Contact:
 
     def _heartbeat(self, message: Message, source: Any, now_s: float) -> None:
         wire = self._line.wire
-        if message.type == GROUND_STATION or message.autopilot == INVALID or wire is None:
-            return  # a companion or a camera behind the same number
+        if wire is None:
+            return
         is_first = self.heard.kind is None
         if self.heard.beat(message, now_s):
             if not wire.speaks_first:
