@@ -362,12 +362,16 @@ class Pilot:
     def _keep_upright(self, attitude: Quat, rates: Vec3, along: Vec3) -> Vec3:
         """``rates`` that leave the body's z axis near the push ``along`` [m/s², NED], or bring it back: a barrier."""
         roll, pitch = sine_error(attitude, along)
-        off = math.hypot(roll, pitch)
-        back = LEANS_GAIN * (off - LEANS)
-        more = back - (rates[0] * roll + rates[1] * pitch) / off if off > 0.0 else 0.0
+        sine = math.hypot(roll, pitch)
+        if sine < 1e-6:
+            return rates
+        x, y, z = third_column(attitude)
+        beyond = x * along[0] + y * along[1] + z * along[2] < 0.0  # 90°: the sine falls again
+        back = LEANS_GAIN * ((1.0 if beyond else sine) - LEANS)
+        more = back - (rates[0] * roll + rates[1] * pitch) / sine
         if more <= 0.0:
             return rates
-        return rates[0] + more * roll / off, rates[1] + more * pitch / off, rates[2]
+        return rates[0] + more * roll / sine, rates[1] + more * pitch / sine, rates[2]
 
     def _climb_gently(self, time_s: float, decision: Decision) -> Decision:
         """``decision`` with no more thrust than a vehicle needs that has just left the floor."""
