@@ -307,7 +307,7 @@ def request_command(request: Request, vehicle: str | None, socket: Path | None) 
     except (ApiError, OSError) as error:
         nobody = isinstance(error, OSError) and error.filename is None
         says = f"{socket}: no ground station serves there" if nobody else str(error)
-        meant = _meant(vehicle, socket) if kill else None
+        meant = _find_flight(vehicle, socket) if kill else None
         if meant is not None:
             told = _stop_by_signal(meant, Ask.KILL, says)
             print(printable(told.says), file=sys.stderr)
@@ -326,7 +326,7 @@ async def _at_once(asked: Awaitable[OrderAnswer]) -> OrderAnswer:
         raise ApiError(f"no answer within {STOP_ANSWER_S:g} s") from None
 
 
-def _meant(vehicle: str | None, socket: Path | None) -> Running | None:
+def _find_flight(vehicle: str | None, socket: Path | None) -> Running | None:
     """The one flight of this machine that a request is for; None where there is none, or more than one."""
     there = [
         one
