@@ -35,6 +35,14 @@ class Sampled:
         self.notes.append(text)
 
 
+class Outspoken(Sampled):
+    """Says what is asked, one word a line."""
+
+    def ask(self, request: Request) -> Reply:
+        print(request.ask, flush=True)
+        return super().ask(request)
+
+
 def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text: str = "Armed by us") -> Snapshot:
     """The made-up flight ``time_s`` after its start: a figure of eight, flown with some centimetres of error."""
     phase = 0.5 * time_s
@@ -101,7 +109,7 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text
 async def serve(path: str, seconds: float, rate_hz: float) -> None:
     """Fly the made-up flight for so long [s], with its status socket at ``path``."""
     latest: Latest[Snapshot] = Latest()
-    server = asyncio.create_task(Server(StatusConfig(path=path, rate_hz=rate_hz), "mqx", latest, Sampled()).serve())
+    server = asyncio.create_task(Server(StatusConfig(path=path, rate_hz=rate_hz), "mqx", latest, Outspoken()).serve())
     loop = asyncio.get_running_loop()
     start = loop.time()
     while (now := loop.time() - start) < seconds and not server.done():

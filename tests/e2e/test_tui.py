@@ -11,13 +11,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from random import Random
 
 import msgspec
 import pytest
+from textual.command import CommandPalette
 from textual.pilot import Pilot
 
 from groundstation.config import ConfigError
-from groundstation.interfaces.tui.app import served_socket
+from groundstation.interfaces.tui.app import Dashboard, served_socket
 from groundstation.interfaces.tui.drawing import big
 from groundstation.interfaces.tui.widgets import (
     Banner,
@@ -189,6 +191,30 @@ def test_the_palette_changes_page_and_colours() -> None:
     play(scene, Fixed(on_ground()))
 
 
+def test_the_palette_opens_while_another_one_is_closing_or_left_on_a_page() -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        app = pilot.app
+        assert isinstance(app, Dashboard)
+
+        async def is_open() -> None:
+            await until(pilot, lambda: bool(app.screen.query("CommandPalette CommandList")))
+
+        app.action_command_palette()
+        await is_open()
+        app.action_page("links")
+        await until(pilot, lambda: app.current_mode == "links")
+        app.action_command_palette()
+        await is_open()
+        app.pop_screen()
+        app.action_command_palette()
+        await is_open()
+        assert isinstance(app.screen, CommandPalette)
+        app.action_command_palette()
+        assert len(app.screen_stack) == 2
+
+    play(scene, Fixed(flown(3.0)))
+
+
 def test_without_a_name_it_is_the_only_one_that_runs_or_the_operator_is_asked(
     short_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -296,6 +322,78 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
         terminal.wait_for("left with 0", "groundstation request land --socket")
 
 
+@contextlib.contextmanager
+def orders_shown(terminal: Terminal, folder: Path) -> Iterator[Path]:
+    """The dashboard of the made-up flight, in ``terminal``; where the orders that left it are written, one a line."""
+    path, asked = folder / "mqx.sock", folder / "asked"
+    with contextlib.ExitStack() as stack:
+        output = stack.enter_context(asked.open("wb"))
+        core = subprocess.Popen([sys.executable, "-m", "tests.sample_flight", str(path)], stdout=output)
+        stack.callback(core.wait)
+        stack.callback(core.kill)
+        terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", path)
+        terminal.wait_for(*big("tracking"))
+        yield asked
+
+
+def wait_for_order(asked: Path, order: str) -> None:
+    for _ in range(400):
+        if order in asked.read_text().split():
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"{order} did not leave: {asked.read_text().split()}")
+
+
+@pytest.mark.parametrize("typed", [
+    Random(7).randbytes(3000),
+    b"a stray paste\nq\x0c\x18\x01\x0b\x0b of a text",
+    b"h\x0c" * 2000,
+])  # fmt: skip
+def test_a_paste_without_its_marks_orders_nothing_and_the_kill_key_works_after_it(
+    terminal: Terminal, tmp_path: Path, typed: bytes
+) -> None:
+    with orders_shown(terminal, tmp_path) as asked:
+        terminal.paste(typed)
+        terminal.wait_for("keys dropped: a paste?")
+        assert asked.read_text() == ""
+        terminal.paste(b"\x0b\x0b")
+        wait_for_order(asked, "kill")
+        assert set(asked.read_text().split()) == {"kill"}
+
+
+@pytest.mark.parametrize("typed", [
+    b"\x0b\x0b",
+    b"j\x1b[Bk\x0b\x0b",
+    b"\x1b\x0b\x0b",
+    b"x" * 50 + b"\x0b\x0b",  # a key that is held down
+    b"\x0c\x18\x0b\x0b" * 10,  # somebody hammers on all that stop
+    b"\x10\x10\x0b\x0b",
+])  # fmt: skip
+def test_keys_that_a_slow_connection_brings_at_once_still_kill(
+    terminal: Terminal, tmp_path: Path, typed: bytes
+) -> None:
+    with orders_shown(terminal, tmp_path) as asked:
+        terminal.paste(typed)
+        wait_for_order(asked, "kill")
+
+
+@pytest.mark.parametrize("pieces", [
+    [b"\x1b[200~never ended"],
+    [b"\x1b[20", b"0~never ended"],
+    [b"\x1b[200~text", b"\x1b[200~again"],
+])  # fmt: skip
+def test_a_paste_without_an_end_keeps_the_kill_key_for_a_second_only(
+    terminal: Terminal, tmp_path: Path, pieces: list[bytes]
+) -> None:
+    with orders_shown(terminal, tmp_path) as asked:
+        for piece in pieces:
+            terminal.paste(piece)
+        terminal.wait_for("A paste had no end")
+        assert asked.read_text() == ""
+        terminal.paste(b"\x0b\x0b")
+        wait_for_order(asked, "kill")
+
+
 @pytest.mark.parametrize("typed", [
     b"\xe9x",
     bytes(range(128, 256)) * 20,
@@ -303,13 +401,7 @@ def test_the_screen_in_a_terminal_follows_a_core_that_dies_and_comes_back(termin
     b"\xe9\x1b[1;1;99999999999u\xff",
 ])  # fmt: skip
 def test_keys_still_work_after_bytes_that_are_no_text(terminal: Terminal, tmp_path: Path, typed: bytes) -> None:
-    path = tmp_path / "mqx.sock"
-    with contextlib.ExitStack() as stack:
-        core = subprocess.Popen([sys.executable, "-m", "tests.sample_flight", str(path)])
-        stack.callback(core.wait)
-        stack.callback(core.kill)
-        terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", path)
-        terminal.wait_for(*big("tracking"))
+    with orders_shown(terminal, tmp_path):
         terminal.paste(typed)
         terminal.type("Escape")
         terminal.type("?")

@@ -25,6 +25,7 @@ from typing import Any, ClassVar, TypeVar
 import msgspec
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.command import CommandPalette
 from textual.css.query import NoMatches
 from textual.notifications import SeverityLevel
 from textual.pilot import Pilot
@@ -755,6 +756,11 @@ class Dashboard(App[None]):
         yield from (("p", "on the page Fly: plots from above, or in time"), ("/", "on Config and Log: search"))
         yield "^P", "all commands, and the colours"
         yield "q", "leave" if self._plays else "leave; what flies goes on flying"
+
+    def action_command_palette(self) -> None:
+        """Show the palette; Textual's own has an id, which the next one must not share while it is still closing."""
+        if not isinstance(self.screen, CommandPalette):
+            self.push_screen(CommandPalette())
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """The palette."""

@@ -173,6 +173,8 @@ ORDERS = (
     ),
 )
 BY_ASK = {order.ask: order for order in ORDERS}
+STOP_KEYS = frozenset(("ctrl+a", *(order.key for order in ORDERS if order.always and order.key)))
+"""What brings vehicles down, wherever it is pressed; the first one lands them all."""
 
 
 def possible(order: OperatorOrder, state: str | None) -> bool:
