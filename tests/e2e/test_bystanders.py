@@ -62,7 +62,7 @@ def left(script: Script | None) -> list[Frame]:
         return made
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sim.runs.flight.VirtualTimeLoop", loop)
+        patch.setattr("sim.time.virtual_time.VirtualTimeLoop", loop)
         flown = fly_mission(WORLD, CONFIG, seed=5, script=script)
     assert flown.landed, flown.why
     return sent
