@@ -74,6 +74,8 @@ GALE_M_S2, BREEZE_M_S2, USUAL, USUAL_S = 3.5, 2.5, 6.0, 5.0
 """No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
 [m/s²]; in a calm, where so many times [-] what it was mostly off by in the last time [s] is less than the second, none
 pushes by that."""
+CALM_KNOWN_S = 2.5
+"""Whether it is calm is known after so long [s]; a storm's gusts look like a rival's in calm air now and then."""
 SAYS = 1.2
 """Where a vehicle that obeys is off by so little more than the noise, squared, no rival is looked at [-]."""
 NOISE_M_S2, WIND_M_S2 = 0.06, 0.3
@@ -106,7 +108,7 @@ class Rivals:
         """Along the vertical so many nodes need no average: what lifts it off is known."""
         self._known = known
         self._axes: tuple[_RivalAxis, ...] = ()
-        self._gale = 0.0
+        self._gale = self._looked_s = 0.0
         self._usual = WIND_M_S2 * WIND_M_S2
         self._astray = 0
 
@@ -162,7 +164,10 @@ class Rivals:
             self._astray += far > ASTRAY_M_S + ASTRAY_NOISES * speed_noise + ASTRAY_M_S2 * x.since_s
             if self._astray >= 2:
                 return 1.0
-        gale = min(before, self._gale) + (across / ENDS if calm else 0.0)
+        self._looked_s += h
+        gale = min(before, self._gale)
+        if calm and self._looked_s > CALM_KNOWN_S:
+            gale += across / ENDS
         # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
         held = max(gale, down / ENDS)
         return max(across / ENDS, held if held >= 1.0 or (climbs and z.since_s <= STAYS_S) else 0.5 * held)
@@ -532,7 +537,7 @@ fast [m/s], and then no faster than that [m/s] for so many nodes stands: nobody 
 carries the vehicle passes through that speed."""
 BELOW_M = 0.06
 """It does not go so far below where it left the floor [m]."""
-BEHIND_M, BEHIND_M_S2, BEHIND_TO_M = 0.06, 1.0, 0.25
+BEHIND_M, BEHIND_M_S2, BEHIND_TO_M = 0.06, 1.2, 0.25
 """Up to the third above it [m], it is behind where thrust must have lifted it by no more than the first [m] and what
 wind, and a hover thrust that was measured on the floor's cushion, make of it [m/s²]."""
 LED_S = 1.0
