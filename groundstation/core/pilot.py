@@ -185,6 +185,7 @@ class Pilot:
             self._estimator.release()
             self._released = True
             self._trust_from_here((0.0, 0.0, 0.0))
+            self._obedience.restart()
         self._trajectory = trajectory
         self._start = start_s
         self._watch.restart()
@@ -239,9 +240,10 @@ class Pilot:
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._released = self._lifted = True
-        self._left_s, self._hover_n = time_s, max(hover_share, CUSHIONED) * self._vehicle.mass_kg * self._gravity
+        hovers = max(hover_share, CUSHIONED)
+        self._left_s, self._hover_n = time_s, hovers * self._vehicle.mass_kg * self._gravity
         self._trust_from_here(disturbance)
-        self._obedience.lift_off(max(hover_share, CUSHIONED), climb_m_s)
+        self._obedience.lift_off(hovers, climb_m_s)
         motion = self._estimator.predict(time_s + self._vehicle.acting_delay_s).motion
         self._left_down = motion.position[2]
         return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
@@ -405,10 +407,9 @@ class Pilot:
         return command
 
     def _trust_from_here(self, disturbance: Vec3) -> None:
-        """It begins to fly: the monitor begins, and the estimate is believed as it is now."""
+        """It begins to fly: the estimate is believed as it is now."""
         motion = self._estimator.motion
         assert motion is not None, "nothing flies without a pose"
-        self._obedience.restart()
         self._lifted_s = self._newest_s
         self._trusted.clear()
         self._trusted.append(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
