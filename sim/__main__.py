@@ -277,6 +277,10 @@ def _intervals(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
 
 
+def _vehicles(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--write", type=path, metavar="DIR", help="write the files there; `make vehicles` does")
+
+
 def _reference(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="DIR", help="write them there instead of printing them")
 
@@ -292,6 +296,7 @@ COMMANDS = {
     "bench": ("measure speed and memory on this machine", _bench),
     "bring-down": ("cut flights short in the air, and see how they come down", _bring_down),
     "intervals": ("count how often the truth lies within what `groundstation identify` tells", _intervals),
+    "vehicles": ("find the figures of the vehicles that come along once more, where a flight told them", _vehicles),
     "gale": ("fly published laws in a simulated wind tunnel, beside what was measured in the real one", _gale),
     "tune": ("search for better gains, or report how wrong the world may be with these", _tune),
     "scenarios": ("list the scenarios; tell every value of one", _scenarios),

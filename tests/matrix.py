@@ -41,6 +41,7 @@ ROWS = (
         "test_scenarios.py flies by what was found, and dearly by a pure lag"),
     Row("flight/test_identify.py::test_the_drag_that_a_scenario_tells_is_what_is_found_in_flight", 0,
         "figures of two scenarios; drag is found in the flight on rotors"),
+    Row("flight/test_identify.py::test_the_file_of_a_vehicle_that_comes_along_has_what_its_flight_tells", 1, "vehicles"),
     Row("flight/test_identify.py::test_an_interval_that_a_flight_tells_holds_the_truth", 0,
         "the flight before it, counted by another tool"),
     Row("flight/test_own.py::test_a_course_from_rest_to_rest_is_followed_from_the_first_moment_to_after_the_last", 1,

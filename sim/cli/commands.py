@@ -122,6 +122,14 @@ def intervals(args: argparse.Namespace) -> int:
     return 0
 
 
+def vehicles(args: argparse.Namespace) -> int:
+    """Find in flight what was found in flight of the vehicles that come along."""
+    from sim.studies import remake_all
+
+    print("\n".join(remake_all(args.write)))
+    return 0
+
+
 def _count_flights(args: argparse.Namespace, kinds: int, fly_all: Callable[[], Iterable[T]]) -> list[T]:
     """All that ``fly_all`` makes of ``kinds`` of flights in each scenario; what can't be done is said before."""
     from sim.cli import ProgressBar

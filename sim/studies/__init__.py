@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from sim.studies.gale import gale_command
     from sim.studies.intervals import coverage_table, identify_flights
     from sim.studies.vectors import LIMIT, worst_disagreement
+    from sim.studies.vehicles import FOUND_IN_FLIGHT, remake, remake_all
 
 
 def __getattr__(name: str) -> object:

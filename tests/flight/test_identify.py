@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 
 from groundstation.analysis.identify import identify_command
-from groundstation.config import ConfigError, from_dict
+from groundstation.config import ConfigError, from_dict, presets
+from groundstation.core.vehicle import Vehicle
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS
-from sim.studies import coverage_table, identify_flights
+from sim.studies import FOUND_IN_FLIGHT, coverage_table, identify_flights, remake, remake_all, vehicles
 from sim.studies.intervals import ToldInterval, truths
+from sim.studies.vehicles import FoundInFlight
 from tests.recordings import recorded
 
 GAIN, THRUST_LAG_S, RATE_LAG_S, DELAY_S, SECONDS = 0.9, 0.118, 0.093, 0.025, 24.0
@@ -130,13 +132,40 @@ def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes(
         identify_command(tmp_path / "early.mcap", None, None, as_json=False)
 
 
+def excited(flown: FoundInFlight) -> Path:
+    return recorded(flown.scenario, *flown.overrides, seed=flown.seed, duration_s=flown.duration_s)[0]
+
+
 def test_a_fast_vehicle_with_much_drag_is_found_to_a_percent(capsys: pytest.CaptureFixture[str]) -> None:
-    path = recorded("quad1kg", "trajectory.kind=excitation", "trajectory.laps=1", duration_s=15.0)[0]
-    assert identify_command(path, None, None, as_json=True) == 0
+    assert identify_command(excited(FOUND_IN_FLIGHT[0]), None, None, as_json=True) == 0
     found = json.loads(capsys.readouterr().out)["parameters"]
     for name, true in (("thrust_scale", 1.0), ("drag", 1.0), ("thrust_lag", 0.030), ("rate_lag", 0.020)):
         assert found[name]["value"] == pytest.approx(true, rel=0.03)
     assert abs(found["rate_delay"]["value"]) < 0.001
+
+
+@pytest.mark.parametrize("flown", FOUND_IN_FLIGHT, ids=lambda flown: flown.vehicle)
+def test_the_file_of_a_vehicle_that_comes_along_has_what_its_flight_tells(flown: FoundInFlight) -> None:
+    assert remake(flown, excited(flown)) == presets(Vehicle)[flown.vehicle], "make it anew: make vehicles"
+
+
+def test_a_figure_that_was_found_takes_the_place_of_the_one_before_and_nothing_else_changes(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    another = Path(facts()["vehicle_file"]).read_text("utf-8")
+    monkeypatch.setattr(vehicles, "fly_excitation", lambda flown, folder: log())
+    monkeypatch.setattr(vehicles, "identify", lambda seen: seen)
+    monkeypatch.setattr(vehicles, "file_text", lambda found: another)
+    *others, last = remake_all(tmp_path)
+    delay, lag = (round(value(name), 3) for name in ("rate_delay", "rate_lag"))
+    assert len(others) + 1 == len(list(tmp_path.iterdir())) == len(FOUND_IN_FLIGHT)
+    assert last == f"x500       changed    rate_lag_s {lag:g} (was 0.028), rate_delay_s {delay:g} (was 0.013)"
+    before, after = presets(Vehicle)["x500"].splitlines(), (tmp_path / "x500.toml").read_text("utf-8").splitlines()
+    changed = [new for old, new in zip(before, after, strict=True) if new != old]
+    assert [line.partition(" ")[0] for line in changed] == ["rate_lag_s", "rate_delay_s"]
+    assert {line.index("#") for line in after[2:] if "#" in line} == {before[3].index("#")}
+    with pytest.raises(ConfigError, match=r"--write: cannot write into .*nowhere: there is no such folder"):
+        remake_all(tmp_path / "nowhere")
 
 
 @pytest.mark.parametrize(

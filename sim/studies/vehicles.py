@@ -1,0 +1,107 @@
+"""What ``groundstation identify`` found of the vehicles that come along: flown, and found once more."""
+
+import re
+import tempfile
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+from groundstation.analysis.identify import file_text, identify, read_stretch
+from groundstation.config import ConfigError, presets, refuse_io
+from groundstation.core.vehicle import Vehicle
+from sim.runs import RECORDING, simulate
+
+
+class FoundInFlight(NamedTuple):
+    """One shipped vehicle, of which some figures were found on a flight of the excitation."""
+
+    vehicle: str
+    keys: tuple[str, ...]
+    """Keys of its file that are what was found."""
+    scenario: str
+    overrides: tuple[str, ...]
+    """What is true there, and what the controller is told before anything is known."""
+    seed: int
+    duration_s: float
+
+
+EXCITATION = ("trajectory.kind=excitation", "trajectory.laps=1")
+X500_WORLD = (
+    "sim.plant=rotors",
+    "sim.step_s=0.001",
+    "sim.mass_kg=2.064",
+    "sim.thrust_max_n=34.2",
+    "sim.rate_limits_deg_s=[220, 220, 200]",
+    "sim.drag_per_s=0",
+    "sim.command_delay_s=0.005",
+    "sim.rotors.arm_m=0.246",
+    "sim.rotors.inertia_kg_m2=[0.0216667, 0.0216667, 0.04]",
+    "sim.rotors.torque_per_thrust_m=0.016",
+    "sim.rotors.spin_up_s=0.0125",
+    "sim.rotors.spin_down_s=0.025",
+    "sim.rotors.p=40",
+    "sim.rotors.i=40",
+    "sim.rotors.d=0.8",
+)
+"""PX4's model of the X500 (models/x500 and x500_base), and a rate loop of 40 rad/s, as the model has none."""
+FOUND_IN_FLIGHT = (
+    FoundInFlight("quad1kg", ("drag_per_s",), "quad1kg", (*EXCITATION, "vehicle.drag_per_s=0"), 1, 22.0),
+    FoundInFlight(
+        "x500",
+        ("rate_lag_s", "rate_delay_s"),
+        "quad1kg",
+        (
+            *("trajectory.kind=excitation", "trajectory.laps=2"),
+            *X500_WORLD,
+            *("vehicle.preset=x500", "vehicle.rate_lag_s=0.05", "vehicle.rate_delay_s=0"),
+        ),
+        0,
+        42.0,
+    ),
+)
+DECIMALS = 3
+"""To so many decimals they are kept, which is finer than any interval."""
+
+
+def fly_excitation(flown: FoundInFlight, folder: Path) -> Path:
+    """The flight's recording, in ``folder``."""
+    simulate(
+        flown.scenario, seed=flown.seed, duration=flown.duration_s, overrides=flown.overrides, out=folder / "flight"
+    )
+    return folder / "flight" / RECORDING
+
+
+def remake(flown: FoundInFlight, recording: Path) -> str:
+    """The vehicle's file as ``recording`` has it: what was found there in its place, all else as it is."""
+    written = tomllib.loads(file_text(identify(read_stretch(recording))))
+    text = presets(Vehicle)[flown.vehicle]
+    for key in flown.keys:
+        line = re.compile(rf"^{key} = \S+ *", re.MULTILINE)
+        (old,) = line.findall(text)
+        text = line.sub(f"{key} = {round(written[key], DECIMALS)}".ljust(len(old)), text)
+    return text
+
+
+def remake_all(folder: Path | None) -> list[str]:
+    """Every file of :data:`FOUND_IN_FLIGHT` made anew, into ``folder`` where there is one; a line on each.
+
+    Raises:
+        ConfigError: a file can't be written.
+    """
+    if folder is not None and not folder.is_dir():
+        raise ConfigError("--write", f"cannot write into {folder}: there is no such folder")
+    lines = []
+    for flown in FOUND_IN_FLIGHT:
+        with tempfile.TemporaryDirectory(prefix="groundstation-vehicles-") as place:
+            text = remake(flown, fly_excitation(flown, Path(place)))
+        before = presets(Vehicle)[flown.vehicle]
+        old, new = tomllib.loads(before), tomllib.loads(text)
+        figures = ", ".join(
+            f"{key} {new[key]:g}" + ("" if new[key] == old[key] else f" (was {old[key]:g})") for key in flown.keys
+        )
+        lines.append(f"{flown.vehicle:10} {'as it was' if text == before else 'changed  '}  {figures}")
+        if folder is not None:
+            path = folder / f"{flown.vehicle}.toml"
+            with refuse_io("--write", f"cannot write {path}"):
+                path.write_text(text, "utf-8")
+    return lines
