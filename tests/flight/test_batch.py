@@ -110,7 +110,7 @@ def test_a_vehicle_of_a_kilogram_holds_its_place_in_three_quarters_of_its_weight
     held, lost = (
         flown("quad1kg", blown, *told, duration_s=20.0).verdict.rms_cm for told in ((), ("controller.b_bound=5.001",))
     )
-    assert held is not None and held < 0.35
+    assert held is not None and held <= 0.30
     assert lost is None or lost > 10.0
 
 

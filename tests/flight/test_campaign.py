@@ -189,10 +189,12 @@ def test_flights_that_do_not_agree_are_named(rows: list[CampaignRow]) -> None:
     assert "2 of 2 DO NOT AGREE with fly: seeds 4, 5" in text(summary)
 
 
-def test_forty_adverse_flights_stay_under_8_cm_and_v_under_its_bound() -> None:
+def test_forty_adverse_flights_stay_as_close_as_a_thousand_and_v_under_its_bound() -> None:
     # The first of the thousand that `make soak` flies, and a third as long.
     facts = campaign_of(40, duration_s=20.0, workers=1)
-    assert (facts["survived"], facts["under_cm"]["8"]) == (1.0, 1.0)
+    assert facts["survived"] == 1.0
+    assert facts["rms_cm"]["p50"] <= 1.05
+    assert facts["rms_cm"]["max"] <= 1.9
     assert facts["certificate"]["violated_max"] < 0.01
 
 

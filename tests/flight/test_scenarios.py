@@ -1,6 +1,6 @@
 """The tracking figures that the project promises: medians over seeds 0-9 of whole flights through wire bytes.
 
-`make test` looks at one seed of a third as long: whatever lies within a promise by so much shows there, too.
+`make test` looks at one seed of a third as long, which may have a tenth more than the median of ten.
 """
 
 from typing import NamedTuple
@@ -8,6 +8,7 @@ from typing import NamedTuple
 import pytest
 
 from sim.scenarios import SCENARIOS
+from sim.studies.comparison import EFFORT_RAD_S
 from tests.flight.flights import flown, middle
 
 
@@ -27,10 +28,34 @@ def flights(request: pytest.FixtureRequest) -> Flights:
     return found
 
 
-def test_paper_tracks_within_3_mm_rms_where_the_paper_has_4_61_cm(flights: Flights) -> None:
-    assert middle("paper", "rms_cm", **flights._asdict()) <= 0.30
+PROMISED_CM = {"paper": 0.090, "fast": 0.12, "adverse": 1.05, "storm": 1.50, "gust_front": 0.46, "quad1kg": 0.060}
+"""RMS errors; the paper has 4.61 cm."""
+SCATTER = 1.1
+"""What one short flight may have more."""
+
+
+@pytest.mark.parametrize("scenario", PROMISED_CM)
+def test_every_scenario_is_tracked_as_closely_as_promised_and_settles_within_four_seconds(
+    scenario: str, flights: Flights
+) -> None:
+    # A front that comes after 30 s wants a whole minute; of quad1kg, in which nothing changes, half of one will do: at
+    # 100 Hz a minute costs twice the others'.
+    seconds = {"gust_front": 60.0, "quad1kg": min(flights.duration_s, 30.0)}.get(scenario, flights.duration_s)
+    more = SCATTER if flights.seeds == 1 else 1.0
+    assert middle(scenario, "rms_cm", seeds=flights.seeds, duration_s=seconds) <= more * PROMISED_CM[scenario]
+    assert middle(scenario, "settle_s", seeds=flights.seeds, duration_s=seconds) <= 4.0
+
+
+@pytest.mark.parametrize("scenario", EFFORT_RAD_S)
+def test_no_more_effort_is_taken_than_by_the_law_before_its_gains_were_searched(
+    scenario: str, flights: Flights
+) -> None:
+    more = SCATTER if flights.seeds == 1 else 1.0
+    assert middle(scenario, "effort_rad_s", **flights._asdict()) <= more * EFFORT_RAD_S[scenario]
+
+
+def test_paper_errs_by_8_mm_at_most_where_the_paper_has_7_6_cm(flights: Flights) -> None:
     assert middle("paper", "max_cm", **flights._asdict()) <= 0.8
-    assert middle("paper", "settle_s", **flights._asdict()) <= 5.0
 
 
 def test_paper_commands_stay_within_limits_as_in_the_papers_figure_5(flights: Flights) -> None:
@@ -54,15 +79,6 @@ def test_paper_finds_the_wind() -> None:
 def test_adverse_tells_the_weak_thrust_from_the_wind() -> None:
     verdict = flown("adverse", duration_s=20.0).verdict
     assert verdict.thrust_effectiveness == pytest.approx(0.85 * (1.0 - 0.05 / 3.0), abs=0.06), "the battery sags"
-
-
-def test_fast_tracks_within_1_3_cm_rms(flights: Flights) -> None:
-    assert middle("fast", "rms_cm", **flights._asdict()) <= 1.3
-
-
-def test_quad1kg_tracks_within_1_1_cm_rms(flights: Flights) -> None:
-    # Half a minute will do: nothing in it changes with time, and at 100 Hz a minute costs twice the others'.
-    assert middle("quad1kg", "rms_cm", seeds=flights.seeds, duration_s=min(flights.duration_s, 30.0)) <= 1.1
 
 
 @pytest.mark.parametrize(
@@ -97,13 +113,8 @@ def test_composite_adaptation_does_no_harm_where_poses_are_ten_times_as_noisy(sc
     assert with_it <= middle(scenario, "rms_cm", noisy, "controller.composite=off", seeds=2, duration_s=20.0)
 
 
-def test_adverse_tracks_within_3_cm_rms_and_7_cm_at_most(flights: Flights) -> None:
-    assert middle("adverse", "rms_cm", **flights._asdict()) <= 3.0
+def test_adverse_errs_by_7_cm_at_most(flights: Flights) -> None:
     assert middle("adverse", "max_cm", **flights._asdict()) <= 7.0
-
-
-def test_storm_tracks_within_6_5_cm_rms(flights: Flights) -> None:
-    assert middle("storm", "rms_cm", **flights._asdict()) <= 6.5
 
 
 def test_a_gust_front_is_rejected_within_a_second() -> None:
