@@ -367,6 +367,8 @@ def _lags(
             )
         return judge_parameter(name, title, "s", value, spread, 0.015, moved=seen, told=told, note=note)
 
+    # Of yaw a longer delay with a shorter lag may fit as well, 30 ms apart: where one is open, so is the other.
+    yaw_lag = lag_of("yaw_rate_lag", "yaw rate lag", yaw, spreads["yaw_lag"], told, yawed, one)
     return [
         lag_of("thrust_lag", "thrust lag", lag, lag_spread, vehicle.thrust_lag_s, moved.thrust),
         delay_of("thrust_delay", "thrust delay", thrust_delay, thrust_spread, thrust_told, moved.thrust, DELAY),
@@ -374,8 +376,16 @@ def _lags(
         delay_of("rate_delay", "rate delay, roll and pitch", delay, spreads["delay"], rates_told, turned_at_all, DELAY),
         lag_of("roll_rate_lag", "roll rate lag", roll, spreads["roll_lag"], told, rolled),
         lag_of("pitch_rate_lag", "pitch rate lag", pitch, spreads["pitch_lag"], told, pitched),
-        lag_of("yaw_rate_lag", "yaw rate lag", yaw, spreads["yaw_lag"], told, yawed, one),
-        delay_of("yaw_rate_delay", "yaw rate delay", yaw_delay, spreads["yaw_delay"], rates_told, yawed, one),
+        yaw_lag,
+        delay_of(
+            "yaw_rate_delay",
+            "yaw rate delay",
+            yaw_delay,
+            spreads["yaw_delay"],
+            rates_told,
+            yaw_lag.identified,
+            one,
+        ),
     ]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.analysis.identify import FlightStretch, identify
+from groundstation.analysis.identify import FlightStretch, command, identify
 from groundstation.analysis.identify.command import (
     FLY,
     IdentifiedVehicle,
@@ -19,9 +19,11 @@ from groundstation.analysis.identify.command import (
     table,
 )
 from groundstation.analysis.identify.fit import (
+    TURN_NAMES,
     Bounds,
     design_filter,
     fit_noise,
+    fit_turns,
     full_n,
     hover_signal,
     minimize,
@@ -244,6 +246,18 @@ def test_a_made_up_vehicle_is_found_again() -> None:
     )
     assert found.parameters["thrust_lag"].value == pytest.approx(0.06, rel=0.05)
     assert found.parameters["thrust_scale"].value == pytest.approx(0.9, rel=0.02)
+
+
+def test_a_delay_of_yaw_is_told_only_where_the_lag_that_could_stand_for_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = flown()
+    turned = fit_turns(seen)
+    unsure = turned.fit.covariance.copy()
+    unsure[TURN_NAMES.index("yaw_lag"), TURN_NAMES.index("yaw_lag")] = 0.01**2
+    unsure_turns = turned._replace(fit=turned.fit._replace(covariance=unsure))
+    monkeypatch.setattr(command, "fit_turns", lambda seen: unsure_turns)
+    found = identify(seen).parameters
+    assert [found[name].note for name in ("yaw_rate_lag", "yaw_rate_delay")] == [FLY, FLY]
+    assert found["rate_delay"].identified
 
 
 def test_a_curve_that_nobody_told_is_found() -> None:
