@@ -349,6 +349,7 @@ class Images:
         self.across = self.down = 0.0
         """Evidence for the likeliest image of the two horizontal axes, and for the vertical one mirrored."""
         self._maps = [0.0] * 7
+        self._beside: Vec3 | None = None
         self.nodes = 0
         """So many the filter knows."""
 
@@ -362,6 +363,7 @@ class Images:
         """
         self.time_s = time_s
         self._filter = ImageFilter(position, pushed)
+        self._beside = None
         self.nodes = 0
 
     def node(self, time_s: float, position: Vec3, pushed: Vec3, fade: float, longest_s: float) -> tuple[Vec3, Vec3]:
@@ -382,39 +384,40 @@ class Images:
             k = (longest_s / h) ** 2
             seen, told = (k * seen[0], k * seen[1], k * seen[2]), (k * told[0], k * told[1], k * told[2])
         if self.nodes > SETTLES:
-            self._across(seen[0], seen[1], told[0], told[1], fade)
-            self._down(seen[2], told[2], fade)
+            (x, y, z), (a, b, c) = seen, told
+            u, v, w = self._beside or (0.0, 0.0, 0.0)
+            self._beside = p, q, r = x - a, y - b, z - c
+            self._across(x, y, a, b, (p - u) ** 2 + (q - v) ** 2, fade)
+            self._down(z, c, (r - w) ** 2, fade)
         return seen, told
 
-    def _across(self, x: float, y: float, cx: float, cy: float, fade: float) -> None:
-        """What one node says of the two horizontal axes."""
+    def _across(self, x: float, y: float, cx: float, cy: float, wind: float, fade: float) -> None:
+        """What one node says of the two horizontal axes, where a wind that goes on as it was leaves ``wind`` [m²]."""
         xx, yy, xy, yx = x * cx, y * cy, x * cy, y * cx
         told, seen = cx * cx + cy * cy, x * x + y * y
-        wind, both = self.wind[0] + self.wander, seen + told
-        rest = both - 2.0 * (xx + yy)
-        rest = rest if rest < seen else seen
+        both = seen + told
+        rest = min(both - 2.0 * (xx + yy), seen, wind)
         best = both - 2.0 * max(-xx - yy, abs(xx - yy), abs(xy + yx), abs(xy - yx))
         best = best if best < rest else rest
         if best < rest or self.across > 0.0:  # else it says nothing, as nearly always
-            exact = EXACT_M * EXACT_M + self.wander
+            exact, variance = EXACT_M * EXACT_M + self.wander, self.wind[0] + self.wander
             images = (-xx - yy, yy - xx, xx - yy, xy + yx, -xy - yx, yx - xy, xy - yx)
             maps = self._maps
             for i, image in enumerate(images):
                 off = both - 2.0 * image
                 if off < rest or maps[i] > 0.0:
                     opposed = exact if i < OPPOSED else None
-                    maps[i] = _sum_evidence(maps[i], fade, rest - off, max(wind, off / EXPLAINS), off, opposed)
+                    maps[i] = _sum_evidence(maps[i], fade, rest - off, max(variance, off / EXPLAINS), off, opposed)
             self.across = max(maps)
         self._learn(0, 0.5 * best)
 
-    def _down(self, z: float, c: float, fade: float) -> None:
-        """What one node says of the vertical axis."""
+    def _down(self, z: float, c: float, wind: float, fade: float) -> None:
+        """What one node says of the vertical axis, likewise."""
         against, along = z + c, z - c
-        off, rest, stands = against * against, along * along, z * z
-        rest = rest if rest < stands else stands
+        off, rest = against * against, min(along * along, z * z, wind)
         if off < rest or self.down > 0.0:
-            wind, exact = self.wind[1] + self.wander, EXACT_M * EXACT_M + self.wander
-            self.down = _sum_evidence(self.down, fade, rest - off, max(wind, off / EXPLAINS), off, exact)
+            variance, exact = self.wind[1] + self.wander, EXACT_M * EXACT_M + self.wander
+            self.down = _sum_evidence(self.down, fade, rest - off, max(variance, off / EXPLAINS), off, exact)
         self._learn(1, rest if rest < off else off)
 
     def _learn(self, which: int, best: float) -> None:
