@@ -80,7 +80,7 @@ UPSET_M_S2 = 4.0
 PUSHED_S = 0.2
 """A position that stands against that for so long [s] is not the vehicle's, or the vehicle is held."""
 NEAR_FLOOR_M = 0.12
-"""Below this height the floor holds a vehicle that comes down, too [m]: obedience is not asked there."""
+"""So near the floor it holds a vehicle that is meant to come down, too [m]: obedience is not asked there."""
 
 NOISE_POSES = 50
 """After so many poses the watch hears of their noise and interval again."""
@@ -136,6 +136,7 @@ class Pilot:
         self._lifted = self._climbed = False
         self._lifted_s = self._left_s = -math.inf
         self._hover_n, self._left_down = math.inf, 0.0
+        self._meant_m = -math.inf
         self.upset = False
         """Whether something moves the vehicle as no wind to fly in does."""
         self._pushed_since_s: float | None = None
@@ -310,6 +311,7 @@ class Pilot:
         flight_time = acting - self._start
         reference = self._trajectory.at(flight_time)
         suspect = self._calm_down(time_s)
+        self._meant_m = -math.inf if descent is not None else self._floor - reference.position_ned[2]
         if descent is not None:
             descent.doubted = suspect or max(self.evidence) >= ASKS
             reference = Reference(estimate.motion.position, self._sink)
@@ -421,7 +423,8 @@ class Pilot:
         if given is None or motion is None:
             return
         astray_m = self._obedience.astray_m(pose.time_s - self._lifted_s)
-        high = self._floor - pose.position_ned[2] > NEAR_FLOOR_M + astray_m
+        shown_m, near_m = abs(self._floor - pose.position_ned[2]), NEAR_FLOOR_M + astray_m
+        high = shown_m > near_m or self._meant_m > 2.0 * near_m
         self._climbed = self._climbed or high
         wind = self._wind or (0.0, 0.0, 0.0)
         gust = math.dist(estimator.disturbance, wind)

@@ -449,6 +449,8 @@ GAP_S = 0.2
 HOLE_S, UNHEARD_S, UNHEARD = 0.07, 0.3, 0.5
 """After a time so long without a pose [s] positions are not looked at for some nodes. The vehicle may have missed
 commands then, too: for so long [s] what speaks against it by its attitude counts by so much [-]."""
+HOLES_S = 1.0
+"""Where one follows another sooner than that [s], the position is looked at all the same."""
 FADE_S = 4.0
 """Evidence fades with this time constant [s]."""
 LEARN_S = 4.0
@@ -580,7 +582,7 @@ class Obedience:
 
     __slots__ = (  # with so many, a dictionary is slow
         "_arrest", "_asked", "_attitude", "_begun_s", "_between", "_climb_m_s", "_down", "_flown", "_from_down",
-        "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_hover_share", "_images", "_last",
+        "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s", "_hover_share", "_images", "_last",
         "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_off", "_passed",
         "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets", "_rested",
         "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s", "_speed",
@@ -642,8 +644,8 @@ class Obedience:
         self._place: Vec3 = (0.0, 0.0, 0.0)
         self._roll.restart()
         self._pitch.restart()
-        self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = self._hole_s = -math.inf
-        self._leapt_s = self._leaps_s = -math.inf
+        self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = -math.inf
+        self._hole_s = self._holes_s = self._leapt_s = self._leaps_s = -math.inf
         self._off = 0.0
         self._images.restart()
         self._rivals = Rivals()
@@ -703,10 +705,12 @@ class Obedience:
         """
         last, self._last = self._last, pose.attitude
         if dt > HOLE_S:
-            # Poses were missing: the filters must find their way again.
-            self._hole_s = pose.time_s
-            self._images.nodes = min(self._images.nodes, SETTLES - 3)
-            self._forget_between()
+            if pose.time_s - self._holes_s > HOLES_S:  # what goes on is how this source tells
+                # Poses were missing: the filters must find their way again.
+                self._hole_s = pose.time_s
+                self._images.nodes = min(self._images.nodes, SETTLES - 3)
+                self._forget_between()
+            self._holes_s = pose.time_s
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._off = off_m
             self._begin(pose)
