@@ -74,6 +74,9 @@ GALE_M_S2, BREEZE_M_S2, USUAL, USUAL_S = 3.5, 2.5, 6.0, 5.0
 """No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
 [m/s²]; in a calm, where so many times [-] what it was mostly off by in the last time [s] is less than the second, none
 pushes by that."""
+PRESS_M_S2 = 3.0
+"""Nothing in the air presses it down, or lifts it, by so much more than was known, for two nodes [m/s²]: a floor does,
+a hand, or rotors that give little more than half of what they gave."""
 CALM_KNOWN_S = 2.5
 """Whether it is calm is known after so long [s]; a storm's gusts look like a rival's in calm air now and then."""
 SAYS = 1.2
@@ -108,7 +111,7 @@ class Rivals:
         """Along the vertical so many nodes need no average: what lifts it off is known."""
         self._known = known
         self._axes: tuple[_RivalAxis, ...] = ()
-        self._gale = self._looked_s = 0.0
+        self._gale = self._press = self._looked_s = 0.0
         self._usual = WIND_M_S2 * WIND_M_S2
         self._astray = 0
 
@@ -152,6 +155,7 @@ class Rivals:
         most = (BREEZE_M_S2 if calm else min(most, GALE_M_S2)) + 3.0 * sigma
         self._usual += h / USUAL_S * (min(squared, 4.0 * usual) - usual)
         before, self._gale = self._gale, math.sqrt(squared) / most
+        pressed, self._press = self._press, abs(z.off) / (PRESS_M_S2 + 3.0 * sigma)
         across = down = 0.0
         if x.speaks or y.speaks:  # who shows too small a part of one axis mostly does so of the other, too
             across = max(map(sum, zip(x.evidence, y.evidence, strict=True)))
@@ -169,7 +173,7 @@ class Rivals:
         if calm and self._looked_s > CALM_KNOWN_S:
             gale += across / ENDS
         # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
-        held = max(gale, down / ENDS)
+        held = max(gale, down / ENDS, min(pressed, self._press))
         return max(across / ENDS, held if held >= 1.0 or (climbs and z.since_s <= STAYS_S) else 0.5 * held)
 
 
@@ -453,6 +457,8 @@ HOLES_S = 1.0
 """Where one follows another sooner than that [s], the position is looked at all the same."""
 FADE_S = 4.0
 """Evidence fades with this time constant [s]."""
+NOISE_RISES = 0.5
+"""The noise of the positions is believed to rise by such a share a second at most [1/s]: what leaps is none."""
 LEARN_S = 4.0
 """So does what is known of the noise [s]."""
 CALM = 2.0
@@ -583,7 +589,7 @@ class Obedience:
     __slots__ = (  # with so many, a dictionary is slow
         "_arrest", "_asked", "_attitude", "_begun_s", "_between", "_climb_m_s", "_down", "_flown", "_from_down",
         "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s", "_hover_share", "_images", "_last",
-        "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_off", "_passed",
+        "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_noise_m", "_off", "_passed",
         "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets", "_rested",
         "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s", "_speed",
         "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z",
@@ -637,6 +643,7 @@ class Obedience:
         self._attitude = self._quarter = self._still = self._heading = 0.0
         self._quarters = [0.0, 0.0]
         self._last: Quat | None = None
+        self._noise_m = math.inf
         self._arrest: Pose | None = None
         self._stopped_s = 0.0
         self._lates = self._stuck = 0
@@ -711,6 +718,7 @@ class Obedience:
                 self._images.nodes = min(self._images.nodes, SETTLES - 3)
                 self._forget_between()
             self._holes_s = pose.time_s
+        self._noise_m = noise_m = min(noise_m, self._noise_m * (1.0 + NOISE_RISES * dt))
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._off = off_m
             self._begin(pose)
