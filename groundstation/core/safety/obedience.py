@@ -277,6 +277,9 @@ WIND_M2 = WIND_M * WIND_M
 THETA = 0.6
 """Memory of the filter: what it knows fades by this factor from node to node [-]."""
 ALPHA, BETA, GAMMA = 1.0 - THETA**3, 1.5 * (1.0 - THETA**2) * (1.0 - THETA), (1.0 - THETA) ** 3
+GOES_ON_AS = 4.0
+"""A wind that goes on as it was explains a node worse by so much [-] than a vehicle that obeys, or a picture that stands.
+"""
 EXPANDS = 8
 """For so many nodes after the first the filter's memory expands."""
 SETTLES = 4
@@ -391,8 +394,8 @@ class Images:
             (x, y, z), (a, b, c) = seen, told
             u, v, w = self._beside or (0.0, 0.0, 0.0)
             self._beside = p, q, r = x - a, y - b, z - c
-            self._across(x, y, a, b, (p - u) ** 2 + (q - v) ** 2, fade)
-            self._down(z, c, (r - w) ** 2, fade)
+            self._across(x, y, a, b, GOES_ON_AS * ((p - u) ** 2 + (q - v) ** 2), fade)
+            self._down(z, c, GOES_ON_AS * (r - w) ** 2, fade)
         return seen, told
 
     def _across(self, x: float, y: float, cx: float, cy: float, wind: float, fade: float) -> None:
