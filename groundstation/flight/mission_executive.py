@@ -87,7 +87,7 @@ class Course:
         self._trajectory = config.trajectory.build()
         takeoff = config.takeoff
         self._transit = Limits(takeoff.transit_m_s, takeoff.transit_m_s2)
-        self._climb = Limits(takeoff.climb_m_s, takeoff.transit_m_s2)
+        self._climb = Limits(takeoff.climb_m_s, min(takeoff.transit_m_s2, FAST_M_S2))
         self._home: Vec3 | None = None
         self._points: tuple[Waypoint, ...] = ()
         self._reached = 0
@@ -127,7 +127,7 @@ class Course:
             case State.TAKEOFF:
                 climb = self._climb
                 if math.hypot(*now.velocity_ned) > climb.speed_m_s:
-                    climb = Limits(climb.speed_m_s, max(climb.acceleration_m_s2, FAST_M_S2))
+                    climb = Limits(climb.speed_m_s, FAST_M_S2)
                 return self._above(now.position_ned, now, time_s, climb, halts=False)
             case State.TRACKING:
                 return _leg(self.entry(now), self._trajectory, time_s)

@@ -594,7 +594,7 @@ class Obedience:
         "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s", "_hover_share", "_images", "_last",
         "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_noise_m", "_off", "_passed",
         "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets", "_rested",
-        "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s", "_speed",
+        "_rests", "_rivals", "_roll", "_rose", "_since_down", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s", "_speed",
         "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z",
         "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence", "late_s", "led_s", "windows",
     )  # fmt: skip
@@ -638,7 +638,7 @@ class Obedience:
         self.forget()
         self._rivals = Rivals(CLIMB_BEGINS)
         self._flown, self._begun_s = 0, math.inf
-        self._hover_share = self._climb_m_s = self._down = self._from_down = self._from_s = math.nan
+        self._hover_share = self._climb_m_s = self._down = self._from_down = self._since_down = self._from_s = math.nan
         self._rose = False
 
     def forget(self) -> None:
@@ -794,9 +794,9 @@ class Obedience:
         if self._begun_s == math.inf:
             self._begun_s = pose.time_s
             if self._climb_m_s > 0.0:
-                self._from_down, self._from_s = z, pose.time_s
-        else:
-            self._from_s = math.nan  # what the commands did since is not known
+                self._from_down, self._since_down, self._from_s = z, z, pose.time_s
+        else:  # what the commands did since is not known: by now it may be at rest
+            self._since_down, self._from_s, self._climb_m_s = z, pose.time_s, 0.0
             if pose.reset_count != self._resets:
                 self._from_down = math.nan
         self._resets, self._node_s, self._down = pose.reset_count, pose.time_s, z
@@ -924,7 +924,7 @@ class Obedience:
         fallen_m = 0.5 * self._gravity * since_s * since_s
         lifted_m = (fallen_m - self._pushed[2]) / self._hover_share - fallen_m + self._climb_m_s * since_s
         behind_m = BEHIND_M + 3.0 * noise_m + 0.5 * BEHIND_M_S2 * since_s * since_s
-        if high_m < -BELOW_M or (high_m < BEHIND_TO_M and lifted_m - high_m > behind_m):
+        if high_m < -BELOW_M or (high_m < BEHIND_TO_M and lifted_m - (self._since_down - down) > behind_m):
             return 1.0
         self._rose = self._rose or (rises > ROSE_M_S and high_m > ROSE_M + 3.0 * noise_m)
         stands = self._rose and ROSE_M < high_m < LOW_M and abs(rises) < RISES_M_S + 3.0 * noise_m / h
