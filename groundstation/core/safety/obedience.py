@@ -278,8 +278,7 @@ THETA = 0.6
 """Memory of the filter: what it knows fades by this factor from node to node [-]."""
 ALPHA, BETA, GAMMA = 1.0 - THETA**3, 1.5 * (1.0 - THETA**2) * (1.0 - THETA), (1.0 - THETA) ** 3
 GOES_ON_AS = 4.0
-"""A wind that goes on as it was explains a node worse by so much [-] than a vehicle that obeys, or a picture that stands.
-"""
+"""By so much [-] does a wind that goes on as it was explain a node worse than a vehicle that obeys."""
 EXPANDS = 8
 """For so many nodes after the first the filter's memory expands."""
 SETTLES = 4
@@ -591,12 +590,13 @@ class Obedience:
 
     __slots__ = (  # with so many, a dictionary is slow
         "_arrest", "_asked", "_attitude", "_begun_s", "_between", "_climb_m_s", "_down", "_flown", "_from_down",
-        "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s", "_hover_share", "_images", "_last",
-        "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_noise_m", "_off", "_passed",
-        "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets", "_rested",
-        "_rests", "_rivals", "_roll", "_rose", "_since_down", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s", "_speed",
-        "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z",
-        "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence", "late_s", "led_s", "windows",
+        "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s", "_hover_share", "_images",
+        "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_noise_m", "_off",
+        "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets",
+        "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
+        "_since_down", "_speed", "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift",
+        "_told_x", "_told_y", "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence",
+        "late_s", "led_s", "windows",
     )  # fmt: skip
 
     def __init__(self, mass_kg: float, gravity: float) -> None:
@@ -753,7 +753,7 @@ class Obedience:
         self._speed = (vx + m * ix, vy + m * iy, vz + m * iz + g * dt)
         self._upset = upset
         h = pose.time_s - self._node_s
-        if h < NODE_S - 1e-6:
+        if h < NODE_S - 1e-6 and dt <= HOLE_S:
             if h >= HALF_NODE_S and self._half_s <= self._node_s:
                 self._look_between(pose)
             return False

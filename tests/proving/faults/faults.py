@@ -63,6 +63,8 @@ LED_M_S, LED_TILT_DEG, GRIP_S = 0.5, 20.0, 0.3
 """An operator takes the vehicle out of the air: how fast a hand leads it down, how far it leans, and how long it takes
 to close."""
 
+SINKS_M_S, SINKS_S = 0.5, 0.8
+"""A height that leaves the true one downwards: how fast [m/s] and for how long [s], before it stands."""
 RESET_DEG, ASTRAY_S, ASTRAY_STEP_S = 19.0, 3.0, 0.01
 """A heading that an estimator corrects [deg]: PX4 was seen to do so. How long it goes astray [s], in what steps."""
 ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
@@ -83,6 +85,15 @@ def comes(make: Callable[[], Way]) -> Strike:
 
     async def strike(scene: Scene) -> None:
         scene.between.way = make()
+
+    return strike
+
+
+def shows_few(nth: int, make: Callable[..., Picture], *told: Any) -> Strike:
+    """A wrong picture, of which only every ``nth`` frame comes."""
+
+    async def strike(scene: Scene) -> None:
+        scene.between.picture, scene.between.way = make(scene.struck, *told), pictures.every(nth)
 
     return strike
 
@@ -475,6 +486,22 @@ _LYING: dict[str, Fault] = {
         "the position's up is down",
         shows(pictures.map_positions, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))),
         states=FROM_START,
+    ),
+    "few, x mirrored": Fault(
+        "of four frames only one comes, and its north is south",
+        shows_few(4, pictures.map_positions, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+    ),
+    "few, z mirrored": Fault(
+        "of four frames only one comes, and its up is down",
+        shows_few(4, pictures.map_positions, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))),
+    ),
+    "few, position frozen": Fault(
+        "of four frames only one comes, and its position stands", shows_few(4, pictures.still_position)
+    ),
+    "height sinks": Fault(
+        "the height sinks at 0.5 m/s beside the true one for 0.8 s, and then stands",
+        shows(pictures.sinking_height, SINKS_M_S, SINKS_S),
+        states=("hold", "landing"),
     ),
     "x and y swapped": Fault(
         "the position's north and east have changed places",

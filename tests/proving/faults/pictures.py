@@ -196,6 +196,21 @@ def drift(struck: Struck, speed_m_s: float) -> Picture:
     return _ours(change)
 
 
+def sinking_height(struck: Struck, speed_m_s: float, for_s: float) -> Picture:
+    """The height sinks beside the true one [m/s] for so long [s], and then stands."""
+    stood: list[float] = []
+
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        (x, y, z), since_s = position, time_s - struck.time_s
+        if since_s < for_s:
+            return (x, y, z + speed_m_s * since_s), attitude
+        if not stood:
+            stood.append(z + speed_m_s * since_s)
+        return _noisy(struck, (x, y, stood[0]), attitude)
+
+    return _ours(change)
+
+
 def map_positions(struck: Struck, rows: tuple[Vec3, Vec3, Vec3]) -> Picture:
     """The world's axes are mixed up by a matrix, about the place where ours is; its attitude stays true."""
     at = struck.position_ned
