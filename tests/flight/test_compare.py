@@ -42,12 +42,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(
+    scope="module",
+    params=[("adaptive", "pid"), pytest.param(tuple(CONTROLLERS), marks=pytest.mark.matrix)],
+    ids=["two", "all"],
+)
+def controllers(request: pytest.FixtureRequest) -> tuple[str, ...]:
+    """Those that are compared."""
+    found: tuple[str, ...] = request.param
+    return found
+
+
 @pytest.fixture(scope="module")
-def compared(folder: Path) -> list[dict[str, Any]]:
+def compared(folder: Path, controllers: tuple[str, ...]) -> list[dict[str, Any]]:
     """One comparison by the command itself: its rows."""
+    asked = () if controllers == tuple(CONTROLLERS) else ("--controllers", ",".join(controllers))
     done = subprocess.run(
         [
             *(Path(sys.executable).with_name("groundstation-sim"), "compare", "--scenarios", SCENARIO, "--seeds", "1"),
+            *asked,
             *(
                 "--duration",
                 str(DURATION_S),
@@ -69,8 +82,10 @@ def compared(folder: Path) -> list[dict[str, Any]]:
     return found
 
 
-def test_each_controller_has_a_row_with_every_figure(compared: list[dict[str, Any]]) -> None:
-    assert [row["controller"] for row in compared] == list(CONTROLLERS)
+def test_each_controller_has_a_row_with_every_figure(
+    compared: list[dict[str, Any]], controllers: tuple[str, ...]
+) -> None:
+    assert [row["controller"] for row in compared] == list(controllers)
     for row in compared:
         assert row.keys() >= {"scenario", "controller", "rms_cm", "max_cm", "settle_s", "effort_rad_s", "survived"}
         assert row["scenario"] == SCENARIO
@@ -94,14 +109,15 @@ def test_a_row_says_what_the_same_flight_says(compared: list[dict[str, Any]]) ->
 
 
 def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
-    compared: list[dict[str, Any]], folder: Path
+    compared: list[dict[str, Any]], controllers: tuple[str, ...], folder: Path
 ) -> None:
     text = (folder / "PAGE.md").read_text("utf-8")
-    assert text.startswith("# Page\n\n<!-- figures:begin -->\n| RMS error, cm | adaptive | uncompensated |")
+    assert text.startswith("# Page\n\n<!-- figures:begin -->\n| RMS error, cm | " + " | ".join(controllers) + " |")
     assert text.endswith("<!-- figures:end -->\n\nlast\n")
     assert "old" not in text
     assert f"| `{SCENARIO}` | {compared[0]['rms_cm']:.2f} |" in text
-    flown_by = f"groundstation-sim compare --scenarios {SCENARIO} --seeds 1 --duration 17"
+    some = "" if controllers == tuple(CONTROLLERS) else f" --controllers {','.join(controllers)}"
+    flown_by = f"groundstation-sim compare --scenarios {SCENARIO}{some} --seeds 1 --duration 17"
     assert f"made by `{flown_by} --plot pictures/x.png --write PAGE.md`" in text
 
 
