@@ -21,7 +21,7 @@ pytest_plugins = ["tests.busy", "tests.matrix", "tests.progress"]
 settings.register_profile(
     "full", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
-settings.register_profile("quick", settings.get_profile("full"), max_examples=20)
+settings.register_profile("quick", settings.get_profile("full"), max_examples=12)
 settings.register_profile("big", max_examples=5000, deadline=None, print_blob=True)
 settings.load_profile("full")
 

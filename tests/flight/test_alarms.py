@@ -90,13 +90,13 @@ def test_a_picture_that_stands_is_seen_the_later_the_higher_the_threshold() -> N
 def test_the_command_tells_windows_and_the_largest_statistics(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["alarms", "--scenario", "paper", "--seed", "4", "--flights", "2", "--workers", "1", "--duration", "1"]
+    words = ["alarms", "--scenario", "paper", "--seed", "4", "--flights", "1", "--workers", "1", "--duration", "1"]
     monkeypatch.setattr(sys, "argv", ["groundstation-sim", *words, "--json"])
     assert main() == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["windows"] == sum(one["windows"] for one in told["flights"]) > 500
+    assert told["windows"] == sum(one["windows"] for one in told["flights"]) > 250
     assert list(told["largest"]) == list(KINDS)
-    assert [one["seed"] for one in told["flights"]] == [4, 5]
+    assert [one["seed"] for one in told["flights"]] == [4]
     assert told["accused"] == 0
 
 

@@ -78,10 +78,10 @@ async def served(flight: Flight, trouble: str) -> None:
             clients.append(client)
         for client in clients:
             number += 1
-            if trouble == "flood":
+            if trouble == "flood and garbage" and number % 2:
                 client.transport.write(b'{"id": %d, "control": "take"}\n' % number)
                 client.transport.write(b'{"id": %d, "ask": "hold"}\n' % number * 200)  # replayed
-            elif trouble == "garbage":
+            elif trouble == "flood and garbage":
                 client.transport.write(b"\x00\xff{" * 100 + b"\n" + b"x" * 70_000)
             elif trouble == "land" and flight.state is State.TRACKING:
                 client.transport.write(b'{"id": %d, "ask": "land"}\n' % number)
@@ -121,7 +121,7 @@ def left(trouble: str) -> list[tuple[float, bytes]]:
 
 def test_clients_that_die_flood_talk_nonsense_or_never_read_change_no_byte_that_leaves() -> None:
     alone = left("")
-    for trouble in ("flood", "garbage", "full sockets"):
+    for trouble in ("flood and garbage", "full sockets"):
         assert left(trouble) == alone, trouble
 
 

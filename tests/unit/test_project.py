@@ -151,7 +151,7 @@ def cpu_s(command: list[str | Path]) -> float:
 def test_help_and_version_cost_at_most_three_times_a_bare_python(command: str, asked: str) -> None:
     script = Path(sys.executable).with_name(command)
     # Taken in turns, and the best of several: whatever else the machine does slows both, and slows no minimum.
-    runs = [(cpu_s([sys.executable, "-c", "pass"]), cpu_s([script, asked])) for _ in range(15)]
+    runs = [(cpu_s([sys.executable, "-c", "pass"]), cpu_s([script, asked])) for _ in range(8)]
     bare, took = (min(column) for column in zip(*runs, strict=True))
     assert took <= 3 * bare, f"{command} {asked} {1e3 * took:.0f} ms, python -c pass {1e3 * bare:.0f} ms"
 
