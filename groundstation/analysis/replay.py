@@ -12,6 +12,7 @@ import selectors
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -452,7 +453,7 @@ class _Replay:
         self._begun = False
         self._turn = -1
         self._command: ch.CommandMessage | None = None
-        self._surrender_s: float | None = None
+        self._end: Callable[[float], Command] | None = None
         self._pairs: list[CommandPair] = []
         self._comparison = Comparison()
         self._lost = 0
@@ -539,9 +540,8 @@ class _Replay:
         self._pilot.pose(pose)
 
     def _idle(self, idle: ch.IdleMessage) -> None:
-        pilot, hold_s = self._pilot, self._surrender_s
-        command = pilot.idle(idle.time_s, idle.thrust_n) if hold_s is None else pilot.surrender(idle.time_s, hold_s)
-        self._surrender_s = None
+        end, self._end = self._end, None
+        command = self._pilot.idle(idle.time_s, idle.thrust_n) if end is None else end(idle.time_s)
         self._comparison.compare("idle", idle.time_s, read_command(idle), command)
 
     def _switch(self, switch: ch.SwitchMessage) -> None:
@@ -549,6 +549,8 @@ class _Replay:
         match switch.what, len(values):
             case "stand", 0:
                 pilot.stand()
+            case "listen", 1:
+                pilot.listen(bool(values[0]))
             case "lift", 3:
                 pilot.lift(*values)
             case "descend", 3:
@@ -556,7 +558,9 @@ class _Replay:
             case "ease", 2:
                 pilot.ease(bool(values[0]), asks=bool(values[1]))
             case "surrender", 1:
-                self._surrender_s = values[0]
+                self._end = partial(pilot.surrender, hold_s=values[0])
+            case "let_go", 1:
+                self._end = partial(pilot.let_go, hold_s=values[0])
             case what, 1 if what.startswith(GAIN):
                 pilot.gain(what.removeprefix(GAIN), values[0])
 

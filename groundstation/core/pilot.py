@@ -64,6 +64,12 @@ CLIMBED_M = 0.25
 """... until the poses have shown that it rises by so much [m]: what they leave out is pushed against gently."""
 CUSHIONED = 0.95
 """As a share of the weight as told: with less it is the floor's cushion that carries, and soon no more [-]."""
+UNHEARD_SHARE, UNHEARD_M_S2, UNHEARD_GAIN = 0.95, 1.5, 0.15
+"""Where nothing shows that commands arrive, thrust is at most this share of what hovers [-], of a disturbance so much
+is believed in that [m/s²], and rates are this share of the law's [-]: a loop of 4/s that is 1.5 s late is stable by it.
+"""
+LET_GO_S = 0.5
+"""Where commands come too late, the last one goes on for so long [s]: the autopilot is asked to land meanwhile."""
 HOLD_STEP_S = 0.08
 """Longest single step of the model while a command is held to its deadline [s]."""
 
@@ -133,6 +139,7 @@ class Pilot:
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = CertificateMonitor(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
+        self._unheard = False
         self._lifted = self._climbed = False
         self._lifted_s = self._left_s = -math.inf
         self._hover_n, self._left_down = math.inf, 0.0
@@ -226,6 +233,22 @@ class Pilot:
         self._controller.regain(now)
         self._watch.regain(now)
 
+    def listen(self, unheard: bool) -> None:
+        """Whether nothing shows that commands arrive: then nothing is learnt, and they are gentle in case some do."""
+        if unheard == self._unheard:
+            return
+        self._switch("listen", float(unheard))
+        self._unheard = unheard
+        if unheard:
+            self._hold()
+        else:
+            self._estimator.resume()
+
+    def _hold(self) -> None:
+        """Learn nothing; wind and thrust are those of before."""
+        trusted = self._before()
+        self._estimator.hold(trusted.disturbance, trusted.effectiveness)
+
     def stand(self) -> None:
         """The vehicle stands on the floor: its push is not to be learnt."""
         self._switch("stand")
@@ -318,7 +341,7 @@ class Pilot:
         elif self.suspicious:  # no error is believed: what is left is the trim of before
             motion = estimate.motion
             reference = Reference(motion.position, motion.velocity, yaw_rad=reference.yaw_rad)
-        interval = 0.0 if self._last is None else time_s - self._last
+        interval = 0.0 if self._last is None or self._unheard else time_s - self._last
         self._last = time_s
         law = self._decide if descent is None else descent.decide
         decision = law(estimate, reference, interval)
@@ -326,6 +349,8 @@ class Pilot:
             decision = self._bear(decision, estimate, reference)
         if descent is None:
             decision = self._climb_gently(time_s, decision)
+        if self._unheard:
+            decision = self._soften(decision, estimate)
         if descent is None and (self._asks or self.suspicious or self.evidence.attitude >= ASKS):
             # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
@@ -387,6 +412,32 @@ class Pilot:
             return decision
         return decision._replace(drive=ActuatorCommand(most, rates))
 
+    def let_go(self, time_s: float, hold_s: float) -> Command:
+        """The last command, where those that leave come too late: gently on, until the autopilot acts by itself.
+
+        Times are as in :meth:`surrender`. A bring-down that comes late would brake what does not fall.
+        """
+        self._switch("let_go", hold_s)
+        pose = self._pose
+        assert pose is not None, "only what has flown by poses ceases to"
+        thrust = UNHEARD_SHARE * self._hovers_n(self._estimator.predict(time_s + self._vehicle.acting_delay_s))
+        still = (0.0, 0.0, 0.0)
+        parts = (Segment(LET_GO_S, thrust, still),)
+        command = Command(thrust, still, pose.id, pose.time_s, time_s + hold_s, parts)
+        self._tell(IdleRecord(time_s, thrust, command))
+        return command
+
+    def _hovers_n(self, estimate: Estimate) -> float:
+        """The thrust that hovers, as far as is believed while nothing shows that commands arrive [N]."""
+        down = max(-UNHEARD_M_S2, min(estimate.disturbance[2], UNHEARD_M_S2))
+        return self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
+
+    def _soften(self, decision: Decision, estimate: Estimate) -> Decision:
+        """``decision`` as it does no harm where it comes too late, or to a vehicle that has not heard those before."""
+        thrust, (roll, pitch, yaw) = decision.drive
+        k, most = UNHEARD_GAIN, UNHEARD_SHARE * self._hovers_n(estimate)
+        return decision._replace(drive=ActuatorCommand(min(thrust, most), (k * roll, k * pitch, k * yaw)))
+
     def surrender(self, time_s: float, hold_s: float) -> Command:
         """The last command, where the poses are not believed any more: down on the model, from what it was before.
 
@@ -441,9 +492,8 @@ class Pilot:
             self._pushed_since_s = pose.time_s
         if self.evidence.suspicious and self._lifted:
             if not estimator.holds:
-                trusted = self._before()
-                estimator.hold(trusted.disturbance, trusted.effectiveness)
-        else:
+                self._hold()
+        elif not self._unheard:
             estimator.resume()
             self._trusted.append(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
             while self._trusted[0].time_s < pose.time_s - REMEMBER_S:

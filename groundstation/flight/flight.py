@@ -57,7 +57,7 @@ from groundstation.pose import make_source
 from groundstation.runtime import IdleSlots, to_the_end
 from groundstation.settings import Config
 from links import make_link
-from links.core import Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase, TellsMode
+from links.core import IN_TIME, Attitude, AutopilotLink, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase
 from links.io import NETWORK, Network
 from links.mavlink import MavlinkLink
 
@@ -642,6 +642,7 @@ class Flight:
             self._enter,
             others,
             doubts=self._doubts,
+            arrival=link.arrival if isinstance(link, AutopilotLink) else lambda now_s: IN_TIME,
             on_conviction=self.distrust,
         )
         self._commands = CommandLoop(
@@ -795,7 +796,7 @@ class Flight:
         agreement = self.witness.verdict(now_s)
         if agreement is None:
             return None
-        return True if agreement.doubts_s is not None else False if isinstance(self._link, TellsMode) else None
+        return True if agreement.doubts_s is not None else False if isinstance(self._link, AutopilotLink) else None
 
     async def run(self) -> FlightOutcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
@@ -876,7 +877,7 @@ class Flight:
         if tick.seen.warning:
             self._say(f"warning: {tick.seen.warning}", Severity.WARNING, "certificate")
         suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
-        if self._suspicious and not suspicious and isinstance(self._link, TellsMode):
+        if self._suspicious and not suspicious and isinstance(self._link, AutopilotLink):
             self._link.ask_mode()  # who has taken it over flies otherwise, too
         step, news, severity = self._live.update(
             tick.time_s,

@@ -36,7 +36,7 @@ from groundstation.core.safety import (
 )
 from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stop
 from groundstation.settings import Config
-from links.core import Attitude, Command, LinkStatus
+from links.core import IN_TIME, Arrival, Attitude, Command, LinkStatus
 
 LAST_CHANCE_S = 0.004
 """So long before a command's deadline does the next one leave [s]."""
@@ -52,6 +52,9 @@ HEARTBEAT_S = 0.4
 SILENT_S, LOST_S = 0.15, 3.0
 """A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
 second, it only tells no more."""
+UNHEARD_S, DEAF_S = 0.15, 0.5
+"""Answers to what was sent are overdue for so long [s]: who does not hear the commands can't obey them. After the
+second that is told, and what may still arrive brings it down."""
 LAST_PERIODS = 2.5
 """The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
 LEAST_HEIGHT_M = 0.3
@@ -263,19 +266,22 @@ class MissionExecutive:
         others: Others | None = None,
         *,
         doubts: Callable[[float], bool | None] = lambda now_s: None,
+        arrival: Callable[[float], Arrival] = lambda now_s: IN_TIME,
         on_conviction: Callable[[], None] = lambda: None,
     ) -> None:
         """``say`` takes text, severity and kind of a :class:`Notice`, ``on_state`` every state that begins, and why.
 
         ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
         ``doubts`` tells whether the autopilot's own attitude disagrees with the poses at an instant [s], None where it
-        does not tell;
+        does not tell; ``arrival`` whether commands reach it at an instant [s].
         ``on_conviction`` hears that the poses are not believed any more, before the last command leaves.
         """
         self._config = config
         self._pilot = pilot
         self._period_s = period_s
         self._doubts = doubts
+        self._arrival = arrival
+        self._unheard = False
         self._on_conviction = on_conviction
         self._conviction = Conviction()
         self._charge: Charge | None = None
@@ -427,6 +433,8 @@ class MissionExecutive:
             self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
             spooling = None
         if spooling is None:
+            if self._comes_too_late(now_s):
+                return self._pilot.let_go(now_s, LAST_PERIODS * self._period_s()), None
             if self._find_charge(now_s):
                 self._on_conviction()
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
@@ -435,7 +443,7 @@ class MissionExecutive:
             return tick.command, tick
         assert pose is not None, "it stood, by its poses"
         coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
-        why = spooling.fault(now_s, pose, coast_s, self._fence)
+        why = self._find_deafness(now_s) or spooling.fault(now_s, pose, coast_s, self._fence)
         if why:
             self.go(Event.LAND, why, now_s, fault=True)
             return self._pilot.idle(now_s, 0.0), None
@@ -448,6 +456,36 @@ class MissionExecutive:
         """A command has left; where it was the last that poses have led to, commands end with it."""
         if self._charge is not None:
             self.go(Event.ABORT, self._charge.reason, now_s, fault=True)
+
+    def _comes_too_late(self, now_s: float) -> bool:
+        """Whether commands end, as they come too late; where none arrive, they are gentle, and nothing is learnt.
+
+        Who does not hear the commands can't obey them.
+        """
+        overdue_s, late_s = self._arrival(now_s)
+        self._unheard = overdue_s > UNHEARD_S
+        self._pilot.listen(self._unheard)
+        if not self._unheard:
+            return False
+        self._pilot.monitor.forget()
+        if (why := self._find_deafness(now_s)) and late_s > 0.0:
+            self._charge = Charge(f"{why}, so they end", convicted=False)
+            return True
+        if why and self.state is not State.DESCENT:
+            self.go(Event.DESCEND, why, now_s, fault=True)
+        return False
+
+    def _find_deafness(self, now_s: float) -> str:
+        """Why commands can't fly the vehicle though the autopilot is heard; empty where they reach it in time."""
+        overdue_s, late_s = self._arrival(now_s)
+        if late_s > 0.0:
+            return f"commands reach the autopilot {1e3 * late_s:.0f} ms too late: nobody could fly by such ones"
+        if overdue_s <= DEAF_S:
+            return ""
+        return (
+            f"commands do not reach the autopilot: it is heard, but has not answered for {1e3 * overdue_s:.0f} ms. It "
+            "acts by its own failsafe for set-points that stop; should it hear again, it is brought down"
+        )
 
     def _find_charge(self, now_s: float) -> bool:
         """Whether the poses are not believed any more."""
@@ -496,7 +534,8 @@ class MissionExecutive:
                 self._warn("" if finding is None else f"warning: {finding.reason}")
             else:
                 self._answer(finding, tick.time_s)
-        move = self._course.over(self.state, tick)
+        # One that does not hear flies on where a landing's thrust is told: only its own word says that it has landed.
+        move = None if self._unheard else self._course.over(self.state, tick)
         if move is not None and move.event is Event.ARRIVED:
             self._go_on(move, tick.time_s)
         elif move is not None:

@@ -4,7 +4,10 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from links.core.child_command import make_child_command
     from links.core.deadman import (
+        IN_TIME,
+        Arrival,
         Attitude,
+        AutopilotLink,
         Command,
         CommandLink,
         Deadman,
@@ -16,7 +19,6 @@ if TYPE_CHECKING:
         LinkStatus,
         Phase,
         Segment,
-        TellsMode,
         full_thrust_n,
         signal,
         thrust,

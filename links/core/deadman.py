@@ -19,7 +19,7 @@ the autopilot's log (PX4: MPC_THR_HOVER; ArduPilot: MOT_THST_HOVER), while data 
 import math
 from collections.abc import Callable
 from enum import StrEnum
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import msgspec
 
@@ -132,12 +132,29 @@ class LinkStatus(msgspec.Struct, frozen=True):
     here, and who has to act; empty where it leaves or has left."""
 
 
+class Arrival(NamedTuple):
+    """What is known of commands reaching the autopilot."""
+
+    overdue_s: float
+    """For how long answers have been due that did not come, though it is heard [s]; 0 where nobody can tell."""
+    late_s: float
+    """How much too late commands reach it, by answers that went on to come so late [s]; 0 where they are in time."""
+
+
+IN_TIME = Arrival(0.0, 0.0)
+"""Nothing shows anything else."""
+
+
 @runtime_checkable
-class TellsMode(Protocol):
-    """A link to an autopilot that somebody else may take over: in which mode it is then, it tells when asked."""
+class AutopilotLink(Protocol):
+    """A link to an autopilot that answers: in which mode it is, as somebody else may take it over, and what arrived."""
 
     def ask_mode(self) -> None:
         """Have it tell its mode now: what it does not do may be somebody else's doing."""
+        ...
+
+    def arrival(self, now_s: float) -> Arrival:
+        """Whether commands reach it, and in time."""
         ...
 
 

@@ -423,6 +423,8 @@ class Contact:
         self.words = Words()
         self.heard_vision = False
         """Whether somebody else was heard who tells an autopilot its position."""
+        self.read = 0
+        """How often the wire has brought something."""
         self._first_beat = asyncio.Event()
         self._dropped: Counter[str] = Counter()
         self._line = ReconnectingTransport(config, self._dropped, hear=self._hear, lose=self._lose, tell=keeper.tell)
@@ -531,6 +533,7 @@ class Contact:
         wire, known = self._line.wire, self.heard.address
         if self._loop is None or wire is None:
             return
+        self.read += 1
         now = self._loop.time()
         if known is not None and source != known and (self._keeper.owes() or not self.heard.is_silent(now)):
             self._dropped["other_address"] += 1
@@ -727,6 +730,11 @@ class MavlinkConnection:
     def heard_vision(self) -> bool:
         """Whether somebody else was heard here who tells an autopilot its position."""
         return self._contact.heard_vision
+
+    @property
+    def read(self) -> int:
+        """How often the wire has brought something."""
+        return self._contact.read
 
     @property
     def dropped(self) -> dict[str, int]:

@@ -10,6 +10,7 @@ import asyncio
 from collections.abc import Callable
 
 from links.core import (
+    Arrival,
     Attitude,
     Command,
     Deadman,
@@ -27,6 +28,8 @@ from links.mavlink.connection import MavlinkConnection
 from links.mavlink.protocol import (
     ARDUPILOT,
     ARM_DISARM,
+    ASKED_S,
+    ASKED_SLOWLY_S,
     ATTITUDE_HZ,
     ATTITUDES,
     SLOW_BAUD,
@@ -40,6 +43,7 @@ from links.mavlink.protocol import (
     MavlinkLinkConfig,
     Message,
     ReadVersion,
+    Uplink,
     Vitals,
     arming,
     attitude_of,
@@ -56,11 +60,23 @@ MARGIN_S = 1e-6
 """So far behind the instant of a change does its turn come [s]: timers fire a clock's tick early."""
 
 
+STOOD_S = 0.06
+"""A turn that comes so late finds a program that stood still [s]."""
+
+
 class Transmitter:
     """One link's timer. Times are on the event loop's clock [s]."""
 
-    def __init__(self, deadman: Deadman, period_s: float, leave: Callable[[Command | Segment, float], None]) -> None:
-        """``leave(what, now_s)`` puts it on the wire."""
+    def __init__(
+        self,
+        deadman: Deadman,
+        period_s: float,
+        leave: Callable[[Command | Segment, float], None],
+        count_read: Callable[[], int] = lambda: 0,
+    ) -> None:
+        """``leave(what, now_s)`` puts it on the wire; ``count_read()`` is how often the wire was read so far."""
+        self._count_read = count_read
+        self._read: int | None = None
         self._deadman = deadman
         self._period = period_s
         self._leave = leave
@@ -114,6 +130,11 @@ class Transmitter:
         if now < self._due_s - MARGIN_S:  # a newer command has moved it
             self._set()
             return
+        if now > self._due_s + STOOD_S and self._read != (read := self._count_read()):
+            # The program stood still: what waits to be read comes first, as it may say that the vehicle is another's.
+            self._read, self._timer = read, self._loop.call_later(0.0, self._turn)
+            return
+        self._read = None
         phase, leaves = self._deadman.phase(now), self._deadman.at(now)
         if phase is Phase.OVER:
             self._end()
@@ -180,7 +201,7 @@ class MavlinkLink:
         """The socket, for whoever shares it."""
         self._sent = 0
         self._deadman = Deadman()
-        self._transmitter = Transmitter(self._deadman, config.period_s, self._leave)
+        self._transmitter = Transmitter(self._deadman, config.period_s, self._leave, lambda: self.connection.read)
         # On a wire that was lost the autopilot has begun its own failsafe: nothing more leaves, also when it is back.
         # An autopilot that was silent may have heard us all the time: what lands it by commands goes on, or what it
         # heard last runs out.
@@ -198,6 +219,9 @@ class MavlinkLink:
         """Since the newest arming."""
         self._vitals = Vitals()
         self.connection.subscribe(self._vitals.hear)
+        self._slow = config.serial is not None and config.baud <= SLOW_BAUD
+        self._uplink = Uplink(ASKED_SLOWLY_S if self._slow else ASKED_S)
+        self.connection.subscribe(lambda message, now_s: self._uplink.hear(message, now_s, self._usual_s))
         self._unfit = self._firmware = ""
         self._landing: asyncio.Task[None] | None = None
         self._killing: asyncio.Task[None] | None = None
@@ -247,8 +271,7 @@ class MavlinkLink:
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
         """Ask the autopilot for its attitude, and call ``watch`` with each that comes; not on a connected link."""
-        slow = self._config.serial is not None and self._config.baud <= SLOW_BAUD
-        self.connection.wish(ATTITUDES, SLOW_HZ if slow else ATTITUDE_HZ)
+        self.connection.wish(ATTITUDES, SLOW_HZ if self._slow else ATTITUDE_HZ)
 
         def hear(message: Message, arrival_s: float) -> None:
             told = attitude_of(message, arrival_s, self.connection.clock)
@@ -305,6 +328,7 @@ class MavlinkLink:
             self._landing.cancel()
             self._landing = None
         self._sleep = Sleep(asyncio.get_running_loop().time)
+        self._uplink.begin(asyncio.get_running_loop().time())
         self._transmitter.start()
         try:
             await self.connection.see_through(handshake, stream, self.period_s)
@@ -362,6 +386,8 @@ class MavlinkLink:
         thrust = signal(what.thrust_n / self._thrust_max, self._curve)
         frame = self.connection.codec.attitude_target(now_s, *self._target, thrust, what.rates_rad_s)
         self._sent += self.connection.leave(frame)
+        if (asked_ns := self._uplink.ask(now_s)) is not None:
+            self.connection.leave(self.connection.codec.timesync_question(asked_ns))
         if isinstance(what, Segment) and self._landing is None and self._lands(now_s):
             self._landing = asyncio.ensure_future(self._land())
 
@@ -400,6 +426,16 @@ class MavlinkLink:
         """Have the autopilot tell its mode now, not only within a second."""
         if self._obeys:
             self.connection.leave(make_mode_request(self.connection.autopilot()))
+
+    def arrival(self, now_s: float) -> Arrival:
+        """Whether commands reach the autopilot, and in time, by answers to TIMESYNC."""
+        return self._uplink.arrival(now_s, self._usual_s)
+
+    @property
+    def _usual_s(self) -> float:
+        """How long a round trip usually takes [s]."""
+        clock = self.connection.clock
+        return 0.0 if clock is None else clock.rtt_s
 
     async def silent(self) -> None:
         """Return once nothing that lifts may leave any more without a new arming."""

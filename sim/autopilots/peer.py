@@ -205,7 +205,7 @@ class AutopilotPeer(asyncio.DatagramProtocol):
         self._second: Wire | None = None
         self._autopilot = autopilot
         self._delay_s = delay_s
-        self._hearing_s = hearing_s
+        self.hearing_s = hearing_s
         self._unheard: deque[bytes] = deque()
         self._mute = self._deaf = False
         self._remote = remote
@@ -267,10 +267,10 @@ class AutopilotPeer(asyncio.DatagramProtocol):
             self.overhear(self._loop.time(), data)
         if self._deaf:
             return
-        if self._hearing_s:
+        if self.hearing_s:
             # Timers of one instant may swap; what they let through stays in order.
             self._unheard.append(data)
-            self._loop.call_later(self._hearing_s, self._hear)
+            self._loop.call_later(self.hearing_s, self._hear)
         else:
             self._hear(data)
 

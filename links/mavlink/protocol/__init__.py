@@ -53,6 +53,8 @@ if TYPE_CHECKING:
         make_mode_request,
     )
     from links.mavlink.protocol.timesync import (
+        ASKED_S,
+        ASKED_SLOWLY_S,
         ATTITUDE_HZ,
         ATTITUDES,
         LONGEST_S,
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
         SLOW_HZ,
         Timesync,
         Trip,
+        Uplink,
         attitude_of,
     )
 

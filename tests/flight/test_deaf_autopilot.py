@@ -1,0 +1,79 @@
+"""Commands that do not arrive, or too late, while all that the autopilot says and all poses come."""
+
+import asyncio
+
+import pytest
+
+from groundstation.core.messages import CommandSent, FlightEvent, Notice
+from groundstation.core.mission import State
+from groundstation.flight import Flight
+from sim.runs import Stage, fly_mission, from_floor
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
+from tests.proving.faults.cell import fly_here
+from tests.proving.faults.fault import Fault, Scene
+
+LASTS_S, STRUCK_S, KNOWN_S = 4.0, 1.0, 0.6
+"""How long the way to the autopilot is dead, and how long after the hold began; by the last nothing pushes [s]."""
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothing_pushes_meanwhile(
+    autopilot: str,
+) -> None:
+    world, config = prepare(SCENARIOS["paper"], ["takeoff.hold_s=20"])
+    world, config = from_floor(world, config, 2.0)
+    pushed: list[float] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        loop, hovers, since_s = asyncio.get_running_loop(), config.weight_n, float("inf")
+
+        def hear(event: FlightEvent) -> None:
+            nonlocal hovers
+            if isinstance(event, CommandSent):
+                thrust = event.tick.command.thrust_n
+                if loop.time() < since_s:
+                    hovers += 0.01 * (thrust - hovers)
+                elif since_s + KNOWN_S < loop.time() < since_s + LASTS_S:
+                    pushed.append(thrust / hovers)
+
+        flight._subscribers += (hear,)
+        if autopilot == "ardupilot":  # as the doctor wants it: it holds the last set-point no longer
+            stage.autopilot.parameters._table["GUID_TIMEOUT"] = (0.5, 9)
+        while flight.state is not State.HOLD:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(STRUCK_S)
+        since_s = loop.time()
+        stage.peer.cut(True, speaks=True)
+        await asyncio.sleep(LASTS_S)
+        stage.peer.cut(False)
+
+    flown = fly_mission(world, config, seed=0, script=script, autopilot=autopilot)
+    assert "commands do not reach the autopilot: it is heard" in flown.fault
+    assert max(pushed) < 1.0
+    assert (flown.touchdown_m_s or 0.0) < 0.5  # PX4 comes down by itself, after the flight's end
+
+
+@pytest.mark.parametrize(("later_s", "state", "says"), [
+    (0.6, "tracking", "commands reach the autopilot 600 ms too late"),
+    (1.5, "tracking", "commands do not reach the autopilot"),  # meanwhile it has landed by itself
+    (0.6, "take-off", "commands do not reach the autopilot"),
+])  # fmt: skip
+def test_commands_that_come_too_late_end_gently_and_the_autopilot_comes_down_by_itself(
+    later_s: float, state: str, says: str
+) -> None:
+    told: list[str] = []
+
+    async def delay(scene: Scene) -> None:
+        scene.flight._subscribers += (hear,)
+        scene.stage.peer.hearing_s += later_s
+
+    def hear(event: FlightEvent) -> None:
+        if isinstance(event, Notice):
+            told.append(event.text)
+
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        row = runner.run(fly_here("late", Fault("commands come late", delay), state, seed=0, scenario="paper"))
+    assert row.safe
+    assert any(says in text for text in told)
+    assert not any("another body" in text for text in told)
