@@ -400,7 +400,16 @@ class Pilot:
         more = back - (rates[0] * roll + rates[1] * pitch) / sine
         if more <= 0.0:
             return rates
-        return rates[0] + more * roll / sine, rates[1] + more * pitch / sine, rates[2]
+        wanted = rates[0] + more * roll / sine, rates[1] + more * pitch / sine, rates[2]
+        (_, (p, q, r)), cut = clamp_command(self._vehicle, 0.0, wanted)
+        less = back - (p * roll + q * pitch) / sine
+        if not cut or less <= 0.0:
+            return p, q, r
+        # At a limit: as far as it must towards the rates that bring it back as fast as can be.
+        a, b, _ = (math.radians(limit) for limit in self._vehicle.rate_limits_deg_s)
+        p_most, q_most = math.copysign(a, roll), math.copysign(b, pitch)
+        share = min(less * sine / ((p_most - p) * roll + (q_most - q) * pitch), 1.0)
+        return p + share * (p_most - p), q + share * (q_most - q), r
 
     def _climb_gently(self, time_s: float, decision: Decision) -> Decision:
         """``decision`` with no more thrust than a vehicle needs that has just left the floor."""

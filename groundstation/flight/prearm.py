@@ -563,6 +563,8 @@ class Checks:
 
     def _frames(self, link: LinkStatus) -> Check:
         if self._config.link.has_autopilot:
+            if link.warning:
+                return Check("frames", Verdict.FAIL, link.warning)
             return Check("frames", Verdict.OFF, "commands leave as this program sends them")
         if link.warning:
             return Check("frames", Verdict.WARN, link.warning)

@@ -406,6 +406,12 @@ VISION = (
     "ODOMETRY", "GPS_INPUT",
 )  # fmt: skip
 """Messages by which somebody tells an autopilot where it is."""
+SET_POINTS = (
+    "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "MANUAL_CONTROL",
+)  # fmt: skip
+"""Messages by which somebody steers an autopilot."""
+RIVAL_S = 3.0
+"""Who has sent none for so long steers it no more [s]."""
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
 
@@ -425,6 +431,7 @@ class Contact:
         """Whether somebody else was heard who tells an autopilot its position."""
         self.read = 0
         """How often the wire has brought something."""
+        self._rival, self._rival_s = "", -math.inf
         self._first_beat = asyncio.Event()
         self._dropped: Counter[str] = Counter()
         self._line = ReconnectingTransport(config, self._dropped, hear=self._hear, lose=self._lose, tell=keeper.tell)
@@ -543,6 +550,7 @@ class Contact:
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
                 self._dropped["other_system"] += 1
                 self.heard_vision = self.heard_vision or message.get_type() in VISION
+                self._note_rival(message, now)
                 continue
             if message.get_type() == "HEARTBEAT":
                 if message.type == GROUND_STATION or message.autopilot == INVALID:
@@ -552,6 +560,23 @@ class Contact:
             # others have sent no heartbeat yet
             if self.heard.kind is not None and self.heard.address in (None, source):
                 self._publish(message, now)
+
+    def _note_rival(self, message: Message, now_s: float) -> None:
+        """Somebody else who steers our autopilot; what has our own numbers may be an echo, while we steer."""
+        if message.get_type() not in SET_POINTS:
+            return
+        who, steered = (message.get_srcSystem(), message.get_srcComponent()), getattr(message, "target_system", None)
+        ours = who == (self.codec.system_id, self.codec.component_id)
+        if not (ours and self._keeper.owes()) and (message.target if steered is None else steered) in (
+            0,
+            self._target[0],
+        ):
+            self._rival = f"MAVLink system {who[0]}, component {who[1]}, sends {message.get_type()}"
+            self._rival_s = now_s
+
+    def rival(self, now_s: float) -> str:
+        """Who else steers the autopilot, and by what, as heard here of late; empty where nobody is heard to."""
+        return self._rival if now_s - self._rival_s < RIVAL_S else ""
 
     def _publish(self, message: Message, now_s: float) -> None:
         name = message.get_type()
@@ -730,6 +755,11 @@ class MavlinkConnection:
     def heard_vision(self) -> bool:
         """Whether somebody else was heard here who tells an autopilot its position."""
         return self._contact.heard_vision
+
+    @property
+    def rival(self) -> str:
+        """Who else steers the autopilot, and by what, as heard here of late; empty where nobody is heard to."""
+        return "" if self._loop is None else self._contact.rival(self._loop.time())
 
     @property
     def read(self) -> int:

@@ -248,7 +248,7 @@ class MavlinkLink:
     def status(self) -> LinkStatus:
         """The link as it is now."""
         connection = self.connection
-        clock = connection.clock
+        clock, rival = connection.clock, connection.rival
         return LinkStatus(
             state=connection.state,
             sent=self._sent,
@@ -267,6 +267,7 @@ class MavlinkLink:
             mode=self._vitals.mode,
             unfit=self._unfit,
             firmware=self._firmware,
+            warning=f"{rival}, to this vehicle, too: it would follow both by turns. End that program" if rival else "",
         )
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:

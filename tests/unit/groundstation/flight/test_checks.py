@@ -110,6 +110,7 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("ready to arm", {"ready": True}, Verdict.PASS),
     ("ready to arm", {"ready": False}, Verdict.WARN),
     ("frames", {}, Verdict.OFF),
+    ("frames", {"warning": "MAVLink system 42 sends SET_ATTITUDE_TARGET, too"}, Verdict.FAIL),
     ("frames", {"config": {"link": {"kind": "dsm"}}}, Verdict.PASS),
     ("frames", {"config": {"link": {"kind": "dsm"}}, "warning": "no real-time priority"}, Verdict.WARN),
     ("failsafe", {}, Verdict.OFF),

@@ -11,6 +11,7 @@ from groundstation.core.messages import Pose
 from groundstation.pose.sources import MavlinkPoseConfig, MavlinkPoseSource
 from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.connection import RIVAL_S
 from links.mavlink.protocol import (
     ARDUPILOT,
     ARM_DISARM,
@@ -679,3 +680,36 @@ def test_two_runs_put_the_same_bytes_on_the_wire() -> None:
     first = record()
     assert first == record()
     assert len(first) > 150
+
+
+def test_another_program_that_steers_the_same_autopilot_is_told_by_name_until_it_has_been_silent() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        def steer(system: int, target: int = 1) -> None:
+            frame = MavlinkCodec(system, 7).attitude_target(0.0, target, 1, 0.5, (0.0, 0.0, 0.0))
+            autopilot.transport.sendto(frame, autopilot.remote)
+
+        steer(42, target=2)
+        await asyncio.sleep(0.1)
+        assert link.status.warning == "", "that is another vehicle"
+        steer(42)
+        await asyncio.sleep(0.1)
+        assert "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too" in link.status.warning
+        await asyncio.sleep(RIVAL_S)
+        assert link.status.warning == ""
+
+    scene(play)
+
+
+def test_what_has_our_own_numbers_is_another_program_s_before_arming_and_may_be_an_echo_afterwards() -> None:
+    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+        echo = MavlinkCodec(245, 190).attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0))
+        await link.arm(lambda: command(0.0))
+        autopilot.transport.sendto(echo, autopilot.remote)
+        await asyncio.sleep(0.1)
+        assert link.status.warning == ""
+        await link.disarm()
+        autopilot.transport.sendto(echo, autopilot.remote)
+        await asyncio.sleep(0.1)
+        assert "MAVLink system 245, component 190" in link.status.warning
+
+    scene(play)

@@ -1,14 +1,16 @@
 """How the MAVLink link ends a flight: by force, by mode LAND, by its own bring-down; and a network without room."""
 
 import asyncio
+import time
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
+from links.core import Command, Deadman, LinkError, LinkLost, LinkMisuse, LinkRejected, Segment
 from links.io import Datagrams
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.link import Transmitter
 from links.mavlink.protocol import (
     ARDUPILOT,
     ARM_DISARM,
@@ -416,3 +418,34 @@ def test_an_autopilot_that_is_back_takes_newer_commands_only_where_it_was_comman
         await link.close()
 
     in_virtual_time(main())
+
+
+def test_a_program_that_stood_still_reads_what_waits_before_anything_of_a_bring_down_leaves() -> None:
+    """One datagram is read in each turn of the event loop; the last of these tells that somebody else has taken it."""
+    left: list[Command | Segment] = []
+    waiting, read = 5, 0
+
+    async def play() -> None:
+        loop, deadman = asyncio.get_running_loop(), Deadman()
+        transmitter = Transmitter(deadman, 0.02, lambda what, now_s: left.append(what), lambda: read)
+
+        def hear() -> None:
+            nonlocal read
+            read += 1
+            if read < waiting:
+                loop.call_soon(hear)
+            else:
+                deadman.stop()
+
+        def stand_still() -> None:
+            loop.call_soon(hear)
+            time.sleep(0.4)
+
+        transmitter.start()
+        assert deadman.take(flown(), loop.time())
+        loop.call_soon(stand_still)
+        await transmitter.silent()
+
+    asyncio.run(play())
+    assert read == waiting
+    assert left == []
