@@ -406,9 +406,7 @@ VISION = (
     "ODOMETRY", "GPS_INPUT",
 )  # fmt: skip
 """Messages by which somebody tells an autopilot where it is."""
-SET_POINTS = (
-    "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "MANUAL_CONTROL",
-)  # fmt: skip
+SET_POINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT")
 """Messages by which somebody steers an autopilot."""
 RIVAL_S = 3.0
 """Who has sent none for so long steers it no more [s]."""
@@ -563,15 +561,11 @@ class Contact:
 
     def _note_rival(self, message: Message, now_s: float) -> None:
         """Somebody else who steers our autopilot; what has our own numbers may be an echo, while we steer."""
-        if message.get_type() not in SET_POINTS:
+        if message.get_type() not in SET_POINTS or message.target_system not in (0, self._target[0]):
             return
-        who, steered = (message.get_srcSystem(), message.get_srcComponent()), getattr(message, "target_system", None)
-        ours = who == (self.codec.system_id, self.codec.component_id)
-        if not (ours and self._keeper.owes()) and (message.target if steered is None else steered) in (
-            0,
-            self._target[0],
-        ):
-            self._rival = f"MAVLink system {who[0]}, component {who[1]}, sends {message.get_type()}"
+        who = system, component = message.get_srcSystem(), message.get_srcComponent()
+        if who != (self.codec.system_id, self.codec.component_id) or not self._keeper.owes():
+            self._rival = f"MAVLink system {system}, component {component}, sends {message.get_type()}"
             self._rival_s = now_s
 
     def rival(self, now_s: float) -> str:
