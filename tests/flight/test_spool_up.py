@@ -303,6 +303,14 @@ def test_an_estimate_that_wanders_and_steps_in_yaw_as_px4_s_does_is_no_lift_off(
     ensure_smooth(start)
 
 
+def test_an_estimate_that_is_reset_while_the_motors_spool_up_has_wandered_before_as_it_will() -> None:
+    wandering = (*OWN, "sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19", "sim.estimate_yaw_step_s=0.5")
+    start, fault = start_of("quad1kg", *wandering, seed=0, source="odometry")
+    assert not fault
+    assert min(start.thrust) >= 0.75
+    assert max(start.climb) < 0.3
+
+
 @pytest.mark.parametrize("seed", [5, 26])
 def test_motors_are_not_stopped_where_a_wandering_estimate_is_seen_to_climb(seed: int) -> None:
     start, fault = start_of("quad1kg", *OWN, "sim.estimate_wander_m=0.05", seed=seed, source="odometry")

@@ -364,11 +364,11 @@ class StandingPoses:
 
     def stands(self, pose: Pose) -> None:
         """Take a pose of a vehicle whose motors don't lift."""
-        if self.poses and self.poses[-1].reset_count != pose.reset_count:
-            self.poses.clear()  # the source has moved its origin
-            self._spans.clear()
+        moved = bool(self.poses) and self.poses[-1].reset_count != pose.reset_count  # the source has moved its origin
+        if moved:
+            self.poses.clear()
         self.poses.append(pose)
-        if not self._spans or pose.time_s - self._spans[-1].time_s >= WANDER_S:
+        if moved or not self._spans or pose.time_s - self._spans[-1].time_s >= WANDER_S:
             self._spans.append(pose)
 
     @property
@@ -382,9 +382,12 @@ class StandingPoses:
     def wander(self) -> StandingWander:
         """How what is measured of it wanders."""
         spans = list(self._spans)
-        if len(spans) < 2:
+        pairs = [(a, b) for a, b in zip(spans, spans[1:], strict=False) if a.reset_count == b.reset_count]
+        if not pairs:
             return StandingWander(0.0, 0.0, 0.0)
-        elapsed, pairs = spans[-1].time_s - spans[0].time_s, list(zip(spans, spans[1:], strict=False))
+        elapsed = spans[-1].time_s - spans[0].time_s
+        if len(pairs) < len(spans) - 1:  # from one origin to another nothing has wandered
+            elapsed = sum(b.time_s - a.time_s for a, b in pairs)
         north, east, down = (
             sum((b.position_ned[axis] - a.position_ned[axis]) ** 2 for a, b in pairs) / elapsed for axis in range(3)
         )
@@ -588,11 +591,13 @@ class SpoolUp:
         """Take one more pose."""
         light_s = self._light_s(pose.time_s)
         self._leaps = self._leaps or self._standing.leaps(self._newest, pose, light_s, self._noise)
-        self._newest = pose
+        moved, self._newest = pose.reset_count != self._newest.reset_count, pose
         if self._lift is not None:
             self._lift.pose(pose)
         elif pose.time_s < self._spool.sure_s:
             self._standing.stands(pose)
+            if moved:
+                self.place_ned = self._standing.place_ned
         else:
             standing, vehicle = self._standing, self._vehicle
             down, wander, stood = standing.place_ned[2], standing.wander, standing.poses[-1]
