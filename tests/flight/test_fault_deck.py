@@ -152,6 +152,21 @@ def test_a_floor_that_few_poses_show_is_felt_before_the_model_falls_through_it(s
     assert row.over_hover_s == 0.0
 
 
+@pytest.mark.parametrize(
+    ("fault", "state"),
+    [("few, x mirrored", "hold"), ("few, z mirrored", "lift-off"), ("few, position frozen", "moving")],
+)
+def test_a_picture_of_which_few_frames_come_is_found_out_as_one_of_many(fault: str, state: str) -> None:
+    row = fly_cell(fault, state)
+    assert row.safe, row.why
+
+
+@pytest.mark.parametrize("state", ["hold", "landing"])
+def test_a_height_that_sinks_and_then_stands_is_not_taken_for_the_floor(state: str) -> None:
+    row = fly_cell("height sinks", state)
+    assert row.safe, row.why
+
+
 def test_rotors_that_can_not_hold_the_vehicle_any_more_are_not_asked_for_a_soft_touchdown() -> None:
     weak = fly_cell("motor at 70 %", "landing", scenario="adverse", overrides=FAR)
     assert weak.safe, weak.why

@@ -14,7 +14,7 @@ from groundstation.core.messages import IdleRecord, SwitchRecord, TickRecord
 from groundstation.core.mission import FINAL
 from groundstation.recording import LineRecord, Record, SentRecord
 from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
-from sim.runs import RECORDING, from_floor
+from sim.runs import RECORDING, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
@@ -143,6 +143,23 @@ def test_a_vehicle_that_obeys_is_never_convicted(fault: str, state: str) -> None
     cell = flown(fault, state)
     assert not [reason for reason in cell.reasons if reason.startswith(CONVICTED)]
     assert cell.row.safe, cell.row.why
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+@pytest.mark.parametrize("link", ["mavlink", "dsm"])
+def test_a_wind_across_that_turns_in_five_seconds_is_no_mirrored_picture(link: str, seed: int) -> None:
+    wind = ["sim.wind_gust=[2.0, 0.0, 0.0]", "sim.wind_gust_hz=0.2"]
+    world, config = from_floor(*prepare(SCENARIOS["paper"], wind, link=link), FIGURE_S)
+    assert fly_mission(world, config, seed=seed).landed
+
+
+@pytest.mark.parametrize(("speed_m_s", "acceleration_m_s2"), [(3.0, 10.0), (5.0, 6.0)])
+def test_a_climb_that_is_told_to_be_hard_asks_for_no_more_thrust_than_it_may_have(
+    speed_m_s: float, acceleration_m_s2: float
+) -> None:
+    hard = [f"takeoff.climb_m_s={speed_m_s}", f"takeoff.transit_m_s2={acceleration_m_s2}", "takeoff.height_m=2.5"]
+    world, config = from_floor(*prepare(SCENARIOS["paper"], hard), 1.0)
+    assert fly_mission(world, config, seed=0).landed
 
 
 def test_poses_that_end_a_flight_end_what_the_autopilot_is_told_of_them_and_no_land_rests_on_them() -> None:
