@@ -66,6 +66,8 @@ ENDS = 5.0
 EXACT = 0.2
 """A rival explains what is off by this share of what it leaves of a vehicle that obeys [-]."""
 EXACT2 = EXACT * EXACT
+GUSTS2 = 1.0
+"""A wind that goes on as it was leaves so much of what it changed since the node before, squared [-]."""
 RIVAL_CAP, RIVAL_FADE_S = 2.0, 2.0
 """Most that one node may say, and how long evidence lasts [s]."""
 TRACE = 0.02
@@ -181,7 +183,7 @@ class _RivalAxis:
     """One axis."""
 
     __slots__ = (
-        "_before", "_h", "_known", "_moved", "_place", "_push", "_smooth", "_speed", "_told",
+        "_before", "_h", "_known", "_moved", "_off_before", "_place", "_push", "_smooth", "_speed", "_told",
         "astray", "evidence", "noises", "off", "since_s", "speaks",
     )  # fmt: skip
 
@@ -190,7 +192,7 @@ class _RivalAxis:
         self._known, self._push, self._smooth = known, 0.0, 0.0
         self.noises = STOPS_NOISES
         """Less than so many times its noise is no speed [-]."""
-        self._before = 0.0
+        self._before = self._off_before = 0.0
         self.since_s = math.inf
         """How long ago it leapt, to the node after [s]."""
         self.astray = 0.0
@@ -234,7 +236,8 @@ class _RivalAxis:
         obeys = a - off
         self._smooth += h / SMOOTHED_S * (obeys - self._smooth)
         variance += WIND2
-        wrong = EXACT2 * off * off + variance
+        since, self._off_before = off - self._off_before, off
+        wrong = min(EXACT2 * off * off, GUSTS2 * since * since) + variance
         if self.speaks or wrong >= SAYS * variance:  # else it says nothing, as nearly always
             self._weigh(a, obeys, wrong, h, variance)
         if self.since_s > STAYS_S:
