@@ -110,7 +110,7 @@ def _compare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--equal-margins", action="store_true", help="tune each by the same search under the same floors, then fly them"
     )
-    parser.add_argument("--trials", type=count, metavar="N", help="with it: sets of gains each (default 32)")
+    parser.add_argument("--trials", type=count, metavar="N", help="with it: sets of gains each (default 24)")
     parser.add_argument(
         "--table", type=path, metavar="FILE.csv", help="with it: every evaluation; those there are not flown again"
     )

@@ -117,6 +117,8 @@ def test_a_search_is_kept_as_a_table_and_not_flown_again(tmp_path: Path) -> None
     again = compare_at_equal_margins(judges, trials=6, seeds=2, laws=[LAW], known=read_trials(path))
     assert [row.gains for row in again.rows] == [pytest.approx(row.gains) for row in found.rows]
     plain = {sortie.seed for sortie in judges.flights if sortie.seed != 100}
+    reflown = {(sortie.stage.scenario, sortie.duration_s) for sortie in judges.flights if sortie.seed == 1}
+    assert reflown == {(name, 60.0 if name in module.FLOORED else 20.0) for name in module.REFLOWN}, "whole laps"
     assert plain == {0, 1} and len(judges.flights) < 60  # the best is judged anew, and no more
     best = min(found.trials["pid"], key=lambda trial: trial.cost)
     assert found.rows[0].gains == best.gains and found.rows[0].keeps and found.rows[0].evaluations == 6
@@ -147,6 +149,11 @@ def test_who_dominates_is_as_close_as_calm_and_as_tolerant_and_better_in_one() -
         "indi dominates adaptive in `paper`",
         "indi dominates adaptive in `adverse`",
     ]
+    shipped = row("adaptive, as shipped", 0.1, 0.41, 0.03)
+    assert find_dominators([shipped, ours]) == [], "ours with other gains is ours"
+    assert (
+        find_dominators([shipped, row("indi", 0.1, 0.4, 0.03)])[0] == "indi dominates adaptive, as shipped in `paper`"
+    )
 
 
 def test_table_and_picture_have_every_law_and_the_limit() -> None:
