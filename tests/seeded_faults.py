@@ -78,7 +78,7 @@ FAULTS = (
     Fault("mission.py", "table[State.DESCENT, Event.LAND] = State.DESCENT",
           "table[State.DESCENT, Event.LAND] = State.LANDING"),
     Fault("mission.py", "(State.RETURNING, Event.HOME): State.LANDING,", "(State.RETURNING, Event.HOME): State.HOLD,"),
-    Fault("backstepping.py", "-(a + s1 * x2), du_dz1", "-(a - s1 * x2), du_dz1"),
+    Fault("backstepping.py", "-(a + s1 * x2), u_x1", "-(a - s1 * x2), u_x1"),
     Fault("backstepping.py", "        -(mass / thrust) * turn[1],", "        (mass / thrust) * turn[1],"),
     Fault("backstepping.py", "ops.where(suspended, 0.0, law.kb)", "ops.where(suspended, law.kb, law.kb)"),
     Fault("adaptive.py", "(b_hat[0] + dt * dot[0],", "(b_hat[0] - dt * dot[0],"),

@@ -26,12 +26,13 @@ from typing import Any, Literal, NamedTuple
 import msgspec
 
 from groundstation.core.control.backstepping import (
+    BacksteppingAxis,
     Law,
     LawOutput,
     LawState,
     axis,
     backstep,
-    saturation,
+    saturate,
     turn_rates,
     within,
     yaw_rate,
@@ -177,7 +178,7 @@ class Adaptive:
         z1, z1_dot = (px - p[0], py - p[1], pz - p[2]), (vx - v[0], vy - v[1], vz - v[2])
         feed, jerk = reference.acceleration_ned, reference.jerk_ned
         state = new(LawState, (z1, z1_dot, motion.velocity, motion.attitude, thrust, b_hat, feed, jerk))
-        step = backstep(self._ops, gains, state, mass=mass, drag=drag, witness=witness, suspended=suspended)
+        step = backstep(self._ops, gains, state, mass, drag, witness=witness, suspended=suspended)
         wanted = self._turn(motion.attitude, step.rate_x, step.rate_y, reference.yaw_rad, reference.yaw_rate_rad_s)
         if compensate:
             thrust_command = thrust + self._thrust_lead * step.thrust_rate
@@ -186,7 +187,7 @@ class Adaptive:
                 ahead = self._look_ahead(state, step, estimate, mass, interval_s)
                 turned = self._turn(
                     ahead.attitude,
-                    *turn_rates(self._ops, gains, ahead, mass=mass, drag=drag, suspended=suspended),
+                    *turn_rates(self._ops, gains, ahead, mass, drag, suspended),
                     reference.yaw_rad + AHEAD_S * reference.yaw_rate_rad_s,
                     reference.yaw_rate_rad_s,
                 )
@@ -243,19 +244,8 @@ class Adaptive:
 
     def _turn(self, attitude: Quat, rate_x: Real, rate_y: Real, yaw: Real, yaw_dot: Real) -> Vec3:
         """The rates to have [rad/s]: the law's, and the one that turns the heading."""
-        return (
-            rate_x,
-            rate_y,
-            yaw_rate(
-                self._ops,
-                attitude=attitude,
-                yaw=yaw,
-                yaw_dot=yaw_dot,
-                rate_y=rate_y,
-                k_yaw=self._gains.k_yaw,
-                limit=self._limits[2],
-            ),
-        )
+        third = yaw_rate(self._ops, attitude, yaw, yaw_dot, rate_y, self._gains.k_yaw, self._limits[2])
+        return rate_x, rate_y, third
 
     def _look_ahead(
         self, state: LawState, step: LawOutput, estimate: Estimate, mass: Real, interval_s: float
@@ -319,6 +309,14 @@ class Adaptive:
         """A command within the vehicle's limits, and whether any of the four had to be clamped."""
         vehicle, clamp = self._vehicle, self._ops.clamp
         (x, y, z), (a, b, c) = rates, self._limits
+        if (
+            self._ops is FLOATS
+            and vehicle.thrust_min_n <= thrust <= vehicle.thrust_max_n
+            and -a <= x <= a
+            and -b <= y <= b
+            and -c <= z <= c
+        ):  # as nearly always
+            return new(ActuatorCommand, (thrust, rates)), False
         inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
         p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
         return new(ActuatorCommand, (inside, (p, q, r))), (inside != thrust) | (p != x) | (q != y) | (r != z)
@@ -399,12 +397,12 @@ def virtual_control_sup(law: Law) -> float:
         best = (z1, x2)
         for i in range(last, -points - 1, -1):
             first = z1 + z1_span * i / points
-            slope = saturation(FLOATS, first, m, law.sigma_slope)[1]
+            slope = saturate(FLOATS, first, law.shape.sigma)[1]
             if law.k2 * law.rho_bound + m + slope * (m + law.velocity_scale) < top:
                 continue  # |u*| is nowhere more than that for this z1: |x2| <= (M + c) Ω'(x2)
             for j in range(-points, points + 1):
                 second = x2 + x2_span * j / points
-                value = abs(axis(FLOATS, law, first, second).u_star)
+                value = abs(BacksteppingAxis(*axis(FLOATS, law.shape, first, second)).u_star)
                 if value > top:
                     top, best = value, (first, second)
         z1, x2 = best

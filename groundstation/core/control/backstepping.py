@@ -23,6 +23,7 @@ Elementwise: floats, or arrays of shape (N,).
 """
 
 import math
+from functools import cached_property
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
@@ -31,7 +32,7 @@ from groundstation.core.estimation import Estimation, NonNegative, Positive
 from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, third_column, to_body
 
 
-class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
     """Gains of the pure law. Defaults and where they come from: docs/explanation/law.md; the paper's are said beside.
 
     It stands on :class:`Estimation` only because a struct has one base; the law reads ``gravity`` of it.
@@ -67,17 +68,58 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
     projection_order: Annotated[int, msgspec.Meta(ge=1, le=6)] = 1
     """n: the projection is n times continuously differentiable."""
 
+    @cached_property
+    def shape(self) -> "Shape":
+        """What one axis of the law is made of."""
+        sigma, rho = saturation(self.sigma_bound, self.sigma_slope), saturation(self.rho_bound, self.rho_slope)
+        return Shape(self.k2, sigma, rho, self.velocity_scale)
 
-def saturation(ops: Ops, s: Real, bound: Real, slope: Real) -> tuple[Real, Real, Real, Real]:
-    """σ(s) = M r s/√(M² + r² s²), its first and second derivative, and its integral φ(s) from 0.
 
-    φ(s) = (M/r)(√(M² + r² s²) - M), written without the cancellation near 0.
-    """
-    rs = slope * s
-    root = ops.sqrt(bound * bound + rs * rs)
+class Saturation(msgspec.Struct, frozen=True, gc=False):
+    """σ or ρ: bound M, slope r, and what is made of these alone."""
+
+    bound: Real
+    """M."""
+    slope: Real
+    """r."""
+    bound2: Real
+    """M²."""
+    steepness: Real
+    """r M³: σ' is that over the root's cube."""
+    bend: Real
+    """-3 r: σ'' is that times r s σ' over the root's square."""
+    area: Real
+    """M/r, of the integral φ."""
+
+
+def saturation(bound: Real, slope: Real) -> Saturation:
+    """The member of the family that has this bound and slope."""
+    return Saturation(bound, slope, bound * bound, slope * bound * bound * bound, -3.0 * slope, bound / slope)
+
+
+def saturate(ops: Ops, s: Real, by: Saturation) -> tuple[Real, Real, Real, Real, Real]:
+    """σ(s) = M r s/√(M² + r² s²) and σ'(s); and what σ''(s) and φ(s) are made of: r s, the root, and its inverse."""
+    rs = by.slope * s
+    root = ops.sqrt(by.bound2 + rs * rs)
     w = 1.0 / root
-    first = slope * bound * bound * bound * w * w * w
-    return bound * rs * w, first, -3.0 * slope * rs * w * w * first, bound / slope * rs * rs / (root + bound)
+    return by.bound * rs * w, by.steepness * w * w * w, rs, root, w
+
+
+def integral(by: Saturation, rs: Real, root: Real) -> Real:
+    """φ(s), the integral of σ from 0: (M/r)(√(M² + r² s²) - M), written without the cancellation near 0."""
+    return by.area * rs * rs / (root + by.bound)
+
+
+class Shape(msgspec.Struct, frozen=True, gc=False):
+    """Gains and functions of one axis; the same for all three."""
+
+    k2: Real
+    sigma: Saturation
+    """σ."""
+    rho: Saturation
+    """ρ."""
+    velocity_scale: Real
+    """c of Ω [m/s]."""
 
 
 def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Real]:
@@ -112,12 +154,13 @@ class Brink(msgspec.Struct, frozen=True, gc=False):
     scale: Real
 
 
-def brink(ops: Ops, b_hat: Vec3, *, bound: Real, epsilon: Real, order: int) -> Brink | None:
+def brink(ops: Ops, b_hat: Vec3, bound: Real, epsilon: Real, order: int) -> Brink | None:
     """η1, and 2 (ε² + 2εB)^(n+1) B²; None for one vehicle within B, as nearly always: nothing is held back then."""
     bx, by, bz = b_hat
-    outside = ops.clamp(bx * bx + by * by + bz * bz - bound * bound, 0.0, math.inf)
-    if ops is FLOATS and outside == 0.0:
+    square = bx * bx + by * by + bz * bz
+    if ops is FLOATS and square <= bound * bound:
         return None
+    outside = ops.clamp(square - bound * bound, 0.0, math.inf)
     scale = 2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound
     return Brink(outside ** (order + 1), scale)
 
@@ -147,7 +190,7 @@ def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delt
     Returns:
         Proj(ξ, b̂), which equals ξ wherever |b̂| <= B (P1-P4 of the paper, Theorem 3).
     """
-    return project_at(ops, xi, b_hat, brink(ops, b_hat, bound=bound, epsilon=epsilon, order=order), delta)
+    return project_at(ops, xi, b_hat, brink(ops, b_hat, bound, epsilon, order), delta)
 
 
 def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
@@ -168,10 +211,9 @@ VELOCITY_LIMIT = 1e4
 """[m/s]; V grows like the fourth power of the speed error."""
 
 
-class BacksteppingAxis(msgspec.Struct, frozen=True, gc=False):
-    """One axis of the double integrator: error, virtual control and its partial derivatives."""
+class BacksteppingAxis(NamedTuple):
+    """One axis of the double integrator: errors, virtual control and its partial derivatives."""
 
-    z1: Real
     z1_dot: Real
     z2: Real
     sigma: Real
@@ -180,14 +222,13 @@ class BacksteppingAxis(msgspec.Struct, frozen=True, gc=False):
     du_dz1: Real
     du_dz2: Real
     dv_dz2: Real
-    v_sigma: Real
-    """φ(z1), the first part of V_DI."""
-    v_omega: Real
-    """½ (Ω(x2) + Ω(σ))², the second."""
-    w_sigma: Real
-    """σ², the first part of W."""
-    w_rho: Real
-    """k2 z2 ρ(z2), the second."""
+    rho: Real
+    """ρ(z2)."""
+    omega: Real
+    """Ω(x2) + Ω(σ) [m/s]."""
+    rs: Real
+    """r z1 and the root of :func:`saturate`, for φ(z1)."""
+    root: Real
 
 
 class LawOutput(msgspec.Struct, frozen=True, gc=False):
@@ -221,24 +262,26 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
         return self.w_terms[0] + self.w_terms[1] + self.w_terms[2]
 
 
-def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> BacksteppingAxis:
-    """(5), (6) and their partial derivatives in (z1, z2), for one axis."""
-    x1, x2, k2, m = z1, z1_dot, law.k2, law.sigma_bound
-    s, s1, s2, v_sigma = saturation(ops, x1, m, law.sigma_slope)
+def axis(ops: Ops, shape: Shape, z1: Real, z1_dot: Real) -> tuple[Real, ...]:
+    """(5), (6) and their partial derivatives in (z1, z2), for one axis: what :class:`BacksteppingAxis` names.
+
+    It runs six times a command, and a plain tuple is made and taken apart in less than half of a named one's time.
+    """
+    k2, sigma, x2 = shape.k2, shape.sigma, z1_dot
+    m = sigma.bound
+    s, s1, rs, root, w = saturate(ops, z1, sigma)
+    s2 = sigma.bend * rs * w * w * s1
     z2 = x2 + s  # (5)
-    rho, rho1, _, _ = saturation(ops, z2, law.rho_bound, law.rho_slope)
+    rho, rho1, _, _, _ = saturate(ops, z2, shape.rho)
     if ops is FLOATS and -m <= x2 <= m:
         # One vehicle is here nearly always, where Ω is the identity: the same, without what is then 0 or 1.
         a, slope = k2 * rho + s, k2 * rho1
         u_x1, u_x2 = -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
-        du_dz1 = u_x1 - s1 * u_x2
-        return BacksteppingAxis(
-            x1, x2, z2, s, s1, -(a + s1 * x2), du_dz1, u_x2, z2, v_sigma, 0.5 * z2 * z2, s * s, k2 * z2 * rho
-        )
-    excess, o1, o2 = growth(ops, x2, m, law.velocity_scale)
+        return x2, z2, s, s1, -(a + s1 * x2), u_x1 - s1 * u_x2, u_x2, z2, rho, z2, rs, root
+    excess, o1, o2 = growth(ops, x2, m, shape.velocity_scale)
     # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
-    sum_ = z2 + excess
-    over = 1.0 / ops.where(excess == 0.0, 1.0, sum_)
+    omega = z2 + excess
+    over = 1.0 / ops.where(excess == 0.0, 1.0, omega)
     q = 1.0 - excess * over
     a = k2 * rho + s
     i = 1.0 / o1
@@ -247,18 +290,27 @@ def axis(ops: Ops, law: Law, z1: Real, z1_dot: Real) -> BacksteppingAxis:
     q_x2 = (z2 * (1.0 - o1) + excess) * over * over
     u_x1 = -i * (q_x1 * a + q * (k2 * rho1 + 1.0) * s1 + s2 * x2)
     u_x2 = -i * (q_x2 * a + q * k2 * rho1 + s1) - u_star * o2 * i
-    # In the order of the fields: by name it would take three times as long, three times a command.
-    v_omega, du_dz1, dv_dz2 = 0.5 * sum_ * sum_, u_x1 - s1 * u_x2, o1 * sum_
-    return BacksteppingAxis(x1, x2, z2, s, s1, u_star, du_dz1, u_x2, dv_dz2, v_sigma, v_omega, s * s, k2 * z2 * rho)
+    return x2, z2, s, s1, u_star, u_x1 - s1 * u_x2, u_x2, o1 * omega, rho, omega, rs, root
+
+
+def drive_axis(a: tuple[Real, ...], u_hat: Real, k3: Real, drag: float) -> tuple[Real, Real, Real, Real]:
+    """(7) and what (8) and (10) take of one axis: z3, ξ, k3 z3 + ∂V/∂z2, and the known part of u˙*.
+
+    The last is what u˙* would be if b̂ were b.
+    """
+    x2, _, _, s1, u_star, du_dz1, du_dz2, dv_dz2, _, _, _, _ = a
+    z3 = u_hat - u_star  # (7)
+    return z3, dv_dz2 - (du_dz2 + drag) * z3, k3 * z3 + dv_dz2, du_dz1 * x2 + du_dz2 * (u_hat + s1 * x2)
 
 
 def confine(ops: Ops, v: Vec3, limit: float) -> Vec3:
     """Each component within ±``limit``."""
-    x, y, z = v
-    if ops is FLOATS and -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit:
-        return v
-    clamp = ops.clamp
+    (x, y, z), clamp = v, ops.clamp
     return clamp(x, -limit, limit), clamp(y, -limit, limit), clamp(z, -limit, limit)
+
+
+NEAR2 = min(POSITION_LIMIT, VELOCITY_LIMIT) ** 2
+"""Where the squares of all that is confined add up to less, as in every flight, nothing has to be."""
 
 
 class LawState(NamedTuple):
@@ -286,9 +338,9 @@ def backstep(
     ops: Ops,
     law: Law,
     state: LawState,
-    *,
     mass: Real,
     drag: float = 0.0,
+    *,
     witness: Vec3 | None = None,
     suspended: bool = False,
 ) -> LawOutput:
@@ -304,71 +356,75 @@ def backstep(
             It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005).
         suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
-    (x, y, z), (z3x, z3y, z3z), xi, edge, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
+    (x, y, z), z1, (z3x, z3y, z3z), xi, edge, kb, b_dot, thrust, turn = _evaluate(
+        ops, law, state, mass, drag, suspended
+    )
     if witness is not None:
         more = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
         b_dot = _adaptation(ops, law, kb, more, state.b_hat, edge)
-    aside, down = z3x * z3x + z3y * z3y, z3z * z3z
+    aside, down, k2 = z3x * z3x + z3y * z3y, z3z * z3z, law.k2
+    _, xz2, xs, _, xu, _, _, _, x_rho, x_omega, xr, x_root = x
+    _, yz2, ys, _, yu, _, _, _, y_rho, y_omega, yr, y_root = y
+    _, zz2, zs, _, zu, _, _, _, z_rho, z_omega, zr, z_root = z
+    by = law.shape.sigma
+    phi = integral(by, xr, x_root) + integral(by, yr, y_root) + integral(by, zr, z_root)
+    stored = 0.5 * x_omega * x_omega + 0.5 * y_omega * y_omega + 0.5 * z_omega * z_omega
+    lost = k2 * xz2 * x_rho + k2 * yz2 * y_rho + k2 * zz2 * z_rho
     return LawOutput(
         mass * turn[2],  # (10)
         -(mass / thrust) * turn[1],
         (mass / thrust) * turn[0],
         b_dot,
-        (x.z1, y.z1, z.z1),
-        (x.z2, y.z2, z.z2),
+        z1,
+        (xz2, yz2, zz2),
         (z3x, z3y, z3z),
-        (x.u_star, y.u_star, z.u_star),
-        (x.v_sigma + y.v_sigma + z.v_sigma, x.v_omega + y.v_omega + z.v_omega, 0.5 * (aside + down)),
-        (x.w_sigma + y.w_sigma + z.w_sigma, x.w_rho + y.w_rho + z.w_rho, law.k3 * aside + law.k3_down * down),
+        (xu, yu, zu),
+        (phi, stored, 0.5 * (aside + down)),
+        (xs * xs + ys * ys + zs * zs, lost, law.k3 * aside + law.k3_down * down),
     )
 
 
 def turn_rates(
-    ops: Ops, law: Law, state: LawState, *, mass: Real, drag: float = 0.0, suspended: bool = False
+    ops: Ops, law: Law, state: LawState, mass: Real, drag: float = 0.0, suspended: bool = False
 ) -> tuple[Real, Real]:
     """ω1 and ω2 [rad/s] alone of what :func:`backstep` says of the same."""
-    *_, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
+    thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)[-2:]
     return -(mass / thrust) * turn[1], (mass / thrust) * turn[0]
 
 
 def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, suspended: bool) -> Any:
-    """The three axes, z3, ξ, the projection's edge, kb as it acts, b̂˙ = kb Proj(ξ, b̂), T, and y of (10), FRD."""
-    z1, z1_dot, velocity, attitude, thrust, b_hat, acceleration, jerk = state
-    a, b, c = confine(ops, z1, POSITION_LIMIT)
-    d, e, f = confine(ops, z1_dot, VELOCITY_LIMIT)
-    x, y, z = axis(ops, law, a, d), axis(ops, law, b, e), axis(ops, law, c, f)
+    """The three axes, z1, z3, ξ, the projection's edge, kb as it acts, b̂˙ = kb Proj(ξ, b̂), T, and y of (10), FRD."""
+    z1, z1_dot, (vx, vy, vz), attitude, thrust, (bx, by, bz), acceleration, jerk = state
+    (a, b, c), (d, e, f), (ax, ay, az), (jx, jy, jz) = z1, z1_dot, acceleration, jerk
+    if ops is not FLOATS or not (
+        a * a + b * b + c * c + d * d + e * e + f * f
+        + ax * ax + ay * ay + az * az + jx * jx + jy * jy + jz * jz < NEAR2
+    ):  # fmt: skip
+        a, b, c = z1 = confine(ops, z1, POSITION_LIMIT)
+        d, e, f = confine(ops, z1_dot, VELOCITY_LIMIT)
+        ax, ay, az = confine(ops, acceleration, POSITION_LIMIT)
+        jx, jy, jz = confine(ops, jerk, POSITION_LIMIT)
+    shape, k3 = law.shape, law.k3
+    x, y, z = axis(ops, shape, a, d), axis(ops, shape, b, e), axis(ops, shape, c, f)
     thrust = ops.clamp(thrust, 1e-3 * mass * law.gravity, 1e6)
-    down = third_column(attitude)
+    north, east, down = third_column(attitude)
     f = -thrust / mass
-    ax, ay, az = confine(ops, acceleration, POSITION_LIMIT)
-    ux = f * down[0] + b_hat[0] - ax
-    uy = f * down[1] + b_hat[1] - ay
-    uz = f * down[2] + law.gravity + b_hat[2] - az
-    jx, jy, jz = confine(ops, jerk, POSITION_LIMIT)
+    ux, uy, uz = f * north + bx - ax, f * east + by - ay, f * down + law.gravity + bz - az
     if drag:
-        vx, vy, vz = velocity
         ux, uy, uz = ux - drag * vx, uy - drag * vy, uz - drag * vz
         # û moves by -c v˙, of which û + p¨d is known, and -c b̃ is left to the adaptation.
         jx, jy, jz = jx + drag * (ux + ax), jy + drag * (uy + ay), jz + drag * (uz + az)
-    z3x, z3y, z3z = ux - x.u_star, uy - y.u_star, uz - z.u_star  # (7)
-    xi: Vec3 = (
-        x.dv_dz2 - (x.du_dz2 + drag) * z3x,
-        y.dv_dz2 - (y.du_dz2 + drag) * z3y,
-        z.dv_dz2 - (z.du_dz2 + drag) * z3z,
-    )
-    edge = brink(ops, b_hat, bound=law.b_bound, epsilon=law.epsilon, order=law.projection_order)
+    z3x, xi_x, demand_x, rate_x = drive_axis(x, ux, k3, drag)
+    z3y, xi_y, demand_y, rate_y = drive_axis(y, uy, k3, drag)
+    z3z, xi_z, demand_z, rate_z = drive_axis(z, uz, law.k3_down, drag)
+    xi: Vec3 = (xi_x, xi_y, xi_z)
+    b_hat = state.b_hat
+    edge = brink(ops, b_hat, law.b_bound, law.epsilon, law.projection_order)
     kb = ops.where(suspended, 0.0, law.kb)
     b_dot = _adaptation(ops, law, kb, xi, b_hat, edge)  # (8)
-    k3 = law.k3
-    turn = to_body(
-        attitude,
-        (
-            k3 * z3x + x.dv_dz2 + b_dot[0] - jx - _u_star_rate(x, ux),
-            k3 * z3y + y.dv_dz2 + b_dot[1] - jy - _u_star_rate(y, uy),
-            law.k3_down * z3z + z.dv_dz2 + b_dot[2] - jz - _u_star_rate(z, uz),
-        ),
-    )
-    return (x, y, z), (z3x, z3y, z3z), xi, edge, kb, b_dot, thrust, turn
+    p, q, r = b_dot
+    turn = to_body(attitude, (demand_x + p - jx - rate_x, demand_y + q - jy - rate_y, demand_z + r - jz - rate_z))
+    return (x, y, z), z1, (z3x, z3y, z3z), xi, edge, kb, b_dot, thrust, turn
 
 
 def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink | None) -> Vec3:
@@ -377,12 +433,7 @@ def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink
     return (kb * x, kb * y, kb * z)
 
 
-def _u_star_rate(a: BacksteppingAxis, u_hat: Real) -> Real:
-    """The known part of u˙*: what it would be if b̂ were b."""
-    return a.du_dz1 * a.z1_dot + a.du_dz2 * (u_hat + a.sigma_prime * a.z1_dot)
-
-
-def yaw_rate(ops: Ops, *, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real) -> Real:
+def yaw_rate(ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real) -> Real:
     """ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
 
     ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, kept away from |roll| = 90° and limited.
@@ -396,6 +447,7 @@ def yaw_rate(ops: Ops, *, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real
     sin_roll, cos_roll = r32 / roll_norm, r33 / roll_norm
     # sin(ψ - ψd) by the difference formula, from (cosψ, sinψ) = (north, east)/cosθ.
     sine = (east * ops.cos(yaw) - north * ops.sin(yaw)) / cos_pitch
-    cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), 0.2, 1.0)
+    if ops is not FLOATS or not 0.2 <= cos_roll <= 1.0:
+        cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), 0.2, 1.0)
     rate = (cos_pitch * (yaw_dot - k_yaw * sine) - sin_roll * rate_y) / cos_roll
     return ops.clamp(rate, -limit, limit)

@@ -89,12 +89,12 @@ class InnerLoop:
         motion, gravity = estimate.motion, self._gains.gravity
         heading = yaw_rate(
             FLOATS,
-            attitude=motion.attitude,
-            yaw=reference.yaw_rad,
-            yaw_dot=reference.yaw_rate_rad_s,
-            rate_y=turn[1],
-            k_yaw=self._gains.k_yaw,
-            limit=self._yaw_limit,
+            motion.attitude,
+            reference.yaw_rad,
+            reference.yaw_rate_rad_s,
+            turn[1],
+            self._gains.k_yaw,
+            self._yaw_limit,
         )
         wanted = [self._vehicle.mass_kg / estimate.effectiveness * length(push), *turn, heading]
         if self._gains.actuator_compensation:

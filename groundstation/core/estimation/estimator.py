@@ -236,6 +236,8 @@ def split_noise(ops: Ops, noise: Real, seen: StampNoise, least: float, told_s: f
     if told_s is not None:
         return across, told_s * told_s + 0.0 * across
     shows = seen.along > JITTER_SHOWS * across
+    if ops is FLOATS and not shows:  # as nearly always
+        return noise, 0.0
     return ops.where(shows, across, noise), ops.where(shows, (seen.along - across) / (seen.speed2 + NO_WAY_M2), 0.0)
 
 
