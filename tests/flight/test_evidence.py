@@ -21,6 +21,7 @@ from groundstation.analysis.evidence.evidence import (
     examine_flight,
     find_airborne,
     fit_attitude_loop,
+    match_wander,
     measure_drift,
     measure_pose_noise,
     measure_wander,
@@ -29,6 +30,13 @@ from groundstation.analysis.evidence.evidence import (
 )
 from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping
 from groundstation.config import ConfigError, shipped_texts
+from groundstation.core.estimation import (
+    Densities,
+    Estimation,
+    initial_covariance,
+    predict_covariance,
+    update_covariance,
+)
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
 from tests.recordings import recorded
@@ -305,6 +313,7 @@ def test_prediction_of_an_autopilots_flight_is_no_worse_than_constant_velocity(n
     facts = examine_flight(imported(tmp_path, GOLDEN / f"{name}.tlog", "ardupilot-tlog"))
     at_60 = facts["prediction"]["60"]
     assert at_60["rms_mm"] <= at_60["pvt_rms_mm"]
+    assert 0.7 < facts["nis3"] < 1.4
     assert facts["identified"]["rate_lag"]["value"] == pytest.approx(0.05, abs=0.015)
     found = [facts["identified"][which] for which in ("rate_lag", "rate_delay")]
     assert all(one["interval"][0] < one["value"] < one["interval"][1] for one in found)
@@ -332,6 +341,53 @@ def test_noise_does_not_depend_on_how_evenly_poses_come() -> None:
     stamps, place = circle(100.0, 0.0, 5e-5)
     kept = np.random.default_rng(2).random(len(stamps)) > 0.1
     assert measure_pose_noise(stamps[kept], place[kept]).across_m == pytest.approx(5e-5, rel=0.15)
+
+
+@pytest.mark.parametrize("hz", [50.0, 100.0])
+def test_stamps_that_are_off_where_the_motion_turns_are_neither_noise_across_it_nor_a_wander(hz: float) -> None:
+    draw = np.random.default_rng(5)
+    stamps = np.arange(round(25.0 * hz)) / hz
+    phase = 1.3 * (stamps + 1.8e-3 * draw.standard_normal(len(stamps)))
+    place = np.stack([np.sin(phase), 0.6 * np.sin(2.0 * phase), 0.25 * np.sin(phase) - 1.0], axis=1)
+    place += 5e-5 * draw.standard_normal(place.shape)
+    noise = measure_pose_noise(stamps, place)
+    assert noise.across_m == pytest.approx(5e-5, rel=0.15)
+    assert noise.jitter_s == pytest.approx(1.8e-3, rel=0.2)
+    assert measure_wander(stamps, place) < 0.02
+
+
+def test_a_flight_that_mostly_stands_tells_no_wander_of_stamps_that_are_off() -> None:
+    draw = np.random.default_rng(6)
+    stamps = np.arange(1200) / 50.0
+    seen = stamps + 1.8e-3 * draw.standard_normal(len(stamps))
+    way = 0.5 * np.tanh(8.0 * np.sin(0.2 * math.pi * seen))
+    place = np.stack([way, 0.5 * way, 0.0 * way], axis=1) + 5e-5 * draw.standard_normal((len(stamps), 3))
+    assert measure_wander(stamps, place) < 0.03
+
+
+@pytest.mark.parametrize("white_m", [1e-6, 1e-4, 1e-3])
+def test_what_the_filter_is_told_of_a_wander_makes_its_innovations_as_wide_as_it_claims(white_m: float) -> None:
+    """The filter's own recursion, on a velocity that wanders as told, along one axis."""
+    period_s, wander, draw = 0.02, 0.2, np.random.default_rng(7)
+    told = Estimation(wind_noise=1e-3, wind_rate_noise=1e-3)
+    seen_m = math.sqrt(white_m**2 + WANDERED * wander**2 * period_s**3)
+    told_noise = match_wander(wander, seen_m, period_s, told)
+    assert 0.6 * wander < told_noise <= wander
+    steps = wander * math.sqrt(period_s / 10) * draw.standard_normal((40_000, 10))
+    place = np.cumsum(np.cumsum(steps.ravel()) * period_s / 10)[9::10] + white_m * draw.standard_normal(40_000)
+    covariance = initial_covariance(seen_m**2)
+    rates = Densities(0.0, told_noise**2, told.wind_noise**2, told.wind_rate_noise**2)
+    state, squares = [0.0, 0.0, 0.0, 0.0], []
+    for measured in place.tolist():
+        p, v, d, c = state
+        h = period_s
+        p, v, d = p + h * v + h * h / 2 * d + h**3 / 6 * c, v + h * d + h * h / 2 * c, d + h * c
+        covariance = predict_covariance(covariance, h, rates)
+        off = measured - p
+        squares.append(off**2 / (covariance.pp + seen_m**2))
+        gain, covariance = update_covariance(covariance, seen_m**2)
+        state = [x + k * off for x, k in zip((p, v, d, c), gain, strict=True)]
+    assert np.mean(squares[100:]) == pytest.approx(1.0, rel=0.05)
 
 
 @pytest.mark.parametrize("density", [0.05, 0.2])

@@ -44,7 +44,15 @@ from groundstation.analysis.shadow import (
     thrust_shares,
 )
 from groundstation.config import ConfigError, from_dict, parse_toml
-from groundstation.core.estimation import JITTER_SHOWS, Estimation, ModelEstimator
+from groundstation.core.estimation import (
+    JITTER_SHOWS,
+    Densities,
+    Estimation,
+    ModelEstimator,
+    initial_covariance,
+    predict_covariance,
+    update_covariance,
+)
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand
@@ -160,8 +168,8 @@ LIFTED_M = 0.2
 """A vehicle that begins, or ends, on the floor flies while it is this far above it [m]."""
 STANDS_S, STANDS_M = 0.5, 0.003
 """It stands where it keeps its height to so little for so long."""
-MOVES_M_S = 0.3
-"""Noise along the motion is measured where it moves as fast as this [m/s]."""
+MOVES_M_S, LEAST_MOVING = 0.3, 50
+"""Noise along the motion is measured where it moves as fast as this [m/s], of so many differences or more."""
 LEAST_UPRIGHT = 0.5
 """Nobody leans further than 60° without falling: cosine of the angle from upright [-]."""
 GAP = 3.0
@@ -269,40 +277,80 @@ class PoseNoise(NamedTuple):
     """How far a stamp is off: what it is along the motion and not across, over the speed."""
 
 
-def take_differences(at_s: Column, place: Column, stride: int = 1) -> tuple[Column, Column, Column]:
+def take_differences(at_s: Column, place: Column, stride: int = 1) -> tuple[Column, Column, Column, Column]:
     """What no smooth motion leaves of five positions, each ``stride`` after the one before.
 
     Divided differences of fourth order leave nothing of any cubic, however the stamps lie; of noise they have the
     deviation. Positions are (N, 3) [m], at ``at_s`` (N,) [s].
 
     Returns:
-        Differences (M, 3) [m]; how long the five take (M,) [s]; the way from the first to the last (M, 3) [m].
+        Differences (M, 3) [m]; the share that each of the five has in their square (5, M) [-]; how long the five take
+        (M,) [s]; the way from the first to the last (M, 3) [m].
     """
-    several = [slice(k * stride, len(at_s) - (4 - k) * stride) for k in range(5)]
-    times, points = (np.stack([of[some] for some in several]) for of in (at_s, place))
+    times, points = (_take_fives(of, stride) for of in (at_s, place))
     apart = times[:, None] - times[None] + np.eye(5)[:, :, None]
     weights = 1.0 / apart.prod(axis=1)
-    left = (weights[:, :, None] * points).sum(axis=0) / np.sqrt((weights**2).sum(axis=0))[:, None]
-    return left, times[4] - times[0], points[4] - points[0]
+    squares = weights**2
+    left = (weights[:, :, None] * points).sum(axis=0) / np.sqrt(squares.sum(axis=0))[:, None]
+    return left, squares / squares.sum(axis=0), times[4] - times[0], points[4] - points[0]
+
+
+def _take_fives(of: Column, stride: int) -> Column:
+    """Five rows of ``of`` each ``stride`` after the one before, (5, M, ...)."""
+    return np.stack([of[k * stride : len(of) - (4 - k) * stride] for k in range(5)])
+
+
+class SortedDifferences(NamedTuple):
+    """Differences of five positions each, by direction.
+
+    The last is along their motion; the first is where stamps that are off show least, as five that turn have a plane
+    of motion and not only a direction.
+    """
+
+    squares: Column
+    """Along each direction (M, 3) [m²]."""
+    by_stamps: Column
+    """What stamps that are off by a second would add there (M, 3) [m²]."""
+    moves: Column
+    """Of those that are fast enough to tell of stamps (M,)."""
+    apart_s: Column
+    """From one of the five to the next, on average (M,) [s]."""
+
+    def find_across(self, jitter2: float, noise2: float) -> float:
+        """Variance across the motion where stamps that are off (``jitter2`` [s²]) add less than ``noise2`` [m²]."""
+        counts = jitter2 * self.by_stamps <= noise2
+        counts[self.moves, 2], counts[:, 0] = False, True
+        return float(self.squares[counts].mean())
+
+
+def sort_differences(at_s: Column, place: Column, stride: int = 1, known: Column | float = 0.0) -> SortedDifferences:
+    """Of those five that no gap parts, without the motion ``known`` beside them; see :func:`take_differences`."""
+    left, shares, span, way = take_differences(at_s, place, stride)
+    left = left - take_differences(at_s, known, stride)[0] if isinstance(known, np.ndarray) else left
+    whole = span < 1.5 * np.median(span)
+    reach = max(1, round(0.5 * BASE_S / float(np.median(np.diff(at_s)))))
+    row = np.arange(len(at_s))
+    after, before = np.minimum(row + reach, len(row) - 1), np.maximum(row - reach, 0)
+    velocity = (place[after] - place[before]) / (at_s[after] - at_s[before])[:, None]
+    five = _take_fives(velocity, stride)[:, whole]
+    by_stamps, directions = np.linalg.eigh(np.einsum("km,kmi,kmj->mij", shares[:, whole], five, five))
+    moves = np.linalg.norm(way[whole], axis=1) > MOVES_M_S * span[whole]
+    squares = np.einsum("mi,mij->mj", left[whole], directions) ** 2
+    return SortedDifferences(squares, by_stamps, moves, 0.25 * span[whole])
 
 
 def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
     """Of positions (N, 3) [m] at ``at_s`` (N,) [s]; all zero where there are too few."""
     if len(at_s) < 10:
         return PoseNoise(0.0, 0.0, 0.0)
-    left, span, way = take_differences(at_s, place)
-    velocity = way / span[:, None]
-    speed = np.linalg.norm(velocity, axis=1)
-    whole = span < 1.5 * np.median(span)
-    moves = whole & (speed > MOVES_M_S)
-    if np.count_nonzero(moves) < 50:
-        still = float(np.sqrt((left[whole] ** 2).mean())) if whole.any() else 0.0
+    found = sort_differences(at_s, place)
+    if np.count_nonzero(found.moves) < LEAST_MOVING:
+        still = math.sqrt(float(found.squares.mean()))
         return PoseNoise(still, still, 0.0)
-    ahead = velocity[moves] / speed[moves, None]
-    along = ((left[moves] * ahead).sum(axis=1) ** 2).mean()
-    across = 0.5 * ((left[moves] ** 2).sum(axis=1).mean() - along)
-    jitter = math.sqrt(max(0.0, along - across) / float((speed[moves] ** 2).mean()))
-    return PoseNoise(math.sqrt(along), math.sqrt(max(across, 0.0)), jitter)
+    least, _, along = found.squares[found.moves].mean(axis=0).tolist()
+    speed2 = float(found.by_stamps[found.moves, 2].mean())
+    across = found.find_across(max(0.0, along - least) / speed2, least)
+    return PoseNoise(math.sqrt(along), math.sqrt(across), math.sqrt(max(0.0, along - across) / speed2))
 
 
 WANDER_S = 0.06
@@ -312,19 +360,22 @@ WANDERED = (6.0 * 2.0 / 3.0 - 8.0 / 6.0) / 70.0
 differences of its integral have 2/3 and, between neighbours, 1/6; fourth ones 6 · 2/3 - 8 · 1/6, over 70 as above."""
 
 
-def measure_wander(at_s: Column, place: Column) -> float:
+def measure_wander(at_s: Column, place: Column, known: Column | float = 0.0) -> float:
     """How the velocity of the source itself wanders [m/s² per √Hz], beside the white noise of its positions.
+
+    With what is ``known`` of the motion (N, 3) [m], also how that does.
 
     White noise is the same over any spacing h of the poses; a random walk of the velocity, as GPS or an autopilot's own
     filter makes it, grows with h³. Both are found from two spacings.
     """
-    near = float(np.median(np.diff(at_s)))
-    stride = max(2, round(WANDER_S / near))
+    stride = max(2, round(WANDER_S / float(np.median(np.diff(at_s)))))
     if len(at_s) < 60 * stride:
         return 0.0
-    white, both = measure_pose_noise(at_s, place).across_m, measure_pose_noise(at_s[::stride], place[::stride]).across_m
-    grown = (stride * near) ** 3 - near**3
-    return math.sqrt(max(0.0, both**2 - white**2) / (WANDERED * grown))
+    noise = measure_pose_noise(at_s, place)
+    near, far = (sort_differences(at_s, place, some, known) for some in (1, stride))
+    white, both = (one.find_across(noise.jitter_s**2, noise.across_m**2) for one in (near, far))
+    grown = float((far.apart_s**3).mean() - (near.apart_s**3).mean())
+    return math.sqrt(max(0.0, both - white) / (WANDERED * grown))
 
 
 DRIFT_S = 0.2
@@ -335,9 +386,9 @@ spacing: third differences of its double integral have 11/20 and, between neighb
 BURSTS = 1.4
 """An acceleration that nobody tells may jump in bursts, which make most of the error: at most so many times the mean
 counts [-]."""
-LEAST_DENSITY, RATE_DENSITY = 1e-3, 0.2
+LEAST_DENSITY, RATE_DENSITY, RATE_SHARE = 1e-3, 0.2, 5.0
 """Of what is measured and does not show: the filter's noise is never nought [m/s² or m/s³ per √Hz]. And of the rate of
-such an acceleration, which never shows beside it [m/s⁴ per √Hz]."""
+such an acceleration, which never shows beside it [m/s⁴ per √Hz]: at most so much of its own density [1/s]."""
 
 
 class Drift(NamedTuple):
@@ -351,19 +402,18 @@ class Drift(NamedTuple):
 
 def measure_drift(at_s: Column, place: Column, wander: float) -> Drift:
     """What acceleration positions tell of, beside the ``wander`` of their velocity [m/s² per √Hz]."""
-    near = float(np.median(np.diff(at_s)))
-    stride = max(2, round(DRIFT_S / near))
+    stride = max(2, round(DRIFT_S / float(np.median(np.diff(at_s)))))
     if len(at_s) < 8 * stride:
         return Drift(0.0, 1.0)
-    squares, far = [], stride * near
-    for some in (stride, 1):
-        left, span, _ = take_differences(at_s, place, some)
-        squares.append((left[span < 1.5 * np.median(span)] ** 2).sum(axis=1) / 3.0)
-    seen, white = (float(some.mean()) for some in squares)
-    grown = seen - white - WANDERED * wander**2 * (far**3 - near**3)
-    hidden = seen / math.sqrt(len(squares[0]))
-    bursts = (float((squares[0] ** 2).mean()) / (5.0 / 3.0 * seen**2)) ** 0.25 if seen else 1.0
-    return Drift(math.sqrt(max(hidden, grown) / (DRIFTED * (far**5 - near**5))), min(max(bursts, 1.0), BURSTS))
+    (squares, far), (near_squares, near) = (
+        (one.squares.mean(axis=1), one.apart_s) for one in (sort_differences(at_s, place, some) for some in (stride, 1))
+    )
+    seen, white = float(squares.mean()), float(near_squares.mean())
+    longer3, longer5 = (float((far**power).mean() - (near**power).mean()) for power in (3, 5))
+    grown = seen - white - WANDERED * wander**2 * longer3
+    hidden = seen / math.sqrt(len(squares))
+    bursts = (float((squares**2).mean()) / (5.0 / 3.0 * seen**2)) ** 0.25 if seen else 1.0
+    return Drift(math.sqrt(max(hidden, grown) / (DRIFTED * longer5)), min(max(bursts, 1.0), BURSTS))
 
 
 def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice:
@@ -588,6 +638,43 @@ class Judged(NamedTuple):
     prediction: dict[str, dict[str, float] | None]
 
 
+SETTLED, HALVINGS = 200, 20
+"""Poses after which a filter's gain is as it stays, and steps towards what it is told."""
+
+
+def match_wander(wander: float, noise_m: float, period_s: float, told: Estimation) -> float:
+    """What ``acceleration_noise`` makes the filter as sure as it is good, for a velocity that wanders [m/s² per √Hz].
+
+    The filter counts what an interval adds to the velocity, and not what it adds to the position by its end; and it
+    takes for noise what the wander leaves of the differences of poses. Both make it less sure than it is good, by up
+    to half. So the variance of its innovations, as its gain makes them of such a source, is worked out beside the one
+    that it claims: no flight is needed for either.
+    """
+    white2 = max(0.0, noise_m**2 - WANDERED * wander**2 * period_s**3)
+    densities = np.array([0.0, wander, told.wind_noise, told.wind_rate_noise]) ** 2
+    chain = np.array([[period_s ** max(k - i, 0) / math.factorial(max(k - i, 0)) for k in range(4)] for i in range(4)])
+    chain = np.triu(chain)
+    added = np.diag(densities * period_s)
+    added[:2, :2] += wander**2 * np.array([[period_s**3 / 3.0, period_s**2 / 2.0], [period_s**2 / 2.0, 0.0]])
+
+    def claims_more(acceleration_noise: float) -> bool:
+        claimed = initial_covariance(noise_m**2)
+        error, rates = np.diag([white2, 1.0, 1.0, 0.01]), (0.0, acceleration_noise**2, *densities[2:].tolist())
+        for _ in range(SETTLED):
+            gain, claimed = update_covariance(claimed, noise_m**2)
+            column = np.array(gain)[:, None]
+            kept = np.eye(4) - column * np.array([1.0, 0.0, 0.0, 0.0])
+            error = chain @ (kept @ error @ kept.T + white2 * column @ column.T) @ chain.T + added
+            claimed = predict_covariance(claimed, period_s, Densities(*rates))
+        return bool(claimed.pp + noise_m**2 > float(error[0, 0]) + white2)
+
+    low, high = LEAST_DENSITY, max(wander, LEAST_DENSITY)
+    for _ in range(HALVINGS):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if claims_more(middle) else (middle, high)
+    return high
+
+
 def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
     """What the filter is told of its noise: that of the source, by differences of its positions.
 
@@ -595,22 +682,25 @@ def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
     are for a wind beside commands, do not count.
     """
     at_s, place, told = driven.at_s[driven.air], driven.place[driven.air], driven.config.controller
-    wander = measure_wander(at_s, place)
+    across_m, period_s = max(noise.across_m, 1e-6), float(np.mean(np.diff(at_s)))
     of_source = msgspec.structs.replace(
         told,
-        pose_noise_m=max(noise.across_m, 1e-6),
+        pose_noise_m=across_m,
         pose_jitter_s=noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0,
-        acceleration_noise=max(told.acceleration_noise, wander),
     )
     if driven.recorded.sent:
-        return of_source
-    drift = measure_drift(at_s, place - _integrate_lean(driven), wander)
-    return msgspec.structs.replace(
-        of_source,
-        acceleration_noise=max(wander, LEAST_DENSITY),
-        wind_noise=max(drift.bursts * drift.mean, LEAST_DENSITY),
-        wind_rate_noise=RATE_DENSITY,
-    )
+        wander, least = measure_wander(at_s, place), told.acceleration_noise
+    else:
+        leant = _integrate_lean(driven)
+        wander, least = measure_wander(at_s, place, leant), LEAST_DENSITY
+        drift = measure_drift(at_s, place - leant, wander)
+        of_source = msgspec.structs.replace(
+            of_source,
+            wind_noise=max(drift.bursts * drift.mean, LEAST_DENSITY),
+            wind_rate_noise=min(RATE_DENSITY, RATE_SHARE * drift.mean + LEAST_DENSITY),
+        )
+    matched = match_wander(wander, across_m, period_s, of_source)
+    return msgspec.structs.replace(of_source, acceleration_noise=max(least, matched))
 
 
 def _bear_weight(attitude: Quat) -> float:
@@ -619,15 +709,16 @@ def _bear_weight(attitude: Quat) -> float:
 
 
 def _integrate_lean(driven: DrivenFlight) -> Column:
-    """How far it would have gone from rest by the thrust that carries it, as it leant (N, 3) [m]."""
+    """How far it would have gone from rest by the thrust that carries it, had it leant to the next pose as at each.
+
+    That is what the filter knows; how the lean changed meanwhile, and stamps of it that are off, are left to be found.
+    """
     leans = [pose.attitude for pose in driven.flight.poses[driven.air]]
-    push = np.array([[_bear_weight(attitude) * x for x in so3.third_column(attitude)] for attitude in leans])
+    push = np.array([[_bear_weight(attitude) * x for x in so3.third_column(attitude)] for attitude in leans[:-1]])
     push = driven.config.controller.gravity * (np.array([0.0, 0.0, 1.0]) - push)
     h = np.diff(driven.at_s[driven.air])[:, None]
-    gained = np.cumsum(0.5 * h * (push[:-1] + push[1:]), axis=0)
-    speed = np.concatenate([np.zeros((1, 3)), gained[:-1]])
-    way = np.cumsum(h * speed + h * h * (2.0 * push[:-1] + push[1:]) / 6.0, axis=0)
-    return np.concatenate([np.zeros((1, 3)), way])
+    speed = np.cumsum(h * push, axis=0) - h * push
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(h * speed + 0.5 * h * h * push, axis=0)])
 
 
 def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
