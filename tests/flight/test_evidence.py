@@ -360,7 +360,7 @@ def test_a_flight_that_mostly_stands_tells_no_wander_of_stamps_that_are_off() ->
     draw = np.random.default_rng(6)
     stamps = np.arange(1200) / 50.0
     seen = stamps + 1.8e-3 * draw.standard_normal(len(stamps))
-    way = 0.5 * np.tanh(8.0 * np.sin(0.2 * math.pi * seen))
+    way = 0.5 * np.tanh(20.0 * np.sin(0.2 * math.pi * seen))
     place = np.stack([way, 0.5 * way, 0.0 * way], axis=1) + 5e-5 * draw.standard_normal((len(stamps), 3))
     assert measure_wander(stamps, place) < 0.03
 
