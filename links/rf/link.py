@@ -24,13 +24,17 @@ SILENT_S = 1.0
 
 
 def _radio(report: PacerReport) -> str:
-    """How well the receiver hears us, where it tells."""
-    told = report.telemetry
-    if told.uplink_share is None:
-        return ""
-    return (
-        f"; receiver gets {100.0 * told.uplink_share:.0f} %, {told.uplink_dbm} dBm, {told.uplink_snr_db} dB over noise"
-    )
+    """How well the receiver hears us, and the flight controller's mode and lean, where they are told."""
+    told, text = report.telemetry, ""
+    if told.uplink_share is not None:
+        share = 100.0 * told.uplink_share
+        text = f"; receiver gets {share:.0f} %, {told.uplink_dbm} dBm, {told.uplink_snr_db} dB over noise"
+    if told.mode:
+        text += f"; mode {told.mode}"
+    if told.attitude is not None:
+        _, x, y, _ = told.attitude
+        text += f"; leans by {math.degrees(2.0 * math.asin(min(math.hypot(x, y), 1.0))):.0f}°"
+    return text
 
 
 class HeardPacer:

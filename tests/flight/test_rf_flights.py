@@ -12,11 +12,13 @@ from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from sim.runs import RECORDING, Stage, fly
+from groundstation.recording import Recording
+from links.rf import encode_attitude
+from sim.runs import RECORDING, Stage, fly, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT, mission
-from tests.unit.links.rf.test_crsf_telemetry import frame
+from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame
 
 
 @pytest.mark.parametrize(
@@ -102,6 +104,22 @@ def test_a_recording_tells_how_late_commands_and_the_pacers_frames_were(link: st
     words = [text.get_text() for text in legend.get_texts()]
     assert any(word.startswith("the pacer's ") for word in words)
     assert "commands" in words
+
+
+def test_what_the_module_tells_is_on_screens_and_in_the_recording(tmp_path: Path) -> None:
+    async def script(flight: Flight, stage: Stage) -> None:
+        while True:
+            stage.port.datagram_received(BATTERY + LINK + encode_attitude(0.1, 0.0, 1.0) + frame(0x21, b"ACRO\0"), None)
+            await asyncio.sleep(0.5)
+
+    world, config = prepare(SCENARIOS["paper"], list(SHORT), link="crsf")
+    world, config = from_floor(world, config, 1.0)
+    folder = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
+    fly_mission(world, config, seed=0, script=script, give=folder.give)
+    folder.close({"completed": True, "why": ""})
+    status = list(Recording(tmp_path / RECORDING).entries(("/link",)))[-5].value()["status"]
+    assert (status["battery_v"], status["battery_share"], status["mode"]) == (pytest.approx(16.8), 0.5, "ACRO")
+    assert "receiver gets 99 %, -60 dBm, -5 dB over noise; mode ACRO; leans by 6°" in status["text"]
 
 
 def test_a_battery_told_by_the_module_lands_the_vehicle() -> None:
