@@ -101,6 +101,7 @@ def test_a_stop_leaves_out_the_bring_down() -> None:
     deadman.stop()
     assert deadman.at(1.1) is None
     assert deadman.at(1.3) is None
+    assert deadman.command is None, "nor does whoever takes over get it"
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -116,6 +117,12 @@ def test_a_bring_down_has_a_longest_time() -> None:
     long = msgspec.structs.replace(command(1.0), bring_down=(msgspec.structs.replace(SINK, duration_s=2.1),))
     with pytest.raises(LinkMisuse, match="at most 2 s"):
         armed().take(long, 1.0)
+
+
+def test_a_bring_down_has_no_part_that_lasts_less_than_no_time() -> None:
+    back = msgspec.structs.replace(command(1.0), bring_down=(LEVEL, msgspec.structs.replace(SINK, duration_s=-0.1)))
+    with pytest.raises(LinkMisuse, match="no duration"):
+        armed().take(back, 1.0)
 
 
 def test_a_deadline_far_away_is_a_bug_of_the_caller() -> None:

@@ -22,6 +22,8 @@ pytestmark = pytest.mark.real_time
 
 FOREIGN = MavlinkCodec(7, 1)
 SILENCE_S = 1.5
+ARMED = 128
+"""The vehicle's own heartbeat that tells of no arming would stop the commands."""
 
 
 class End(Protocol):
@@ -145,9 +147,9 @@ def play(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
 
 
 def troubles(codec: MavlinkCodec, seed: int) -> Iterator[bytes]:
-    """What noise, wrong baud rates, collisions and strangers put on a wire."""
+    """What noise, wrong baud rates, collisions and strangers put on a wire; what is whole of it, says what is true."""
     luck = random.Random(seed)
-    beat = codec.dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)
+    beat = codec.dialect.MAVLink_heartbeat_message(2, 12, ARMED, 0, 3, 3)
     for _ in range(60):
         whole = codec.pack(beat)
         cut = luck.randrange(1, len(whole))

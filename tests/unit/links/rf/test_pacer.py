@@ -482,6 +482,16 @@ def test_one_that_takes_over_in_the_midst_of_an_arming_disarms() -> None:
     assert all(map(is_disarm, heir_of(bench, PERIOD_S).flown(1.0)))
 
 
+def test_one_that_takes_over_after_a_stop_disarms() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    bench.frame()
+    bench.pacer.order(Stop(), bench.now)
+    bench.frame()
+    assert all(map(is_disarm, heir_of(bench, PERIOD_S).flown(1.0)))
+
+
 def test_one_that_takes_over_after_an_end_still_ends() -> None:
     bench = Bench()
     bench.arm()
