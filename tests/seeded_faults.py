@@ -29,9 +29,11 @@ class Fault(NamedTuple):
 
 CONCERNED = {
     "deadman.py": "unit/links/core/test_deadman.py unit/links/rf/test_pacer.py unit/links/mavlink/test_mavlink_link.py",
-    "guards.py": "unit/groundstation/core/safety/test_guards.py flight/test_guards.py",
+    "guards.py": "unit/groundstation/core/safety/test_guards.py unit/groundstation/core/safety/test_separation.py "
+    "flight/test_guards.py",
     "pacer.py": "unit/links/rf/test_pacer.py unit/links/mavlink/test_sleep.py unit/links/rf/test_rf_link.py flight/test_pacer_strikes.py",
-    "intake.py": "unit/groundstation/pose/sources/test_gate.py flight/test_gate.py",
+    "intake.py": "unit/groundstation/pose/sources/test_gate.py unit/groundstation/pose/sources/test_source_clock.py "
+    "flight/test_gate.py",
     "mission.py": "unit/groundstation/core/mission/test_mission.py flight/test_missions.py flight/test_ends.py",
     "backstepping.py": "unit/sim/studies/test_law_vectors.py property/test_law.py",
     "adaptive.py": "property/test_composite_proof.py contract/test_controllers.py",

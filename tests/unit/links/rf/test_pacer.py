@@ -452,6 +452,7 @@ def test_whoever_takes_over_plays_what_was_held_and_nothing_else_ever_again() ->
         heir.pacer.order(Arm(2, heir.now), heir.now)
         sticks = heir.frame()
         assert sticks is not None
+        assert sticks.armed is (sticks.thrust_n > 0.1)
         thrusts.append(round(sticks.thrust_n, 1))
     assert thrusts == [1.5] * 7 + [0.8] * 22 + [0.0] * 31
     report = heir.pacer.report(heir.now)

@@ -59,10 +59,11 @@ def test_what_is_late_for_a_moment_only_is_not_told_as_lateness() -> None:
         assert clock.late_s == 0.0
 
 
-def test_the_clock_of_a_late_source_may_leap_ahead_and_the_source_is_as_late_as_before() -> None:
+@pytest.mark.parametrize("leap_s", [1.0, 3600.0])
+def test_the_clock_of_a_late_source_may_leap_ahead_and_the_source_is_as_late_as_before(leap_s: float) -> None:
     clock = SourceClock()
     before = [(0.01 * n, 0.01 * n + (0.1 if n >= 1000 else 0.0)) for n in range(2000)]
-    after = [(0.01 * n + 3600.0, 0.01 * n + 0.1) for n in range(2000, 3000)]
+    after = [(0.01 * n + leap_s, 0.01 * n + 0.1) for n in range(2000, 3000)]
     got = times(clock, before + after)
     assert clock.steps == 1
     assert got == pytest.approx([0.01 * n for n in range(3000)], abs=1e-6)
@@ -146,10 +147,11 @@ def test_drift_is_measured(drift: float) -> None:
     assert clock.drift == pytest.approx(drift, abs=1e-6)
 
 
-def test_a_clock_that_leaps_ahead_is_counted_and_poses_stay_young() -> None:
+@pytest.mark.parametrize("leap_s", [1.0, 3600.0])
+def test_a_clock_that_leaps_ahead_is_counted_and_poses_stay_young(leap_s: float) -> None:
     clock = SourceClock()
     before = [(0.01 * n, 0.01 * n) for n in range(500)]
-    after = [(0.01 * n + 3600.0, 0.01 * n) for n in range(500, 1500)]
+    after = [(0.01 * n + leap_s, 0.01 * n) for n in range(500, 1500)]
     got = times(clock, before + after)
     assert clock.steps == 1
     assert got == pytest.approx([0.01 * n for n in range(1500)], abs=1e-6)
