@@ -73,9 +73,16 @@ class Bench:
         (heard,) = self._decoder.feed(self.port.frames[-1])
         return self._channels.read(heard.positions) if heard.positions is not None else None
 
-    def give(self, thrust_n: float = 1.0, *, coast_s: float = 0.25, bring_down: tuple[Segment, ...] = (DOWN,)) -> None:
+    def give(
+        self,
+        thrust_n: float = 1.0,
+        *,
+        coast_s: float = 0.25,
+        bring_down: tuple[Segment, ...] = (DOWN,),
+        arming: int = 1,
+    ) -> None:
         command = Command(thrust_n, (0.1, 0.0, 0.0), 1, self.now, self.now + coast_s, bring_down)
-        self.pacer.order(Give(1, command), self.now)
+        self.pacer.order(Give(arming, command), self.now)
 
     def arm(self) -> None:
         """Through the whole arming."""
@@ -450,6 +457,7 @@ def test_whoever_takes_over_plays_what_was_held_and_nothing_else_ever_again() ->
     for _ in range(60):
         heir.give(1.9)
         heir.pacer.order(Arm(2, heir.now), heir.now)
+        heir.give(1.9, arming=2)
         sticks = heir.frame()
         assert sticks is not None
         assert sticks.armed is (sticks.thrust_n > 0.1)
