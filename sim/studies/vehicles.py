@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
-from groundstation.analysis.identify import file_text, identify, read_stretch
+from groundstation.analysis.identify import identify, read_stretch
 from groundstation.config import ConfigError, presets, refuse_io
 from groundstation.core.vehicle import Vehicle
 from sim.runs import RECORDING, simulate
@@ -16,8 +16,8 @@ class FoundInFlight(NamedTuple):
     """One shipped vehicle, of which some figures were found on a flight of the excitation."""
 
     vehicle: str
-    keys: tuple[str, ...]
-    """Keys of its file that are what was found."""
+    keys: dict[str, str]
+    """Keys of its file that are what was found, and the parameter of each."""
     scenario: str
     overrides: tuple[str, ...]
     """What is true there, and what the controller is told before anything is known."""
@@ -45,10 +45,10 @@ X500_WORLD = (
 )
 """PX4's model of the X500 (models/x500 and x500_base), and a rate loop of 40 rad/s, as the model has none."""
 FOUND_IN_FLIGHT = (
-    FoundInFlight("quad1kg", ("drag_per_s",), "quad1kg", (*EXCITATION, "vehicle.drag_per_s=0"), 1, 22.0),
+    FoundInFlight("quad1kg", {"drag_per_s": "drag"}, "quad1kg", (*EXCITATION, "vehicle.drag_per_s=0"), 1, 22.0),
     FoundInFlight(
         "x500",
-        ("rate_lag_s", "rate_delay_s"),
+        {"rate_lag_s": "rate_lag", "rate_delay_s": "rate_delay"},
         "quad1kg",
         (
             *("trajectory.kind=excitation", "trajectory.laps=2"),
@@ -61,6 +61,8 @@ FOUND_IN_FLIGHT = (
 )
 DECIMALS = 3
 """To so many decimals they are kept, which is finer than any interval."""
+SAME = 0.25
+"""What differs by less than this share of half its interval is the same figure, and stays."""
 
 
 def fly_excitation(flown: FoundInFlight, folder: Path) -> Path:
@@ -72,13 +74,23 @@ def fly_excitation(flown: FoundInFlight, folder: Path) -> Path:
 
 
 def remake(flown: FoundInFlight, recording: Path) -> str:
-    """The vehicle's file as ``recording`` has it: what was found there in its place, all else as it is."""
-    written = tomllib.loads(file_text(identify(read_stretch(recording))))
-    text = presets(Vehicle)[flown.vehicle]
-    for key in flown.keys:
-        line = re.compile(rf"^{key} = \S+ *", re.MULTILINE)
-        (old,) = line.findall(text)
-        text = line.sub(f"{key} = {round(written[key], DECIMALS)}".ljust(len(old)), text)
+    """The vehicle's file as ``recording`` has it: what was found there in its place, all else as it is.
+
+    Raises:
+        ValueError: the flight does not tell one of its figures.
+    """
+    found, text = identify(read_stretch(recording)).parameters, presets(Vehicle)[flown.vehicle]
+    told = tomllib.loads(text)
+    for key, name in flown.keys.items():
+        one = found[name]
+        if one.value is None or one.interval is None:
+            raise ValueError(f"{flown.vehicle}: {key}: {one.note}")
+        # Delays are found from a command's leaving; the link's part of them has a key of its own.
+        value = one.value - (told["command_delay_s"] if name.endswith("_delay") else 0.0)
+        if abs(value - told[key]) > SAME * 0.5 * (one.interval[1] - one.interval[0]):
+            line = re.compile(rf"^{key} = \S+ *", re.MULTILINE)
+            (old,) = line.findall(text)
+            text = line.sub(f"{key} = {round(value, DECIMALS)}".ljust(len(old)), text)
     return text
 
 

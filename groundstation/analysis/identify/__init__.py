@@ -2,7 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.identify.command import file_text, find_outside, identify, identify_command
+    from groundstation.analysis.identify.command import find_outside, identify, identify_command
     from groundstation.analysis.identify.stretch import (
         LEAST_S,
         FlightStretch,
