@@ -285,7 +285,7 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     transit_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 0.5
     """Fastest speed of the ways onto the trajectory and back [m/s]; where it begins faster, it is met at its own."""
     transit_m_s2: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 1.0
-    """Largest acceleration of these ways, of the climb and of stopping [m/s²]."""
+    """Largest acceleration of these ways, of stopping, and up to 2 of the climb [m/s²]."""
     nudge: bool = False
     """Once it is armed, 0.3 of the weight for 0.3 s: do the poses tremble as its gyros do? If not, the motors go off.
     For vehicles whose markers visibly tremble on the floor; left out on ArduPilot, which takes off by any thrust."""
