@@ -22,7 +22,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from links.core import LinkError, LinkLost, LinkMisuse
+from links.core import IN_TIME, Arrival, LinkError, LinkLost, LinkMisuse
 from links.io import NETWORK, Datagrams, parse_address, read_key, waiting
 from links.mavlink.protocol import (
     GROUND_STATION,
@@ -413,7 +413,66 @@ RIVAL_S = 3.0
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
 
+ASKED_S, ASKED_SLOWLY_S = 0.05, 0.1
+"""A question leaves beside a set-point so often [s]; on slow serial ports."""
+FORGOTTEN_S = 5.0
+"""What has not been answered for so long will not be [s]."""
+HOLE_S = 0.15
+"""After it was not heard for so long, nobody knows what of ours it has answered meanwhile [s]."""
+TOO_LATE_S, LASTS_S = 0.5, 0.15
+"""Answers come so much later than usual [s], and that for so long: what we send arrives too late."""
+
 Subscriber = Callable[[Message, float], None]
+
+
+class Uplink:
+    """Whether what we send arrives, and in time: TIMESYNC questions that leave beside set-points, and their answers."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period = period_s
+        self._asked: deque[int] = deque()
+        self._next_s = self._heard_s = self._since_s = -math.inf
+        self._answers = False
+        self._late_s, self._late_since_s = 0.0, math.inf
+
+    def begin(self, now_s: float) -> None:
+        """The operator arms: what was asked before counts no more."""
+        self._asked.clear()
+        self._next_s = self._since_s = now_s
+        self._late_s, self._late_since_s = 0.0, math.inf
+        self._answers = False
+
+    def ask(self, now_s: float) -> int | None:
+        """The time to send in a question (TIMESYNC.ts1) as a set-point leaves at ``now_s`` [ns]; None where not yet."""
+        if now_s < self._next_s:
+            return None
+        self._next_s = now_s + self._period
+        asked_ns = int(now_s * 1e9)
+        self._asked.append(asked_ns)
+        while self._asked[0] < asked_ns - FORGOTTEN_S * 1e9:
+            self._asked.popleft()
+        return asked_ns
+
+    def hear(self, message: Message, now_s: float, usual_s: float) -> None:
+        """Take one message of the autopilot; a round trip usually takes ``usual_s`` [s]."""
+        if now_s - self._heard_s > HOLE_S:
+            self._since_s = now_s
+        self._heard_s = now_s
+        if message.get_type() != "TIMESYNC" or message.tc1 == 0 or message.ts1 not in self._asked:
+            return
+        while self._asked.popleft() != message.ts1:
+            pass
+        asked_s = message.ts1 * 1e-9
+        self._since_s, self._answers = max(self._since_s, asked_s), True
+        self._late_s = now_s - asked_s - usual_s
+        self._late_since_s = min(self._late_since_s, now_s) if self._late_s > TOO_LATE_S else math.inf
+
+    def arrival(self, now_s: float, usual_s: float) -> Arrival:
+        """Whether commands arrive, as far as answers tell; a round trip usually takes ``usual_s`` [s]."""
+        if not self._answers or now_s - self._heard_s > HOLE_S:
+            return IN_TIME
+        late_s = self._late_s if now_s - self._late_since_s > LASTS_S else 0.0
+        return Arrival(max(now_s - self._since_s - usual_s - self._period, 0.0), late_s)
 
 
 class Contact:

@@ -24,12 +24,10 @@ from links.core import (
     signal,
 )
 from links.io import Sleep
-from links.mavlink.connection import MavlinkConnection
+from links.mavlink.connection import ASKED_S, ASKED_SLOWLY_S, MavlinkConnection, Uplink
 from links.mavlink.protocol import (
     ARDUPILOT,
     ARM_DISARM,
-    ASKED_S,
-    ASKED_SLOWLY_S,
     ATTITUDE_HZ,
     ATTITUDES,
     SLOW_BAUD,
@@ -43,7 +41,6 @@ from links.mavlink.protocol import (
     MavlinkLinkConfig,
     Message,
     ReadVersion,
-    Uplink,
     Vitals,
     arming,
     attitude_of,

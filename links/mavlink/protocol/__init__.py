@@ -53,8 +53,6 @@ if TYPE_CHECKING:
         make_mode_request,
     )
     from links.mavlink.protocol.timesync import (
-        ASKED_S,
-        ASKED_SLOWLY_S,
         ATTITUDE_HZ,
         ATTITUDES,
         LONGEST_S,
@@ -62,7 +60,6 @@ if TYPE_CHECKING:
         SLOW_HZ,
         Timesync,
         Trip,
-        Uplink,
         attitude_of,
     )
 

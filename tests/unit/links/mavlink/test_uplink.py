@@ -2,8 +2,8 @@
 
 import pytest
 
-from links.mavlink.protocol import MavlinkCodec, Uplink
-from links.mavlink.protocol.timesync import FORGOTTEN_S, TOO_LATE_S
+from links.mavlink.connection import FORGOTTEN_S, TOO_LATE_S, Uplink
+from links.mavlink.protocol import MavlinkCodec
 
 PERIOD_S, USUAL_S = 0.05, 0.02
 D = MavlinkCodec(1, 1).dialect
