@@ -1,6 +1,7 @@
 """``groundstation identify``: a vehicle that is not as told is found from a recorded flight of it."""
 
 import json
+import os
 import sys
 from functools import cache
 from pathlib import Path
@@ -46,7 +47,9 @@ def printed(path: Path, out: Path) -> dict[str, Any]:
 
 @cache
 def folder() -> Path:
-    return log().parent
+    mine = log().parent / str(os.getpid())  # several processes test at once, and share the recording
+    mine.mkdir()
+    return mine
 
 
 @cache
