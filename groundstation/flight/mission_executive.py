@@ -43,7 +43,8 @@ LAST_CHANCE_S = 0.004
 AT_REST_M_S = 0.02
 """Slower than this a reference need not be stopped first [m/s]."""
 FAST_M_S2 = 2.0
-"""What leaves the floor faster than it is to climb may be slowed down so hard, rather than climb too high [m/s²]."""
+"""What leaves the floor faster than it is to climb is slowed down so hard, rather than climb too high; and no climb
+begins harder, as thrust just off the floor allows no more [m/s²]."""
 ASTRAY_M = 0.3
 """A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
 shoot up to where it should have been."""
