@@ -2,12 +2,13 @@
 
 These are words that a file or a folder of the operator's may bear too, and PYTHONPATH may put it first. Whoever imports
 this module finds those packages beside it from then on, so only programs do, and the processes that they start:
-``python -P -m groundstation.runtime.launch MODULE …`` (links/core/lazy.py).
+``python -P -m groundstation.runtime.launch MODULE …`` (links/core/child_command.py).
 """
 
 import gc
 import runpy
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from importlib.machinery import PathFinder
 from os.path import dirname  # pathlib would be a tenth of the time that --help takes
@@ -40,13 +41,18 @@ def run_groundstation_sim() -> int:
 
 
 def _run(package: str) -> int:
+    code = _end_quickly(lambda: import_module(f"{package}.__main__").main())
+    assert isinstance(code, int)
+    return code
+
+
+def _end_quickly(program: Callable[[], object]) -> object:
     try:
-        code: int = import_module(f"{package}.__main__").main()
+        return program()
     finally:
         gc.freeze()  # else Python ends by looking for garbage in all that was loaded, for longer than --help takes
-    return code
 
 
 if __name__ == "__main__":
     del sys.argv[0]
-    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+    _end_quickly(lambda: runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True))
