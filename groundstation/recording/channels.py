@@ -68,12 +68,13 @@ class Quaternion(msgspec.Struct, frozen=True, gc=False):
 
 def vector(v: Vec3) -> Vector3:
     """The same, with names."""
-    return Vector3(v[0], v[1], v[2])
+    return Vector3(*v)
 
 
 def quaternion(q: Quat) -> Quaternion:
     """The same, with names."""
-    return Quaternion(q[1], q[2], q[3], q[0])
+    w, x, y, z = q
+    return Quaternion(x, y, z, w)
 
 
 class Time(msgspec.Struct, frozen=True, gc=False):

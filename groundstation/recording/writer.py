@@ -27,7 +27,7 @@ import msgspec
 from zstandard import ZstdCompressor
 
 from groundstation.core.messages import EndRecord, PoseRecord, Say, Severity, TickRecord
-from groundstation.recording.channels import CHANNELS, MessageMaker, address, describe_channels
+from groundstation.recording.channels import CHANNELS, Message, MessageMaker, address, describe_channels
 from groundstation.recording.records import (
     MAGIC,
     About,
@@ -146,16 +146,16 @@ class McapWriter:
         inside += _HEAD.pack(_MESSAGE, _BEFORE + len(data), channel, 0, stamp_ns, stamp_ns)
         inside += data
         if len(inside) > CHUNK_BYTES:
-            self._close_chunk()
+            self.close_chunk()
 
     def flush(self) -> None:
         """Close the chunk, and have all that was added written."""
-        self._close_chunk()
+        self.close_chunk()
         self._file.flush()
 
     def finish(self) -> None:
         """Write the index; nothing may be added afterwards."""
-        self._close_chunk()
+        self.close_chunk()
         self._put(_record(_DATA_END, struct.pack("<I", self._crc)))
         begin = self._file.tell()
         summary = bytearray()
@@ -189,8 +189,8 @@ class McapWriter:
         self._crc = zlib.crc32(record, self._crc)
         self._file.write(record)
 
-    def _close_chunk(self) -> None:
-        """Write the messages since the last chunk, if there are any."""
+    def close_chunk(self) -> None:
+        """Hand the messages since the last chunk to the file, if there are any."""
         chunk = self._chunk
         if not chunk.index:
             return
@@ -402,23 +402,57 @@ class FlightLog:
         self._cutters: dict[int, tuple[TlogCutter, TlogCutter]] = {}
         self._messages = MessageMaker(epoch_ns)
         self._count = HeadlineCounter()
-        self._encode = msgspec.json.Encoder().encode
+        self._encoder = msgspec.json.Encoder()
         self._flushed_s = 0.0
         self._writer = McapWriter(self._file, f"groundstation {__version__}")
         self._writer.add_metadata("about", about_texts(about))
         self._channels = {form[0]: self._writer.add_channel(*form) for form in describe_channels(CHANNELS)}
         self.flush()
 
-    def write(self, record: Record) -> None:
-        """Take one record; it reaches the disk within ``FLUSH_S`` of flight, or with :meth:`flush`."""
-        time_s = 0.0
-        add, channels, encode, stamp = self._writer.add_message, self._channels, self._encode, self._messages.stamp
-        for topic, time_s, message in self._messages.of(record):
-            add(channels[topic], stamp(time_s), encode(message))
-        self._note(record)
-        if time_s - self._flushed_s >= FLUSH_S:
-            self._flushed_s = time_s
+    def write(self, *records: Record) -> None:
+        """Take records in their order; they reach the disk within ``FLUSH_S`` of flight, or with :meth:`flush`.
+
+        What can't be made a message, or encoded, is left out; in the end the first exception of it is raised.
+        """
+        messages, ends, failures = list[Message](), list[int](), list[Exception]()
+        for record in records:
+            try:
+                messages += self._messages.of(record)
+                self._note(record)
+            except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
+                failures.append(error)
+            ends.append(len(messages))
+        at, passed = 0, False
+        encoded = self._encode(messages, failures)
+        add, channels, stamp = self._writer.add_message, self._channels, self._messages.stamp
+        for end in ends:
+            time_s = 0.0
+            while at < end:
+                topic, time_s, _ = messages[at]
+                if data := encoded[at]:
+                    add(channels[topic], stamp(time_s), data)
+                at += 1
+            if time_s - self._flushed_s >= FLUSH_S:
+                self._flushed_s, passed = time_s, True
+                self._writer.close_chunk()
+        if passed:
             self.flush()
+        if failures:
+            raise failures[0]
+
+    def _encode(self, messages: list[Message], failures: list[Exception]) -> list[bytes]:
+        """All in one go; nothing stands for one that can't be encoded, and ``failures`` gets the reason."""
+        try:
+            return self._encoder.encode_lines([message for _, _, message in messages]).split(b"\n")
+        except Exception:  # noqa: BLE001  # as above: one by one, to know which
+            encoded = []
+            for _, _, message in messages:
+                try:
+                    encoded.append(self._encoder.encode(message))
+                except Exception as error:  # noqa: BLE001  # as above
+                    failures.append(error)
+                    encoded.append(b"")
+            return encoded
 
     def flush(self) -> None:
         """Write what there is."""

@@ -10,7 +10,6 @@ import contextvars
 import json
 import sys
 import weakref
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -285,7 +284,7 @@ class RunFolder:
             self._frames = None if config.link.has_autopilot else _open(path / FRAMES)
         self._poses.write(CSV_COLUMNS + "\n")
         self._world = world
-        self._waiting: deque[Record] = deque()
+        self._waiting: list[Record] = []
         self._last_s = 0.0
         self._state = "idle"
         self._ended = False
@@ -303,9 +302,9 @@ class RunFolder:
             self._ended = True
 
     def _write(self) -> None:
-        """Write what waits. What raises is left out, and the rest is written the next time."""
-        while self._waiting:
-            self._log.write(self._waiting.popleft())
+        """Write what waits; what can't be written is left out, and raises in the end."""
+        waiting, self._waiting = self._waiting, []
+        self._log.write(*waiting)
 
     def abandon(self) -> None:
         """The simulation ends in an error: keep all that was given, of which the last is what one looks for."""
@@ -334,11 +333,10 @@ class RunFolder:
         """Write the result and close everything."""
         if not self._ended:  # the simulation has, in the air: that is no end of a mission
             self._waiting.append(EndRecord(self._last_s, self._state, facts["why"]))
-        while self._waiting:
-            try:
-                self._write()
-            except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
-                _warn(f"WARNING: a part of this flight can't be recorded: {error}")
+        try:
+            self._write()
+        except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
+            _warn(f"WARNING: a part of this flight can't be recorded: {error}")
         rms_cm, max_cm = facts.get("rms_cm"), facts.get("max_cm")
         self._log.close(*(None if value is None else 0.01 * value for value in (rms_cm, max_cm)))
         self._close_texts()
