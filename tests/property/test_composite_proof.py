@@ -250,14 +250,14 @@ def parts(loop: Loop, s: State, time: float = 0.0) -> Parts:
     if loop.by_observer:
         l, e = loop.observer.l, s.e  # noqa: E741  # the law document's letter
         for i, a in enumerate(axes):
-            g1, g2 = slopes(law, a, float(z3[i]))
+            g1, g2 = slopes(law, a, z1_dot[i], float(z3[i]))
             observation += g1 * l.p * e[0, i] + g2 * (l.v * e[0, i] - e[2, i])
     return Parts(step.w - damped(law, z3), z3, b_tilde, adaptation, observation)
 
 
-def slopes(law: Gains, a: BacksteppingAxis, z3: float) -> tuple[float, float]:
+def slopes(law: Gains, a: BacksteppingAxis, z1_dot: float, z3: float) -> tuple[float, float]:
     """g: the partial derivatives of V_DI + ½ z3² by position and by velocity."""
-    excess, _, _ = growth(FLOATS, a.z1_dot, law.sigma_bound, law.velocity_scale)
+    excess, _, _ = growth(FLOATS, z1_dot, law.sigma_bound, law.velocity_scale)
     by_x1 = a.sigma + a.sigma_prime * (a.z2 + excess) - z3 * (a.du_dz1 + a.sigma_prime * a.du_dz2)
     return by_x1, a.dv_dz2 - z3 * a.du_dz2
 

@@ -212,16 +212,18 @@ VELOCITY_LIMIT = 1e4
 
 
 class BacksteppingAxis(NamedTuple):
-    """One axis of the double integrator: errors, virtual control and its partial derivatives."""
+    """One axis of the law: what drives it, its errors, and the virtual control with its partial derivatives."""
 
-    z1_dot: Real
+    z3: Real
+    xi: Real
+    """ξ of (8)."""
+    demand: Real
+    """k3 z3 + ∂V/∂z2: what (10) asks for beside the known parts."""
+    u_star_dot: Real
+    """u˙* as it would be if b̂ were b."""
     z2: Real
     sigma: Real
-    sigma_prime: Real
     u_star: Real
-    du_dz1: Real
-    du_dz2: Real
-    dv_dz2: Real
     rho: Real
     """ρ(z2)."""
     omega: Real
@@ -229,6 +231,10 @@ class BacksteppingAxis(NamedTuple):
     rs: Real
     """r z1 and the root of :func:`saturate`, for φ(z1)."""
     root: Real
+    sigma_prime: Real
+    du_dz1: Real
+    du_dz2: Real
+    dv_dz2: Real
 
 
 class LawOutput(msgspec.Struct, frozen=True, gc=False):
@@ -262,10 +268,13 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
         return self.w_terms[0] + self.w_terms[1] + self.w_terms[2]
 
 
-def axis(ops: Ops, shape: Shape, z1: Real, z1_dot: Real) -> tuple[Real, ...]:
-    """(5), (6) and their partial derivatives in (z1, z2), for one axis: what :class:`BacksteppingAxis` names.
+def axis(
+    ops: Ops, shape: Shape, z1: Real, z1_dot: Real, u_hat: Real = 0.0, k3: Real = 0.0, drag: float = 0.0
+) -> tuple[Real, ...]:
+    """(5), (6), their partial derivatives in (z1, z2), (7), and what (8) and (10) take, of one axis.
 
-    It runs six times a command, and a plain tuple is made and taken apart in less than half of a named one's time.
+    It gives what :class:`BacksteppingAxis` names: it runs six times a command, and a plain tuple is made and taken
+    apart in less than half of a named one's time.
     """
     k2, sigma, x2 = shape.k2, shape.sigma, z1_dot
     m = sigma.bound
@@ -273,34 +282,27 @@ def axis(ops: Ops, shape: Shape, z1: Real, z1_dot: Real) -> tuple[Real, ...]:
     s2 = sigma.bend * rs * w * w * s1
     z2 = x2 + s  # (5)
     rho, rho1, _, _, _ = saturate(ops, z2, shape.rho)
+    a = k2 * rho + s
     if ops is FLOATS and -m <= x2 <= m:
         # One vehicle is here nearly always, where Ω is the identity: the same, without what is then 0 or 1.
-        a, slope = k2 * rho + s, k2 * rho1
-        u_x1, u_x2 = -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
-        return x2, z2, s, s1, -(a + s1 * x2), u_x1 - s1 * u_x2, u_x2, z2, rho, z2, rs, root
-    excess, o1, o2 = growth(ops, x2, m, shape.velocity_scale)
-    # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
-    omega = z2 + excess
-    over = 1.0 / ops.where(excess == 0.0, 1.0, omega)
-    q = 1.0 - excess * over
-    a = k2 * rho + s
-    i = 1.0 / o1
-    u_star = -i * (q * a + s1 * x2)  # (6)
-    q_x1 = s1 * excess * over * over
-    q_x2 = (z2 * (1.0 - o1) + excess) * over * over
-    u_x1 = -i * (q_x1 * a + q * (k2 * rho1 + 1.0) * s1 + s2 * x2)
-    u_x2 = -i * (q_x2 * a + q * k2 * rho1 + s1) - u_star * o2 * i
-    return x2, z2, s, s1, u_star, u_x1 - s1 * u_x2, u_x2, o1 * omega, rho, omega, rs, root
-
-
-def drive_axis(a: tuple[Real, ...], u_hat: Real, k3: Real, drag: float) -> tuple[Real, Real, Real, Real]:
-    """(7) and what (8) and (10) take of one axis: z3, ξ, k3 z3 + ∂V/∂z2, and the known part of u˙*.
-
-    The last is what u˙* would be if b̂ were b.
-    """
-    x2, _, _, s1, u_star, du_dz1, du_dz2, dv_dz2, _, _, _, _ = a
-    z3 = u_hat - u_star  # (7)
-    return z3, dv_dz2 - (du_dz2 + drag) * z3, k3 * z3 + dv_dz2, du_dz1 * x2 + du_dz2 * (u_hat + s1 * x2)
+        slope, omega, by_z2 = k2 * rho1, z2, z2
+        u_star, u_x1, u_x2 = -(a + s1 * x2), -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
+    else:
+        excess, o1, o2 = growth(ops, x2, m, shape.velocity_scale)
+        # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
+        omega = z2 + excess
+        over = 1.0 / ops.where(excess == 0.0, 1.0, omega)
+        q, i, by_z2 = 1.0 - excess * over, 1.0 / o1, o1 * omega
+        u_star = -i * (q * a + s1 * x2)  # (6)
+        q_x1 = s1 * excess * over * over
+        q_x2 = (z2 * (1.0 - o1) + excess) * over * over
+        u_x1 = -i * (q_x1 * a + q * (k2 * rho1 + 1.0) * s1 + s2 * x2)
+        u_x2 = -i * (q_x2 * a + q * k2 * rho1 + s1) - u_star * o2 * i
+    u_z1, z3 = u_x1 - s1 * u_x2, u_hat - u_star  # (7)
+    return (
+        z3, by_z2 - (u_x2 + drag) * z3, k3 * z3 + by_z2, u_z1 * x2 + u_x2 * (u_hat + s1 * x2),
+        z2, s, u_star, rho, omega, rs, root, s1, u_z1, u_x2, by_z2,
+    )  # fmt: skip
 
 
 def confine(ops: Ops, v: Vec3, limit: float) -> Vec3:
@@ -356,16 +358,14 @@ def backstep(
             It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005).
         suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
-    (x, y, z), z1, (z3x, z3y, z3z), xi, edge, kb, b_dot, thrust, turn = _evaluate(
-        ops, law, state, mass, drag, suspended
-    )
+    x, y, z, z1, edge, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
+    z3x, xi_x, _, _, xz2, xs, xu, x_rho, x_omega, xr, x_root, _, _, _, _ = x
+    z3y, xi_y, _, _, yz2, ys, yu, y_rho, y_omega, yr, y_root, _, _, _, _ = y
+    z3z, xi_z, _, _, zz2, zs, zu, z_rho, z_omega, zr, z_root, _, _, _, _ = z
     if witness is not None:
-        more = (xi[0] + witness[0], xi[1] + witness[1], xi[2] + witness[2])
+        more = (xi_x + witness[0], xi_y + witness[1], xi_z + witness[2])
         b_dot = _adaptation(ops, law, kb, more, state.b_hat, edge)
     aside, down, k2 = z3x * z3x + z3y * z3y, z3z * z3z, law.k2
-    _, xz2, xs, _, xu, _, _, _, x_rho, x_omega, xr, x_root = x
-    _, yz2, ys, _, yu, _, _, _, y_rho, y_omega, yr, y_root = y
-    _, zz2, zs, _, zu, _, _, _, z_rho, z_omega, zr, z_root = z
     by = law.shape.sigma
     phi = integral(by, xr, x_root) + integral(by, yr, y_root) + integral(by, zr, z_root)
     stored = 0.5 * x_omega * x_omega + 0.5 * y_omega * y_omega + 0.5 * z_omega * z_omega
@@ -388,12 +388,13 @@ def turn_rates(
     ops: Ops, law: Law, state: LawState, mass: Real, drag: float = 0.0, suspended: bool = False
 ) -> tuple[Real, Real]:
     """ω1 and ω2 [rad/s] alone of what :func:`backstep` says of the same."""
-    thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)[-2:]
+    evaluated = _evaluate(ops, law, state, mass, drag, suspended)
+    thrust, turn = evaluated[7], evaluated[8]
     return -(mass / thrust) * turn[1], (mass / thrust) * turn[0]
 
 
 def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, suspended: bool) -> Any:
-    """The three axes, z1, z3, ξ, the projection's edge, kb as it acts, b̂˙ = kb Proj(ξ, b̂), T, and y of (10), FRD."""
+    """The three axes, z1, the projection's edge, kb as it acts, b̂˙ = kb Proj(ξ, b̂), T, and y of (10), FRD."""
     z1, z1_dot, (vx, vy, vz), attitude, thrust, (bx, by, bz), acceleration, jerk = state
     (a, b, c), (d, e, f), (ax, ay, az), (jx, jy, jz) = z1, z1_dot, acceleration, jerk
     if ops is not FLOATS or not (
@@ -404,27 +405,24 @@ def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, susp
         d, e, f = confine(ops, z1_dot, VELOCITY_LIMIT)
         ax, ay, az = confine(ops, acceleration, POSITION_LIMIT)
         jx, jy, jz = confine(ops, jerk, POSITION_LIMIT)
-    shape, k3 = law.shape, law.k3
-    x, y, z = axis(ops, shape, a, d), axis(ops, shape, b, e), axis(ops, shape, c, f)
     thrust = ops.clamp(thrust, 1e-3 * mass * law.gravity, 1e6)
     north, east, down = third_column(attitude)
-    f = -thrust / mass
-    ux, uy, uz = f * north + bx - ax, f * east + by - ay, f * down + law.gravity + bz - az
+    push = -thrust / mass
+    ux, uy, uz = push * north + bx - ax, push * east + by - ay, push * down + law.gravity + bz - az
     if drag:
         ux, uy, uz = ux - drag * vx, uy - drag * vy, uz - drag * vz
         # û moves by -c v˙, of which û + p¨d is known, and -c b̃ is left to the adaptation.
         jx, jy, jz = jx + drag * (ux + ax), jy + drag * (uy + ay), jz + drag * (uz + az)
-    z3x, xi_x, demand_x, rate_x = drive_axis(x, ux, k3, drag)
-    z3y, xi_y, demand_y, rate_y = drive_axis(y, uy, k3, drag)
-    z3z, xi_z, demand_z, rate_z = drive_axis(z, uz, law.k3_down, drag)
-    xi: Vec3 = (xi_x, xi_y, xi_z)
+    shape, k3 = law.shape, law.k3
+    x = axis(ops, shape, a, d, ux, k3, drag)
+    y = axis(ops, shape, b, e, uy, k3, drag)
+    z = axis(ops, shape, c, f, uz, law.k3_down, drag)
     b_hat = state.b_hat
     edge = brink(ops, b_hat, law.b_bound, law.epsilon, law.projection_order)
     kb = ops.where(suspended, 0.0, law.kb)
-    b_dot = _adaptation(ops, law, kb, xi, b_hat, edge)  # (8)
-    p, q, r = b_dot
-    turn = to_body(attitude, (demand_x + p - jx - rate_x, demand_y + q - jy - rate_y, demand_z + r - jz - rate_z))
-    return (x, y, z), z1, (z3x, z3y, z3z), xi, edge, kb, b_dot, thrust, turn
+    p, q, r = b_dot = _adaptation(ops, law, kb, (x[1], y[1], z[1]), b_hat, edge)  # (8)
+    turn = to_body(attitude, (x[2] + p - jx - x[3], y[2] + q - jy - y[3], z[2] + r - jz - z[3]))
+    return x, y, z, z1, edge, kb, b_dot, thrust, turn
 
 
 def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink | None) -> Vec3:
