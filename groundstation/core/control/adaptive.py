@@ -38,7 +38,7 @@ from groundstation.core.control.backstepping import (
     yaw_rate,
 )
 from groundstation.core.estimation import Composite, Estimation, NonNegative, Positive
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate, third_column, to_body
+from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, rotate, third_column, to_body
 from groundstation.core.messages import Certificate, CertificateReading, Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, lead, new
@@ -166,43 +166,38 @@ class Adaptive:
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command for the instant of ``estimate``."""
-        gains, vehicle = self._gains, self._vehicle
+        ops, gains, vehicle = self._ops, self._gains, self._vehicle
         motion = estimate.motion
         b_hat, witness = self._include_witness(estimate)
         compensate = gains.actuator_compensation
         thrust = motion.thrust if compensate or self._thrust_sent is None else self._thrust_sent
-        p, v = reference.position_ned, reference.velocity_ned
-        (px, py, pz), (vx, vy, vz) = motion.position, motion.velocity
+        velocity, attitude = motion.velocity, motion.attitude
+        (px, py, pz), (vx, vy, vz) = motion.position, velocity
+        (a, b, c), (d, e, f) = reference.position_ned, reference.velocity_ned
         suspended = self._saturated
         mass, drag = vehicle.mass_kg / estimate.effectiveness, vehicle.drag_per_s
-        z1, z1_dot = (px - p[0], py - p[1], pz - p[2]), (vx - v[0], vy - v[1], vz - v[2])
+        z1, z1_dot = (px - a, py - b, pz - c), (vx - d, vy - e, vz - f)
         feed, jerk = reference.acceleration_ned, reference.jerk_ned
-        state = new(LawState, (z1, z1_dot, motion.velocity, motion.attitude, thrust, b_hat, feed, jerk))
-        step = backstep(self._ops, gains, state, mass, drag, witness=witness, suspended=suspended)
-        wanted = self._turn(motion.attitude, step.rate_x, step.rate_y, reference.yaw_rad, reference.yaw_rate_rad_s)
+        state = new(LawState, (z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk))
+        step = backstep(ops, gains, state, mass, drag, witness=witness, suspended=suspended)
+        # The law's rates, and the one that turns the heading.
+        k_yaw, most, yaw, yaw_dot = gains.k_yaw, self._limits[2], reference.yaw_rad, reference.yaw_rate_rad_s
+        rate_x, rate_y = step.rate_x, step.rate_y
+        rates = wanted = (rate_x, rate_y, yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most))
         if compensate:
             thrust_command = thrust + self._thrust_lead * step.thrust_rate
-            rates = wanted
             if vehicle.rate_lag_s > 0.0:
                 ahead = self._look_ahead(state, step, estimate, mass, interval_s)
-                turned = self._turn(
-                    ahead.attitude,
-                    *turn_rates(self._ops, gains, ahead, mass, drag, suspended),
-                    reference.yaw_rad + AHEAD_S * reference.yaw_rate_rad_s,
-                    reference.yaw_rate_rad_s,
-                )
-                rates = self._lead(motion.rates, wanted, turned)
+                rate_x, rate_y = turn_rates(ops, gains, ahead, mass, drag, suspended)
+                yaw = yaw + AHEAD_S * yaw_dot
+                third = yaw_rate(ops, ahead.attitude, yaw, yaw_dot, rate_y, k_yaw, most)
+                rates = self._lead(motion.rates, wanted, (rate_x, rate_y, third))
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
-            rates = wanted
         drive, self._saturated = self._clamp(thrust_command, rates)
         self._thrust_sent = drive.thrust
-        dt, dot = interval_s, step.b_hat_dot
-        self.b_hat = within(
-            self._ops,
-            (b_hat[0] + dt * dot[0], b_hat[1] + dt * dot[1], b_hat[2] + dt * dot[2]),
-            gains.b_bound + gains.epsilon,
-        )
+        dot = step.b_hat_dot
+        self.b_hat = within(ops, _add(b_hat, interval_s, dot), gains.b_bound + gains.epsilon)
         # In the order of the fields: by name it would take three times as long.
         seen = Diagnostics(
             step.z1,
@@ -231,21 +226,18 @@ class Adaptive:
         gains, b = self._gains, self.b_hat
         if gains.composite == "off" or gains.kb == 0.0:
             return b, None
-        radius = gains.b_bound + gains.epsilon
+        (x, y, z), radius = b, gains.b_bound + gains.epsilon
         if gains.composite == "raw":
-            step = estimate.disturbance_step
-            return within(self._ops, (b[0] + step[0], b[1] + step[1], b[2] + step[2]), radius), None
+            u, v, w = estimate.disturbance_step
+            return within(self._ops, (x + u, y + v, z + w), radius), None
         d, before = estimate.disturbance, self._witnessed
         self._witnessed = d
+        p, q, r = d
         if before is not None:
-            b = within(self._ops, (b[0] + d[0] - before[0], b[1] + d[1] - before[1], b[2] + d[2] - before[2]), radius)
+            u, v, w = before
+            b = x, y, z = within(self._ops, (x + p - u, y + q - v, z + r - w), radius)
         k = gains.kappa
-        return b, (k * (d[0] - b[0]), k * (d[1] - b[1]), k * (d[2] - b[2]))
-
-    def _turn(self, attitude: Quat, rate_x: Real, rate_y: Real, yaw: Real, yaw_dot: Real) -> Vec3:
-        """The rates to have [rad/s]: the law's, and the one that turns the heading."""
-        third = yaw_rate(self._ops, attitude, yaw, yaw_dot, rate_y, self._gains.k_yaw, self._limits[2])
-        return rate_x, rate_y, third
+        return b, (k * (p - x), k * (q - y), k * (r - z))
 
     def _look_ahead(
         self, state: LawState, step: LawOutput, estimate: Estimate, mass: Real, interval_s: float
@@ -256,31 +248,23 @@ class Adaptive:
         in it, and a filter on that lags.
         """
         e, half = AHEAD_S, 0.5 * AHEAD_S * AHEAD_S
-        z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk = state
+        (x, y, z), (ux, uy, uz), (vx, vy, vz), attitude, thrust, b_hat, feed, jerk = state
         (dx, dy, dz), drag, f = estimate.disturbance, self._vehicle.drag_per_s, -thrust / mass
         rx, ry, rz = third_column(attitude)
-        vx, vy, vz = velocity
         ax, ay, az = f * rx + dx - drag * vx, f * ry + dy - drag * vy, f * rz + dz - drag * vz + self._gains.gravity
+        (fx, fy, fz), (jx, jy, jz) = feed, jerk
         sx, sy, sz = self._find_snap(jerk, interval_s)
-        ex, ey, ez = ax - feed[0], ay - feed[1], az - feed[2]
+        ex, ey, ez = ax - fx, ay - fy, az - fz
         wx, wy, wz = estimate.motion.rates
         moved = (
-            (
-                z1[0] + e * z1_dot[0] + half * ex,
-                z1[1] + e * z1_dot[1] + half * ey,
-                z1[2] + e * z1_dot[2] + half * ez,
-            ),
-            (
-                z1_dot[0] + e * ex - half * jerk[0],
-                z1_dot[1] + e * ey - half * jerk[1],
-                z1_dot[2] + e * ez - half * jerk[2],
-            ),
+            (x + e * ux + half * ex, y + e * uy + half * ey, z + e * uz + half * ez),
+            (ux + e * ex - half * jx, uy + e * ey - half * jy, uz + e * ez - half * jz),
             (vx + e * ax, vy + e * ay, vz + e * az),
             rotate(attitude, (e * wx, e * wy, e * wz)),
             thrust + e * step.thrust_rate,
             _add(b_hat, e, step.b_hat_dot),
-            _add(feed, e, jerk),
-            (jerk[0] + e * sx, jerk[1] + e * sy, jerk[2] + e * sz),
+            (fx + e * jx, fy + e * jy, fz + e * jz),
+            (jx + e * sx, jy + e * sy, jz + e * sz),
         )
         return new(LawState, moved)
 
@@ -290,7 +274,8 @@ class Adaptive:
         if before is None or interval_s <= 0.0:
             return self._slope
         (a, b, c), k = self._slope, 1.0 / interval_s
-        x, y, z = self._slope = (k * (jerk[0] - before[0]), k * (jerk[1] - before[1]), k * (jerk[2] - before[2]))
+        (p, q, r), (u, v, w) = jerk, before
+        x, y, z = self._slope = (k * (p - u), k * (q - v), k * (r - w))
         return 1.5 * x - 0.5 * a, 1.5 * y - 0.5 * b, 1.5 * z - 0.5 * c
 
     def _lead(self, rates: Vec3, wanted: Vec3, ahead: Vec3) -> Vec3:
@@ -299,10 +284,11 @@ class Adaptive:
         ``ahead`` is what will be wanted ``AHEAD_S`` later.
         """
         n, k, d = self._rate_lead, self._gains.k_omega, 1.0 / AHEAD_S
+        (p, q, r), (a, b, c), (x, y, z) = rates, wanted, ahead
         return (
-            rates[0] + n * (k * (wanted[0] - rates[0]) + d * (ahead[0] - wanted[0])),
-            rates[1] + n * (k * (wanted[1] - rates[1]) + d * (ahead[1] - wanted[1])),
-            rates[2] + n * (k * (wanted[2] - rates[2]) + d * (ahead[2] - wanted[2])),
+            p + n * (k * (a - p) + d * (x - a)),
+            q + n * (k * (b - q) + d * (y - b)),
+            r + n * (k * (c - r) + d * (z - c)),
         )
 
     def _clamp(self, thrust: float, rates: Vec3) -> tuple[ActuatorCommand, bool]:

@@ -165,10 +165,8 @@ def brink(ops: Ops, b_hat: Vec3, bound: Real, epsilon: Real, order: int) -> Brin
     return Brink(outside ** (order + 1), scale)
 
 
-def project_at(ops: Ops, xi: Vec3, b_hat: Vec3, edge: Brink | None, delta: Real) -> Vec3:
+def project_at(ops: Ops, xi: Vec3, b_hat: Vec3, edge: Brink, delta: Real) -> Vec3:
     """Proj(ξ, b̂) at that ``edge``."""
-    if edge is None:
-        return xi
     (x, y, z), (bx, by, bz) = xi, b_hat
     inner = bx * x + by * y + bz * z
     k = edge.eta1 * (inner + ops.sqrt(inner * inner + delta * delta)) / edge.scale
@@ -190,7 +188,8 @@ def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delt
     Returns:
         Proj(ξ, b̂), which equals ξ wherever |b̂| <= B (P1-P4 of the paper, Theorem 3).
     """
-    return project_at(ops, xi, b_hat, brink(ops, b_hat, bound, epsilon, order), delta)
+    edge = brink(ops, b_hat, bound, epsilon, order)
+    return xi if edge is None else project_at(ops, xi, b_hat, edge, delta)
 
 
 def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
@@ -256,16 +255,10 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
     """Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½ z3ᵀz3: all of V but its b̃ term."""
     w_terms: Vec3
     """σᵀσ, k2 z2ᵀρ(z2), z3ᵀ k3 z3: all of W."""
-
-    @property
-    def v_known(self) -> Real:
-        """V_DI + ½ z3ᵀz3: V without its b̃ term."""
-        return self.v_terms[0] + self.v_terms[1] + self.v_terms[2]
-
-    @property
-    def w(self) -> Real:
-        """W = σᵀσ + k2 z2ᵀρ(z2) + z3ᵀ k3 z3."""
-        return self.w_terms[0] + self.w_terms[1] + self.w_terms[2]
+    v_known: Real
+    """V_DI + ½ z3ᵀz3: V without its b̃ term."""
+    w: Real
+    """W = σᵀσ + k2 z2ᵀρ(z2) + z3ᵀ k3 z3."""
 
 
 def axis(
@@ -369,7 +362,9 @@ def backstep(
     by = law.shape.sigma
     phi = integral(by, xr, x_root) + integral(by, yr, y_root) + integral(by, zr, z_root)
     stored = 0.5 * x_omega * x_omega + 0.5 * y_omega * y_omega + 0.5 * z_omega * z_omega
-    lost = k2 * xz2 * x_rho + k2 * yz2 * y_rho + k2 * zz2 * z_rho
+    third = 0.5 * (aside + down)
+    near, lost = xs * xs + ys * ys + zs * zs, k2 * xz2 * x_rho + k2 * yz2 * y_rho + k2 * zz2 * z_rho
+    turned = law.k3 * aside + law.k3_down * down
     return LawOutput(
         mass * turn[2],  # (10)
         -(mass / thrust) * turn[1],
@@ -379,8 +374,10 @@ def backstep(
         (xz2, yz2, zz2),
         (z3x, z3y, z3z),
         (xu, yu, zu),
-        (phi, stored, 0.5 * (aside + down)),
-        (xs * xs + ys * ys + zs * zs, lost, law.k3 * aside + law.k3_down * down),
+        (phi, stored, third),
+        (near, lost, turned),
+        phi + stored + third,
+        near + lost + turned,
     )
 
 
@@ -427,7 +424,7 @@ def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, susp
 
 def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink | None) -> Vec3:
     """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
-    x, y, z = project_at(ops, xi, b_hat, edge, law.delta)
+    x, y, z = xi if edge is None else project_at(ops, xi, b_hat, edge, law.delta)
     return (kb * x, kb * y, kb * z)
 
 
