@@ -133,7 +133,7 @@ class BatchEstimator:
             AlongTrack(zeros(n, 3), Covariance(*zeros(n, 10))),
             tuple(zero - np.inf for _ in range(5)),
             tuple(zeros(n, 3) for _ in range(5)),
-            ActuatorResponse(zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
+            (zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
         )
         self._state = state
         self.release()
@@ -215,17 +215,17 @@ class BatchEstimator:
             (p, v, d, c), part = along.more, part_along(along.axis, step)
             place, speed = correct(place, p, part), correct(speed, v, part)
             now, rate = correct(now, d, part), correct(rate, c, part)
-        e = old.effectiveness
+        e, (p, v, d, c) = old.effectiveness, gain
         if self._separates:
             e = predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
             e, moved = update_effectiveness(ops, e, step, gain, across2, 0, along)
-            place = correct_by_both(place, gain.p, step, moved, e.p)
-            speed = correct_by_both(speed, gain.v, step, moved, e.v)
-            now = correct_by_both(now, gain.d, step, moved, e.d)
-            rate = correct_by_both(rate, gain.c, step, moved, e.c)
+            place = correct_by_both(place, p, step, moved, e.p)
+            speed = correct_by_both(speed, v, step, moved, e.v)
+            now = correct_by_both(now, d, step, moved, e.d)
+            rate = correct_by_both(rate, c, step, moved, e.c)
         else:
-            place, speed = correct(place, gain.p, step), correct(speed, gain.v, step)
-            now, rate = correct(now, gain.d, step), correct(rate, gain.c, step)
+            place, speed = correct(place, p, step), correct(speed, v, step)
+            now, rate = correct(now, d, step), correct(rate, c, step)
         turned = correct_attitude(ops, model.attitude, attitude, self._gains.attitude_gain)
         motion = Motion(place, speed, turned, model.thrust, model.rates)
         seen = (noise, stamp_noise, track, times, places)
@@ -291,7 +291,7 @@ class BatchEstimator:
 def _rolling(_: Ops, old: tuple[Motion, ActuatorResponse], __: Any) -> Any:
     """Begin to roll commands at the newest pose."""
     motion = old[0]
-    return (motion, ActuatorResponse(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), ()
+    return (motion, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), ()
 
 
 class BatchWatch:

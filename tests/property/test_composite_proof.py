@@ -87,10 +87,19 @@ def laws(draw: st.DrawFn) -> Gains:
     )
 
 
+class ObserverGain(NamedTuple):
+    """What an innovation changes in continuous time, as :class:`KalmanGain` does in one step."""
+
+    p: float
+    v: float
+    d: float
+    c: float
+
+
 class Observer(NamedTuple):
     """The observer's error dynamics e˙ = A e of one axis, and P with AᵀP + PA = -I."""
 
-    l: KalmanGain  # noqa: E741  # the law document's letter
+    l: ObserverGain  # noqa: E741  # the law document's letter
     a: Array
     p: Array
 
@@ -103,7 +112,7 @@ class Observer(NamedTuple):
 def steady(h: float, noise: float, densities: Densities) -> tuple[KalmanGain, Covariance]:
     """The gain and the covariance of the code's filter after many poses at equal intervals."""
     covariance = initial_covariance(noise * noise)
-    gain = KalmanGain(0.0, 0.0, 0.0, 0.0)
+    gain = (0.0, 0.0, 0.0, 0.0)
     for _ in range(5000):
         gain, covariance = update_covariance(predict_covariance(covariance, h, densities), noise * noise)
     return gain, covariance
@@ -113,7 +122,7 @@ def observer(h: float, noise: float, densities: Densities) -> Observer:
     """The filter in continuous time: K/h at 1 kHz, with as much noise in all as ``noise`` at intervals ``h``."""
     dense = 0.001
     gain, _ = steady(dense, noise * math.sqrt(h / dense), densities)
-    l = KalmanGain(*(k / dense for k in gain))  # noqa: E741  # the law document's letter
+    l = ObserverGain(*(k / dense for k in gain))  # noqa: E741  # the law document's letter
     a = np.array([[-l.p, 1, 0, 0], [-l.v, 0, 1, 0], [-l.d, 0, 0, 1], [-l.c, 0, 0, 0]])
     i = np.eye(4)
     p = np.linalg.solve(np.kron(a.T, i) + np.kron(i, a.T), -i.ravel()).reshape(4, 4)

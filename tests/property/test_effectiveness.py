@@ -44,7 +44,7 @@ def transition(h: float) -> np.ndarray:
 def thrust_gives(velocity: Sequence[float], place: Sequence[float]) -> ActuatorResponse:
     """Commands that give that velocity [m/s] and place [m], NED, to one kilogram: thrust pushes against R e3."""
     (a, b, c), (x, y, z) = velocity, place
-    return ActuatorResponse((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
+    return ((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
 
 
 def dense(s: Covariance) -> np.ndarray:
@@ -120,7 +120,7 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         def roll(
             motion: Motion, share: float, wind: Vec3, rate: Vec3, drive: ActuatorCommand = drive
         ) -> tuple[Motion, ActuatorResponse]:
-            still = ActuatorResponse(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)
+            still = motion.attitude, motion.thrust, motion.rates, ZERO, ZERO
             push = integrate_actuators(FLOATS, still, drive, h, lag, lag)
             return integrate_motion(motion, push, h, mass / share, (wind[0], wind[1], wind[2] + 9.81), rate), push
 
@@ -131,10 +131,11 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         e = predict_effectiveness(e, h, push, mass, 0.0)
         step = innovation(truth.position, model.position)
         e, moved = update_effectiveness(FLOATS, e, step, gain, expected.pp + 1e-8)
-        d = correct_by_both(correct(d, h, c), gain.d, step, moved, e.d)
-        c = correct_by_both(c, gain.c, step, moved, e.c)
-        position = correct_by_both(model.position, gain.p, step, moved, e.p)
-        velocity = correct_by_both(model.velocity, gain.v, step, moved, e.v)
+        kp, kv, kd, kc = gain
+        d = correct_by_both(correct(d, h, c), kd, step, moved, e.d)
+        c = correct_by_both(c, kc, step, moved, e.c)
+        position = correct_by_both(model.position, kp, step, moved, e.p)
+        velocity = correct_by_both(model.velocity, kv, step, moved, e.v)
         believed = Motion(position, velocity, truth.attitude, model.thrust, model.rates)
     return e, list(d)
 

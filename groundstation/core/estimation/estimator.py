@@ -76,13 +76,8 @@ class Densities(NamedTuple):
     disturbance_rate: float
 
 
-class KalmanGain(NamedTuple):
-    """What one metre of innovation changes: position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
-
-    p: Real
-    v: Real
-    d: Real
-    c: Real
+KalmanGain: TypeAlias = tuple[Real, Real, Real, Real]
+"""What one metre of innovation changes: position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
 
 
 def initial_covariance(noise: Real) -> Covariance:
@@ -154,7 +149,7 @@ def update_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
         dc - kd * pc,
         cc - kc * pc,
     )
-    return new(KalmanGain, (kp, kv, kd, kc)), new(Covariance, after)
+    return (kp, kv, kd, kc), new(Covariance, after)
 
 
 def update_moving_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
@@ -174,7 +169,7 @@ def update_moving_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covari
         dc - kd * vc,
         cc - kc * vc,
     )
-    return new(KalmanGain, (kp, kv, kd, kc)), new(Covariance, after)
+    return (kp, kv, kd, kc), new(Covariance, after)
 
 
 def fourth_difference(times: Sequence[Real], places: Sequence[Vec3]) -> tuple[Real, Real, Real]:
@@ -289,7 +284,7 @@ def weigh_along(
 ) -> tuple[AlongGain, AlongTrack]:
     """Beside ``gain`` in every direction, what comes ``along`` the motion; the innovation has the variances given."""
     (kp, kv, kd, kc), ((p, v, d, c), covariance) = gain, along
-    more = new(KalmanGain, (p - kp, v - kv, d - kd, c - kc))
+    more = (p - kp, v - kv, d - kd, c - kc)
     return (
         new(AlongGain, (axis, more, ops.sqrt(across2 / along2) - 1.0)),
         new(AlongTrack, (axis, covariance)),
@@ -701,7 +696,7 @@ class ModelEstimator:
         while len(drives) > 1 and drives[1][0] <= stamp:
             drives.popleft()
         self._motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
-        self._path = [(stamp, new(ActuatorResponse, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), 0)]
+        self._path = [(stamp, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO), 0)]
 
     def _expect(self, pose: Pose, dt: float, velocity: Vec3) -> tuple[Covariance, AlongTrack | None, float, float]:
         """Before ``pose``: covariance across the motion, that along it, and the noise of the two [m²].
@@ -821,12 +816,13 @@ class ModelEstimator:
         time, state, index = path[-1]
         last = len(drives) - 1
         while time < end - 1e-9:
-            while index < last and drives[index + 1][0] <= time + 1e-9:
+            changes = drives[index + 1][0] if index < last else math.inf
+            while changes <= time + 1e-9:
                 index += 1
-            drive = drives[index][1] if drives else ActuatorCommand(state.thrust, state.rates)
-            until = time + STEP_LIMIT
-            if index < last and drives[index + 1][0] < until:
-                until = drives[index + 1][0]
+                changes = drives[index + 1][0] if index < last else math.inf
+            drive = drives[index][1] if drives else ActuatorCommand(state[1], state[2])
+            longest = time + STEP_LIMIT
+            until = changes if changes < longest else longest
             if until > end:
                 return integrate_actuators(FLOATS, state, drive, end - time, self._thrust_lag, self._rate_lag)
             state = integrate_actuators(FLOATS, state, drive, until - time, self._thrust_lag, self._rate_lag)

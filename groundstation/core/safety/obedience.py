@@ -737,7 +737,7 @@ class Obedience:
         self._seen_y += k * (w * r + x * s - y * p - z * q)
         self._seen_z += k * (w * s - x * r + y * q - z * p)
         w, x, y, z = before.attitude
-        p, q, r, s = given.attitude  # goes on from there: no sign to mind
+        p, q, r, s = given[0]  # goes on from there: no sign to mind
         self._told_x += 2.0 * (w * q - x * p - y * s + z * r)
         self._told_y += 2.0 * (w * r + x * s - y * p - z * q)
         self._told_z += 2.0 * (w * s - x * r + y * q - z * p)
@@ -750,7 +750,7 @@ class Obedience:
             if further > LEAP_M:
                 self._leaps(pose.time_s)
         half = 0.5 * dt
-        m, (ix, iy, iz), (sx, sy, sz), g = self._per_newton, given.impulse, given.reach, self._gravity
+        m, g, (_, _, _, (ix, iy, iz), (sx, sy, sz)) = self._per_newton, self._gravity, given
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
         self._pushed = (px + dt * vx + m * sx, py + dt * vy + m * sy, pz + dt * (vz + half * g) + m * sz)
         self._speed = (vx + m * ix, vy + m * iy, vz + m * iz + g * dt)

@@ -137,7 +137,7 @@ class Watched:
         weight = MASS_KG * G
         return (
             Motion(self._seen.position_ned, self._velocity, attitude, weight, ORIGIN),
-            ActuatorResponse(attitude, weight, ORIGIN, ORIGIN, ORIGIN),
+            (attitude, weight, ORIGIN, ORIGIN, ORIGIN),
         )
 
     def _commands(self, demand: Demand) -> tuple[Vec3, float]:
@@ -148,10 +148,11 @@ class Watched:
         return (k * (demand.roll + y), k * (demand.pitch - x), -2.0 * k * z * w), demand.thrust * MASS_KG * G
 
     def _driven(self, made: ActuatorResponse, rates: Vec3, push: float) -> ActuatorResponse:
-        h, (x, y, z), (ix, iy, iz), (sx, sy, sz) = PERIOD_S, third_column(made.attitude), made.impulse, made.reach
+        attitude, _, _, (ix, iy, iz), (sx, sy, sz) = made
+        h, (x, y, z) = PERIOD_S, third_column(attitude)
         fx, fy, fz = push * x, push * y, push * z
-        return ActuatorResponse(
-            rotate(made.attitude, (h * rates[0], h * rates[1], h * rates[2])), push, rates,
+        return (
+            rotate(attitude, (h * rates[0], h * rates[1], h * rates[2])), push, rates,
             (ix + h * fx, iy + h * fy, iz + h * fz),
             (sx + h * (ix + 0.5 * h * fx), sy + h * (iy + 0.5 * h * fy), sz + h * (iz + 0.5 * h * fz)),
         )  # fmt: skip
@@ -359,7 +360,7 @@ def headings(asked: Callable[[float], float], answer_s: float, stray_rad_s: floa
     for k in range(1000):
         time_s = PERIOD_S * k
         told = rotate(LEVEL, (0.0, 0.0, asked(time_s) * PERIOD_S))
-        given = ActuatorResponse(told, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN)
+        given = (told, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN)
         pose = Pose(k, time_s, time_s, ORIGIN, attitude)
         monitor.pose(pose, level, given, PERIOD_S, NOISE_M, counts=True)
         largest = max(largest, monitor.evidence.heading)
@@ -387,7 +388,7 @@ def rested(place: Callable[[random.Random, float], float]) -> Obedience:
     rng, monitor, x = random.Random(3), Obedience(MASS_KG, G), 0.0
     level, given = (
         Motion(ORIGIN, ORIGIN, LEVEL, 0.0, ORIGIN),
-        ActuatorResponse(LEVEL, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN),
+        (LEVEL, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * PERIOD_S), ORIGIN),
     )
     for k in range(2100):
         x = place(rng, x)
