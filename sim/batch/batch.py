@@ -129,7 +129,7 @@ class BatchEstimator:
             Covariance(*zeros(n, 10)),
             Effectiveness(*zeros(n, 2), *(zeros(n, 3) for _ in range(4))),
             zero + gains.pose_noise_m**2,
-            StampNoise(zero + gains.pose_noise_m**2, zero + 0.0),
+            (zero + gains.pose_noise_m**2, zero + 0.0),
             AlongTrack(zeros(n, 3), Covariance(*zeros(n, 10))),
             tuple(zero - np.inf for _ in range(5)),
             tuple(zeros(n, 3) for _ in range(5)),
@@ -281,7 +281,7 @@ class BatchEstimator:
         noise, (before, speed2) = old.noise, old.stamp_noise
         variance, along, way2 = fourth_difference(times, places)
         measured = noise + (variance - noise) / NOISE_MEMORY
-        seen = StampNoise(
+        seen = (
             ops.where(counts, before + (along - before) / NOISE_MEMORY, before),
             ops.where(counts, speed2 + (way2 / (span * span) - speed2) / NOISE_MEMORY, speed2),
         )

@@ -29,10 +29,9 @@ from groundstation.core.control.backstepping import (
     BacksteppingAxis,
     Law,
     LawOutput,
-    LawState,
+    State,
     axis,
     backstep,
-    saturate,
     turn_rates,
     within,
     yaw_rate,
@@ -178,7 +177,7 @@ class Adaptive:
         mass, drag = vehicle.mass_kg / estimate.effectiveness, vehicle.drag_per_s
         z1, z1_dot = (px - a, py - b, pz - c), (vx - d, vy - e, vz - f)
         feed, jerk = reference.acceleration_ned, reference.jerk_ned
-        state = new(LawState, (z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk))
+        state = (z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk)
         step = backstep(ops, gains, state, mass, drag, witness=witness, suspended=suspended)
         # The law's rates, and the one that turns the heading.
         k_yaw, most, yaw, yaw_dot = gains.k_yaw, self._limits[2], reference.yaw_rad, reference.yaw_rate_rad_s
@@ -190,7 +189,7 @@ class Adaptive:
                 ahead = self._look_ahead(state, step, estimate, mass, interval_s)
                 rate_x, rate_y = turn_rates(ops, gains, ahead, mass, drag, suspended)
                 yaw = yaw + AHEAD_S * yaw_dot
-                third = yaw_rate(ops, ahead.attitude, yaw, yaw_dot, rate_y, k_yaw, most)
+                third = yaw_rate(ops, ahead[3], yaw, yaw_dot, rate_y, k_yaw, most)
                 rates = self._lead(motion.rates, wanted, (rate_x, rate_y, third))
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
@@ -239,9 +238,7 @@ class Adaptive:
         k = gains.kappa
         return b, (k * (p - x), k * (q - y), k * (r - z))
 
-    def _look_ahead(
-        self, state: LawState, step: LawOutput, estimate: Estimate, mass: Real, interval_s: float
-    ) -> LawState:
+    def _look_ahead(self, state: State, step: LawOutput, estimate: Estimate, mass: Real, interval_s: float) -> State:
         """The law's state ``AHEAD_S`` later: the vehicle along its model, the reference along its derivatives.
 
         So ω˙_d is the derivative of the law itself. A difference of successive ω_d would have each pose's innovation
@@ -256,7 +253,7 @@ class Adaptive:
         sx, sy, sz = self._find_snap(jerk, interval_s)
         ex, ey, ez = ax - fx, ay - fy, az - fz
         wx, wy, wz = estimate.motion.rates
-        moved = (
+        return (
             (x + e * ux + half * ex, y + e * uy + half * ey, z + e * uz + half * ez),
             (ux + e * ex - half * jx, uy + e * ey - half * jy, uz + e * ez - half * jz),
             (vx + e * ax, vy + e * ay, vz + e * az),
@@ -266,7 +263,6 @@ class Adaptive:
             (fx + e * jx, fy + e * jy, fz + e * jz),
             (jx + e * sx, jy + e * sy, jz + e * sz),
         )
-        return new(LawState, moved)
 
     def _find_snap(self, jerk: Vec3, interval_s: float) -> Vec3:
         """The reference's snap now [m/s⁴]: differences of its exact jerk, extrapolated by half an interval."""
@@ -383,7 +379,7 @@ def virtual_control_sup(law: Law) -> float:
         best = (z1, x2)
         for i in range(last, -points - 1, -1):
             first = z1 + z1_span * i / points
-            slope = saturate(FLOATS, first, law.shape.sigma)[1]
+            slope = BacksteppingAxis(*axis(FLOATS, law.shape, first, 0.0)).sigma_prime
             if law.k2 * law.rho_bound + m + slope * (m + law.velocity_scale) < top:
                 continue  # |u*| is nowhere more than that for this z1: |x2| <= (M + c) Ω'(x2)
             for j in range(-points, points + 1):

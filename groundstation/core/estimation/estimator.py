@@ -201,14 +201,9 @@ NO_WAY_M2 = 1e-20
 """Keeps a quotient by a way that may be nought finite [m²]."""
 
 
-class StampNoise(NamedTuple):
-    """What fourth differences show along the motion, averaged as the noise of all axes is. Elementwise."""
-
-    along: Real
-    """Variance along the motion [m²]."""
-    speed2: Real
-    """Speed squared [m²/s²]."""
-
+StampNoise: TypeAlias = tuple[Real, Real]
+"""What fourth differences show along the motion, averaged as the noise of all axes is: variance along it [m²], and the
+square of the speed [m²/s²]. Elementwise."""
 
 JITTER_SHOWS = 2.0
 """Stamps are off where noise along the motion has so many times the variance of that across it: by chance, with memory
@@ -227,13 +222,14 @@ def split_noise(ops: Ops, noise: Real, seen: StampNoise, least: float, told_s: f
     """
     if told_s == 0.0:
         return noise, 0.0
-    across = ops.clamp(1.5 * noise - 0.5 * seen.along, least, math.inf)
+    along, speed2 = seen
+    across = ops.clamp(1.5 * noise - 0.5 * along, least, math.inf)
     if told_s is not None:
         return across, told_s * told_s + 0.0 * across
-    shows = seen.along > JITTER_SHOWS * across
+    shows = along > JITTER_SHOWS * across
     if ops is FLOATS and not shows:  # as nearly always
         return noise, 0.0
-    return ops.where(shows, across, noise), ops.where(shows, (seen.along - across) / (seen.speed2 + NO_WAY_M2), 0.0)
+    return ops.where(shows, across, noise), ops.where(shows, (along - across) / (speed2 + NO_WAY_M2), 0.0)
 
 
 class AlongTrack(NamedTuple):
@@ -532,7 +528,7 @@ class ModelEstimator:
         white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
         self._still, self._moving = Densities(0.0, *white), Densities(gains.position_wander**2, *white)
         self._noise = gains.pose_noise_m**2
-        self._stamp_noise = StampNoise(self._noise, 0.0)
+        self._stamp_noise = (self._noise, 0.0)
         self._covariance = initial_covariance(self._noise)
         self._track: AlongTrack | None = None
         self._bias: Vec3 = ZERO
@@ -794,7 +790,7 @@ class ModelEstimator:
         self._noise = max(self._noise + (variance - self._noise) / NOISE_MEMORY, NOISE_FLOOR_M2)
         before, speed2 = self._stamp_noise
         speed2 += (way2 / (span_s * span_s) - speed2) / NOISE_MEMORY
-        self._stamp_noise = new(StampNoise, (before + (along - before) / NOISE_MEMORY, speed2))
+        self._stamp_noise = (before + (along - before) / NOISE_MEMORY, speed2)
 
     def _learn_bias(self, pose: Pose, measured: Vec3, dt: float) -> None:
         """Have the mean of the velocities be what positions moved by; ``measured`` [m/s] is without the bias so far."""
