@@ -2,7 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from groundstation.analysis.recordings import Channel, FlightData, Track, export_command, logs_command
+    from groundstation.analysis.recordings import Channel, FlightData, Track, export_command, load, logs_command
     from groundstation.analysis.replay import replay_command
     from groundstation.analysis.shadow import (
         FlownPath,

@@ -17,7 +17,7 @@ import math
 import sys
 from bisect import bisect
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
@@ -118,21 +118,32 @@ def _short_of(recording: "Recording") -> str:
 
 
 def _write_folder(recording: "Recording", topics: list[str], folder: Path) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as stack:
-        paths = {topic: folder / f"{topic.strip('/').replace('/', '_')}.csv" for topic in topics}
-        files = {
-            topic: stack.enter_context(path.open("w", encoding="utf-8", newline="")) for topic, path in paths.items()
-        }
-        rows = write_csv(recording, files)
-    for topic, path in paths.items():
-        if rows[topic]:
-            print(f"{path}: {rows[topic]} rows")
-        else:  # nobody reads a table without a column
-            path.unlink()
+    for topic, count in write_tables(recording, "csv", topics, folder).items():
+        if count:
+            print(f"{folder / _file_name(topic)}: {count} rows")
+        else:
             print(f"{topic}: holds nothing, no file of it")
     if not recording.whole:
         print(f"the recording {recording.trouble}")
+
+
+def _file_name(topic: str) -> str:
+    return f"{topic.strip('/').replace('/', '_')}.csv"
+
+
+def _write_csv_folder(recording: "Recording", topics: Collection[str], folder: Path) -> dict[str, int]:
+    """A folder with a file for each channel that holds anything: nobody reads a table without a column."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        files = {
+            topic: stack.enter_context((folder / _file_name(topic)).open("w", encoding="utf-8", newline=""))
+            for topic in topics
+        }
+        rows = write_csv(recording, files)
+    for topic, count in rows.items():
+        if not count:
+            (folder / _file_name(topic)).unlink()
+    return rows
 
 
 def write_csv(recording: "Recording", files: Mapping[str, TextIO]) -> dict[str, int]:
@@ -444,7 +455,11 @@ class FlightData:
         rms = (
             "no steady part" if self.rms_cm is None else f"RMS error {self.rms_cm:.2f} cm against {self.error_against}"
         )
-        return f"<{type(self).__name__} of {self.path.name}, {self.about.get('controller', 'no controller')}: {rms}>"
+        short = _short_of(self._recording)  # known by now: the figures are read to its end
+        return (
+            f"<{type(self).__name__} of {self.path.name}, {self.about.get('controller', 'no controller')}: "
+            f"{rms}{short}>"
+        )
 
     @property
     def about(self) -> dict[str, str]:
@@ -530,7 +545,7 @@ class FlightData:
         Raises:
             KeyError: there is none of that name.
         """
-        topic = f"/{channel.strip('/')}"
+        topic = f"/{str(channel).strip('/')}"
         if topic not in CHANNELS:
             raise KeyError(f"expected one of {self.channels}, got {channel!r}")
         return Channel(topic, read_table(self._recording, (topic,))[topic])
@@ -570,6 +585,8 @@ class FlightData:
     def save(self, path: Path | str) -> Path:
         """Write the recording to ``path``: itself as .mcap, or its channels as one of the formats of ``export``.
 
+        As .csv and .parquet they are a folder, with a file for each channel.
+
         Raises:
             ConfigError: no such format, a package for it is missing, or it can't be written.
         """
@@ -579,7 +596,8 @@ class FlightData:
             if form == "mcap":
                 import shutil
 
-                shutil.copyfile(self.path, target)
+                with suppress(shutil.SameFileError):  # it is there already
+                    shutil.copyfile(self.path, target)
             elif form in FORMATS:
                 write_tables(self._recording, form, list(CHANNELS), target)
             else:
@@ -657,8 +675,8 @@ _TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {
     "mat": _write_mat,
     "parquet": _write_parquet,
 }
-FORMATS = (*_TABLE_WRITERS, "rrd")
-"""What channels can be written as, by the ending of the file's name; parquet makes a folder."""
+FORMATS = (*_TABLE_WRITERS, "csv", "rrd")
+"""What channels can be written as, by the ending of the file's name; csv and parquet make a folder."""
 
 
 def write_tables(recording: "Recording", form: str, topics: Collection[str], target: Path) -> dict[str, int]:
@@ -672,6 +690,8 @@ def write_tables(recording: "Recording", form: str, topics: Collection[str], tar
         from groundstation.analysis.viewers import write_rrd
 
         return write_rrd(recording, topics, target)
+    if form == "csv":
+        return _write_csv_folder(recording, topics, target)
     tables = {
         topic.strip("/").replace("/", "_"): table for topic, table in read_table(recording, topics).items() if table
     }

@@ -492,9 +492,9 @@ def without_frames(work: Callable[P, R]) -> Callable[P, R]:
     return plain
 
 
-def several(names: str | Iterable[R]) -> list[str | R]:
+def several(names: Any) -> list[Any]:
     """The ``names`` in a list, also where it is but one that somebody gave without brackets."""
-    return [names] if isinstance(names, str) else list(names)
+    return list(names) if isinstance(names, Iterable) and not isinstance(names, str) else [names]
 
 
 def describe_error(error: BaseException) -> str:
@@ -541,13 +541,17 @@ def find_object(key: str, factory: str) -> Any:
     return getattr(module, name)
 
 
-def needed_names(function: Callable[..., Any], options: Mapping[str, Any]) -> list[str] | None:
-    """The names of the arguments that ``function`` needs beside ``options``; None where it does not tell."""
+def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter] | None:
     try:
-        parameters = inspect.signature(function).parameters.values()
+        return list(inspect.signature(function).parameters.values())
     except (TypeError, ValueError):
         return None
-    if any(one.kind is one.VAR_POSITIONAL for one in parameters):
+
+
+def needed_names(function: Callable[..., Any], options: Mapping[str, Any]) -> list[str] | None:
+    """The names of the arguments that ``function`` needs beside ``options``; None where it does not tell."""
+    parameters = _parameters(function)
+    if parameters is None or any(one.kind is one.VAR_POSITIONAL for one in parameters):
         return None
     places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     return [
@@ -568,7 +572,8 @@ def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], opti
     needed = needed_names(found, options)
     arguments: tuple[Any, ...] = (*told, dict(options))
     named: dict[str, Any] = {}
-    if needed is not None and len(needed) <= len(told) and "options" not in inspect.signature(found).parameters:
+    as_dict = any(one.name == "options" and one.kind is not one.VAR_KEYWORD for one in _parameters(found) or ())
+    if needed is not None and len(needed) <= len(told) and not as_dict:
         arguments, named = told[: len(needed)], dict(options)
     try:
         return found(*arguments, **named)

@@ -49,6 +49,8 @@ def refuse_recordings(*more: type[Exception]) -> Iterator[None]:
         raise ConfigError("LOG", str(error)) from None
     except OSError as error:
         raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
+    except ValueError as error:  # a name that no file can have
+        raise ConfigError("LOG", f"cannot read it: {error}") from None
 
 
 class NoRecording(Exception):

@@ -6,7 +6,7 @@ if TYPE_CHECKING:
     from sim.runs.flight import CONFIRM_S, MISSION_CONFIRM_S, MissionResult, confirm_at, fly, fly_mission, from_floor
     from sim.runs.referee import CRASH_M, SETTLED_M, Effort, TrueTrack, sought
     from sim.runs.server import place_fleet, serve, serve_fleet
-    from sim.runs.simulation import RECORDING, Run, lend_name, run_beside, simulate
+    from sim.runs.simulation import LONGEST_S, RECORDING, Run, lend_name, run_beside, simulate
     from sim.runs.stage import Stage
     from sim.runs.workers import Workers
 

@@ -51,7 +51,9 @@ class Run(FlightData):
             self.path = path  # read when it is asked for
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"this flight was not recorded, or there is no such thing: {name}")
+        if "path" in self.__dict__:
+            raise AttributeError(f"a run has nothing of the name {name!r}")
+        raise AttributeError(f"this flight was not recorded, so its {name} is not known: fly it with record=True")
 
     def __repr__(self) -> str:
         """For a notebook: what was flown, and how well."""
@@ -130,7 +132,7 @@ def simulate(
         ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
         UserCodeFault: a controller or trajectory of your own failed in flight; its cause shows where.
     """
-    told, own = several(overrides), dict[str, object]()
+    told, own = [str(one) for one in several(overrides)], dict[str, object]()
     kind = lend_name(controller, own)
     if trajectory is not None:
         told.append(f"trajectory.kind={lend_name(trajectory, own)}")

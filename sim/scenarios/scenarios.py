@@ -348,7 +348,7 @@ def scenario_of(name: str) -> Scenario:
     Raises:
         ConfigError: there is no such scenario.
     """
-    if name not in SCENARIOS:
+    if name not in list(SCENARIOS):
         raise ConfigError("--scenario", f"expected one of {sorted(SCENARIOS)}, got {name!r}")
     return SCENARIOS[name]
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple, TypeAlias
 import msgspec
 import numpy as np
 
-from groundstation.analysis import FlightData
-from groundstation.analysis.report import FlightColumns, read_columns
+from groundstation.analysis import FlightData, load
+from groundstation.analysis.report import FlightColumns
 from groundstation.config import ConfigError, from_dict, parse_toml
 from groundstation.core.control import Custom
 from groundstation.core.messages import STEADY_S
@@ -152,11 +152,11 @@ def error_budget(flight: FlightData | FlightColumns | Path | str) -> ErrorBudget
     """The budget of a recorded flight, from the configuration in its recording, and from its world if it has one.
 
     Raises:
-        NoRecording, NoCommand, OSError: see :func:`groundstation.analysis.report.flight.read_columns`.
+        ConfigError: it is no recording of a flight, can't be read, or nothing was commanded in it.
     """
-    if isinstance(flight, FlightData):
-        flight = flight.columns
-    flown = flight if isinstance(flight, FlightColumns) else read_columns(Path(flight))
+    if not isinstance(flight, FlightColumns):
+        flight = (flight if isinstance(flight, FlightData) else load(flight)).columns
+    flown = flight
     about, times = flown.recording.about, flown.scalars["flight_time_s"][flown.tracking]
     # The last command was held for as long as the others.
     ended_s = float(times.max() + np.median(np.diff(times))) if len(times) > 1 else 0.0

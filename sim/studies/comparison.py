@@ -15,6 +15,7 @@ from concurrent.futures.process import BrokenProcessPool  # noqa: TID251  # as a
 from contextlib import ExitStack
 from functools import partial
 from itertools import chain, product
+from numbers import Integral, Real
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,7 +27,7 @@ from groundstation.config import ConfigError, lend, refuse_io, several, without_
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S, Tick
 from groundstation.runtime import replace_between_markers, require_package
-from sim.runs import TrueTrack, Workers, fly, lend_name, run_beside
+from sim.runs import LONGEST_S, TrueTrack, Workers, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.tune import (
     DELAY,
@@ -73,6 +74,8 @@ class ControllerComparison:
         """The table, as a terminal shows it."""
         return text_table(self.rows)
 
+    __repr__ = __str__  # what a notebook shows
+
     def to_pandas(self) -> "DataFrame":
         """The rows as a table, by scenario and controller.
 
@@ -96,7 +99,7 @@ class ControllerComparison:
 
 @without_frames
 def compare(
-    controllers: str | Sequence[object] = CONTROLLERS,
+    controllers: object = CONTROLLERS,
     *,
     scenarios: str | Iterable[str] | None = None,
     seeds: int = 1,
@@ -109,7 +112,7 @@ def compare(
     """Fly controllers through the same scenarios with the same seeds: what ``groundstation-sim compare`` does.
 
     Args:
-        controllers: names, or your own, as :func:`sim.runs.simulation.simulate` takes one.
+        controllers: one or several: names, or your own, as :func:`sim.runs.simulation.simulate` takes one.
         scenarios: their names; without them, all there are.
         seeds: each flies with seeds 0 to ``seeds`` - 1.
         duration: of each flight [s], longer than 16.
@@ -123,17 +126,26 @@ def compare(
         ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
         UserCodeFault: a controller of your own failed in flight; its cause shows where.
     """
-    if duration <= STEADY_S + 1.0:
+    if not (isinstance(duration, Real) and STEADY_S + 1.0 < duration <= LONGEST_S):
         raise ConfigError(
-            "--duration", f"expected more than {STEADY_S + 1:g} s, as figures are taken from {STEADY_S:g} s"
+            "--duration",
+            f"expected more than {STEADY_S + 1:g} s, as figures are taken from {STEADY_S:g} s, "
+            f"and at most {LONGEST_S:g}, got {duration!r}",
         )
+    duration = float(duration)
+    for option, number in (("--seeds", seeds), ("--workers", workers)):
+        if not (isinstance(number, Integral) and number >= 1):
+            raise ConfigError(option, f"expected a whole number, 1 or more, got {number!r}")
     places = several(SCENARIOS if scenarios is None else scenarios)
-    for place in places:
-        if place not in SCENARIOS:
+    for place in places or [None]:
+        if not isinstance(place, str) or place not in SCENARIOS:
             raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {place!r}")
     own: dict[str, object] = {}
-    names = [str(lend_name(controller, own)) for controller in several(controllers)]
-    work = cases(places, names, several(overrides))
+    given = several(controllers)
+    if not given or any(one is None for one in given):
+        raise ConfigError("--controllers", f"expected some of {list(CONTROLLERS)}, or your own, got {controllers!r}")
+    names = [str(lend_name(controller, own)) for controller in given]
+    work = cases(places, names, [str(one) for one in several(overrides)])
     with lend(own):
         for case in work:  # what can't fly says so before anything flies
             _, config = prepare(SCENARIOS[case.scenario], list(case.overrides))

@@ -41,6 +41,26 @@ class Hover:
         return gs.ActuatorCommand(0.08 * 9.81, (0.0, 0.0, 0.0))
 
 
+class Tuned(Hover):
+    """Takes its options by whatever name they have."""
+
+    def __init__(self, vehicle: gs.Vehicle, **options: float) -> None:
+        """``gain`` is expected."""
+        assert options == {"gain": 2.0}
+
+
+class Still:
+    """A trajectory that stands, and tells of itself what it was given."""
+
+    def __init__(self, **told: object) -> None:
+        """``told`` are its attributes."""
+        self.__dict__.update(told)
+
+    def at(self, time_s: float) -> gs.Reference:
+        """Where to be."""
+        return gs.Reference((0.0, 0.0, -1.0))
+
+
 def hover(estimate: gs.Estimate, reference: gs.Reference, interval_s: float) -> gs.ActuatorCommand:
     """The same as a function."""
     return gs.ActuatorCommand(0.08 * 9.81, (0.0, 0.0, 0.0))
@@ -105,6 +125,16 @@ def test_the_table_of_a_flight_has_a_row_a_command(run: gs.Run) -> None:
     table = run.to_pandas()
     assert len(table) == len(run.time)
     assert table["truth.position.down"].iloc[-1] == run.truth.position[-1, 2]  # type: ignore[union-attr]
+
+
+def test_a_flight_is_saved_as_a_folder_of_tables_and_onto_itself(run: gs.Run, tmp_path: Path) -> None:
+    folder = run.save(tmp_path / "flight.csv")
+    lines = (folder / "errors.csv").read_text("utf-8").splitlines()
+    assert len(lines) == 1 + len(run["errors"]["error_m"])
+    assert not (folder / "request.csv").exists()  # nobody made one
+    before = run.path.read_bytes()
+    assert run.save(run.path) == run.path
+    assert run.path.read_bytes() == before
 
 
 @pytest.mark.parametrize("form", ["npz", "mat", "parquet"])
@@ -287,11 +317,85 @@ def test_a_recording_without_truth_says_that_its_error_is_against_the_estimate(t
     ({"duration": math.nan}, "--duration: expected seconds, more than 0"),
     ({"duration": "a minute"}, "--duration: expected seconds, more than 0"),
     ({"seed": 0.5}, "--seed: expected a whole number"),
+    ({"scenario": ["paper"]}, "--scenario: expected one of"),
+    ({"overrides": 5}, "--set: expected key=value"),
+    ({"controller": [1]}, "controller.kind: builtins:list is not callable: expected factory(vehicle, options)"),
+    ({"trajectory": Still(duration_s="long")}, "trajectory.kind: tests.flight.test_library:Still has duration_s = 'l"),
+    ({"trajectory": Still(duration_s=math.nan)}, "trajectory.kind: tests.flight.test_library:Still has duration_s"),
+    ({"trajectory": Still(period_s=-1)}, "trajectory.kind: tests.flight.test_library:Still has period_s = -1: exp"),
+    ({"trajectory": Still(joints_s=5)}, "trajectory.kind: tests.flight.test_library:Still has joints_s = 5: expec"),
+    ({"trajectory": Still(joints_s=[0.0, None])}, "trajectory.kind: tests.flight.test_library:Still has joints_s"),
+    ({"trajectory": Still(joints_s=[2.0, 1.0])}, "trajectory.kind: tests.flight.test_library:Still has joints_s"),
 ])  # fmt: skip
 def test_an_argument_that_means_nothing_is_refused_with_what_is_accepted(told: dict[str, Any], says: str) -> None:
     with pytest.raises(ConfigError) as refused:
         gs.simulate(**{"duration": 2.0, **told})
     assert str(refused.value).startswith(says)
+
+
+@pytest.mark.parametrize(("told", "says"), [
+    ({"duration": math.nan}, "--duration: expected more than 16 s"),
+    ({"duration": "60"}, "--duration: expected more than 16 s"),
+    ({"seeds": 0}, "--seeds: expected a whole number, 1 or more"),
+    ({"seeds": [0, 1]}, "--seeds: expected a whole number, 1 or more"),
+    ({"workers": 0}, "--workers: expected a whole number, 1 or more"),
+    ({"scenarios": []}, "--scenarios: expected some of"),
+    ({"scenarios": 5}, "--scenarios: expected some of"),
+    ({"controllers": []}, "--controllers: expected some of"),
+    ({"controllers": None}, "--controllers: expected some of"),
+])  # fmt: skip
+def test_a_comparison_that_means_nothing_is_refused_before_it_flies(told: dict[str, Any], says: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        gs.compare(**{"controllers": "adaptive", "scenarios": "paper", "duration": 17.0, **told})
+    assert str(refused.value).startswith(says)
+
+
+@pytest.mark.parametrize("answer", [
+    gs.ActuatorCommand("0.7", (0.0, 0.0, 0.0)),  # type: ignore[arg-type]
+    gs.ActuatorCommand(10**400, (0.0, 0.0, 0.0)),
+    gs.ActuatorCommand(0.7, "000"),  # type: ignore[arg-type]
+    gs.ActuatorCommand(0.7, (0.0, 0.0)),  # type: ignore[arg-type]
+])  # fmt: skip
+def test_a_text_or_a_number_beyond_all_floats_is_no_thrust(answer: gs.ActuatorCommand) -> None:
+    with pytest.raises(UserCodeFault, match="returned no thrust and three rates"):
+        gs.simulate(controller=lambda estimate, reference, interval_s: answer, duration=1.0, record=False)
+
+
+def test_a_text_is_no_coordinate() -> None:
+    with pytest.raises(ConfigError, match="expected vectors of three numbers"):
+        gs.simulate(trajectory=lambda time_s: gs.Reference(("0", "0", "-1")), duration=1.0)  # type: ignore[arg-type]
+
+
+def test_a_class_may_take_its_options_by_any_name() -> None:
+    assert gs.simulate(controller=Tuned, overrides="controller.gain=2.0", duration=1.0, record=False).facts
+
+
+def test_a_flight_that_was_not_recorded_says_how_it_would_have_been() -> None:
+    run = gs.simulate(duration=1.0, record=False)
+    for ask in (lambda: run.time, run.plot, lambda: run.save("never.mcap")):
+        with pytest.raises(AttributeError, match=r"not recorded.*record=True"):
+            ask()
+
+
+def test_what_is_no_recording_is_refused_in_one_way_by_all_that_read_one(tmp_path: Path) -> None:
+    for path in (tmp_path / "nobody.mcap", ROOT / "README.md", "\0.mcap"):
+        with pytest.raises(ConfigError, match="LOG"):
+            gs.load(path)
+        with pytest.raises(ConfigError, match="LOG"):
+            gs.error_budget(path)
+
+
+def test_a_damaged_recording_says_so_where_it_shows_itself(run: gs.Run, tmp_path: Path) -> None:
+    data = bytearray(run.path.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 100] = bytes(100)
+    (tmp_path / "damaged.mcap").write_bytes(data)
+    assert re.search(
+        r"the recording is damaged at byte \d+: the rest is not read>$", repr(gs.load(tmp_path / "damaged.mcap"))
+    )
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 3])
+    assert repr(gs.load(tmp_path / "cut.mcap")).endswith("the recording was cut off>")
+    with pytest.raises(KeyError, match="expected one of"):
+        run[5]  # type: ignore[index]
 
 
 def test_the_program_and_the_library_offer_the_same_ends() -> None:

@@ -501,7 +501,11 @@ class Custom(
         _hand_on_old_paths()
         found = find_object(KEY, self.factory)
         if not callable(found) and not hasattr(found, "decide"):
-            raise ConfigError(KEY, f"{self.factory} is not callable: expected factory(vehicle, options) -> Controller")
+            raise ConfigError(
+                KEY,
+                f"{self.factory} is not callable: expected factory(vehicle, options) -> Controller, "
+                "or an object with decide(estimate, reference, interval_s)",
+            )
         controller: Any
         if inspect.isroutine(found) and len(needed_names(found, self.options) or ()) == 3:
             controller = SimpleNamespace(decide=found)
@@ -537,11 +541,12 @@ class Guarded:
         if not isinstance(decision, Decision):
             raise UserCodeFault(f"controller {self._name} returned a {type(decision).__name__}, not a Decision")
         try:
-            thrust = float(decision.drive.thrust)
-            x, y, z = (float(rate) for rate in decision.drive.rates)
-        except (AttributeError, TypeError, ValueError):
+            told = (decision.drive.thrust, *decision.drive.rates)
+            finite = all(map(math.isfinite, told))  # which takes no text for a number, as float does
+            thrust, x, y, z = map(float, told)
+        except (AttributeError, OverflowError, TypeError, ValueError):
             raise UserCodeFault(f"controller {self._name} returned no thrust and three rates") from None
-        if not all(map(math.isfinite, (thrust, x, y, z))):
+        if not finite:
             raise UserCodeFault(f"controller {self._name} asked for thrust {thrust} N, rates {(x, y, z)} rad/s")
         drive, clamped = clamp_command(self._vehicle, thrust, (x, y, z))
         return decision._replace(drive=drive, saturated=bool(decision.saturated) or clamped)

@@ -7,7 +7,9 @@ trajectory of the user's own, loaded by name: ``trajectory.kind = "package.modul
 import inspect
 import math
 from collections.abc import Sequence
-from itertools import chain, cycle
+from contextlib import suppress
+from itertools import chain, cycle, pairwise
+from numbers import Real
 from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import msgspec
@@ -79,23 +81,38 @@ class OwnTrajectory:
         """``at`` is asked for references; ``curve`` may tell when it ends, and ``name`` is for the operator.
 
         Raises:
-            ConfigError: it gives no reference for its beginning.
+            ConfigError: it gives no reference for its beginning, or tells times that are none.
         """
-        self._curve, self._at, self._name = curve, at, name
-        duration = getattr(curve, "duration_s", None)
-        self.duration_s: float | None = None if duration is None else float(duration)
+        self._at, self._name = at, name
+        self.duration_s = self._time_of(curve, "duration_s")
         """It rests at its last point from then on [s]; None where it never ends, or does not say."""
+        end = self.duration_s or self._time_of(curve, "period_s") or LOOKED_AT_S
+        self.joints_s: Sequence[float] = self._joints_of(curve, (0.0, end))
+        """Its own, or from its beginning to its end, to one turn, or to where nobody looks further [s]."""
         try:
             self.at(0.0)
         except UserCodeFault as fault:
             raise ConfigError(KEY, str(fault)) from fault.__cause__
 
-    @property
-    def joints_s(self) -> Sequence[float]:
-        """Its own, or from its beginning to its end, to one turn, or to where nobody looks further [s]."""
-        end = self.duration_s or float(getattr(self._curve, "period_s", LOOKED_AT_S))
-        joints: Sequence[float] | None = getattr(self._curve, "joints_s", None)
-        return (0.0, end) if joints is None else joints
+    def _time_of(self, curve: Any, name: str) -> float | None:
+        told = getattr(curve, name, None)
+        if told is None:
+            return None
+        if not isinstance(told, Real) or not 0.0 <= float(told) < math.inf:
+            raise ConfigError(KEY, f"{self._name} has {name} = {told!r}: expected seconds, 0 or more")
+        return float(told)
+
+    def _joints_of(self, curve: Any, ends: Sequence[float]) -> Sequence[float]:
+        told = getattr(curve, "joints_s", None)
+        if told is None:
+            return ends
+        with suppress(TypeError):
+            joints = [float(time_s) for time_s in told if math.isfinite(time_s)]
+            if len(joints) == len(told) >= len(ends) and all(a < b for a, b in pairwise(joints)):
+                return joints
+        raise ConfigError(
+            KEY, f"{self._name} has joints_s = {told!r}: expected rising times, its beginning and its end among them"
+        )
 
     def position_at(self, time_s: float) -> Vec3:
         """Position [m], world NED."""
@@ -115,14 +132,14 @@ class OwnTrajectory:
         if not isinstance(found, Reference):
             raise UserCodeFault(f"trajectory {self._name} returned a {type(found).__name__}, not a Reference")
         try:
-            position, *derivatives = [
-                (float(x), float(y), float(z))
-                for x, y, z in (found.position_ned, found.velocity_ned, found.acceleration_ned, found.jerk_ned)
-            ]
+            vectors = (found.position_ned, found.velocity_ned, found.acceleration_ned, found.jerk_ned)
+            # Which takes no text for a number, as float does.
+            finite = all(map(math.isfinite, (found.yaw_rad, found.yaw_rate_rad_s, *chain(*vectors))))
+            position, *derivatives = [(float(x), float(y), float(z)) for x, y, z in vectors]
             yaw, yaw_rate = float(found.yaw_rad), float(found.yaw_rate_rad_s)
-        except (TypeError, ValueError):
+        except (OverflowError, TypeError, ValueError):
             raise UserCodeFault(f"trajectory {self._name}: expected vectors of three numbers in {found}") from None
-        if not all(map(math.isfinite, (yaw, yaw_rate, *position, *chain(*derivatives)))):
+        if not finite:
             raise UserCodeFault(f"trajectory {self._name} asked for {found} at {time_s:g} s")
         if rests:
             return Reference(position, yaw_rad=yaw)
