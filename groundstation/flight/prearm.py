@@ -404,7 +404,7 @@ class Checks:
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Whether somebody has seen the motors of this vehicle stop, as it is now."""
-        if not self._real:
+        if not self._real or self._config.rehearsal is not None:  # a pseudo-terminal looks as any serial port
             return Check("props-off test", Verdict.OFF, "only a real vehicle needs one")
         why = lacks(self._proof, self._config, link.firmware)
         if why or self._proof is None:
@@ -597,8 +597,8 @@ class Checks:
     def _simulation(self) -> list[Check]:
         """A word that takes guards away must not stay in a configuration unseen."""
         link = self._config.link
-        if not (isinstance(link, RfLinkConfig) and link.simulated):
-            return []
+        if not (isinstance(link, RfLinkConfig) and link.simulated) or self._config.rehearsal is not None:
+            return []  # in a rehearsal nobody wrote it
         believed = "no fence and no speed limit are asked for" if is_simulated(link) else "not believed of this port"
         says = f"link.simulated = true: {believed}. Behind {link.port} no module may be; else take it out"
         return [Check("simulated", Verdict.WARN, says)]

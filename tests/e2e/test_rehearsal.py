@@ -81,6 +81,9 @@ def test_the_checks_of_a_room_pass_at_the_desk_by_each_kind_of_wire(tmp_path: Pa
     facts = json.loads(done.stdout)
     bad = [check for check in facts["checks"] if check["verdict"] == "FAIL"]
     assert facts["pass"] and not bad and done.returncode == 0
+    (proof,) = (check for check in facts["checks"] if check["name"] == "props-off test")
+    assert proof["verdict"] == "OFF"  # there are no propellers, whatever the wire is
+    assert "simulated" not in {check["name"] for check in facts["checks"]}  # nobody wrote `link.simulated`
 
 
 def test_a_flight_is_rehearsed_with_a_mistake_a_second_station_and_the_word_in_the_name_s_place(tmp_path: Path) -> None:
