@@ -60,6 +60,8 @@ LAST_PERIODS = 2.5
 """The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
 LEAST_HEIGHT_M = 0.3
 """A point that is asked for lies at least so high above the floor [m]: whoever wants less lands."""
+SEEN_M = 0.005
+"""Less than this is no number that a person is told [m]."""
 LOOKS = 40
 """A leg is looked at in so many places before it is flown: less than a millisecond."""
 DISARMED_HEIGHT_M = 0.2
@@ -392,9 +394,10 @@ class MissionExecutive:
         height = self._config.flight.floor_z_m - place[2]
         if not (math.isfinite(sum(place)) and height >= LEAST_HEIGHT_M):
             return f"is {height:.2f} m above the floor: at least {LEAST_HEIGHT_M:g} m are needed"
-        if self._fence is not None and self._fence.room_m(place) <= 0.0:
-            return f"is {-self._fence.room_m(place):.2f} m outside the fence"
-        return ""
+        room = math.inf if self._fence is None else self._fence.room_m(place)
+        if room > 0.0:
+            return ""
+        return "lies on the fence itself" if room > -SEEN_M else f"is {-room:.2f} m outside the fence"
 
     def _find_way_out(self, leg: Leg, now_s: float) -> str:
         """What the way of ``leg`` would come too near to, brakes, fence and other vehicles counted; empty: nothing."""

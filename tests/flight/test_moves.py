@@ -109,6 +109,7 @@ def test_points_are_flown_one_after_the_other() -> None:
 @pytest.mark.parametrize(
     ("points", "says"),
     [
+        ([Waypoint(3.0, 0.0, 0.0)], "point 1 of 1, [3.0, 0.0, 0.0], lies on the fence itself"),
         ([Waypoint(3.5, 0.0, 0.0)], "point 1 of 1, [3.5, 0.0, 0.0], is 0.50 m outside the fence"),
         ([NEAR, Waypoint(0.0, 0.0, 0.9)], "point 2 of 2, [0.0, 0.0, 0.9], is 0.10 m above the floor"),
         ([Waypoint(0.0, 0.0, -2.0)], "0.50 m outside the fence"),
