@@ -643,9 +643,20 @@ def _column(values: list[Any]) -> "NDArray[Any]":
 def _write_npz(tables: "Tables", target: Path) -> None:
     import numpy as np
 
-    columns: Any = {f"{topic}.{name}": column for topic, table in tables.items() for name, column in table.items()}
+    columns: Any = {
+        f"{topic}.{name}": _without_objects(column) for topic, table in tables.items() for name, column in table.items()
+    }
     with target.open("wb") as file:  # which keeps the name that was asked for
         np.savez_compressed(file, **columns)
+
+
+def _without_objects(column: "NDArray[Any]") -> "NDArray[Any]":
+    """Texts as NumPy's own, which `numpy.load` reads as it is: objects would be pickled, and nobody unpickles those."""
+    if column.dtype != object:
+        return column
+    import numpy as np
+
+    return np.array(["" if value is None else value for value in column], dtype=str)
 
 
 def _write_mat(tables: "Tables", target: Path) -> None:

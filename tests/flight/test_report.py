@@ -16,7 +16,7 @@ from matplotlib.text import Text
 
 from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import draw_columns, read_columns, report_command
-from groundstation.analysis.report.figures import FIGURES, OVERLAYS, draw_figures, print_figures
+from groundstation.analysis.report.figures import FIGURES, OVERLAYS, draw_figures, flight_letters, print_figures
 from groundstation.analysis.report.flight import numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
@@ -250,11 +250,16 @@ def test_the_table_is_written_for_spreadsheets_and_for_latex(
     assert capsys.readouterr().out.split() == [str(tmp_path / "results.csv"), str(tmp_path / "results.tex")]
     rows = list(csv.reader((tmp_path / "results.csv").read_text("utf-8").splitlines()))
     assert {len(row) for row in rows} == {5}
+    assert rows[:2] == [["", "A", "B", "C", "the paper"], ["flight", *["adaptive, paper, seed 0"] * 3, ""]]
     text = (tmp_path / "results.tex").read_text("utf-8")
     assert r"\begin{tabular}{lrrrr}" in text
     assert text.count(r"\\") == len(rows)
     assert r"certificate holds [\%]" in text
     assert not re.search(r"(?<!\\)[%&#_](?! )", text.replace(" & ", ""))
+
+
+def test_flights_beyond_the_alphabet_have_letters_too() -> None:
+    assert flight_letters(28)[24:] == ["Y", "Z", "AA", "BB"]
 
 
 def test_a_controller_without_a_v_has_no_certificate_in_the_table(tmp_path: Path) -> None:

@@ -467,8 +467,8 @@ OVERLAID = (("-", BLUE), ("--", ORANGE), ("-.", GREEN), (":", RED), ((0, (5, 1, 
 
 
 def flight_letters(count: int) -> list[str]:
-    """What several flights are called in tables and titles: A, B, and so on."""
-    return [chr(ord("A") + i) for i in range(count)]
+    """What several flights are called in tables and titles: A, B, and after Z AA."""
+    return [chr(ord("A") + i % 26) * (1 + i // 26) for i in range(count)]
 
 
 def _overlaid(flights: Sequence[FlightColumns]) -> list[tuple[FlightColumns, dict[str, Any]]]:

@@ -132,6 +132,13 @@ def _warnings(one: dict[str, Any]) -> str:
     return "".join(f'<p class="note warning">{escape(one["file"])}: {line}</p>' for line in said)
 
 
+def _flown_name(one: dict[str, Any]) -> str:
+    """Which flight a column of several is: as a legend has it, with its seed where it was simulated."""
+    flight = one["flight"]
+    words = [flight["controller"], flight["scenario"], f"seed {flight['seed']}" if flight["scenario"] else ""]
+    return ", ".join(filter(None, words)) or str(one["file"])
+
+
 def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[list[str]]:
     """The results, a column a flight: the head, then a row a figure; with the paper's beside its own flight."""
     paper: dict[str, float] = next((f["paper"] for f in facts if f["paper"]), {})
@@ -163,6 +170,8 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
                 "max_cm",
             ),
         ]
+    if len(facts) > 1:
+        rows.insert(0, row("flight", map(_flown_name, facts)))
     for part, label in (("transport", "pose transport"), ("pose_age", "pose age"), ("compute", "compute")):
         rows.append(row(f"{label}, median / 99 % / largest [ms]", (_spread(f["latency_ms"][part]) for f in facts)))
     rows.append(row("command lateness, median / 99 % / largest [ms]", (_spread(f["lateness_ms"]) for f in facts)))
