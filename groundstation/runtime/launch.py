@@ -32,16 +32,20 @@ sys.meta_path.insert(0, OwnPackages)  # type: ignore[arg-type]  # a class that f
 
 def run_groundstation() -> int:
     """The program ``groundstation``."""
-    return _run("groundstation")
+    return _run("groundstation", "groundstation")
 
 
 def run_groundstation_sim() -> int:
     """The program ``groundstation-sim``."""
-    return _run("sim")
+    return _run("sim", "groundstation-sim")
 
 
-def _run(package: str) -> int:
-    code = _end_quickly(lambda: import_module(f"{package}.__main__").main())
+def _run(package: str, program: str) -> int:
+    try:
+        code = _end_quickly(lambda: import_module(f"{package}.__main__").main())
+    except KeyboardInterrupt:  # while it was loaded: what runs answers for itself
+        print(f"{program}: interrupted", file=sys.stderr)
+        return 130
     assert isinstance(code, int)
     return code
 
