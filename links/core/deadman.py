@@ -62,6 +62,16 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
     rates_rad_s: tuple[float, float, float] | None
     """Body rates [rad/s], FRD; None where it tells none, as through a radio, which does not tell either when it was."""
 
+    @property
+    def angles_rad(self) -> tuple[float, float, float]:
+        """Roll, pitch and yaw [rad], turned yaw first."""
+        w, x, y, z = self.attitude
+        return (
+            math.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+            math.asin(max(-1.0, min(1.0, 2.0 * (w * y - x * z)))),
+            math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)),
+        )
+
 
 class LinkError(Exception):
     """Anything that a link reports to the operator."""
@@ -127,6 +137,14 @@ class LinkStatus(msgspec.Struct, frozen=True):
     only say what was sent."""
     warning: str = ""
     """What an operator should know of how frames leave, before arming and in flight; empty where nothing is wrong."""
+    angles_rad: tuple[float, ...] = ()
+    """Roll, pitch and yaw as the vehicle itself believes, its north its own [rad]; empty where it does not tell."""
+    uplink_share: float | None = None
+    """Share of our frames that its receiver gets [-]; None where it does not tell."""
+    uplink_dbm: int | None = None
+    """Power that it gets of them [dBm]."""
+    uplink_snr_db: int | None = None
+    """The same over the noise [dB]."""
     unmet: str = ""
     """Why what was owed to the vehicle since its arming, the newest command or its bring-down, does not leave from
     here, and who has to act; empty where it leaves or has left."""

@@ -220,6 +220,7 @@ class MavlinkLink:
         self._uplink = Uplink(ASKED_SLOWLY_S if self._slow else ASKED_S)
         self.connection.subscribe(lambda message, now_s: self._uplink.hear(message, now_s, self._usual_s))
         self._unfit = self._firmware = ""
+        self._angles: tuple[float, ...] = ()
         self._landing: asyncio.Task[None] | None = None
         self._killing: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -262,6 +263,7 @@ class MavlinkLink:
             battery_share=self._vitals.battery_share,
             ready=self._vitals.ready,
             mode=self._vitals.mode,
+            angles_rad=self._angles,
             unfit=self._unfit,
             firmware=self._firmware,
             warning=f"{rival}, to this vehicle, too: it would follow both by turns. End that program" if rival else "",
@@ -274,6 +276,7 @@ class MavlinkLink:
         def hear(message: Message, arrival_s: float) -> None:
             told = attitude_of(message, arrival_s, self.connection.clock)
             if told is not None:
+                self._angles = told.angles_rad
                 watch(told)
 
         self.connection.subscribe(hear)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from groundstation.analysis.report import read_columns
 from groundstation.analysis.report.figures import lateness
 from groundstation.analysis.report.flight import numbers
+from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
 from groundstation.core.mission import State
 from groundstation.flight import Flight
@@ -120,6 +121,12 @@ def test_what_the_module_tells_is_on_screens_and_in_the_recording(tmp_path: Path
     status = list(Recording(tmp_path / RECORDING).entries(("/link",)))[-5].value()["status"]
     assert (status["battery_v"], status["battery_share"], status["mode"]) == (pytest.approx(16.8), 0.5, "ACRO")
     assert "receiver gets 99 %, -60 dBm, -5 dB over noise; mode ACRO; leans by 6°" in status["text"]
+    assert status["angles_rad"] == pytest.approx([0.0, -0.1, 1.0], abs=1e-4)
+    assert (status["uplink_share"], status["uplink_dbm"], status["uplink_snr_db"]) == (pytest.approx(0.99), -60, -5)
+    facts = numbers(read_columns(tmp_path / RECORDING))
+    word = next(cells for name, *cells in result_table(["it"], [facts]) if name == "the vehicle's last word of itself")
+    told = ["16.80 V", "battery 50 %", "mode ACRO", "roll +0° pitch -6° yaw +57°", "gets 99 % of frames"]
+    assert word[0].split(", ") == [*told, "-60 dBm", "-5 dB over noise"]
 
 
 def test_a_battery_told_by_the_module_lands_the_vehicle() -> None:

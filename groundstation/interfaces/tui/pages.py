@@ -46,7 +46,7 @@ from groundstation.interfaces.tui.widgets import (
     content,
     event_row,
 )
-from links.core import printable
+from links.core import LinkStatus, printable
 
 PAGES = ("Fly", "Control", "Links", "Config", "Log")
 """The names of the pages; their keys are 1 to 5."""
@@ -364,10 +364,28 @@ def link_rows(snapshot: Snapshot) -> list[Spans]:
         row("trip", trip),
         row("its clock", clock),
         row("battery", battery(status)),
+        row("mode", printable(status.mode) or "not told"),
+        row("attitude", _angles(status.angles_rad)),
+        row("hears us", _uplink(status)),
         *_drops(status.dropped),
         row("says", printable(status.text) or "-"),
         *lateness_rows(snapshot),
     ]
+
+
+def _angles(angles_rad: Sequence[float]) -> str:
+    """As the vehicle itself believes that it lies."""
+    if not angles_rad:
+        return "not told"
+    roll, pitch, yaw = (math.degrees(angle) for angle in angles_rad)
+    return f"roll {roll:+.0f}°   pitch {pitch:+.0f}°   yaw {yaw:+.0f}° (its own north)"
+
+
+def _uplink(status: LinkStatus) -> str:
+    if status.uplink_share is None:
+        return "not told"
+    share = 100.0 * status.uplink_share
+    return f"{share:.0f} % of frames   {status.uplink_dbm} dBm   {status.uplink_snr_db} dB over noise"
 
 
 def lateness_rows(snapshot: Snapshot) -> list[Spans]:

@@ -102,6 +102,7 @@ def test_whoever_watches_gets_fifty_attitudes_a_second_on_our_clock(
         await link.connect()
         heard.clear()
         await asyncio.sleep(4.0)
+        assert link.status.angles_rad == heard[-1][1].angles_rad
         await link.close()
         peer.cancel()
 

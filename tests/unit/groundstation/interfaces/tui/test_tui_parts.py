@@ -43,7 +43,7 @@ from groundstation.interfaces.tui.model import (
     headline,
     possible,
 )
-from groundstation.interfaces.tui.pages import config_rows, histogram_rows, lateness_rows
+from groundstation.interfaces.tui.pages import config_rows, histogram_rows, lateness_rows, link_rows
 from groundstation.interfaces.tui.widgets import THEMES
 from links.core import printable
 from tests.sample_flight import sample
@@ -379,3 +379,16 @@ def test_all_that_is_written_can_be_read(theme: Theme) -> None:
 def test_a_trajectory_that_has_not_begun_has_no_negative_time() -> None:
     assert flight_time(-6.24) == "trajectory in 6.2 s"
     assert flight_time(34.91) == "34.9 s"
+
+
+def test_the_page_of_links_shows_what_the_vehicle_tells_of_itself_and_what_it_does_not() -> None:
+    snapshot = sample(1.0)
+    told = msgspec.structs.replace(
+        snapshot.link, mode="ACRO", angles_rad=(0.1, -0.2, 1.0), uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-5
+    )
+    lines = ["".join(text for text, _ in row) for row in link_rows(msgspec.structs.replace(snapshot, link=told))]
+    assert "mode      ACRO" in lines
+    assert "attitude  roll +6°   pitch -11°   yaw +57° (its own north)" in lines
+    assert "hears us  99 % of frames   -60 dBm   -5 dB over noise" in lines
+    silent = ["".join(text for text, _ in row) for row in link_rows(snapshot)]
+    assert {"attitude  not told", "hears us  not told"} <= set(silent)
