@@ -119,7 +119,8 @@ class BatchEstimator:
         self._gains = gains
         self._period = period_s
         self._delays = tuple(dict.fromkeys((vehicle.thrust_delay_s, vehicle.rate_delay_s)))
-        self._densities = Densities(0.0, gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
+        noises = (gains.pose_wander, gains.acceleration_noise, gains.wind_noise, gains.wind_rate_noise)
+        self._densities = Densities(*(noise**2 for noise in noises))
         self._separates = gains.effectiveness_deviation > 0.0
         upright = (zero + 1.0, *zeros(n, 3))
         state: Any = Filtered(

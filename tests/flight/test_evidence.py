@@ -16,7 +16,9 @@ import pytest
 from groundstation.analysis.evidence import import_command
 from groundstation.analysis.evidence.evidence import (
     DRIFTED,
+    ROAMED,
     WANDERED,
+    Wander,
     describe_flight,
     examine_flight,
     find_airborne,
@@ -353,7 +355,7 @@ def test_stamps_that_are_off_where_the_motion_turns_are_neither_noise_across_it_
     noise = measure_pose_noise(stamps, place)
     assert noise.across_m == pytest.approx(5e-5, rel=0.15)
     assert noise.jitter_s == pytest.approx(1.8e-3, rel=0.2)
-    assert measure_wander(stamps, place) < 0.02
+    assert measure_wander(stamps, place).velocity < 0.02
 
 
 def test_a_flight_that_mostly_stands_tells_no_wander_of_stamps_that_are_off() -> None:
@@ -362,21 +364,27 @@ def test_a_flight_that_mostly_stands_tells_no_wander_of_stamps_that_are_off() ->
     seen = stamps + 1.8e-3 * draw.standard_normal(len(stamps))
     way = 0.5 * np.tanh(20.0 * np.sin(0.2 * math.pi * seen))
     place = np.stack([way, 0.5 * way, 0.0 * way], axis=1) + 5e-5 * draw.standard_normal((len(stamps), 3))
-    assert measure_wander(stamps, place) < 0.03
+    assert measure_wander(stamps, place).velocity < 0.03
 
 
-@pytest.mark.parametrize("white_m", [1e-6, 1e-4, 1e-3])
-def test_what_the_filter_is_told_of_a_wander_makes_its_innovations_as_wide_as_it_claims(white_m: float) -> None:
-    """The filter's own recursion, on a velocity that wanders as told, along one axis."""
-    period_s, wander, draw = 0.02, 0.2, np.random.default_rng(7)
-    told = Estimation(wind_noise=1e-3, wind_rate_noise=1e-3)
-    seen_m = math.sqrt(white_m**2 + WANDERED * wander**2 * period_s**3)
-    told_noise = match_wander(wander, seen_m, period_s, told)
-    assert 0.6 * wander < told_noise <= wander
-    steps = wander * math.sqrt(period_s / 10) * draw.standard_normal((40_000, 10))
+@pytest.mark.parametrize(
+    ("white_m", "roams", "moves"),
+    [(1e-6, 0.0, 0.2), (1e-4, 0.0, 0.2), (1e-3, 0.0, 0.2), (1e-5, 1e-3, 0.0), (1e-4, 3e-3, 0.0), (1e-4, 1e-3, 0.05)],
+)
+def test_what_the_filter_is_told_of_a_wander_makes_its_innovations_as_wide_as_it_claims(
+    white_m: float, roams: float, moves: float
+) -> None:
+    """The filter's own recursion along one axis, on a source that wanders as told."""
+    period_s, wander, draw = 0.02, Wander(roams, moves), np.random.default_rng(7)
+    seen_m = math.sqrt(white_m**2 + ROAMED * roams**2 * period_s + WANDERED * moves**2 * period_s**3)
+    told = match_wander(wander, seen_m, period_s, Estimation(wind_noise=1e-3, wind_rate_noise=1e-3), 1e-3)
+    assert told.acceleration_noise <= max(moves, 1.1e-3) and told.pose_wander <= roams
+    steps = moves * math.sqrt(period_s / 10) * draw.standard_normal((40_000, 10))
     place = np.cumsum(np.cumsum(steps.ravel()) * period_s / 10)[9::10] + white_m * draw.standard_normal(40_000)
+    place += np.cumsum(roams * math.sqrt(period_s) * draw.standard_normal(40_000))
     covariance = initial_covariance(seen_m**2)
-    rates = Densities(0.0, told_noise**2, told.wind_noise**2, told.wind_rate_noise**2)
+    noises = (told.pose_wander, told.acceleration_noise, told.wind_noise, told.wind_rate_noise)
+    rates = Densities(*(noise**2 for noise in noises))
     state, squares = [0.0, 0.0, 0.0, 0.0], []
     for measured in place.tolist():
         p, v, d, c = state
@@ -394,11 +402,33 @@ def test_what_the_filter_is_told_of_a_wander_makes_its_innovations_as_wide_as_it
 def test_the_wander_of_a_sources_velocity_is_found_beside_its_white_noise(density: float) -> None:
     stamps, place = circle(100.0, 0.0, 5e-5)
     draw = np.random.default_rng(3)
-    steps = density * math.sqrt(0.01) * draw.standard_normal(place.shape)
-    wanders = np.cumsum(np.cumsum(steps, axis=0) * 0.01, axis=0)
-    assert measure_wander(stamps, place + wanders) == pytest.approx(density, rel=0.2)
-    assert measure_wander(stamps, place) < 0.03
+    steps = density * math.sqrt(0.001) * draw.standard_normal((10 * len(place), 3))
+    wanders = np.cumsum(np.cumsum(steps, axis=0) * 0.001, axis=0)[9::10]
+    found = measure_wander(stamps, place + wanders)
+    assert found.velocity == pytest.approx(density, rel=0.2)
+    assert found.position < 4e-4
+    assert measure_wander(stamps, place).velocity < 0.03
     assert pytest.approx(8.0 / 3.0 / 70.0) == WANDERED
+
+
+@pytest.mark.parametrize("hz", [50.0, 100.0, 300.0])
+@pytest.mark.parametrize("jitter_s", [0.0, 0.001])
+def test_errors_that_last_longer_than_from_pose_to_pose_are_found_and_white_ones_are_none(
+    hz: float, jitter_s: float
+) -> None:
+    stamps, place = circle(hz, jitter_s, 5e-5)
+    assert measure_wander(stamps, place).position == 0.0
+    steps = 1e-3 / math.sqrt(hz) * np.random.default_rng(3).standard_normal(place.shape)
+    assert measure_wander(stamps, place + np.cumsum(steps, axis=0)).position == pytest.approx(1e-3, rel=0.2)
+
+
+def test_what_errs_along_the_motion_and_lasts_is_not_put_down_to_its_stamps() -> None:
+    """As an autopilot's own position does, which its filter moves after each fix."""
+    stamps, place = circle(100.0, 0.0, 2e-5)
+    steps = 1e-3 * 0.1 * np.random.default_rng(3).standard_normal(len(stamps))
+    ahead = np.gradient(place, axis=0)
+    place += ahead / np.linalg.norm(ahead, axis=1, keepdims=True) * np.cumsum(steps)[:, None]
+    assert measure_pose_noise(stamps, place).jitter_s == 0.0
 
 
 @pytest.mark.parametrize("density", [1.0, 4.0])
@@ -408,10 +438,10 @@ def test_the_wander_of_an_acceleration_is_found_beside_white_noise_and_a_wanderi
     steps = draw.standard_normal((2, *place.shape)) * 0.1  # of densities 1, for 0.01 s
     drifts = np.cumsum(np.cumsum(np.cumsum(density * steps[0], axis=0) * 0.01, axis=0) * 0.01, axis=0)
     wanders = np.cumsum(np.cumsum(0.05 * steps[1], axis=0) * 0.01, axis=0)
-    found = measure_drift(stamps, place + drifts + wanders, 0.05)
+    found = measure_drift(stamps, place + drifts + wanders, Wander(0.0, 0.05))
     assert found.mean == pytest.approx(density, rel=0.2)
     assert found.bursts < 1.1
-    assert measure_drift(stamps, place + wanders, 0.05).mean < 0.5
+    assert measure_drift(stamps, place + wanders, Wander(0.0, 0.05)).mean < 0.5
     assert pytest.approx(2.0 / 3.0 / 70.0) == DRIFTED
 
 
@@ -420,7 +450,7 @@ def test_an_acceleration_that_jumps_in_bursts_is_told_from_one_that_wanders_all_
     jolts = 0.5 * np.random.default_rng(4).standard_normal(place.shape)
     jolts[np.arange(len(stamps)) % 500 > 50] = 0.0
     drifts = np.cumsum(np.cumsum(np.cumsum(jolts, axis=0), axis=0), axis=0) * 1e-4
-    assert measure_drift(stamps, place + drifts, 0.0).bursts > 1.25
+    assert measure_drift(stamps, place + drifts, Wander(0.0, 0.0)).bursts > 1.25
 
 
 @pytest.mark.parametrize("leans", [True, False], ids=["poses", "positions"])

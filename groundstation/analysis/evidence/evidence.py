@@ -15,7 +15,7 @@ import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -316,11 +316,29 @@ class SortedDifferences(NamedTuple):
     apart_s: Column
     """From one of the five to the next, on average (M,) [s]."""
 
+    def find_stamps(self) -> tuple[float, float]:
+        """How far stamps are off, squared [s²], and the variance in the plane of motion without them [m²].
+
+        Both are what the motion's two own directions have in common and where they differ.
+        """
+        (_, turned, along), (_, least, most) = (of[self.moves].mean(axis=0) for of in (self.squares, self.by_stamps))
+        jitter2 = max(0.0, float((along - turned) / (most - least)))
+        return jitter2, max(0.0, float(turned - jitter2 * least))
+
     def find_across(self, jitter2: float, noise2: float) -> float:
-        """Variance across the motion where stamps that are off (``jitter2`` [s²]) add less than ``noise2`` [m²]."""
-        counts = jitter2 * self.by_stamps <= noise2
-        counts[self.moves, 2], counts[:, 0] = False, True
-        return float(self.squares[counts].mean())
+        """Mean variance of the three axes, of stamps that are off (``jitter2`` [s²]) as little as may be [m²].
+
+        If they are, the plane of motion stands in for its own direction where they add less than ``noise2`` [m²], and
+        elsewhere what is out of that plane for both.
+        """
+        whole = self.squares.mean(axis=1)
+        if jitter2 == 0.0:
+            return float(whole.mean())
+        out, turned, _ = self.squares.T
+        _, by_turn, by_way = jitter2 * self.by_stamps.T
+        slow = np.logical_not(self.moves) & (by_way <= noise2)
+        beside = np.where(by_turn <= noise2, (out + 2.0 * (turned - by_turn)) / 3.0, out)
+        return max(0.0, float(np.where(slow, whole, beside).mean()))
 
 
 def sort_differences(at_s: Column, place: Column, stride: int = 1, known: Column | float = 0.0) -> SortedDifferences:
@@ -339,6 +357,11 @@ def sort_differences(at_s: Column, place: Column, stride: int = 1, known: Column
     return SortedDifferences(squares, by_stamps, moves, 0.25 * span[whole])
 
 
+LASTS, OFTEN = 1.7, 600
+"""Stamps that are off by chance add the same along the motion over any spacing of the poses; what adds so many times as
+much over twice the spacing lasts, and is the source's own error. That shows in so many that move."""
+
+
 def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
     """Of positions (N, 3) [m] at ``at_s`` (N,) [s]; all zero where there are too few."""
     if len(at_s) < 10:
@@ -347,35 +370,70 @@ def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
     if np.count_nonzero(found.moves) < LEAST_MOVING:
         still = math.sqrt(float(found.squares.mean()))
         return PoseNoise(still, still, 0.0)
-    least, _, along = found.squares[found.moves].mean(axis=0).tolist()
-    speed2 = float(found.by_stamps[found.moves, 2].mean())
-    across = found.find_across(max(0.0, along - least) / speed2, least)
-    return PoseNoise(math.sqrt(along), math.sqrt(across), math.sqrt(max(0.0, along - across) / speed2))
+    along, (jitter2, in_plane) = float(found.squares[found.moves, 2].mean()), found.find_stamps()
+    later = sort_differences(at_s, place, 2)
+    if np.count_nonzero(later.moves) >= OFTEN and later.find_stamps()[0] > LASTS * jitter2:
+        jitter2 = 0.0
+    across = found.find_across(jitter2, in_plane)
+    return PoseNoise(math.sqrt(along), math.sqrt(across), math.sqrt(jitter2))
 
 
-WANDER_S = 0.06
-"""Over this spacing of poses the wander of the source's velocity shows [s]."""
+WANDER_S, SPACINGS = 0.06, 6
+"""Up to this spacing of poses the wander of the source shows [s]; of the spacings up to it so many are looked at."""
+ROAMED = 20.0 / 70.0
+"""Variance that a position of density 1, a random walk, leaves of such a difference, over the spacing: third
+differences of its steps, which are white, have 1 + 9 + 9 + 1, over 70 as above."""
 WANDERED = (6.0 * 2.0 / 3.0 - 8.0 / 6.0) / 70.0
-"""Variance that velocity of density 1, a random walk, leaves of such a difference, over the spacing's cube: second
-differences of its integral have 2/3 and, between neighbours, 1/6; fourth ones 6 · 2/3 - 8 · 1/6, over 70 as above."""
+"""The same of a velocity, over the spacing's cube: second differences of its integral have 2/3 and, between neighbours,
+1/6; fourth ones 6 · 2/3 - 8 · 1/6."""
+CHANCE = 3.0
+"""Without a wander of the position the others miss what differences show by 1/√N (1σ), of N poses: so many times that
+is no chance [-]."""
 
 
-def measure_wander(at_s: Column, place: Column, known: Column | float = 0.0) -> float:
-    """How the velocity of the source itself wanders [m/s² per √Hz], beside the white noise of its positions.
+class Wander(NamedTuple):
+    """How a source errs beside the white noise of its positions."""
 
-    With what is ``known`` of the motion (N, 3) [m], also how that does.
+    position: float
+    """Its own random walk: errors that last longer than from pose to pose [m/√s]."""
+    velocity: float
+    """Random walk of the velocity, as GPS or an autopilot's own filter makes it [m/s² per √Hz]."""
 
-    White noise is the same over any spacing h of the poses; a random walk of the velocity, as GPS or an autopilot's own
-    filter makes it, grows with h³. Both are found from two spacings.
+
+def measure_wander(at_s: Column, place: Column, known: Column | float = 0.0) -> Wander:
+    """How the source itself wanders; with what is ``known`` of the motion (N, 3) [m], also how that does.
+
+    White noise is the same over any spacing h of the poses; a random walk of the position grows with h, one of the
+    velocity with h³. The three that fit best, none below 0, make up what differences show over several spacings.
     """
-    stride = max(2, round(WANDER_S / float(np.median(np.diff(at_s)))))
-    if len(at_s) < 60 * stride:
-        return 0.0
+    longest = max(2, round(WANDER_S / float(np.median(np.diff(at_s)))))
+    if len(at_s) < 60 * longest:
+        return Wander(0.0, 0.0)
     noise = measure_pose_noise(at_s, place)
-    near, far = (sort_differences(at_s, place, some, known) for some in (1, stride))
-    white, both = (one.find_across(noise.jitter_s**2, noise.across_m**2) for one in (near, far))
-    grown = float((far.apart_s**3).mean() - (near.apart_s**3).mean())
-    return math.sqrt(max(0.0, both - white) / (WANDERED * grown))
+    strides = np.unique(np.linspace(1.0, longest, SPACINGS).round().astype(int)).tolist()
+    seen = [sort_differences(at_s, place, stride, known) for stride in strides]
+    variances = np.array([one.find_across(noise.jitter_s**2, noise.across_m**2) for one in seen])
+    apart_s = np.array([float(one.apart_s.mean()) for one in seen])
+    grows = np.stack([np.ones(len(seen)), ROAMED * apart_s, WANDERED * apart_s**3], axis=1) / variances[:, None]
+    weights = np.sqrt(variances)
+    (_, moves), left = _fit_from_zero(grows[:, [0, 2]], weights)
+    if left * len(at_s) <= CHANCE**2 * variances[0]:
+        return Wander(0.0, math.sqrt(moves))
+    (_, roams, moves), _ = _fit_from_zero(grows, weights)
+    return Wander(math.sqrt(roams), math.sqrt(moves))
+
+
+def _fit_from_zero(columns: Column, weights: Column) -> tuple[list[float], float]:
+    """Factors, none below 0, by which ``columns`` (N, P) add up to 1 in each row as well as may be; what is left."""
+    n, best, least = columns.shape[1], [0.0] * columns.shape[1], math.inf
+    for some in product((False, True), repeat=n):
+        chosen = columns[:, some]
+        factors = np.linalg.lstsq(chosen * weights[:, None], weights, rcond=None)[0]
+        left = float(((weights * (chosen @ factors - 1.0)) ** 2).sum())
+        if (factors >= 0.0).all() and left < least:
+            rest, least = iter(factors.tolist()), left
+            best = [next(rest) if one else 0.0 for one in some]
+    return best, least
 
 
 DRIFT_S = 0.2
@@ -383,7 +441,7 @@ DRIFT_S = 0.2
 DRIFTED = 2.0 * (11.0 / 20.0 - 13.0 / 60.0) / 70.0
 """Variance that an acceleration of density 1, a random walk, leaves of such a difference, over the fifth power of the
 spacing: third differences of its double integral have 11/20 and, between neighbours, 13/60; fourth ones as above."""
-BURSTS = 1.4
+BURSTS = 2.0
 """An acceleration that nobody tells may jump in bursts, which make most of the error: at most so many times the mean
 counts [-]."""
 LEAST_DENSITY, RATE_DENSITY, RATE_SHARE = 1e-3, 0.2, 5.0
@@ -400,8 +458,8 @@ class Drift(NamedTuple):
     """Where most of it is, over the mean: 1 for Gaussian noise, which is the same at all times [-]."""
 
 
-def measure_drift(at_s: Column, place: Column, wander: float) -> Drift:
-    """What acceleration positions tell of, beside the ``wander`` of their velocity [m/s² per √Hz]."""
+def measure_drift(at_s: Column, place: Column, wander: Wander) -> Drift:
+    """What acceleration positions tell of, beside the ``wander`` of their source."""
     stride = max(2, round(DRIFT_S / float(np.median(np.diff(at_s)))))
     if len(at_s) < 8 * stride:
         return Drift(0.0, 1.0)
@@ -409,8 +467,8 @@ def measure_drift(at_s: Column, place: Column, wander: float) -> Drift:
         (one.squares.mean(axis=1), one.apart_s) for one in (sort_differences(at_s, place, some) for some in (stride, 1))
     )
     seen, white = float(squares.mean()), float(near_squares.mean())
-    longer3, longer5 = (float((far**power).mean() - (near**power).mean()) for power in (3, 5))
-    grown = seen - white - WANDERED * wander**2 * longer3
+    longer, longer3, longer5 = (float((far**power).mean() - (near**power).mean()) for power in (1, 3, 5))
+    grown = seen - white - ROAMED * wander.position**2 * longer - WANDERED * wander.velocity**2 * longer3
     hidden = seen / math.sqrt(len(squares))
     bursts = (float((squares**2).mean()) / (5.0 / 3.0 * seen**2)) ** 0.25 if seen else 1.0
     return Drift(math.sqrt(max(hidden, grown) / (DRIFTED * longer5)), min(max(bursts, 1.0), BURSTS))
@@ -636,71 +694,94 @@ class Judged(NamedTuple):
 
     nis3: float | None
     prediction: dict[str, dict[str, float] | None]
+    pose_wander: float
+    """As the filter was told it [m/√s]."""
 
 
 SETTLED, HALVINGS = 200, 20
 """Poses after which a filter's gain is as it stays, and steps towards what it is told."""
+LEAST_SHARE = 0.05
+"""Of a position's wander that is told, if any is [-]."""
 
 
-def match_wander(wander: float, noise_m: float, period_s: float, told: Estimation) -> float:
-    """What ``acceleration_noise`` makes the filter as sure as it is good, for a velocity that wanders [m/s² per √Hz].
+def match_wander(wander: Wander, noise_m: float, period_s: float, told: Estimation, least: float) -> Estimation:
+    """``told``, and of a source that wanders what makes the filter as sure as it is good.
 
     The filter counts what an interval adds to the velocity, and not what it adds to the position by its end; and it
     takes for noise what the wander leaves of the differences of poses. Both make it less sure than it is good, by up
     to half. So the variance of its innovations, as its gain makes them of such a source, is worked out beside the one
-    that it claims: no flight is needed for either.
+    that it claims: no flight is needed for either. First for the velocity alone, and then for the position.
+    ``acceleration_noise`` is ``least`` at least.
     """
-    white2 = max(0.0, noise_m**2 - WANDERED * wander**2 * period_s**3)
-    densities = np.array([0.0, wander, told.wind_noise, told.wind_rate_noise]) ** 2
+    roams2, wander2 = wander.position**2, wander.velocity**2
+    without = msgspec.structs.replace(told, pose_wander=0.0)
+
+    def claims_more(told: Estimation, roams2: float) -> bool:
+        left = noise_m**2 - ROAMED * roams2 * period_s - WANDERED * wander2 * period_s**3
+        claimed, made = _settle(told, roams2, wander2, max(0.0, left), noise_m**2, period_s)
+        return claimed > made
+
+    def match(key: str, low: float, high: float, roams2: float) -> Estimation:
+        for _ in range(HALVINGS):
+            middle = math.sqrt(low * high)
+            more = claims_more(msgspec.structs.replace(without, **{key: middle}), roams2)
+            low, high = (low, middle) if more else (middle, high)
+        return msgspec.structs.replace(without, **{key: high})
+
+    without = match("acceleration_noise", LEAST_DENSITY, max(wander.velocity, LEAST_DENSITY), 0.0)
+    without = msgspec.structs.replace(without, acceleration_noise=max(least, without.acceleration_noise))
+    if not roams2 or claims_more(without, roams2):
+        return without
+    return match("pose_wander", LEAST_SHARE * wander.position, wander.position, roams2)
+
+
+def _settle(
+    told: Estimation, roams2: float, wander2: float, white2: float, noise2: float, period_s: float
+) -> tuple[float, float]:
+    """Variance of its innovations as a filter claims it that is ``told`` this, and as they are [m²].
+
+    Of a source of such densities, whose white noise is ``white2``; the filter takes all of ``noise2`` for it [m²].
+    """
+    winds = (told.wind_noise**2, told.wind_rate_noise**2)
     chain = np.array([[period_s ** max(k - i, 0) / math.factorial(max(k - i, 0)) for k in range(4)] for i in range(4)])
     chain = np.triu(chain)
-    added = np.diag(densities * period_s)
-    added[:2, :2] += wander**2 * np.array([[period_s**3 / 3.0, period_s**2 / 2.0], [period_s**2 / 2.0, 0.0]])
-
-    def claims_more(acceleration_noise: float) -> bool:
-        claimed = initial_covariance(noise_m**2)
-        error, rates = np.diag([white2, 1.0, 1.0, 0.01]), (0.0, acceleration_noise**2, *densities[2:].tolist())
-        for _ in range(SETTLED):
-            gain, claimed = update_covariance(claimed, noise_m**2)
-            column = np.array(gain)[:, None]
-            kept = np.eye(4) - column * np.array([1.0, 0.0, 0.0, 0.0])
-            error = chain @ (kept @ error @ kept.T + white2 * column @ column.T) @ chain.T + added
-            claimed = predict_covariance(claimed, period_s, Densities(*rates))
-        return bool(claimed.pp + noise_m**2 > float(error[0, 0]) + white2)
-
-    low, high = LEAST_DENSITY, max(wander, LEAST_DENSITY)
-    for _ in range(HALVINGS):
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if claims_more(middle) else (middle, high)
-    return high
+    added = np.diag([roams2, wander2, *winds]) * period_s
+    added[:2, :2] += wander2 * np.array([[period_s**3 / 3.0, period_s**2 / 2.0], [period_s**2 / 2.0, 0.0]])
+    claimed, rates = initial_covariance(noise2), Densities(told.pose_wander**2, told.acceleration_noise**2, *winds)
+    error = np.diag([white2, 1.0, 1.0, 0.01])
+    for _ in range(SETTLED):
+        gain, claimed = update_covariance(claimed, noise2)
+        column = np.array(gain)[:, None]
+        kept = np.eye(4) - column * np.array([1.0, 0.0, 0.0, 0.0])
+        error = chain @ (kept @ error @ kept.T + white2 * column @ column.T) @ chain.T + added
+        claimed = predict_covariance(claimed, period_s, rates)
+    return float(claimed.pp) + noise2, float(error[0, 0]) + white2
 
 
 def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
     """What the filter is told of its noise: that of the source, by differences of its positions.
 
-    Where no command tells what moves the vehicle, they tell how that wanders, too, and the filter's own figures, which
-    are for a wind beside commands, do not count.
+    They tell how what moves the vehicle wanders, too, beside what carries its weight as it leans. Where no command
+    tells of it, that counts, and the filter's own figures, which are for a wind beside commands, do not. Where commands
+    do, it bounds them: in still air they would take noise for wind.
     """
     at_s, place, told = driven.at_s[driven.air], driven.place[driven.air], driven.config.controller
     across_m, period_s = max(noise.across_m, 1e-6), float(np.mean(np.diff(at_s)))
-    of_source = msgspec.structs.replace(
-        told,
-        pose_noise_m=across_m,
-        pose_jitter_s=noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0,
-    )
+    jitter_s = noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0
+    leant = _integrate_lean(driven)
+    wander = measure_wander(at_s, place, leant)
+    drift = measure_drift(at_s, place - leant, wander)
+    wind, least = max(drift.bursts * drift.mean, LEAST_DENSITY), LEAST_DENSITY
+    rate = min(RATE_DENSITY, RATE_SHARE * drift.mean + LEAST_DENSITY)
     if driven.recorded.sent:
-        wander, least = measure_wander(at_s, place), told.acceleration_noise
+        wander, share = measure_wander(at_s, place), min(1.0, wind / told.wind_noise)
+        wind, rate, least = (share * of for of in (told.wind_noise, told.wind_rate_noise, told.acceleration_noise))
     else:
-        leant = _integrate_lean(driven)
-        wander, least = measure_wander(at_s, place, leant), LEAST_DENSITY
-        drift = measure_drift(at_s, place - leant, wander)
-        of_source = msgspec.structs.replace(
-            of_source,
-            wind_noise=max(drift.bursts * drift.mean, LEAST_DENSITY),
-            wind_rate_noise=min(RATE_DENSITY, RATE_SHARE * drift.mean + LEAST_DENSITY),
-        )
-    matched = match_wander(wander, across_m, period_s, of_source)
-    return msgspec.structs.replace(of_source, acceleration_noise=max(least, matched))
+        jitter_s /= drift.bursts  # a leap lasts: waiting until it is sure of one, the filter would fall behind p + v t
+    of_source = msgspec.structs.replace(
+        told, pose_noise_m=across_m, pose_jitter_s=jitter_s, wind_noise=wind, wind_rate_noise=rate
+    )
+    return match_wander(wander, across_m, period_s, of_source, least)
 
 
 def _bear_weight(attitude: Quat) -> float:
@@ -780,6 +861,7 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
     return Judged(
         float(np.mean(consistency)) / 3.0 if consistency else None,
         {str(h): _measure_errors(np.array(some).reshape(-1, 4, 3)) for h, some in errors.items()},
+        gains.pose_wander,
     )
 
 
@@ -820,7 +902,7 @@ def examine_flight(path: Path) -> dict[str, Any]:
     identified: dict[str, Any] | None = None
     if flight.sent:
         identified = identify_vehicle(driven) if flew else {"note": f"not identifiable: {why}"}
-    judged = judge_filter(driven, noise) if flew else Judged(None, {str(h): None for h in HORIZONS_MS})
+    judged = judge_filter(driven, noise) if flew else Judged(None, {str(h): None for h in HORIZONS_MS}, 0.0)
     facts: dict[str, Any] = {
         "name": flight.path.stem,
         "source": flight.source,
@@ -830,6 +912,7 @@ def examine_flight(path: Path) -> dict[str, Any]:
         "jitter_ms": round(1e3 * noise.jitter_s, 3),
         "noise_across_mm": round(1e3 * noise.across_m, 4),
         "noise_along_mm": round(1e3 * noise.along_m, 4),
+        "pose_wander": round(judged.pose_wander, 6),
         "nis3": judged.nis3,
         "prediction": judged.prediction,
     }
@@ -869,7 +952,8 @@ def describe_flight(facts: dict[str, Any]) -> str:
         f"{facts['name']} ({facts['source']}): {facts['flown_s']:.1f} s in the air, "
         f"{facts['pose_hz']:.1f} poses/s, longest gap {facts['gap_max_ms']:.0f} ms",
         f"  noise {facts['noise_across_mm']:.3f} mm across the motion, {facts['noise_along_mm']:.3f} mm along it; "
-        f"stamps off by {facts['jitter_ms']:.2f} ms; NIS/3 {_text(facts['nis3'])}",
+        f"stamps off by {facts['jitter_ms']:.2f} ms; NIS/3 {_text(facts['nis3'])}"
+        + (f"; told controller.pose_wander {facts['pose_wander']:.2g}" if facts["pose_wander"] else ""),
         f"  {'prediction, RMS mm':22}{'along':>9}{'across':>9}{'all':>9}{'p + v t':>9}{'const. a':>9}",
     ]
     keys = ("along_mm", "across_mm", "rms_mm", "pvt_rms_mm", "ca_rms_mm")
