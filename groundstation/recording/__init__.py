@@ -25,7 +25,6 @@ if TYPE_CHECKING:
         read_pose,
         read_reference,
         schema,
-        vector,
     )
     from groundstation.recording.process import END_S, RecorderProcess
     from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline, refuse_recordings

@@ -66,11 +66,6 @@ class Quaternion(msgspec.Struct, frozen=True, gc=False):
     w: float
 
 
-def vector(v: Vec3) -> Vector3:
-    """The same, with names."""
-    return Vector3(*v)
-
-
 def quaternion(q: Quat) -> Quaternion:
     """The same, with names."""
     w, x, y, z = q
@@ -463,8 +458,8 @@ class MessageMaker:
 
     def _pose(self, record: PoseRecord) -> Iterable[Message]:
         p = record.pose
-        position, attitude = vector(p.position_ned), quaternion(p.attitude)
-        velocity = msgspec.UNSET if p.velocity_ned is None else vector(p.velocity_ned)
+        position, attitude = Vector3(*p.position_ned), quaternion(p.attitude)
+        velocity = msgspec.UNSET if p.velocity_ned is None else Vector3(*p.velocity_ned)
         measured = MeasuredMessage(p.time_s, p.arrival_s, p.id, position, attitude, p.reset_count, velocity)
         shown = PoseInFrame(self._time(p.time_s), WORLD, FoxglovePose(position, attitude))
         return ("/measured", p.arrival_s, measured), ("/pose", p.arrival_s, shown)
@@ -478,27 +473,27 @@ class MessageMaker:
         commanded = CommandMessage(t, tick.flight_time_s, thrust, rates, saturated, pose_id, pose_time, deadline, parts)
         refer = ReferenceMessage(
             t,
-            vector(reference.position_ned),
-            vector(reference.velocity_ned),
-            vector(reference.acceleration_ned),
-            vector(reference.jerk_ned),
+            Vector3(*reference.position_ned),
+            Vector3(*reference.velocity_ned),
+            Vector3(*reference.acceleration_ned),
+            Vector3(*reference.jerk_ned),
             reference.yaw_rad,
             reference.yaw_rate_rad_s,
         )
-        position, attitude = vector(motion.position), quaternion(motion.attitude)
+        position, attitude = Vector3(*motion.position), quaternion(motion.attitude)
         estimated = EstimateMessage(
-            t, estimate.time_s, position, vector(motion.velocity), attitude, motion.thrust, vector(motion.rates)
+            t, estimate.time_s, position, Vector3(*motion.velocity), attitude, motion.thrust, Vector3(*motion.rates)
         )
         error = math.dist(motion.position, reference.position_ned)
         adaptation = AdaptationMessage(
-            t, vector(d.b_hat), vector(d.b_hat_dot), vector(d.disturbance), estimate.effectiveness
+            t, Vector3(*d.b_hat), Vector3(*d.b_hat_dot), Vector3(*d.disturbance), estimate.effectiveness
         )
         lyapunov = LyapunovMessage(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.seen[:2])
         return (
             ("/command", t, commanded),
             ("/reference", t, refer),
             ("/estimate", t, estimated),
-            ("/errors", t, ErrorsMessage(t, error, vector(d.z1), vector(d.z2), vector(d.z3), vector(d.u_star))),
+            ("/errors", t, ErrorsMessage(t, error, Vector3(*d.z1), Vector3(*d.z2), Vector3(*d.z3), Vector3(*d.u_star))),
             ("/adaptation", t, adaptation),
             ("/lyapunov", t, lyapunov),
             ("/timing", t, self._timing(tick, record.late_s)),
@@ -512,21 +507,21 @@ class MessageMaker:
         return TimingMessage(now, now - tick.pose.time_s, interval, msgspec.UNSET if late_s is None else late_s)
 
     def _transform(self, time_s: float, parent: str, child: str, at: Vec3, turned: Quat) -> Message:
-        return "/tf", time_s, FrameTransform(self._time(time_s), parent, child, vector(at), quaternion(turned))
+        return "/tf", time_s, FrameTransform(self._time(time_s), parent, child, Vector3(*at), quaternion(turned))
 
     def _time(self, time_s: float) -> Time:
         return Time(*divmod(self.stamp(time_s), 1_000_000_000))
 
 
 def _make_truth(r: TruthRecord) -> Iterable[Message]:
-    at, velocity, attitude = vector(r.position_ned), vector(r.velocity_ned), quaternion(r.attitude)
-    told = TruthMessage(r.time_s, at, velocity, attitude, vector(r.wind_m_s2), r.error_m)
+    at, velocity, attitude = Vector3(*r.position_ned), Vector3(*r.velocity_ned), quaternion(r.attitude)
+    told = TruthMessage(r.time_s, at, velocity, attitude, Vector3(*r.wind_m_s2), r.error_m)
     return (("/truth", r.time_s, told),)
 
 
 def _command(c: Command) -> tuple[float, Vector3, int, float, float, tuple[Part, ...]]:
-    parts = tuple(Part(p.duration_s, p.thrust_n, vector(p.rates_rad_s)) for p in c.bring_down)
-    return c.thrust_n, vector(c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts
+    parts = tuple(Part(p.duration_s, p.thrust_n, Vector3(*p.rates_rad_s)) for p in c.bring_down)
+    return c.thrust_n, Vector3(*c.rates_rad_s), c.pose_id, c.pose_time_s, c.deadline_s, parts
 
 
 @lru_cache(64)

@@ -422,15 +422,17 @@ class FlightLog:
             except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
                 failures.append(error)
             ends.append(len(messages))
-        at, passed = 0, False
+        at, passed, stamped_s = 0, False, math.nan
         encoded = self._encode(messages, failures)
-        add, channels, stamp = self._writer.add_message, self._channels, self._messages.stamp
+        add, channels, stamp_ns = self._writer.add_message, self._channels, 0
         for end in ends:
             time_s = 0.0
             while at < end:
                 topic, time_s, _ = messages[at]
+                if time_s != stamped_s:  # all that is said of a command has its time
+                    stamped_s, stamp_ns = time_s, self._messages.stamp(time_s)
                 if data := encoded[at]:
-                    add(channels[topic], stamp(time_s), data)
+                    add(channels[topic], stamp_ns, data)
                 at += 1
             if time_s - self._flushed_s >= FLUSH_S:
                 self._flushed_s, passed = time_s, True

@@ -38,7 +38,6 @@ from groundstation.recording import (
     Vector3,
     quaternion,
     schema,
-    vector,
 )
 from groundstation.runtime import __version__, open_private
 
@@ -447,8 +446,8 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
             continue
         time, place, _, velocity, _ = known
         for k, at in enumerate((time - flight.begun_s).tolist()):
-            moving = msgspec.UNSET if velocity is None else vector(_three(velocity[k]))
-            flight.messages.append((at, topic, ImportedMotion(at, vector(_three(place[k])), moving)))
+            moving = msgspec.UNSET if velocity is None else Vector3(*_three(velocity[k]))
+            flight.messages.append((at, topic, ImportedMotion(at, Vector3(*_three(place[k])), moving)))
     return flight
 
 
@@ -466,7 +465,7 @@ def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: Fli
     if rates is None and attitude is None:
         flight.missing.append("neither body rates nor an attitude were commanded in it: only thrust is known")
     for k, at in enumerate((time - flight.begun_s).tolist()):
-        turn = msgspec.UNSET if rates is None else vector(_three(rates[k]))
+        turn = msgspec.UNSET if rates is None else Vector3(*_three(rates[k]))
         lean = msgspec.UNSET if attitude is None else quaternion(_four(attitude[k]))
         thrust = float(np.clip(signal[k], 0.0, 1.0))
         flight.messages.append((at, SETPOINT, ImportedSetpoint(at, thrust, turn, lean)))
@@ -490,7 +489,7 @@ def _read_tlog(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight:
         flight.messages.append((pose.arrival_s, MEASURED, _make_measured(pose, pose.id)))
     for sent in recorded.sent:
         thrust = float(np.clip(sent.signal, 0.0, 1.0))
-        flight.messages.append((sent.time_s, SETPOINT, ImportedSetpoint(sent.time_s, thrust, vector(sent.rates))))
+        flight.messages.append((sent.time_s, SETPOINT, ImportedSetpoint(sent.time_s, thrust, Vector3(*sent.rates))))
     flight.notes.update(recorded.dropped)
     if not recorded.sent:
         flight.missing.append("no SET_ATTITUDE_TARGET with body rates in it: nothing is identified")
@@ -529,8 +528,8 @@ def write_flight(
 
 
 def _make_measured(pose: Pose, number: int) -> MeasuredMessage:
-    velocity = msgspec.UNSET if pose.velocity_ned is None else vector(pose.velocity_ned)
-    at, attitude = vector(pose.position_ned), quaternion(pose.attitude)
+    velocity = msgspec.UNSET if pose.velocity_ned is None else Vector3(*pose.velocity_ned)
+    at, attitude = Vector3(*pose.position_ned), quaternion(pose.attitude)
     return MeasuredMessage(pose.time_s, pose.arrival_s, number, at, attitude, pose.reset_count, velocity)
 
 
