@@ -21,6 +21,7 @@ from groundstation.core.estimation import (
     NOISE_FLOOR_M2,
     NOISE_MEMORY,
     NOISE_SPAN_S,
+    PP,
     STEP_LIMIT,
     AlongTrack,
     Covariance,
@@ -127,11 +128,11 @@ class BatchEstimator:
             zero - np.inf,
             Motion(tuple(start.copy()), zeros(n, 3), upright, zero + idle_thrust_n, zeros(n, 3)),
             *(zeros(n, 3), zeros(n, 3)),
-            Covariance(*zeros(n, 10)),
+            zeros(n, 10),
             Effectiveness(*zeros(n, 2), *(zeros(n, 3) for _ in range(4))),
             zero + gains.pose_noise_m**2,
             (zero + gains.pose_noise_m**2, zero + 0.0),
-            AlongTrack(zeros(n, 3), Covariance(*zeros(n, 10))),
+            AlongTrack(zeros(n, 3), zeros(n, 10)),
             tuple(zero - np.inf for _ in range(5)),
             tuple(zeros(n, 3) for _ in range(5)),
             (zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
@@ -192,7 +193,7 @@ class BatchEstimator:
         step = innovation(position, model.position)
         if (told := self._gains.pose_jitter_s) == 0.0:
             expected = widen_covariance(ops, expected, noise, step)
-            across2, track, along = expected.pp + noise, old.track, None
+            across2, track, along = expected[PP] + noise, old.track, None
             gain, covariance = update_covariance(expected, noise)
         else:
             across, jitter2 = split_noise(ops, noise, stamp_noise, NOISE_FLOOR_M2, told)
@@ -201,12 +202,11 @@ class BatchEstimator:
             both = turn_track(expected, AlongTrack(old.track.axis, narrow), axis)
             # Where stamps are not off there is one filter, and it is what the two begin with where they are again.
             off = jitter2 > 0.0
-            wide, narrow = (
-                Covariance(*(ops.where(off, a, b) for a, b in zip(one, expected, strict=True))) for one in both
-            )
+            apart: Any = (tuple(ops.where(off, a, b) for a, b in zip(one, expected, strict=True)) for one in both)
+            wide, narrow = apart
             most = across + jitter2 * speed2
             wide, narrow = widen_covariance(ops, wide, most, step), widen_covariance(ops, narrow, most, step)
-            across2, along2 = wide.pp + across, narrow.pp + most
+            across2, along2 = wide[PP] + across, narrow[PP] + most
             gain, covariance = update_covariance(wide, across)
             along, track = weigh_along(ops, axis, gain, update_covariance(narrow, most), across2, along2)
         rate = old.rate

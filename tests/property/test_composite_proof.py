@@ -372,9 +372,8 @@ def test_projection_stretches_no_difference_beyond_its_lipschitz_constant(
 
 
 def full(s: Covariance) -> Array:
-    return np.array(
-        [[s.pp, s.pv, s.pd, s.pc], [s.pv, s.vv, s.vd, s.vc], [s.pd, s.vd, s.dd, s.dc], [s.pc, s.vc, s.dc, s.cc]]
-    )
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
+    return np.array([[pp, pv, pd, pc], [pv, vv, vd, vc], [pd, vd, dd, dc], [pc, vc, dc, cc]])
 
 
 def size_in(covariance: Covariance, e: Array) -> float:

@@ -48,9 +48,8 @@ def thrust_gives(velocity: Sequence[float], place: Sequence[float]) -> ActuatorR
 
 
 def dense(s: Covariance) -> np.ndarray:
-    return np.array(
-        [[s.pp, s.pv, s.pd, s.pc], [s.pv, s.vv, s.vd, s.vc], [s.pd, s.vd, s.dd, s.dc], [s.pc, s.vc, s.dc, s.cc]]
-    )
+    pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
+    return np.array([[pp, pv, pd, pc], [pv, vv, vd, vc], [pd, vd, dd, dc], [pc, vc, dc, cc]])
 
 
 @settings(deadline=None)
@@ -94,7 +93,7 @@ def test_both_stages_together_are_the_kalman_filter_with_thirteen_states(
                 x = x + k * (measured[i] - x[4 * i + of])
                 big = big - np.outer(k, row)
             step = tuple(measured[i] - state[i, of] for i in range(3))
-            variance = (small.vv if of else small.pp) + r
+            variance = small[4 if of else 0] + r
             gain, small = (update_moving_covariance if of else update_covariance)(small, r)
             e, moved = update_effectiveness(FLOATS, e, (step[0], step[1], step[2]), gain, variance, of)
             for i, chain in enumerate(zip(e.p, e.v, e.d, e.c, strict=True)):
@@ -130,7 +129,7 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         gain, covariance = update_covariance(expected, 1e-8)
         e = predict_effectiveness(e, h, push, mass, 0.0)
         step = innovation(truth.position, model.position)
-        e, moved = update_effectiveness(FLOATS, e, step, gain, expected.pp + 1e-8)
+        e, moved = update_effectiveness(FLOATS, e, step, gain, expected[0] + 1e-8)
         kp, kv, kd, kc = gain
         d = correct_by_both(correct(d, h, c), kd, step, moved, e.d)
         c = correct_by_both(c, kc, step, moved, e.c)

@@ -46,6 +46,7 @@ from groundstation.analysis.shadow import (
 from groundstation.config import ConfigError, from_dict, parse_toml
 from groundstation.core.estimation import (
     JITTER_SHOWS,
+    PP,
     Densities,
     Estimation,
     ModelEstimator,
@@ -755,7 +756,7 @@ def _settle(
         kept = np.eye(4) - column * np.array([1.0, 0.0, 0.0, 0.0])
         error = chain @ (kept @ error @ kept.T + white2 * column @ column.T) @ chain.T + added
         claimed = predict_covariance(claimed, period_s, rates)
-    return float(claimed.pp) + noise2, float(error[0, 0]) + white2
+    return float(claimed[PP]) + noise2, float(error[0, 0]) + white2
 
 
 def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from groundstation.analysis.identify.stretch import Column, FlightStretch, components
-from groundstation.core.estimation import Covariance, Densities, predict_covariance, update_covariance
+from groundstation.core.estimation import PP, Covariance, Densities, predict_covariance, update_covariance
 from groundstation.core.geometry import arrays, so3
 from groundstation.settings import Config
 from links.core import signal, thrust
@@ -243,7 +243,7 @@ def design_filter(at_s: Column, ratios: Ratios, gap_s: float) -> InnovationFilte
         if span > gap_s:
             cover, known = _unknown(ratios), -UNSURE
         cover = predict_covariance(cover, span, densities)
-        total = cover.pp + 1.0
+        total = cover[PP] + 1.0
         gain, cover = update_covariance(cover, 1.0)
         gains[k] = gain[:3]
         known += 1
@@ -254,7 +254,7 @@ def design_filter(at_s: Column, ratios: Ratios, gap_s: float) -> InnovationFilte
 
 def _unknown(ratios: tuple[Any, Any, Any]) -> Covariance:
     """x0 and x1 are; x2 is only where something drives it."""
-    return Covariance(DIFFUSE, 0.0, 0.0, 0.0, DIFFUSE, 0.0, 0.0, DIFFUSE * (ratios[2] > 0.0), 0.0, 0.0)
+    return (DIFFUSE, 0.0, 0.0, 0.0, DIFFUSE, 0.0, 0.0, DIFFUSE * (ratios[2] > 0.0), 0.0, 0.0)
 
 
 def fit_noise(
@@ -291,7 +291,7 @@ def _unlikely(at_s: Column, left: Column, ratios: tuple[Column, Column, Column],
         if h > gap_s:
             cover, known = _unknown(ratios), -UNSURE
         cover = predict_covariance(cover, h, rates)
-        total = cover.pp + 1.0
+        total = cover[PP] + 1.0
         gain, cover = update_covariance(cover, 1.0)
         x0 = x0 + h * (x1 + (0.5 * h) * x2)
         x1 = x1 + h * x2

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
         NOISE_FLOOR_M2,
         NOISE_MEMORY,
         NOISE_SPAN_S,
+        PP,
         STEP_LIMIT,
         AlongTrack,
         Composite,

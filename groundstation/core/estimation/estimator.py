@@ -34,7 +34,7 @@ rests. Every change of thrust or tilt tells them apart. Elementwise: floats, or 
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
@@ -52,20 +52,11 @@ from groundstation.core.vehicle import (
     schedule,
 )
 
-
-class Covariance(NamedTuple):
-    """The upper triangle of the covariance of (p, v, d, c), in SI units."""
-
-    pp: Real
-    pv: Real
-    pd: Real
-    pc: Real
-    vv: Real
-    vd: Real
-    vc: Real
-    dd: Real
-    dc: Real
-    cc: Real
+Covariance: TypeAlias = tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real, Real]
+"""The upper triangle of the covariance of (p, v, d, c), row by row, in SI units: pp, pv, pd, pc, vv, vd, vc, dd, dc,
+cc. A plain tuple, as two are made with every pose."""
+PP, VV = 0, 4
+"""Where in it the variances of position and of velocity are."""
 
 
 class Densities(NamedTuple):
@@ -81,9 +72,9 @@ KalmanGain: TypeAlias = tuple[Real, Real, Real, Real]
 """What one metre of innovation changes: position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
 
 
-def initial_covariance(noise: Real) -> Covariance:
+def initial_covariance(noise: Real, speed2: float = 1.0, disturbance2: float = 1.0) -> Covariance:
     """The covariance at the first pose: it is at rest to 1 m/s, the disturbance is known to 1 m/s² and constant."""
-    return Covariance(noise, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.01)
+    return (noise, 0.0, 0.0, 0.0, speed2, 0.0, 0.0, disturbance2, 0.0, 0.01)
 
 
 def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
@@ -111,7 +102,7 @@ def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
         d_c,
         cc + q.disturbance_rate * h,
     )
-    return new(Covariance, after)
+    return after
 
 
 UNEXPECTED, WIDEST = 4.0, 5.0
@@ -125,12 +116,12 @@ def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance
     does in its next poses is believed sooner; larger than FΣFᵀ it may be at any time (docs/explanation/law.md, 5.5).
     """
     x, y, z = step
-    share = (x * x + y * y + z * z) / (3.0 * UNEXPECTED * (s.pp + r))
+    share = (x * x + y * y + z * z) / (3.0 * UNEXPECTED * (s[PP] + r))
     if ops is FLOATS and share <= 1.0:
         return s
     k = ops.clamp(share, 1.0, WIDEST)
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
-    return new(Covariance, (k * pp, k * pv, k * pd, k * pc, k * vv, k * vd, k * vc, k * dd, k * dc, k * cc))
+    return (k * pp, k * pv, k * pd, k * pc, k * vv, k * vd, k * vc, k * dd, k * dc, k * cc)
 
 
 def update_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
@@ -150,7 +141,7 @@ def update_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
         dc - kd * pc,
         cc - kc * pc,
     )
-    return (kp, kv, kd, kc), new(Covariance, after)
+    return (kp, kv, kd, kc), after
 
 
 def update_moving_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
@@ -170,7 +161,7 @@ def update_moving_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covari
         dc - kd * vc,
         cc - kc * vc,
     )
-    return (kp, kv, kd, kc), new(Covariance, after)
+    return (kp, kv, kd, kc), after
 
 
 def fourth_difference(times: Sequence[Real], places: Sequence[Vec3]) -> tuple[Real, Real, Real]:
@@ -270,10 +261,9 @@ def turn_track(across: Covariance, track: AlongTrack, axis: Vec3) -> tuple[Covar
     kept = cosine * cosine
     lost = 0.5 * (1.0 - kept)
     pairs = list(zip(across, track.covariance, strict=True))
-    return (
-        new(Covariance, [s + lost * (t - s) for s, t in pairs]),
-        new(Covariance, [s + kept * (t - s) for s, t in pairs]),
-    )
+    both: Any = (tuple(s + share * (t - s) for s, t in pairs) for share in (lost, kept))
+    one, other = both
+    return one, other
 
 
 def weigh_along(
@@ -596,7 +586,7 @@ class ModelEstimator:
         """
         self.frozen = False
         self.release()
-        self._covariance = self._covariance._replace(vv=LIFTED_M_S**2, dd=LIFTED_M_S2**2)
+        self._covariance = initial_covariance(self._noise, LIFTED_M_S**2, LIFTED_M_S2**2)
         if self._motion is not None:
             north, east, _ = self._motion.velocity
             self._motion = self._motion._replace(velocity=(north, east, -climb_m_s))
@@ -665,18 +655,18 @@ class ModelEstimator:
         expected, track, noise, late2 = self._expect(pose, dt, model.velocity)
         expected = widen_covariance(FLOATS, expected, noise + late2, step)
         gain, self._covariance = update_covariance(expected, noise)
-        across2, along = expected.pp + noise, None
+        across2, along = expected[PP] + noise, None
         if track is not None:
             narrow = widen_covariance(FLOATS, track.covariance, noise + late2, step)
-            along2, updated = narrow.pp + noise + late2, update_covariance(narrow, noise + late2)
+            along2, updated = narrow[PP] + noise + late2, update_covariance(narrow, noise + late2)
             along, track = weigh_along(FLOATS, track.axis, gain, updated, across2, along2)
         chain = self._correct(model.position, model.velocity, disturbance, gain, step, across2, 0, along)
         if pose.velocity_ned is not None:
             expected, noise = self._covariance, gains.velocity_noise_m_s**2
             gain, self._covariance = update_moving_covariance(expected, noise)
-            across2 = expected.vv + noise
+            across2 = expected[VV] + noise
             if track is not None:
-                along2, updated = track.covariance.vv + noise, update_moving_covariance(track.covariance, noise)
+                along2, updated = track.covariance[VV] + noise, update_moving_covariance(track.covariance, noise)
                 along, track = weigh_along(FLOATS, track.axis, gain, updated, across2, along2)
             measured = innovation(pose.velocity_ned, self._bias)
             chain = self._correct(*chain, gain, innovation(measured, chain[1]), across2, 1, along)
@@ -725,10 +715,10 @@ class ModelEstimator:
         x, y, z = step = innovation(pose.position_ned, ahead.position)
         off2 = x * x + y * y + z * z
         if track is None:
-            return off2 / (expected.pp + noise)
+            return off2 / (expected[PP] + noise)
         x, y, z = part_along(track.axis, step)
         along2 = x * x + y * y + z * z
-        return (off2 - along2) / (expected.pp + noise) + along2 / (track.covariance.pp + noise + late2)
+        return (off2 - along2) / (expected[PP] + noise) + along2 / (track.covariance[PP] + noise + late2)
 
     def _correct(
         self,
