@@ -41,6 +41,7 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
+from sim.scenarios import gale
 from tests.recordings import recorded
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -50,14 +51,14 @@ ATTITUDE_P = {"nanobench": 6.0, "neural-fly": 7.0}
 
 
 @cache
-def flown() -> list[tuple[float, Vec3, Quat, float, Vec3]]:
+def flown(scenario: str = "paper", full_n: float = 1.37) -> list[tuple[float, Vec3, Quat, float, Vec3]]:
     """Each pose of a flight of ours: time [s], place, attitude, and the newest command's share of thrust and rates."""
     rows, newest = [], None
-    for entry in Recording(recorded("paper", duration_s=SECONDS)[0]).entries(("/measured", "/command")):
+    for entry in Recording(recorded(scenario, duration_s=SECONDS)[0]).entries(("/measured", "/command")):
         value = entry.value()
         if entry.topic == "/command":
             w = value["rates_rad_s"]
-            newest = value["thrust_n"] / 1.37, (w["x"], w["y"], w["z"])
+            newest = value["thrust_n"] / full_n, (w["x"], w["y"], w["z"])
         elif newest is not None:
             p, q = value["position_ned"], value["attitude"]
             rows.append((value["time_s"], (p["x"], p["y"], p["z"]), (q["w"], q["x"], q["y"], q["z"]), *newest))
@@ -100,21 +101,22 @@ def nanobench(folder: Path, *, tells_attitude: bool = True) -> Path:
     return write_csv(folder / "ours.csv.gz", (row(*one) for one in flown()))
 
 
-def neural_fly(folder: Path) -> Path:
+def neural_fly(folder: Path, rows: list[Any] | None = None, hover: float = 0.6) -> Path:
     """The same axes, lists in cells, a first column without a name, thrust beside the thrust that hovers."""
+    rows = rows or flown()
 
     def row(n: int, t: float, p: Vec3, q: Quat, share: float, rates: Vec3) -> dict[str, Any]:
         (x, y, z), (w, i, j, k) = p, q
         a, b, c, d = wanted(q, rates, ATTITUDE_P["neural-fly"])
         signal = (math.sqrt(0.45**2 + 4.0 * 0.55 * share) - 0.45) / 1.1
-        level = 0.6 + 0.001 * (n % 2)
+        level = hover + 0.001 * (n % 2)
         return {
             "": n, "t": t, "p": [x, -y, -z], "p_d": [x, -y, -z], "v": [0, 0, 0], "v_d": [0, 0, 0],
             "q": [i, -j, -k, w], "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "w": [0, 0, 0],
-            "T_sp": [signal * level / 0.6005], "q_sp": [b, -c, -d, a], "hover_throttle": [level],
+            "T_sp": [signal * level / (hover + 0.0005)], "q_sp": [b, -c, -d, a], "hover_throttle": [level],
         }  # fmt: skip
 
-    return write_csv(folder / "custom_figure8_ours_nowind.csv", (row(n, *one) for n, one in enumerate(flown())))
+    return write_csv(folder / "custom_figure8_ours_nowind.csv", (row(n, *one) for n, one in enumerate(rows)))
 
 
 def ulog(folder: Path, grounded_s: float | None = None) -> Path:
@@ -296,6 +298,18 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     assert facts["pose_hz"] == pytest.approx(50.0, rel=0.01)
     timing = {one for one in facts["identified"] if "lag" in one or "delay" in one} - {"thrust_lag", "thrust_delay"}
     assert timing >= {"rate_lag", "rate_delay"} and (own or timing == {"rate_lag", "rate_delay"})
+
+
+def test_the_wind_tunnels_own_vehicle_is_predicted_as_well_as_the_filter_says(tmp_path: Path) -> None:
+    """What was derived of its logs, thrust that follows late among it, is told with their layout."""
+    path = neural_fly(tmp_path, flown("gale_0", gale.FULL_N), gale.HOVER)
+    facts = examine_flight(imported(tmp_path, path, "neural-fly"))
+    assert load_mapping("neural-fly").vehicle.thrust_delay_s == gale.THRUST_DELAY_S
+    assert facts["jitter_ms"] == pytest.approx(0.9, rel=0.15)
+    assert 0.7 < facts["nis3"] < 1.4
+    at_60 = facts["prediction"]["60"]
+    assert at_60["across_mm"] < 0.5
+    assert at_60["rms_mm"] < 0.6 * at_60["pvt_rms_mm"]
 
 
 def test_stamps_that_are_off_leave_the_filter_consistent_and_cost_nothing_across_the_motion() -> None:

@@ -590,6 +590,7 @@ def _config(told: MappedVehicle, hover: float | None, sent: Sequence[SentSetPoin
         "thrust_max_n": told.mass_kg * 9.81 / (hover or 0.5),
         "thrust_min_n": 1e-3 * told.mass_kg,
         "thrust_lag_s": told.thrust_lag_s,
+        "thrust_delay_s": told.thrust_delay_s,
         "rate_lag_s": told.rate_lag_s,
         "thrust_curve": told.thrust_curve,
         "frame_period_s": min(max(period, 0.001), 0.2),

@@ -116,6 +116,8 @@ class MappedVehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     mass_kg: Positive = 1.0
     thrust_lag_s: Positive = 0.05
+    thrust_delay_s: Annotated[float, msgspec.Meta(ge=0.0)] = 0.0
+    """Thrust follows its signal so much later than the turns follow theirs [s]."""
     rate_lag_s: Positive = 0.05
     thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
     """f of thrust = f u² + (1 - f) u, from signal to thrust [-]."""
