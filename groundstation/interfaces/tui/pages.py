@@ -364,12 +364,12 @@ def link_rows(snapshot: Snapshot) -> list[Spans]:
         row("trip", trip),
         row("its clock", clock),
         row("battery", battery(status)),
-        row("mode", printable(status.mode) or "not told"),
-        row("attitude", _angles(status.angles_rad)),
-        row("hears us", _uplink(status)),
         *_drops(status.dropped),
         row("says", printable(status.text) or "-"),
         *lateness_rows(snapshot),
+        row("mode", printable(status.mode) or "not told"),
+        row("attitude", _angles(status.angles_rad)),
+        row("hears us", _uplink(status)),
     ]
 
 
