@@ -8,6 +8,8 @@ from groundstation.runtime import add_completion, build_parser, path
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from groundstation import ErrorBudget
     from groundstation.analysis.report import FlightColumns
 
@@ -104,6 +106,11 @@ def _rf_bridge(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--make-key", type=path, metavar="FILE", help="write a new key for both computers, and end")
 
 
+def _port_or_log(text: str) -> "int | Path":
+    """What stands behind --browser: a port, or else the recording, where no port is named."""
+    return int(text) if text.removeprefix("-").isdecimal() else path(text)
+
+
 def _tui(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "log", type=path, nargs="?", metavar="LOG.mcap", help="play this recording; with --rehearse, CONFIG.toml to fly"
@@ -115,7 +122,7 @@ def _tui(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--socket", type=path, metavar="PATH", help="its status socket, if not the usual one")
     parser.add_argument("--read-only", action="store_true", help="nothing can be ordered from this screen")
     parser.add_argument(
-        "--browser", type=int, nargs="?", const=8000, metavar="PORT",
+        "--browser", type=_port_or_log, nargs="?", const=True, metavar="PORT",
         help="serve it as a page that can only look, to browsers on this machine (default port 8000)",
     )  # fmt: skip
     parser.add_argument("--screenshot", type=path, metavar="FILE.svg", help="draw LOG.mcap into this file, and end")

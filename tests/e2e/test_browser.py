@@ -11,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from groundstation.__main__ import main
+from groundstation.interfaces.tui import browser
 from tests.e2e.chromium import BROWSERS, Tab, opened
+from tests.e2e.stations import run_here
 from tests.e2e.test_mqtt import free_tcp_port
 from tests.recordings import recorded
 
@@ -72,6 +75,16 @@ def test_a_recording_is_played_in_a_browser(tmp_path: Path, needs_program: Calla
             tab.until(lambda: "RECORDING" in shown(tab) and "tracking: following the trajectory" in shown(tab))
             tab.press(" ", 32)
             tab.until(lambda: "stopped" in shown(tab))
+
+
+def test_the_word_behind_browser_is_a_port_or_the_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    served: list[tuple[int, str]] = []
+    monkeypatch.setattr(browser, "serve", lambda command, port, title: served.append((port, title)))
+    for words in (["LOG.mcap", "--browser"], ["--browser", "LOG.mcap"], ["--browser", "8001", "LOG.mcap"]):
+        assert run_here(main, "tui", *words).returncode == 0
+    assert served == [(8000, "LOG.mcap"), (8000, "LOG.mcap"), (8001, "LOG.mcap")]
+    for words in (["--browser", "-1", "LOG.mcap"], ["--browser", "A.mcap", "B.mcap"]):
+        assert run_here(main, "tui", *words).returncode == 2
 
 
 def test_a_page_of_somebody_elses_cannot_look(page: str) -> None:

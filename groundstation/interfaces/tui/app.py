@@ -827,6 +827,8 @@ NICE = 5
 """By so much the dashboard stands behind what flies (nice(2)): a key still gets through on a machine that is busy."""
 END_S = 20.0
 """How long a ground station on the ground may take to end [s]."""
+PORT = 8000
+"""Where browsers find it, if nobody says."""
 AGAIN_S = 1.0
 """A dashboard that has failed begins anew no sooner [s]."""
 
@@ -903,8 +905,11 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
 
 def _in_browser(args: argparse.Namespace) -> int:
     """Serve the same screen, without its orders, to browsers; each begins one of its own."""
-    if args.screenshot is not None or not 1 <= args.browser <= 65535:
-        raise ConfigError("--browser", f"expected a port from 1 to 65535, and no --screenshot, got {args.browser}")
+    port = PORT if args.browser is True else args.browser
+    if isinstance(port, Path) and args.log is None:  # `--browser LOG.mcap`
+        args.log, port = port, PORT
+    if args.screenshot is not None or not (isinstance(port, int) and 1 <= port <= 65535):
+        raise ConfigError("--browser", f"expected a port from 1 to 65535, and no --screenshot, got {port}")
     try:
         from groundstation.interfaces.tui.browser import serve
     except ImportError:
@@ -914,7 +919,7 @@ def _in_browser(args: argparse.Namespace) -> int:
     else:
         path = args.socket or served_socket(args.vehicle)
         title, what = path.stem, ["--read-only", "--socket", str(path)]
-    serve(make_child_command("groundstation", "tui", *what, "--theme", args.theme), args.browser, title)
+    serve(make_child_command("groundstation", "tui", *what, "--theme", args.theme), port, title)
     return 0
 
 
