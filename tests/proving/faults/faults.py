@@ -63,6 +63,8 @@ LED_M_S, LED_TILT_DEG, GRIP_S = 0.5, 20.0, 0.3
 """An operator takes the vehicle out of the air: how fast a hand leads it down, how far it leans, and how long it takes
 to close."""
 
+LONG_HOLD, FADES_S = ("takeoff.hold_s=30",), 4.0
+"""``--set`` of a hold that lasts; how long a coordinate takes to become one that stands [s]."""
 SINKS_M_S, SINKS_S = 0.5, 0.8
 """A height that leaves the true one downwards: how fast [m/s] and for how long [s], before it stands."""
 RESET_DEG, ASTRAY_S, ASTRAY_STEP_S = 19.0, 3.0, 0.01
@@ -497,6 +499,37 @@ _LYING: dict[str, Fault] = {
     ),
     "few, position frozen": Fault(
         "of four frames only one comes, and its position stands", shows_few(4, pictures.still_position)
+    ),
+    "one in ten, x mirrored": Fault(
+        "of ten frames only one comes, and its north is south",
+        shows_few(10, pictures.map_positions, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+    ),
+    "one in ten, position frozen": Fault(
+        "of ten frames only one comes, and its position stands", shows_few(10, pictures.still_position)
+    ),
+    "long hold, x frozen": Fault(
+        "in a hold of half a minute north stands",
+        shows(pictures.still_coordinate, 0),
+        states=("hold",),
+        overrides=LONG_HOLD,
+    ),
+    "long hold, z frozen": Fault(
+        "in a hold of half a minute the height stands",
+        shows(pictures.still_coordinate, 2),
+        states=("hold",),
+        overrides=LONG_HOLD,
+    ),
+    "long hold, position frozen": Fault(
+        "in a hold of half a minute the position stands",
+        shows(pictures.still_position),
+        states=("hold",),
+        overrides=LONG_HOLD,
+    ),
+    "x frozen by and by": Fault(
+        "north goes from the true one to one that stands within four seconds", shows(pictures.fading, 0, FADES_S)
+    ),
+    "z frozen by and by": Fault(
+        "the height goes from the true one to one that stands within four seconds", shows(pictures.fading, 2, FADES_S)
     ),
     "height sinks": Fault(
         "the height sinks at 0.5 m/s beside the true one for 0.8 s, and then stands",

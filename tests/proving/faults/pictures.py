@@ -106,6 +106,17 @@ def still_coordinate(struck: Struck, axis: int) -> Picture:
     return _ours(change)
 
 
+def fading(struck: Struck, axis: int, fades_s: float) -> Picture:
+    """One coordinate goes over from the true one to one that stands within so long [s]: 0 is north, 1 east, 2 down."""
+
+    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+        share, place = min(max((time_s - struck.time_s) / fades_s, 0.0), 1.0), list(position)
+        place[axis] += share * (_noisy(struck, struck.position_ned, struck.attitude)[0][axis] - place[axis])
+        return (place[0], place[1], place[2]), attitude
+
+    return _ours(change)
+
+
 def still_along(struck: Struck, north: float, east: float) -> Picture:
     """The position stands still along one horizontal direction, with noise, as along a camera's own axis."""
     n, e = north / math.hypot(north, east), east / math.hypot(north, east)
