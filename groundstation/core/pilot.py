@@ -15,6 +15,7 @@ from groundstation.core.control import (
     Descent,
     Gains,
     ask,
+    ask_thrust,
     calm,
     clamp_command,
     make_controller,
@@ -49,6 +50,8 @@ WIND_MEMORY_S = 1.0
 ASKS = 0.3
 """From this share of what convicts on [-] the poses are asked by a small turn, where it is the attitude that speaks
 against them, and a descent lifts less against what may be a lie."""
+RESTS_M_S, RESTS_S = 0.05, 1.0
+"""So are they where the reference was no faster [m/s] for so long [s]: in a hold they have nothing to answer to."""
 CALM_S = 5.0
 """So long after the poses were suspect our controller flies calmly [s], the figure, too."""
 FALLS, UPRIGHT = 0.35, 0.5
@@ -133,6 +136,7 @@ class Pilot:
         self._gains = config
         # What the mission wants, and what is flown.
         self._eased = self._asks = self._calm = False
+        self._rests_s = 0.0
         self._suspected_s = -math.inf
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
@@ -292,6 +296,11 @@ class Pilot:
         return found._replace(still=max(found.still, 1.0 if lasts else STILL_SUSPECTS))
 
     @property
+    def astray_m(self) -> float:
+        """How far an estimate that wanders may have gone since it left the floor [m]."""
+        return self._obedience.astray_m(self._newest_s - self._lifted_s)
+
+    @property
     def monitor(self) -> Obedience:
         """The monitor itself, for what it counts."""
         return self._obedience
@@ -300,6 +309,11 @@ class Pilot:
     def suspicious(self) -> bool:
         """Whether nothing is learnt from the poses at present."""
         return self._estimator.holds
+
+    @property
+    def blind(self) -> bool:
+        """Whether a failsafe descent does not believe the estimate of the speed."""
+        return self._descent is not None and self._descent.blind
 
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
         """From now on only level out and sink; ``blind`` where the estimate of the speed is not to be believed.
@@ -310,8 +324,12 @@ class Pilot:
         if self._descent is None:
             self._coast += rest_s
             self._estimator.frozen = True  # what thrust seems to give is not learnt from poses that may be at fault
-            down = 0.0 if self._wind is None else self._wind[2]
-            self._descent = Descent(self._vehicle, self._gravity, down, self._learnt().effectiveness)
+            learnt, motion = self._learnt(), self._estimator.motion
+            wind = self._wind or learnt.disturbance
+            if max(self.evidence) >= ASKS:  # what the poses showed of late may be false
+                motion, wind = self._reckon(self._before(), self._last or self._newest_s), learnt.disturbance
+            rises = 0.0 if motion is None else -motion.velocity[2]
+            self._descent = Descent(self._vehicle, self._gravity, wind, learnt.effectiveness, rises)
         self._descent.blind = blind
         self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()
@@ -351,10 +369,14 @@ class Pilot:
             decision = self._climb_gently(time_s, decision)
         if self._unheard:
             decision = self._soften(decision, estimate)
-        if descent is None and (self._asks or self.suspicious or self.evidence.attitude >= ASKS):
+        self._rests_s = self._rests_s + interval if math.hypot(*reference.velocity_ned) < RESTS_M_S else 0.0
+        asks = descent is None and (self._asks or (self._lifted and self._rests_s > RESTS_S))
+        self._obedience.asks = asks
+        if descent is None and (asks or self.suspicious or self.evidence.attitude >= ASKS):
             # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
-            drive, _ = clamp_command(self._vehicle, decision.drive.thrust, (roll + more, pitch + also, yaw))
+            thrust = decision.drive.thrust * (ask_thrust(time_s) if asks else 1.0)
+            drive, _ = clamp_command(self._vehicle, thrust, (roll + more, pitch + also, yaw))
             decision = decision._replace(drive=drive)
         self._send(time_s, decision.drive)
         if self._driver is not None:
@@ -482,8 +504,7 @@ class Pilot:
         motion = estimator.motion
         if given is None or motion is None:
             return
-        astray_m = self._obedience.astray_m(pose.time_s - self._lifted_s)
-        shown_m, near_m = abs(self._floor - pose.position_ned[2]), NEAR_FLOOR_M + astray_m
+        shown_m, near_m = abs(self._floor - pose.position_ned[2]), NEAR_FLOOR_M + self.astray_m
         high = shown_m > near_m or self._meant_m > 2.0 * near_m
         self._climbed = self._climbed or high
         wind = self._wind or (0.0, 0.0, 0.0)

@@ -785,7 +785,7 @@ class Flight:
         self._latency.attitude(told)
         if told.rates_rad_s is None:
             return  # through a radio: that one stalls on the way down says nothing of our commands
-        self._progress.heard_s = asyncio.get_running_loop().time()
+        self._progress.hear(asyncio.get_running_loop().time())
         self._progress.attitude(told)
 
     def _doubts(self, now_s: float) -> bool | None:

@@ -16,6 +16,7 @@ from groundstation.core.safety import (
     WITNESS,
     Charge,
     Conviction,
+    DescentMonitor,
     Escalation,
     Fence,
     GuardAction,
@@ -24,6 +25,7 @@ from groundstation.core.safety import (
     Hover,
     Nudge,
     Parole,
+    Resets,
     Separation,
     Since,
     Spool,
@@ -32,6 +34,7 @@ from groundstation.core.safety import (
     Touchdown,
     charge_age,
     charge_lateness,
+    charge_place,
     limit_n,
 )
 from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stop
@@ -50,9 +53,11 @@ ASTRAY_M = 0.3
 shoot up to where it should have been."""
 HEARTBEAT_S = 0.4
 """By then an autopilot, which is asked as suspicion begins, has told of a mode that somebody else has chosen [s]."""
-SILENT_S, LOST_S = 0.15, 3.0
-"""A vehicle that tells how it turns, and has been silent for so long [s], may not hear us either; for longer than the
-second, it only tells no more."""
+SILENT_S, SILENTS, LOST_S = 0.15, 2.5, 3.0
+"""A vehicle that tells how it turns, and has been silent for so long [s], and so many times [-] longer than usual, may
+not hear us either; for longer than the third [s], it only tells no more."""
+USUAL_S, USUAL = 0.02, 0.1
+"""The usual time from one telling to the next, to begin with [s], and the share of each in its average [-]."""
 UNHEARD_S, DEAF_S = 0.15, 0.5
 """Answers to what was sent are overdue for so long [s]: who does not hear the commands can't obey them. After the
 second that is told, and what may still arrive brings it down."""
@@ -256,6 +261,24 @@ def _leg(ways: list[Blend], last: Trajectory, time_s: float) -> Leg:
     return Leg(Chain(ways, last), time_s + sum(way.duration_s for way in ways))
 
 
+class Hearing:
+    """How often the vehicle tells how it turns, and whether it has fallen silent. Times are on the loop's clock [s]."""
+
+    def __init__(self) -> None:
+        self._heard_s, self._usual_s = -math.inf, USUAL_S
+
+    def hear(self, now_s: float) -> None:
+        """It has just told."""
+        since_s, self._heard_s = now_s - self._heard_s, now_s
+        if since_s < LOST_S:
+            self._usual_s += USUAL * (since_s - self._usual_s)
+
+    def stalls(self, now_s: float) -> float:
+        """For how long it has been silent, where that is a link that stalls; else 0 [s]."""
+        silent_s = now_s - self._heard_s
+        return silent_s if max(SILENT_S, SILENTS * self._usual_s) < silent_s < LOST_S else 0.0
+
+
 class MissionExecutive:
     """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
 
@@ -288,10 +311,11 @@ class MissionExecutive:
         self._on_conviction = on_conviction
         self._conviction = Conviction()
         self._charge: Charge | None = None
-        self.heard_s = -math.inf
-        """When the vehicle was last heard to tell how it turns [s]; never, where it does not."""
+        self._hearing = Hearing()
         self._since = Since()
-        self._parole = Parole()
+        self._parole, self._resets = Parole(), Resets()
+        self._descent = DescentMonitor()
+        self._disobeys: Charge | None = None
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -498,14 +522,22 @@ class MissionExecutive:
         pose = self._pilot.newest_pose
         assert pose is not None, "what flies has poses"
         old = charge_age(pose.arrival_s - pose.time_s, self._config.flight.coast_s, self._since, now_s)
-        self._charge = old or charge_lateness(self._pilot.monitor.late_s) or self._on_parole(pose, now_s)
+        height_m = self._config.flight.floor_z_m - pose.position_ned[2]
+        self._charge = (
+            old
+            or charge_lateness(self._pilot.monitor.late_s)
+            or charge_place(height_m, self._pilot.astray_m)
+            or self._resets.charge(pose.reset_count, now_s)
+            or self._disobeys
+            or self._on_parole(pose, now_s)
+        )
         if self._charge is not None:
             return True
-        if SILENT_S < now_s - self.heard_s < LOST_S:
+        silent_s = self._hearing.stalls(now_s)
+        if silent_s > 0.0:
             self._pilot.monitor.forget()  # the link stalls: who does not hear the commands can't obey them
             if self._pilot.upset and self.state is not State.DESCENT:
-                silent_ms = 1e3 * (now_s - self.heard_s)
-                why = f"not heard for {silent_ms:.0f} ms, and it does not do as told: the link stalls"
+                why = f"not heard for {1e3 * silent_s:.0f} ms, and it does not do as told: the link stalls"
                 self.go(Event.DESCEND, why, now_s, fault=True)
         evidence = self._pilot.evidence
         doubts = self._doubts(now_s) if max(evidence) >= WITNESS else None
@@ -538,12 +570,22 @@ class MissionExecutive:
                 self._warn("" if finding is None else f"warning: {finding.reason}")
             else:
                 self._answer(finding, tick.time_s)
+        blind = self._pilot.blind or self._hearing.stalls(tick.time_s) > 0.0
+        if guards is not None and self.state is State.DESCENT and not blind:
+            self._disobeys = self._find_disobedience(tick)
         # One that does not hear flies on where a landing's thrust is told: only its own word says that it has landed.
         move = None if self._unheard else self._course.over(self.state, tick)
         if move is not None and move.event is Event.ARRIVED:
             self._go_on(move, tick.time_s)
         elif move is not None:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)
+
+    def _find_disobedience(self, tick: Tick) -> Charge | None:
+        """Whether a failsafe descent does not do as it is told, by the poses."""
+        motion, thrust_n = tick.estimate.motion, tick.command.thrust_n
+        high = self._config.flight.floor_z_m - motion.position[2] > DISARMED_HEIGHT_M
+        share = thrust_n * tick.estimate.effectiveness / self._config.weight_n
+        return self._descent.charge(motion, share, high, tick.time_s)
 
     def link(self, status: LinkStatus, now_s: float) -> None:
         """The link has told of itself."""
@@ -594,6 +636,10 @@ class MissionExecutive:
             self._spooling.pose(pose)
         elif self.tick is None:
             self._standing.stands(pose)
+
+    def hear(self, now_s: float) -> None:
+        """The vehicle has told how it turns."""
+        self._hearing.hear(now_s)
 
     def attitude(self, told: Attitude) -> None:
         """The vehicle has told how it lies and turns."""

@@ -32,18 +32,26 @@ INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
 HEAVIER_M_S2 = 3.0
 """The largest downward disturbance that it lifts against where nothing speaks against the poses: rotors that give seven
 tenths look like 4.2."""
-HEAVIER_S = 1.0
-"""What it lifts against is averaged for so long [s]: what swings is no wind, but poses that are late."""
+WIND_S, HEAVIER_S = 0.3, 1.0
+"""What it pushes and lifts against is averaged for so long, across and down [s]: what swings, or grows by what is
+done against it, is poses that are late or lie."""
+LIGHTER_M_S2 = 1.5
+"""Less than that by so much it is not believed to weigh at once [m/s²]: a height that stands looks like that."""
 BLIND_PULL_M_S2 = 0.35
 """Downward acceleration that it asks for when blind: 1.2 m/s after 2 m."""
 BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
 """By then it should be down [s]; from there on the pull grows [m/s³], as what hovers was not what it was taken for."""
+BLIND_RISES_M_S, BLIND_BRAKE_M_S2 = 2.0, 2.0
+"""It is believed to climb by so much as it goes blind [m/s], and that is braked by so much besides [m/s²]."""
 BLIND_WIND_M_S2 = 1.5
 """Of an estimated disturbance so much is believed when blind, on each axis."""
+
 
 ASK_RAD_S, ASK_TONES_RAD_S = 0.27, (10.5, 14.0, 18.5)
 """A question to the poses: the axis that it leans about circles at once so fast, each by so much [rad/s]. Slower ones
 would carry it away; together they repeat after no time by which poses are late."""
+ASK_SHARE, ASK_THRUST_RAD_S = 0.04, 12.0
+"""Its thrust swings by such a share [-] so fast [rad/s]."""
 
 
 def ask(time_s: float) -> tuple[float, float]:
@@ -52,32 +60,49 @@ def ask(time_s: float) -> tuple[float, float]:
     return ASK_RAD_S * sum(map(math.cos, phases)), ASK_RAD_S * sum(map(math.sin, phases))
 
 
+def ask_thrust(time_s: float) -> float:
+    """By what thrust is multiplied to ask whether the height answers [-]."""
+    return 1.0 + ASK_SHARE * math.cos(ASK_THRUST_RAD_S * time_s)
+
+
 class Descent:
     """Implements :class:`groundstation.core.messages.Controller`; of the reference speed and heading count."""
 
-    def __init__(self, vehicle: Vehicle, gravity: float, down_m_s2: float, effectiveness: float) -> None:
+    def __init__(
+        self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float, rises_m_s: float = 0.0
+    ) -> None:
         """Take the vehicle as told and g [m/s²].
 
-        ``down_m_s2`` is the mean disturbance downwards of the last time [m/s², NED], ``effectiveness`` what the thrust
-        gave of what was told, before anything spoke against the poses [-].
+        ``wind`` is the mean disturbance of the last time [m/s², NED], ``effectiveness`` what the thrust gave of what
+        was told, before anything spoke against the poses [-], ``rises_m_s`` how fast it climbs as this begins [m/s].
         """
         self._vehicle = vehicle
         self._gravity = gravity
-        self._heavier, self._effectiveness = down_m_s2, effectiveness
+        self._wind, self._effectiveness = wind, effectiveness
         self.blind = False
         """True where speed is not to be believed."""
         self.doubted = False
         """True where something speaks against the poses."""
         self._integral = self._blind_s = 0.0
+        self._rises = max(0.0, min(rises_m_s, BLIND_RISES_M_S))
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command."""
         motion, g = estimate.motion, self._gravity
         most = BLIND_WIND_M_S2 if self.blind else WIND_LIMIT_M_S2
-        x, y, z = (max(-most, min(most, d)) for d in estimate.disturbance)
+        (a, b, c), k, m = self._wind, interval_s / (interval_s + WIND_S), interval_s / (interval_s + HEAVIER_S)
+        x, y, z = estimate.disturbance
+        if not self.blind:
+            self._wind = a, b, c = a + k * (x - a), b + k * (y - b), c + m * (z - c)
+        elif not self.doubted:
+            a, b, c = x, y, z
+        x, y, z = (max(-most, min(most, d)) for d in (a, b, c if self.blind else max(c - LIGHTER_M_S2, z)))
         if self.blind:
             self._blind_s += interval_s
-            wanted: Vec3 = (0.0, 0.0, BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0))
+            pull = BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0)
+            brake = min(BLIND_BRAKE_M_S2, 2.0 * self._rises)
+            self._rises = max(0.0, self._rises - brake * interval_s)
+            wanted: Vec3 = (0.0, 0.0, pull + brake)
         else:
             (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
             k, limit = SPEED_GAIN, INTEGRAL_LIMIT_M_S2
@@ -95,9 +120,8 @@ class Descent:
         if self.doubted:
             effectiveness, strongest = self._effectiveness, DOUBTED_MOST
         mass = self._vehicle.mass_kg / effectiveness
-        self._heavier += interval_s / (interval_s + HEAVIER_S) * (z - self._heavier)
         believed = BLIND_WIND_M_S2 if self.blind or self.doubted else HEAVIER_M_S2
-        heavier = max(-believed, min(self._heavier, believed))
+        heavier = max(-believed, min(self._wind[2], believed))
         # A leaning vehicle lifts less, one far over nothing that helps.
         lift = min(length(along) / max(upright, 0.7), (1.0 + strongest) * (g + heavier)) if upright > 0.3 else 0.0
         return make_decision(

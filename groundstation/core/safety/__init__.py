@@ -7,15 +7,18 @@ if TYPE_CHECKING:
         WITNESS,
         Charge,
         Conviction,
+        DescentMonitor,
         Escalation,
         GuardAction,
         GuardFinding,
         Guards,
         GuardsConfig,
         Parole,
+        Resets,
         Since,
         charge_age,
         charge_lateness,
+        charge_place,
     )
     from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
     from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence

@@ -466,6 +466,11 @@ obedience.py), and not at all where that takes longer than so long [s]."""
 OLD_SHARE, OLD_S = 0.6, 0.3
 """Poses older than this share of ``flight.coast_s`` for so long [s] are too old to fly by."""
 
+UNDER_M = 0.3
+"""No pose is so far under the floor [m]."""
+RESETS, RESETS_S = 4, 5.0
+"""More resets of an estimate within so long [s] are no corrections of one that flies."""
+
 
 class Charge(NamedTuple):
     """Why a flight ends because of its poses."""
@@ -546,6 +551,32 @@ def charge_age(age_s: float, coast_s: float, since: Since, now_s: float) -> Char
     )
 
 
+def charge_place(height_m: float, astray_m: float) -> Charge | None:
+    """What follows from a pose so high above the floor, of a source that may have wandered so far [m]."""
+    if height_m > -UNDER_M - astray_m:
+        return None
+    why = f"the poses show it {-height_m:.2f} m under the floor"
+    return Charge(f"{why}: down on the model", convicted=True)
+
+
+class Resets:
+    """How often the source of the poses began anew of late: each time nothing before counts against it any more."""
+
+    def __init__(self) -> None:
+        self._count: int | None = None
+        self._at_s: list[float] = []
+
+    def charge(self, count: int, now_s: float) -> Charge | None:
+        """What follows from its newest ``count``."""
+        if self._count is not None and count != self._count:
+            self._at_s = [at for at in self._at_s if now_s - at < RESETS_S] + [now_s]
+        self._count = count
+        if len(self._at_s) <= RESETS:
+            return None
+        why = f"the estimate behind the poses was reset {len(self._at_s)} times within {RESETS_S:g} s"
+        return Charge(f"{why}: down on the model", convicted=True)
+
+
 class Parole:
     """Poses that come back after the descent has begun for want of them: are they this vehicle's, and new?"""
 
@@ -573,6 +604,41 @@ class Parole:
         if now_s - self._begun_s < PAROLE_S - 1e-9:
             return None
         return Charge("the poses that came back do not show what the commands do: down on the model", convicted=False)
+
+
+FASTER_M_S, ASIDE_M_S = 1.5, 2.1
+"""A failsafe descent levels out: who gets faster across by the first [m/s], and than the second [m/s], does not."""
+SINKS_M_S, STAYS_S, RISES_M_S, RISES_S, LIFTS_LESS = 0.12, 0.7, 0.6, 0.3, 0.93
+"""With so much less than what hovers [-] it sinks: who moves neither up nor down by the first [m/s] for so long [s], or
+by the third [m/s] more upwards than before for the fourth [s], does not."""
+
+
+class DescentMonitor:
+    """Does the vehicle do what a failsafe descent tells it? Times are on the event loop's clock [s]."""
+
+    def __init__(self) -> None:
+        self._slowest, self._sank = math.inf, -math.inf
+        self._since = Since()
+
+    def charge(self, motion: Motion, share: float, high: bool, now_s: float) -> Charge | None:
+        """What follows from its ``motion`` as the poses show it; on the floor, where it is not ``high``, nothing.
+
+        ``share`` is its thrust as a share of what hovers by the estimate [-].
+        """
+        u, v, w = motion.velocity
+        aside = math.hypot(u, v)
+        self._slowest = slowest = min(self._slowest, aside)
+        away = aside > ASIDE_M_S and aside > slowest + FASTER_M_S
+        if self._since.lasts("away", away, now_s, SURE_S):
+            return Charge(f"told to level out it gets faster, {aside:.1f} m/s now: down on the model", convicted=False)
+        self._sank = sank = max(self._sank, w)
+        rises = high and w < min(sank - RISES_M_S, -SINKS_M_S) and share < LIFTS_LESS
+        if self._since.lasts("rises", rises, now_s, RISES_S):
+            return Charge(f"thrust does not carry it, and the poses rise at {-w:.1f} m/s: down on the model", False)
+        stays = high and abs(w) < SINKS_M_S and share < LIFTS_LESS
+        if self._since.lasts("stays", stays, now_s, STAYS_S):
+            return Charge("thrust does not carry it, and the poses show no sinking: down on the model", convicted=False)
+        return None
 
 
 def _accusation(evidence: PoseEvidence) -> str:

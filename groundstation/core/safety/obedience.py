@@ -40,6 +40,11 @@ no acceleration, a tenth or three tenths of it, or all of it smoothed. Evidence 
 and a vehicle that obeys in some wind, summed with fading memory and never below zero. And a picture that begins to lie
 shows from one pose to the next a rival's share of the speed, where nothing stops or brakes a vehicle like that.
 
+*Answers*. Where the law holds a place, a coordinate that stands is betrayed by nothing: the law sees no error. So there
+the vehicle is asked: turned to and fro by two degrees by three tones, and its thrust swings by one more. By the lean
+as seen each moves it by a millimetre or two, which no wind does at just these frequencies, and for long. What is told
+and what is seen are mixed down with each tone, and held against each other along the direction that shows least.
+
 *Images*, mirrored or turned, of all axes. What the commands push and what the poses show go through one filter each,
 node by node; what is left is what moved within some tenths of a second. The evidence for each image of the commands is
 a log likelihood ratio against a vehicle that obeys and a picture that stands, summed with fading memory and never below
@@ -52,6 +57,7 @@ from collections.abc import Sequence
 from itertools import islice
 from typing import NamedTuple
 
+from groundstation.core.control import ASK_THRUST_RAD_S, ASK_TONES_RAD_S
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorResponse, Motion
@@ -76,6 +82,9 @@ GALE_M_S2, BREEZE_M_S2, USUAL, USUAL_S = 3.5, 2.5, 6.0, 5.0
 """No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
 [m/s²]; in a calm, where so many times [-] what it was mostly off by in the last time [s] is less than the second, none
 pushes by that."""
+TURNS_M_S2, TURNS_S = 5.5, 3.0
+"""Nor does any wind change across by so much [m/s²] from its mean of the last time [s], for two nodes, even if the
+picture goes with it: who follows a lie that grows goes with it, too."""
 PRESS_M_S2 = 3.0
 """Nothing in the air presses it down, or lifts it, by so much more than was known, for two nodes [m/s²]: a floor does,
 a hand, or rotors that give little more than half of what they gave."""
@@ -156,7 +165,8 @@ class Rivals:
         calm = most <= BREEZE_M_S2
         most = (BREEZE_M_S2 if calm else min(most, GALE_M_S2)) + 3.0 * sigma
         self._usual += h / USUAL_S * (min(squared, 4.0 * usual) - usual)
-        before, self._gale = self._gale, math.sqrt(squared) / most
+        turned = math.hypot(x.turned, y.turned) / (TURNS_M_S2 + 3.0 * sigma)
+        before, self._gale = self._gale, max(math.sqrt(squared) / most, turned)
         pressed, self._press = self._press, abs(z.off) / (PRESS_M_S2 + 3.0 * sigma)
         across = down = 0.0
         if x.speaks or y.speaks:  # who shows too small a part of one axis mostly does so of the other, too
@@ -183,13 +193,13 @@ class _RivalAxis:
     """One axis."""
 
     __slots__ = (
-        "_before", "_h", "_known", "_moved", "_off_before", "_place", "_push", "_smooth", "_speed", "_told",
-        "astray", "evidence", "noises", "off", "since_s", "speaks",
+        "_before", "_h", "_known", "_mean", "_moved", "_off_before", "_place", "_push", "_smooth", "_speed", "_told",
+        "astray", "evidence", "noises", "off", "since_s", "speaks", "turned",
     )  # fmt: skip
 
     def __init__(self, known: int = 0) -> None:
         """``known`` nodes need no average."""
-        self._known, self._push, self._smooth = known, 0.0, 0.0
+        self._known, self._push, self._mean, self._smooth = known, 0.0, 0.0, 0.0
         self.noises = STOPS_NOISES
         """Less than so many times its noise is no speed [-]."""
         self._before = self._off_before = 0.0
@@ -203,6 +213,8 @@ class _RivalAxis:
         """Whether there is any."""
         self.off = 0.0
         """What pushes it beside the commands, less what is known of that [m/s²]."""
+        self.turned = 0.0
+        """The same, less its mean of the last seconds [m/s²]."""
 
     def begin(self, place: float, told: float) -> None:
         """It is at ``place``, by the commands alone at ``told`` [m]."""
@@ -222,8 +234,11 @@ class _RivalAxis:
         if self._known < BEGINS:
             self._known += 1
             self._push += off / self._known
+            self._mean = self._push
             self.off = 0.0
             return
+        self.turned = turned = a - u - self._mean
+        self._mean += h / TURNS_S * turned
         if self.since_s <= STAYS_S:
             self.since_s += h
             self._compare(speed, self._before + moved + self.since_s * self._push, speed_noise)
@@ -451,9 +466,89 @@ def _sum_evidence(evidence: float, fade: float, gain: float, variance: float, of
     return evidence if evidence > TRACE else 0.0
 
 
+ANSWER_S = 1.5
+"""Time constant of what is mixed down [s], and so long it is asked before an answer counts."""
+TOLD_M, TOLD_NOISES = 0.0006, 5.5
+"""A question is one whose answer must be so large [m], and so many times the noise of what is mixed down [-], ..."""
+BESIDE_RAD_S, BESIDE, BESIDE_S = (7.0, 7.5), 3.0, 4.0
+"""... and its power so many times [-] what is commanded where nothing is asked, across and down [rad/s], on average of
+so long [s]: what the law does against wind is seen by half or less, as it brings that to nothing."""
+ANSWERS_LESS = 0.3
+"""What shows a smaller share of the answer than this does not answer [-]."""
+SILENT_S, FORGETS = 0.8, 0.2
+"""For so long it may show no answer before that ends a flight [s]; time in which none is told from wind counts back by
+such a share [-]."""
+
+
+class PositionAnswer:
+    """What one flight's position answers to the tones that it is asked by: a lock-in amplifier for each."""
+
+    def __init__(self) -> None:
+        self._told: list[complex] = [0j] * (2 * len(ASK_TONES_RAD_S) + 1)
+        self._seen = list(self._told)
+        self._beside, self._across2, self._down2 = [0j, 0j, 0j], 0.0, 0.0
+        self._asked_s = self._silent_s = 0.0
+
+    def node(self, time_s: float, h: float, seen: Vec3, told: Vec3, noise_m: float, *, asked: bool) -> float:
+        """Take one node; how much speaks for a position that does not answer, as a share of what ends a flight [-].
+
+        Args:
+            time_s: of the pose.
+            h: time since the node before [s].
+            seen: how far the position left its way, by a filter that both go through [m, NED].
+            told: the same of where the commands would have taken it [m, NED].
+            noise_m: what such a filter has of the poses' own noise, 1σ [m].
+            asked: whether the tones are played.
+        """
+        self._asked_s = self._asked_s + h if asked else 0.0
+        if not asked:
+            self._silent_s = 0.0
+            return 0.0
+        k = h / ANSWER_S
+        fade, sums_told, sums_seen = math.exp(-k), self._told, self._seen
+        xx = xy = yy = told2 = 0.0
+        for i, tone in enumerate(ASK_TONES_RAD_S):
+            turn = k * complex(math.cos(tone * time_s), math.sin(tone * time_s))
+            p = sums_told[2 * i] = fade * sums_told[2 * i] + told[0] * turn
+            q = sums_told[2 * i + 1] = fade * sums_told[2 * i + 1] + told[1] * turn
+            u = sums_seen[2 * i] = fade * sums_seen[2 * i] + seen[0] * turn
+            v = sums_seen[2 * i + 1] = fade * sums_seen[2 * i + 1] + seen[1] * turn
+            told2 += 2.0 * (_power(p) + _power(q))
+            xx, yy, xy = xx + _power(u), yy + _power(v), xy + u.real * v.real + u.imag * v.imag
+        turn = k * complex(math.cos(ASK_THRUST_RAD_S * time_s), math.sin(ASK_THRUST_RAD_S * time_s))
+        w = sums_told[-1] = fade * sums_told[-1] + told[2] * turn
+        s = sums_seen[-1] = fade * sums_seen[-1] + seen[2] * turn
+        across2, down2 = self._look_beside(time_s, h, told)
+        least = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy))  # along the direction that shows least
+        asked2, less2 = max(TOLD_M, TOLD_NOISES * noise_m * math.sqrt(0.5 * k)) ** 2, ANSWERS_LESS * ANSWERS_LESS
+        across, down = told2 > max(asked2, BESIDE * across2), 4.0 * _power(w) > max(asked2, BESIDE * down2)
+        silent = (across and least < less2 * told2) or (down and _power(s) < less2 * _power(w))
+        if self._asked_s > ANSWER_S:
+            more = h if silent else -h if across and down else -FORGETS * h
+            self._silent_s = max(0.0, self._silent_s + more)
+        return self._silent_s / SILENT_S
+
+    def _look_beside(self, time_s: float, h: float, told: Vec3) -> tuple[float, float]:
+        """The power of what is commanded where nothing is asked, across and down [m²]."""
+        k, (x, y, z) = h / ANSWER_S, self._beside
+        fade, (across, down) = math.exp(-k), BESIDE_RAD_S
+        turn = k * complex(math.cos(across * time_s), math.sin(across * time_s))
+        x, y = fade * x + told[0] * turn, fade * y + told[1] * turn
+        z = fade * z + told[2] * k * complex(math.cos(down * time_s), math.sin(down * time_s))
+        self._beside = [x, y, z]
+        across2, down2, slow = 2.0 * (_power(x) + _power(y)), 4.0 * _power(z), h / BESIDE_S
+        self._across2 += slow * (across2 - self._across2)
+        self._down2 += slow * (down2 - self._down2)
+        return max(across2, self._across2), max(down2, self._down2)
+
+
+def _power(z: complex) -> float:
+    return z.real * z.real + z.imag * z.imag
+
+
 NODE_S, HALF_NODE_S = 0.1, 0.05 - 1e-6
 """Time between two nodes, and from one to the next between them [s]."""
-GAP_S = 0.2
+GAP_S = 0.26
 """Poses further apart than this begin anew [s]: between them the model has gone astray."""
 HOLE_S, UNHEARD_S, UNHEARD = 0.07, 0.3, 0.5
 """After a time so long without a pose [s] positions are not looked at for some nodes. The vehicle may have missed
@@ -512,6 +607,10 @@ for so long [s]."""
 LEAP_M, LEAP_NOISES, LEAP_M_S2, LEAP_S = 0.0015, 7.0, 0.4, 0.035
 """A pose leaps that is so much [m], so many times its noise [-], and by what is not known of the push [m/s²], farther
 off its way than the one before, which came no longer ago than this [s]: where one is missing, so may commands be."""
+LEAP_LOOKS_S, LEAP_USUAL, LEAP_MOST_S, LEAP_LATE = 0.0095, 0.02, 0.045, 1.25
+"""Of what comes more often than this [s] all since are summed up: from one of 240 in a second to the next nothing goes
+far. Where few come, the one before came up to so many times [-] as long ago as is usual, which is averaged with this
+share of each, and at most so long [s]."""
 ARREST_M, ARREST_S, STANDS_M = 0.018, 0.4, 0.01
 """A position that leaves its way by so much more than commands make it [m], 4 m/s², and then for so long [s] stays
 within so much [m] has been stopped dead: no wind does that."""
@@ -592,14 +691,14 @@ class Obedience:
     """One flight's. Fed with each pose and what the commands did since the last one."""
 
     __slots__ = (  # with so many, a dictionary is slow
-        "_arrest", "_asked", "_attitude", "_begun_s", "_between", "_climb_m_s", "_down", "_flown", "_from_down",
-        "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s", "_hover_share", "_images",
-        "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s", "_noise_m", "_off",
-        "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed", "_quarter", "_quarters", "_resets",
-        "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y", "_seen_z", "_shock_s", "_shocks_s",
-        "_since_down", "_speed", "_still", "_stood", "_stopped_s", "_strays", "_stuck", "_swept_s", "_swift",
-        "_told_x", "_told_y", "_told_z", "_turns", "_upset", "_wander", "_wander_m", "answered", "calm_s", "evidence",
-        "late_s", "led_s", "windows",
+        "_answer", "_arrest", "_asked", "_attitude", "_begun_s", "_between", "_climb_m_s", "_down", "_flown",
+        "_from_down", "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s", "_hover_share",
+        "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s",
+        "_noise_m", "_off", "_off_s", "_offs", "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed",
+        "_quarter", "_quarters", "_resets", "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y",
+        "_seen_z", "_shock_s", "_shocks_s", "_silent", "_since_down", "_speed", "_still", "_stood", "_stopped_s",
+        "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z", "_turns", "_upset", "_usual_s",
+        "_wander", "_wander_m", "answered", "asks", "calm_s", "evidence", "late_s", "led_s", "windows",
     )  # fmt: skip
 
     def __init__(self, mass_kg: float, gravity: float) -> None:
@@ -651,6 +750,9 @@ class Obedience:
         self._last: Quat | None = None
         self._noise_m = math.inf
         self._arrest: Pose | None = None
+        self._answer, self._silent = PositionAnswer(), 0.0
+        self.asks = False
+        """Whether the position is asked, by a small turn to and fro."""
         self._stopped_s = 0.0
         self._lates = self._stuck = 0
         self._strays = False
@@ -659,7 +761,8 @@ class Obedience:
         self._pitch.restart()
         self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = -math.inf
         self._hole_s = self._holes_s = self._leapt_s = self._leaps_s = -math.inf
-        self._off = 0.0
+        self._off = self._offs = self._off_s = 0.0
+        self._usual_s = LEAP_S / LEAP_LATE
         self._images.restart()
         self._rivals = Rivals()
         self._push = 0.0
@@ -726,7 +829,7 @@ class Obedience:
             self._holes_s = pose.time_s
         self._noise_m = noise_m = min(noise_m, self._noise_m * (1.0 + NOISE_RISES * dt))
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
-            self._off = off_m
+            self._off, self._offs, self._off_s = off_m, 0.0, 0.0
             self._begin(pose)
             return False
         # Written out, as this is done with every pose: both turns in the body's axes, twice a quaternion's vector.
@@ -744,11 +847,16 @@ class Obedience:
         x, y, z = pose.position_ned
         a, b, c, n = self._passed
         self._passed = (a + x, b + y, c + z, n + 1)
-        further, self._off = off_m - self._off, off_m
-        if further > LEAP_M and dt <= LEAP_S:
-            further -= LEAP_NOISES * max(noise_m, self._wander_m) + LEAP_M_S2 * dt * dt
-            if further > LEAP_M:
-                self._leaps(pose.time_s)
+        self._usual_s += LEAP_USUAL * (min(dt, LEAP_MOST_S) - self._usual_s)
+        self._offs += off_m
+        self._off_s += dt
+        if self._off_s >= LEAP_LOOKS_S:
+            further, since_s = self._offs - self._off, self._off_s
+            self._off, self._offs, self._off_s = self._offs, 0.0, 0.0
+            if further > LEAP_M and since_s <= max(LEAP_S, LEAP_LATE * self._usual_s):
+                further -= LEAP_NOISES * max(noise_m, self._wander_m) + LEAP_M_S2 * since_s * since_s
+                if further > LEAP_M:
+                    self._leaps(pose.time_s)
         half = 0.5 * dt
         m, g, (_, _, _, (ix, iy, iz), (sx, sy, sz)) = self._per_newton, self._gravity, given
         (px, py, pz), (vx, vy, vz) = self._pushed, self._speed
@@ -833,7 +941,7 @@ class Obedience:
     def _judge(self) -> None:
         """Weigh what speaks against the poses."""
         newest_s, push, still, leant = self._newest_s, self._push, self._still / CONVICTS, self._leant
-        still = still if still > leant else leant
+        still = max(still, leant, self._silent)
         if newest_s - self._shock_s < SHOCK_S:
             still = max(still, STOPPED)
         if self._stopped_s > NODE_S:
@@ -885,7 +993,9 @@ class Obedience:
         seen, told = images.node(now_s, place, pushed, fade, NODE_S)
         if images.nodes > SETTLES:
             shakes_m = FILTER_NOISE * noise_m
-            self._stands(pose, seen, told, fade, math.sqrt(shakes_m * shakes_m + wander))
+            shakes_m = math.sqrt(shakes_m * shakes_m + wander)
+            self._stands(pose, seen, told, fade, shakes_m)
+            self._silent = self._answer.node(now_s, h, seen, told, shakes_m, asked=self.asks)
         if now_s - h < self._hole_s <= now_s:
             self._rivals.begin(place, pushed)
         else:

@@ -31,26 +31,26 @@ def test_where_poses_are_doubted_it_lifts_by_what_thrust_gave_before_and_by_118_
     before: float, now: float
 ) -> None:
     """Poses that lie show a thrust that gives less; lifted against, that sends the vehicle up."""
-    descent = Descent(VEHICLE, G, 0.0, before)
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), before)
     descent.doubted = True
     assert lifts(descent, estimate(0.0, effectiveness=now)) == pytest.approx(1.18 / before, rel=1e-6)
 
 
 def test_where_nothing_speaks_against_the_poses_it_lifts_by_what_thrust_gives_now() -> None:
-    descent = Descent(VEHICLE, G, 0.0, 1.0)
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
     assert lifts(descent, estimate(0.0, effectiveness=0.7)) == pytest.approx(1.24 / 0.7, rel=1e-6)
 
 
 def test_what_swings_up_and_down_is_not_lifted_against() -> None:
     """Poses that are late make a disturbance of their own lateness: 3 m/s² to and fro, once a second."""
-    descent = Descent(VEHICLE, G, 0.0, 1.0)
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
     swings = [3.0 * math.sin(2.0 * math.pi * PERIOD_S * n) for n in range(250)]
     most = max(lifts(descent, estimate(PERIOD_S * n, down_m_s2=down)) for n, down in enumerate(swings))
     assert most < 1.24 * (1.0 + 1.0 / G)
 
 
 def test_what_pulls_down_steadily_is_lifted_against_within_two_seconds() -> None:
-    descent = Descent(VEHICLE, G, 0.0, 1.0)
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
     course = [lifts(descent, estimate(PERIOD_S * n, down_m_s2=2.0)) for n in range(100)]
     assert course[0] < 1.24 * (1.0 + 0.1 / G)
     learnt = (course[round(1.0 / PERIOD_S)] / 1.24 - 1.0) * G / 2.0
@@ -59,5 +59,5 @@ def test_what_pulls_down_steadily_is_lifted_against_within_two_seconds() -> None
 
 
 def test_the_mean_wind_of_before_is_lifted_against_at_once() -> None:
-    descent = Descent(VEHICLE, G, 2.0, 1.0)
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 2.0), 1.0)
     assert lifts(descent, estimate(0.0, down_m_s2=2.0)) == pytest.approx(1.24 + 2.0 / G)

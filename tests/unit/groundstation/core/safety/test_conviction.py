@@ -1,7 +1,21 @@
 """From what speaks against the poses to what is done."""
 
-from groundstation.core.safety import Conviction, Parole, PoseEvidence, Since, charge_age
+import pytest
+
+from groundstation.core.geometry import Vec3
+from groundstation.core.safety import (
+    Charge,
+    Conviction,
+    DescentMonitor,
+    Parole,
+    PoseEvidence,
+    Resets,
+    Since,
+    charge_age,
+    charge_place,
+)
 from groundstation.core.safety.guards import ANSWERED, HELD_S, OLD_S, PAROLE_S
+from groundstation.core.vehicle import Motion
 
 NOTHING = PoseEvidence(0.0, 0.0, 0.0, 0.0)
 
@@ -93,3 +107,65 @@ def test_poses_that_come_back_prove_themselves_or_end_the_flight() -> None:
     assert charge is not None and not charge.convicted
     assert parole.ends(1.1 * ANSWERED)
     assert not parole.serves(3.0)
+
+
+def sinks(descent: DescentMonitor, velocity: Vec3, share: float, seconds: float, *, high: bool = True) -> Charge | None:
+    """What follows from a failsafe descent whose poses show so fast a motion for so long."""
+    motion = Motion((0.0, 0.0, -1.0), velocity, (1.0, 0.0, 0.0, 0.0), 1.0, (0.0, 0.0, 0.0))
+    charges = [descent.charge(motion, share, high, 0.02 * n) for n in range(round(seconds / 0.02))]
+    return next((one for one in charges if one is not None), None)
+
+
+def test_a_descent_that_sinks_as_told_is_not_charged() -> None:
+    assert sinks(DescentMonitor(), (0.3, 0.0, 0.4), 0.97, 5.0) is None
+
+
+def test_a_descent_that_gets_faster_across_though_told_to_level_out_ends_on_the_model() -> None:
+    descent = DescentMonitor()
+    assert sinks(descent, (0.4, 0.0, 0.4), 1.0, 0.2) is None
+    charge = sinks(descent, (2.2, 0.0, 0.4), 1.0, 0.2)
+    assert charge is not None
+    assert "it gets faster, 2.2 m/s" in charge.reason
+    assert not charge.convicted
+
+
+def test_a_descent_that_begins_fast_and_slows_down_is_not_charged() -> None:
+    descent = DescentMonitor()
+    for tenths in range(30, 0, -1):
+        assert sinks(descent, (0.1 * tenths, 0.0, 0.4), 1.0, 0.1) is None
+
+
+@pytest.mark.parametrize(("velocity", "share", "high", "ends"), [
+    ((0.0, 0.0, 0.0), 0.85, True, True),
+    ((0.0, 0.0, 0.0), 0.85, False, False),
+    ((0.0, 0.0, 0.0), 0.97, True, False),
+    ((0.0, 0.0, -0.3), 0.8, True, False),
+])  # fmt: skip
+def test_poses_that_stand_up_in_the_air_while_thrust_does_not_carry_end_it_and_a_stronger_motor_does_not(
+    velocity: Vec3, share: float, high: bool, ends: bool
+) -> None:
+    assert (sinks(DescentMonitor(), velocity, share, 1.5, high=high) is not None) is ends
+
+
+def test_poses_that_rise_ever_faster_while_thrust_does_not_carry_end_it() -> None:
+    descent = DescentMonitor()
+    assert sinks(descent, (0.0, 0.0, 0.4), 0.9, 0.2) is None
+    assert sinks(descent, (0.0, 0.0, -0.5), 0.8, 0.5) is not None
+
+
+@pytest.mark.parametrize(("height_m", "astray_m", "ends"), [(-0.1, 0.0, False), (-0.31, 0.0, True), (-0.6, 0.4, False)])
+def test_a_pose_under_the_floor_is_no_pose_of_ours(height_m: float, astray_m: float, ends: bool) -> None:
+    assert (charge_place(height_m, astray_m) is not None) is ends
+
+
+def test_an_estimate_that_is_reset_four_times_in_five_seconds_flies_and_one_more_ends_it() -> None:
+    resets = Resets()
+    charges = [resets.charge(count, 0.9 * count) for count in range(6)]
+    assert charges[:5] == [None] * 5
+    assert charges[5] is not None
+    assert "reset 5 times within 5 s" in charges[5].reason
+
+
+def test_resets_that_come_every_two_seconds_are_corrections() -> None:
+    resets = Resets()
+    assert not any(resets.charge(count, 2.0 * count) for count in range(50))

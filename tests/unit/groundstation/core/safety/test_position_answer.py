@@ -1,0 +1,57 @@
+"""What a position answers to the tones that it is asked by, on made-up motions in wind."""
+
+import math
+import random
+
+import pytest
+
+from groundstation.core.control import ASK_THRUST_RAD_S, ASK_TONES_RAD_S
+from groundstation.core.geometry import Vec3
+from groundstation.core.safety.obedience import PositionAnswer
+
+H, NOISE_M, TONE_M = 0.1, 0.0006, 0.0015
+
+
+def found(
+    shares: Vec3 = (1.0, 1.0, 1.0), *, wind_m: float = 0.0, tone_m: float = TONE_M, asked: bool = True, seed: int = 0
+) -> float:
+    """The largest share of what ends a flight in 20 s, where each axis shows such a share of what moves it."""
+    answer, normals = PositionAnswer(), random.Random(seed)
+    wind, most = [0.0, 0.0, 0.0], 0.0
+    for n in range(200):
+        t = n * H
+        tones = [sum(math.cos(tone * t + axis) for tone in ASK_TONES_RAD_S) for axis in (0.0, 1.5)]
+        moved = [tone_m * tone for tone in (*tones, math.cos(ASK_THRUST_RAD_S * t))]
+        before, wind = wind, [0.7 * w + wind_m * normals.gauss(0.0, 0.7) for w in wind]
+        told = [m - w for m, w in zip(moved, before, strict=True)]  # the law brings the wind to nothing, a node late
+        truth = [m + w - b for m, w, b in zip(moved, wind, before, strict=True)]
+        seen = [share * m + normals.gauss(0.0, NOISE_M) for share, m in zip(shares, truth, strict=True)]
+        most = max(
+            most, answer.node(t, H, (seen[0], seen[1], seen[2]), (told[0], told[1], told[2]), NOISE_M, asked=asked)
+        )
+    return most
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_vehicle_that_answers_is_not_accused(seed: int) -> None:
+    assert found(seed=seed) < 0.3
+
+
+@pytest.mark.parametrize(
+    "shares", [(0.0, 1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.1, 0.1, 0.1)]
+)
+def test_a_coordinate_that_does_not_answer_ends_it(shares: Vec3) -> None:
+    assert found(shares) >= 1.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_in_a_storm_where_the_law_moves_it_more_than_the_question_does_nothing_is_concluded(seed: int) -> None:
+    assert found(wind_m=0.01, seed=seed) < 0.6
+
+
+def test_nothing_is_concluded_where_nothing_is_asked() -> None:
+    assert found((0.0, 0.0, 0.0), asked=False) == 0.0
+
+
+def test_a_question_that_drowns_in_noise_is_none() -> None:
+    assert found((0.0, 0.0, 0.0), tone_m=0.0001) < 1.0
