@@ -370,9 +370,8 @@ class Pilot:
         if self._unheard:
             decision = self._soften(decision, estimate)
         self._rests_s = self._rests_s + interval if math.hypot(*reference.velocity_ned) < RESTS_M_S else 0.0
-        asks = descent is None and (self._asks or (self._lifted and self._rests_s > RESTS_S))
-        self._obedience.asks = asks
-        if descent is None and (asks or self.suspicious or self.evidence.attitude >= ASKS):
+        self._obedience.asks = asks = descent is None and (self._asks or (self._lifted and self._rests_s > RESTS_S))
+        if asks or (descent is None and (self.suspicious or self.evidence.attitude >= ASKS)):
             # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)
             thrust = decision.drive.thrust * (ask_thrust(time_s) if asks else 1.0)

@@ -175,14 +175,14 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
     for part, label in (("transport", "pose transport"), ("pose_age", "pose age"), ("compute", "compute")):
         rows.append(row(f"{label}, median / 99 % / largest [ms]", (_spread(f["latency_ms"][part]) for f in facts)))
     rows.append(row("command lateness, median / 99 % / largest [ms]", (_spread(f["lateness_ms"]) for f in facts)))
-    words = [_told(f["link"]) for f in facts]
+    words = [_last_words(f["link"]) for f in facts]
     if any(words):
         rows.append(row("the vehicle's last word of itself", (one or "–" for one in words)))
     rows.append(row("ended", (f"{f['ended']['state']}: {f['ended']['reason']}" for f in facts)))
     return [["", *names, *(["the paper"] if paper else [])], *rows]
 
 
-def _told(link: dict[str, Any]) -> str:
+def _last_words(link: dict[str, Any]) -> str:
     """What the vehicle, or its receiver, has told of itself."""
     told = [] if link.get("battery_v") is None else [f"{link['battery_v']:.2f} V"]
     told += [] if link.get("battery_share") is None else [f"battery {100.0 * link['battery_share']:.0f} %"]

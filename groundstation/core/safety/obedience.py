@@ -40,10 +40,9 @@ no acceleration, a tenth or three tenths of it, or all of it smoothed. Evidence 
 and a vehicle that obeys in some wind, summed with fading memory and never below zero. And a picture that begins to lie
 shows from one pose to the next a rival's share of the speed, where nothing stops or brakes a vehicle like that.
 
-*Answers*. Where the law holds a place, a coordinate that stands is betrayed by nothing: the law sees no error. So there
-the vehicle is asked: turned to and fro by two degrees by three tones, and its thrust swings by one more. By the lean
-as seen each moves it by a millimetre or two, which no wind does at just these frequencies, and for long. What is told
-and what is seen are mixed down with each tone, and held against each other along the direction that shows least.
+*Answers*. Where the law holds a place, a coordinate that stands is betrayed by nothing: it sees no error. So there the
+vehicle is asked by small tones in rates and thrust. By the lean as seen each moves it by a millimetre or two, which no
+wind does at just these frequencies, and for long; along the direction that shows least seen is held against told.
 
 *Images*, mirrored or turned, of all axes. What the commands push and what the poses show go through one filter each,
 node by node; what is left is what moved within some tenths of a second. The evidence for each image of the commands is
@@ -473,21 +472,36 @@ TOLD_M, TOLD_NOISES = 0.0006, 5.5
 BESIDE_RAD_S, BESIDE, BESIDE_S = (7.0, 7.5), 3.0, 4.0
 """... and its power so many times [-] what is commanded where nothing is asked, across and down [rad/s], on average of
 so long [s]: what the law does against wind is seen by half or less, as it brings that to nothing."""
-ANSWERS_LESS = 0.3
-"""What shows a smaller share of the answer than this does not answer [-]."""
-SILENT_S, FORGETS = 0.8, 0.2
-"""For so long it may show no answer before that ends a flight [s]; time in which none is told from wind counts back by
-such a share [-]."""
+ANSWERS_LESS, SILENT_S, FORGETS = 0.3, 0.8, 0.2
+"""What shows a smaller share of the answer than this does not answer [-]; so long, and it ends a flight [s]; time in
+which none is told from wind counts back by such a share [-]."""
+
+
+class LockIn:
+    """What of some signals swings at one rate: each is mixed down with it, with fading memory."""
+
+    __slots__ = ("_rad_s", "_sums")
+
+    def __init__(self, rad_s: float, signals: int) -> None:
+        """Nothing seen of so many signals."""
+        self._rad_s, self._sums = rad_s, [0j] * signals
+
+    def mix(self, time_s: float, h: float, *signals: float) -> list[complex]:
+        """Take each signal's newest value, ``h`` after the last [s]; returns half of what swings, by size and phase."""
+        k, phase = h / ANSWER_S, self._rad_s * time_s
+        fade, turn = math.exp(-k), k * complex(math.cos(phase), math.sin(phase))
+        self._sums = [fade * old + new * turn for old, new in zip(self._sums, signals, strict=True)]
+        return self._sums
 
 
 class PositionAnswer:
-    """What one flight's position answers to the tones that it is asked by: a lock-in amplifier for each."""
+    """What one flight's position answers to the tones that it is asked by."""
 
     def __init__(self) -> None:
-        self._told: list[complex] = [0j] * (2 * len(ASK_TONES_RAD_S) + 1)
-        self._seen = list(self._told)
-        self._beside, self._across2, self._down2 = [0j, 0j, 0j], 0.0, 0.0
-        self._asked_s = self._silent_s = 0.0
+        across, down = BESIDE_RAD_S
+        self._across, self._down = [LockIn(tone, 4) for tone in ASK_TONES_RAD_S], LockIn(ASK_THRUST_RAD_S, 2)
+        self._beside_across, self._beside_down = LockIn(across, 2), LockIn(down, 1)
+        self._across2 = self._down2 = self._asked_s = self._silent_s = 0.0
 
     def node(self, time_s: float, h: float, seen: Vec3, told: Vec3, noise_m: float, *, asked: bool) -> float:
         """Take one node; how much speaks for a position that does not answer, as a share of what ends a flight [-].
@@ -500,46 +514,32 @@ class PositionAnswer:
             noise_m: what such a filter has of the poses' own noise, 1σ [m].
             asked: whether the tones are played.
         """
-        self._asked_s = self._asked_s + h if asked else 0.0
         if not asked:
-            self._silent_s = 0.0
+            self._asked_s = self._silent_s = 0.0
             return 0.0
-        k = h / ANSWER_S
-        fade, sums_told, sums_seen = math.exp(-k), self._told, self._seen
+        self._asked_s += h
+        a, b, c = told
         xx = xy = yy = told2 = 0.0
-        for i, tone in enumerate(ASK_TONES_RAD_S):
-            turn = k * complex(math.cos(tone * time_s), math.sin(tone * time_s))
-            p = sums_told[2 * i] = fade * sums_told[2 * i] + told[0] * turn
-            q = sums_told[2 * i + 1] = fade * sums_told[2 * i + 1] + told[1] * turn
-            u = sums_seen[2 * i] = fade * sums_seen[2 * i] + seen[0] * turn
-            v = sums_seen[2 * i + 1] = fade * sums_seen[2 * i + 1] + seen[1] * turn
+        for tone in self._across:
+            p, q, u, v = tone.mix(time_s, h, a, b, seen[0], seen[1])
             told2 += 2.0 * (_power(p) + _power(q))
             xx, yy, xy = xx + _power(u), yy + _power(v), xy + u.real * v.real + u.imag * v.imag
-        turn = k * complex(math.cos(ASK_THRUST_RAD_S * time_s), math.sin(ASK_THRUST_RAD_S * time_s))
-        w = sums_told[-1] = fade * sums_told[-1] + told[2] * turn
-        s = sums_seen[-1] = fade * sums_seen[-1] + seen[2] * turn
-        across2, down2 = self._look_beside(time_s, h, told)
+        w, s = self._down.mix(time_s, h, c, seen[2])
+        x, y = self._beside_across.mix(time_s, h, a, b)  # what is commanded where nothing is asked
+        (z,) = self._beside_down.mix(time_s, h, c)
+        across2, down2, slow = 2.0 * (_power(x) + _power(y)), 4.0 * _power(z), h / BESIDE_S
+        self._across2 += slow * (across2 - self._across2)
+        self._down2 += slow * (down2 - self._down2)
+        across2, down2 = max(across2, self._across2), max(down2, self._down2)
         least = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy))  # along the direction that shows least
-        asked2, less2 = max(TOLD_M, TOLD_NOISES * noise_m * math.sqrt(0.5 * k)) ** 2, ANSWERS_LESS * ANSWERS_LESS
+        noise = TOLD_NOISES * noise_m * math.sqrt(0.5 * (h / ANSWER_S))
+        asked2, less2 = max(TOLD_M, noise) ** 2, ANSWERS_LESS * ANSWERS_LESS
         across, down = told2 > max(asked2, BESIDE * across2), 4.0 * _power(w) > max(asked2, BESIDE * down2)
         silent = (across and least < less2 * told2) or (down and _power(s) < less2 * _power(w))
         if self._asked_s > ANSWER_S:
             more = h if silent else -h if across and down else -FORGETS * h
             self._silent_s = max(0.0, self._silent_s + more)
         return self._silent_s / SILENT_S
-
-    def _look_beside(self, time_s: float, h: float, told: Vec3) -> tuple[float, float]:
-        """The power of what is commanded where nothing is asked, across and down [m²]."""
-        k, (x, y, z) = h / ANSWER_S, self._beside
-        fade, (across, down) = math.exp(-k), BESIDE_RAD_S
-        turn = k * complex(math.cos(across * time_s), math.sin(across * time_s))
-        x, y = fade * x + told[0] * turn, fade * y + told[1] * turn
-        z = fade * z + told[2] * k * complex(math.cos(down * time_s), math.sin(down * time_s))
-        self._beside = [x, y, z]
-        across2, down2, slow = 2.0 * (_power(x) + _power(y)), 4.0 * _power(z), h / BESIDE_S
-        self._across2 += slow * (across2 - self._across2)
-        self._down2 += slow * (down2 - self._down2)
-        return max(across2, self._across2), max(down2, self._down2)
 
 
 def _power(z: complex) -> float:

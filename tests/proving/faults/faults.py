@@ -526,10 +526,12 @@ _LYING: dict[str, Fault] = {
         overrides=LONG_HOLD,
     ),
     "x frozen by and by": Fault(
-        "north goes from the true one to one that stands within four seconds", shows(pictures.fading, 0, FADES_S)
+        "north goes from the true one to one that stands within four seconds",
+        shows(pictures.fading_coordinate, 0, FADES_S),
     ),
     "z frozen by and by": Fault(
-        "the height goes from the true one to one that stands within four seconds", shows(pictures.fading, 2, FADES_S)
+        "the height goes from the true one to one that stands within four seconds",
+        shows(pictures.fading_coordinate, 2, FADES_S),
     ),
     "height sinks": Fault(
         "the height sinks at 0.5 m/s beside the true one for 0.8 s, and then stands",

@@ -106,7 +106,7 @@ def still_coordinate(struck: Struck, axis: int) -> Picture:
     return _ours(change)
 
 
-def fading(struck: Struck, axis: int, fades_s: float) -> Picture:
+def fading_coordinate(struck: Struck, axis: int, fades_s: float) -> Picture:
     """One coordinate goes over from the true one to one that stands within so long [s]: 0 is north, 1 east, 2 down."""
 
     def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
