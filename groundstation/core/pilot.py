@@ -269,7 +269,8 @@ class Pilot:
             self._controller.begin(disturbance)
         self._released = self._lifted = True
         hovers = max(hover_share, CUSHIONED)
-        self._left_s, self._hover_n = time_s, hovers * self._vehicle.mass_kg * self._gravity
+        north, east, _ = disturbance  # against which it leans, and so needs more thrust to hover
+        self._left_s, self._hover_n = time_s, hovers * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
         self._trust_from_here(disturbance)
         self._obedience.lift_off(hovers, climb_m_s)
         motion = self._estimator.predict(time_s + self._vehicle.acting_delay_s).motion

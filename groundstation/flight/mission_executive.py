@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import msgspec
+
 from groundstation.core import Pilot
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint
@@ -48,6 +50,8 @@ AT_REST_M_S = 0.02
 FAST_M_S2 = 2.0
 """What leaves the floor faster than it is to climb is slowed down so hard, rather than climb too high; and no climb
 begins harder, as thrust just off the floor allows no more [m/s²]."""
+BLOWN_M_S, HALTS_M_S2 = 0.1, 3.0
+"""What leaves the floor faster sideways [m/s] has been moved by wind, and is stopped so hard [m/s²]."""
 ASTRAY_M = 0.3
 """A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
 shoot up to where it should have been."""
@@ -139,13 +143,13 @@ class Course:
                 climb = self._climb
                 if math.hypot(*now.velocity_ned) > climb.speed_m_s:
                     climb = Limits(climb.speed_m_s, FAST_M_S2)
-                return self._above(now.position_ned, now, time_s, climb, halts=False)
+                return self._above(None, now, time_s, climb, self._halt_aside(now))
             case State.TRACKING:
                 return _leg(self.entry(now), self._trajectory, time_s)
             case State.MOVING:
                 return self._to_point(now, time_s)
             case State.RETURNING:
-                return self._above(self._home, now, time_s, self._transit, halts=True)
+                return self._above(self._home, now, time_s, self._transit, self._halt(now))
             case State.LANDING:
                 return self._down(now, time_s)
             case _:
@@ -219,9 +223,18 @@ class Course:
         """To rest, where ``now`` is not."""
         return [stop(now, self._transit)] if math.hypot(*now.velocity_ned) > AT_REST_M_S else []
 
-    def _above(self, place: Vec3 | None, now: Reference, time_s: float, limits: Limits, *, halts: bool) -> Leg:
-        """To rest above ``place``, at the height of the take-off; without one, above where it stops."""
-        ways = self._halt(now) if halts else []
+    def _halt_aside(self, now: Reference) -> list[Blend]:
+        """To rest sideways, climbing on, where wind has moved ``now``, which nothing withstood on the floor."""
+        north, east, climb = now.velocity_ned
+        if math.hypot(north, east) <= BLOWN_M_S:
+            return []
+        halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), Limits(1.0, HALTS_M_S2))
+        north, east, down = halt.at(halt.duration_s).position_ned
+        place = (north, east, down + climb * halt.duration_s)
+        return [Blend(now, Reference(place, (0.0, 0.0, climb), yaw_rad=now.yaw_rad), halt.duration_s)]
+
+    def _above(self, place: Vec3 | None, now: Reference, time_s: float, limits: Limits, ways: list[Blend]) -> Leg:
+        """To rest above ``place``, at the height of the take-off, after ``ways``; without one, above where they end."""
         at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
         north, east, _ = place or at_rest.position_ned
         above = (north, east, self._config.flight.floor_z_m - self._config.takeoff.height_m)

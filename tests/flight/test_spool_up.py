@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from groundstation.core.control import Adaptive
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import CommandSent, FlightEvent
+from groundstation.core.messages import CommandSent, FlightEvent, Tick
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from sim.runs import MissionResult, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
@@ -228,6 +228,10 @@ class Start:
         self.tilt_deg: list[float] = []
         self.b: list[float] = []
         """|b̂| as a share of its bound."""
+        self.off_m: list[float] = []
+        """How far it is from the reference [m]."""
+        self.aside_m: list[float] = []
+        """And from over where it stood [m]."""
 
 
 def start_of(
@@ -253,6 +257,8 @@ def start_of(
             law = flight._pilot._controller
             assert isinstance(law, Adaptive)
             start.b.append(math.hypot(*law.b_hat) / law.gains.b_bound)
+            start.off_m.append(math.dist(truth.position_ned, tick.reference.position_ned))
+            start.aside_m.append(math.dist(truth.position_ned[:2], world.start_ned[:2]))
 
         flight._subscribers += (hear,)
         while not begun or asyncio.get_running_loop().time() < begun[0] + 1.1:
@@ -286,12 +292,66 @@ def test_law_and_estimator_begin_without_a_step(
     ensure_smooth(start)
 
 
+OWN = ("sim.own_estimate=true",)
+
+
+def gust_in_hover(scenario: str, wind_m_s2: float) -> tuple[float, float]:
+    """How far the same vehicle leans [deg], and is moved [m], where that wind sets in while it hovers."""
+    told = ["sim.wind_mean=[0, 0, 0]", f"sim.wind_step=[{wind_m_s2}, 0, 0]", "sim.wind_step_time_s=5"]
+    world, config = prepare(SCENARIOS[scenario], [*told, "trajectory.kind=hold"])
+    place = config.trajectory.build().position_at(0.0)
+    leans, moved, begun = [0.0], [0.0], list[float]()
+
+    def look(tick: Tick) -> None:
+        if tick.flight_time_s > 5.0:
+            leans.append(so3.angle_deg(so3.third_column(tick.estimate.motion.attitude)[2]))
+
+    def step(time_s: float, position: Vec3) -> None:
+        begun[:] = begun or [time_s]
+        if time_s - begun[0] > 5.0:
+            moved.append(math.dist(position, place))
+
+    assert fly(world, config, seed=0, duration_s=7.0, on_tick=look, on_step=step).completed
+    return max(leans), max(moved)
+
+
+@pytest.mark.parametrize(("wind_m_s2", "aside_m"), [(1.0, 0.10), (2.0, 0.20), (4.0, 0.55)])
+def test_a_take_off_in_wind_is_no_rougher_than_a_gust_of_that_wind_is_in_hover(
+    wind_m_s2: float, aside_m: float
+) -> None:
+    """Nothing is felt on the floor. As it lets go wind sets in, and meets a vehicle that no law flies for 0.2 s yet."""
+    leans_deg, moved_m = gust_in_hover("quad1kg", wind_m_s2)
+    calm, _ = start_of("quad1kg", "sim.wind_mean=[0, 0, 0]")
+    start, fault = start_of("quad1kg", f"sim.wind_mean=[{wind_m_s2}, 0, 0]")
+    assert not fault
+    assert max(start.tilt_deg) <= 1.05 * leans_deg
+    assert max(start.off_m) <= max(calm.off_m) + moved_m
+    assert max(start.aside_m) <= aside_m
+    assert 0.75 <= min(start.thrust) <= max(start.thrust) <= 1.25
+    assert max(start.climb) < 0.3
+    assert max(start.b) < 0.5
+
+
+@pytest.mark.parametrize("source", ["vicon", "odometry"])
+def test_in_calm_air_a_larger_bound_of_adaptation_changes_nothing_of_a_take_off(source: str) -> None:
+    own = (*OWN, "sim.floor_hold_s=0.6") if source == "odometry" else ()
+    autopilot = "ardupilot" if own else "px4"
+    wide, narrow = (
+        start_of("quad1kg", "sim.wind_mean=[0, 0, 0]", *own, *bound, source=source, autopilot=autopilot)[0]
+        for bound in ((), ("controller.b_bound=5.001",))
+    )
+    assert wide.b != narrow.b
+    assert (wide.thrust, wide.climb, wide.tilt_deg) == (narrow.thrust, narrow.climb, narrow.tilt_deg)
+
+
+def test_where_wind_blows_a_vehicle_along_the_floor_it_does_not_take_off() -> None:
+    _, fault = start_of("quad1kg", "sim.wind_mean=[7.5, 0, 0]")
+    assert "it moves sideways on the floor" in fault
+
+
 def test_a_vehicle_that_is_too_weak_for_its_told_weight_refuses() -> None:
     _, fault = start_of("quad1kg", "vehicle.mass_kg=0.8", "sim.thrust_gain=0.85")
     assert "is the mass right?" in fault
-
-
-OWN = ("sim.own_estimate=true",)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -581,15 +581,18 @@ class ModelEstimator:
 
         What the observer has made of the floor's push and friction is forgotten, and so is the speed that it took
         the vehicle to have on the floor. What the hover thrust is off by is divided between λ̂ and the disturbance as
-        both are uncertain; which of them it is does not show while thrust stays as it is.
+        both are uncertain; which of them it is does not show while thrust stays as it is. Sideways the floor has let
+        go some time ago, of a vehicle that wind has moved since: so much of that as is beyond doubt stays.
         Returns the disturbance that is left [m/s², NED].
         """
         self.frozen = False
+        north, east, _ = self._disturbance
+        blows = math.hypot(north, east)
+        shown = max(blows - LIFTED_M_S2, 0.0) / blows if self._provable and blows else 0.0
         self.release()
         self._covariance = initial_covariance(self._noise, LIFTED_M_S**2, LIFTED_M_S2**2)
         if self._motion is not None:
-            north, east, _ = self._motion.velocity
-            self._motion = self._motion._replace(velocity=(north, east, -climb_m_s))
+            self._motion = self._motion._replace(velocity=(*self._motion.velocity[:2], -climb_m_s))
         value = 1.0
         if self._separates:
             by_thrust = (self._gains.effectiveness_deviation * self._gains.gravity) ** 2
@@ -598,7 +601,7 @@ class ModelEstimator:
             e = self._effectiveness
             moved = (0.0, 0.0, hover_share * self._gains.gravity)
             self._effectiveness = e._replace(value=value, variance=(1.0 - weight) * e.variance, d=moved)
-        self._disturbance = (0.0, 0.0, (value * hover_share - 1.0) * self._gains.gravity)
+        self._disturbance = (shown * north, shown * east, (value * hover_share - 1.0) * self._gains.gravity)
         return self._disturbance
 
     def hold(self, disturbance: Vec3, effectiveness: float) -> None:
