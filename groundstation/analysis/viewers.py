@@ -387,12 +387,11 @@ def view_command(path: Path, viewer: str, listen: str | None) -> int:
     """
     require_package(viewer, "--in", "view")
     try:
-        with refuse_recordings():
-            recording = Recording(path)
-            host, port = parse_address(listen or f"127.0.0.1:{PORTS[viewer]}")
-            asyncio.run((_show_in_rerun if viewer == "rerun" else _serve_foxglove)(recording, host, port))
+        host, port = parse_address(listen or f"127.0.0.1:{PORTS[viewer]}")
     except ValueError as error:
         raise ConfigError("--listen", str(error)) from None
+    with refuse_recordings():
+        asyncio.run((_show_in_rerun if viewer == "rerun" else _serve_foxglove)(Recording(path), host, port))
     return 0
 
 
@@ -419,7 +418,8 @@ async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:
     try:
         stream.flush()
     except RuntimeError:
-        raise ValueError(f"what listens at {host}:{port} takes nothing: it is no Rerun, or has just ended") from None
+        told = f"what listens at {host}:{port} takes nothing: it is no Rerun, or has just ended"
+        raise ConfigError("--listen", told) from None
     stream.disconnect()
 
 
@@ -468,7 +468,7 @@ async def _serve_foxglove(recording: Recording, host: str, port: int) -> None:
             name=recording.path.stem, host=host, port=port, context=context, server_listener=Subscriptions()
         )
     except (RuntimeError, OSError) as error:
-        raise ValueError(f"{host}:{port}: {error}") from None
+        raise ConfigError("--listen", f"{host}:{port}: {error}") from None
     print(f"{recording.path}: in Foxglove, Open connection, ws://{host}:{server.port}", flush=True)
     live = is_being_written(recording.path)
     if not live:

@@ -3,40 +3,23 @@
 import asyncio
 import os
 import signal
-import struct
+import socketserver
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 
-import aiohttp
 import pytest
 
 from groundstation.analysis import view_command
 from groundstation.analysis.viewers import PORTS, FoxgloveScene
+from groundstation.config import ConfigError
 from groundstation.recording import CHANNELS
 from links.core import make_child_command
 from tests.e2e.stations import free_udp_port, served
 from tests.flight.test_viewers import begin, components, needs_rerun
+from tests.proving.bench.onlooker import subscribe
 from tests.recordings import recorded
-
-
-async def subscribe(port: int) -> Counter[str]:
-    """How many messages of each topic a client of Foxglove's server gets until it ends."""
-    names: dict[int, str] = {}
-    got: Counter[str] = Counter()
-    async with (
-        aiohttp.ClientSession() as session,
-        session.ws_connect(f"ws://127.0.0.1:{port}", protocols=["foxglove.sdk.v1"]) as server,
-    ):
-        async for message in server:
-            if message.type == aiohttp.WSMsgType.TEXT and message.json()["op"] == "advertise":
-                names |= {channel["id"]: channel["topic"] for channel in message.json()["channels"]}
-                wanted = [{"id": number, "channelId": number} for number in names]
-                await server.send_json({"op": "subscribe", "subscriptions": wanted})
-            elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == 1:
-                got[names[struct.unpack_from("<I", message.data, 1)[0]]] += 1
-    return got
 
 
 def test_foxglove_is_served_a_flight_as_it_is_recorded_on_this_machine_alone(tmp_path: Path) -> None:
@@ -76,6 +59,19 @@ def listening(port: int) -> set[str]:
     ]
     places = [row[1].split(":") for row in rows[1:] if row[3] == "0A"]
     return {address for address, number in places if int(number, 16) == port}
+
+
+def test_where_no_viewer_can_listen_the_place_is_named_not_the_recording(tmp_path: Path) -> None:
+    flight = recorded(duration_s=17.0)[0]
+    with socketserver.TCPServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as other:
+        for place, why in (
+            ("nonsense", "'nonsense' is not an address: it has no port"),
+            (f"127.0.0.1:{other.server_address[1]}", "Address already in use"),
+        ):
+            with pytest.raises(ConfigError, match=f"^--listen: .*{why}"):
+                view_command(flight, "foxglove", place)
+    with pytest.raises(ConfigError, match=r"^LOG: cannot read"):
+        view_command(tmp_path / "none.mcap", "foxglove", None)
 
 
 @needs_rerun

@@ -67,6 +67,7 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     assert screen["without"]["count"] > 0
     assert screen["with"]["p50_us"] > 0.0
     assert 0.0 < screen["dashboard_share"] < 2.0
+    assert screen["note"] or (screen["viewed"]["count"] > 0 and 0.0 < screen["viewer_share"] < 2.0)
     words = bench.text(facts)
     assert all(f"\n{name}:" in words for name in bench.WHAT)
 

@@ -194,6 +194,7 @@ async def _config(rate_hz: int, folder: Path) -> Config:
         "link.pace=poses",
         f"vehicle.frame_period_s={period!r}",
         f"status.path={folder / 'status.sock'}",
+        f"recording.folder={folder / 'flights'}",
     ]
     _, config = prepare(SCENARIOS["paper"], overrides)
     return config

@@ -1,4 +1,7 @@
-"""What a dashboard costs the flight that it shows: pose to command without one and with one, in turns, in real time."""
+"""What a dashboard, and a viewer, cost the flight that they show: pose to command without and with each, in turns.
+
+The flight records in every turn, so that what is compared is who looks on.
+"""
 
 import asyncio
 import fcntl
@@ -7,8 +10,9 @@ import os
 import pty
 import struct
 import termios
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,38 +23,48 @@ from tests.proving.bench.links import fly_latency as fly
 
 RATE_HZ = 50
 TURNS = 2
-"""Flights without a dashboard, and as many with one."""
+"""Flights that nobody looks at, as many with a dashboard, and as many with a viewer."""
 SIZE = 48, 160
-"""Rows and columns of its terminal."""
+"""Rows and columns of the dashboard's terminal."""
 LIMIT_US = 2000.0
-"""Goal for the 99th percentile with a dashboard [µs]."""
+"""Goal for the 99th percentile with a dashboard, and with a viewer [µs]."""
+NO_VIEWER = "foxglove-sdk is not installed"
+"""Why there is no row of a viewer."""
+Watch = Callable[[Path], AbstractAsyncContextManager[None]]
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """``options.seconds`` in all, half of them watched."""
+    """``options.seconds`` in all, an equal part of them watched by each."""
     gc.collect()
     gc.freeze()
-    found: dict[bool, list[Answers]] = {False: [], True: []}
-    shares = list[float]()
-
-    @asynccontextmanager
-    async def dashboard(path: Path) -> AsyncIterator[None]:
-        async with _dashboard(path, shares):
-            yield
-
+    shares: dict[str, list[float]] = {"dashboard": [], "viewer": []}
+    ways: dict[str, Watch | None] = {
+        "without": None,
+        "with": lambda path: _dashboard(path, shares["dashboard"]),
+        "viewed": lambda path: _viewer(path, shares["viewer"]),
+    }
+    if any(find_spec(name) is None for name in ("foxglove", "aiohttp")):
+        del ways["viewed"]
+    found: dict[str, list[Answers]] = {name: [] for name in ways}
     for _ in range(TURNS):
-        for watched in (False, True):
-            seconds = options.seconds / (2 * TURNS)
-            commands, _ = asyncio.run(fly(RATE_HZ, seconds, dashboard if watched else None))
-            found[watched].append(commands)
+        for name, watched in ways.items():
+            commands, _ = asyncio.run(fly(RATE_HZ, options.seconds / (TURNS * len(ways)), watched))
+            found[name].append(commands)
     gc.unfreeze()
+    figures = {name: figures_of(together(answers)) for name, answers in found.items()}
     return {
         "rate_hz": RATE_HZ,
-        "without": figures_of(together(found[False])),
-        "with": figures_of(together(found[True])),
-        "dashboard_share": sum(shares) / len(shares),
+        **figures,
+        "viewed": figures.get("viewed"),
+        "note": "" if "viewed" in figures else NO_VIEWER,
+        "dashboard_share": _mean(shares["dashboard"]),
+        "viewer_share": _mean(shares["viewer"]),
         "goal_p99_us": LIMIT_US,
     }
+
+
+def _mean(values: list[float]) -> float | None:
+    return sum(values) / len(values) if values else None
 
 
 @asynccontextmanager
@@ -64,16 +78,55 @@ async def _dashboard(path: Path, shares: list[float]) -> AsyncIterator[None]:
     words = make_child_command("groundstation", "tui", "--socket", str(path))
     environment = os.environ | {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
     screen = await asyncio.create_subprocess_exec(*words, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
-    begun_s, before_s = loop.time(), _processor_s(screen.pid)
     try:
-        yield
-        shares.append((_processor_s(screen.pid) - before_s) / (loop.time() - begun_s))
+        async with _measured([screen], shares):
+            yield
     finally:
-        screen.kill()
-        await screen.wait()
         loop.remove_reader(ours)
         os.close(theirs)
         os.close(ours)
+
+
+@asynccontextmanager
+async def _viewer(path: Path, shares: list[float]) -> AsyncIterator[None]:
+    """``groundstation view`` on the recording as it grows, as ``fly --view`` opens it, and a client of it.
+
+    Foxglove's server in the place of Rerun's window: both read the file and make the same scene of it.
+    """
+    while not (found := list(path.parent.glob("flights/*.mcap"))):  # noqa: ASYNC110  # another process's file
+        await asyncio.sleep(0.1)
+    place = f"127.0.0.1:{await _free_port()}"
+    words = make_child_command("groundstation", "view", str(found[0]), "--in", "foxglove", "--listen", place)
+    viewer = await asyncio.create_subprocess_exec(*words, stdout=asyncio.subprocess.PIPE)
+    assert viewer.stdout is not None, "a pipe"
+    if not await viewer.stdout.readline():
+        raise RuntimeError("the viewer has ended already")
+    onlooker = make_child_command("tests.proving.bench.onlooker", place.partition(":")[2])
+    client = await asyncio.create_subprocess_exec(*onlooker)
+    async with _measured([viewer, client], shares):
+        yield
+
+
+async def _free_port() -> int:
+    server = await asyncio.get_running_loop().create_server(asyncio.Protocol, "127.0.0.1", 0)
+    port: int = server.sockets[0].getsockname()[1]
+    server.close()
+    return port
+
+
+@asynccontextmanager
+async def _measured(processes: Sequence[asyncio.subprocess.Process], shares: list[float]) -> AsyncIterator[None]:
+    """What the first of ``processes`` has taken of a processor goes into ``shares``; all are ended at the end."""
+    loop = asyncio.get_running_loop()
+    begun_s = loop.time()
+    try:
+        yield
+        shares.append(_processor_s(processes[0].pid) / (loop.time() - begun_s))
+    finally:
+        for process in processes:
+            if process.returncode is None:
+                process.kill()
+            await process.wait()
 
 
 def _processor_s(pid: int) -> float:
@@ -83,13 +136,18 @@ def _processor_s(pid: int) -> float:
 
 
 def text(facts: dict[str, Any]) -> list[str]:
-    """Three lines."""
-    lines = [f"pose's datagram in to command's datagram out, {facts['rate_hz']:g} Hz"]
-    for name in ("without", "with"):
-        these = facts[name]
+    """A line for each way of looking on, and what each takes."""
+    goal = f"goal: 99 % below {facts['goal_p99_us']:.0f} µs"
+    lines = [f"pose's datagram in to command's datagram out, {facts['rate_hz']:g} Hz ({goal})"]
+    for name, whom in (("without", "unwatched"), ("with", "dashboard"), ("viewed", "viewer")):
+        if (these := facts[name]) is None:
+            lines.append(f"{whom:9} not measured: {facts['note']}")
+            continue
         lines.append(
-            f"{name:8} a dashboard: 50 % within {these['p50_us']:.0f} µs, 99 % {these['p99_us']:.0f}, 99.9 % "
-            f"{these['p999_us']:.0f}; {lost_words(these)}"
+            f"{whom:9} 50 % within {these['p50_us']:.0f} µs ({these['p50_us'] / facts['without']['p50_us']:.2f}x), "
+            f"99 % {these['p99_us']:.0f} ({these['p99_us'] / facts['without']['p99_us']:.2f}x), "
+            f"99.9 % {these['p999_us']:.0f}; {lost_words(these)}"
         )
-    lines[-1] += f" (goal: 99 % below {facts['goal_p99_us']:.0f} µs)"
-    return [*lines, f"the dashboard takes {100.0 * facts['dashboard_share']:.0f} % of a processor, its start included"]
+    shares = {"dashboard": facts["dashboard_share"], "viewer": facts["viewer_share"]}
+    taken = [f"the {name} takes {100.0 * share:.0f} %" for name, share in shares.items() if share is not None]
+    return [*lines, f"of a processor {', '.join(taken)}, its start included"]
