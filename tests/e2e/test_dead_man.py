@@ -2,12 +2,15 @@
 
 import asyncio
 import contextlib
+import re
 import signal
 import struct
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import pytest
 
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
@@ -18,6 +21,8 @@ SET_POINT, ORDER = b"\x52\x00\x00", b"\x4c\x00\x00"
 ARM = struct.pack("<ff", 1.0, 0.0)
 UNDER_WAY_S = 0.05
 """A loaded machine may take so long from one process to another [s]."""
+KEPT_WAITING_S = 1.0
+"""And a set-point so long from its stamp to whoever reads it [s]."""
 
 
 @dataclass
@@ -33,12 +38,17 @@ class Lab:
         return [data for t, data in self.datagrams if t > time_s]
 
     def set_points(self, since_s: float) -> list[tuple[float, float, tuple[float, float, float]]]:
-        """Arrival, thrust as a share, body rates."""
+        """Of those that arrived since then: when each left, thrust as a share, body rates.
+
+        It left when its own stamp says: what arrives later than that has been kept waiting by the machine, if by less
+        than ``KEPT_WAITING_S``.
+        """
         found = []
         for t, data in self.datagrams:
             if t > since_s and data[7:10] == SET_POINT:
-                p, q, r, thrust = struct.unpack_from("<4f", data.ljust(60, b"\0"), 10 + 20)
-                found.append((t, thrust, (p, q, r)))
+                stamp_ms, p, q, r, thrust = struct.unpack_from("<I16x4f", data.ljust(60, b"\0"), 10)
+                under_way_s = 1e-3 * (int(1e3 * t) - stamp_ms & 0xFFFFFFFF)
+                found.append((t - under_way_s if under_way_s < KEPT_WAITING_S else t, thrust, (p, q, r)))
         return found
 
     def has_orders_to_arm(self, since_s: float) -> bool:
@@ -142,8 +152,8 @@ async def killed(folder: Path, reached: Reached) -> None:
     async with lab(folder, *STAGES[reached], mute=reached is connecting) as here:
         await reached(here)
         here.station.kill()
+        await here.exit_code()  # what it sent before its death is under way
         when = asyncio.get_running_loop().time()
-        await here.exit_code()
         await asyncio.sleep(1.2)  # the autopilot's own failsafe acts meanwhile
         assert here.since(when + UNDER_WAY_S) == [], reached
 
@@ -174,9 +184,12 @@ async def frozen(folder: Path, reached: Reached, for_s: float) -> None:
         assert all(rates[2] == 0.0 for _, _, rates in after), what
         if for_s > over + UNDER_WAY_S:
             assert after == [], what
-        else:
+        elif after:
             assert after[-1][1] == 0.0, what
             assert any("this program stood still" in line or "bring-down" in line for line in here.log), what
+        else:  # it was woken in time, and the machine kept it waiting until nothing was owed any more
+            stood_ms = re.findall(r"no command for (\d+) ms, as this program stood still", "".join(here.log))
+            assert stood_ms and float(stood_ms[-1]) > 1e3 * over, what
 
 
 def test_a_station_that_was_frozen_brings_down_or_is_silent_and_never_flies_on(tmp_path: Path) -> None:
@@ -220,19 +233,20 @@ async def told(folder: Path, *signals: signal.Signals) -> Lab:
         return here
 
 
-def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the_motors(tmp_path: Path) -> None:
-    async def main() -> None:
-        twice, thrice, quit_ = await asyncio.gather(
-            told(tmp_path / "twice", signal.SIGTERM, signal.SIGINT),
-            told(tmp_path / "thrice", signal.SIGTERM, signal.SIGTERM, signal.SIGTERM),
-            told(tmp_path / "quit", signal.SIGQUIT),
-        )
-        assert any("landing; once more: failsafe descent" in line for line in twice.log), twice.log
-        assert any("descent: told by SIGINT" in line for line in twice.log), twice.log
-        assert any("landed and disarmed" in line for line in twice.log), twice.log
-        assert twice.set_points(0.0)[-1][1] == 0.0
-        for killed in (thrice, quit_):
-            assert any("acknowledged: motors off" in line for line in killed.log), killed.log
-            assert not killed.stage.autopilot.armed
+THRICE = (signal.SIGTERM, signal.SIGTERM, signal.SIGTERM)
 
-    asyncio.run(main())
+
+@pytest.mark.parametrize("signals", [THRICE, (signal.SIGTERM, signal.SIGINT), (signal.SIGQUIT,)], ids=len)
+def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the_motors(
+    signals: tuple[signal.Signals, ...], tmp_path: Path
+) -> None:
+    here = asyncio.run(told(tmp_path / "told", *signals))
+    if len(signals) > 1:
+        assert any("landing; once more: failsafe descent" in line for line in here.log), here.log
+        assert any(f"descent: told by {signals[1].name}" in line for line in here.log), here.log
+    if len(signals) == 2:
+        assert any("landed and disarmed" in line for line in here.log), here.log
+        assert here.set_points(0.0)[-1][1] == 0.0
+    else:
+        assert any("acknowledged: motors off" in line for line in here.log), here.log
+        assert not here.stage.autopilot.armed
