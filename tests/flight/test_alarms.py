@@ -59,7 +59,7 @@ def test_nor_does_one_of_very_many(scenario: str) -> None:
     assert [one.seed for one in found.flights if one.ended_by_poses] == []
 
 
-@pytest.mark.parametrize("seed", [0, 6])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_an_estimate_that_wanders_and_turns_its_heading_is_not_accused(seed: int) -> None:
     wanders = ("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19")
     found = watch_all("paper", (seed,), overrides=wanders, source="odometry", figure_s=15.0, workers=1)

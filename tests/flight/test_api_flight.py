@@ -80,7 +80,7 @@ async def served(flight: Flight, trouble: str) -> None:
             number += 1
             if trouble == "flood and garbage" and number % 2:
                 client.transport.write(b'{"id": %d, "control": "take"}\n' % number)
-                client.transport.write(b'{"id": %d, "ask": "hold"}\n' % number * 200)  # replayed
+                client.transport.write(b'{"id": %d, "ask": "hold"}\n' % number * 50)  # replayed
             elif trouble == "flood and garbage":
                 client.transport.write(b"\x00\xff{" * 100 + b"\n" + b"x" * 70_000)
             elif trouble == "land" and flight.state is State.TRACKING:

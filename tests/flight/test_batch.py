@@ -62,7 +62,7 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
         # What the others do not meet: steps off the grid of the turbulence, attitudes not taken as they are, outages.
         (("sim.frame_period_s=0.011", "sim.outage_s=0.2", "controller.attitude_gain=0.5"), 4.0),
         ((), 4.0),
-        ((), 60.0),
+        ((), 20.0),
     ],
 )
 def test_compiled_flights_are_those_of_numpy_to_the_bit(

@@ -1,8 +1,9 @@
 """``groundstation-sim compare``: its JSON, its table in a document, its picture, and who flies best."""
 
 import argparse
+import contextlib
+import io
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import pytest
 
 from groundstation.config import ConfigError
-from sim.__main__ import parser
+from sim.__main__ import main, parser
 from sim.cli import commands
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies import (
@@ -57,26 +58,15 @@ def controllers(request: pytest.FixtureRequest) -> tuple[str, ...]:
 def compared(folder: Path, controllers: tuple[str, ...]) -> list[dict[str, Any]]:
     """One comparison by the command itself: its rows."""
     asked = () if controllers == tuple(CONTROLLERS) else ("--controllers", ",".join(controllers))
-    done = subprocess.run(
-        [
-            *(Path(sys.executable).with_name("groundstation-sim"), "compare", "--scenarios", SCENARIO, "--seeds", "1"),
-            *asked,
-            *(
-                "--duration",
-                str(DURATION_S),
-                "--json",
-                "--plot",
-                folder / "pictures" / "x.png",
-                "--write",
-                folder / "PAGE.md",
-            ),
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
+    words = (
+        *("groundstation-sim", "compare", "--scenarios", SCENARIO, "--seeds", "1", *asked, "--workers", "1"),
+        *("--duration", str(DURATION_S), "--json"),
+        *("--plot", str(folder / "pictures" / "x.png"), "--write", str(folder / "PAGE.md")),
     )
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
+    with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stdout(io.StringIO()) as printed:
+        patched.setattr("sys.argv", words)
+        assert main() == 0
+    result = json.loads(printed.getvalue())
     assert list(result) == ["rows"]
     found: list[dict[str, Any]] = result["rows"]
     return found

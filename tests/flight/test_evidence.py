@@ -195,7 +195,7 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str
     path = imported(tmp_path, LAYOUTS[name](tmp_path), name)
     poses = [entry.value() for entry in Recording(path).entries(("/measured",))]
     setpoints = [entry.value() for entry in Recording(path).entries((SETPOINT,))]
-    begun = flown()[0][0]
+    begun, curve = flown()[0][0], load_mapping(name).vehicle.thrust_curve
     assert len(poses) == len(setpoints) == len(flown())
     for seen, told, (t, place, attitude, share, rates) in zip(poses, setpoints, flown(), strict=True):
         assert abs(seen["time_s"] - (t - begun)) < 2e-6
@@ -203,7 +203,6 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str
         q = seen["attitude"]
         off = so3.rotation_vector(so3.multiply(so3.conjugate(attitude), (q["w"], q["x"], q["y"], q["z"])))
         assert math.hypot(*off) < 1e-5
-        curve = load_mapping(name).vehicle.thrust_curve
         assert abs(curve * told["thrust"] ** 2 + (1.0 - curve) * told["thrust"] - share) < 1e-6
         if "attitude" in told:
             a = told["attitude"]

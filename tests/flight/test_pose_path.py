@@ -43,7 +43,7 @@ def trace() -> list[list[str]]:
     world, config = prepare(SCENARIOS["paper"], [])
     sys.setprofile(note)
     try:
-        fly(world, config, seed=0, duration_s=3.0)
+        fly(world, config, seed=0, duration_s=2.0)
     finally:
         sys.setprofile(None)
     return ways

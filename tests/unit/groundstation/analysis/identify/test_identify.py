@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ POSE_STEPS, FRAME_STEPS = 8, 9
 DELAY_STEPS = 6
 
 
+@cache
 def flown(
     *,
     seconds: float = 14.0,
