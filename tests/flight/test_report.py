@@ -243,6 +243,20 @@ def test_flights_of_one_name_are_told_apart_in_the_legend_by_the_letters_of_the_
     assert names == [["adaptive, paper", "pid, paper"]] * 2 + [["A: adaptive, paper", "B: adaptive, paper"]] * 2
 
 
+@pytest.mark.parametrize(("controller", "says"), [("__main__:PD", "PD, paper"), ("_mine:PD", " _mine:PD, paper")])
+def test_a_controller_of_a_script_or_a_notebook_stands_in_the_legend(
+    controller: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
+    ours, other = read_columns(recorded("paper")[0]), read_columns(recorded("paper")[0])
+    other.recording.about["controller"] = controller
+    print_figures(tmp_path, [ours, other], "pdf")
+    legends = [canvas.axes[0].get_legend() for canvas in drawn]
+    names = [[text.get_text() for text in legend.get_texts()][:2] for legend in legends if legend is not None]
+    assert names == [["adaptive, paper", says]] * 2
+
+
 def test_the_table_is_written_for_spreadsheets_and_for_latex(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

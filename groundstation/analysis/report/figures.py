@@ -476,9 +476,19 @@ def _overlaid(flights: Sequence[FlightColumns]) -> list[tuple[FlightColumns, dic
     alike = len({flown.name for flown in flights}) < len(flights)
     named = zip(flights, flight_letters(len(flights)), cycle(OVERLAID), strict=False)
     return [
-        (flown, {"linestyle": dash, "color": colour, "label": f"{letter}: {flown.name}" if alike else flown.name})
+        (
+            flown,
+            {"linestyle": dash, "color": colour, "label": f"{letter}: {flown.name}" if alike else _label(flown.name)},
+        )
         for flown, letter, (dash, colour) in named
     ]
+
+
+def _label(name: str, letter: str) -> str:
+    """What a legend calls a flight; a space before "_", as matplotlib leaves out what begins with that."""
+    if letter:
+        return f"{letter}: {name}"
+    return f" {name}" if name.startswith("_") else name
 
 
 def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> None:

@@ -123,7 +123,8 @@ class FlightColumns:
     def name(self) -> str:
         """As a legend has it: its controller and where it flew, or its file."""
         about = self.recording.about
-        return ", ".join(filter(None, (about.get("controller"), about.get("scenario")))) or self.path.stem
+        controller = about.get("controller", "").removeprefix("__main__:")  # of a script's or a notebook's own
+        return ", ".join(filter(None, (controller, about.get("scenario")))) or self.path.stem
 
     @property
     def knows_truth(self) -> bool:
