@@ -476,10 +476,7 @@ def _overlaid(flights: Sequence[FlightColumns]) -> list[tuple[FlightColumns, dic
     alike = len({flown.name for flown in flights}) < len(flights)
     named = zip(flights, flight_letters(len(flights)), cycle(OVERLAID), strict=False)
     return [
-        (
-            flown,
-            {"linestyle": dash, "color": colour, "label": f"{letter}: {flown.name}" if alike else _label(flown.name)},
-        )
+        (flown, {"linestyle": dash, "color": colour, "label": _label(flown.name, letter if alike else "")})
         for flown, letter, (dash, colour) in named
     ]
 
