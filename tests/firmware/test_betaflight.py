@@ -5,6 +5,7 @@ from functools import cache
 
 import pytest
 
+from groundstation.flight import Flight
 from sim.autopilots import STEP_S, Firmware, betaflight, configure, describe_settings, pack_pulses
 from sim.autopilots.betaflight import LIFTS, LISTENS_S
 from sim.radio import FAILSAFE_S
@@ -22,6 +23,7 @@ from tests.proving.firmware import (
     measure_rates,
     strike_down,
 )
+from tests.proving.lift_off import LiftOff
 
 pytestmark = pytest.mark.firmware
 
@@ -86,8 +88,18 @@ def test_a_stick_that_is_told_the_wrong_way_round_ends_the_flight_at_once() -> N
 @pytest.mark.parametrize("scenario", ["paper", "adverse"])
 def test_it_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, link: str, seed: int) -> None:
     world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
-    result = fly_mission(*from_floor(world, config, 1.0), seed=seed, autopilot=BETAFLIGHT)
+    world, config = from_floor(world, config, 1.0)
+    start = LiftOff()
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        start.watch(flight, stage, world)
+
+    result = fly_mission(world, config, seed=seed, autopilot=BETAFLIGHT, script=script)
     assert result.landed, result.why
+    assert min(start.thrust) >= 0.75
+    assert max(start.thrust) <= 1.25
+    assert max(start.climb) < 0.3
+    assert start.smooth or scenario == "adverse", vars(start)  # its wind leans it by 7.4°, and by more where it pushed
     assert [one.state for one in result.states] == WAY
     assert result.touchdown_m_s is not None
     assert result.touchdown_m_s < 0.5

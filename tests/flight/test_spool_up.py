@@ -1,7 +1,6 @@
 """From arming to lift-off nobody is trusted: what a vehicle does whose poses or whose mass are not its own."""
 
 import asyncio
-import math
 import random
 from collections.abc import Callable, Sequence
 
@@ -9,9 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from groundstation.core.control import Adaptive
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import CommandSent, FlightEvent, Tick
+from groundstation.core.messages import Tick
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
@@ -20,6 +18,7 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
 from sim.world import Quadrotor
 from tests.flight.test_missions import SHORT
+from tests.proving.lift_off import LiftOff
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 
@@ -217,65 +216,22 @@ def test_a_place_outside_the_fence_stops_the_motors_on_the_floor() -> None:
     assert "outside the fence while the motors spool up" in flown.mission.fault
 
 
-class Start:
-    """The first second of a flight's law, by the truth."""
-
-    def __init__(self) -> None:
-        self.thrust: list[float] = []
-        """Of the rotors, as a share of the weight."""
-        self.climb: list[float] = []
-        """How far the speed upwards is from the reference's [m/s]."""
-        self.tilt_deg: list[float] = []
-        self.b: list[float] = []
-        """|b̂| as a share of its bound."""
-        self.off_m: list[float] = []
-        """How far it is from the reference [m]."""
-        self.aside_m: list[float] = []
-        """And from over where it stood [m]."""
-
-
 def start_of(
     scenario: str, *overrides: str, seed: int = 0, source: str = "vicon", autopilot: str = "px4"
-) -> tuple[Start, str]:
+) -> tuple[LiftOff, str]:
     """Take off and fly for a second; also what made it come down early."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
     world, config = from_floor(world, config, 2.0)
-    start, begun = Start(), list[float]()
+    start = LiftOff()
 
     async def script(flight: Flight, stage: Stage) -> None:
-        def hear(event: FlightEvent) -> None:
-            if not isinstance(event, CommandSent):
-                return
-            tick = event.tick
-            begun[:] = begun or [tick.time_s]
-            if tick.time_s - begun[0] > 1.0:
-                return
-            truth = stage.plant.truth(asyncio.get_running_loop().time())
-            start.thrust.append(truth.thrust_n / (world.mass_kg * world.gravity))
-            start.climb.append(abs(truth.velocity_ned[2] - tick.reference.velocity_ned[2]))
-            start.tilt_deg.append(so3.angle_deg(so3.third_column(truth.attitude)[2]))
-            law = flight._pilot._controller
-            assert isinstance(law, Adaptive)
-            start.b.append(math.hypot(*law.b_hat) / law.gains.b_bound)
-            start.off_m.append(math.dist(truth.position_ned, tick.reference.position_ned))
-            start.aside_m.append(math.dist(truth.position_ned[:2], world.start_ned[:2]))
-
-        flight._subscribers += (hear,)
-        while not begun or asyncio.get_running_loop().time() < begun[0] + 1.1:
+        start.watch(flight, stage, world)
+        while start.begun_s is None or asyncio.get_running_loop().time() < start.begun_s + 1.1:
             await asyncio.sleep(0.01)
         flight.stop("the test is over")
 
     flown = fly_mission(world, config, seed=seed, script=script, autopilot=autopilot)
     return start, flown.fault
-
-
-def ensure_smooth(start: Start) -> None:
-    assert start.thrust
-    assert min(start.thrust) >= 0.75
-    assert max(start.thrust) <= 1.25
-    assert max(start.climb) < 0.3
-    assert max(start.tilt_deg) < 8.0
-    assert max(start.b) < 0.5
 
 
 @pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
@@ -289,7 +245,7 @@ def test_law_and_estimator_begin_without_a_step(
     wrong = (f"vehicle.mass_kg={mass}", f"sim.thrust_gain={gain}", f"sim.wind_mean=[{wind_m_s2}, 0.3, 0.1]")
     start, fault = start_of(scenario, *wrong, seed=seed)
     assert not fault
-    ensure_smooth(start)
+    assert start.smooth, vars(start)
 
 
 OWN = ("sim.own_estimate=true",)
@@ -360,7 +316,7 @@ def test_an_estimate_that_wanders_and_steps_in_yaw_as_px4_s_does_is_no_lift_off(
         "quad1kg", *OWN, "sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19", seed=seed, source="odometry"
     )
     assert not fault
-    ensure_smooth(start)
+    assert start.smooth, vars(start)
 
 
 def test_an_estimate_that_is_reset_while_the_motors_spool_up_has_wandered_before_as_it_will() -> None:
@@ -384,7 +340,7 @@ def test_a_floor_that_lets_go_late_as_ardupilot_s_simulator_s_does_is_left_smoot
     late = ("sim.floor_hold_s=0.6",)
     start, fault = start_of("quad1kg", *OWN, *late, seed=seed, source="odometry", autopilot="ardupilot")
     assert not fault
-    ensure_smooth(start)
+    assert start.smooth, vars(start)
 
 
 NUDGE = ("takeoff.nudge=true", "gate.drop_frozen=false")
