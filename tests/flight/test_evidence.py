@@ -1,9 +1,12 @@
 """groundstation/analysis/evidence: our own flights in the layouts of others, and the captures of two autopilots."""
 
+import contextlib
 import csv
+import gc
 import gzip
 import json
 import math
+import random
 import struct
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -20,9 +23,13 @@ from groundstation.analysis.evidence.evidence import (
     WANDERED,
     Wander,
     describe_flight,
+    doubt_attitude,
+    drive_flight,
     examine_flight,
     find_airborne,
     fit_attitude_loop,
+    judge_filter,
+    load_flight,
     match_wander,
     measure_drift,
     measure_pose_noise,
@@ -31,7 +38,7 @@ from groundstation.analysis.evidence.evidence import (
     tabulate_flights,
 )
 from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping
-from groundstation.config import ConfigError, shipped_texts
+from groundstation.config import ConfigError, from_dict, shipped_texts
 from groundstation.core.estimation import (
     Densities,
     Estimation,
@@ -41,6 +48,7 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
+from groundstation.settings import Config
 from sim.scenarios import gale
 from tests.recordings import recorded
 
@@ -275,7 +283,7 @@ def test_where_nobody_commanded_an_attitude_the_motors_tell_of_thrust_and_it_is_
 
 KEYS = {
     "name", "pose_hz", "gap_max_ms", "jitter_ms", "noise_across_mm", "noise_along_mm", "nis3", "prediction",
-    "identified",
+    "identified", "told", "untold",
 }  # fmt: skip
 
 
@@ -297,6 +305,20 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     assert facts["pose_hz"] == pytest.approx(50.0, rel=0.01)
     timing = {one for one in facts["identified"] if "lag" in one or "delay" in one} - {"thrust_lag", "thrust_delay"}
     assert timing >= {"rate_lag", "rate_delay"} and (own or timing == {"rate_lag", "rate_delay"})
+
+
+def test_a_configuration_with_what_was_told_flies_the_filter_that_was_judged(tmp_path: Path) -> None:
+    path = imported(tmp_path, nanobench(tmp_path), "nanobench")
+    facts = examine_flight(path)
+    config = from_dict({"controller": facts["told"]}, Config)
+    judged = judge_filter(drive_flight(load_flight(path)), config.controller)
+    assert judged.nis3 == facts["nis3"]
+    assert judged.prediction == facts["prediction"]
+    said = describe_flight(facts)
+    assert all(f"{key} = {value:g}" in said for key, value in facts["told"].items())
+    untold = facts["untold"]["prediction"]["60"]
+    assert untold["rms_mm"] < 0.5 * untold["pvt_rms_mm"]
+    assert f"60 ms, told nothing   {untold['along_mm']:>9.2f}{untold['across_mm']:>9.2f}" in said
 
 
 def test_the_wind_tunnels_own_vehicle_is_predicted_as_well_as_the_filter_says(tmp_path: Path) -> None:
@@ -678,3 +700,129 @@ def test_stamps_of_another_unit_are_refused(factor: float, tmp_path: Path) -> No
     path = poses_only(tmp_path, lambda rows: [row | {"t": factor * row["t"]} for row in rows])
     with pytest.raises(ConfigError, match=r"time_unit: by 's' a pose comes every .* of another unit"):
         import_command([path], "nanobench", tmp_path / "out.mcap")
+
+
+def test_rows_that_come_twice_and_stamps_that_are_rounded_are_no_other_unit(tmp_path: Path) -> None:
+    for change in (
+        lambda rows: [row for row in rows for _ in range(2)],
+        lambda rows: [row | {"t": rows[n // 2 * 2]["t"]} for n, row in enumerate(rows)],
+    ):
+        path = imported(tmp_path, poses_only(tmp_path, change), "nanobench")
+        facts = examine_flight(path)
+        path.unlink()
+        assert facts["left_out"]["poses not newer than the one before"] in (300, 600)
+        assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
+    path = poses_only(tmp_path, lambda rows: [row | {"t": 1.0} for row in rows])
+    with pytest.raises(ConfigError, match="all poses have the same stamp"):
+        import_command([path], "nanobench", tmp_path / "out.mcap")
+
+
+def test_what_leaps_away_and_comes_back_is_left_out_and_an_origin_that_moves_is_no_motion(tmp_path: Path) -> None:
+    """As trackers do that lose their body: noughts, a ghost, or all of the room beside where it was."""
+    still = examine_flight(imported(tmp_path, poses_only(tmp_path, list), "nanobench"))["prediction"]["60"]
+    (tmp_path / "nanobench.mcap").unlink()
+
+    def leap(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        lost = [row | ({"px": 0.0, "py": 0.0, "pz": 0.0} if n % 100 < 5 else {}) for n, row in enumerate(rows)]
+        ghost = [row | ({"px": row["px"] + 5.0} if n % 97 == 30 else {}) for n, row in enumerate(lost)]
+        return [row | ({"py": row["py"] + 1.0} if n > 450 and row["py"] else {}) for n, row in enumerate(ghost)]
+
+    facts = examine_flight(imported(tmp_path, poses_only(tmp_path, leap), "nanobench"))
+    assert facts["left_out"] == {
+        "poses that repeat the one before": 24,
+        "poses that leap away and come back": 12,
+        "times that the positions' origin moved": 1,
+    }
+    assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
+    assert facts["prediction"]["60"]["rms_mm"] < 1.1 * still["rms_mm"]
+    assert 0.7 < facts["nis3"] < 1.4
+
+
+@pytest.mark.parametrize(
+    "turned",
+    [
+        {"qx": "qw", "qy": "qx", "qz": "qy", "qw": "qz"},
+        {"px": "py", "py": "px"},
+        {"px": "1000px", "py": "1000py", "pz": "1000pz"},
+        {"qx": "-qx", "qy": "-qy", "qz": "-qz"},
+    ],
+    ids=["order", "axes", "units", "direction"],
+)
+def test_attitudes_that_do_not_lean_as_the_vehicle_accelerates_are_told(turned: dict[str, str], tmp_path: Path) -> None:
+    """Nothing else shows that a mapping has the wrong order, axes or units."""
+
+    def value(row: dict[str, Any], told: str) -> float:
+        factor = 1000.0 if told.startswith("1000") else -1.0 if told.startswith("-") else 1.0
+        return factor * row[told[-2:]]
+
+    right = drive_flight(load_flight(imported(tmp_path, poses_only(tmp_path, list), "nanobench")))
+    assert doubt_attitude(right) == ""
+    (tmp_path / "nanobench.mcap").unlink()
+    path = poses_only(tmp_path, lambda rows: [row | {k: value(row, of) for k, of in turned.items()} for row in rows])
+    facts = examine_flight(imported(tmp_path, path, "nanobench"))
+    assert "not as its attitude leans" in facts["doubt"]
+    assert facts["doubt"] in describe_flight(facts)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace(",", ";").replace(".", ","),
+        lambda text: text.replace(",", "\t"),
+        lambda text: "# flight of 3 May\n# rig A\n" + text,
+        lambda text: "# flight of 3 May\n#" + text,
+        lambda text: text.replace("\n", ",\n").replace(",\n", "\n", 1),
+    ],
+    ids=["semicolons", "tabs", "comments", "head as a comment", "comma at the end"],
+)
+def test_csv_as_other_programs_write_it_is_read(change: Callable[[str], str], tmp_path: Path) -> None:
+    path = poses_only(tmp_path, list)
+    path.write_text(change(path.read_text().replace("\r\n", "\n")))
+    assert len(list(Recording(imported(tmp_path, path, "nanobench")).entries(("/measured",)))) == 600
+
+
+def test_rows_and_commands_that_are_not_used_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with gzip.open(nanobench(tmp_path), "rt", newline="") as file:
+        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    rows = [row | ({"pid_controller_cmd_thrust": ""} if n % 50 == 7 else {}) for n, row in enumerate(rows)]
+    path = write_csv(tmp_path / "holes.csv", rows)
+    path.write_text(path.read_text() + "1,2,3\n")
+    imported(tmp_path, path, "nanobench")
+    said = capsys.readouterr().out
+    assert "commands without a number: 12" in said
+    assert "rows with another number of cells than the head: 1" in said
+    path.write_text("t,px,t\n1,2,3\n")
+    with pytest.raises(ConfigError, match="several columns are called t"):
+        import_command([path], "nanobench", tmp_path / "out.mcap")
+
+
+def test_thrust_that_is_none_is_no_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with gzip.open(nanobench(tmp_path), "rt", newline="") as file:
+        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    names = ["pid_controller_cmd_thrust", *(f"motor_motor_m{n}" for n in (1, 2, 3, 4))]
+    rows = [row | {name: -float(row[name]) for name in names} for row in rows]
+    examine_flight(imported(tmp_path, write_csv(tmp_path / "down.csv", rows), "nanobench"))
+    assert "no commands in it" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pymavlink leaves open what it refuses
+@pytest.mark.parametrize("name", ["px4-ulog", "ardupilot-bin"])
+def test_a_log_that_is_damaged_is_refused_or_read_as_far_as_it_goes_without_a_word_of_its_reader(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    if name == "px4-ulog":
+        pytest.importorskip("pyulog")
+    path, out, draw = LAYOUTS[name](tmp_path), tmp_path / "out.mcap", random.Random(8)
+    whole = path.read_bytes()
+    for damage in (0, 5, 12, 300, *(40 * [1]), *(20 * [300])):
+        data = bytearray(whole if damage in (1, 300) else whole[:damage])
+        for _ in range(8 * damage if len(data) == len(whole) else 0):
+            data[draw.randrange(len(data))] = draw.randrange(256)
+        path.write_bytes(data)
+        out.unlink(missing_ok=True)
+        with contextlib.suppress(ConfigError):
+            import_command([path], name, out)
+        said = capfd.readouterr()
+        assert not said.err
+        assert all(":" in line for line in said.out.splitlines())
+    gc.collect()  # here, and not in the midst of another test

@@ -159,6 +159,8 @@ def respond(asked: Column, step_s: float, gains: Column, lags_s: Column) -> Colu
 
 
 HORIZONS_MS = (20, 40, 60, 100)
+AT_MS = 60
+"""At this one tables tell of it, and the filter that is told nothing is judged."""
 NEAR = 0.25
 """The pose that judges a prediction lies within this share of its horizon."""
 BASE_S = 0.05
@@ -548,6 +550,15 @@ class DrivenFlight:
     """The autopilot's, where attitudes were commanded and were followed."""
 
 
+def join_origins(at_s: Column, place: Column, resets: Sequence[int]) -> Column:
+    """Positions (N, 3) [m] as they would have been, had their origin never moved: where it did, velocity goes on."""
+    step, joined = np.diff(place, axis=0), np.zeros_like(place)
+    for k in (np.flatnonzero(np.diff(resets)) + 1).tolist():
+        before = step[k - 2] / (at_s[k - 1] - at_s[k - 2]) if k > 1 else 0.0
+        joined[k:] += before * (at_s[k] - at_s[k - 1]) - step[k - 1]
+    return place + joined
+
+
 def drive_flight(flight: EvidenceFlight) -> DrivenFlight:
     """Find the part that flies, and what drives it there.
 
@@ -556,6 +567,7 @@ def drive_flight(flight: EvidenceFlight) -> DrivenFlight:
     """
     at_s = np.array([pose.time_s for pose in flight.poses])
     place = np.array([pose.position_ned for pose in flight.poses])
+    place = join_origins(at_s, place, [pose.reset_count for pose in flight.poses])
     air = find_airborne(at_s, place, flight.may_fly)
     if air.stop - air.start < LEAST_POSES:
         says = f"holds {air.stop - air.start} poses of a flight, which tell nothing: {LEAST_POSES} are the least"
@@ -572,7 +584,7 @@ def drive_flight(flight: EvidenceFlight) -> DrivenFlight:
         else:
             path, part = FlownPath(flight.poses, BASE_S * 5.0), cut_to(recorded, at_s, air)
             hover = hover_share(part, thrust_shares(part.sent, curve), path, 9.81)
-            hover = hover or _balance(flight, at_s, air, sent, shares)
+            hover = hover if hover and hover > 0.0 else _balance(flight, at_s, air, sent, shares)
             flags = flying(recorded, shares, hover)
             airborne = np.flatnonzero(flags)
             if len(airborne) > len(flags) // 4:
@@ -608,7 +620,8 @@ def _balance(
     inside = (times > at_s[air][0]) & (times < at_s[air][-1])
     if not inside.any():
         return None
-    return float((np.array(shares)[inside] * np.interp(times[inside], at_s, upright)).mean()) or None
+    share = float((np.array(shares)[inside] * np.interp(times[inside], at_s, upright)).mean())
+    return share if share > 0.0 else None
 
 
 def _as_rates(flight: EvidenceFlight, at_s: Column, air: slice) -> tuple[list[SentSetPoint], AttitudeLoop | None]:
@@ -669,7 +682,7 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
         if not len(chosen) or chosen[-1, 0] - chosen[0, 0] < LEAST_S:
             raise StretchTooShort(f"less than {LEAST_S:g} s of unbroken flight")
         found = identify(FlightStretch(path, Recording(path), driven.config, *parts))
-    except (StretchTooShort, np.linalg.LinAlgError, ValueError) as error:
+    except (StretchTooShort, np.linalg.LinAlgError, ValueError, ZeroDivisionError) as error:
         return {"note": f"not identifiable: {error}"}
     result: dict[str, Any] = {}
     for one in found.parameters.values():
@@ -696,8 +709,6 @@ class Judged(NamedTuple):
 
     nis3: float | None
     prediction: dict[str, dict[str, float] | None]
-    pose_wander: float
-    """As the filter was told it [m/√s]."""
 
 
 SETTLED, HALVINGS = 200, 20
@@ -760,6 +771,17 @@ def _settle(
     return float(claimed[PP]) + noise2, float(error[0, 0]) + white2
 
 
+TOLD = (
+    "pose_noise_m",
+    "pose_jitter_s",
+    "pose_wander",
+    "acceleration_noise",
+    "wind_noise",
+    "wind_rate_noise",
+)
+"""What the filter is told: keys of ``[controller]``."""
+
+
 def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
     """What the filter is told of its noise: that of the source, by differences of its positions.
 
@@ -783,7 +805,9 @@ def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
     of_source = msgspec.structs.replace(
         told, pose_noise_m=across_m, pose_jitter_s=jitter_s, wind_noise=wind, wind_rate_noise=rate
     )
-    return match_wander(wander, across_m, period_s, of_source, least)
+    found = match_wander(wander, across_m, period_s, of_source, least)
+    # As it is printed, so that a configuration with these lines flies the very filter that is judged.
+    return msgspec.structs.replace(found, **{key: float(f"{getattr(found, key):.3g}") for key in TOLD})
 
 
 def _bear_weight(attitude: Quat) -> float:
@@ -804,11 +828,42 @@ def _integrate_lean(driven: DrivenFlight) -> Column:
     return np.concatenate([np.zeros((1, 3)), np.cumsum(h * speed + 0.5 * h * h * push, axis=0)])
 
 
-def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
+LEANS_S, LEANS_M_S2 = 0.1, 0.5
+"""Over so long [s], where it accelerates by so much to a side [m/s²], its lean must show in it."""
+LEANS, AGAINST = (0.2, 5.0), -0.4
+"""Wind and drag leave at least one axis so much of what its lean gives, and turn none round by so much [-]."""
+
+
+def doubt_attitude(driven: DrivenFlight) -> str:
+    """Why its attitudes can't be those of its positions; empty where they can, or where hardly anything moves."""
+    at_s, place = driven.at_s[driven.air], driven.place[driven.air]
+    k = max(1, round(LEANS_S / float(np.median(np.diff(at_s)))))
+    if len(at_s) < 4 * k:
+        return ""
+    later, sooner = (at_s[2 * k :] - at_s[k:-k])[:, None], (at_s[k:-k] - at_s[: -2 * k])[:, None]
+    whole = (np.maximum(later, sooner) < 1.5 * np.median(later))[:, 0]
+    went, leant = (
+        (2.0 * ((of[2 * k :] - of[k:-k]) / later - (of[k:-k] - of[: -2 * k]) / sooner) / (later + sooner))[whole]
+        for of in (place, _integrate_lean(driven))
+    )
+    shares = []
+    for axis in (0, 1):
+        seen, given = (of[:, axis] - of[:, axis].mean() for of in (went, leant))
+        if float(seen.std()) > LEANS_M_S2:
+            shares.append(float((seen * given).sum() / max((given**2).sum(), 1e-12 * (seen**2).sum())))
+    if not shares or (any(LEANS[0] < share < LEANS[1] for share in shares) and min(shares) > AGAINST):
+        return ""
+    told = " and ".join(f"{share:.2g}" for share in shares)
+    return (
+        f"it accelerates to its sides, but not as its attitude leans ({told} times what that gives): are units and "
+        "axes of positions, order and axes of attitudes as the mapping says?"
+    )
+
+
+def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[int] = HORIZONS_MS) -> Judged:
     """Fly the filter over the part that flies, and hold what it predicts against the poses measured then."""
     flight, air, at_s, place = driven.flight, driven.air, driven.at_s, driven.place
     config = driven.config
-    gains = tell_noise(driven, noise)
     estimator, newest = ModelEstimator(config.vehicle, gains), -math.inf
     full, delay = config.full_thrust_n, config.vehicle.command_delay_s
     drives = [
@@ -816,12 +871,12 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
         for sent, share in zip(driven.recorded.sent, driven.shares, strict=True)
     ]
     weight = config.vehicle.mass_kg * gains.gravity  # without commands it is taken to carry that, however it leans
-    errors: dict[int, array[float]] = {h: array("d") for h in HORIZONS_MS}  # a flight may have a million poses
+    errors: dict[int, array[float]] = {h: array("d") for h in horizons_ms}  # a flight may have a million poses
     consistency: list[float] = []
     resets = [pose.reset_count for pose in flight.poses]
     usual, k, begun = float(np.median(np.diff(at_s[air]))), 0, -math.inf
     base = max(BASE_S, usual)  # of poses that come more slowly, from one to the next
-    targets = {h: np.searchsorted(at_s, at_s + 1e-3 * h - 0.5 * usual) for h in HORIZONS_MS}
+    targets = {h: np.searchsorted(at_s, at_s + 1e-3 * h - 0.5 * usual) for h in horizons_ms}
     for i in range(air.start, air.stop):
         # Without a velocity that may not be that of its positions: positions are what it is judged by.
         pose, now = msgspec.structs.replace(flight.poses[i], velocity_ned=None), float(at_s[i])
@@ -835,7 +890,8 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
             turn = so3.turn_between(flight.poses[i - 1].attitude, pose.attitude)
             x, y, z = (angle / (now - float(at_s[i - 1])) for angle in turn)
             estimator.add_command(now, ActuatorCommand(weight * _bear_weight(pose.attitude), (x, y, z)))
-        nis = estimator.consistency(pose) if estimator.ready else None
+        same = i > air.start and resets[i] == resets[i - 1]
+        nis = estimator.consistency(pose) if estimator.ready and same else None
         estimator.update(pose)
         if now < begun + SETTLING_S:
             continue
@@ -855,7 +911,7 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
             if j >= air.stop or resets[j] != resets[i] or abs(at_s[j] - now - 1e-3 * h) > NEAR * 1e-3 * h:
                 continue
             ahead = float(at_s[j]) - now
-            predicted = np.array(estimator.predict(float(at_s[j])).motion.position)
+            predicted = np.array(estimator.predict(float(at_s[j])).motion.position) + place[i] - pose.position_ned
             straight = place[i] + velocity * ahead
             curved = place[i] + tangent * ahead + 0.5 * acceleration * ahead**2
             off = (predicted - place[j], straight - place[j], curved - place[j], tangent + acceleration * ahead)
@@ -863,7 +919,6 @@ def judge_filter(driven: DrivenFlight, noise: PoseNoise) -> Judged:
     return Judged(
         float(np.mean(consistency)) / 3.0 if consistency else None,
         {str(h): _measure_errors(np.array(some).reshape(-1, 4, 3)) for h, some in errors.items()},
-        gains.pose_wander,
     )
 
 
@@ -898,30 +953,40 @@ def examine_flight(path: Path) -> dict[str, Any]:
     flight, air = driven.flight, driven.air
     at_s, place = driven.at_s[air], driven.place[air]
     spans = np.diff(at_s)
+    whole = spans[spans <= BREAK_S] if (spans <= BREAK_S).any() else spans
     noise = measure_pose_noise(at_s, place)
     why = "" if flight.config is not None else why_not_judged(flight, at_s, place)
     flew = not why
     identified: dict[str, Any] | None = None
     if flight.sent:
         identified = identify_vehicle(driven) if flew else {"note": f"not identifiable: {why}"}
-    judged = judge_filter(driven, noise) if flew else Judged(None, {str(h): None for h in HORIZONS_MS}, 0.0)
+    judged, untold = Judged(None, {str(h): None for h in HORIZONS_MS}), Judged(None, {str(AT_MS): None})
+    told: dict[str, float] = {}
+    if flew:
+        gains = tell_noise(driven, noise)
+        told = {key: getattr(gains, key) for key in TOLD}
+        judged = judge_filter(driven, gains)
+        untold = judge_filter(driven, driven.config.controller, (AT_MS,))
     facts: dict[str, Any] = {
         "name": flight.path.stem,
         "source": flight.source,
-        "flown_s": round(float(at_s[-1] - at_s[0]), 2),
-        "pose_hz": round((len(at_s) - 1) / float(at_s[-1] - at_s[0]), 2),
+        "flown_s": round(float(whole.sum()), 2),
+        "pose_hz": round(len(whole) / float(whole.sum()), 2),
         "gap_max_ms": round(1e3 * float(spans.max()), 2),
         "jitter_ms": round(1e3 * noise.jitter_s, 3),
         "noise_across_mm": round(1e3 * noise.across_m, 4),
         "noise_along_mm": round(1e3 * noise.along_m, 4),
-        "pose_wander": round(judged.pose_wander, 6),
+        "told": told,
         "nis3": judged.nis3,
         "prediction": judged.prediction,
+        "untold": untold._asdict(),
     }
     if flight.left_out:
         facts["left_out"] = flight.left_out
     if not flew:
         facts["note"] = why
+    elif doubt := doubt_attitude(driven):
+        facts["doubt"] = doubt
     if identified is not None:
         facts["identified"] = identified
     if identified is not None and flew:
@@ -954,16 +1019,23 @@ def describe_flight(facts: dict[str, Any]) -> str:
         f"{facts['name']} ({facts['source']}): {facts['flown_s']:.1f} s in the air, "
         f"{facts['pose_hz']:.1f} poses/s, longest gap {facts['gap_max_ms']:.0f} ms",
         f"  noise {facts['noise_across_mm']:.3f} mm across the motion, {facts['noise_along_mm']:.3f} mm along it; "
-        f"stamps off by {facts['jitter_ms']:.2f} ms; NIS/3 {_text(facts['nis3'])}"
-        + (f"; told controller.pose_wander {facts['pose_wander']:.2g}" if facts["pose_wander"] else ""),
+        f"stamps off by {facts['jitter_ms']:.2f} ms; NIS/3 {_text(facts['nis3'])}",
         f"  {'prediction, RMS mm':22}{'along':>9}{'across':>9}{'all':>9}{'p + v t':>9}{'const. a':>9}",
     ]
+    if "doubt" in facts:
+        lines.insert(1, f"  {facts['doubt']}")
     keys = ("along_mm", "across_mm", "rms_mm", "pvt_rms_mm", "ca_rms_mm")
     if "note" in facts:
         lines[-1] = f"  {facts['note']}"
     for horizon, row in facts["prediction"].items() if "note" not in facts else ():
         cells = "".join(f"{row[key]:>9.2f}" for key in keys) if row else "  too few poses"
         lines.append(f"  {horizon + ' ms':22}{cells}")
+    if "note" not in facts:
+        row, nis = facts["untold"]["prediction"][str(AT_MS)], _text(facts["untold"]["nis3"])
+        cells = "".join(f"{row[key]:>9.2f}" for key in keys[:3]) if row else "  too few poses"
+        lines.append(f"  {f'{AT_MS} ms, told nothing':22}{cells}   NIS/3 {nis}")
+        told = ", ".join(f"{key} = {value:g}" for key, value in facts["told"].items())
+        lines.append(f"  told in [controller]: {told}")
     for name, one in facts.get("identified", {}).items():
         if name == "note":
             lines.append(f"  {one}")
@@ -985,16 +1057,17 @@ def describe_flight(facts: dict[str, Any]) -> str:
 def tabulate_flights(flights: Sequence[dict[str, Any]]) -> list[str]:
     """The same as two tables of a page: prediction, and what was identified."""
     lines = [
-        "| flight | poses/s | noise across, along, mm | stamps off, ms | NIS/3 | at 60 ms, RMS mm: along "
-        "| across | all | p + v t | constant a |",
-        "|---" * 10 + "|",
+        f"| flight | poses/s | noise across, along, mm | stamps off, ms | NIS/3 | at {AT_MS} ms, RMS mm: along "
+        "| across | all | p + v t | constant a | told nothing: all | NIS/3 |",
+        "|---" * 12 + "|",
     ]
     for one in flights:
-        row = one["prediction"]["60"]
+        row, untold = one["prediction"][str(AT_MS)], one["untold"]["prediction"][str(AT_MS)]
         keys = ("along_mm", "across_mm", "rms_mm", "pvt_rms_mm", "ca_rms_mm")
         cells = [f"{row[key]:.2f}" for key in keys] if row else ["-"] * 5
         noise = f"{one['noise_across_mm']:.3f}, {one['noise_along_mm']:.3f}"
         head = [f"{one['name']} ({one['source']})", f"{one['pose_hz']:.1f}", noise, f"{one['jitter_ms']:.2f}"]
+        cells += [_text(untold and untold["rms_mm"]), _text(one["untold"]["nis3"])]
         lines.append("| " + " | ".join([*head, _text(one["nis3"]), *cells]) + " |")
     names = ("rate_lag", "rate_delay", "attitude_gain", "thrust_lag", "thrust_scale", "drag")
     lines += ["", "| identified (95 %) | " + " | ".join(name.replace("_", " ") for name in names) + " |"]

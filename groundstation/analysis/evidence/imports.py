@@ -12,13 +12,16 @@ import csv
 import gzip
 import json
 import math
+import os
+import struct
 import zlib
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -26,7 +29,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.analysis.shadow import read_recording
+from groundstation.analysis.shadow import FASTEST_RAD_S, read_recording
 from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, shipped_texts
 from groundstation.core.geometry import Body, Frames, Quat, World, axes, so3
 from groundstation.core.messages import Pose
@@ -173,14 +176,16 @@ def load_mapping(name: str) -> FlightMapping:
         raise ConfigError(f"--map: {error.key}", error.problem, name) from None
 
 
-def read_tables(form: str, paths: Sequence[Path]) -> Tables:
+def read_tables(form: str, paths: Sequence[Path], notes: Counter[str]) -> Tables:
     """All tables of ``paths``, which are of one ``form`` (:attr:`FlightMapping.format`, but tlog).
+
+    What was not used of them is counted in ``notes``.
 
     Raises:
         ConfigError: a file can't be read or is of another form.
     """
     read: dict[str, Callable[[Path], Iterator[tuple[str, Table]]]] = {
-        "csv": _csv_tables, "ulog": _ulog_tables, "bin": _bin_tables, "mcap": _mcap_tables,
+        "csv": lambda path: _csv_tables(path, notes), "ulog": _ulog_tables, "bin": _bin_tables, "mcap": _mcap_tables,
     }  # fmt: skip
     tables: dict[str, Table] = {}
     for path in paths:
@@ -197,24 +202,44 @@ def read_tables(form: str, paths: Sequence[Path]) -> Tables:
     return tables
 
 
-def _csv_tables(path: Path) -> Iterator[tuple[str, Table]]:
-    """One table, by the file's name; a cell that is a list ("[1, 2]") becomes columns NAME.0, NAME.1."""
+def _csv_tables(path: Path, notes: Counter[str]) -> Iterator[tuple[str, Table]]:
+    """One table, by the file's name; a cell that is a list ("[1, 2]") becomes columns NAME.0, NAME.1.
+
+    Lines before the head that begin with # are no part of it, unless numbers follow: then the last of them is the head.
+    What parts the cells is a comma, unless the head has more
+    semicolons (numbers then may have decimal commas) or tabs.
+    """
     values: dict[str, array[float]] = {}
     with path.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
     with (gzip.open if packed else open)(path, "rt", encoding="utf-8-sig", newline="") as text:
-        rows = csv.reader(text)
-        head = [name.strip() for name in next(rows, [])]
-        for row in rows:
-            if len(row) != len(head):
-                continue  # a last row that was cut off
-            for name, cell in zip(head, row, strict=True):
-                for key, value in _cells(name, cell.strip()):
+        above, first = "", next(text, "")
+        while first.startswith("#") or (first and not first.strip()):
+            above, first = first.lstrip("#"), next(text, "")
+        part = max(",;\t", key=first.count)
+        head, under = (
+            [name.strip() for name in next(csv.reader([some], delimiter=part), [])] for some in (first, above)
+        )
+        numbers = len(under) == len(head) > 1 and not any(map(math.isnan, (x for _, x in _cells("", head[0]))))
+        head, begun = (under, [first]) if numbers else (head, [])
+        if len(twice := {name for name in head if name and head.count(name) > 1}) > 0:
+            raise ValueError(f"several columns are called {min(twice)}")
+        for row in csv.reader(chain(begun, text), delimiter=part):
+            if any(cell.strip() for cell in row[len(head) :]) or len(row) < len(head):
+                notes["rows with another number of cells than the head"] += bool(row)
+                continue  # among them a last row that was cut off
+            for name, cell in zip(head, row, strict=False):
+                said = cell.strip().replace(",", ".") if part == ";" and "[" not in cell else cell.strip()
+                for key, value in _cells(name, said):
                     if key not in values:
                         values[key] = array("d")  # a flight may have a million rows
                     values[key].append(value)
     longest = max(map(len, values.values()), default=0)
-    yield path.name, {name: np.array(column) for name, column in values.items() if len(column) == longest}
+    yield (
+        path.name,
+        {name: np.array(column) for name, column in values.items() if len(column) == longest}
+        or {name: np.array([]) for name in head},
+    )
 
 
 def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
@@ -234,17 +259,36 @@ def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
         yield name, math.nan
 
 
+@contextmanager
+def _silence() -> Iterator[None]:
+    """What a library prints, in Python or in C, goes nowhere."""
+    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
 def _ulog_tables(path: Path) -> Iterator[tuple[str, Table]]:
     try:
         from pyulog import ULog
+        from pyulog.exceptions import ULogException
     except ImportError:
         raise ConfigError(
             "FILE", "a ULog needs pyulog: pip install 'quadrotor-groundstation[ulog]'", str(path)
         ) from None
-    with path.open("rb") as file:
-        if file.read(4) != b"ULog":
-            raise ValueError("it does not begin with ULog")
-    for topic in ULog(str(path)).data_list:
+    try:
+        with path.open("rb") as file, _silence():  # it prints what it finds damaged
+            if file.read(4) != b"ULog":
+                raise ValueError("it does not begin with ULog")
+            file.seek(0)
+            topics = ULog(file).data_list
+    except (ULogException, AttributeError, struct.error) as error:
+        raise ValueError(error) from None
+    for topic in topics:
         if topic.multi_id == 0:
             yield topic.name, {name: np.asarray(column, np.float64) for name, column in topic.data.items()}
 
@@ -254,15 +298,21 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
 
     rows: dict[str, list[list[float]]] = {}
     names: dict[str, list[str]] = {}
-    log = DFReader_binary(str(path))
-    while (message := log.recv_msg()) is not None:
-        fields = [(name, value) for name, value in message.to_dict().items() if isinstance(value, int | float)]
-        kind = message.get_type()
-        known = names.setdefault(kind, [name for name, _ in fields])
-        if known == [name for name, _ in fields]:
-            rows.setdefault(kind, []).append([float(value) for _, value in fields])
-    log.data_map.close()
-    log.filehandle.close()
+    with _silence():  # it prints each byte that it can't use
+        if not path.stat().st_size:
+            raise ValueError("it is empty")
+        try:
+            log = DFReader_binary(str(path))
+        except Exception as error:  # noqa: BLE001  # as such it is raised where a format is damaged
+            raise ValueError(error) from None
+        while (message := log.recv_msg()) is not None:
+            fields = [(name, value) for name, value in message.to_dict().items() if isinstance(value, int | float)]
+            kind = message.get_type()
+            known = names.setdefault(kind, [name for name, _ in fields])
+            if known == [name for name, _ in fields]:
+                rows.setdefault(kind, []).append([float(value) for _, value in fields])
+        log.data_map.close()
+        log.filehandle.close()
     for kind, some in rows.items():
         yield kind, dict(zip(names[kind], np.array(some).T, strict=True))
 
@@ -374,12 +424,16 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path) -> int:
     return 0
 
 
-PLAUSIBLE_S = (1e-4, 5.0)
+PLAUSIBLE_S = (3e-4, 5.0)
 """Poses are no closer, and no further apart [s]."""
+LEAPS_M, LEAPS_M_S2, BACK_S, ALL_LEAP = 0.15, 150.0, 0.5, 0.1
+"""A pose leaps that is so much further [m] from where its velocity takes it than such an acceleration would [m/s²].
+Where they are back on their way within so long [s], what was seen meanwhile was another body, or none. Where such a
+share leaps [-], units are wrong, and nothing is left out."""
 
 
-FARTHEST_M = 1e5
-"""No vehicle is further from its source's origin: such a place is none [m]."""
+FARTHEST_M, LATEST_S = 1e5, 1e10
+"""No vehicle is further from its source's origin [m], and no clock is that late [s]: such numbers are none."""
 MIXED = 2.0
 """Loggers mix up rows that are so many intervals apart; where time goes back by more, its clock was set back."""
 OF_ANOTHER_CLOCK = " but with a clock that is set back at other times than that of the poses"
@@ -387,9 +441,57 @@ OF_ANOTHER_CLOCK = " but with a clock that is set back at other times than that 
 
 def split_at_set_backs(time: Column) -> list[slice]:
     """The rows from one set-back of their clock to the next; ``time`` (N,) [s] is theirs."""
-    steps = np.diff(time)
-    backs = np.flatnonzero(steps < -MIXED * np.median(np.abs(steps))) + 1 if len(steps) else np.array([], dtype=int)
+    backs = np.flatnonzero(np.diff(time) < -MIXED * find_usual(time)) + 1
     return [slice(a, b) for a, b in pairwise([0, *backs.tolist(), len(time)])]
+
+
+def find_usual(time: Column) -> float:
+    """The usual interval of rows at ``time`` (N,) [s], of those whose stamps differ; 0 where none do."""
+    steps = np.abs(np.diff(time))
+    return float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+
+
+def find_leaps(time: Column, place: Column) -> tuple[NDArray[np.bool_], list[int]]:
+    """Which poses (N,) leap away and come back, and where positions (N, 3) [m] go on from another origin."""
+    gone, moved = np.zeros(len(time), dtype=bool), list[int]()
+    if len(time) < 3:
+        return gone, moved
+    usual, at, where = find_usual(time), time.tolist(), place.tolist()
+    start = np.median(np.diff(place[:6], axis=0) / np.maximum(np.diff(time[:6]), usual)[:, None], axis=0)
+
+    def away(last: int, velocity: list[float], k: int) -> tuple[float, bool]:
+        """How far the pose ``k`` is from where one before it was bound for [m], and whether it leaps."""
+        h = max(at[k] - at[last], usual)
+        away_m = math.dist(where[k], [x + h * v for x, v in zip(where[last], velocity, strict=True)])
+        return away_m, away_m > LEAPS_M + 0.5 * LEAPS_M_S2 * h * h
+
+    def between(last: int, k: int) -> list[float]:
+        return [(b - a) / max(at[k] - at[last], usual) for a, b in zip(where[last], where[k], strict=True)]
+
+    last, velocity, k = 0, start.tolist(), 1
+    while k < len(at):
+        if not away(last, velocity, k)[1]:
+            last, velocity, k = k, between(last, k), k + 1
+            continue
+        other, its_velocity, j = k, velocity, k + 1
+        while j < len(at) and at[j] - at[k] <= BACK_S:
+            (back_m, leaps), (on_m, leaps_on) = away(last, velocity, j), away(other, its_velocity, j)
+            if not leaps and back_m < on_m:
+                break
+            its_velocity = velocity if leaps_on else between(other, j)
+            other, j = j, j + 1
+        if j == len(at) or at[j] - at[k] <= BACK_S:
+            gone[k:j] = True
+            k = j
+            continue
+        if at[k] - at[0] <= BACK_S:
+            gone[:k] = True
+        else:
+            moved.append(k)
+        last, k = k, k + 1
+    if len(moved) + np.count_nonzero(gone) > ALL_LEAP * len(at):
+        return np.zeros(len(time), dtype=bool), []
+    return gone, moved
 
 
 def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight:
@@ -400,17 +502,18 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
     """
     if mapping.format == "tlog":
         return _read_tlog(mapping, paths)
-    tables = read_tables(mapping.format, paths)
-    reader = _MappingReader(mapping, tables)
+    notes = Counter[str]()
+    reader = _MappingReader(mapping, read_tables(mapping.format, paths, notes), notes)
     poses = reader.first(mapping.pose, reader.motion)
     if poses is None:
         raise ConfigError(
             "FILE", f"holds no poses as the mapping has them: {reader.lacks(mapping.pose)}", str(paths[0])
         )
     time, place, attitude, velocity, resets = poses
-    apart_s = float(np.median(np.abs(np.diff(time)))) if len(time) > 1 else PLAUSIBLE_S[1]
+    apart_s = find_usual(time) if len(time) > 1 else PLAUSIBLE_S[1]
     if not PLAUSIBLE_S[0] <= apart_s <= PLAUSIBLE_S[1]:
         says = f"by {mapping.time_unit!r} a pose comes every {apart_s:.3g} s: its stamps are of another unit"
+        says = says if apart_s else "all poses have the same stamp"
         raise ConfigError("--map: time_unit", says, str(paths[0]))
     rows = split_at_set_backs(time)
     part = max(range(len(rows)), key=lambda k: rows[k].stop - rows[k].start)
@@ -420,21 +523,27 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
         reader.notes["poses left out, before or after a set-back of their clock"] = len(time) - len(time[rows[part]])
         time, place, attitude, velocity, resets = reader.cut(poses) or poses
     flight = ImportedFlight(float(time[0]))
-    newest = -np.inf
+    late = np.zeros(len(time), dtype=bool)
+    late[1:] = time[1:] <= np.maximum.accumulate(time)[:-1]
     repeats = np.zeros(len(time), dtype=bool)
     repeats[1:] = (np.diff(place, axis=0) == 0.0).all(axis=1)  # to the last bit: a log faster than its source
-    for k, at in enumerate((time - time[0]).tolist()):
-        if at <= newest or repeats[k]:
-            flight.notes[
-                "poses not newer than the one before" if at <= newest else "poses that repeat the one before"
-            ] += 1
-            continue
-        newest = at
-        moved = None if velocity is None else _three(velocity[k])
-        pose = Pose(0, at, at, _three(place[k]), _four(attitude[k]), moved, int(resets[k]))
+    flight.notes["poses not newer than the one before"] += int(np.count_nonzero(late))
+    flight.notes["poses that repeat the one before"] += int(np.count_nonzero(repeats & ~late))
+    rest = np.flatnonzero(~(late | repeats))
+    gone, moved = find_leaps(time[rest], place[rest])
+    resets = np.array(resets)
+    for k in moved:
+        resets[rest[k] :] += 1.0
+    flight.notes["poses that leap away and come back"] += int(np.count_nonzero(gone))
+    flight.notes["times that the positions' origin moved"] += len(moved)
+    for k in rest[~gone].tolist():
+        at = float(time[k] - time[0])
+        velocity_ned = None if velocity is None else _three(velocity[k])
+        pose = Pose(0, at, at, _three(place[k]), _four(attitude[k]), velocity_ned, int(resets[k]))
         flight.messages.append((at, MEASURED, _make_measured(pose, k)))
-    flight.notes.update(reader.notes)
     _add_commands(flight, reader, mapping)
+    flight.notes.update(reader.notes)
+    flight.notes = +flight.notes
     times, flies = reader.cut(reader.first(mapping.state, reader.state)) or ((), ())
     since = [max(0.0, float(at) - flight.begun_s) for at in times]
     since[:1] = [0.0] * len(since[:1])  # the first tells of what was before, too
@@ -545,6 +654,11 @@ def _four(row: Column) -> Quat:
     return w, x, y, z
 
 
+def _few(names: Iterable[str]) -> str:
+    some = list(names)
+    return (", ".join(some[:12]) or "nothing") + (", …" if len(some) > 12 else "")
+
+
 Motion = tuple[Column, Column, Column, Column | None, Column]
 """Times (N,) [s], positions (N, 3), attitudes (N, 4), velocities (N, 3) or None, resets (N,)."""
 Commands = tuple[Column, Column, Column | None, Column | None, float | None]
@@ -554,11 +668,11 @@ Commands = tuple[Column, Column, Column | None, Column | None, float | None]
 class _MappingReader:
     """Takes parts of a mapping out of tables."""
 
-    def __init__(self, mapping: FlightMapping, tables: Tables) -> None:
+    def __init__(self, mapping: FlightMapping, tables: Tables, notes: Counter[str]) -> None:
         self._mapping = mapping
         self._tables = tables
         self._frames = Frames(mapping.world, mapping.body)
-        self.notes: Counter[str] = Counter()
+        self.notes = notes
         self.part = 0, 1
         """Which of how many parts is read, where the poses' clock is set back."""
 
@@ -575,16 +689,20 @@ class _MappingReader:
     def lacks(self, parts: Sequence[MappedMotion]) -> str:
         """What stands in the way of the one of ``parts`` that lacks the least, as a sentence."""
         missing = [
-            [column for column in [part.time or self._mapping.time, *self._columns(part)] if column not in table]
+            (
+                [column for column in [part.time or self._mapping.time, *self._columns(part)] if column not in table],
+                name,
+            )
             for part in parts
             for name, table in self._tables.items()
             if fnmatch(name, part.table)
         ]
-        fewest = min(missing, key=len, default=None)
-        held = ", ".join(sorted(self._tables)[:12]) or "nothing"
+        fewest, name = min(missing, key=lambda one: len(one[0]), default=(None, ""))
         if fewest is None:
-            return f"it has no such table (found: {held})"
-        return f"no column {', '.join(fewest)} (found: {held})" if fewest else f"no row of numbers (found: {held})"
+            return f"it has no such table (found: {_few(sorted(self._tables))})"
+        if fewest:
+            return f"no column {', '.join(fewest)} (found in {name}: {_few(self._tables[name])})"
+        return f"no row of numbers (found: {name})"
 
     @staticmethod
     def _columns(part: MappedMotion) -> list[str]:
@@ -599,6 +717,7 @@ class _MappingReader:
             return None
         time = self._time(part, table)[rows]
         place = np.stack([table[name][rows] for name in part.position], axis=1) * UNITS[part.position_unit]
+        place[~np.isfinite(place)] = np.nan
         place = np.stack(self._frames.place(tuple(place.T)), axis=1)
         velocity = None
         if part.velocity is not None:
@@ -622,7 +741,11 @@ class _MappingReader:
     def state(self, part: MappedState) -> tuple[Column, Column] | None:
         """When it said so, and whether it flies; None where it is not there."""
         table, rows = self._rows(part, [part.column])
-        return None if table is None else (self._time(part, table)[rows], table[part.column][rows] == part.flies)
+        if table is None:
+            return None
+        time = self._time(part, table)[rows]
+        good = np.isfinite(time)
+        return time[good], table[part.column][rows][good] == part.flies
 
     def command(self, part: MappedCommand) -> Commands | None:
         """None where it is not there, or its thrust never changes."""
@@ -649,12 +772,14 @@ class _MappingReader:
         good = np.isfinite(signal) & np.isfinite(time)
         for more in (rates, attitude):
             if more is not None:
-                good &= np.isfinite(more).all(axis=1)
+                good &= (np.abs(more) <= FASTEST_RAD_S).all(axis=1)  # no NaN either; of an attitude each is 1 at most
         if not good.any():
             return None
         asked = signal[good] if attitude is None else np.ptp(attitude[good], axis=0)
-        if float(np.ptp(signal[good])) < 1e-6 or float(np.ptp(asked)) < 1e-6:
+        if float(np.ptp(np.clip(signal[good], 0.0, 1.0))) < 1e-6 or float(np.ptp(asked)) < 1e-6:
             return None
+        if not good.all():
+            self.notes["commands without a number"] += int(np.count_nonzero(~good))
         parts = (None if more is None else more[good] for more in (rates, attitude))
         return time[good], signal[good], *parts, hover
 
@@ -671,7 +796,8 @@ class _MappingReader:
     def _time(self, part: MappedTable, table: Table) -> Column:
         name = part.time or self._mapping.time
         time: Column = table[name if name in table else self._mapping.time] * UNITS[self._mapping.time_unit]
-        return time
+        far = np.abs(time) >= LATEST_S
+        return time if far.mean() > 0.5 else np.where(far, np.nan, time)  # all of them: of another unit
 
     def _attitudes(self, part: MappedMotion | MappedCommand, table: Table, rows: Any) -> Column:
         """Body FRD to world NED, (N, 4); NaN where there is none."""
