@@ -753,7 +753,7 @@ def test_attitudes_that_do_not_lean_as_the_vehicle_accelerates_are_told(turned: 
 
     def value(row: dict[str, Any], told: str) -> float:
         factor = 1000.0 if told.startswith("1000") else -1.0 if told.startswith("-") else 1.0
-        return factor * row[told[-2:]]
+        return factor * float(row[told[-2:]])
 
     right = drive_flight(load_flight(imported(tmp_path, poses_only(tmp_path, list), "nanobench")))
     assert doubt_attitude(right) == ""

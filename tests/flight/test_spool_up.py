@@ -1,6 +1,7 @@
 """From arming to lift-off nobody is trusted: what a vehicle does whose poses or whose mass are not its own."""
 
 import asyncio
+import math
 import random
 from collections.abc import Callable, Sequence
 
