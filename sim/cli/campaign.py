@@ -98,15 +98,12 @@ def compare(args: argparse.Namespace) -> int:
     return 0
 
 
-TRIALS = 32
-"""Sets of gains for each law, unless somebody says otherwise."""
-
-
 def _at_equal_margins(args: argparse.Namespace) -> int:
     """Tune every law under the same floors, and refly the best of each."""
     from sim.cli.tune import need_optuna
     from sim.studies import (
         SEARCHED_LAWS,
+        TRIALS,
         compare_at_equal_margins,
         describe_terms,
         draw_equal_margins,

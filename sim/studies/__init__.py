@@ -8,6 +8,7 @@ if TYPE_CHECKING:
         CONTROLLERS,
         GUST,
         SEARCHED_LAWS,
+        TRIALS,
         WITHOUT_ADAPTATION,
         Case,
         ComparedFlight,

@@ -594,6 +594,8 @@ SPREAD = 3.0
 FLOORED = ("paper", "adverse")
 """Judged, and kept flying with what :data:`FLOORS` has wrong."""
 ON_ROTORS = ("rotors_mqx", "rotors_mqx_radio")
+JUDGED = (*FLOORED, "rotors_mqx_radio")
+"""Reflown for whole minutes."""
 REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", "rotors_mqx_radio")
 EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
 """Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the seeds."""
@@ -778,7 +780,7 @@ def _search(law: SearchedLaw) -> Search:
 
 def _refly(law: SearchedLaw, best: TuningTrial, count: int, flyers: Flyers, seeds: int) -> EqualMarginsRow:
     stages = [stage.with_gains(best.gains) for stage in _stages(law, REFLOWN)]
-    long_s = dict.fromkeys(FLOORED, JUDGED_S)
+    long_s = dict.fromkeys(JUDGED, JUDGED_S)
     work = [sorties(stage, range(seeds), long_s.get(stage.scenario, DURATION_S)) for stage in stages]
     outcomes = iter(flyers.fly(list(chain.from_iterable(work))))
     flown = {stage.scenario: [next(outcomes) for _ in range(seeds)] for stage in stages}
@@ -918,8 +920,8 @@ def describe_terms(trials: int, seeds: int) -> str:
     """How it was done, as a paragraph."""
     return (
         f"Each law: {trials} evaluations with seed {SEARCH_SEED}, flights of {DURATION_S:g} s, gains within {SPREAD:g} "
-        f"times their start either way; then medians of seeds 0 to {seeds - 1}, in `paper` and `adverse` "
-        f"flights of {JUDGED_S:g} s. Floors in these two: "
+        f"times their start either way; then medians of seeds 0 to {seeds - 1}, in `paper`, `adverse` and "
+        f"`rotors_mqx_radio` flights of {JUDGED_S:g} s. Floors in the first two: "
         f"{', '.join(floor.what + (f' ({floor.only})' if floor.only else '') for floor in FLOORS)}; effort at most "
         f"{' / '.join(f'{value:g}' for value in EFFORT_RAD_S.values())} rad/s; on rotors at most {ROTORS_CM:g} cm and "
         f"{100.0 * ROTORS_SATURATED:g} % of commands at a limit."

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import textwrap
 from pathlib import Path
 
 import msgspec
@@ -14,7 +15,9 @@ from sim.__main__ import parser
 from sim.cli import commands
 from sim.studies import (
     SEARCHED_LAWS,
+    TRIALS,
     compare_at_equal_margins,
+    describe_terms,
     draw_equal_margins,
     equal_margins_table,
     read_trials,
@@ -118,13 +121,22 @@ def test_a_search_is_kept_as_a_table_and_not_flown_again(tmp_path: Path) -> None
     assert [row.gains for row in again.rows] == [pytest.approx(row.gains) for row in found.rows]
     plain = {sortie.seed for sortie in judges.flights if sortie.seed != 100}
     reflown = {(sortie.stage.scenario, sortie.duration_s) for sortie in judges.flights if sortie.seed == 1}
-    assert reflown == {(name, 60.0 if name in module.FLOORED else 20.0) for name in module.REFLOWN}, "whole laps"
+    assert reflown == {(name, 60.0 if name in module.JUDGED else 20.0) for name in module.REFLOWN}, "whole laps"
     assert plain == {0, 1} and len(judges.flights) < 60  # the best is judged anew, and no more
     best = min(found.trials["pid"], key=lambda trial: trial.cost)
     assert found.rows[0].gains == best.gains and found.rows[0].keeps and found.rows[0].evaluations == 6
     path.write_text("dear diary\n1\n", "utf-8")
     with pytest.raises(ConfigError, match="no table of evaluations"):
         read_trials(path)
+
+
+def test_the_table_that_comes_along_is_one_that_the_command_does_not_search_again() -> None:
+    """With fewer evaluations than the command asks for it would search every law anew, for most of an hour."""
+    table = read_trials(Path(__file__).parents[2] / "docs" / "equal-margins.csv")
+    for law in SEARCHED_LAWS:
+        assert len(table[law.name]) == (TRIALS if law.start else 1), law.name
+    page = (Path(__file__).parents[2] / "docs" / "explanation" / "equal-margins.md").read_text("utf-8")
+    assert textwrap.fill(describe_terms(TRIALS, module.SEEDS), 118) in page
 
 
 def row(law: str, rms_cm: float, effort: float, delay_s: float, *, keeps: bool = True) -> EqualMarginsRow:

@@ -11,9 +11,11 @@ import pytest
 
 from groundstation.analysis.identify import identify_command
 from groundstation.config import ConfigError, from_dict, presets
+from groundstation.core.geometry import Vec3
 from groundstation.core.vehicle import Vehicle
 from groundstation.settings import Config
-from sim.scenarios import SCENARIOS
+from sim.runs import fly
+from sim.scenarios import SCENARIOS, prepare
 from sim.studies import FOUND_IN_FLIGHT, coverage_table, identify_flights, remake, remake_all, vehicles
 from sim.studies.intervals import ToldInterval, truths
 from sim.studies.vehicles import FoundInFlight
@@ -145,6 +147,18 @@ def test_a_fast_vehicle_with_much_drag_is_found_to_a_percent(capsys: pytest.Capt
     for name, true in (("thrust_scale", 1.0), ("drag", 1.0), ("thrust_lag", 0.030), ("rate_lag", 0.020)):
         assert found[name]["value"] == pytest.approx(true, rel=0.03)
     assert abs(found["rate_delay"]["value"]) < 0.001
+
+
+def test_an_excitation_in_a_storm_stays_within_two_tenths_of_a_metre_of_its_point() -> None:
+    """By the truth, from 3 s after it is let go in the wind: so it fits into 3 by 3 m many times over."""
+    still = ("trajectory.kind=excitation", "trajectory.laps=1", "sim.start_ned=[0, 0, -1]", "sim.start_thrust=0.9")
+    world, config = prepare(SCENARIOS["storm"], list(still))
+    places: list[tuple[float, Vec3]] = []
+    flown = fly(world, config, seed=0, duration_s=14.0, on_step=lambda time_s, place: places.append((time_s, place)))
+    assert flown.completed
+    begun_s = places[0][0]
+    off_m = [abs(a - b) for t, place in places if t > begun_s + 3.0 for a, b in zip(place, (0, 0, -1), strict=True)]
+    assert 0.1 < max(off_m) < 0.2
 
 
 @pytest.mark.parametrize("flown", FOUND_IN_FLIGHT, ids=lambda flown: flown.vehicle)
