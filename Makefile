@@ -19,9 +19,11 @@ WHAT ?=
 # Where a wrong branch may hurt somebody, and the tests that are about it.
 GUARDED := links/core/deadman.py,links/rf/pacer.py,groundstation/pose/sources/intake.py,$\
     groundstation/core/safety/guards.py,groundstation/core/mission/mission.py
-GUARDING := unit/links/core/test_deadman unit/links/rf/test_pacer unit/links/mavlink/test_sleep \
-    unit/links/rf/test_rf_link unit/links/mavlink/test_mavlink_link unit/groundstation/pose/sources/test_gate \
-    unit/groundstation/core/safety/test_guards unit/groundstation/core/mission/test_mission flight/test_gate \
+GUARDING := unit/links/core/test_deadman unit/links/core/test_thrust_curve unit/links/rf/test_pacer \
+    unit/links/mavlink/test_sleep unit/links/rf/test_rf_link unit/links/mavlink/test_mavlink_link \
+    unit/groundstation/pose/sources/test_gate unit/groundstation/pose/sources/test_source_clock \
+    unit/groundstation/core/safety/test_guards unit/groundstation/core/safety/test_conviction \
+    unit/groundstation/core/safety/test_separation unit/groundstation/core/mission/test_mission flight/test_gate \
     flight/test_guards flight/test_missions flight/test_ends flight/test_dead_man flight/test_pacer_strikes \
     flight/test_slow_radio
 COVERAGE := $(BIN)/uv run --quiet --no-sync --with 'coverage>=7.10' python -m coverage
