@@ -50,8 +50,12 @@ WIND_MEMORY_S = 1.0
 ASKS = 0.3
 """From this share of what convicts on [-] the poses are asked by a small turn, where it is the attitude that speaks
 against them, and a descent lifts less against what may be a lie."""
+DIVERGED_M = 0.05
+"""So far from where the model had the vehicle a pose may be false, where a descent begins blind [m]."""
 RESTS_M_S, RESTS_S = 0.05, 1.0
 """So are they where the reference was no faster [m/s] for so long [s]: in a hold they have nothing to answer to."""
+SPARSE_S, SPARSE_MEAN_S = 0.07, 1.0
+"""So it does where poses are as far apart as this [s], on average of so long [s]: between them errors grow unseen."""
 CALM_S = 5.0
 """So long after the poses were suspect our controller flies calmly [s], the figure, too."""
 FALLS, UPRIGHT = 0.35, 0.5
@@ -153,7 +157,7 @@ class Pilot:
         self._pushed_since_s: float | None = None
         self._trusted: deque[Trusted] = deque()
         self._drives: deque[tuple[float, ActuatorCommand]] = deque()
-        self._poses, self._counted_s = 0, 0.0
+        self._poses, self._counted_s, self._apart_s = 0, 0.0, 0.0
         self._last: float | None = None
         self._pose: Pose | None = None
         self._trajectory: Trajectory | None = None
@@ -177,6 +181,9 @@ class Pilot:
         self._tell(PoseRecord(pose))
         if self._pose is None or pose.time_s > self._pose.time_s:
             before = self._estimator.motion
+            if self._pose is not None:
+                apart_s = pose.time_s - self._pose.time_s
+                self._apart_s += apart_s / (apart_s + SPARSE_MEAN_S) * (apart_s - self._apart_s)
             self._estimator.update(pose)
             if not self._released:
                 self._obedience.rest(pose)
@@ -225,7 +232,7 @@ class Pilot:
         if self.suspicious:
             self._suspected_s = time_s
         suspect = time_s - self._suspected_s < CALM_S
-        calmly = self._eased or suspect
+        calmly = self._eased or suspect or self._apart_s > SPARSE_S
         if calmly != self._calm and isinstance(self._gains, Gains):
             self._regain(self._gains, calmly=calmly)
         return suspect
@@ -325,11 +332,15 @@ class Pilot:
         if self._descent is None:
             self._coast += rest_s
             self._estimator.frozen = True  # what thrust seems to give is not learnt from poses that may be at fault
-            learnt, motion = self._learnt(), self._estimator.motion
+            learnt = self._learnt()
             wind = self._wind or learnt.disturbance
-            if max(self.evidence) >= ASKS:  # what the poses showed of late may be false
-                motion, wind = self._reckon(self._before(), self._last or self._newest_s), learnt.disturbance
-            rises = 0.0 if motion is None else -motion.velocity[2]
+            if blind or max(self.evidence) >= ASKS:
+                wind = learnt.disturbance
+            if max(self.evidence) >= ASKS or (blind and self.diverged_m > DIVERGED_M):
+                # What the poses showed of late may be false.
+                motion = self._reckon(self._before(), self._newest_s)
+                self._estimator.believe(motion, wind, learnt.effectiveness)
+            rises = -self._estimator.predict(max(self._last or 0.0, self._newest_s)).motion.velocity[2]
             self._descent = Descent(self._vehicle, self._gravity, wind, learnt.effectiveness, rises)
         self._descent.blind = blind
         self._sink = (0.0, 0.0, sink_m_s)
@@ -364,7 +375,7 @@ class Pilot:
         self._last = time_s
         law = self._decide if descent is None else descent.decide
         decision = law(estimate, reference, interval)
-        if descent is None and self._eased:
+        if descent is None and (self._eased or self._apart_s > SPARSE_S):
             decision = self._bear(decision, estimate, reference)
         if descent is None:
             decision = self._climb_gently(time_s, decision)
@@ -382,6 +393,8 @@ class Pilot:
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
         wind = self._mean_wind(estimate.disturbance, interval)
+        if descent is not None and descent.blind:
+            wind = descent.wind
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
         seen = self._watch.look(time_s, estimate.motion, decision)
         command = self._command(decision.drive, parts)

@@ -131,6 +131,8 @@ def test_a_flight_that_ends_by_what_the_commands_did_is_flown_again_to_the_last_
         ("push", "tracking"),
         ("gust", "hold"),
         ("gust", "tracking"),
+        ("gust, 25 Hz", "hold"),
+        ("gust, 25 Hz", "tracking"),
         ("tether", "hold"),
         ("tether", "take-off"),
         ("ground effect", "start"),

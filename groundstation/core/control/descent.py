@@ -78,7 +78,9 @@ class Descent:
         """
         self._vehicle = vehicle
         self._gravity = gravity
-        self._wind, self._effectiveness = wind, effectiveness
+        self._effectiveness = effectiveness
+        self.wind = wind
+        """What it is pushed by on average [m/s², NED]; blind, what it was as this began."""
         self.blind = False
         """True where speed is not to be believed."""
         self.doubted = False
@@ -90,12 +92,10 @@ class Descent:
         """One command."""
         motion, g = estimate.motion, self._gravity
         most = BLIND_WIND_M_S2 if self.blind else WIND_LIMIT_M_S2
-        (a, b, c), k, m = self._wind, interval_s / (interval_s + WIND_S), interval_s / (interval_s + HEAVIER_S)
+        (a, b, c), k, m = self.wind, interval_s / (interval_s + WIND_S), interval_s / (interval_s + HEAVIER_S)
         x, y, z = estimate.disturbance
         if not self.blind:
-            self._wind = a, b, c = a + k * (x - a), b + k * (y - b), c + m * (z - c)
-        elif not self.doubted:
-            a, b, c = x, y, z
+            self.wind = a, b, c = a + k * (x - a), b + k * (y - b), c + m * (z - c)
         x, y, z = (max(-most, min(most, d)) for d in (a, b, c if self.blind else max(c - LIGHTER_M_S2, z)))
         if self.blind:
             self._blind_s += interval_s
@@ -121,7 +121,7 @@ class Descent:
             effectiveness, strongest = self._effectiveness, DOUBTED_MOST
         mass = self._vehicle.mass_kg / effectiveness
         believed = BLIND_WIND_M_S2 if self.blind or self.doubted else HEAVIER_M_S2
-        heavier = max(-believed, min(self._wind[2], believed))
+        heavier = max(-believed, min(self.wind[2], believed))
         # A leaning vehicle lifts less, one far over nothing that helps.
         lift = min(length(along) / max(upright, 0.7), (1.0 + strongest) * (g + heavier)) if upright > 0.3 else 0.0
         return make_decision(

@@ -609,6 +609,12 @@ class ModelEstimator:
         self._held = disturbance
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 
+    def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:
+        """The vehicle was at ``motion`` at the newest pose's time stamp, whatever that pose says; hold the rest."""
+        self.hold(disturbance, effectiveness)
+        self._motion, self._disturbance, self._disturbance_rate = motion, disturbance, ZERO
+        self._path = [(self._stamp, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO), 0)]
+
     def resume(self) -> None:
         """The poses are believed again."""
         self._held = None

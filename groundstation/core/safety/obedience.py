@@ -81,9 +81,9 @@ GALE_M_S2, BREEZE_M_S2, USUAL, USUAL_S = 3.5, 2.5, 6.0, 5.0
 """No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
 [m/s²]; in a calm, where so many times [-] what it was mostly off by in the last time [s] is less than the second, none
 pushes by that."""
-TURNS_M_S2, TURNS_S = 5.5, 3.0
-"""Nor does any wind change across by so much [m/s²] from its mean of the last time [s], for two nodes, even if the
-picture goes with it: who follows a lie that grows goes with it, too."""
+TURNS_M_S2, TURNS_DOWN_M_S2, TURNS_S = 5.5, 4.8, 3.0
+"""Nor does any wind change across, or down, by so much [m/s²] from its mean of the last time [s], for two nodes, even
+if the picture goes with it: who follows a lie that grows goes with it, too. A motor at 70 % comes to 4.2 down."""
 PRESS_M_S2 = 3.0
 """Nothing in the air presses it down, or lifts it, by so much more than was known, for two nodes [m/s²]: a floor does,
 a hand, or rotors that give little more than half of what they gave."""
@@ -122,8 +122,7 @@ class Rivals:
         self._known = known
         self._axes: tuple[_RivalAxis, ...] = ()
         self._gale = self._press = self._looked_s = 0.0
-        self._usual = WIND_M_S2 * WIND_M_S2
-        self._astray = 0
+        self._usual, self._astray, self._pulls = WIND2, 0, False
 
     def begin(self, position: Vec3, pushed: Vec3) -> None:
         """Look anew from one instant on; what is known of the push stays, and evidence.
@@ -167,6 +166,7 @@ class Rivals:
         turned = math.hypot(x.turned, y.turned) / (TURNS_M_S2 + 3.0 * sigma)
         before, self._gale = self._gale, max(math.sqrt(squared) / most, turned)
         pressed, self._press = self._press, abs(z.off) / (PRESS_M_S2 + 3.0 * sigma)
+        pulled, self._pulls = self._pulls, abs(z.turned) > TURNS_DOWN_M_S2 + 3.0 * sigma
         across = down = 0.0
         if x.speaks or y.speaks:  # who shows too small a part of one axis mostly does so of the other, too
             across = max(map(sum, zip(x.evidence, y.evidence, strict=True)))
@@ -184,7 +184,7 @@ class Rivals:
         if calm and self._looked_s > CALM_KNOWN_S:
             gale += across / ENDS
         # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
-        held = max(gale, down / ENDS, min(pressed, self._press))
+        held = max(gale, down / ENDS, min(pressed, self._press), float(pulled and self._pulls))
         return max(across / ENDS, held if held >= 1.0 or (climbs and z.since_s <= STAYS_S) else 0.5 * held)
 
 
@@ -198,10 +198,10 @@ class _RivalAxis:
 
     def __init__(self, known: int = 0) -> None:
         """``known`` nodes need no average."""
-        self._known, self._push, self._mean, self._smooth = known, 0.0, 0.0, 0.0
+        self._known = known
+        self._push = self._mean = self._smooth = self._before = self._off_before = 0.0
         self.noises = STOPS_NOISES
         """Less than so many times its noise is no speed [-]."""
-        self._before = self._off_before = 0.0
         self.since_s = math.inf
         """How long ago it leapt, to the node after [s]."""
         self.astray = 0.0
@@ -604,9 +604,9 @@ against a position that stands."""
 SHOCK_M, SHOCK_S = 0.045, 0.35
 """A position that leaves its way by so much [m], 9 m/s², was struck, or is not the vehicle's: nothing is done in haste
 for so long [s]."""
-LEAP_M, LEAP_NOISES, LEAP_M_S2, LEAP_S = 0.0015, 7.0, 0.4, 0.035
-"""A pose leaps that is so much [m], so many times its noise [-], and by what is not known of the push [m/s²], farther
-off its way than the one before, which came no longer ago than this [s]: where one is missing, so may commands be."""
+LEAP_M, LEAP_NOISES, LEAP_M_S2, LEAP_S = 0.0015, 7.0, 1.8, 0.035
+"""A pose leaps that is so much [m], so many times its noise [-], and by what a gust makes of it [m/s²], farther off its
+way than the one before, which came no longer ago than this [s]: where one is missing, so may commands be."""
 LEAP_LOOKS_S, LEAP_USUAL, LEAP_MOST_S, LEAP_LATE = 0.0095, 0.02, 0.045, 1.25
 """Of what comes more often than this [s] all since are summed up: from one of 240 in a second to the next nothing goes
 far. Where few come, the one before came up to so many times [-] as long ago as is usual, which is averaged with this

@@ -100,6 +100,19 @@ def shows_few(nth: int, make: Callable[..., Picture], *told: Any) -> Strike:
     return strike
 
 
+def shows_in_turns(turn_s: float, make: Callable[..., Picture], *told: Any) -> Strike:
+    """A picture that is wrong for so long [s], true for as long, and wrong again, from what is true then."""
+
+    async def strike(scene: Scene) -> None:
+        while True:
+            scene.between.picture = make(scene.struck, *told)
+            await asyncio.sleep(turn_s)
+            scene.between.picture = None
+            await asyncio.sleep(turn_s)
+
+    return strike
+
+
 def comes_late(delay_s: float | Callable[[float], float], *, fresh: bool) -> Strike:
     """Frames that come so much later [s], or by a function of the time since."""
 
@@ -507,6 +520,18 @@ _LYING: dict[str, Fault] = {
     "one in ten, position frozen": Fault(
         "of ten frames only one comes, and its position stands", shows_few(10, pictures.still_position)
     ),
+    "z frozen in turns": Fault(
+        "for one second its height stands, for one it is true, and so on",
+        shows_in_turns(1.0, pictures.still_coordinate, 2),
+        poses=Poses.FALSE,
+        states=FLYING,
+    ),
+    "position frozen in turns": Fault(
+        "for one second its position stands, for one it is true, and so on",
+        shows_in_turns(1.0, pictures.still_position),
+        poses=Poses.FALSE,
+        states=FLYING,
+    ),
     "long hold, x frozen": Fault(
         "in a hold of half a minute north stands",
         shows(pictures.still_coordinate, 0),
@@ -663,6 +688,12 @@ _OBEYING: dict[str, Fault] = {
     },
     "motor at 130 %": Fault("the rotors give 130 % of their thrust", weaken(1.3)),
     "load dropped": Fault("a third of the weight falls off", lighten, states=FLYING),
+    "gust, 25 Hz": Fault(
+        "by 25 poses a second: for 1.5 s the wind pushes with 3.7 m/s² more",
+        gust,
+        overrides=("sim.pose_rate_hz=25", "pose.rate_hz=25"),
+        states=FLYING,
+    ),
     "push": Fault("a hand pushes for 1 s, with 4 m/s² at most", push, states=("spool-up", *FLYING)),
     "tether": Fault(
         "a cable on the floor is caught: 0.3 m farther it pulls like a spring", tether, states=("spool-up", *FLYING)

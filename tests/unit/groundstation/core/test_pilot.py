@@ -43,13 +43,20 @@ NORTHWARDS = 4.0, 0.0, 0.0
 EVERYWHERE = range(0, 360, 30)
 
 
-def turns_back(degrees: float, azimuth_deg: float, acceleration: Vec3, *, eased: bool) -> tuple[float, float]:
-    """How fast its first command turns it towards the push that the reference asks for [rad/s], and sin of how far."""
-    flies, place = Pilot(VEHICLE, Gains(), 0.25, 0.0), (0.0, 0.0, -2.0)
-    flies.pose(Pose(0, 0.0, 0.0, place, leaning(degrees, azimuth_deg)))
-    flies.follow(Always(Reference(FAR, acceleration_ned=acceleration)), 0.0)
+def turns_back(
+    degrees: float, azimuth_deg: float, acceleration: Vec3, *, eased: bool, apart_s: float = 0.0
+) -> tuple[float, float]:
+    """How fast its first command turns it towards the push that the reference asks for [rad/s], and sin of how far.
+
+    Ten poses come before it that are ``apart_s`` apart [s], or one.
+    """
+    flies, place, now = Pilot(VEHICLE, Gains(), 0.25, 0.0), (0.0, 0.0, -2.0), 0.0
+    for n in range(10 if apart_s > 0.0 else 1):
+        now = n * apart_s
+        flies.pose(Pose(n, now, now, place, leaning(degrees, azimuth_deg)))
+    flies.follow(Always(Reference(FAR, acceleration_ned=acceleration)), now)
     flies.ease(eased, asks=False)
-    tick = flies.tick(0.0)
+    tick = flies.tick(now)
     roll, pitch = sine_error(tick.estimate.motion.attitude, push(acceleration, (0.0, 0.0, 0.0), G)[0])
     off, rates = math.hypot(roll, pitch), tick.decision.drive.rates
     return (rates[0] * roll + rates[1] * pitch) / off, off
@@ -86,6 +93,13 @@ def test_where_a_body_rate_is_at_its_limit_it_is_brought_back_no_slower(degrees:
 def test_on_the_figure_nothing_but_the_law_says_how_far_it_leans() -> None:
     back_rad_s = [turns_back(41.0, azimuth_deg, (0.0, 0.0, 0.0), eased=False)[0] for azimuth_deg in EVERYWHERE]
     assert min(back_rad_s) < -1.0
+
+
+def test_by_poses_that_are_few_it_leans_no_farther_on_the_figure_than_off_it() -> None:
+    """Between them a north that is south carries the vehicle away unseen."""
+    for azimuth_deg in EVERYWHERE:
+        back_rad_s, off = turns_back(41.0, azimuth_deg, (0.0, 0.0, 0.0), eased=False, apart_s=0.2)
+        assert back_rad_s >= 6.0 * (off - FARTHEST) - 1e-9
 
 
 LATE_S, SPEED_M_S, PUSHED_S, ENDS_S = 0.2, 1.0, 2.0, 3.2

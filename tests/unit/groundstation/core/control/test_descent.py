@@ -5,6 +5,7 @@ import math
 import pytest
 
 from groundstation.core.control import Descent
+from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Motion, Vehicle
@@ -61,3 +62,17 @@ def test_what_pulls_down_steadily_is_lifted_against_within_two_seconds() -> None
 def test_the_mean_wind_of_before_is_lifted_against_at_once() -> None:
     descent = Descent(VEHICLE, G, (0.0, 0.0, 2.0), 1.0)
     assert lifts(descent, estimate(0.0, down_m_s2=2.0)) == pytest.approx(1.24 + 2.0 / G)
+
+
+@pytest.mark.parametrize("push_m_s2", [(3.0, 0.0, 0.0), (0.0, -6.0, 0.0), (0.0, 0.0, 5.0)])
+def test_blind_it_leans_and_lifts_against_the_wind_of_before_and_nothing_that_poses_show_now(push_m_s2: Vec3) -> None:
+    """Poses that are mirrored show a wind that grows with each lean against it."""
+
+    def flown(*shown: Vec3) -> list[object]:
+        descent = Descent(VEHICLE, G, (0.5, 0.0, 0.0), 1.0)
+        descent.blind = True
+        at, down = estimate(0.0), Reference((0.0, 0.0, -2.0), (0.0, 0.0, 0.3))
+        return [descent.decide(at._replace(disturbance=push), down, PERIOD_S).drive for push in shown]
+
+    still = (0.5, 0.0, 0.0)
+    assert flown(*50 * [push_m_s2]) == flown(*50 * [still])
