@@ -81,9 +81,9 @@ GALE_M_S2, BREEZE_M_S2, USUAL, USUAL_S = 3.5, 2.5, 6.0, 5.0
 """No wind to fly in pushes across by so much more than was known, for two nodes, and the picture does not go with it
 [m/s²]; in a calm, where so many times [-] what it was mostly off by in the last time [s] is less than the second, none
 pushes by that."""
-TURNS_M_S2, TURNS_DOWN_M_S2, TURNS_S = 5.5, 4.8, 3.0
+TURNS_M_S2, TURNS_DOWN_M_S2, TURNS_S = 5.5, 6.0, 3.0
 """Nor does any wind change across, or down, by so much [m/s²] from its mean of the last time [s], for two nodes, even
-if the picture goes with it: who follows a lie that grows goes with it, too. A motor at 70 % comes to 4.2 down."""
+if the picture goes with it: who follows a lie that grows goes with it, too. A cable comes to 5.5 down."""
 PRESS_M_S2 = 3.0
 """Nothing in the air presses it down, or lifts it, by so much more than was known, for two nodes [m/s²]: a floor does,
 a hand, or rotors that give little more than half of what they gave."""
