@@ -46,6 +46,18 @@ def highest(
     return found
 
 
+class Pushed:
+    """A body along one axis, by what pushes it."""
+
+    def __init__(self) -> None:
+        self.at = self._speed = 0.0
+
+    def move(self, push: float) -> None:
+        """To the next node, by so much [m/s²]."""
+        self.at += H * (self._speed + 0.5 * H * push)
+        self._speed += H * push
+
+
 def swings(most: float, rate: float, begins_s: float = 0.0) -> Along:
     """To and fro."""
     return lambda t: most * math.sin(rate * (t - begins_s)) if t > begins_s else 0.0
@@ -94,13 +106,14 @@ def test_in_a_calm_a_push_that_leaves_no_trace_ends_a_flight_sooner_than_in_a_gu
     assert highest(runs_away, swings(3.0, 12.0), share=0.0, for_s=0.6) < 1.0
 
 
-@pytest.mark.parametrize(("down_m_s2", "ends"), [(4.5, False), (7.0, True)])
+@pytest.mark.parametrize(("down_m_s2", "ends"), [(4.5, False), (8.0, True)])
 def test_a_wind_down_that_rises_within_a_second_to_more_than_any_wind_is_none(down_m_s2: float, ends: bool) -> None:
-    """So a height that stands is learnt as ever more wind by a law that pushes against it."""
-    rivals, told, speed, found = Rivals(), 0.0, 0.0, 0.0
+    """So a height that stands, and gives way a little, is learnt as ever more wind by a law that pushes against it."""
+    rivals, told, shown, found = Rivals(), Pushed(), Pushed(), 0.0
     rivals.begin((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     for k in range(60):
-        u = -down_m_s2 * min(max(k * H - SETTLED_S, 0.0), 1.0)
-        told, speed = told + H * (speed + 0.5 * H * u), speed + H * u
-        found = max(found, rivals.node((0.0, 0.0, 0.0), (0.0, 0.0, told), H, NOISES * NOISE_M, leapt=False))
+        rises = min(max(k * H - SETTLED_S, 0.0), 1.0)
+        told.move(-down_m_s2 * rises)
+        shown.move(0.5 if 0.0 < rises < 1.0 else 0.0)
+        found = max(found, rivals.node((0.0, 0.0, shown.at), (0.0, 0.0, told.at), H, NOISES * NOISE_M, leapt=False))
     assert (found >= 1.0) is ends
