@@ -137,8 +137,9 @@ class Rivals:
             axis.begin(x, told)
 
     def node(
-        self, position: Vec3, pushed: Vec3, h: float, noise_m: float, leapt: bool, *, climbs: bool = False
-    ) -> float:
+        self, position: Vec3, pushed: Vec3, h: float, noise_m: float, leapt: bool, *,
+        climbs: bool = False, turns: bool = True,
+    ) -> float:  # fmt: skip
         """What speaks for a rival along any axis, as a share of what ends a flight [-].
 
         Args:
@@ -148,9 +149,9 @@ class Rivals:
             noise_m: of a second difference of the positions, 1σ [m].
             leapt: whether a pose since then was where nothing pushes a vehicle.
             climbs: whether it has just left the floor.
+            turns: whether it turns as told: who does not is not asked whether a wind pulls it down.
         """
-        x, y, z = self._axes
-        (a, b, c), (p, q, r) = position, pushed
+        (x, y, z), (a, b, c), (p, q, r) = self._axes, position, pushed
         speed_noise = noise_m / h
         sigma = NOISE_M_S2 + speed_noise / h
         variance = sigma * sigma
@@ -166,7 +167,7 @@ class Rivals:
         turned = math.hypot(x.turned, y.turned) / (TURNS_M_S2 + 3.0 * sigma)
         before, self._gale = self._gale, max(math.sqrt(squared) / most, turned)
         pressed, self._press = self._press, abs(z.off) / (PRESS_M_S2 + 3.0 * sigma)
-        pulled, self._pulls = self._pulls, abs(z.turned) > TURNS_DOWN_M_S2 + 3.0 * sigma
+        pulled, self._pulls = self._pulls, turns and abs(z.turned) > TURNS_DOWN_M_S2 + 3.0 * sigma
         across = down = 0.0
         if x.speaks or y.speaks:  # who shows too small a part of one axis mostly does so of the other, too
             across = max(map(sum, zip(x.evidence, y.evidence, strict=True)))
@@ -180,9 +181,7 @@ class Rivals:
             if self._astray >= 2:
                 return 1.0
         self._looked_s += h
-        gale = min(before, self._gale)
-        if calm and self._looked_s > CALM_KNOWN_S:
-            gale += across / ENDS
+        gale = min(before, self._gale) + (across / ENDS if calm and self._looked_s > CALM_KNOWN_S else 0.0)
         # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
         held = max(gale, down / ENDS, min(pressed, self._press), float(pulled and self._pulls))
         return max(across / ENDS, held if held >= 1.0 or (climbs and z.since_s <= STAYS_S) else 0.5 * held)
@@ -1001,9 +1000,9 @@ class Obedience:
         else:
             shakes_m = NOISES * noise_m
             shakes_m = math.sqrt(shakes_m * shakes_m + wander)
-            climbs = now_s - self._begun_s <= CLIMB_S + 1e-6
-            leapt = now_s - self._leapt_s < h
-            self._push = self._rivals.node(place, pushed, h, shakes_m, leapt, climbs=climbs)
+            climbs, leapt = now_s - self._begun_s <= CLIMB_S + 1e-6, now_s - self._leapt_s < h
+            turns = self._attitude < LATE_LOOKS * CONVICTS
+            self._push = self._rivals.node(place, pushed, h, shakes_m, leapt, climbs=climbs, turns=turns)
             if climbs and self._wander_m < WANDERS_M:
                 self._push = max(self._push, self._climb(now_s, place[2], h, noise_m))
         self._lean(now_s, h, COORDINATE_M + COORDINATE_NOISES * noise_m)
