@@ -23,8 +23,12 @@ class Flights(NamedTuple):
 
 
 @pytest.fixture(
-    params=[Flights(1, 20.0), pytest.param(Flights(10, 60.0), marks=pytest.mark.matrix)],
-    ids=["some", "all as promised"],
+    params=[
+        Flights(1, 20.0),
+        pytest.param(Flights(3, 60.0), marks=pytest.mark.matrix),
+        pytest.param(Flights(10, 60.0), marks=pytest.mark.soak),
+    ],
+    ids=["some", "whole", "all as promised"],
 )
 def flights(request: pytest.FixtureRequest) -> Flights:
     found: Flights = request.param
