@@ -50,14 +50,14 @@ WIND_MEMORY_S = 1.0
 ASKS = 0.3
 """From this share of what convicts on [-] the poses are asked by a small turn, where it is the attitude that speaks
 against them, and a descent lifts less against what may be a lie."""
-DIVERGED_M = 0.05
-"""So far from where the model had the vehicle a pose may be false, where a descent begins blind [m]."""
 RESTS_M_S, RESTS_S = 0.05, 1.0
 """So are they where the reference was no faster [m/s] for so long [s]: in a hold they have nothing to answer to."""
-SPARSE_S, SPARSE_MEAN_S = 0.07, 1.0
-"""So it does where poses are as far apart as this [s], on average of so long [s]: between them errors grow unseen."""
 CALM_S = 5.0
 """So long after the poses were suspect our controller flies calmly [s], the figure, too."""
+SPARSE_S, SPARSE_MEAN_S = 0.07, 1.0
+"""So it does where poses are as far apart as this [s], on average of so long [s]: between them errors grow unseen."""
+DIVERGED_M = 0.05
+"""So far from where the model had the vehicle a pose may be false, where a descent begins blind [m]."""
 FALLS, UPRIGHT = 0.35, 0.5
 """Off the figure errors take away at most such a share of the weight from the thrust that the reference asks for [-],
 while the cosine of the vehicle's lean is above the second: heights that are mirrored or leap must not drop it."""
@@ -334,9 +334,10 @@ class Pilot:
             self._estimator.frozen = True  # what thrust seems to give is not learnt from poses that may be at fault
             learnt = self._learnt()
             wind = self._wind or learnt.disturbance
-            if blind or max(self.evidence) >= ASKS:
+            doubted = max(self.evidence) >= ASKS
+            if blind or doubted:
                 wind = learnt.disturbance
-            if max(self.evidence) >= ASKS or (blind and self.diverged_m > DIVERGED_M):
+            if doubted or (blind and self.diverged_m > DIVERGED_M):
                 # What the poses showed of late may be false.
                 motion = self._reckon(self._before(), self._newest_s)
                 self._estimator.believe(motion, wind, learnt.effectiveness)
