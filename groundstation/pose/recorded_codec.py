@@ -21,6 +21,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+import msgspec
+
 from groundstation.core.geometry import Quat, Vec3
 from links.mavlink.protocol import MavlinkCodec, Message, frame_end
 
@@ -42,7 +44,11 @@ class CsvRow(NamedTuple):
 
 def encode_csv(row: CsvRow) -> str:
     """The row with its end of line; numbers read back to the last bit."""
-    return ",".join(map(repr, (row.t_s, *row.position, *row.attitude, row.arrival_s))) + "\n"
+    numbers = (row.t_s, *row.position, *row.attitude, row.arrival_s)
+    text = msgspec.json.encode(numbers).decode()
+    if "e" in text or "0.0000" in text or "null" in text:  # which JSON writes otherwise than Python
+        text = f"[{','.join(map(repr, numbers))}]"
+    return text[1:-1] + "\n"
 
 
 def read_csv(lines: Iterable[str], dropped: Counter[str]) -> Iterator[CsvRow]:

@@ -11,6 +11,7 @@ Source: mcap.dev/spec; what is written is what ``mcap`` 1.6 writes with compress
 """
 
 import fcntl
+import io
 import math
 import os
 import platform
@@ -431,8 +432,8 @@ class FlightLog:
                 topic, time_s, _ = messages[at]
                 if time_s != stamped_s:  # all that is said of a command has its time
                     stamped_s, stamp_ns = time_s, self._messages.stamp(time_s)
-                if data := encoded[at]:
-                    add(channels[topic], stamp_ns, data)
+                if line := encoded[at]:
+                    add(channels[topic], stamp_ns, line[:-1])
                 at += 1
             if time_s - self._flushed_s >= FLUSH_S:
                 self._flushed_s, passed = time_s, True
@@ -443,14 +444,14 @@ class FlightLog:
             raise failures[0]
 
     def _encode(self, messages: list[Message], failures: list[Exception]) -> list[bytes]:
-        """All in one go; nothing stands for one that can't be encoded, and ``failures`` gets the reason."""
-        try:
-            return self._encoder.encode_lines([message for _, _, message in messages]).split(b"\n")
+        """A line each, all in one go; empty where a message can't be encoded, and ``failures`` gets the reason."""
+        try:  # bytes.split would look at every byte by itself
+            return io.BytesIO(self._encoder.encode_lines([message for _, _, message in messages])).readlines()
         except Exception:  # noqa: BLE001  # as above: one by one, to know which
             encoded = []
             for _, _, message in messages:
                 try:
-                    encoded.append(self._encoder.encode(message))
+                    encoded.append(self._encoder.encode(message) + b"\n")
                 except Exception as error:  # noqa: BLE001  # as above
                     failures.append(error)
                     encoded.append(b"")
@@ -484,11 +485,11 @@ class FlightLog:
 
     def _note(self, record: Record) -> None:
         """What the headline and the .tlog want of a record."""
+        if type(record) is ReceivedRecord or type(record) is SentRecord:  # most are
+            if record.wire in self._cutters:
+                self._frames(record)
+            return
         match record:
-            case ReceivedRecord(time_s, wire, _, _, data):
-                self._frames(wire, 0, time_s, data)
-            case SentRecord(time_s, wire, _, data):
-                self._frames(wire, 1, time_s, data)
             case TickRecord(tick):
                 error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
                 self._count.count_command(tick.flight_time_s, error)
@@ -505,10 +506,7 @@ class FlightLog:
             case LossRecord(_, count):
                 self._count.count_missing(count)
 
-    def _frames(self, wire: int, direction: int, time_s: float, data: bytes) -> None:
-        cutters = self._cutters.get(wire)
-        if cutters is None:
-            return
+    def _frames(self, record: ReceivedRecord | SentRecord) -> None:
         if self._tlog is None:
             try:
                 self._tlog = PatientFile(self.path.with_suffix(".tlog"), self._tell)
@@ -516,7 +514,8 @@ class FlightLog:
                 self._tell(f"WARNING: no .tlog of this flight: {error}", Severity.WARNING)
                 self._cutters.clear()
                 return
-        self._tlog.write(cutters[direction].records(data, self._messages.stamp(time_s)))
+        cutter = self._cutters[record.wire][type(record) is SentRecord]
+        self._tlog.write(cutter.records(record.data, self._messages.stamp(record.time_s)))
 
 
 def about_texts(about: About) -> dict[str, str]:

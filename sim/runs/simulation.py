@@ -296,11 +296,11 @@ class RunFolder:
         self._waiting.append(record)
         if len(self._waiting) >= AT_ONCE:
             self._write()
-        if isinstance(record, TickRecord):
+        if type(record) is TickRecord:
             self._last_s = record.tick.time_s
-        elif isinstance(record, LineRecord):
+        elif type(record) is LineRecord:
             self._state = record.state
-        elif isinstance(record, EndRecord):
+        elif type(record) is EndRecord:
             self._ended = True
 
     def _write(self) -> None:

@@ -30,6 +30,11 @@ def test_every_number_survives_the_file_to_the_last_bit(row: CsvRow) -> None:
     assert list(read_csv([encode_csv(row)], dropped)) == ([row] if finite else [])
 
 
+def test_numbers_are_written_as_python_prints_them_the_smallest_and_the_largest_too() -> None:
+    for few in ((0.1, -0.0, 1e-05), (1e16, 5e-324, 10.00001), (0.00012, 123.456, math.nan)):
+        assert encode_csv(CsvRow(1.0, 2.5, few, LEVEL)) == f"1.0,{','.join(map(repr, few))},1.0,0.0,0.0,0.0,2.5\n"
+
+
 def test_headings_remarks_and_bad_rows_are_passed_over() -> None:
     lines = [
         "t,x,y,z,qw,qx,qy,qz", "# from the second camera", "", "0,1,2,3,1,0,0,0", "1,1,2,3,1,0,0",
