@@ -549,6 +549,8 @@ class _Replay:
         match switch.what, len(values):
             case "stand", 0:
                 pilot.stand()
+            case "doubt", 0:
+                pilot.doubt()
             case "listen", 1:
                 pilot.listen(bool(values[0]))
             case "lift", 3:

@@ -255,6 +255,12 @@ class Pilot:
         else:
             self._estimator.resume()
 
+    def doubt(self) -> None:
+        """Poses have come further from the last ones than the vehicle can have flown: some of them are false."""
+        if self._lifted and self._descent is None and not self._estimator.holds:
+            self._switch("doubt")
+            self._hold()
+
     def _hold(self) -> None:
         """Learn nothing; wind and thrust are those of before."""
         trusted = self._before()
@@ -337,7 +343,7 @@ class Pilot:
             doubted = max(self.evidence) >= ASKS
             if blind or doubted:
                 wind = learnt.disturbance
-            if doubted or (blind and self.diverged_m > DIVERGED_M):
+            if blind and (doubted or self.diverged_m > DIVERGED_M):
                 # What the poses showed of late may be false.
                 motion = self._reckon(self._before(), self._newest_s)
                 self._estimator.believe(motion, wind, learnt.effectiveness)

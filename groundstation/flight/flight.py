@@ -774,7 +774,10 @@ class Flight:
 
     def pose_event(self, event: PoseEvent) -> None:
         """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
-        self._say(event.text)
+        if event.kind == "strays":
+            self._pilot.doubt()
+        else:
+            self._say(event.text)
 
     def distrust(self) -> None:
         """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""

@@ -116,7 +116,8 @@ class PoseStreamMonitor:
 
     def event(self, event: PoseEvent, now_s: float) -> None:
         """Something happened to them."""
-        self._events.append(f"{now_s - self._begun_s:.1f} {event.text}")
+        if event.text:
+            self._events.append(f"{now_s - self._begun_s:.1f} {event.text}")
 
     def summarize(self, now_s: float, status: PoseStatus, bodies: tuple[str, ...] = ()) -> PoseStreamSummary:
         """All of it; ``status`` and ``bodies`` are the source's."""

@@ -606,7 +606,8 @@ class ModelEstimator:
 
     def hold(self, disturbance: Vec3, effectiveness: float) -> None:
         """The poses are suspect: learn nothing; ``disturbance`` [m/s², NED] and λ̂ stay so until :meth:`resume`."""
-        self._held = disturbance
+        self._held = self._disturbance = disturbance
+        self._disturbance_rate = ZERO
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 
     def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:

@@ -448,11 +448,12 @@ class Gate:
             return self._drop(why), None
         # The longer the last pose is ago, the more would fit it: so the nearer of two tracks has the pose.
         if other is not None and not other.refuses(straight) and (why or other.off(straight) < track.off(straight)):
+            strays = other.last.time_s == other.first_s  # two in a row: no mere flicker
             other.add(straight)
             if straight.time_s - other.first_s >= self._config.settle_s:
                 self._unannounced += 1
                 return self._elsewhere(straight, "moved", f"for {self._config.settle_s:g} s all have agreed on it")
-            return self._drop(why or other.why), None
+            return self._drop(why or other.why), PoseEvent("strays", other.why, "") if strays else None
         if why:
             self._other = PoseTrack(straight, self._config, why)
             return self._drop(why), None
