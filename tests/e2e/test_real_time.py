@@ -21,6 +21,7 @@ from tests.e2e.stations import EXAMPLE, run_here, served
 
 async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float = 60.0) -> Snapshot:
     """The first snapshot on the status socket that satisfies ``until``."""
+    last = ""
     async with asyncio.timeout(within_s):
         while not os.path.exists(socket):  # noqa: ASYNC240, PTH110  # a look at a local socket blocks nobody
             await asyncio.sleep(0.05)
@@ -29,7 +30,8 @@ async def seen(socket: Path, until: Callable[[Snapshot], bool], within_s: float 
                 async for snapshot in snapshots(socket):
                     if until(snapshot):
                         return snapshot
-                raise AssertionError("the status socket went away first")
+                    last = f"{snapshot.state}, {snapshot.reason}"
+                raise AssertionError(f"the status socket went away first; last seen: {last}")
             await asyncio.sleep(0.05)
 
 
@@ -117,9 +119,10 @@ def test_a_station_that_is_killed_leaves_the_vehicle_to_the_autopilots_failsafe(
 
 def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
     with served() as room:
-        # So slowly that a landing is seen on a machine that keeps everybody waiting.
+        # So slowly that a landing is seen on a machine that keeps everybody waiting. Where that holds up the station
+        # for half a second, the flight is not to end by it: who stands still is looked at by other tests.
         station = subprocess.Popen(
-            room.station("fly", "--arm", "mqx", "--set", "flight.descent_m_s=0.15"),
+            room.station("fly", "--arm", "mqx", "--set", "flight.descent_m_s=0.3", "--set", "flight.coast_s=0.7"),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             stdin=subprocess.DEVNULL,
