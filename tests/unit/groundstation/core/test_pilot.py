@@ -142,3 +142,25 @@ def test_of_poses_that_lie_is_believed_what_was_seen_before_that_began(monkeypat
     motion, truth_m = surrendered(monkeypatch, 0.0)
     assert motion.velocity[0] == pytest.approx(0.0, abs=0.05)
     assert motion.position[0] < 0.1 < truth_m - 0.5
+
+
+def pushed_share(*, doubts: bool) -> float:
+    """Thrust by the weight [-] where a wind down has been seen for 0.3 s, and the poses are then ``doubts`` or not."""
+    flies, now, sinks_m = Pilot(VEHICLE, Gains(), 0.25, 0.0), 0.0, 0.0
+    for n in range(830):
+        now = PERIOD_S * n
+        sinks_m += 0.01 * 1.5 * max(now - 8.0, 0.0)
+        flies.pose(Pose(n, now, now, (0.0, 0.0, -2.0 + sinks_m), LEVEL))
+        if n == 0:
+            flies.follow(Always(Reference((0.0, 0.0, -2.0))), now)
+            flies.lift(now, 1.0, 0.0)
+        flies.idle(now, VEHICLE.mass_kg * G)
+    if doubts:
+        flies.doubt()
+    assert flies.suspicious is doubts
+    return flies.tick(now).command.thrust_n / (VEHICLE.mass_kg * G)
+
+
+def test_poses_beyond_belief_leave_the_law_its_trim_of_before_at_once() -> None:
+    assert pushed_share(doubts=False) > 1.25
+    assert pushed_share(doubts=True) == pytest.approx(1.0, abs=0.08)
