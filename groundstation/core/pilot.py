@@ -259,12 +259,12 @@ class Pilot:
         """Poses have come further from the last ones than the vehicle can have flown: some of them are false."""
         if self._lifted and self._descent is None and not self._estimator.holds:
             self._switch("doubt")
-            self._hold()
+            self._hold(at_once=True)
 
-    def _hold(self) -> None:
+    def _hold(self, *, at_once: bool = False) -> None:
         """Learn nothing; wind and thrust are those of before."""
         trusted = self._before()
-        self._estimator.hold(trusted.disturbance, trusted.effectiveness)
+        self._estimator.hold(trusted.disturbance, trusted.effectiveness, at_once=at_once)
 
     def stand(self) -> None:
         """The vehicle stands on the floor: its push is not to be learnt."""

@@ -604,10 +604,14 @@ class ModelEstimator:
         self._disturbance = (shown * north, shown * east, (value * hover_share - 1.0) * self._gains.gravity)
         return self._disturbance
 
-    def hold(self, disturbance: Vec3, effectiveness: float) -> None:
-        """The poses are suspect: learn nothing; ``disturbance`` [m/s², NED] and λ̂ stay so until :meth:`resume`."""
-        self._held = self._disturbance = disturbance
-        self._disturbance_rate = ZERO
+    def hold(self, disturbance: Vec3, effectiveness: float, *, at_once: bool = False) -> None:
+        """The poses are suspect: learn nothing; ``disturbance`` [m/s², NED] and λ̂ stay so until :meth:`resume`.
+
+        The disturbance is so from the next pose on, or ``at_once``, where none may come.
+        """
+        self._held = disturbance
+        if at_once:
+            self._disturbance, self._disturbance_rate = disturbance, ZERO
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 
     def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:
