@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.core import Command, Deadman, LinkMisuse, Phase, Segment
+from groundstation.core.geometry import so3
+from links.core import Attitude, Command, Deadman, LinkMisuse, Phase, Segment
 
 LEVEL = Segment(0.5, 0.7, (0.1, 0.0, 0.0))
 SINK = Segment(1.0, 0.6, (0.0, 0.0, 0.0))
@@ -169,3 +170,12 @@ def test_whatever_leaves_is_fresh_or_the_bring_down_of_the_newest_command(
             over = True
             assert leaves in (LEVEL, SINK, None)
             assert now <= newest.deadline_s + 1.5 + 1e-9 or leaves is None
+
+
+@given(
+    roll=st.floats(-3.1, 3.1), pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3.1, 3.1),
+)  # fmt: skip
+def test_an_attitude_is_told_in_the_angles_by_which_it_was_turned(roll: float, pitch: float, yaw: float) -> None:
+    """About the body's z, y and x axes, one after the other (MAVLink's ATTITUDE)."""
+    attitude = so3.from_euler_zyx(roll, pitch, yaw)
+    assert Attitude(0.0, attitude, None).angles_rad == pytest.approx((roll, pitch, yaw), abs=1e-6)
