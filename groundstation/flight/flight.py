@@ -776,7 +776,7 @@ class Flight:
         """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
         if event.kind == "strays":
             self._pilot.doubt()
-        else:
+        if event.text:
             self._say(event.text)
 
     def distrust(self) -> None:

@@ -616,8 +616,8 @@ class ModelEstimator:
 
     def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:
         """The vehicle was at ``motion`` at the newest pose's time stamp, whatever that pose says; hold the rest."""
-        self.hold(disturbance, effectiveness)
-        self._motion, self._disturbance, self._disturbance_rate = motion, disturbance, ZERO
+        self.hold(disturbance, effectiveness, at_once=True)
+        self._motion = motion
         self._path = [(self._stamp, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO), 0)]
 
     def resume(self) -> None:

@@ -60,12 +60,12 @@ class PoseEvent(msgspec.Struct, frozen=True):
     kind: Literal["dropping", "passed", "lost", "back", "late", "punctual", "reset", "moved", "strays"]
     """``dropping`` begins and ``passed`` ends an outbreak; ``lost``: no pose for as long as commands may rest on one,
     ``back``: there is one again; ``late``: they come later than they did, ``punctual``: no longer; ``reset``,
-    ``moved``: poses are elsewhere, as the source said or did not say; ``strays``: two in a
-    row fit each other, and not those before."""
+    ``moved``: poses are elsewhere, as the source said or did not say; ``strays``: two in a row were dropped that fit
+    each other, and not those before."""
     reason: str
     """Of an outbreak: what the pose or datagram was dropped for; else empty."""
     text: str
-    """For the operator."""
+    """For the operator; empty where it is for the safety rules alone."""
 
 
 class SourceError(OSError):

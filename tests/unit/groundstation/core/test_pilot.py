@@ -145,7 +145,7 @@ def test_of_poses_that_lie_is_believed_what_was_seen_before_that_began(monkeypat
 
 
 def pushed_share(*, doubts: bool) -> float:
-    """Thrust by the weight [-] where a wind down has been seen for 0.3 s, and the poses are then ``doubts`` or not."""
+    """Thrust by the weight [-] after 0.3 s of a wind down; the poses are in doubt then, or are not."""
     flies, now, sinks_m = Pilot(VEHICLE, Gains(), 0.25, 0.0), 0.0, 0.0
     for n in range(830):
         now = PERIOD_S * n

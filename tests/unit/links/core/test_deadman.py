@@ -172,9 +172,7 @@ def test_whatever_leaves_is_fresh_or_the_bring_down_of_the_newest_command(
             assert now <= newest.deadline_s + 1.5 + 1e-9 or leaves is None
 
 
-@given(
-    roll=st.floats(-3.1, 3.1), pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3.1, 3.1),
-)  # fmt: skip
+@given(roll=st.floats(-3.1, 3.1), pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3.1, 3.1))
 def test_an_attitude_is_told_in_the_angles_by_which_it_was_turned(roll: float, pitch: float, yaw: float) -> None:
     """About the body's z, y and x axes, one after the other (MAVLink's ATTITUDE)."""
     attitude = so3.from_euler_zyx(roll, pitch, yaw)
