@@ -16,6 +16,7 @@ from tests.flight.test_missions import SHORT, WAY
 from tests.proving.firmware import (
     STRIKES,
     WATCHED_S,
+    LiftOff,
     cut_wire,
     give_invalid,
     gust,
@@ -23,7 +24,6 @@ from tests.proving.firmware import (
     measure_rates,
     strike_down,
 )
-from tests.proving.lift_off import LiftOff
 
 pytestmark = pytest.mark.firmware
 

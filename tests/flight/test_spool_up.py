@@ -19,7 +19,7 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
 from sim.world import Quadrotor
 from tests.flight.test_missions import SHORT
-from tests.proving.lift_off import LiftOff
+from tests.proving.firmware import LiftOff
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 

@@ -17,7 +17,9 @@ from unittest.mock import patch
 import numpy as np
 
 from groundstation.analysis.identify import identify, read_stretch
-from groundstation.core.geometry import Vec3
+from groundstation.core.control import Adaptive
+from groundstation.core.geometry import Vec3, so3
+from groundstation.core.messages import CommandSent, FlightEvent
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import make_flight
@@ -29,7 +31,6 @@ from sim.runs import RECORDING, MissionResult, Stage, confirm_at, fly, fly_missi
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import in_virtual_time
 from sim.world import FourRotors, Quadrotor, Wind, World, rows, stream
-from tests.proving.lift_off import LiftOff
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
 WATCHED_S = 5.0
@@ -37,6 +38,60 @@ WATCHED_S = 5.0
 TAKE_OFFS = {"paper": range(20), "adverse": range(10)}
 """Seeds; every other take-off is over CRSF."""
 SEEDS = range(3)
+
+
+class LiftOff:
+    """What the vehicle did in the first second of a flight's law after the floor, at each command, by the truth."""
+
+    def __init__(self) -> None:
+        self.thrust: list[float] = []
+        """Of the rotors, as a share of the weight."""
+        self.climb: list[float] = []
+        """How far the speed upwards is from the reference's [m/s]."""
+        self.tilt_deg: list[float] = []
+        self.b: list[float] = []
+        """|b̂| as a share of its bound."""
+        self.off_m: list[float] = []
+        """How far it is from the reference [m]."""
+        self.aside_m: list[float] = []
+        """And from over where it stood [m]."""
+        self.begun_s: float | None = None
+        """When the law gave its first command."""
+
+    @property
+    def smooth(self) -> bool:
+        """Whether nothing jumped: the limits of docs/explanation/mission.md."""
+        return (
+            bool(self.thrust)
+            and min(self.thrust) >= 0.75
+            and max(self.thrust) <= 1.25
+            and max(self.climb) < 0.3
+            and max(self.tilt_deg) < 8.0
+            and max(self.b) < 0.5
+        )
+
+    def watch(self, flight: Flight, stage: Stage, world: World) -> None:
+        """Look at each command of ``flight``, which begins on the floor of ``world``."""
+        weight_n = world.mass_kg * world.gravity
+
+        def hear(event: FlightEvent) -> None:
+            if not isinstance(event, CommandSent):
+                return
+            tick = event.tick
+            self.begun_s = tick.time_s if self.begun_s is None else self.begun_s
+            if tick.time_s - self.begun_s > 1.0:
+                return
+            truth = stage.plant.truth(asyncio.get_running_loop().time())
+            self.thrust.append(truth.thrust_n / weight_n)
+            self.climb.append(abs(truth.velocity_ned[2] - tick.reference.velocity_ned[2]))
+            self.tilt_deg.append(so3.angle_deg(so3.third_column(truth.attitude)[2]))
+            law = flight._pilot._controller
+            assert isinstance(law, Adaptive), "ours flies"
+            self.b.append(math.hypot(*law.b_hat) / law.gains.b_bound)
+            self.off_m.append(math.dist(truth.position_ned, tick.reference.position_ned))
+            self.aside_m.append(math.dist(truth.position_ned[:2], world.start_ned[:2]))
+
+        flight._subscribers += (hear,)
 
 
 class StrikeOutcome(NamedTuple):
