@@ -460,25 +460,25 @@ class _Replay:
 
     def take(self, entry: Entry, entries: list[Entry], index: int) -> None:
         """What happened next; ``entries`` and ``index`` for a look at what it led to."""
-        match entry.topic:
-            case "/raw/received":
-                self._receive(msgspec.json.decode(entry.data, type=ch.RawReceived), entries, index)
-            case "/reference":
-                self._tick(msgspec.json.decode(entry.data, type=ch.ReferenceMessage))
-            case "/command":
-                self._command = msgspec.json.decode(entry.data, type=ch.CommandMessage)
-            case "/measured":
-                self._measure_pose(msgspec.json.decode(entry.data, type=ch.MeasuredMessage))
-            case "/idle":
-                self._idle(msgspec.json.decode(entry.data, type=ch.IdleMessage))
-            case "/follow":
-                self._pilot.follow(self._told, msgspec.json.decode(entry.data, type=ch.FollowMessage).time_s)
-            case "/switch":
-                self._switch(msgspec.json.decode(entry.data, type=ch.SwitchMessage))
-            case "/raw/opened":
-                self._open_wire(msgspec.json.decode(entry.data, type=ch.WireOpened))
-            case "/lost":
-                self._lost += msgspec.json.decode(entry.data, type=ch.LostMessage).count
+        match msgspec.json.decode(entry.data, type=ch.CHANNELS[entry.topic][1]):
+            case ch.RawReceived() as received:
+                self._receive(received, entries, index)
+            case ch.ReferenceMessage() as reference:
+                self._tick(reference)
+            case ch.CommandMessage() as command:
+                self._command = command
+            case ch.MeasuredMessage() as seen:
+                self._measure_pose(seen)
+            case ch.IdleMessage() as idle:
+                self._idle(idle)
+            case ch.FollowMessage(time_s):
+                self._pilot.follow(self._told, time_s)
+            case ch.SwitchMessage() as switch:
+                self._switch(switch)
+            case ch.WireOpened() as opened:
+                self._open_wire(opened)
+            case ch.LostMessage(_, count):
+                self._lost += count
 
     def result(self) -> ReplayResult:
         c = self._comparison

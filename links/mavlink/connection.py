@@ -118,8 +118,8 @@ TCP_OPEN_S = 5.0
 _SOL_SOCKET, _SO_LINGER = 1, 13  # the same on every Linux that Python runs on
 
 
-class TcpTransport(asyncio.Protocol):
-    """A connection; what does not leave soon enough is dropped, and the connection with it."""
+class StreamTransport(asyncio.Protocol):
+    """What a connection and a port have in common: bytes in order, until it is cut or ends by itself."""
 
     datagrams = False
     speaks_first = True
@@ -127,6 +127,34 @@ class TcpTransport(asyncio.Protocol):
     def __init__(self, ear: TransportListener) -> None:
         self._ear: TransportListener | None = ear
         self._transport: Any = None
+        """The connection, or the port."""
+
+    def connection_made(self, transport: Any) -> None:
+        """Keep it (called by the event loop, or by the port)."""
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        """Pass it on (called by the event loop, or by the port)."""
+        if self._ear is not None:
+            self._ear.hear(data, None)
+
+    def cut(self) -> None:
+        """Reset the connection, or close the port."""
+        self._ear = None
+        self._transport.abort()
+
+    def _end(self, why: str) -> None:
+        ear = self._ear
+        self.cut()
+        if ear is not None:
+            ear.lose_transport(why)
+
+
+class TcpTransport(StreamTransport):
+    """A connection; what does not leave soon enough is dropped, and the connection with it."""
+
+    def __init__(self, ear: TransportListener) -> None:
+        super().__init__(ear)
         self._loop = asyncio.get_running_loop()
         self._sent = 0
         self._unacknowledged: deque[tuple[int, float]] = deque()
@@ -167,32 +195,18 @@ class TcpTransport(asyncio.Protocol):
 
     def cut(self) -> None:
         """Reset the connection."""
-        self._ear = None
         if self._watch is not None:
             self._watch.cancel()
-        self._transport.abort()
+        super().cut()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep it (called by the event loop)."""
-        self._transport = transport
+        super().connection_made(transport)
         transport.get_extra_info("socket").setsockopt(_SOL_SOCKET, _SO_LINGER, struct.pack("ii", 1, 0))
-
-    def data_received(self, data: bytes) -> None:
-        """Pass it on (called by the event loop)."""
-        if self._ear is not None:
-            self._ear.hear(data, None)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Pass it on (called by the event loop)."""
         self._end("the other end closed the TCP connection" if exc is None else f"the TCP connection broke ({exc})")
-
-    def _end(self, why: str) -> None:
-        ear, self._ear = self._ear, None
-        if self._watch is not None:
-            self._watch.cancel()
-        self._transport.abort()
-        if ear is not None:
-            ear.lose_transport(why)
 
 
 async def open_tcp(config: MavlinkLinkConfig, ear: TransportListener) -> TcpTransport:
@@ -213,15 +227,11 @@ SERIAL_STALL_S = 0.25
 """What has waited for this long is thrown away [s]: a flow control that blocks must not keep a stale command."""
 
 
-class SerialTransport:
+class SerialTransport(StreamTransport):
     """Implements :class:`links.io.wires.PortProtocol`."""
 
-    datagrams = False
-    speaks_first = True
-
     def __init__(self, baud: int, ear: TransportListener) -> None:
-        self._port: Any = None
-        self._ear: TransportListener | None = ear
+        super().__init__(ear)
         self._room = max(64.0, SERIAL_QUEUE_S * baud / 10.0)  # a byte takes 10 bits
         self._loop = asyncio.get_running_loop()
         self._full_since_s: float | None = None
@@ -230,7 +240,7 @@ class SerialTransport:
         """Send one frame."""
         if self._ear is None:
             return "full"
-        if self._port.waiting() <= self._room and self._write(frame):
+        if self._transport.waiting() <= self._room and self._write(frame):
             self._full_since_s = None
             return ""
         now = self._loop.time()
@@ -242,7 +252,7 @@ class SerialTransport:
 
     def _write(self, frame: bytes) -> bool:
         try:
-            self._port.send(frame)
+            self._transport.send(frame)
         except BlockingIOError:
             return False
         except OSError as error:
@@ -250,29 +260,9 @@ class SerialTransport:
             return False
         return True
 
-    def cut(self) -> None:
-        """Close the port."""
-        self._ear = None
-        self._port.abort()
-
-    def connection_made(self, transport: Any) -> None:
-        """Keep it (called by the port)."""
-        self._port = transport
-
-    def data_received(self, data: bytes) -> None:
-        """Pass it on (called by the port)."""
-        if self._ear is not None:
-            self._ear.hear(data, None)
-
     def connection_lost(self, exc: Exception | None) -> None:
         """Pass it on (called by the port)."""
         self._end(f"the port is gone ({getattr(exc, 'strerror', None) or 'unplugged'})")
-
-    def _end(self, why: str) -> None:
-        ear = self._ear
-        self.cut()
-        if ear is not None:
-            ear.lose_transport(why)
 
 
 async def open_serial(config: MavlinkLinkConfig, ear: TransportListener) -> SerialTransport:

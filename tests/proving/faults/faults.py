@@ -356,6 +356,11 @@ def _radio(fault: Fault, states: tuple[str, ...]) -> Fault:
     return fault._replace(says=fault.says + BEHIND_RADIO, link="dsm", states=states)
 
 
+def _live(says: str, states: tuple[str, ...], link: str = "mavlink", poses: Poses = Poses.TRUE) -> Fault:
+    """Flown in ``states`` alone, and with processes of its own."""
+    return Fault(says, link=link, poses=poses, live=states, states=states)
+
+
 BROKEN: dict[str, Fault] = {
     "freeze": Fault("frames go on, the picture stands still", shows(pictures.freeze), poses=Poses.GONE),
     "dropout": Fault("no more poses", dropout, poses=Poses.GONE),
@@ -391,45 +396,41 @@ BROKEN: dict[str, Fault] = {
     "gust": Fault("for 1.5 s the wind pushes with 3.7 m/s² more", gust, obeys=True),
     "controller exception": Fault("the controller raises", controller),
     "recorder failure": Fault("the recorder raises; its process is killed", recorder, live=("tracking",)),
-    "MQTT broker gone": Fault("the broker ends", live=("take-off", "tracking"), states=("take-off", "tracking")),
-    "TUI crash": Fault(
-        "the screen's process is killed", live=("take-off", "tracking"), states=("take-off", "tracking")
-    ),
+    "MQTT broker gone": _live("the broker ends", ("take-off", "tracking")),
+    "TUI crash": _live("the screen's process is killed", ("take-off", "tracking")),
     "SIGTERM": Fault("the process is told to end", terminate),
-    "SIGKILL": Fault("the process is killed", live=IN_AIR, states=IN_AIR),
-    "SIGKILL, radio": Fault(
+    "SIGKILL": _live("the process is killed", IN_AIR),
+    "SIGKILL, radio": _live(
         "the process is killed, on a vehicle behind a radio whose frames another process paces",
-        link="dsm",
-        poses=Poses.GONE,
-        live=("hold", "tracking"),
-        states=("hold", "tracking"),
+        ("hold", "tracking"),
+        "dsm",
+        Poses.GONE,
     ),
-    "pacer killed": Fault(
-        "the process that paces the radio's frames is killed", link="dsm", poses=Poses.GONE, live=PACED, states=PACED
+    "pacer killed": _live("the process that paces the radio's frames is killed", PACED, "dsm", Poses.GONE),
+    "pacer stopped": _live(
+        "the process that paces the radio's frames is stopped (SIGSTOP)", ("hold", "tracking"), "dsm", Poses.GONE
     ),
-    "pacer stopped": Fault(
-        "the process that paces the radio's frames is stopped (SIGSTOP)",
-        link="dsm",
-        poses=Poses.GONE,
-        live=("hold", "tracking"),
-        states=("hold", "tracking"),
-    ),
-    "pacer killed, bridge": Fault(
+    "pacer killed, bridge": _live(
         "the process that paces the frames of a bridge's radio is killed",
-        link="rf_bridge",
-        poses=Poses.GONE,
-        live=("hold", "tracking"),
-        states=("hold", "tracking"),
+        ("hold", "tracking"),
+        "rf_bridge",
+        Poses.GONE,
     ),
-    "bridge interrupted": Fault(
-        "the bridge to the radio is told to end, by Ctrl-C",
-        link="rf_bridge",
-        poses=Poses.GONE,
-        live=("hold", "tracking"),
-        states=("hold", "tracking"),
+    "bridge interrupted": _live(
+        "the bridge to the radio is told to end, by Ctrl-C", ("hold", "tracking"), "rf_bridge", Poses.GONE
     ),
 }
 """Something breaks, and shows it."""
+
+MIRRORED = {"x": "north is south", "y": "east is west", "z": "up is down"}
+"""Of each coordinate, what it is to whoever sees it with the other sign."""
+
+
+def _mirror(name: str) -> tuple[Vec3, ...]:
+    """The matrix that gives the coordinate ``name`` the other sign."""
+    north, east, down = (-1.0 if name == axis else 1.0 for axis in MIRRORED)
+    return (north, 0.0, 0.0), (0.0, east, 0.0), (0.0, 0.0, down)
+
 
 _LYING: dict[str, Fault] = {
     "flicker": Fault("frames go on, the picture stands still but for a nanometre", shows(pictures.flicker)),
@@ -481,75 +482,58 @@ _LYING: dict[str, Fault] = {
         exemption=Exemption.NOT_OBSERVABLE,
         states=FROM_START,
     ),
-    "drift 0.1 m/s": Fault(
-        "the position drifts away at 0.1 m/s", shows(pictures.drift, 0.1), exemption=Exemption.NOT_OBSERVABLE
-    ),
-    "drift 0.3 m/s": Fault(
-        "the position drifts away at 0.3 m/s", shows(pictures.drift, 0.3), exemption=Exemption.NOT_OBSERVABLE
-    ),
-    "x mirrored": Fault(
-        "the position's north is south",
-        shows(pictures.map_positions, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
-        states=FROM_START,
-    ),
-    "y mirrored": Fault(
-        "the position's east is west",
-        shows(pictures.map_positions, ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0))),
-        states=FROM_START,
-    ),
-    "z mirrored": Fault(
-        "the position's up is down",
-        shows(pictures.map_positions, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))),
-        states=FROM_START,
-    ),
-    "few, x mirrored": Fault(
-        "of four frames only one comes, and its north is south",
-        shows_few(4, pictures.map_positions, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
-    ),
-    "few, z mirrored": Fault(
-        "of four frames only one comes, and its up is down",
-        shows_few(4, pictures.map_positions, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))),
-    ),
+    **{
+        f"drift {speed:g} m/s": Fault(
+            f"the position drifts away at {speed:g} m/s",
+            shows(pictures.drift, speed),
+            exemption=Exemption.NOT_OBSERVABLE,
+        )
+        for speed in (0.1, 0.3)
+    },
+    **{
+        f"{name} mirrored": Fault(
+            f"the position's {axis}", shows(pictures.map_positions, _mirror(name)), states=FROM_START
+        )
+        for name, axis in MIRRORED.items()
+    },
+    **{
+        f"few, {name} mirrored": Fault(
+            f"of four frames only one comes, and its {MIRRORED[name]}",
+            shows_few(4, pictures.map_positions, _mirror(name)),
+        )
+        for name in "xz"
+    },
     "few, position frozen": Fault(
         "of four frames only one comes, and its position stands", shows_few(4, pictures.still_position)
     ),
     "one in ten, x mirrored": Fault(
-        "of ten frames only one comes, and its north is south",
-        shows_few(10, pictures.map_positions, ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
+        f"of ten frames only one comes, and its {MIRRORED['x']}", shows_few(10, pictures.map_positions, _mirror("x"))
     ),
     "one in ten, position frozen": Fault(
         "of ten frames only one comes, and its position stands", shows_few(10, pictures.still_position)
     ),
-    "z frozen in turns": Fault(
-        "for one second its height stands, for one it is true, and so on",
-        shows_in_turns(1.0, pictures.still_coordinate, 2),
-        poses=Poses.FALSE,
-        states=FLYING,
-    ),
-    "position frozen in turns": Fault(
-        "for one second its position stands, for one it is true, and so on",
-        shows_in_turns(1.0, pictures.still_position),
-        poses=Poses.FALSE,
-        states=FLYING,
-    ),
-    "long hold, x frozen": Fault(
-        "in a hold of half a minute north stands",
-        shows(pictures.still_coordinate, 0),
-        states=("hold",),
-        overrides=LONG_HOLD,
-    ),
-    "long hold, z frozen": Fault(
-        "in a hold of half a minute the height stands",
-        shows(pictures.still_coordinate, 2),
-        states=("hold",),
-        overrides=LONG_HOLD,
-    ),
-    "long hold, position frozen": Fault(
-        "in a hold of half a minute the position stands",
-        shows(pictures.still_position),
-        states=("hold",),
-        overrides=LONG_HOLD,
-    ),
+    **{
+        f"{name} frozen in turns": Fault(
+            f"for one second its {what} stands, for one it is true, and so on",
+            shows_in_turns(1.0, *picture),
+            poses=Poses.FALSE,
+            states=FLYING,
+        )
+        for name, what, *picture in (
+            ("z", "height", pictures.still_coordinate, 2),
+            ("position", "position", pictures.still_position),
+        )
+    },
+    **{
+        f"long hold, {name} frozen": Fault(
+            f"in a hold of half a minute {what} stands", strike, states=("hold",), overrides=LONG_HOLD
+        )
+        for name, what, strike in (
+            ("x", "north", shows(pictures.still_coordinate, 0)),
+            ("z", "the height", shows(pictures.still_coordinate, 2)),
+            ("position", "the position", shows(pictures.still_position)),
+        )
+    },
     "x frozen by and by": Fault(
         "north goes from the true one to one that stands within four seconds",
         shows(pictures.fading_coordinate, 0, FADES_S),
