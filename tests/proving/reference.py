@@ -1,5 +1,6 @@
-"""Pages of docs/reference that are made from the code: ``groundstation-sim reference --write docs/reference``.
+"""What the pages of docs/reference have from the code: ``groundstation-sim reference --write docs/reference``.
 
+The words of a page stand in the page, and between its markers what is made here.
 Every key of a configuration, every command of both programs with its arguments, every channel of a recording with its
 fields, every column of a campaign's table, and the rooms: the folders of the project as its imports arrange them, as a
 table and as a picture.
@@ -113,11 +114,12 @@ def _within(path: str, room: Room) -> bool:
     return f"{path}/".startswith(f"{room.path}/")
 
 
-def rooms_page() -> str:
-    """The page of rooms: every folder of the three packages, and what is in it."""
-    head = f"# Rooms\n\n![{TITLE}](rooms.svg)\n\n| room | what is in it |\n|---|---|"
+def describe_rooms() -> str:
+    """Every folder of the three packages, and what is in it."""
     rooms = [_room(face) for house in HOUSES for face in sorted((ROOT / house).rglob("__init__.py"))]
-    return "\n".join([head, *(f"| `{room.path}/` | {room.text} |" for room in rooms)])
+    return "\n".join(
+        ["| room | what is in it |", "|---|---|", *(f"| `{room.path}/` | {room.text} |" for room in rooms)]
+    )
 
 
 def rooms_picture() -> str:
@@ -131,6 +133,7 @@ def rooms_picture() -> str:
         drawn += inner
         y = below + GAP
     return (
+        "<!-- made by `groundstation-sim reference --write docs/reference`: change the code, not this page -->\n\n"
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {y:.0f}" role="img" aria-label="{TITLE}" '
         f'font-family="Helvetica, Arial, sans-serif" font-size="13">\n<title>{TITLE}</title>\n'
         f'<rect width="{WIDTH}" height="{y:.0f}" fill="#ffffff"/>\n{drawn}</svg>'
@@ -219,15 +222,9 @@ def summary(cls: type[Any]) -> str:
     return one_line((cls.__doc__ or "").strip().split("\n\n")[0])
 
 
-PROGRAMS_HEAD = """# Commands
-
-`groundstation` is the real thing; `groundstation-sim` simulates everything. Both explain themselves with `--help`. A
-wrong argument or configuration ends them with code 2 and a line that says what is expected."""
-
-
-def programs_page() -> str:
-    """The page of commands."""
-    return "\n\n".join([PROGRAMS_HEAD, *_commands(flying()), *_commands(simulating())])
+def describe_programs() -> str:
+    """Every command of both programs."""
+    return "\n\n".join([*_commands(flying()), *_commands(simulating())])
 
 
 def _commands(parser: argparse.ArgumentParser, help_: str = "", level: int = 2) -> Iterator[str]:
@@ -255,35 +252,15 @@ def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:].removesuffix('.')}.".replace("|", "\\|").replace("%%", "%") if text else ""
 
 
-CONFIGURATION_HEAD = """# Configuration keys
-
-One TOML file, a section a table; `--set KEY=VALUE` on any command overrides a key. What is in force:
-`groundstation config show FILE`. A key that is wrong stops the program at start, with its dotted name and what it
-accepts. Units are in square brackets."""
-BRIDGE = """## The bridge's own file
-
-For `groundstation rf-bridge`, beside a `[link]` as above: [two computers](../how-to/two-computers.md)."""
-TRUTH = """## What is simulated
-
-`--set sim.KEY=VALUE` of `groundstation-sim` changes the truth, not what the controller is told."""
 TABLE = "| key | accepts | default | |\n|---|---|---|---|"
 
 Told = set[tuple[str, type[Any]]]
 """Tables that are on the page already: key and struct."""
 
 
-def configuration_page() -> str:
-    """The page of configuration keys."""
-    return "\n\n".join(
-        [
-            CONFIGURATION_HEAD,
-            *_tables(mi.type_info(Config), "", None, set()),
-            BRIDGE,
-            *_tables(mi.type_info(BridgeConfig), "", None, set(), without=("link",)),
-            TRUTH,
-            *_tables(mi.type_info(World), "sim.", None, set()),
-        ]
-    )
+def describe_keys(root: type[Any], path: str = "", without: tuple[str, ...] = ()) -> str:
+    """Every key of a ``root``, each section ``without`` those that are told elsewhere."""
+    return "\n\n".join(_tables(mi.type_info(root), path, None, set(), without))
 
 
 def _tables(info: Any, path: str, default: Any, told: Told, without: tuple[str, ...] = ()) -> Iterator[str]:
@@ -328,18 +305,9 @@ def _show(default: Any) -> str:
     return "none" if default is None else f"`{msgspec.json.encode(msgspec.to_builtins(default)).decode()}`"
 
 
-CHANNELS_HEAD = """# Channels of a recording
-
-A recording is an MCAP file; each message is JSON, its schema in the file. Names end in units; world NED, body FRD;
-`time_s` is the event loop's clock. `groundstation export LOG --channel TOPIC` writes one as CSV.
-"""
-
-
-def channels_page() -> str:
-    """The page of channels."""
-    return "\n\n".join(
-        [CHANNELS_HEAD, *(_channel(topic, name, message) for topic, (name, message) in CHANNELS.items())]
-    )
+def describe_channels() -> str:
+    """Every channel of a recording."""
+    return "\n\n".join(_channel(topic, name, message) for topic, (name, message) in CHANNELS.items())
 
 
 def _channel(topic: str, name: str, message: type) -> str:
@@ -349,126 +317,41 @@ def _channel(topic: str, name: str, message: type) -> str:
     return f"## `{topic}`\n\n`{name}`: {one_line(summary(message))}\n\nFields: {fields}."
 
 
-COLUMNS_HEAD = """# Columns of a campaign
-
-`groundstation-sim campaign --out FOLDER` writes `FOLDER/flights.csv`, a row a flight; what all flights share is in
-`FOLDER/settings.json`. Where a flight crashed, or poses stayed away for too long, the figures that would mislead are
-empty. `certificate_violated` and `certificate_suspended` are what `groundstation-sim fly` tells of the same flight, and
-`groundstation fly` of a real one: V from measured quantities against its bound
-([the law](../explanation/law.md), section 5.9). b̃ from the truth: only a simulation has it.
-
-| column | |
-|---|---|"""
-
-
-def columns_page() -> str:
-    """The page of a campaign's columns."""
+def describe_columns() -> str:
+    """Every column of a campaign's table."""
     said = remarks(World) | remarks(CampaignRow)
-    return "\n".join([COLUMNS_HEAD, *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)])
+    return "\n".join(["| column | |", "|---|---|", *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)])
 
 
-PYTHON_HEAD = """# Python
-
-`import groundstation as gs` is all that a script or a notebook needs; the programs call the same functions. Times are
-in seconds, lengths in metres; the world is NED (north, east, down), the body FRD (forward, right, down). A flight runs
-in virtual time, through the same wire bytes as a real one, also where an event loop runs already, as in Jupyter. For
-tables and pictures: `pip install 'quadrotor-groundstation[notebook]'`. A notebook to begin with:
-`examples/notebook.ipynb`.
-
-```python
-import groundstation as gs
-
-
-class PD:
-    def __init__(self, vehicle):
-        self.mass_kg = vehicle.mass_kg
-
-    def decide(self, estimate, reference, interval_s):
-        motion = estimate.motion
-        wanted = [
-            a + 6.0 * (goal - place) + 4.0 * (speed - velocity)
-            for a, goal, place, speed, velocity in zip(
-                reference.acceleration_ned,
-                reference.position_ned,
-                motion.position,
-                reference.velocity_ned,
-                motion.velocity,
-            )
-        ]
-        along, _ = gs.push(wanted, estimate.disturbance, gravity=9.81)
-        roll, pitch = gs.half_angle_error(motion.attitude, along)
-        strength = sum(x * x for x in along) ** 0.5
-        return gs.ActuatorCommand(self.mass_kg * strength, (12.0 * roll, 12.0 * pitch, 0.0))
-
-
-run = gs.simulate("paper", controller=PD, duration=20, seed=0)
-print(run.rms_cm, run.time, run.truth.position, run.estimate.position, run.error)
-run.to_pandas()
-run.plot("position")
-run.save("pd.mcap")
-
-log = gs.load("pd.mcap")
-log["errors"].to_pandas()
-
-gs.compare(["adaptive", PD], scenarios=["paper"], seeds=1, duration=20).plot()
-```
-
-A trajectory of your own is a function of the time, or an object with `at(time_s)`; in a configuration it is
-`trajectory.kind = "mine:make"`, as a controller is `controller.kind = "mine:make"`:
-
-```python
-import math
-
-import groundstation as gs
-
-
-def circle(time_s):
-    c, s = 0.5 * math.cos(time_s), 0.5 * math.sin(time_s)
-    return gs.Reference((c, s, -1.0), (-s, c, 0.0), (-c, -s, 0.0), (s, -c, 0.0))
-
-
-gs.simulate(trajectory=circle, duration=5).plot("path")
-```
-
-Where code of your own fails in flight you get a `UserCodeFault`, and where it can't be made or asked before, a
-`ConfigError`: one sentence, and the frames of your code as its cause."""
-GIVEN = """## What a controller gets and gives
-
-A factory is called with the `Vehicle` as it is told. A `Controller` has one method, `decide(estimate, reference,
-interval_s)`. It returns an `ActuatorCommand`, or a `Decision`, which has the `Diagnostics` that screens show.
-
-`Vec3` is a tuple of three floats, `Quat` one of four: w, x, y, z; `Real` is a float."""
-HELPERS = """## What helps a controller
-
-Parts of our own laws and baselines: [own controller](../how-to/own-controller.md) flies one made of them."""
-ASKING = """## Asking a vehicle in flight
-
-What `groundstation request` does, for scripts: [core API](api.md). In a notebook write `await gs.ask_station(…)`. What
-may be asked for is an `Ask`, such as `Ask.HOLD`, `Ask.GOTO` or `Ask.LAND`: each word of `groundstation request`."""
+GIVEN = ("Vehicle", "Estimate", "Motion", "Reference", "ActuatorCommand", "Decision", "Diagnostics")
+"""What a controller gets and gives."""
 SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.M)
 
 
-def python_page() -> str:
-    """The page of what Python code calls."""
+def describe_calls() -> str:
+    """What Python code calls first, and what it gets."""
     gs = groundstation
     calls: tuple[Callable[..., Any], ...] = (gs.simulate, gs.compare, gs.load, gs.error_budget)
     results = (gs.Run, gs.FlightData, Track, Channel, gs.ControllerComparison, gs.ErrorBudget, Contribution)
-    given = (gs.Vehicle, gs.Estimate, gs.Motion, gs.Reference, gs.ActuatorCommand, gs.Decision, gs.Diagnostics)
+    return "\n\n".join([*map(_call, calls), *map(_result, results)])
+
+
+def describe_structs(*classes: type[Any]) -> str:
+    """The fields of each."""
+    return "\n\n".join(_fields(one, 3) for one in classes)
+
+
+def describe_helpers() -> str:
+    """What helps a controller."""
+    gs = groundstation
     helpers = (gs.push, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command, gs.make_decision)
-    return "\n\n".join(
-        [
-            PYTHON_HEAD,
-            *(_call(one) for one in calls),
-            *map(_result, results),
-            GIVEN,
-            *(_fields(one, 3) for one in given),
-            HELPERS,
-            *(_call(one, 3) for one in helpers),
-            *(_result(one, 3) for one in (gs.Baseline, gs.InnerLoop)),
-            ASKING,
-            _call(gs.ask_station, 3),
-            *(_fields(one, 3) for one in (gs.Request, gs.Waypoint)),
-        ]
+    return "\n\n".join([*(_call(one, 3) for one in helpers), *(_result(one, 3) for one in (gs.Baseline, gs.InnerLoop))])
+
+
+def describe_asking() -> str:
+    """How a vehicle in flight is asked."""
+    return (
+        _call(groundstation.ask_station, 3) + "\n\n" + describe_structs(groundstation.Request, groundstation.Waypoint)
     )
 
 
@@ -522,25 +405,41 @@ def _words(function: Callable[..., Any]) -> str:
     return "\n\n".join(parts)
 
 
-PAGES: dict[str, Callable[[], str]] = {
-    "configuration.md": configuration_page,
-    "commands.md": programs_page,
-    "recording-channels.md": channels_page,
-    "campaign-columns.md": columns_page,
-    "python.md": python_page,
-    "rooms.md": rooms_page,
-    "rooms.svg": rooms_picture,
+PAGES: dict[str, dict[str, Callable[[], str]]] = {
+    "configuration.md": {
+        "keys": lambda: describe_keys(Config),
+        "bridge": lambda: describe_keys(BridgeConfig, without=("link",)),
+        "truth": lambda: describe_keys(World, "sim."),
+    },
+    "commands.md": {"commands": describe_programs},
+    "recording-channels.md": {"channels": describe_channels},
+    "campaign-columns.md": {"columns": describe_columns},
+    "python.md": {
+        "calls": describe_calls,
+        "given": lambda: describe_structs(*(getattr(groundstation, name) for name in GIVEN)),
+        "helpers": describe_helpers,
+        "asking": describe_asking,
+    },
+    "rooms.md": {"rooms": describe_rooms},
+    "rooms.svg": {"": rooms_picture},
 }
-"""File → what is in it."""
+"""File → what stands between its markers, by their name; without a name it is all of the file."""
 
 SCHEMAS = "mqtt-schemas"
 """Folder of the JSON Schemas, beside the pages."""
-MADE = "<!-- made by `groundstation-sim reference --write docs/reference`: change the code, not this page -->\n\n"
 
 
 def page(name: str) -> str:
-    """The whole text of that page."""
-    return MADE + PAGES[name]().rstrip() + "\n"
+    """The whole text of that page: its own words, and what is made from the code now."""
+    if "" in PAGES[name]:
+        return PAGES[name][""]() + "\n"
+    text = (ROOT / "docs" / "reference" / name).read_text("utf-8")
+    for part, make in PAGES[name].items():
+        before, begin, rest = text.partition(f"<!-- {part}:begin -->\n")
+        _, end, after = rest.partition(f"\n<!-- {part}:end -->")
+        assert begin and end, f"{name} has no markers of {part}"
+        text = f"{before}{begin}{make()}{end}{after}"
+    return text
 
 
 def reference_command(folder: Path | None) -> str:
