@@ -1,5 +1,6 @@
 """Marked document: what stands between two markers of a page is made from the code, and replaced; the rest stays."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from groundstation.config import ConfigError, refuse_io
@@ -11,15 +12,20 @@ def split_at_markers(path: Path, name: str = "figures") -> tuple[str, str]:
     Raises:
         ConfigError: the file can't be read, or has not just one pair of markers.
     """
-    try:
-        with refuse_io("--write", f"cannot read {path}"):
-            text = path.read_text("utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError("--write", f"{path} is not UTF-8 text (byte {error.start})") from None
-    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
-    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        raise ConfigError("--write", f"{path} needs a line {begin} and below it a line {end}, once each")
-    return text[: text.index(begin) + len(begin)], text[text.index(end) :]
+    return _split(_read(path), path, name)
+
+
+def fill_markers(path: Path, parts: Mapping[str, str]) -> str:
+    """The text of ``path`` with each of ``parts`` between the markers of its name.
+
+    Raises:
+        ConfigError: see :func:`split_at_markers`.
+    """
+    text = _read(path)
+    for name, part in parts.items():
+        before, after = _split(text, path, name)
+        text = f"{before}\n{part}\n{after}"
+    return text
 
 
 def replace_between_markers(path: Path, text: str, name: str = "figures") -> None:
@@ -28,6 +34,21 @@ def replace_between_markers(path: Path, text: str, name: str = "figures") -> Non
     Raises:
         ConfigError: the file can't be read or written, or has not just one pair of markers.
     """
-    before, after = split_at_markers(path, name)
+    page = fill_markers(path, {name: text})
     with refuse_io("--write", f"cannot write {path}"):
-        path.write_text(f"{before}\n{text}\n{after}", "utf-8")
+        path.write_text(page, "utf-8")
+
+
+def _read(path: Path) -> str:
+    try:
+        with refuse_io("--write", f"cannot read {path}"):
+            return path.read_text("utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError("--write", f"{path} is not UTF-8 text (byte {error.start})") from None
+
+
+def _split(text: str, path: Path, name: str) -> tuple[str, str]:
+    begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ConfigError("--write", f"{path} needs a line {begin} and below it a line {end}, once each")
+    return text[: text.index(begin) + len(begin)], text[text.index(end) :]

@@ -26,6 +26,7 @@ from groundstation.analysis import Channel, Track
 from groundstation.config import describe_type, refuse_io, structs
 from groundstation.interfaces.mqtt import write_schemas
 from groundstation.recording import CHANNELS
+from groundstation.runtime import fill_markers
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating
@@ -433,13 +434,7 @@ def page(name: str) -> str:
     """The whole text of that page: its own words, and what is made from the code now."""
     if "" in PAGES[name]:
         return PAGES[name][""]() + "\n"
-    text = (ROOT / "docs" / "reference" / name).read_text("utf-8")
-    for part, make in PAGES[name].items():
-        before, begin, rest = text.partition(f"<!-- {part}:begin -->\n")
-        _, end, after = rest.partition(f"\n<!-- {part}:end -->")
-        assert begin and end, f"{name} has no markers of {part}"
-        text = f"{before}{begin}{make()}{end}{after}"
-    return text
+    return fill_markers(ROOT / "docs" / "reference" / name, {part: make() for part, make in PAGES[name].items()})
 
 
 def reference_command(folder: Path | None) -> str:

@@ -4,59 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from groundstation.config import refuse_io
+from groundstation.runtime import fill_markers
 from tests.proving.faults.cell import AUTOPILOT
 from tests.proving.faults.fault import REASONS
 from tests.proving.faults.faults import FAULTS
 from tests.proving.faults.judge import LIMITS, Row
 
-HEAD = """# What a fault leads to
-
-Every fault in every state of a mission, flown from the floor by the whole application against the simulated vehicle of
-the scenario `paper` (80 g, 50 poses a second, a figure eight at 0.5 m/s, 2 m above the floor). Made by
-
-<!-- not tested: it flies for minutes -->
-```sh
-{command}
-```
-
-- **In**: the state in which it strikes; *start* is before the first pose, so the flight begins with it.
-- **Reaction**: the states that the fault led to ([mission.md](../explanation/mission.md)). *flies on*: the flight went
-  on as planned, and landed. *autopilot lands*: its own failsafe, after set-points stopped.
-- **After**: from the fault to the first of these.
-- **Up**: highest above where it was struck, or above its course if that is higher.
-- **Aside**: farthest sideways from where it was struck, carried along with its course.
-- **Speed**: fastest that it moved.
-- **Off by**: the largest true distance from the reference; where none is followed any more, sideways from where that
-  began.
-- **Floor met at**: the fastest time that it came down to the floor, by the truth.
-- **Pushed**: for how long the commands after the answer gave more than what hovers.
-- **Exempt**: what could not be asked of it, a word of the [table below](#exemptions).
-
-A flight is cut short where a limit is broken. All but what is flown in real time comes out the same in every run.
-
-The autopilot of MAVLink flights says that it knows its own position: where we can't see the vehicle any more it is
-asked to land, and open-loop rates are only played until it does. Without an autopilot that could, see the rows *radio*.
-The autopilot holds the last set-point for {held} s when they stop (`COM_OF_LOSS_T`, from 0.2 to 0.5 s by
-[px4.md](../how-to/px4.md)); with 1 s a process that is killed leaves a vehicle that leans and falls for so long.
-
-## Limits
-
-A row is safe if all of these hold, by the truth, from the instant at which it was struck. Besides, no number that is
-not finite left, and no command that was not due (each frame on the wire is held against the newest command before its
-deadline, or its bring-down after it); the vehicle rests on the floor with its motors off in the end; and where poses
-are true and the vehicle obeys, nobody convicts them.
-
-| it | at most |
-|---|---:|
-{limits}
-
-## Exemptions
-
-| word | where, and what it lifts |
-|---|---|
-{exemptions}
-
-"""
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "fault-table.md"
+"""The page, with its words."""
+HEAD = """\
+| in | reaction | after | up | aside | speed | off by | floor met at | pushed | exempt | safe | why |
+|---|---|---:|---:|---:|---:|---:|---:|---:|---|---|---|"""
 
 
 def text(rows: Sequence[Row]) -> str:
@@ -78,20 +36,26 @@ def text(rows: Sequence[Row]) -> str:
 
 def page(rows: Sequence[Row], command: str) -> str:
     """The whole page in Markdown; ``command`` made it."""
-    limits = "\n".join(f"| {what} | {most} |" for what, most in LIMITS)
-    exemptions = "\n".join(f"| {word} | {why} |" for word, why in REASONS.items())
-    held = AUTOPILOT["COM_OF_LOSS_T"]
-    lines = [HEAD.format(command=command, held=held, limits=limits, exemptions=exemptions)]
+    lines = []
     for name in dict.fromkeys(row.fault for row in rows):
-        here = [row for row in rows if row.fault == name]
-        lines += [f"## {name}", "", f"{FAULTS[name].says[0].upper()}{FAULTS[name].says[1:]}.", ""]
-        lines += [
-            "| in | reaction | after | up | aside | speed | off by | floor met at | pushed | exempt | safe | why |",
-            "|---|---|---:|---:|---:|---:|---:|---:|---:|---|---|---|",
-        ]
-        lines += [_line(row) for row in here]
-        lines.append("")
-    return "\n".join(lines)
+        lines += [f"## {name}", "", f"{FAULTS[name].says[0].upper()}{FAULTS[name].says[1:]}.", "", HEAD]
+        lines += [*(_line(row) for row in rows if row.fault == name), ""]
+    limits, exemptions = (
+        "\n".join([head, *(f"| {what} | {told} |" for what, told in some)])
+        for head, some in (
+            ("| it | at most |\n|---|---:|", LIMITS),
+            ("| word | where, and what it lifts |\n|---|---|", REASONS.items()),
+        )
+    )
+    held = f"The autopilot holds the last set-point for {AUTOPILOT['COM_OF_LOSS_T']} s when they stop"
+    parts = {
+        "command": f"<!-- not tested: it flies for minutes -->\n```sh\n{command}\n```",
+        "held": f"{held} (`COM_OF_LOSS_T`).",
+        "limits": limits,
+        "exemptions": exemptions,
+        "cells": "\n".join(lines).rstrip(),
+    }
+    return fill_markers(PAGE, parts)
 
 
 def _line(row: Row) -> str:
