@@ -385,7 +385,8 @@ TURN_DEG = 15.0
 """Noise and jitter may turn a pose by this much [deg], beside what ``rate_deg_s`` allows."""
 DOUBT = 0.25
 """Share of what a pose may be off by that is left after one that jumped, until one fits: of a crowd of wild poses the
-odd one comes near enough by chance, and would throw the estimate."""
+odd one comes near enough by chance, and would throw the estimate. It is never more than a jump: however long the last
+pose is ago, a place that was shown a little aside is not where the vehicle has flown."""
 EXACT_TOLERANCE = 1e-6
 """An attitude whose squared length is no further from 1 stays as it is: 32-bit floats leave it so."""
 UNANNOUNCED = 1 << 32
@@ -443,7 +444,7 @@ class Gate:
             return self._add_moves(straight), None
         if straight.reset_count != track.last.reset_count:
             return self._elsewhere(straight, "reset", "the source has moved its origin")
-        why = track.refuses(straight, DOUBT if other is not None and other.why == "jump" else 1.0)
+        why = track.refuses(straight, doubted=other is not None and other.why == "jump")
         if why == "out_of_order":
             return self._drop(why), None
         # The longer the last pose is ago, the more would fit it: so the nearer of two tracks has the pose.
@@ -526,15 +527,16 @@ class PoseTrack:
         if pose.time_s - self._next_anchor.time_s >= BASE_S:
             self._anchor, self._next_anchor = self._next_anchor, pose
 
-    def refuses(self, pose: Pose, share: float = 1.0) -> str:
-        """Why ``pose`` can't be of the same vehicle, by a ``share`` of the usual limit; empty where it can."""
+    def refuses(self, pose: Pose, *, doubted: bool = False) -> str:
+        """Why ``pose`` can't be of the same vehicle; empty where it can. ``doubted``: the one before it has jumped."""
         config, elapsed = self._config, pose.time_s - self.last.time_s
         if elapsed <= 0.0:
             return "out_of_order"
         # With no speed known yet any may be meant; after that it has had ``elapsed`` and half the base to change.
         base = self._base_s
         allowed = 0.5 * config.acceleration_m_s2 * elapsed * (elapsed + base) if base else config.speed_m_s * elapsed
-        if self._away_m(pose) > share * (config.jump_m + allowed):
+        limit = config.jump_m + allowed
+        if self._away_m(pose) > (min(DOUBT * limit, config.jump_m) if doubted else limit):
             return "jump"
         far = math.dist(pose.position_ned, self._anchor.position_ned)
         if far > config.jump_m + config.speed_m_s * (pose.time_s - self._anchor.time_s):

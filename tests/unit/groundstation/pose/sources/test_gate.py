@@ -148,6 +148,13 @@ def test_of_a_crowd_of_wild_poses_none_passes_because_it_happens_to_come_near() 
     assert gate.take(swerve)[0] is not None
 
 
+def test_an_origin_that_moves_again_and_again_is_no_flight_from_place_to_place() -> None:
+    gate = gate_in_flight(20)
+    place = [(pose(n, (n * DT, 0.3 * (-1.0) ** (n // 15), -1.0))) for n in range(20, 80)]  # another one each 0.3 s
+    passed, _ = flown(gate, place)
+    assert not passed
+
+
 def test_poses_that_stay_elsewhere_are_believed_after_a_while_and_not_before() -> None:
     gate = gate_in_flight()
     passed, events = flown(gate, (pose(n, (5.0 + n * DT, 2e-3 * math.sin(n), -1.0)) for n in range(20, 200)))
