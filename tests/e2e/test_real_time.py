@@ -148,6 +148,36 @@ def test_a_terminal_that_closes_in_flight_lands_the_vehicle() -> None:
             station.wait()
 
 
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM])
+def test_ctrl_z_does_not_freeze_what_flies_and_signals_that_end_programs_land_it(number: signal.Signals) -> None:
+    with served() as room:
+        station = subprocess.Popen(
+            room.station("fly", "--arm", "mqx", "--set", "flight.coast_s=0.7"),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL,
+            text=True,
+        )
+        frozen_s: list[float] = []
+
+        def flies_on(snapshot: Snapshot) -> bool:
+            if not frozen_s and snapshot.state == "tracking":
+                frozen_s.append(snapshot.flight_time_s)
+                station.send_signal(signal.SIGTSTP)
+            return bool(frozen_s) and snapshot.flight_time_s > frozen_s[0] + 0.5
+
+        try:
+            asyncio.run(seen(room.status_socket, flies_on))
+            station.send_signal(number)
+            told, _ = station.communicate(timeout=60)
+            assert "Ctrl-Z is ignored" in told
+            assert f"{number.name}: landing" in told
+            assert station.returncode == 0
+        finally:
+            station.kill()
+            station.wait()
+
+
 @pytest.mark.parametrize("section", ["link.listen", "link.remote", "pose.listen"])
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.20", "[::]", "lab-pc"])
 def test_fly_refuses_every_address_that_is_not_loopback_without_a_fence_and_says_why(

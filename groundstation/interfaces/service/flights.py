@@ -611,10 +611,19 @@ def obey(
         on_stop()
         ask(Request(Ask.LAND, "the terminal closed"))
 
+    def land(name: str) -> None:
+        on_stop()
+        ask(Request(Ask.LAND, f"told by {name}"))
+        say(f"{name}: landing")
+
     loop.add_signal_handler(signal.SIGINT, press, "SIGINT")
     loop.add_signal_handler(signal.SIGTERM, press, "SIGTERM")
     loop.add_signal_handler(signal.SIGQUIT, kill)
     loop.add_signal_handler(signal.SIGHUP, hang_up)
+    for number in (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM):  # by default they end the program at once
+        loop.add_signal_handler(number, land, number.name)
+    loop.add_signal_handler(signal.SIGTSTP, say, "Ctrl-Z is ignored: nobody would fly the vehicle. Ctrl-C lands")
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # one in the background would be stopped as it prints
 
 
 def fly_command(
