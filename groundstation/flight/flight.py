@@ -497,8 +497,10 @@ def make_ends(
     return link, make_source(config.pose, link, others)
 
 
-FEED_LOOK_S = 0.1
-"""How often it is looked whether poses still serve the autopilot after the flight [s]."""
+STAY_LOOK_S = 0.1
+"""How often it is looked whether an autopilot that was left still needs us after the flight [s]."""
+STAYS_S = 30.0
+"""So long is an autopilot that lands by itself heard, and can be killed, after the last command [s]."""
 
 
 class Shutdown:
@@ -513,7 +515,7 @@ class Shutdown:
         self._source = source
         self._say = say
         self._forwards = forwards
-        self._feeding: asyncio.Event | None = None
+        self._staying: asyncio.Event | None = None
         self._kill: asyncio.Task[None] | None = None
 
     @property
@@ -526,19 +528,18 @@ class Shutdown:
         self._kill = asyncio.ensure_future(self._link.kill())
 
     @property
-    def feeds(self) -> bool:
-        """Whether commands have ended, and poses go on to the autopilot."""
-        return self._feeding is not None
+    def stays(self) -> bool:
+        """Whether commands have ended, and the autopilot is still heard, and fed with poses where it was."""
+        return self._staying is not None
 
-    def starve(self) -> None:
-        """End those poses, too."""
-        if self._feeding is not None:
-            self._feeding.set()
+    def leave(self) -> None:
+        """End that, too."""
+        if self._staying is not None:
+            self._staying.set()
 
     def distrust(self) -> None:
         """Our poses are wrong: nobody gets them any more, and no LAND is asked for that may rest on them."""
         self._forwards = False
-        self.starve()
         for part in (self._source, self._link):
             if isinstance(part, Distrusts):
                 part.distrust()
@@ -555,7 +556,7 @@ class Shutdown:
                 self._say(f"{whose}: nothing leaves any more")
         if not self.killed and link.status.unmet:
             self._say(f"NOT brought down from here: {link.status.unmet}", Severity.WARNING)
-        await self._feed()
+        await self._stay()
         if self._kill is not None:
             try:
                 await self._kill
@@ -566,18 +567,32 @@ class Shutdown:
         await link.close()
         await self._source.close()
 
-    async def _feed(self) -> None:
-        """The autopilot may fly by the poses that it gets from us: they do not end with our commands."""
-        if not (self._forwards and self._turns()):
+    async def _stay(self) -> None:
+        """An autopilot that brings it down keeps the poses that it had from us, and can be told to stop its motors.
+
+        Without poses of ours it needs nothing more from here, so that is bounded in time.
+        """
+        lands = isinstance(self._link, AutopilotLink) and self._link.lands_by_itself
+        if not (self._turns() and (self._forwards or lands)):
             return
-        asked = self._feeding = asyncio.Event()
-        self._say("poses go on to the autopilot until its motors stop; a second Ctrl-C ends them too")
-        while self._turns() and not asked.is_set():
+        now_s = asyncio.get_running_loop().time
+        asked, until_s = asyncio.Event(), now_s() + STAYS_S
+        self._staying = asked
+        what = "poses go on to the autopilot, and" if self._forwards else "the vehicle is still heard, and"
+        self._say(f"{what} it can be killed from here until its motors stop; a second Ctrl-C ends that too")
+        while self._turns() and not asked.is_set() and (self._forwards or now_s() < until_s):
             with suppress(TimeoutError):
-                await asyncio.wait_for(asked.wait(), FEED_LOOK_S)
-        why = "as asked" if asked.is_set() else "its motors have stopped, or it is heard no more"
-        self._say(f"no more poses to the autopilot: {why}")
-        self._feeding = None
+                await asyncio.wait_for(asked.wait(), STAY_LOOK_S)
+        self._staying = None
+        if self.killed:
+            return
+        if asked.is_set():
+            why = "as asked"
+        elif self._turns():
+            why = f"its motors still turn after {STAYS_S:g} s, so use the remote control's kill switch"
+        else:
+            why = "its motors have stopped, or it is heard no more"
+        self._say(f"nothing goes to the vehicle any more: {why}")
 
     def _turns(self) -> bool:
         return self._kill is None and self._link.status.state == "armed"
@@ -725,11 +740,11 @@ class Flight:
                 if not self._shutdown.killed:
                     self._shutdown.kill()
                     self._progress.go(event, f"motors off: {why}", now)
-            case _ if self._shutdown.feeds:
-                # It is in somebody else's hands, who may rest on our poses: a first Ctrl-C does not end them.
+            case _ if self._shutdown.stays:
+                # It is in the autopilot's hands, which may rest on our poses: a first Ctrl-C does not end that.
                 if request.ask is Ask.LAND:
-                    return Reply(False, "poses go on to the autopilot until its motors stop, or until asked to descend")
-                self._shutdown.starve()
+                    return Reply(False, "the autopilot brings it down: kill it, or ask to descend to leave it alone")
+                self._shutdown.leave()
             case _:
                 self._progress.go(event, f"ended before take-off: {why}" if self.state in ON_GROUND else why, now)
         return Reply(True, f"{self.state}: {self._progress.reason}")

@@ -167,6 +167,11 @@ IN_TIME = Arrival(0.0, 0.0)
 class AutopilotLink(Protocol):
     """A link to an autopilot that answers: in which mode it is, as somebody else may take it over, and what arrived."""
 
+    @property
+    def lands_by_itself(self) -> bool:
+        """Whether it has been asked to land by itself since the newest arming, and does."""
+        ...
+
     def ask_mode(self) -> None:
         """Have it tell its mode now: what it does not do may be somebody else's doing."""
         ...

@@ -222,6 +222,7 @@ class MavlinkLink:
         self._unfit = self._firmware = ""
         self._angles: tuple[float, ...] = ()
         self._landing: asyncio.Task[None] | None = None
+        self._lands_by_itself = False
         self._killing: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._busy = "on a link that is not connected"
@@ -324,7 +325,7 @@ class MavlinkLink:
         handshake = self._under_way = arming(self.connection.autopilot(), self._config.ardupilot_mode)
         self.connection.begin_arming()
         self._busy = "while arm() streams"
-        self._obeys, self._taken = False, ""
+        self._obeys, self._lands_by_itself, self._taken = False, False, ""
         if self._landing is not None:
             self._landing.cancel()
             self._landing = None
@@ -419,9 +420,15 @@ class MavlinkLink:
             self._taken = self._vitals.foreign(asked_s)
             if not self._taken:
                 await beside(connection, landing(connection.autopilot()))
+                self._lands_by_itself = True
         except LinkError:
             return  # the bring-down by rates goes on to its end
         self._transmitter.stop()
+
+    @property
+    def lands_by_itself(self) -> bool:
+        """Whether LAND was accepted since the newest arming."""
+        return self._lands_by_itself
 
     def ask_mode(self) -> None:
         """Have the autopilot tell its mode now, not only within a second."""
