@@ -75,6 +75,8 @@ UNHEARD_SHARE, UNHEARD_M_S2, UNHEARD_GAIN = 0.95, 1.5, 0.15
 """Where nothing shows that commands arrive, thrust is at most this share of what hovers [-], of a disturbance so much
 is believed in that [m/s²], and rates are this share of the law's [-]: a loop of 4/s that is 1.5 s late is stable by it.
 """
+UNHEARD_SINK_M_S = 0.4
+"""What sinks faster than this [m/s] is not let fall faster still: then all that hovers is told, and never more."""
 LET_GO_S = 0.5
 """Where commands come too late, the last one goes on for so long [s]: the autopilot is asked to land meanwhile."""
 HOLD_STEP_S = 0.08
@@ -486,7 +488,8 @@ class Pilot:
     def _soften(self, decision: Decision, estimate: Estimate) -> Decision:
         """``decision`` as it does no harm where it comes too late, or to a vehicle that has not heard those before."""
         thrust, (roll, pitch, yaw) = decision.drive
-        k, most = UNHEARD_GAIN, UNHEARD_SHARE * self._hovers_n(estimate)
+        share = UNHEARD_SHARE if estimate.motion.velocity[2] < UNHEARD_SINK_M_S else 1.0
+        k, most = UNHEARD_GAIN, share * self._hovers_n(estimate)
         return decision._replace(drive=ActuatorCommand(min(thrust, most), (k * roll, k * pitch, k * yaw)))
 
     def surrender(self, time_s: float, hold_s: float) -> Command:

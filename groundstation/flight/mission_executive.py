@@ -73,6 +73,8 @@ SEEN_M = 0.005
 """Less than this is no number that a person is told [m]."""
 LOOKS = 40
 """A leg is looked at in so many places before it is flown: less than a millisecond."""
+LONGER_S, LONGER = 10.0, 2.0
+"""A way down may take so much [s], and so many times [-], longer than at the slowest speed that it is told."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
@@ -106,7 +108,7 @@ class Course:
         self._home: Vec3 | None = None
         self._points: tuple[Waypoint, ...] = ()
         self._reached = 0
-        self._waits = False
+        self._waits = self._weighs = False
         self._hover = Hover()
         self._touchdown = Touchdown(config.weight_n)
 
@@ -117,6 +119,10 @@ class Course:
     def plan(self, points: tuple[Waypoint, ...]) -> None:
         """Fly to ``points`` next, one after the other."""
         self._points, self._reached = points, 0
+
+    def wait(self) -> None:
+        """Hold until told to go on."""
+        self._waits = True
 
     @property
     def target(self) -> str:
@@ -154,6 +160,7 @@ class Course:
                 return self._down(now, time_s)
             case _:
                 self._waits, self._hover = event in (Event.HOLD, Event.ARRIVED), Hover()
+                self._weighs = not self._waits
                 return Leg(stop(now, self._transit), time_s)
 
     def entry(self, now: Reference) -> list[Blend]:
@@ -163,8 +170,13 @@ class Course:
         at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
         return [*ways, blend(at_rest, begin.at(0.0), self._transit), begin]
 
-    def over(self, state: State, tick: Tick) -> MissionMove | None:
-        """What ends ``state``, by one more command in it; None while it goes on."""
+    def over(self, state: State, tick: Tick, *, heard: bool) -> MissionMove | None:
+        """What ends ``state``, by one more command in it; None while it goes on, or may while no command is ``heard``.
+
+        One that does not hear may fly on where a landing's thrust is told: only poses that rest say that it has landed.
+        """
+        if not heard and state not in (State.LANDING, State.DESCENT):
+            return None
         match state:
             case State.TAKEOFF:
                 return MissionMove(Event.CLIMBED, "at height: holding") if tick.flight_time_s >= 0.0 else None
@@ -177,11 +189,11 @@ class Course:
             case State.RETURNING:
                 return MissionMove(Event.HOME, "over the place of take-off") if tick.flight_time_s >= 0.0 else None
             case State.LANDING | State.DESCENT:
-                return MissionMove(Event.TOUCHDOWN, "touched down") if self._touches_down(state, tick) else None
+                return MissionMove(Event.TOUCHDOWN, "touched down") if self._touches_down(state, tick, heard) else None
             case _:
                 return None
 
-    def _touches_down(self, state: State, tick: Tick) -> bool:
+    def _touches_down(self, state: State, tick: Tick, heard: bool) -> bool:
         motion = tick.estimate.motion
         down = motion.position[2]
         height, behind = self._config.flight.floor_z_m - down, tick.reference.position_ned[2] - down
@@ -190,7 +202,7 @@ class Course:
         pose_m, sinks_m_s = self._config.flight.floor_z_m - tick.pose.position_ned[2], tick.reference.velocity_ned[2]
         stands = self._touchdown.stands(tick.pose, pose_m, sinks_m_s)
         felt = self._touchdown.update(tick.time_s, tick.command.thrust_n, motion.velocity[2], height, behind)
-        return stands or felt
+        return stands or (felt and heard)
 
     def _check_hover(self, tick: Tick) -> MissionMove | None:
         """After the climb: on to the trajectory, or down again where the hover thrust is not this vehicle's."""
@@ -198,13 +210,13 @@ class Course:
         if tick.flight_time_s > 0.5 * hold_s:  # the climb has died away
             self._hover.see(tick.command.thrust_n)
         hover = self._hover.thrust_n
-        if self._waits or tick.flight_time_s < hold_s or hover is None:
+        if not self._weighs or tick.flight_time_s < hold_s or hover is None:
             return None
-        self._touchdown = Touchdown(hover)
+        self._touchdown, self._weighs = Touchdown(hover), False
         low, high = self._config.vehicle.hover_range
         says = f"it hovers at {hover:.4g} N, {100.0 * hover / weight:.0f} % of its weight"
         if low <= hover / weight <= high:
-            return MissionMove(Event.TRACK, f"{says}: onto the trajectory")
+            return None if self._waits else MissionMove(Event.TRACK, f"{says}: onto the trajectory")
         return MissionMove(
             Event.LAND,
             f"{says}; vehicle.hover_range allows {100.0 * low:.0f} to {100.0 * high:.0f} %: check mass_kg, "
@@ -329,6 +341,7 @@ class MissionExecutive:
         self._parole, self._resets = Parole(), Resets()
         self._descent = DescentMonitor()
         self._disobeys: Charge | None = None
+        self._down_by_s = math.inf
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -395,13 +408,18 @@ class MissionExecutive:
         before = self.state
         state = self._mission.on(event, reason)
         if state is before:
+            if event is Event.HOLD:  # in the hold after a climb: it does not go on by itself any more
+                self._course.wait()
             return
         self._on_state(state, reason)
+        self._down_by_s = now_s + self._way_down_s() if state in (State.LANDING, State.DESCENT) else math.inf
         if state in FINAL or state not in IN_AIR:
             return
         if self._spooling is not None and self._spooling.flies is None:  # still on the floor: there is nothing to fly
             self.go(Event.TOUCHDOWN, "still on the floor", now_s)
         elif state is State.DESCENT:
+            if self._spooling is not None:  # off the floor since the newest pose, and no command has told so yet
+                self._climb_away(now_s)
             rest = 0.0 if self._guards is None else self._config.guards.level_s
             self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
         elif event is Event.TRACK:
@@ -413,6 +431,12 @@ class MissionExecutive:
             self._follow(self._course.at_once(now_s))
         else:
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
+
+    def _way_down_s(self) -> float:
+        """So long may the way down take from here [s]."""
+        pose, flight = self._pilot.newest_pose, self._config.flight
+        height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
+        return LONGER_S + LONGER * height_m / min(flight.descent_m_s, self._config.landing.touchdown_m_s)
 
     def move(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> str:
         """Begin to fly to ``points``; returns why not, or nothing. Points are looked at now, each leg before it."""
@@ -470,8 +494,7 @@ class MissionExecutive:
         """The command of this frame, and the tick behind it; on the floor there is none."""
         spooling, pose = self._spooling, self._pilot.newest_pose
         if spooling is not None and spooling.flies is not None:
-            self._say("off the floor: climbing")
-            self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
+            self._climb_away(now_s)
             spooling = None
         if spooling is None:
             if self._comes_too_late(now_s):
@@ -586,12 +609,20 @@ class MissionExecutive:
         blind = self._pilot.blind or self._hearing.stalls(tick.time_s) > 0.0
         if guards is not None and self.state is State.DESCENT and not blind:
             self._disobeys = self._find_disobedience(tick)
-        # One that does not hear flies on where a landing's thrust is told: only its own word says that it has landed.
-        move = None if self._unheard else self._course.over(self.state, tick)
+        move = self._course.over(self.state, tick, heard=not self._unheard) or self._find_overtime(tick.time_s)
         if move is not None and move.event is Event.ARRIVED:
             self._go_on(move, tick.time_s)
         elif move is not None:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)
+
+    def _find_overtime(self, now_s: float) -> MissionMove | None:
+        """What ends a way down that has taken so long that the floor is not where it is believed to be."""
+        if not now_s > self._down_by_s:
+            return None
+        why = "it should long have come down, and the floor was not felt (check flight.floor_z_m)"
+        if self.state is State.LANDING:
+            return MissionMove(Event.DESCEND, why, fault=True)
+        return MissionMove(Event.ABORT, f"{why}: commands end", fault=True)
 
     def _find_disobedience(self, tick: Tick) -> Charge | None:
         """Whether a failsafe descent does not do as it is told, by the poses."""
@@ -638,6 +669,7 @@ class MissionExecutive:
                 if TABLE[self.state, event] is not self.state:
                     self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
                 elif step is answer.step:
+                    self.go(event, answer.reason, now_s, fault=True)
                     self._say(f"warning: {answer.reason}", Severity.WARNING)
                 return
 
@@ -684,6 +716,11 @@ class MissionExecutive:
         if flight.idle_thrust >= NUDGE_SHARE:
             return f"flight.idle_thrust is {flight.idle_thrust:g} already, and the nudge {NUDGE_SHARE:g} of the weight"
         return ""
+
+    def _climb_away(self, now_s: float) -> None:
+        """It has just left the floor: it flies by poses from now on."""
+        self._say("off the floor: climbing")
+        self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
 
     def _motion(self, now_s: float) -> tuple[Reference, float]:
         """The motion that the next leg begins with, and the instant [s] that it is for."""

@@ -510,6 +510,8 @@ class SimulatedAutopilot(Dialect):
 
     channels: Sequence[int] = ()
     """What its receiver hears of a transmitter, one pulse a channel [µs]; none without one, as it boots."""
+    answers_timesync = True
+    """False where a router on the way keeps the answers."""
 
     def __init__(
         self,
@@ -602,7 +604,7 @@ class SimulatedAutopilot(Dialect):
     def _take(self, message: Message, now_s: float) -> list[bytes]:
         name, dialect = message.get_type(), self.codec.dialect
         if name == "TIMESYNC":
-            asked = message.tc1 == 0
+            asked = message.tc1 == 0 and self.answers_timesync
             return [self.codec.timesync_reply(message, now_s - self._boot_s)] if asked else []
         if name == "ODOMETRY":
             self.external.take(message, now_s)

@@ -50,7 +50,7 @@ def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothin
 
     flown = fly_mission(world, config, seed=0, script=script, autopilot=autopilot)
     assert "commands do not reach the autopilot: it is heard" in flown.fault
-    assert max(pushed) < 1.0
+    assert max(pushed) < 1.01  # what hovers is known to a percent; where it sinks, all of that is told
     assert (flown.touchdown_m_s or 0.0) < 0.5  # PX4 comes down by itself, after the flight's end
 
 

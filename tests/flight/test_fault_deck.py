@@ -71,6 +71,14 @@ def test_an_estimator_that_resets_its_heading_has_the_true_one_again_and_says_so
     assert seen() == (0, 1)
 
 
+@pytest.mark.parametrize("state", ["take-off", "tracking", "moving", "returning", "landing", "descent"])
+def test_where_only_answers_get_lost_the_descent_is_no_fall(state: str) -> None:
+    row = fly_cell("answers gone", state)
+    assert row.safe, row.why
+    assert row.touchdown_m_s is not None
+    assert row.touchdown_m_s < 0.8
+
+
 def test_what_a_radio_vehicle_can_not_be_asked_for_is_said() -> None:
     row = fly_cell("serial unplug", "hold")
     assert row.safe

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.messages import Ask, Notice, Request, Severity
+from groundstation.core.messages import Ask, Notice, Reply, Request, Severity
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
@@ -220,6 +220,22 @@ def test_a_failsafe_descent_comes_down_from_every_state(scenario: str, state: St
     assert flown.tilt_max_deg < 45.0
 
 
+@pytest.mark.parametrize("link", ["mavlink", "dsm"])
+def test_a_descent_asked_for_between_lift_off_and_the_next_command_comes_down(link: str) -> None:
+    asked: list[bool] = []
+
+    async def script(flight: Flight, _: Stage) -> None:
+        executive = flight._progress
+        while executive._spooling is None or executive._spooling.flies is None:
+            await asyncio.sleep(0.0005)
+        asked.append(flight.ask(Request(Ask.DESCEND, "the test")).done)
+
+    flown = mission("paper", *SHORT, script=script, link=link, seed=2)
+    assert asked == [True]
+    assert flown.landed, flown.why
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 1.0
+
+
 KILLED = [State.CONNECTING, State.READY, State.ARMING, *IN_AIR[:3], State.LANDING, State.DISARMING]
 ABORTED = [State.CONNECTING, State.ARMING, State.TAKEOFF, State.TRACKING, State.DISARMING]
 
@@ -238,6 +254,67 @@ def test_abort_and_kill_end_every_state_with_the_motors_off(ask: Ask, end: State
     flown = mission("paper", *SHORT, script=script)
     assert flown.states[-1].state == end
     assert not flown.landed
+    assert stages[0].plant._body.thrust < 0.05
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_an_autopilot_that_lands_by_itself_after_an_abort_can_still_be_killed(autopilot: str) -> None:
+    thrusts_n: list[float] = []
+    replies: list[Reply] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        await in_state(State.HOLD, Ask.ABORT)(flight, stage)
+        await asyncio.sleep(0.5)
+        thrusts_n.append(stage.plant.truth(asyncio.get_running_loop().time()).thrust_n)
+        replies.append(flight.ask(Request(Ask.KILL, "the test")))
+        await asyncio.sleep(0.4)
+        thrusts_n.append(stage.plant.truth(asyncio.get_running_loop().time()).thrust_n)
+
+    flown = mission("paper", *SHORT, "sim.own_estimate=true", script=script, autopilot=autopilot)
+    assert replies[0].done
+    assert flown.states[-1].state == State.KILLED
+    landing, killed = thrusts_n
+    assert landing > 0.5
+    assert killed < 0.05
+
+
+@pytest.mark.parametrize("state", [State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING, State.LANDING])
+def test_where_only_answers_get_lost_it_comes_down_and_stops_its_motors(state: State) -> None:
+    stages: list[Stage] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        stages.append(stage)
+        while flight.state is not state:
+            await asyncio.sleep(0.01)
+        stage.autopilot.answers_timesync = False
+
+    flown = mission("paper", *SHORT, script=script)
+    assert flown.states[-1].state == State.LANDED, flown.why
+    assert stages[0].plant._body.thrust < 0.05
+
+
+def test_a_way_down_that_does_not_end_is_ended() -> None:
+    async def script(flight: Flight, stage: Stage) -> None:
+        while flight.state is not State.HOLD:
+            await asyncio.sleep(0.01)
+        flight._progress._course._touches_down = lambda *_: False  # type: ignore[method-assign]
+        flight.land("the test")
+
+    flown = mission("paper", *SHORT, script=script)
+    states = [one.state for one in flown.states]
+    assert states[-3:] == [State.LANDING, State.DESCENT, State.ABORTED]
+    assert "should long have come down" in flown.states[-1].reason
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_the_program_stays_until_an_autopilot_that_lands_by_itself_has_stopped_its_motors(autopilot: str) -> None:
+    stages: list[Stage] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        stages.append(stage)
+        await in_state(State.HOLD, Ask.ABORT)(flight, stage)
+
+    mission("paper", *SHORT, "sim.own_estimate=true", script=script, autopilot=autopilot)
     assert stages[0].plant._body.thrust < 0.05
 
 
@@ -265,6 +342,25 @@ def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
         "disarming",
         "landed",
     ]
+
+
+def test_holding_in_the_hold_after_a_climb_waits_too() -> None:
+    async def script(flight: Flight, _: Stage) -> None:
+        await in_state(State.HOLD, Ask.HOLD)(flight, _)
+        await asyncio.sleep(5.0)
+        assert flight.state is State.HOLD
+        flight.ask(Request(Ask.TRACK, "on"))
+
+    flown = mission("paper", *SHORT, script=script)
+    assert flown.landed
+    assert [one.state for one in flown.states][3:6] == ["takeoff", "hold", "tracking"]
+
+
+def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_though_it_was_told_to_hold() -> None:
+    script = in_state(State.HOLD, Ask.HOLD)
+    flown = mission("paper", *SHORT, "sim.thrust_gain=1.6", script=script)
+    assert "vehicle.hover_range allows 70 to 145 %" in flown.fault
+    assert [one.state for one in flown.states][-4:] == ["hold", "landing", "disarming", "landed"]
 
 
 @pytest.mark.parametrize("ask", [Ask.LAND, Ask.DESCEND])

@@ -199,6 +199,11 @@ async def deafen(scene: Scene) -> None:
     scene.stage.peer.cut(False)
 
 
+async def keep_answers(scene: Scene) -> None:
+    """No answer to TIMESYNC comes any more; the autopilot hears all, and all else that it says comes."""
+    scene.stage.autopilot.answers_timesync = False
+
+
 async def unplug(scene: Scene) -> None:
     """The radio module is pulled out."""
     scene.stage.port.cut = True
@@ -387,6 +392,7 @@ BROKEN: dict[str, Fault] = {
     "battery sag": Fault("within 6 s the battery is empty, and thrust falls to 75 %", sag, obeys=True),
     "telemetry gone": Fault("for 4 s nothing comes that the autopilot says; it hears all", mute, obeys=True),
     "uplink gone": Fault("for 4 s the autopilot hears nothing; all that it says comes", deafen),
+    "answers gone": Fault("no answer to TIMESYNC comes any more, and all else passes", keep_answers),
     "wind, up and down": Fault(
         "for 12.5 s the wind pushes up and down by 1.5 m/s², once in 5 s",
         wave,
