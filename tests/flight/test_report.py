@@ -16,7 +16,15 @@ from matplotlib.text import Text
 
 from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import draw_columns, read_columns, report_command
-from groundstation.analysis.report.figures import FIGURES, OVERLAYS, draw_figures, flight_letters, print_figures
+from groundstation.analysis.report.figures import (
+    FIGURES,
+    OVERLAYS,
+    draw_figure,
+    draw_figures,
+    find_figure,
+    flight_letters,
+    print_figures,
+)
 from groundstation.analysis.report.flight import numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
@@ -228,6 +236,24 @@ def test_nothing_that_is_written_in_a_figure_is_cut_at_its_edge(
     draw_columns(tmp_path, OVERLAYS, flights)
     assert len(drawn) > len(FIGURES)
     assert [cut_off(canvas) for canvas in drawn] == [[]] * len(drawn)
+
+
+def test_a_second_flight_is_drawn_on_limits_that_hold_it_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Poses of `adverse` get older than those of `paper`: they were cut off at the first's limits."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
+    flights = [read_columns(recorded(scenario)[0]) for scenario in ("paper", "adverse")]
+    draw_figures(tmp_path, flights)
+    oldest_ms = [1e3 * flown.scalars["pose_age_s"].max() for flown in flights]
+    assert oldest_ms[1] > 1.3 * oldest_ms[0]
+    ages = [panel for canvas in drawn for panel in canvas.axes if panel.get_ylabel().startswith("pose age")]
+    assert [panel.get_ylim()[1] > oldest_ms[1] for panel in ages] == [True]
+
+
+def test_the_truth_is_the_uppermost_line_where_it_is_known() -> None:
+    flown = read_columns(recorded()[0])
+    for name in ("position", "path"):
+        assert draw_figure(find_figure(name), [flown]).axes[0].lines[-1].get_label() == "truth"
 
 
 def test_flights_of_one_name_are_told_apart_in_the_legend_by_the_letters_of_the_table(

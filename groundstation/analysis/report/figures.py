@@ -31,13 +31,19 @@ V_FLOOR = 1e-8
 def position(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Estimated position, that of a simulated flight's truth, and reference, world NED; the paper's figure 3."""
     for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
-        panel.plot(flown.t, flown.vectors["position_ned"][:, i], color=colour, linewidth=1.6, label="estimate")
-        if flown.knows_truth:
-            panel.plot(flown.t, flown.vectors["true_position_ned"][:, i], ":", color=RED, linewidth=1.0, label="truth")
-        panel.plot(flown.t, flown.vectors["reference_ned"][:, i], "--", color="black", linewidth=0.9, label="reference")
+        for key, look, label in _curves(flown, colour):
+            panel.plot(flown.t, flown.vectors[key][:, i], label=label, **look)
         panel.set_ylabel(f"{name} [m]")
         _at_least(panel, 0.1)
     finish_panels(panels)
+
+
+def _curves(flown: FlightColumns, colour: str) -> list[tuple[str, dict[str, Any], str]]:
+    """Estimate, reference and, where it is known, truth: millimetres apart, so each is thinner than the one below."""
+    estimate = ("position_ned", {"color": colour, "linewidth": 3.2, "alpha": 0.5}, "estimate")
+    truth = ("true_position_ned", {"color": RED, "linewidth": 0.7}, "truth")
+    reference = ("reference_ned", {"color": "black", "linewidth": 1.6, "dashes": (3, 2)}, "reference")
+    return [estimate, reference, truth] if flown.knows_truth else [estimate, reference]
 
 
 def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -178,14 +184,11 @@ LABELS = 14
 
 
 def path(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Estimated path and reference in space. Up is drawn up: the vertical axis is −down."""
+    """Estimated path, that of a simulated flight's truth, and reference in space. The vertical axis is −down."""
     (panel,) = panels
-    for key, colour, dash, name in (
-        ("position_ned", BLUE, "-", "estimate"),
-        ("reference_ned", "black", "--", "reference"),
-    ):
+    for key, look, name in _curves(flown, BLUE):
         p = flown.vectors[key]
-        panel.plot(p[:, 1], p[:, 0], -p[:, 2], dash, color=colour, linewidth=1.0, label=name)
+        panel.plot(p[:, 1], p[:, 0], -p[:, 2], label=name, **look)
     both = np.concatenate([flown.vectors["position_ned"], flown.vectors["reference_ned"]])
     spans = np.ptp(both, axis=0)
     spans = np.maximum(spans, max(0.2, 0.4 * float(spans.max())))
@@ -201,12 +204,12 @@ def path(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def error(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Distance from the reference in time, and how often it was how large over the steady part."""
+    """Distance from the reference in time, and how often it was how large over the steady part (by truth, if known)."""
     over, shares = panels
     cm = 100.0 * flown.scalars["error_m"]
     over.plot(flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="against the estimate")
+    true_cm = 100.0 * flown.scalars["true_error_m"]
     if flown.knows_truth:
-        true_cm = 100.0 * flown.scalars["true_error_m"]
         over.plot(flown.t, np.maximum(true_cm, FLOOR_CM), color="black", linewidth=0.7, label="against the truth")
     if flown.is_papers:
         over.axhline(PAPER["rms_cm"], color=GREY, linestyle="--", linewidth=1.0, label="the paper's RMS, 4.61 cm")
@@ -217,8 +220,10 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     over.set_ylabel("position error [cm]")
     over.margins(x=0.01)
     _legend_above(over, 2)
-    steady = cm[flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S - ROUNDING_S)]
-    shares.set_xlabel(f"error against the estimate, from {STEADY_S:g} s on [cm]")
+    is_steady = flown.tracking & (flown.scalars["flight_time_s"] >= STEADY_S - ROUNDING_S)
+    against = "truth" if flown.knows_truth else "estimate"
+    steady = drop_unknown((true_cm if flown.knows_truth else cm)[is_steady])
+    shares.set_xlabel(f"error against the {against}, from {STEADY_S:g} s on [cm]")
     shares.set_ylabel("share of commands [%]")
     if not len(steady):
         shares.annotate("the flight ended before it was steady", (0.5, 0.5), xycoords="axes fraction", ha="center")
@@ -489,15 +494,14 @@ def _label(name: str, letter: str) -> str:
 
 
 def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> None:
-    """All flights in one axis, with the reference of the first."""
+    """All flights in one axis, true where all were simulated, with the reference of the first."""
+    truth = all(flown.knows_truth for flown in flights)
     for i, (panel, (name, _, _)) in enumerate(zip(panels, AXES, strict=True)):
         for flown, line in _overlaid(flights):
-            key = "true_position_ned" if flown.knows_truth else "position_ned"
-            panel.plot(flown.t, flown.vectors[key][:, i], **line)
-        panel.plot(
-            flights[0].t, flights[0].vectors["reference_ned"][:, i], color="black", linewidth=0.5, label="reference"
-        )
-        panel.set_ylabel(f"{name} [m]")
+            panel.plot(flown.t, flown.vectors["true_position_ned" if truth else "position_ned"][:, i], **line)
+        reference = flights[0].vectors["reference_ned"][:, i]  # drawn below the flights, which lie on it
+        panel.plot(flights[0].t, reference, color="0.75", linewidth=2.5, zorder=1.0, label="reference")
+        panel.set_ylabel(f"{'true' if truth else 'estimated'}\n{name} [m]")
         _at_least(panel, 0.1)
     finish_panels(panels, columns=3)
 
@@ -614,7 +618,14 @@ def draw_figure(one: ReportFigure, flights: Sequence[FlightColumns]) -> "Figure"
             subplot_kw={"projection": "3d"} if one.is_3d else {},
         )
         for i, flown in enumerate(columns):
+            shared = panels[:, i] if i and not one.is_3d else ()
+            before = [(panel.get_xlim(), panel.get_ylim()) for panel in shared]
+            for panel in shared:
+                panel.set_autoscale_on(True)
             one.draw(panels[:, i], flown)
+            for panel, (across, up) in zip(shared, before, strict=True):
+                panel.set_xlim(_hull(across, panel.get_xlim()))
+                panel.set_ylim(_hull(up, panel.get_ylim()))
             if close_up:
                 _set_title(panels[0, i], ("the whole flight", f"its last {CLOSE_S:g} s")[i])
             elif len(flights) > 1:
@@ -626,6 +637,12 @@ def draw_figure(one: ReportFigure, flights: Sequence[FlightColumns]) -> "Figure"
             if panels[0, 0].get_legend() is not None and (legend := panels[0, 1].get_legend()) is not None:
                 legend.remove()
         return canvas
+
+
+def _hull(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float]:
+    """The limits that hold both, in the direction of ``now``: a later flight must not cut off an earlier one."""
+    low, high = min(*before, *now), max(*before, *now)
+    return (high, low) if now[0] > now[1] else (low, high)
 
 
 def _share_axis(one: ReportFigure, *, close_up: bool) -> Literal["all", "col", "row"]:
