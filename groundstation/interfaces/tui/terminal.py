@@ -18,8 +18,8 @@ from textual.message import Message
 
 from groundstation.interfaces.tui.model import STOP_KEYS
 
-MOST_KEYS = 8
-"""More keys than these are not pressed at once, nor while a slow connection holds back what is typed."""
+MOST_KEYS = 10
+"""More keys than these are not pressed at once; a slow connection may hold back the word "rehearsal", and Enter."""
 QUIET_S = 0.02
 """Keys between which it is never quiet for so long come at once [s]."""
 WAIT_S = 0.1

@@ -22,6 +22,7 @@ def passed(gate: KeyGate, now_s: float, *, quiet: bool = True) -> list[str]:
     list(LETTERS[:MOST_KEYS]),
     [*LETTERS[: MOST_KEYS - 1], "ctrl+k", "ctrl+k", "ctrl+l"],
     ["x"] * 100 + ["ctrl+k", "ctrl+k"],
+    [*"rehearsal", "enter"],
     ["ctrl+l", "ctrl+x", "ctrl+a", "ctrl+k", "ctrl+k"] * 10,
 ])  # fmt: skip
 def test_what_a_person_presses_passes_in_its_order_once_it_is_quiet(keys: list[str]) -> None:
