@@ -826,7 +826,8 @@ class Obedience:
                 self._images.nodes = min(self._images.nodes, SETTLES - 3)
                 self._forget_between()
             self._holes_s = pose.time_s
-        self._noise_m = noise_m = min(noise_m, self._noise_m * (1.0 + NOISE_RISES * dt))
+        most_m = self._noise_m * (1.0 + NOISE_RISES * dt)
+        self._noise_m = noise_m = noise_m if noise_m < most_m else most_m
         if last is None or dt > GAP_S or not counts or pose.reset_count != self._resets:
             self._off, self._offs, self._off_s = off_m, 0.0, 0.0
             self._begin(pose)
@@ -846,7 +847,7 @@ class Obedience:
         x, y, z = pose.position_ned
         a, b, c, n = self._passed
         self._passed = (a + x, b + y, c + z, n + 1)
-        self._usual_s += LEAP_USUAL * (min(dt, LEAP_MOST_S) - self._usual_s)
+        self._usual_s += LEAP_USUAL * ((dt if dt < LEAP_MOST_S else LEAP_MOST_S) - self._usual_s)
         self._offs += off_m
         self._off_s += dt
         if self._off_s >= LEAP_LOOKS_S:
@@ -900,7 +901,7 @@ class Obedience:
 
     def _begin(self, pose: Pose) -> None:
         self.answered = 0.0
-        x, y, z = pose.position_ned
+        z = pose.position_ned[2]
         if self._begun_s == math.inf:
             self._begun_s = pose.time_s
             if self._climb_m_s > 0.0:
@@ -914,7 +915,7 @@ class Obedience:
         self._pushed = self._speed = (0.0, 0.0, 0.0)
         self._images.begin(pose.time_s, pose.position_ned, self._pushed)
         self._rivals.begin(pose.position_ned, self._pushed)
-        self._stood = [_Coordinate(a * x + b * y + c * z, pose.time_s) for a, b, c, _ in STANDS_ALONG]
+        self._stood = _Coordinates(pose.position_ned, pose.time_s)
         self._passed = NO_POSES
         self._swift = self._speed
         self._forget_between()
@@ -1047,11 +1048,8 @@ class Obedience:
         """What one node says of each coordinate that stands within so much [m], while the push along it changes."""
         (x, y, z, n), (u, v, w), (p, q, r) = self._passed, self._speed, self._swift
         self._passed, self._swift = NO_POSES, self._speed
-        fast, slow = h / LEANS_S if h < LEANS_S else 1.0, h / LEANS_SLOWLY_S
-        most = 0.0
-        for (a, b, c, counts), one in zip(STANDS_ALONG, self._stood, strict=True):
-            place, push = (a * x + b * y + c * z) / n, (a * (u - p) + b * (v - q) + c * (w - r)) / h
-            most = max(most, counts * one.leans(place, push, now_s, fast, slow, within_m))
+        place, push = (x / n, y / n, z / n), ((u - p) / h, (v - q) / h, (w - r) / h)
+        most = self._stood.node(place, push, now_s, h, within_m)
         self._leant = min(most / LEANS_M_S2, 1.0) if most > 0.5 * LEANS_M_S2 else 0.0
 
     def _stands(self, pose: Pose, y: Vec3, c: Vec3, fade: float, noise_m: float) -> None:
@@ -1162,38 +1160,41 @@ class _TiltAxis:
         return answer * (answer - 2.0 * y) / (2.0 * noise)
 
 
-class _Coordinate:
-    """One coordinate of the position that stands, and the push along it."""
+class _Coordinates:
+    """Coordinates of the position, of which any may stand, and the push along each."""
 
-    __slots__ = ("_fast", "_most", "_place", "_since_s", "_slow")
+    __slots__ = ("_all",)
 
-    def __init__(self, place: float, time_s: float) -> None:
-        """It is at ``place`` [m] at an instant [s]."""
-        self._place, self._since_s = place, time_s
-        self._fast = self._slow = self._most = 0.0
+    def __init__(self, position: Vec3, time_s: float) -> None:
+        """It is at ``position`` [m, NED] at an instant [s]."""
+        x, y, z = position
+        # Each with where it stands, since when, the push on average of late, for longer, and the most it has left that.
+        self._all = [(a * x + b * y + c * z, time_s, 0.0, 0.0, 0.0) for a, b, c, _ in STANDS_ALONG]
 
-    def leans(self, place: float, push: float, time_s: float, fast: float, slow: float, within_m: float) -> float:
-        """How far the push along it has left its average while it stands, or less if that is not long; 0 if not [m/s²].
+    def node(self, position: Vec3, pushed: Vec3, time_s: float, h: float, within_m: float) -> float:
+        """How far a push has left its average along what stands, or less if that is not long; 0 if not [m/s²].
 
         Args:
-            place: where it was on average since the last call [m].
-            push: what the commands push along it, since the last call [m/s²].
+            position: where it was on average since the last call [m, NED].
+            pushed: what the commands push, since the last call [m/s², NED].
             time_s: now [s].
-            fast: share of ``push`` that goes into its average over ``LEANS_S`` [-].
-            slow: of that, into its average over ``LEANS_SLOWLY_S`` [-].
+            h: time since the last call [s].
             within_m: it stands within so much [m].
         """
-        self._fast = now = self._fast + fast * (push - self._fast)
-        moved = place - self._place
-        if -within_m <= moved <= within_m:
-            self._place += COORDINATE_FOLLOWS * moved
-        else:
-            self._place, self._since_s = place, time_s
-        stood_s = time_s - self._since_s
-        if stood_s < BRAKED_S:
-            self._slow, self._most = now, 0.0
-            return 0.0
-        self._slow += slow * (now - self._slow)
-        leans = abs(now - self._slow) * (min(stood_s, COORDINATE_S) / COORDINATE_S) ** 4
-        self._most = most = max(self._most, leans)  # a law that is told of it pushes no more
+        (x, y, z), (p, q, r) = position, pushed
+        quick, slowly = h / LEANS_S if h < LEANS_S else 1.0, h / LEANS_SLOWLY_S
+        most, kept = 0.0, []
+        for (a, b, c, counts), (place0, since0_s, fast0, slow0, leant0) in zip(STANDS_ALONG, self._all, strict=True):
+            now = a * x + b * y + c * z
+            stands = -within_m <= now - place0 <= within_m
+            place, since_s = (place0 + COORDINATE_FOLLOWS * (now - place0), since0_s) if stands else (now, time_s)
+            fast = slow = fast0 + quick * (a * p + b * q + c * r - fast0)
+            leant, stood_s = 0.0, time_s - since_s
+            if stood_s >= BRAKED_S:
+                slow = slow0 + slowly * (fast - slow0)
+                leans = abs(fast - slow) * (min(stood_s, COORDINATE_S) / COORDINATE_S) ** 4
+                leant = max(leant0, leans)  # a law that is told of it pushes no more
+                most = max(most, counts * leant)
+            kept.append((place, since_s, fast, slow, leant))
+        self._all = kept
         return most
