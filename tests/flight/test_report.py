@@ -7,11 +7,15 @@ import re
 import sys
 from functools import cache
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from groundstation.analysis.identify import find_outside
@@ -253,7 +257,18 @@ def test_a_second_flight_is_drawn_on_limits_that_hold_it_too(tmp_path: Path, mon
 def test_the_truth_is_the_uppermost_line_where_it_is_known() -> None:
     flown = read_columns(recorded()[0])
     for name in ("position", "path"):
-        assert draw_figure(find_figure(name), [flown]).axes[0].lines[-1].get_label() == "truth"
+        lines = draw_figure(find_figure(name), [flown]).axes[0].lines
+        assert [line.get_label() for line in lines] == ["reference", "estimate", "truth"]
+        # They lie upon each other: only what is broader than the line above it, and not as bright, is seen.
+        for below, above in pairwise(lines):
+            assert below.get_linewidth() > 1.5 * above.get_linewidth()
+            assert abs(brightness(below) - brightness(above)) > 0.2
+
+
+def brightness(line: Line2D) -> float:
+    """How bright a line is printed in grey, 0 to 1 (ITU-R BT.709, of linear light)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(line.get_color())]
+    return float(np.dot((0.2126, 0.7152, 0.0722), linear) ** (1 / 2.2))
 
 
 def test_flights_of_one_name_are_told_apart_in_the_legend_by_the_letters_of_the_table(
@@ -296,6 +311,8 @@ def test_the_table_is_written_for_spreadsheets_and_for_latex(
     assert text.count(r"\\") == len(rows)
     assert r"certificate holds [\%]" in text
     assert not re.search(r"(?<!\\)[%&#_](?! )", text.replace(" & ", ""))
+    assert "$-$0." in text  # a minus, not a hyphen
+    assert text.isascii()  # so that no engine or encoding of LaTeX misses a letter
 
 
 def test_flights_beyond_the_alphabet_have_letters_too() -> None:

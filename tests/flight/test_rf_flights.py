@@ -124,7 +124,7 @@ def test_what_the_module_tells_is_on_screens_and_in_the_recording(tmp_path: Path
     assert status["angles_rad"] == pytest.approx([0.0, -0.1, 1.0], abs=1e-4)
     assert (status["uplink_share"], status["uplink_dbm"], status["uplink_snr_db"]) == (pytest.approx(0.99), -60, -5)
     facts = numbers(read_columns(tmp_path / RECORDING))
-    word = next(cells for name, *cells in result_table(["it"], [facts]) if name == "the vehicle's last word of itself")
+    word = next(cells for name, *cells in result_table(["it"], [facts]) if name == "last telemetry of the vehicle")
     told = ["16.80 V", "battery 50 %", "mode ACRO", "roll +0° pitch -6° yaw +57°", "gets 99 % of frames"]
     assert word[0].split(", ") == [*told, "-60 dBm", "-5 dB over noise"]
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from groundstation.analysis.report.flight import PAPER, Column, FlightColumns, drop_unknown, latency, limits
+from groundstation.analysis.report.flight import PAPER, Column, FlightColumns, drop_unknown, latency, limits, numbers
 from groundstation.config import ConfigError
 from groundstation.core.messages import ROUNDING_S, STEADY_S
 
@@ -30,20 +30,26 @@ V_FLOOR = 1e-8
 
 def position(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Estimated position, that of a simulated flight's truth, and reference, world NED; the paper's figure 3."""
-    for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
-        for key, look, label in _curves(flown, colour):
+    for i, (panel, (name, _, _)) in enumerate(zip(panels, AXES, strict=True)):
+        for key, look, label in _curves(flown):
             panel.plot(flown.t, flown.vectors[key][:, i], label=label, **look)
         panel.set_ylabel(f"{name} [m]")
         _at_least(panel, 0.1)
     finish_panels(panels)
 
 
-def _curves(flown: FlightColumns, colour: str) -> list[tuple[str, dict[str, Any], str]]:
-    """Estimate, reference and, where it is known, truth: millimetres apart, so each is thinner than the one below."""
-    estimate = ("position_ned", {"color": colour, "linewidth": 3.2, "alpha": 0.5}, "estimate")
-    truth = ("true_position_ned", {"color": RED, "linewidth": 0.7}, "truth")
-    reference = ("reference_ned", {"color": "black", "linewidth": 1.6, "dashes": (3, 2)}, "reference")
-    return [estimate, reference, truth] if flown.knows_truth else [estimate, reference]
+def _curves(flown: FlightColumns) -> list[tuple[str, dict[str, Any], str]]:
+    """Reference, estimate and, where it is known, truth: each narrower than the one below, so that all stay visible.
+
+    They lie millimetres apart, and lap upon lap, where dashes would close to a line. Colours as in the viewers.
+    """
+    from matplotlib import rcParams
+
+    width = rcParams["lines.linewidth"]
+    reference = ("reference_ned", {"color": "0.75", "linewidth": 4.4 * width, "solid_capstyle": "butt"}, "reference")
+    estimate = ("position_ned", {"color": BLUE, "linewidth": 2.4 * width}, "estimate")
+    truth = ("true_position_ned", {"color": ORANGE, "linewidth": 0.9 * width}, "truth")
+    return [reference, estimate, truth] if flown.knows_truth else [reference, estimate]
 
 
 def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -186,7 +192,7 @@ LABELS = 14
 def path(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Estimated path, that of a simulated flight's truth, and reference in space. The vertical axis is −down."""
     (panel,) = panels
-    for key, look, name in _curves(flown, BLUE):
+    for key, look, name in _curves(flown):
         p = flown.vectors[key]
         panel.plot(p[:, 1], p[:, 0], -p[:, 2], label=name, **look)
     both = np.concatenate([flown.vectors["position_ned"], flown.vectors["reference_ned"]])
@@ -210,7 +216,7 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     over.plot(flown.t, np.maximum(cm, FLOOR_CM), color=BLUE, linewidth=0.9, label="against the estimate")
     true_cm = 100.0 * flown.scalars["true_error_m"]
     if flown.knows_truth:
-        over.plot(flown.t, np.maximum(true_cm, FLOOR_CM), color="black", linewidth=0.7, label="against the truth")
+        over.plot(flown.t, np.maximum(true_cm, FLOOR_CM), color=ORANGE, linewidth=0.7, label="against the truth")
     if flown.is_papers:
         over.axhline(PAPER["rms_cm"], color=GREY, linestyle="--", linewidth=1.0, label="the paper's RMS, 4.61 cm")
         over.axhline(PAPER["max_cm"], color=RED, linestyle=":", linewidth=1.2, label="the paper's largest, 7.6 cm")
@@ -228,13 +234,16 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
     if not len(steady):
         shares.annotate("the flight ended before it was steady", (0.5, 0.5), xycoords="axes fraction", ha="center")
         return
-    shares.hist(steady, bins=50, weights=np.full(len(steady), 100.0 / len(steady)), color=BLUE, alpha=0.75)
-    rms = float(np.sqrt(np.mean(steady**2)))
+    colour = ORANGE if flown.knows_truth else BLUE
+    shares.hist(steady, bins=50, weights=np.full(len(steady), 100.0 / len(steady)), color=colour, alpha=0.75)
+    told = numbers(flown)["true_error" if flown.knows_truth else "error"]  # the same figures as in the table
     for value, name, dash in (
-        (rms, "RMS", "-"),
+        (told["rms_cm"], "RMS", "-"),
         (float(np.percentile(steady, 99)), "99 %", "--"),
-        (float(steady.max()), "largest", ":"),
+        (told["max_cm"], "largest", ":"),
     ):
+        if value is None:  # a recording that was cut off has no figures of the truth
+            continue
         shares.axvline(value, color="black", linestyle=dash, linewidth=1.1, label=f"{name} {value:.2f} cm")
     _legend_above(shares, 3)
 

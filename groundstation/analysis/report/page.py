@@ -70,7 +70,7 @@ def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts
     title = " against ".join(_name(one) for one in facts)
     parts = [f"<h1>{escape(title)}</h1>", *(_warnings(one) for one in facts)]
     head, *rows = result_table(names, facts)
-    parts += ["<h2>Result</h2>", _table(head, rows, numbers=True), f'<p class="note">{AGAINST}</p>']
+    parts += ["<h2>Result</h2>", _table(head, rows, numbers=range(1, len(head))), f'<p class="note">{AGAINST}</p>']
     parts += [_budget(name, one["budget"]) for name, one in zip(names, facts, strict=True) if one["budget"]]
     parts += [frame_picture(one.name, one.title, one.caption, path) for one, path in figures]
     parts += ["<h2>Events</h2>", *(_events(name, one) for name, one in zip(names, facts, strict=True))]
@@ -150,8 +150,12 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
     rows = [
         row(f"RMS error against the estimate, {told} [cm]", (_n(f["error"]["rms_cm"]) for f in facts), "rms_cm"),
         row(f"largest error against the estimate, {told} [cm]", (_n(f["error"]["max_cm"]) for f in facts), "max_cm"),
-        row("error stays below 10 cm after [s]", (_n(f["error"]["settle_s"]) for f in facts), "settle_s"),
-        row("99 % of errors below [cm]", (_n(f["error"]["p99_cm"]) for f in facts)),
+        row(
+            "error against the estimate stays below 10 cm after [s]",
+            (_n(f["error"]["settle_s"]) for f in facts),
+            "settle_s",
+        ),
+        row("99 % of errors against the estimate below [cm]", (_n(f["error"]["p99_cm"]) for f in facts)),
         row("time on the trajectory [s]", (_n(f["flown_s"], 1) for f in facts)),
         row("b̂ north, east, down, last second [m/s²]", (_v(f["disturbance"]["b_hat_m_s2"]) for f in facts)),
         row("thrust effectiveness, last second [%]", (_p(f["disturbance"]["effectiveness"]) for f in facts)),
@@ -177,7 +181,7 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
     rows.append(row("command lateness, median / 99 % / largest [ms]", (_spread(f["lateness_ms"]) for f in facts)))
     words = [_last_words(f["link"]) for f in facts]
     if any(words):
-        rows.append(row("the vehicle's last word of itself", (one or "–" for one in words)))
+        rows.append(row("last telemetry of the vehicle", (one or "–" for one in words)))
     rows.append(row("ended", (f"{f['ended']['state']}: {f['ended']['reason']}" for f in facts)))
     return [["", *names, *(["the paper"] if paper else [])], *rows]
 
@@ -189,7 +193,7 @@ def _last_words(link: dict[str, Any]) -> str:
     told += [f"mode {link['mode']}"] if link.get("mode") else []
     if link.get("angles_rad"):
         angles = zip(("roll", "pitch", "yaw"), link["angles_rad"], strict=True)
-        told.append(" ".join(f"{name} {math.degrees(angle):+.0f}°" for name, angle in angles))
+        told.append(" ".join(f"{name} {math.degrees(angle):+z.0f}°" for name, angle in angles))
     if link.get("uplink_share") is not None:
         share, power, snr = 100.0 * link["uplink_share"], link["uplink_dbm"], link["uplink_snr_db"]
         told.append(f"gets {share:.0f} % of frames, {power} dBm, {snr} dB over noise")
@@ -199,7 +203,7 @@ def _last_words(link: dict[str, Any]) -> str:
 def _budget(name: str, budget: dict[str, Any]) -> str:
     head, *rows = budget_table(budget)
     note = f"{budget['of']} {NOT_A_SUM}" if rows else budget["of"]
-    table = _table(head, rows, numbers=True) if rows else ""
+    table = _table(head, rows, numbers=range(1, 4)) if rows else ""
     return f'<h2 id="error-budget">Error budget of {escape(name)}</h2>{table}<p class="note">{escape(note)}</p>'
 
 
@@ -228,11 +232,13 @@ def latex_table(rows: Sequence[Sequence[str]]) -> str:
 _LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "b̂": r"$\hat{b}$", "²": r"\textsuperscript{2}", "–": "--",
+    "°": r"$^\circ$",
 }  # fmt: skip
 
 
 def _escape_latex(text: str) -> str:
-    return re.sub("|".join(map(re.escape, _LATEX)), lambda found: _LATEX[found[0]], text)
+    marks = re.sub("|".join(map(re.escape, _LATEX)), lambda found: _LATEX[found[0]], text)
+    return re.sub(r"(?<![\w.])-(?=\d)", "$-$", marks)  # a minus, not a hyphen
 
 
 def _events(name: str, one: dict[str, Any]) -> str:
@@ -254,10 +260,10 @@ def _config(name: str, one: dict[str, Any]) -> str:
     return f"<details><summary>Configuration of {escape(name)}</summary><pre>{escape(one['config'])}</pre></details>"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = False) -> str:
-    kind = ' class="number"' if numbers else ""
-    cells = [[f"<th{kind if i else ''}>{escape(cell)}</th>" for i, cell in enumerate(head)]]
-    cells += [[f"<td{kind if i else ''}>{escape(cell)}</td>" for i, cell in enumerate(row)] for row in rows]
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: range = range(0)) -> str:
+    kinds = [' class="number"' if i in numbers else "" for i in range(len(head))]
+    cells = [[f"<th{kind}>{escape(cell)}</th>" for kind, cell in zip(kinds, head, strict=True)]]
+    cells += [[f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)] for row in rows]
     return "<table>" + "".join(f"<tr>{''.join(row)}</tr>" for row in cells) + "</table>"
 
 
@@ -276,7 +282,7 @@ def _p(value: float | None) -> str:
 
 
 def _v(values: Sequence[float | None]) -> str:
-    return ", ".join(f"{value:+.3f}" if value is not None else "–" for value in values)
+    return ", ".join(f"{value:+z.3f}" if value is not None else "–" for value in values)
 
 
 def _spread(spread: dict[str, float | None]) -> str:
