@@ -135,7 +135,7 @@ class BoardVisit:
 
     @property
     def advice(self) -> list[Advice]:
-        """By the rows of modes that were read."""
+        """By the settings and rows of modes that were read."""
         return betaflight_advice(self.facts, {name: one.value for name, one in self.parameters.items()})
 
     async def open(self) -> None:

@@ -384,8 +384,8 @@ class ReceiverFacts(NamedTuple):
     """Lowest and highest pulse of each AUX channel that our frames may give."""
 
 
-def betaflight_advice(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advice]:
-    """The advice for a board behind the receiver of ``facts`` whose rows of modes are ``slots``."""
+def betaflight_advice(facts: ReceiverFacts, settings: Mapping[str, Value]) -> list[Advice]:
+    """The advice for a board behind the receiver of ``facts``, with what is known of its ``settings`` and modes."""
     low, high = 1500.0 - facts.half_us, 1500.0 + facts.half_us
     idle_us = round(1500.0 + 500.0 * facts.throttle_low)
     curve = "A rate is the stick's share of full_rate_deg_s in link.map: any other curve bends it"
@@ -407,9 +407,21 @@ def betaflight_advice(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[
             must(f"{axis}_rate_limit", between(rate, RATE_MOST_DEG_S, RATE_MOST_DEG_S), "It cuts faster rates."),
         ]
     rows += [
+        must("mid_rc", exactly(1500.0), "The pulse that is no rate: else it turns while the sticks are centred."),
         must("thr_expo", exactly(0.0), "The throttle's share is the motors' signal; a curve bends it."),
+        note("thr_mid", between(0.0, 100.0, 50.0), "From 4.6 on the throttle's curve has a corner here, at thr_hover."),
+        must(
+            "thr_hover",
+            exactly(settings.get("thr_mid", 50.0)),
+            "What the motors get where the throttle is at thr_mid [%]: where the two differ, thrust is bent there.",
+        ),
         must("throttle_limit_type", exactly("OFF"), "Else thrust is less than told."),
         must("motor_output_limit", exactly(100.0), "It scales the motors down: thrust is less than told."),
+        note(
+            "max_throttle",
+            between(1000.0, 2000.0, 2000.0),
+            "The full signal of motors by pulses (PWM, OneShot) [µs]: if their controllers take more, thrust is less.",
+        ),
         should(
             "vbat_sag_compensation",
             exactly(0.0),
@@ -466,7 +478,7 @@ def betaflight_advice(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[
             for axis in ("roll", "pitch", "yaw")
         ),
     ]
-    return rows + _advise_slots(facts, slots)
+    return rows + _advise_slots(facts, settings)
 
 
 def _advise_slots(facts: ReceiverFacts, slots: Mapping[str, Value]) -> list[Advice]:

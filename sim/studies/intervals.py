@@ -28,6 +28,8 @@ SHOWN = {
     "rate_delay": ("rate delay, roll and pitch", 1e3, "ms"),
     "yaw_rate_lag": ("rate lag, yaw", 1e3, "ms"),
     "yaw_rate_delay": ("rate delay, yaw", 1e3, "ms"),
+    "rate_response": ("rate lag + delay, roll and pitch", 1e3, "ms"),
+    "yaw_rate_response": ("rate lag + delay, yaw", 1e3, "ms"),
     "drag": ("linear drag", 1.0, "1/s"),
     "pose_latency": ("latency of poses", 1e3, "ms"),
     "stamp_jitter": ("jitter of stamps", 1e3, "ms"),
@@ -84,6 +86,7 @@ def truths(scenario: str) -> dict[str, float]:
         "thrust_delay": delay + world.thrust_delay_s,
         **dict.fromkeys(("rate_lag", "yaw_rate_lag"), world.rate_lag_s),
         **dict.fromkeys(("rate_delay", "yaw_rate_delay"), delay + world.rate_delay_s),
+        **dict.fromkeys(("rate_response", "yaw_rate_response"), world.rate_lag_s + delay + world.rate_delay_s),
     }
 
 

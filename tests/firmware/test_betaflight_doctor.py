@@ -27,9 +27,10 @@ WRONG = (
     "rxfail 4 h",
     "aux 2 1 1 1300 1700 0 0",
     "set i_yaw = 80",
+    "set thr_hover = 30",
 )
-"""A rate, a lag, two of failsafe, ANGLE where our frames are always, and an own gain."""
-WRONGLY = {"roll_srate", "rc_smoothing", "failsafe_delay", "rxfail 4", "aux 2", "i_yaw"}
+"""A rate, a lag, two of failsafe, ANGLE where our frames are always, an own gain, and a corner of the throttle."""
+WRONGLY = {"roll_srate", "rc_smoothing", "failsafe_delay", "rxfail 4", "aux 2", "i_yaw", "thr_hover"}
 
 
 def told() -> Config:
@@ -188,7 +189,7 @@ def test_settings_are_set_one_by_one_and_can_be_put_back(tmp_path: Path) -> None
     kept = {one.name: one for one in map(load_restore, tmp_path.iterdir())}
     assert {name: one.value for name, one in kept.items()} == {
         "roll_srate": 67.0, "rc_smoothing": "ON", "failsafe_delay": 60.0, "rxfail 4": "h", "aux 2": "1 1 1300 1700 0 0",
-        "i_yaw": 80.0,
+        "i_yaw": 80.0, "thr_hover": 30.0,
     }  # fmt: skip
     (file,) = tmp_path.glob("*aux_2.json")
     code, said = visit(host, tmp_path, restore=file, yes=True, as_json=True)

@@ -248,15 +248,27 @@ def _fit(told: Any, seen: Any) -> tuple[float, float]:
     return best[1], best[2]
 
 
+TO_RECEIVER_S = 0.005 + 14 * 10 / 125000
+"""From a command's leaving to the receiver's last bit of it [s]: the link's lead, and DSM's frame on the wire."""
+
+
 def measure_rates() -> dict[str, Any]:
-    """Lag + delay of the rates, by steps on the plant and as ``identify`` finds them in a flight of excitation."""
+    """Lag + delay of the rates, by steps on the plant and as ``identify`` finds them in a flight of excitation.
+
+    Those of ``identify`` count from a command's leaving; ``responses`` are their sums from the receiver on, with their
+    95 % intervals [s].
+    """
     steps = {name: respond(axis, 100.0) for axis, name in enumerate(("roll", "pitch", "yaw"))}
     with tempfile.TemporaryDirectory() as folder:
         told = ["trajectory.kind=excitation"]
         simulate("paper", autopilot=BETAFLIGHT, link="dsm", duration=40.0, overrides=told, out=folder)
         found = identify(read_stretch(Path(folder) / RECORDING)).parameters
-    timing = ("roll_lag", "pitch_lag", "rate_lag", "rate_delay", "yaw_lag", "yaw_delay", "thrust_lag", "thrust_delay")
-    return {"steps": steps, "identified": {name: one.value for name, one in found.items() if name in timing}}
+    timing = ("rate_lag", "rate_delay", "yaw_rate_lag", "yaw_rate_delay", "thrust_lag", "thrust_delay")
+    responses = {
+        axis: None if one.value is None else [x - TO_RECEIVER_S for x in (one.value, *(one.interval or ()))]
+        for axis, one in ((axis, found[f"{'yaw_' * (axis == 'yaw')}rate_response"]) for axis in steps)
+    }
+    return {"steps": steps, "responses": responses, "identified": {name: found[name].value for name in timing}}
 
 
 FLIGHTS: tuple[tuple[str, str, Sequence[str], float, str], ...] = (
@@ -392,18 +404,25 @@ def tables(facts: dict[str, Any]) -> str:
         lines.append(f"| {name} | {row['link']} | {off} | {hit} |")
     lines += [
         "",
-        "| rate | lag + delay, steps on the plant | overshoot | with the firmware's own gains |",
-        "|---|---|---|---|",
+        "| rate | lag + delay, steps on the plant | `identify`, in flight (95 %) | apart | overshoot "
+        "| with the firmware's own gains |",
+        "|---" * 6 + "|",
     ]
-    for (name, (lag, delay, over)), own in zip(facts["rates"]["steps"].items(), facts["default_gains"], strict=True):
+    rates = facts["rates"]
+    for (name, (lag, delay, over)), own in zip(rates["steps"].items(), facts["default_gains"], strict=True):
+        told, apart = "–", "–"
+        if (response := rates["responses"][name]) is not None:
+            value, low, high = (1e3 * x for x in response)
+            told, apart = f"{value:.0f} ms ({low:.0f} to {high:.0f})", f"{0.1 * value / (lag + delay) - 100.0:+.0f} %"
         lines.append(
-            f"| {name} | {1e3 * lag:.0f} + {1e3 * delay:.0f} ms | {100.0 * over:.0f} % "
-            f"| {1e3 * own[0]:.0f} + {1e3 * own[1]:.0f} ms, overshoot {100.0 * own[2]:.0f} % |"
+            f"| {name} | {1e3 * lag:.0f} + {1e3 * delay:.0f} = {1e3 * (lag + delay):.0f} ms | {told} | {apart} "
+            f"| {100.0 * over:.0f} % | {1e3 * own[0]:.0f} + {1e3 * own[1]:.0f} ms, overshoot {100.0 * own[2]:.0f} % |"
         )
-    found = facts["rates"]["identified"]
+    found = rates["identified"]
     lines += [
         "",
-        "`identify` on an excitation flight (its delays count from a command's leaving): "
+        f"In flight less the {1e3 * TO_RECEIVER_S:.0f} ms from a command's leaving to the receiver. "
+        "`identify`'s parts, from leaving: "
         + ", ".join(f"{key} {1e3 * value:.0f} ms" for key, value in found.items() if value is not None)
         + ".",
     ]

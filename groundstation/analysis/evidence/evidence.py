@@ -689,7 +689,7 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
         result[one.name] = {"value": one.value, "interval": one.interval, "unit": one.unit, "note": one.note}
     if driven.flight.commands_attitude:
         # The rates are ours, made of the set-points: what follows them is told by the attitude loop instead.
-        for name in [name for name in result if "rate_lag" in name or "rate_delay" in name]:
+        for name in [name for name in result if "rate_" in name]:
             del result[name]
         loop = driven.loop
         named = (("attitude_gain", "1/s"), ("rate_lag", "s"), ("rate_delay", "s"))

@@ -195,6 +195,9 @@ WHITE = 0.015
 """The same of noise, which is never quite white; in that of attitudes on rotors is what no lag and delay describe. Of
 150 flights 6 to 10 % lay outside with 0.01, 1 to 4 % with this."""
 DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
+RESPONSE = "lag + delay, from a command's leaving: known better than either, as one may stand for the other"
+LEVEL_RESPONSE, YAW_RESPONSE = ((1.0, 1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.0, 0.0)), ((0.0, 0.0, 0.0, 1.0, 1.0),)
+"""Lag + delay, of roll and of pitch, and of yaw: the share of each of :data:`TURN_NAMES`."""
 JITTER_NOTE = "early or late by chance: noise along the velocity"
 DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
 TURNED_RAD_S = 0.05
@@ -369,6 +372,14 @@ def _lags(
             )
         return judge_parameter(name, title, "s", value, spread, 0.015, moved=seen, told=told, note=note)
 
+    def response_of(name: str, title: str, sums: Sequence[Sequence[float]], seen: bool) -> IdentifiedParameter:
+        """What ``sums`` (k, 5) of the fit's parameters tell of lag + delay."""
+        of = np.array(sums)
+        value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
+        spread = math.hypot(deviation, frames, MODEL * value)
+        enough, whole = max(0.01, 0.25 * value), told + rates_told
+        return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=whole, note=RESPONSE)
+
     # Of yaw a longer delay with a shorter lag may fit as well, 30 ms apart: where one is open, so is the other.
     yaw_lag = lag_of("yaw_rate_lag", "yaw rate lag", yaw, spreads["yaw_lag"], told, yawed, one)
     return [
@@ -388,6 +399,8 @@ def _lags(
             yaw_lag.identified,
             one,
         ),
+        response_of("rate_response", "rate response, roll and pitch", LEVEL_RESPONSE, turned_at_all),
+        response_of("yaw_rate_response", "yaw rate response", YAW_RESPONSE, yawed),
     ]
 
 
@@ -795,6 +808,8 @@ BESIDE = (
     "thrust_sag",
     "yaw_rate_lag",
     "yaw_rate_delay",
+    "rate_response",
+    "yaw_rate_response",
     "pose_latency",
     "stamp_jitter",
     "position_noise",

@@ -212,6 +212,23 @@ def test_the_arm_channel_is_to_stand_for_disarmed_once_it_says_nothing(
         assert (one.verdict, one.recommended) == (verdict, right if verdict == "must" else None)
 
 
+@pytest.mark.parametrize(
+    ("settings", "verdict"),
+    [
+        ({"thr_mid": 50.0, "thr_hover": 50.0}, "ok"),
+        ({"thr_mid": 30.0, "thr_hover": 30.0}, "ok"),
+        ({"thr_mid": 30.0, "thr_hover": 50.0}, "must"),
+        ({"thr_mid": 50.0, "thr_hover": 30.0}, "must"),
+        ({"thr_mid": 30.0}, "absent"),  # before 4.6, where no expo is no curve
+    ],
+)
+def test_the_throttles_curve_is_to_have_no_corner(settings: dict[str, float], verdict: str) -> None:
+    visit = BoardVisit(from_dict({"link": {"kind": "crsf", "map": {"arm": {"channel": 5}}}}, Config), "/dev/ttyACM0")
+    visit.parameters = {name: Setting(name, value) for name, value in settings.items()}
+    (one,) = [judge(advice, visit.parameters) for advice in visit.advice if advice.names == ("thr_hover",)]
+    assert (one.verdict, one.recommended) == (verdict, settings["thr_mid"] if verdict == "must" else None)
+
+
 def test_a_channel_that_is_fixed_where_a_mode_is_meets_it() -> None:
     slots = {"aux 0": ARM, "aux 1": "1 1 1700 2100 0 0"}
     assert slot_verdicts(slots, fixed=[{"channel": 6, "position": 0.8}])["aux 1"] == "must"

@@ -242,6 +242,8 @@ def test_a_made_up_vehicle_is_found_again() -> None:
         thrust_delay=0.015,
         rate_delay=0.015,
         yaw_rate_delay=0.015,
+        rate_response=0.055,
+        yaw_rate_response=0.055,
         drag=0.0,
         position_noise=2e-4,
         attitude_noise=1e-3,
@@ -250,16 +252,23 @@ def test_a_made_up_vehicle_is_found_again() -> None:
     assert found.parameters["thrust_scale"].value == pytest.approx(0.9, rel=0.02)
 
 
-def test_a_delay_of_yaw_is_told_only_where_the_lag_that_could_stand_for_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_lag_and_delay_of_yaw_may_stand_for_one_another_their_sum_alone_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     seen = flown()
     turned = fit_turns(seen)
-    unsure = turned.fit.covariance.copy()
-    unsure[TURN_NAMES.index("yaw_lag"), TURN_NAMES.index("yaw_lag")] = 0.01**2
+    unsure, apart = turned.fit.covariance.copy(), np.zeros(len(TURN_NAMES))
+    apart[TURN_NAMES.index("yaw_lag")], apart[TURN_NAMES.index("yaw_delay")] = 0.01, -0.01
+    unsure += np.outer(apart, apart)
     unsure_turns = turned._replace(fit=turned.fit._replace(covariance=unsure))
     monkeypatch.setattr(command, "fit_turns", lambda seen: unsure_turns)
     found = identify(seen).parameters
     assert [found[name].note for name in ("yaw_rate_lag", "yaw_rate_delay")] == [FLY, FLY]
     assert found["rate_delay"].identified
+    whole = found["yaw_rate_response"]
+    assert whole.value is not None and whole.interval is not None
+    assert whole.value == pytest.approx(sum(turned.fit.values[3:]))
+    assert 0.05 < whole.interval[0] < 0.055 < whole.interval[1] < 0.06
 
 
 def test_a_curve_that_nobody_told_is_found() -> None:
