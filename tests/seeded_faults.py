@@ -36,7 +36,8 @@ CONCERNED = {
     "flight/test_gate.py",
     "mission.py": "unit/groundstation/core/mission/test_mission.py flight/test_missions.py flight/test_ends.py",
     "backstepping.py": "unit/sim/studies/test_law_vectors.py property/test_law.py",
-    "adaptive.py": "property/test_composite_proof.py contract/test_controllers.py",
+    "adaptive.py": "unit/groundstation/core/control/test_look_ahead.py property/test_composite_proof.py "
+    "contract/test_controllers.py",
     "protocol/codec.py": "unit/links/mavlink/test_mavlink_codec.py property/test_mavlink_codec.py",
     "module_codec.py": "unit/links/rf/test_rf_codecs.py property/test_rf_codecs.py",
     "vicon_codec.py": "unit/groundstation/pose/sources/test_vicon_codec.py property/test_vicon_codec.py",

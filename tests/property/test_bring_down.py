@@ -124,3 +124,22 @@ def test_it_leans_into_the_wind_but_not_far() -> None:
     assert q == pytest.approx(math.atan(0.5 / 9.81), abs=1e-6)
     strong = parts(motion, MQX, 2.0, (9.0, 0.0, 0.0))
     assert sum(part.rates_rad_s[1] * part.duration_s for part in strong) == pytest.approx(math.atan(0.18), abs=1e-6)
+
+
+@pytest.mark.parametrize("vehicle", [MQX, BIG], ids=["mqx", "big"])
+def test_who_sinks_already_by_what_its_rotors_do_is_let_fall_for_a_shorter_time(vehicle: Vehicle) -> None:
+    def falls_s(share: float) -> float:
+        motion = Motion((0.0, 0.0, 0.0), CALM, so3.IDENTITY, share * 9.81 * vehicle.mass_kg, CALM)
+        found = parts(motion, vehicle, 2.0)
+        assert found[0].thrust_n < 9.81 * vehicle.mass_kg
+        return sum(part.duration_s for part in found if part.thrust_n == found[0].thrust_n)
+
+    assert falls_s(0.5) < falls_s(1.0) < falls_s(1.2)
+
+
+def test_one_that_leans_is_given_as_much_more_thrust_as_its_lean_takes_away() -> None:
+    level, leans = (
+        parts(Motion((0.0, 0.0, 0.0), CALM, so3.from_euler_zyx(roll, 0.0, 0.0), 9.81, CALM), BIG, 2.0)[0]
+        for roll in (0.0, math.radians(30.0))
+    )
+    assert leans.thrust_n * math.cos(math.radians(15.0)) == pytest.approx(level.thrust_n)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from links.bridge import Bridge, BridgeConfig, BridgeLink, BridgeLinkConfig
-from links.bridge.codec import HELLO, UP, UPS, BridgeHello, ClockBounds, Seal, Up, first_seal, kind_of
+from links.bridge.codec import DRIFT, HELLO, UP, UPS, BridgeHello, ClockBounds, Seal, Up, first_seal, kind_of
 from links.bridge.link import RemotePacer
 from links.bridge.server import SILENT_S
 from links.core import Command, LinkError, LinkLost, LinkRejected, Segment
@@ -604,6 +604,12 @@ def test_a_clock_that_jumps_is_noticed_and_believed_from_then_on(jump_s: float) 
     assert bounds.middle_s == pytest.approx(10.005 + jump_s)
     assert not bounds.narrow(float("nan"), 50.0, 3.0)
     assert bounds.width_s == pytest.approx(0.01, abs=1e-5)
+
+
+def test_what_was_true_a_round_trip_ago_is_believed_as_far_as_clocks_have_run_apart_since() -> None:
+    bounds = ClockBounds()
+    assert bounds.narrow(0.0, 10.0, 100.0)
+    assert (bounds.least_s, bounds.most_s) == pytest.approx((-10.0 * DRIFT, 10.0 + 10.0 * DRIFT), abs=1e-12)
 
 
 # ---- bytes

@@ -143,6 +143,9 @@ def test_the_instants_of_change_are_known_in_advance() -> None:
         seen.append(change)
         now = change + 1e-6
     assert seen == pytest.approx([1.25, 1.75, 2.75])
+    last = armed()
+    last.take(command(1.0), 1.0)
+    assert [last.changes_s(at) for at in (1.25, 1.75)] == [1.25, 1.75], "the instant itself is not over yet"
 
 
 @given(

@@ -42,6 +42,10 @@ LINK = frame(0x14, bytes((60, 0, 99, 0xFB, 0, 2, 3, 70, 98, 7)))
         (BATTERY, RfTelemetry(battery_v=16.8, battery_share=0.5)),
         (frame(0x08, bytes(8)), RfTelemetry()),
         (LINK, RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-5)),
+        (
+            frame(0x14, bytes((80, 60, 99, 0x80, *bytes(6)))),
+            RfTelemetry(uplink_share=0.99, uplink_dbm=-60, uplink_snr_db=-128),
+        ),
         (frame(0x1E, struct.pack(">hhh", -1000, 2000, 31000)), RfTelemetry(attitude=so3.from_euler_zyx(0.2, 0.1, 3.1))),
         (frame(0x21, b"ACRO*\0rest"), RfTelemetry(mode="ACRO*")),
         (timing(-0.00012), RfTelemetry(early_s=-0.00012)),

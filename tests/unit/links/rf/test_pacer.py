@@ -513,6 +513,17 @@ def test_one_that_takes_over_after_an_end_still_ends() -> None:
     assert heir.now - bench.now == pytest.approx(0.25 + DOWN.duration_s + 0.1, abs=3 * PERIOD_S)
 
 
+def test_whoever_takes_over_in_a_bring_down_goes_on_with_it() -> None:
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    thrusts = [round(sticks.thrust_n, 1) for sticks in (bench.frame() for _ in range(20)) if sticks is not None]
+    assert thrusts == [1.5] * 11 + [0.8] * 9
+    heir = heir_of(bench, PERIOD_S)
+    thrusts = [round(sticks.thrust_n, 1) for sticks in (heir.frame() for _ in range(20)) if sticks is not None]
+    assert thrusts == [0.8] * 12 + [0.0] * 8
+
+
 def test_a_module_is_not_greeted_by_whoever_takes_over() -> None:
     bench = Bench(CrsfLinkConfig(model_id=3))
     bench.flown(0.02)

@@ -107,6 +107,8 @@ def test_poses_that_come_back_prove_themselves_or_end_the_flight() -> None:
     assert charge is not None and not charge.convicted
     assert parole.ends(1.1 * ANSWERED)
     assert not parole.serves(3.0)
+    parole.begin(4.0)
+    assert parole.charge(4.5) is None, "those that come back from another gap have their own time"
 
 
 def sinks(descent: DescentMonitor, velocity: Vec3, share: float, seconds: float, *, high: bool = True) -> Charge | None:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
+from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Estimate
 from groundstation.core.mission import State
 from groundstation.core.safety import Escalation, Fence, GuardAction, GuardFinding, Guards, GuardsConfig
@@ -138,6 +139,14 @@ def test_what_comes_and_goes_within_its_time_is_not_told() -> None:
         assert guards.see(shown(0.02 * i, position=far), State.TRACKING, 0.0) is None
 
 
+def test_a_rate_that_has_left_its_limit_is_told_no_more() -> None:
+    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
+    frames = round(2.0 * CONFIG.rate_limit_s / PERIOD_S)
+    found = [guards.see(shown(PERIOD_S * i, rates_rad_s=(FULL, 0.0, 0.0)), State.TRACKING, 0.0) for i in range(frames)]
+    assert found[-1] is not None and "body rate" in found[-1].reason
+    assert guards.see(shown(PERIOD_S * frames), State.TRACKING, 0.0) is None
+
+
 @pytest.mark.parametrize(("share", "lands"), [(0.3, False), (0.6, True)])
 def test_a_limit_cycle_has_breaks_and_lands_it_all_the_same(share: float, lands: bool) -> None:
     guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
@@ -220,6 +229,17 @@ def test_frames_that_are_late_again_and_again_land() -> None:
     assert first({}, period_s=2.4 * PERIOD_S) is None
 
 
+@pytest.mark.parametrize(("apart", "lands"), [(99, True), (100, False)])
+def test_frames_are_late_again_and_again_within_a_hundred(apart: int, lands: bool) -> None:
+    guards = Guards(GuardsConfig(overruns=2), None, VEHICLE, lambda: PERIOD_S)
+    time_s, found = 0.0, []
+    for n in range(10 + apart + 1):
+        time_s += PERIOD_S * (3.0 if n in (10, 10 + apart) else 1.0)
+        found.append(guards.see(shown(time_s), State.TRACKING, 0.0))
+    assert (found[-1] is not None) == lands
+    assert not any(found[:-1])
+
+
 def test_frames_are_late_by_the_period_that_the_link_has_once_it_is_connected() -> None:
     told_s = 0.0225
     guards = Guards(CONFIG, None, VEHICLE, lambda: told_s)
@@ -276,3 +296,17 @@ def test_where_it_should_lean_is_reckoned_with_the_gravity_that_the_controller_h
         guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, gravity=gravity)
         found = [guards.see(shown(0.02 * i, disturbance=(1.5, 0.0, 0.0)), State.TRACKING, 0.0) for i in range(100)]
         assert any(one is not None and "away from where it should" in one.reason for one in found) == leans_wrong
+
+
+@pytest.mark.parametrize(
+    ("velocity", "disturbance"),
+    [((6.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, -6.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, -6.0), (5.0, 0.0, 0.0))],
+)
+def test_who_flies_fast_has_to_lean_against_its_drag(velocity: Vec3, disturbance: Vec3) -> None:
+    vehicle = msgspec.structs.replace(VEHICLE, drag_per_s=1.0)
+    x, y, z = (d - v + g for d, v, g in zip(disturbance, velocity, (0.0, 0.0, 9.81), strict=True))
+    attitude = so3.from_euler_zyx(math.atan2(-y, math.hypot(x, z)), math.atan2(x, z), 0.0)
+    assert so3.third_column(attitude) == pytest.approx([each / math.hypot(x, y, z) for each in (x, y, z)])
+    leans = {"velocity": velocity, "disturbance": disturbance, "attitude": attitude}
+    guards = Guards(CONFIG, None, vehicle, lambda: PERIOD_S)
+    assert not any(guards.see(shown(PERIOD_S * i, **leans), State.TRACKING, 0.0) for i in range(100))

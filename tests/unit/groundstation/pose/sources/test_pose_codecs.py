@@ -97,6 +97,16 @@ def test_descriptions_of_bodies_are_found_among_marker_sets_and_skeletons_with_m
     assert natnet_codec.decode_models(payload, (4, 2)) == {"quad": 3, "wand": 4, "behind it": 5}
 
 
+def test_descriptions_that_do_not_tell_their_bytes_are_passed_over_by_their_parts() -> None:
+    def described(name: bytes, number: int) -> bytes:
+        return name + b"\0" + number.to_bytes(4, "little") + bytes(4 + 12) + bytes(4)  # parent, offset, no markers
+
+    one, two = (1).to_bytes(4, "little"), (2).to_bytes(4, "little")
+    skeleton = two + b"Ann\0" + one + two + described(b"hip", 1) + described(b"knee", 2)
+    payload = (3).to_bytes(4, "little") + one + described(b"quad", 3) + skeleton + one + described(b"wand", 4)
+    assert natnet_codec.decode_models(payload, (3, 0)) == {"quad": 3, "wand": 4}
+
+
 def natnet_frame(*bodies: natnet_codec.RigidBody, **told: bool) -> bytes:
     frame = natnet_codec.NatNetFrame(78, bodies, 10_000_100_000, 10_000_150_000)
     return natnet_codec.encode_frame(msgspec.structs.replace(frame, **told), (4, 1))
@@ -231,6 +241,18 @@ def test_qtms_own_package_reads_what_our_writer_writes() -> None:
     rows = so3.matrix(attitude)
     assert rotation.matrix == pytest.approx([rows[i][j] for j in range(3) for i in range(3)], abs=1e-7)
     assert all(map(math.isnan, bodies[1][0]))
+
+
+@pytest.mark.parametrize("place", range(9))
+def test_a_matrix_of_qtm_with_one_sign_turned_is_no_rotation(place: int) -> None:
+    reader = qualisys_codec.QualisysReader("quad", Intake(0.0))
+    reader.names = ("quad",)
+    attitude = so3.from_euler_zyx(0.5, -0.6, 0.7)
+    data = bytearray(qualisys_codec.encode_data(1_000_000, 1, [((1.0, 2.0, 3.0), attitude)])[8:])
+    assert len(reader.read(bytes(data), 1.0)) == 1
+    data[4 * (place - 9) + 3 + len(data)] ^= 0x80
+    assert not reader.read(bytes(data), 2.0)
+    assert reader.status.dropped == {"not_unit": 1}
 
 
 def test_names_come_in_the_order_of_the_stream_and_as_they_were_typed() -> None:

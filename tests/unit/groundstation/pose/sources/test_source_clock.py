@@ -218,3 +218,11 @@ def test_what_is_no_pose_is_counted_by_reason(position: Vec3, attitude: Quat, st
     intake = Intake(0.0)
     assert intake.pose(stamp, 1.0, position, attitude) is None
     assert (intake.accepted, intake.dropped) == (0, {reason: 1})
+
+
+def test_a_clock_that_begins_anew_is_a_reset_that_no_count_of_the_sources_own_hides() -> None:
+    intake = Intake(0.0)
+    before = intake.pose(500.0, 10.0, HERE, LEVEL, resets=1)
+    after = [intake.pose(3.0 + 0.1 * n, 11.0 + 0.1 * n, HERE, LEVEL, resets=0) for n in range(20)][-1]
+    assert before is not None and after is not None
+    assert after.reset_count != before.reset_count
