@@ -40,7 +40,7 @@ def run(work: Callable[[Any, list[Pose]], Awaitable[None]], config: Libmotioncap
     return source
 
 
-async def until(enough: Callable[[], bool], within_s: float = 20.0) -> None:
+async def until(enough: Callable[[], bool], within_s: float = 60.0) -> None:
     async with asyncio.timeout(within_s):
         while not enough():
             await asyncio.sleep(0.02)
@@ -68,7 +68,7 @@ def test_a_child_that_dies_and_one_that_hangs_are_started_again(monkeypatch: pyt
             await until(lambda: len(poses) > 5)
             lost = source.status.dropped.get("child_lost", 0)
             os.kill(source._child.pid, hit)
-            async with asyncio.timeout(20.0):
+            async with asyncio.timeout(60.0):
                 while source.status.dropped.get("child_lost", 0) == lost:
                     await asyncio.sleep(0.02)
             poses.clear()

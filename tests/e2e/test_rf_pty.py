@@ -121,7 +121,7 @@ async def strike(stage: str, number: signal.Signals) -> Case:
             with contextlib.suppress(ProcessLookupError):  # one that was frozen while arming has given up
                 os.killpg(station.pid, signal.SIGKILL)
         await end
-        await asyncio.wait_for(reader, 15.0)
+        await asyncio.wait_for(reader, 60.0)
     finally:
         reader.cancel()
         await stamped.close()
