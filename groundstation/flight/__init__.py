@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from groundstation.flight.prearm import (
         Company,
         Proof,
-        body_of,
         confirmation,
         describe_checks,
         describe_failures,
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
         is_simulated,
         key,
         line_from_terminal,
-        link_of,
         place,
         save,
     )

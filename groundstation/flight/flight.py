@@ -57,7 +57,7 @@ from groundstation.pose import make_source
 from groundstation.runtime import IdleSlots, to_the_end
 from groundstation.settings import Config
 from links import make_link
-from links.core import IN_TIME, Attitude, AutopilotLink, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase
+from links.core import IN_TIME, Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase
 from links.io import NETWORK, Network
 from links.mavlink import MavlinkLink
 
@@ -572,8 +572,8 @@ class Shutdown:
 
         Without poses of ours it needs nothing more from here, so that is bounded in time.
         """
-        lands = isinstance(self._link, AutopilotLink) and self._link.lands_by_itself
-        if not (self._turns() and (self._forwards or lands)):
+        autopilot = self._link.autopilot
+        if not (self._turns() and (self._forwards or (autopilot is not None and autopilot.lands_by_itself))):
             return
         now_s = asyncio.get_running_loop().time
         asked, until_s = asyncio.Event(), now_s() + STAYS_S
@@ -657,7 +657,7 @@ class Flight:
             self._enter,
             others,
             doubts=self._doubts,
-            arrival=link.arrival if isinstance(link, AutopilotLink) else lambda now_s: IN_TIME,
+            arrival=(lambda now_s: IN_TIME) if (autopilot := link.autopilot) is None else autopilot.arrival,
             on_conviction=self.distrust,
         )
         self._commands = CommandLoop(
@@ -814,7 +814,7 @@ class Flight:
         agreement = self.witness.verdict(now_s)
         if agreement is None:
             return None
-        return True if agreement.doubts_s is not None else False if isinstance(self._link, AutopilotLink) else None
+        return True if agreement.doubts_s is not None else None if self._link.autopilot is None else False
 
     async def run(self) -> FlightOutcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
@@ -895,8 +895,8 @@ class Flight:
         if tick.seen.warning:
             self._say(f"warning: {tick.seen.warning}", Severity.WARNING, "certificate")
         suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
-        if self._suspicious and not suspicious and isinstance(self._link, AutopilotLink):
-            self._link.ask_mode()  # who has taken it over flies otherwise, too
+        if self._suspicious and not suspicious and self._link.autopilot is not None:
+            self._link.autopilot.ask_mode()  # who has taken it over flies otherwise, too
         step, news, severity = self._live.update(
             tick.time_s,
             tick.estimate,

@@ -46,12 +46,9 @@ from groundstation.core.trajectory import (
 from groundstation.flight.hold_to_run import HoldToRun
 from groundstation.flight.mission_executive import Course, MissionExecutive
 from groundstation.runtime import FILE, RecordingConfig, Running, folder_of, is_ours, socket_path
-from groundstation.settings import Config, FlightConfig, LinkConfig
-from links.bridge import BridgeLinkConfig
-from links.core import CommandLink, LinkError, LinkStatus
+from groundstation.settings import Config, FlightConfig
+from links.core import CommandLink, LinkError, LinkKind, LinkStatus
 from links.io import is_pseudo_terminal, read_key
-from links.mavlink import MavlinkLinkConfig
-from links.rf import RfLinkConfig
 
 
 def examine_trajectory(config: Config) -> FeasibilityReport:
@@ -86,19 +83,18 @@ def ensure_flyable(config: Config) -> FeasibilityReport:
 def real(config: Config) -> str | None:
     """The key that may lead to a real vehicle or to real poses, and its value; None where all stays on this machine.
 
-    Every kind of link and of poses answers for itself, by its property ``real``; one that does not counts as real.
+    Every kind of link and of poses answers for itself; one that does not counts as real.
     On loopback there are simulators: whoever routes that to a vehicle must set a fence and a speed limit by himself.
     """
-    for section, kind in (("link", config.link), ("pose", config.pose)):
-        key = getattr(kind, "real", f"kind = {kind.__struct_config__.tag}")
-        if key is not None and not is_simulated(kind):
-            return f"{section}.{key}"
-    return None
+    link, pose = config.link, config.pose
+    if link.real is not None and not is_simulated(link):
+        return f"link.{link.real}"
+    return None if pose.real is None else f"pose.{pose.real}"
 
 
-def is_simulated(link: object) -> bool:
+def is_simulated(link: LinkKind) -> bool:
     """Whether the operator says that a simulator is behind the port of ``link``, and one can be."""
-    return isinstance(link, RfLinkConfig) and link.simulated and is_pseudo_terminal(link.port)
+    return link.simulated and is_pseudo_terminal(link.endpoint)
 
 
 def ensure_guarded(config: Config) -> None:
@@ -126,10 +122,8 @@ def ensure_link(config: Config) -> None:
     Raises:
         ConfigError: by the dotted key.
     """
-    if isinstance(config.link, BridgeLinkConfig):
-        key(config.link.key_file, "link.key_file")
-    if isinstance(config.link, MavlinkLinkConfig) and config.link.signing_key_file is not None:
-        key(config.link.signing_key_file, "link.signing_key_file")
+    for name, file in config.link.key_files.items():
+        key(file, f"link.{name}")
 
 
 def key(file: str, name: str) -> bytes:
@@ -390,7 +384,7 @@ class Checks:
 
     def _rate(self, poses: list[Pose]) -> Check:
         rate = (len(poses) - 1) / max(poses[-1].arrival_s - poses[0].arrival_s, 1e-6)
-        wanted = getattr(self._config.pose, "rate_hz", None)
+        wanted = self._config.pose.rate_hz
         told = "" if wanted is None else f", pose.rate_hz says {wanted:g}"
         says = f"{rate:.0f} poses a second{told}"
         if rate < FEW_HZ:
@@ -597,10 +591,10 @@ class Checks:
     def _simulation(self) -> list[Check]:
         """A word that takes guards away must not stay in a configuration unseen."""
         link = self._config.link
-        if not (isinstance(link, RfLinkConfig) and link.simulated) or self._config.rehearsal is not None:
+        if not link.simulated or self._config.rehearsal is not None:
             return []  # in a rehearsal nobody wrote it
         believed = "no fence and no speed limit are asked for" if is_simulated(link) else "not believed of this port"
-        says = f"link.simulated = true: {believed}. Behind {link.port} no module may be; else take it out"
+        says = f"link.simulated = true: {believed}. Behind {link.endpoint} no module may be; else take it out"
         return [Check("simulated", Verdict.WARN, says)]
 
     def _certificate(self, asked: FeasibilityReport) -> Check:
@@ -702,34 +696,18 @@ class Company:
         return Check(name, Verdict.PASS, hold.advice)
 
 
-def body_of(config: Config) -> str:
-    """The vehicle's object in the capture system, as others of this machine can compare it; empty where it has none."""
-    number = getattr(config.pose, "id", None)
-    return config.body if number is None else f"id {number}"
-
-
 def entry_of(config: Config, command: str, pid: int) -> Running:
     """What the register tells of a flight with this configuration."""
     pose = config.pose
-    where = getattr(pose, "listen", None) or getattr(pose, "server", None) or ""
     return Running(
         pid=pid,
         command=command,
         vehicle=config.vehicle.name,
         socket=str(socket_path(config.status, config.vehicle.name).absolute()),
-        body=body_of(config),
-        poses=f"{pose.__struct_config__.tag} {where}",
-        link=link_of(config.link),
+        body=pose.body_id,
+        poses=f"{pose.kind} {pose.address}",
+        link=config.link.destination,
     )
-
-
-def link_of(link: LinkConfig) -> str:
-    """Where the commands of ``link`` go."""
-    if isinstance(link, MavlinkLinkConfig):
-        where = f"{link.address} system {link.target_system}"
-    else:
-        where = link.remote if isinstance(link, BridgeLinkConfig) else link.port
-    return f"{link.__struct_config__.tag} {where}"
 
 
 LOOK_AGAIN_S = 1.0
@@ -859,10 +837,10 @@ class PrearmSequence:
                 "the autopilot is heard but has no estimate of its position yet (pose.kind = mavlink). After a start "
                 f"that takes it some 40 s, and it needs GPS or an external pose: wait for it, then try again{said}"
             )
-        told = ("server", "listen", "object", "name")
-        keys = ", ".join(f"pose.{key} = {getattr(pose, key)}" for key in told if hasattr(pose, key))
+        told = {pose.address_key: pose.address, pose.body_key: pose.body_name}
+        keys = ", ".join(f"pose.{key} = {value}" for key, value in told.items() if key)
         hint = f"dropped so far: {dropped}" if dropped else "nothing arrived at all; check address and port"
-        return f"nothing of use from pose.kind = {pose.__struct_config__.tag} ({keys}); {hint}"
+        return f"nothing of use from pose.kind = {pose.kind} ({keys}); {hint}"
 
     async def _operator(self) -> None:
         """Wait until somebody asks to arm: at the terminal, or by a request."""

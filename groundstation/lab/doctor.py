@@ -416,7 +416,7 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
         raise ConfigError("--fix" if orders.fix else "--restore", "without a terminal, confirm with --yes")
     kept = _load_restore(orders.restore) if orders.restore is not None else None
     visit: Visit
-    if isinstance(config.link, MavlinkLinkConfig):
+    if config.link.has_autopilot:
         if orders.board is not None:
             raise ConfigError("--board", "is for a flight controller behind a receiver: over MAVLink it is asked there")
         visit = MavlinkVisit(config)

@@ -8,15 +8,12 @@ import msgspec
 
 from groundstation.config import VEHICLE_LETTERS, ConfigError, from_dict, name_pattern, read_toml, resolve_files
 from groundstation.pose import ShowsOthers
-from groundstation.pose.sources import JsonConfig, ViconConfig
 from groundstation.settings import Config, rehearse
 from links.io import parse_address
 
 Name = Annotated[str, msgspec.Meta(pattern=name_pattern(VEHICLE_LETTERS))]
 MOST = 64
 """Most vehicles of one fleet."""
-RELAYED = (ViconConfig, JsonConfig)
-"""Sources that send each datagram to one address only: it is received once and handed on to every core."""
 
 
 class FleetFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -55,7 +52,7 @@ class FleetPlan(NamedTuple):
     @property
     def relay_targets(self) -> tuple[str, ...]:
         """Where they are handed on to, host:port, one for each vehicle."""
-        return tuple(getattr(member.core.pose, "listen", "") for member in self.members)
+        return tuple(member.core.pose.address for member in self.members)
 
 
 def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = False) -> FleetPlan:
@@ -78,7 +75,7 @@ def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = F
         others = [one.object or one.name for one in whos if one is not who]
         labs.append(_member(who, rest, others, common, overrides, path, shared))
     _ensure_apart(whos, labs, file.relay_port, path)
-    relayed = isinstance(labs[0].pose, RELAYED)
+    relayed = labs[0].pose.is_relayed
     members = [
         Member(who.name, lab, _behind_relay(lab, file.relay_port + number) if relayed else lab)
         for number, (who, lab) in enumerate(zip(whos, labs, strict=True))
@@ -88,7 +85,7 @@ def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = F
         members = [Member(lab.vehicle.name, lab, core) for lab, core in turned]
         _ensure_unlike("name", [(who.name, one.name) for who, one in zip(whos, members, strict=True)], path)
         labs = [member.lab for member in members]
-    return FleetPlan(tuple(members), getattr(labs[0].pose, "listen", None) if relayed else None)
+    return FleetPlan(tuple(members), labs[0].pose.address if relayed else None)
 
 
 def _who(entry: dict[str, Any], number: int, path: Path) -> _Who:
@@ -111,12 +108,13 @@ def _member(
     data = _merge(common, entry)
     pose = data.get("pose", {})
     kind = pose.get("kind", "vicon") if isinstance(pose, dict) else "vicon"
-    if kind not in (kinds := [one.__struct_config__.tag for one in ShowsOthers.__args__]):
-        says = f"expected one of {kinds}, got {kind!r}: a vehicle of a fleet must see the others"
+    kinds = {one.__struct_config__.tag: one for one in ShowsOthers.__args__}
+    if kind not in kinds:
+        says = f"expected one of {list(kinds)}, got {kind!r}: a vehicle of a fleet must see the others"
         raise ConfigError("pose.kind", says, str(shared))
     for section, told in (
         ("vehicle", {"name": who.name}),
-        ("pose", {"object" if kind == "vicon" else "name": who.object or who.name}),
+        ("pose", {kinds[kind].body_key: who.object or who.name}),
         ("separation", {"others": others}),
     ):
         if isinstance(table := data.get(section, {}), dict):  # anything else is refused below
@@ -152,8 +150,8 @@ def _has(entry: Any, key: str) -> bool:
 
 
 def _behind_relay(config: Config, port: int) -> Config:
-    assert isinstance(config.pose, ViconConfig | JsonConfig), "only these are relayed"
-    return msgspec.structs.replace(config, pose=msgspec.structs.replace(config.pose, listen=f"127.0.0.1:{port}"))
+    behind: dict[str, Any] = {config.pose.address_key: f"127.0.0.1:{port}"}
+    return msgspec.structs.replace(config, pose=msgspec.structs.replace(config.pose, **behind))
 
 
 def _ensure_unlike(key: str, named: Sequence[tuple[str, str | None]], path: Path) -> None:
@@ -170,36 +168,27 @@ def _ensure_apart(whos: list[_Who], labs: list[Config], relay_port: int, path: P
     for key in ("listen", "serial", "port"):
         _ensure_unlike(f"link.{key}", [(n, _end(lab, key)) for n, lab in zip(names, labs, strict=True)], path)
     for key in ("remote", "tcp"):  # several may be behind one address: they have their own system ids
-        ends = [(n, _end(lab, key), getattr(lab.link, "target_system", 0)) for n, lab in zip(names, labs, strict=True)]
-        _ensure_unlike(f"link.{key}", [(n, None if end is None else f"{end} ({i})") for n, end, i in ends], path)
+        ends = [lab.link.destination if lab.link.way == key else None for lab in labs]
+        _ensure_unlike(f"link.{key}", list(zip(names, ends, strict=True)), path)
     _ensure_unlike("status.path", [(n, lab.status.path or None) for n, lab in zip(names, labs, strict=True)], path)
     for name, lab in zip(names, labs, strict=True):
-        if type(lab.pose) is not type(labs[0].pose) or _source(lab) != _source(labs[0]):
+        if lab.pose.stream != labs[0].pose.stream:
             raise ConfigError("pose", f"must be the same source as {names[0]}'s", f"{path}: vehicle {name}")
         port = _end(lab, "listen")
-        if isinstance(lab.pose, RELAYED):
+        if lab.pose.is_relayed:
             taken = range(relay_port, relay_port + len(labs))
-            if parse_address(lab.pose.listen)[1] in taken:
+            poses_port = parse_address(lab.pose.address)[1]
+            if poses_port in taken:
                 raise ConfigError(
-                    "relay_port", f"{taken[0]} to {taken[-1]} take pose.listen, {lab.pose.listen}", str(path)
+                    "relay_port", f"{taken[0]} to {taken[-1]} take pose.listen, {lab.pose.address}", str(path)
                 )
-            if port is not None and int(port) in (*taken, parse_address(lab.pose.listen)[1]):
+            if port is not None and int(port) in (*taken, poses_port):
                 raise ConfigError("link.listen", f"port {port} is taken by the poses", f"{path}: vehicle {name}")
 
 
 def _end(config: Config, key: str) -> str | None:
-    """Where the link of ``config`` ends; of an address of this machine only the port counts."""
-    value = getattr(config.link, key, None)
-    if value is None:
-        address = getattr(config.link, "address", None)  # without any address, a link has a default
-        ways = [getattr(config.link, way, None) for way in ("remote", "tcp", "serial")]
-        value = address if key == "listen" and isinstance(address, str) and not any(ways) else None
-    if value is None:
+    """Where the link of ``config`` ends, if ``key`` says so; of an address of this machine only the port counts."""
+    link = config.link
+    if link.way != key:
         return None
-    return str(parse_address(value)[1]) if key == "listen" else str(value)
-
-
-def _source(config: Config) -> tuple[Any, ...]:
-    """Where the poses of ``config`` come from."""
-    keys = ("listen", "server", "multicast", "group", "data_port")
-    return tuple(getattr(config.pose, key, None) for key in keys)
+    return str(parse_address(link.endpoint)[1]) if key == "listen" else link.endpoint

@@ -110,7 +110,7 @@ def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> int:
     Raises:
         ConfigError: the poses need another link.
     """
-    kind = str(config.pose.__struct_config__.tag)
+    kind = config.pose.kind
     try:
         if as_json:
             seen = asyncio.run(listen(config, seconds or JSON_S))
@@ -471,8 +471,8 @@ def calibrated_config(config: Config, found: AxisCalibration) -> tuple[dict[str,
     """The keys to write, by table, and the configuration that they make."""
     pose: Any = config.pose
     top: dict[str, Value] = {"world": found.world, "body": found.body}
-    latency = "network_s" if hasattr(pose, "network_s") else "latency_s"
-    if found.late_s is not None and abs(found.late_s) > LATE_S and hasattr(pose, latency):
+    latency = pose.latency_key
+    if found.late_s is not None and abs(found.late_s) > LATE_S:
         top[latency] = round(min(max(getattr(pose, latency) + found.late_s, 0.0), 1.0), 4)
     turned: dict[str, Value] = {}
     for key in ("lab_rotation_deg", "body_rotation_deg"):

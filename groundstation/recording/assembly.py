@@ -28,7 +28,7 @@ from groundstation.core.messages import (
     StatusRecord,
     Subscriber,
 )
-from groundstation.flight import Company, Flight, body_of, make_ends, make_hold
+from groundstation.flight import Company, Flight, make_ends, make_hold
 from groundstation.pose import ForwardingSource
 from groundstation.pose.sources import GatedSource
 from groundstation.recording.records import (
@@ -45,7 +45,7 @@ from groundstation.runtime import IdleSlots, Running
 from groundstation.settings import Config
 from links.core import CommandLink
 from links.io import Network
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink import MavlinkLink
 
 
 class WireTaps(Network):
@@ -247,8 +247,8 @@ def about(config: Config, **more: Any) -> About:
         vehicle=config.vehicle.name,
         controller=config.controller.kind,
         trajectory=str(config.trajectory.__struct_config__.tag),
-        period_s=getattr(link, "period_s", 0.0) if getattr(link, "pace", "period") == "period" else 0.0,
-        mavlink=link.address if isinstance(link, MavlinkLinkConfig) else "",
+        period_s=0.0 if link.follows_poses or link.period_s is None else link.period_s,
+        mavlink=link.endpoint if link.has_autopilot else "",
         **more,
     )
 
@@ -276,7 +276,7 @@ def make_flight(
     """
     bodies = None
     if config.pose.shows_others:
-        bodies = Others(config.separation.others, own=body_of(config) if config.flight.start == "floor" else None)
+        bodies = Others(config.separation.others, own=config.pose.body_id if config.flight.start == "floor" else None)
     link, source = make_ends(config, wires, bodies)
     hold = make_hold(config.operator, link)
     if on_pose is not None:

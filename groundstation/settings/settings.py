@@ -150,12 +150,12 @@ def turn_sections(config: "Config", room: RehearsalConfig) -> dict[str, msgspec.
             name: turn(getattr(told, name), room)
             for key, turn in ADDRESSES.items()
             for name in [key.partition(".")[2]]
-            if key.startswith(f"{section}.") and hasattr(told, name)
+            if key.startswith(f"{section}.") and name in told.__struct_fields__
         }
         turned[section] = told, changes
     link, changes = turned["link"]
     if "serial" in changes and not any(changes[way] for way in ("listen", "remote", "tcp", "serial")):
-        changes["listen"] = _address(link.address, room)
+        changes["listen"] = _address(link.endpoint, room)
     mqtt, changes = turned["mqtt"]
     changes |= {"tls": type(mqtt.tls)(), "port": _port(mqtt.tcp_port, room)}
     return {section: msgspec.structs.replace(told, **changes) for section, (told, changes) in turned.items()}
@@ -456,8 +456,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not be told them as new")
         others = self.separation.others
         if others and not self.pose.shows_others:
-            kind = self.pose.__struct_config__.tag
-            raise ValueError(f"separation.others: poses of kind {kind} show no other vehicle: leave it out")
+            raise ValueError(f"separation.others: poses of kind {self.pose.kind} show no other vehicle: leave it out")
         if self.body in others or len(set(others)) < len(others):
             raise ValueError("separation.others: expected each other vehicle once, and not this one's own object")
         self.operator.ensure_named()
@@ -475,7 +474,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     @property
     def body(self) -> str:
         """The vehicle's object in the capture system; empty where poses are of nothing else."""
-        return str(getattr(self.pose, "object", "") or getattr(self.pose, "name", ""))
+        return self.pose.body_name
 
     @property
     def thrust_curve(self) -> float:

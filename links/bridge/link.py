@@ -272,6 +272,16 @@ class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
         parse_address(self.remote, "remote")
 
     @property
+    def way(self) -> str:
+        """The key of the bridge's address."""
+        return "remote"
+
+    @property
+    def key_files(self) -> dict[str, str]:
+        """The key's that both computers share."""
+        return {"key_file": self.key_file}
+
+    @property
     def real(self) -> str | None:
         """The key that may lead to a real vehicle, and its value; None where all stays on this machine.
 

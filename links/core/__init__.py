@@ -7,7 +7,6 @@ if TYPE_CHECKING:
         IN_TIME,
         Arrival,
         Attitude,
-        AutopilotLink,
         Command,
         CommandLink,
         Deadman,

@@ -19,7 +19,7 @@ the autopilot's log (PX4: MPC_THR_HOVER; ArduPilot: MOT_THST_HOVER), while data 
 import math
 from collections.abc import Callable
 from enum import StrEnum
-from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol
 
 import msgspec
 
@@ -163,7 +163,6 @@ IN_TIME = Arrival(0.0, 0.0)
 """Nothing shows anything else."""
 
 
-@runtime_checkable
 class AutopilotLink(Protocol):
     """A link to an autopilot that answers: in which mode it is, as somebody else may take it over, and what arrived."""
 
@@ -182,10 +181,55 @@ class AutopilotLink(Protocol):
 
 
 class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
-    """Beside the configuration of a link: what a flight asks of its kind."""
+    """Beside the configuration of a link: what is asked of it, with the answer of a kind that has none."""
 
     has_autopilot: ClassVar[bool] = False
     """At the other end is an autopilot that tells of itself, not a receiver that is told alone."""
+
+    @property
+    def kind(self) -> str:
+        """The name of the kind."""
+        return str(self.__struct_config__.tag)
+
+    @property
+    def way(self) -> str:
+        """The key that says where the other end is."""
+        raise NotImplementedError
+
+    @property
+    def endpoint(self) -> str:
+        """Where the other end is: what ``way`` says, or stands for it by default; host:port, or a serial port."""
+        return str(getattr(self, self.way))
+
+    @property
+    def destination(self) -> str:
+        """Where commands go, as others of this machine can compare it."""
+        return f"{self.kind} {self.endpoint}"
+
+    @property
+    def real(self) -> str | None:
+        """The key that may lead to a real vehicle, and its value; None where all stays on this machine."""
+        return f"kind = {self.kind}"
+
+    @property
+    def simulated(self) -> bool:
+        """The operator says that a simulator is at the other end."""
+        return False
+
+    @property
+    def follows_poses(self) -> bool:
+        """A command leaves as soon as a pose has come, not at fixed times."""
+        return False
+
+    @property
+    def period_s(self) -> float | None:
+        """Time between two commands [s]; None where the other end tells it."""
+        return None
+
+    @property
+    def key_files(self) -> dict[str, str]:
+        """Files with a secret that the other end shares, by their keys."""
+        return {}
 
 
 class CommandLink(Protocol):
@@ -209,6 +253,11 @@ class CommandLink(Protocol):
     @property
     def status(self) -> LinkStatus:
         """The link as it is now."""
+        ...
+
+    @property
+    def autopilot(self) -> AutopilotLink | None:
+        """What an autopilot at the other end is asked by; None where a receiver is told alone."""
         ...
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:

@@ -101,7 +101,7 @@ class UdpTransport(asyncio.DatagramProtocol):
 
 async def open_udp(config: MavlinkLinkConfig, ear: TransportListener) -> UdpTransport:
     """Open ``listen`` or ``remote``; raises OSError."""
-    address = parse_address(config.address)
+    address = parse_address(config.endpoint)
     first = config.remote is not None
     local, remote = (None, address) if first else (address, None)
     _, wire = await NETWORK.get().open_datagram(lambda: UdpTransport(ear, speaks_first=first), local, remote)
@@ -329,10 +329,10 @@ class ReconnectingTransport:
             wire = await opener(config)(config, self)
         except OSError as error:
             raise LinkLost(
-                f"cannot open {config.address} for MAVLink ({_describe(error)}): stop the program that "
+                f"cannot open {config.endpoint} for MAVLink ({_describe(error)}): stop the program that "
                 "holds this port, or give an address of this machine"
                 if config.tcp is None and config.serial is None
-                else f"cannot open {config.address} for MAVLink ({_describe(error)}): check that it is there, "
+                else f"cannot open {config.endpoint} for MAVLink ({_describe(error)}): check that it is there, "
                 "that you may open it, and that no other program has it"
             ) from error
         if self._loop is None:
@@ -386,7 +386,7 @@ class ReconnectingTransport:
             try:
                 self.wire = await opener(self._config)(self._config, self)
             except OSError as error:
-                why = f"cannot open {self._config.address} ({_describe(error)})"
+                why = f"cannot open {self._config.endpoint} ({_describe(error)})"
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
         self._tell("the wire is back: waiting for the autopilot's HEARTBEAT")
 
@@ -542,7 +542,7 @@ class Contact:
         what = f"got only: {dropped}" if dropped else "nothing came at all"
         return (
             f"no HEARTBEAT of MAVLink system {config.target_system}, component {config.target_component} on "
-            f"{config.address} within {config.connect_timeout_s:g} s ({what}): check that the autopilot runs, that "
+            f"{config.endpoint} within {config.connect_timeout_s:g} s ({what}): check that the autopilot runs, that "
             "it sends to this address, and its system id (MAV_SYS_ID or SYSID_THISMAV)"
         )
 

@@ -8,6 +8,7 @@ off.
 
 import asyncio
 from collections.abc import Callable
+from typing import Self
 
 from links.core import (
     Arrival,
@@ -241,7 +242,12 @@ class MavlinkLink:
     @property
     def follows_poses(self) -> bool:
         """True where a command may leave as soon as a pose has come."""
-        return self._config.pace == "poses"
+        return self._config.follows_poses
+
+    @property
+    def autopilot(self) -> Self:
+        """This link: the autopilot answers."""
+        return self
 
     @property
     def status(self) -> LinkStatus:

@@ -154,6 +154,11 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
             raise ValueError("lead_s must be shorter than period_s")
 
     @property
+    def way(self) -> str:
+        """The key of the module's port."""
+        return "port"
+
+    @property
     def real(self) -> str:
         """The key that may lead to a real vehicle, and its value; prearm.py knows the one exception."""
         return f"port = {self.port}"

@@ -203,6 +203,11 @@ class PacedLink:
         return False
 
     @property
+    def autopilot(self) -> None:
+        """None: the receiver is told alone."""
+        return None
+
+    @property
     def report(self) -> PacerReport | None:
         """The newest report of the pacer; None before the first."""
         return self._heard.report

@@ -853,7 +853,7 @@ def require_batchable(world: World, config: Config) -> None:
             "controller", "a batch flies the adaptive controller with its observer and provable adaptation only"
         )
     if not isinstance(config.pose, ViconConfig):
-        raise ConfigError("pose.kind", f"a batch sees through 'vicon' only, got {config.pose.__struct_config__.tag!r}")
+        raise ConfigError("pose.kind", f"a batch sees through 'vicon' only, got {config.pose.kind!r}")
     for key, delay_s in (
         ("vehicle.command_delay_s", config.vehicle.command_delay_s),
         ("sim.command_delay_s", world.command_delay_s),

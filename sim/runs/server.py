@@ -104,7 +104,7 @@ async def serve(
     link, room = config.link, config.rehearsal
     async with _alone(room, *_describe_wires(config)), _broker(config) as broker, AsyncExitStack() as files:
         pty = None
-        if not isinstance(link, MavlinkLinkConfig) or link.serial is not None:
+        if not link.has_autopilot or link.way == "serial":
             pty = PtyWire(None if room is None else _ours(Path(room.serial)))
         track: TruthWriter | None = None
         if truth is not None:
@@ -121,13 +121,12 @@ async def serve(
             stage.peer.open_second = speak_to(parse_address(second))
             more = f"; a second ground station at udp {second} hears it, too"
         if isinstance(link, MavlinkLinkConfig):
-            end = f"{autopilot} autopilot (MAVLink) to {_medium(link)} {link.address}"
+            end = f"{autopilot} autopilot (MAVLink) to {_medium(link)} {link.endpoint}"
         elif isinstance(link, BridgeLinkConfig):
             end = f"bridge and receiver at udp {link.remote}"
         else:
             assert pty is not None, "every other link is a radio's"
-            kind = type(link).__struct_config__.tag
-            end = f"{kind} receiver on {pty.path}"
+            end = f"{link.kind} receiver on {pty.path}"
             end += "" if room is not None else ", for link.port beside link.simulated = true"
         print(f"serving {name}: {end}, {_poses(config.pose)}{broker}{more}. Ctrl-C ends.", flush=True)
         if carried:
@@ -200,11 +199,11 @@ async def serve_fleet(
         ConfigError: the links are not MAVLink's, or another one serves the same.
     """
     for lab in labs:
-        if not isinstance(lab.link, MavlinkLinkConfig) or lab.link.serial is not None:
+        if not lab.link.has_autopilot or lab.link.way == "serial":
             says = "expected mavlink by UDP or TCP: of a fleet nothing else is simulated"
             raise ConfigError("link.kind", says, lab.vehicle.name)
     stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
-    ends = ", ".join(f"{lab.vehicle.name} to udp {getattr(lab.link, 'address', '')}" for lab in labs)
+    ends = ", ".join(f"{lab.vehicle.name} to udp {lab.link.endpoint}" for lab in labs)
     wires = dict.fromkeys(end for lab in labs for end in _describe_wires(lab))
     async with _alone(labs[0].rehearsal, *wires), _broker(labs[0]) as broker:
         print(
@@ -233,9 +232,9 @@ def place_fleet(world: World, labs: Sequence[Config]) -> list[World]:
 
 def _describe_wires(config: Config) -> list[str]:
     """What is sent to one vehicle's ground station, and where; a radio's pseudo-terminal is nobody else's anyway."""
-    ends = [f"MAVLink to {config.link.address}"] if isinstance(config.link, MavlinkLinkConfig) else []
-    if (cameras := getattr(config.pose, "listen", None)) is not None:
-        ends.append(f"poses of {getattr(config.pose, 'object', '')} to {cameras}")
+    ends = [f"MAVLink to {config.link.endpoint}"] if config.link.has_autopilot else []
+    if config.pose.address_key == "listen":
+        ends.append(f"poses of {config.pose.body_name} to {config.pose.address}")
     return ends
 
 

@@ -17,7 +17,6 @@ import tomli_w
 
 from groundstation.config import ConfigError, dump
 from groundstation.core.geometry import Vec3
-from groundstation.pose.sources import NatNetConfig
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
@@ -108,7 +107,7 @@ class Stage:
             # Where its own estimate serves as the poses, it comes as late as the cameras' would.
             delay = 0.0 if tracked is not None else world.pose_latency_s
             open_wire = _wire(config.link, pty)
-            address = ("", 0) if open_wire is not None else parse_address(config.link.address)
+            address = ("", 0) if open_wire is not None else parse_address(config.link.endpoint)
             peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s, open_wire=open_wire)
             self._mavlink = made, peer
         else:
@@ -339,10 +338,8 @@ def lay_out(folder: Path, world: World, config: Config, count: int, ports: Seque
     if key is None:
         raise ConfigError("trajectory.kind", "several vehicles are simulated on lemniscate, circle and hold")
     pose: Any = config.pose
-    where = (
-        {"server": f"127.0.0.1:{pose_port}"} if isinstance(pose, NatNetConfig) else {"listen": f"127.0.0.1:{pose_port}"}
-    )
-    if all(hasattr(pose, name) for name in where):
+    if pose.address_key:
+        where = {pose.address_key: f"127.0.0.1:{pose_port}"}
         config = msgspec.structs.replace(config, pose=msgspec.structs.replace(pose, **where))
     (folder / "lab.toml").write_text(dump(config), "utf-8")
     north, east, down = getattr(config.trajectory, key)

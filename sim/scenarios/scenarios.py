@@ -469,9 +469,8 @@ def world_from(text: str) -> World:
 
 def _on_udp(config: Config) -> Config:
     """``config``, where its link is one that the simulated network has."""
-    for key in ("tcp", "serial"):
-        if getattr(config.link, key, None) is not None:
-            raise ConfigError(f"link.{key}", "the simulated network is UDP: leave this out, or use listen")
+    if config.link.way in ("tcp", "serial"):
+        raise ConfigError(f"link.{config.link.way}", "the simulated network is UDP: leave this out, or use listen")
     return config
 
 
@@ -481,7 +480,7 @@ LEAST_HEIGHT_M = 0.5
 
 def timing(pose: PoseConfig, rate_hz: float, latency_s: float) -> tuple[float, float]:
     """Rate [1/s] and latency [s] that ``pose`` tells; the others where its protocol tells them itself."""
-    return getattr(pose, "rate_hz", rate_hz), getattr(pose, "latency_s", latency_s)
+    return pose.rate_hz or rate_hz, latency_s if pose.latency_s is None else pose.latency_s
 
 
 def world_of(air: World, told: Config) -> World:

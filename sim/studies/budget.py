@@ -19,7 +19,6 @@ from groundstation.core.control import Custom
 from groundstation.core.messages import STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
 from groundstation.settings import Config
-from links.mavlink import MavlinkLinkConfig
 from sim.batch import choose_stages, fly_batch, require_batchable
 from sim.runs import fly
 from sim.scenarios import at_desk, world_from
@@ -92,7 +91,7 @@ def _lags(world: World, config: Config) -> Flown:
 
 def _latency(world: World, config: Config) -> Flown:
     pose: Any = config.pose
-    if hasattr(pose, "latency_s"):
+    if pose.latency_s is not None:
         pose = msgspec.structs.replace(pose, latency_s=0.0)
     vehicle = msgspec.structs.replace(config.vehicle, command_delay_s=0.0)
     world = msgspec.structs.replace(world, pose_latency_s=0.0, command_delay_s=0.0)
@@ -264,4 +263,4 @@ def _is_batchable(world: World, config: Config) -> bool:
         require_batchable(world, config)
     except ConfigError:
         return False
-    return isinstance(config.link, MavlinkLinkConfig) and config.link.pace == "period"
+    return config.link.has_autopilot and not config.link.follows_poses

@@ -79,7 +79,7 @@ class MavlinkBench:
         return "nothing came at all"
 
     async def run(self) -> None:
-        await AutopilotPeer(self.autopilot, parse_address(self.config.address)).run()
+        await AutopilotPeer(self.autopilot, parse_address(self.config.endpoint)).run()
 
     def arrived(self) -> int:
         return self.autopilot.codec.received

@@ -174,7 +174,7 @@ class OdometryBench(Bench):
         cruiser = Cruiser(1.0, held=True)
         self.begun_s = loop.time()
         cruiser.truth(self.begun_s)
-        address = self.link.connection._config.address
+        address = self.link.connection._config.endpoint
         peer = AutopilotPeer(Px4Autopilot(cruiser), parse_address(address), delay_s=LATENCY_S)
         await asyncio.gather(peer.run(), self.link.connect())
 

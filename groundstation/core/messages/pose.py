@@ -73,7 +73,7 @@ class SourceError(OSError):
 
 
 class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
-    """Beside the configuration of a pose source: what a flight asks of the kind of its poses."""
+    """Beside the configuration of a pose source: what is asked of it, with the answer of a kind that has none."""
 
     recorded: ClassVar[bool] = False
     """They play a recording: they must never fly a vehicle."""
@@ -83,6 +83,61 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """They are an autopilot's own, or such as bridges send to autopilots, too."""
     shows_others: ClassVar[bool] = False
     """Other bodies can be looked for."""
+    is_relayed: ClassVar[bool] = False
+    """Its datagrams can be handed on, each to several programs that listen."""
+    body_key: ClassVar[str] = ""
+    """The key that names the vehicle's body; empty where poses are of nothing else."""
+    address_key: ClassVar[str] = ""
+    """The key that says where poses come from, or come in; empty where no socket brings them."""
+    latency_key: ClassVar[str] = "latency_s"
+    """The key of the shortest time from the instant of a pose to its arrival."""
+
+    @property
+    def kind(self) -> str:
+        """The name of the kind."""
+        return str(self.__struct_config__.tag)
+
+    @property
+    def body_name(self) -> str:
+        """The vehicle's body in the capture system; empty where poses are of nothing else."""
+        return str(getattr(self, self.body_key)) if self.body_key else ""
+
+    @property
+    def body_id(self) -> str:
+        """The same, as others of this machine can compare it."""
+        return self.body_name
+
+    @property
+    def address(self) -> str:
+        """Where poses come from, or come in; empty where no socket brings them."""
+        return str(getattr(self, self.address_key)) if self.address_key else ""
+
+    @property
+    def stream(self) -> tuple[object, ...]:
+        """What two vehicles that are seen by the same cameras have in common."""
+        return (self.kind, self.address)
+
+    @property
+    def real(self) -> str | None:
+        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        return f"kind = {self.kind}"
+
+    @property
+    def never_flies(self) -> tuple[str, str] | None:
+        """The key by which these poses must never fly a vehicle, and why; None where they may."""
+        if self.recorded:
+            return "pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`"
+        return None
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Poses a second that it is told to expect [1/s]; None where nobody tells."""
+        return None
+
+    @property
+    def latency_s(self) -> float | None:
+        """Shortest time from the instant of a pose to its arrival, as told [s]; None where the source tells it."""
+        return None
 
 
 class PoseSource(Protocol):

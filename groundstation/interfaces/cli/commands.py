@@ -130,7 +130,7 @@ def radio(args: argparse.Namespace) -> int:
 
 def rf_bridge(args: argparse.Namespace) -> int:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
-    from groundstation.flight import key, link_of
+    from groundstation.flight import key
     from groundstation.runtime import BRIDGE, ApiError, Running, registration
     from links.io import make_key
 
@@ -148,7 +148,7 @@ def rf_bridge(args: argparse.Namespace) -> int:
         )
     config = load(args.config, BridgeConfig, args.overrides)
     shared = key(config.key_file, "key_file")
-    one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=link_of(config.link))
+    one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.destination)
     try:
         with registration(one):
             return EXIT_DONE if asyncio.run(_bridge(config, shared, say)) else EXIT_ABORTED
@@ -547,7 +547,7 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
     if real:
         say(f"{link.port} may be a real module: whoever has the key {config.key_file} can start its vehicle's motors")
     say(
-        f"rf-bridge at udp {config.listen}: {link.__struct_config__.tag} module on {link.port}, a frame every "
+        f"rf-bridge at udp {config.listen}: {link.kind} module on {link.port}, a frame every "
         f"{1e3 * link.period_s:g} ms. Ctrl-C ends"
     )
     try:

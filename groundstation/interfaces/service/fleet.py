@@ -268,10 +268,8 @@ def require_flyable(config: Config) -> Config:
         ConfigError: the vehicle can't fly this, the poses are recorded, a real vehicle has no fence or no speed limit,
             or a key can't be used.
     """
-    if config.pose.recorded:
-        raise ConfigError("pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`")
-    if getattr(config.pose, "backend", "") == "mock":
-        raise ConfigError("pose.backend", "mock makes bodies up: it is to look at, and never flies a vehicle")
+    if config.pose.never_flies is not None:
+        raise ConfigError(*config.pose.never_flies)
     ensure_guarded(config)
     ensure_link(config)
     ensure_mqtt(config.mqtt)

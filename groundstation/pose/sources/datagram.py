@@ -92,6 +92,7 @@ def send_by(transport: asyncio.DatagramTransport, interface: str) -> None:
 class ListensAt(PoseKind, frozen=True, kw_only=True):
     """Beside the configuration of a source that listens on a UDP socket of this machine."""
 
+    address_key: ClassVar[str] = "listen"
     if TYPE_CHECKING:
         listen: str
 
@@ -108,6 +109,8 @@ class JsonConfig(ListensAt, frozen=True, kw_only=True, tag="json"):
     """JSON objects over UDP, one or an array of them a datagram."""
 
     shows_others: ClassVar[bool] = True
+    is_relayed: ClassVar[bool] = True
+    body_key: ClassVar[str] = "name"
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)] = "quad"
     """Name of the vehicle's body."""
     listen: str = "127.0.0.1:51002"

@@ -35,6 +35,7 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
     """VRPN, Vicon DataStream and others; needs ``pip install 'quadrotor-groundstation[motioncapture]'``."""
 
     shows_others: ClassVar[bool] = True
+    body_key: ClassVar[str] = "name"
     backend: Literal["vrpn", "vicon", "optitrack", "qualisys", "mock"] = "vrpn"
     """What it speaks; ``vicon`` is the DataStream (TCP 801). ``mock`` makes bodies up, and never flies a vehicle."""
     hostname: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"
@@ -58,6 +59,18 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
         """The key by which real poses may come, and its value; None where all stays on this machine."""
         made_up = self.backend == "mock"
         return None if made_up or is_loopback(self.hostname) else f"hostname = {self.hostname}"
+
+    @property
+    def never_flies(self) -> tuple[str, str] | None:
+        """Bodies that are made up."""
+        if self.backend == "mock":
+            return "pose.backend", "mock makes bodies up: it is to look at, and never flies a vehicle"
+        return None
+
+    @property
+    def stream(self) -> tuple[object, ...]:
+        """What two vehicles that are seen by the same cameras have in common."""
+        return (self.kind, self.backend, self.hostname)
 
     def build(self, others: Others | None = None) -> "LibmotioncaptureSource":
         """The source of this config; ``others`` are further bodies to look for."""

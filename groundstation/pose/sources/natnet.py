@@ -22,6 +22,9 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
     """OptiTrack's NatNet 3.0 to 4.x, straight from Motive; its exposure stamps tell how old each pose is."""
 
     shows_others: ClassVar[bool] = True
+    body_key: ClassVar[str] = "name"
+    address_key: ClassVar[str] = "server"
+    latency_key: ClassVar[str] = "network_s"
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
     """Name of the vehicle's rigid body in Motive."""
     id: int | None = None
@@ -55,6 +58,16 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
             if address.is_multicast != (key == "group"):
                 wanted = "a multicast address, such as 239.255.42.99" if key == "group" else "no multicast address"
                 raise ValueError(f"{key}: expected {wanted}, got {text!r}")
+
+    @property
+    def body_id(self) -> str:
+        """The body, by its streaming id where that is told."""
+        return self.name if self.id is None else f"id {self.id}"
+
+    @property
+    def stream(self) -> tuple[object, ...]:
+        """What two vehicles that are seen by the same cameras have in common."""
+        return (*super().stream, self.multicast, self.group, self.data_port)
 
     @property
     def real(self) -> str | None:

@@ -32,6 +32,8 @@ class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
     """Qualisys Track Manager over TCP; needs ``pip install 'quadrotor-groundstation[qualisys]'``."""
 
     shows_others: ClassVar[bool] = True
+    body_key: ClassVar[str] = "name"
+    address_key: ClassVar[str] = "server"
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
     """Name of the vehicle's 6DOF body in QTM."""
     server: str = "127.0.0.1:22223"

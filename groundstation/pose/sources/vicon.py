@@ -15,6 +15,8 @@ class ViconConfig(ListensAt, frozen=True, kw_only=True, tag="vicon"):
     """Vicon Tracker's UDP Object Stream, which carries no time stamps and no validity flags."""
 
     shows_others: ClassVar[bool] = True
+    is_relayed: ClassVar[bool] = True
+    body_key: ClassVar[str] = "object"
     object: str = "quad"
     """Name of the vehicle's object in Tracker."""
     listen: str = "127.0.0.1:51001"

@@ -101,21 +101,36 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
                 f"beside commands at baud = {self.baud}: lower the rate, or use a faster port"
             )
         if self.serial is None:
-            parse_address(self.address, self._way)
+            parse_address(self.endpoint, self.way)
 
     @property
     def real(self) -> str | None:
         """The key that may lead to a real vehicle, and its value; None where all stays on this machine."""
         if self.serial is not None:
             return f"serial = {self.serial}"
-        return beyond(self._way, self.address)
+        return beyond(self.way, self.endpoint)
 
     @property
-    def _way(self) -> str:
-        """The key of the address."""
-        return "tcp" if self.tcp else "remote" if self.remote else "listen"
+    def way(self) -> str:
+        """The key that says where the autopilot is."""
+        return "serial" if self.serial else "tcp" if self.tcp else "remote" if self.remote else "listen"
 
     @property
-    def address(self) -> str:
+    def endpoint(self) -> str:
         """The address that is given, host:port, or the serial port."""
         return self.serial or self.tcp or self.remote or self.listen or DEFAULT_LISTEN
+
+    @property
+    def destination(self) -> str:
+        """Where commands go: several vehicles may be behind one address."""
+        return f"{super().destination} system {self.target_system}"
+
+    @property
+    def follows_poses(self) -> bool:
+        """Whether a command leaves as soon as a pose has come."""
+        return self.pace == "poses"
+
+    @property
+    def key_files(self) -> dict[str, str]:
+        """The signing key's, where there is one."""
+        return {} if self.signing_key_file is None else {"signing_key_file": self.signing_key_file}

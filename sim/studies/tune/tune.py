@@ -31,7 +31,6 @@ from groundstation.core.vehicle import Vehicle
 from groundstation.pose.sources import ViconConfig
 from groundstation.runtime import __version__
 from groundstation.settings import Config, LinkConfig
-from links.bridge import BridgeLinkConfig
 from links.core import full_thrust_n
 from links.mavlink import MavlinkLinkConfig
 from sim.runs import Workers, fly
@@ -208,7 +207,7 @@ def own(path: Path | None, overrides: Sequence[str]) -> Config | None:
     config = load(path, Config, told)
     period_s = config.vehicle.frame_period_s
     link = config.link
-    if path is None and isinstance(link, MavlinkLinkConfig) and not any(_key(t) == "link.period_s" for t in told):
+    if path is None and link.has_autopilot and not any(_key(t) == "link.period_s" for t in told):
         config = msgspec.structs.replace(config, link=msgspec.structs.replace(link, period_s=period_s))
     if _period_s(config) != period_s:
         raise ConfigError(
@@ -221,13 +220,14 @@ def own(path: Path | None, overrides: Sequence[str]) -> Config | None:
 
 def _period_s(config: Config) -> float:
     """Time between two commands [s]. An RF bridge tells it when it is there, and then it is the vehicle's."""
-    return config.vehicle.frame_period_s if isinstance(config.link, BridgeLinkConfig) else config.link.period_s
+    return config.vehicle.frame_period_s if config.link.period_s is None else config.link.period_s
 
 
 def _pace_link(link: LinkConfig, period_s: float) -> MavlinkLinkConfig:
     """The link that the simulation has in the place of ``link``; a radio's frames follow no poses."""
-    pace = link.pace if isinstance(link, MavlinkLinkConfig) else "period"
-    return MavlinkLinkConfig(period_s=period_s, pace=pace, thrust_curve=link.thrust_curve)
+    return MavlinkLinkConfig(
+        period_s=period_s, pace="poses" if link.follows_poses else "period", thrust_curve=link.thrust_curve
+    )
 
 
 def _key(override: str) -> str:

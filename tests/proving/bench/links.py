@@ -218,7 +218,7 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
     vehicle = SimulatedVehicle(plant, world, noise, wander)
     autopilot = Px4Autopilot(vehicle)
     assert isinstance(config.link, MavlinkLinkConfig)
-    peer = _Peer(autopilot, parse_address(config.link.address))
+    peer = _Peer(autopilot, parse_address(config.link.endpoint))
     waiting = peer.waiting = Waiting()
     assert isinstance(config.pose, ViconConfig)
     encode = vicon_encoder(config.pose)

@@ -395,7 +395,7 @@ class WireJudge:
         self._sticks: tuple[Channels, float] | None = None
         link = config.link
         if isinstance(link, MavlinkLinkConfig):
-            self._port = int(link.address.rpartition(":")[2])
+            self._port = int(link.endpoint.rpartition(":")[2])
         elif isinstance(link, RfLinkConfig):
             codec = link.codec()
             self._decoder = codec.decoder()

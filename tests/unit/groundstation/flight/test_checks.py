@@ -253,7 +253,23 @@ def test_what_does_not_answer_whether_it_is_real_counts_as_real() -> None:
 
 def test_every_kind_of_link_and_of_poses_answers() -> None:
     for kind in (*get_args(LinkConfig), *get_args(PoseConfig)):
-        assert isinstance(kind.real, property), kind
+        assert kind.real not in (LinkKind.real, PoseKind.real), kind
+
+
+def test_no_key_of_a_kind_hides_an_answer_that_means_something_else() -> None:
+    for base, kinds, same in (
+        (LinkKind, LinkConfig, {"period_s", "simulated"}),
+        (PoseKind, PoseConfig, {"rate_hz", "latency_s"}),
+    ):
+        for kind in get_args(kinds):
+            assert set(kind.__struct_fields__) & set(vars(base)) <= same, kind
+
+
+def test_the_keys_that_a_kind_of_poses_names_are_its_own() -> None:
+    for kind in get_args(PoseConfig):
+        keys = {kind.body_key, kind.address_key} - {""}
+        live = set() if kind.recorded else {kind.latency_key}
+        assert keys | live <= set(kind.__struct_fields__), kind
 
 
 def test_a_simulated_port_is_believed_of_a_pseudo_terminal_alone_and_told_before_each_flight() -> None:

@@ -109,6 +109,11 @@ WRONG: list[tuple[list[dict[str, Any]], dict[str, Any], tuple[str, ...]]] = [
     ([ANT, {**BEE, "pose": {"listen": "0.0.0.0:51009"}}], {}, ("vehicle bee", "pose", "same source as ant's")),
     ([ANT, {**BEE, "pose": {"kind": "mavlink"}}], {}, ("pose.kind", "must see the others")),
     (
+        [{**who, "pose": {"kind": "libmotioncapture", "hostname": host}} for who, host in ((ANT, "a"), (BEE, "b"))],
+        {},
+        ("vehicle bee", "pose", "same source as ant's"),
+    ),
+    (
         [
             ANT,
             {**BEE, "status": {"path": "/x"}},

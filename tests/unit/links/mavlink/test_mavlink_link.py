@@ -652,8 +652,8 @@ def test_a_bad_configuration_is_refused(options: dict[str, Any], complaint: str)
 
 
 def test_px4s_own_address_is_the_default() -> None:
-    assert MavlinkLinkConfig().address == "127.0.0.1:14540"
-    assert MavlinkLinkConfig(remote="127.0.0.1:14580").address == "127.0.0.1:14580"
+    assert MavlinkLinkConfig().endpoint == "127.0.0.1:14540"
+    assert MavlinkLinkConfig(remote="127.0.0.1:14580").endpoint == "127.0.0.1:14580"
 
 
 def test_two_runs_put_the_same_bytes_on_the_wire() -> None:
