@@ -256,7 +256,7 @@ class Bridge(asyncio.DatagramProtocol):
         if not self.dropped["from_this_machine"]:
             self._say(
                 f"a station on this machine ({addr[0]}) is not heard: give the flight the module itself, by "
-                f"link.kind = {self._config.link.__struct_config__.tag!r} and link.port"
+                f"link.kind = {self._config.link.kind!r} and link.port"
             )
         self.dropped["from_this_machine"] += 1
 

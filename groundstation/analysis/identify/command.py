@@ -417,7 +417,7 @@ LOOP_S = 0.002
 
 
 def _latency(seen: FlightStretch) -> IdentifiedParameter:
-    told = getattr(seen.config.pose, "latency_s", 0.0)
+    told = seen.config.pose.latency_s or 0.0
     name, title, note = "pose_latency", "latency of poses", "no key of a vehicle, but pose.latency_s"
     if seen.late_s is None:
         note = "the vehicle told no attitude of its own"

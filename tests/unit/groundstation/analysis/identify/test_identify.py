@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -36,6 +37,7 @@ from groundstation.analysis.identify.stretch import Column
 from groundstation.core.geometry import FLOATS, IDENTITY
 from groundstation.core.geometry import rotate as turned_by
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
+from groundstation.pose.sources import NatNetConfig
 from groundstation.settings import Config
 from links.core import full_thrust_n, signal, thrust
 from links.mavlink import MavlinkLinkConfig
@@ -306,6 +308,13 @@ def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
     assert found.parameters["position_noise"].identified
     assert table(found).count(FLY) == len(found.parameters) - 3
     assert found.parameters["pose_latency"].note == "the vehicle told no attitude of its own"
+
+
+def test_late_poses_of_a_source_that_tells_their_age_itself_are_late_against_nothing() -> None:
+    seen = flown(strength=0.0, seconds=10.0)
+    natnet = msgspec.structs.replace(seen.config, pose=NatNetConfig())
+    found = identify(replace(seen, config=natnet, late_s=(0.02, 0.001))).parameters["pose_latency"]
+    assert (found.told, found.value) == (0.0, pytest.approx(0.02))
 
 
 def test_scale_and_curve_agree_with_what_was_told_where_the_vehicle_flew() -> None:
