@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         Taken,
         claim_socket,
         find_socket,
+        follow_parent,
         foreign_services,
         hold_lock,
         is_ours,

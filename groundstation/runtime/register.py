@@ -322,3 +322,17 @@ def send_signal(one: Running, number: signal.Signals) -> bool:
     finally:
         os.close(held)
     return True
+
+
+PR_SET_PDEATHSIG = 1
+"""A number that the standard library does not have (prctl(2), linux/prctl.h)."""
+
+
+def follow_parent(parent: int, number: signal.Signals) -> bool:
+    """Have the system send ``number`` to this process when its parent dies; False where ``parent`` is dead by now."""
+    import ctypes  # only children need it
+
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)  # Linux has it; elsewhere a child outlives its parent
+    if prctl is not None:
+        prctl(PR_SET_PDEATHSIG, int(number))
+    return os.getppid() == parent

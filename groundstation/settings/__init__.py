@@ -3,7 +3,6 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.settings.settings import (
-        AF_UNIX,
         REHEARSAL,
         Config,
         FlightConfig,

@@ -8,6 +8,7 @@ in ``ADDRESSES`` with what becomes of it, every other text in ``TEXTS``; a test 
 import asyncio
 import hashlib
 import re
+import socket
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -225,10 +226,6 @@ def describe_rehearsal(config: "Config", before: "Config") -> str:
     return f"REHEARSAL of {room.vehicle}: nothing real is reached or moves. Turned: {', '.join(turned) or 'nothing'}"
 
 
-AF_UNIX = 1
-"""A number of Linux."""
-
-
 def beacon(room: RehearsalConfig) -> str:
     """The name that the simulated side of ``room`` holds: in no folder, and gone with its process (unix(7))."""
     return f"\0groundstation rehearsal at {room.host}"
@@ -245,7 +242,7 @@ def ensure_served(room: RehearsalConfig, file: Path) -> None:
     async def look() -> None:
         loop = asyncio.get_running_loop()
         wire, _ = await loop.create_datagram_endpoint(
-            asyncio.DatagramProtocol, remote_addr=beacon(room), family=AF_UNIX
+            asyncio.DatagramProtocol, remote_addr=beacon(room), family=socket.AF_UNIX
         )
         wire.close()
 

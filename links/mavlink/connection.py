@@ -15,6 +15,7 @@ acknowledged and not read yet is out of our hands: prefer UDP where there is a c
 import asyncio
 import math
 import os
+import socket
 import struct
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Mapping
@@ -115,8 +116,6 @@ TCP_STALL_S = 0.25
 TCP_OPEN_S = 5.0
 """How long the other end may take to accept [s]."""
 
-_SOL_SOCKET, _SO_LINGER = 1, 13  # the same on every Linux that Python runs on
-
 
 class StreamTransport(asyncio.Protocol):
     """What a connection and a port have in common: bytes in order, until it is cut or ends by itself."""
@@ -202,7 +201,8 @@ class TcpTransport(StreamTransport):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep it (called by the event loop)."""
         super().connection_made(transport)
-        transport.get_extra_info("socket").setsockopt(_SOL_SOCKET, _SO_LINGER, struct.pack("ii", 1, 0))
+        wire = transport.get_extra_info("socket")
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Pass it on (called by the event loop)."""

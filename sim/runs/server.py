@@ -5,6 +5,7 @@ import contextlib
 import math
 import os
 import shutil
+import socket
 import sys
 import tempfile
 from collections.abc import AsyncIterator, Mapping, Sequence
@@ -20,7 +21,7 @@ from groundstation.pose import PoseConfig
 from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
 from groundstation.recording import Quaternion, TruthMessage, Vector3
 from groundstation.runtime import ApiError, own_directory
-from groundstation.settings import AF_UNIX, Config, RehearsalConfig, beacon
+from groundstation.settings import Config, RehearsalConfig, beacon
 from links.bridge import BridgeLinkConfig
 from links.io import parse_address
 from links.mavlink import MavlinkLinkConfig
@@ -44,7 +45,7 @@ async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None
         for name, end in (names if room is None else {beacon(room): f"at {room.host}"}).items():
             try:
                 transport, _ = await loop.create_datagram_endpoint(
-                    asyncio.DatagramProtocol, local_addr=name, family=AF_UNIX
+                    asyncio.DatagramProtocol, local_addr=name, family=socket.AF_UNIX
                 )
             except OSError:
                 says = f"another `groundstation-sim serve` sends {end} already: stop it, or --set another address"

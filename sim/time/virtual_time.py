@@ -7,6 +7,7 @@ fraction of a second. No threads and no real sockets in this mode.
 """
 
 import asyncio
+import errno
 import selectors
 from collections import deque
 from collections.abc import Callable, Coroutine, Mapping
@@ -348,7 +349,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """
         local = host, port = self._bind(local_addr)
         if local in self.endpoints and not reuse_port:
-            raise OSError(98, f"address {host}:{port} is already in use")
+            raise OSError(errno.EADDRINUSE, f"address {host}:{port} is already in use")
         endpoint = _Endpoint(self, local, remote_addr)
         protocol = protocol_factory()
         endpoint.protocol = protocol
@@ -366,7 +367,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """
         listener = self.listeners.get((host, port))
         if listener is None:
-            raise ConnectionRefusedError(111, f"nobody listens at {host}:{port}")
+            raise ConnectionRefusedError(errno.ECONNREFUSED, f"nobody listens at {host}:{port}")
         local = self._bind(None)
 
         def hear(source: Address, target: Address, data: bytes) -> None:
@@ -384,7 +385,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             OSError: the address is in use.
         """
         if (host, port) in self.listeners:
-            raise OSError(98, f"address {host}:{port} is already in use")
+            raise OSError(errno.EADDRINUSE, f"address {host}:{port} is already in use")
         listener = Listener(protocol_factory, lambda: self.listeners.pop((host, port), None))
         self.listeners[host, port] = listener
         return listener
@@ -400,7 +401,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             self._next_port = port + 1 if port + 1 in FREE_PORTS else FREE_PORTS.start
             if (host, port) not in self.endpoints:
                 return port
-        raise OSError(98, f"every port of {host} is in use")
+        raise OSError(errno.EADDRINUSE, f"every port of {host} is in use")
 
     def carry(self, source: Address, target: Address, data: bytes) -> None:
         """Bring one datagram to ``target`` in the next turn of the loop; lost where nobody listens, as in UDP."""

@@ -1,6 +1,7 @@
 """Local server: a flight to the clients of a UNIX socket. None of them can hold it up: see docs/reference/api.md."""
 
 import asyncio
+import socket
 import struct
 from collections import Counter
 from collections.abc import Callable
@@ -36,8 +37,6 @@ ORDERS_BURST = 20.0
 """So many at once."""
 BAD_MAX = 10
 """A client that has sent so many lines that were no order is dropped; one with a line without an end, at once."""
-SOL_SOCKET, SO_PEERCRED = 1, 17
-"""Numbers of Linux: who is at the other end (unix(7))."""
 
 
 class Server:
@@ -248,10 +247,10 @@ class _AttachedClient(asyncio.Protocol):
 
 def _pid(transport: asyncio.BaseTransport) -> int | None:
     """The process at the other end, as the system has it; None where that is no UNIX socket."""
-    socket = transport.get_extra_info("socket")
-    if socket is None:
+    wire, peer = transport.get_extra_info("socket"), getattr(socket, "SO_PEERCRED", None)  # Linux has it (unix(7))
+    if wire is None or peer is None:
         return None
     try:
-        return int(struct.unpack("3i", socket.getsockopt(SOL_SOCKET, SO_PEERCRED, 12))[0])
+        return int(struct.unpack("3i", wire.getsockopt(socket.SOL_SOCKET, peer, 12))[0])
     except OSError:
         return None

@@ -4,6 +4,7 @@ import asyncio
 import logging
 import os
 import re
+import socket
 import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,8 +29,6 @@ HEARD_MAX_BYTES = 4096
 """The broker keeps a longer packet from a station: nothing that it asks for is as long."""
 SEND_BUFFER_BYTES = 16384
 """What may wait in the system for a broker that reads slowly: some snapshots, not some minutes of them."""
-SOL_SOCKET, SO_SNDBUF, IPPROTO_TCP, TCP_NODELAY = 1, 7, 6, 1
-"""Numbers of Linux."""
 
 log = logging.getLogger("groundstation.mqtt")
 _PAHO = logging.getLogger("groundstation.mqtt.paho")
@@ -70,7 +69,10 @@ class MqttBroker(msgspec.Struct, frozen=True):
             timeout=TIMEOUT_S,
             properties=properties,
             logger=_PAHO,
-            socket_options=[(SOL_SOCKET, SO_SNDBUF, SEND_BUFFER_BYTES), (IPPROTO_TCP, TCP_NODELAY, 1)],
+            socket_options=[
+                (socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES),
+                (socket.IPPROTO_TCP, socket.TCP_NODELAY, 1),
+            ],
             **more,
         )
 

@@ -1,22 +1,15 @@
 """Fleet core: one vehicle's process. Where the supervisor dies it gets SIGHUP, as from a closed terminal, and lands."""
 
-import ctypes
-import os
 import runpy
 import signal
 import sys
 
-PR_SET_PDEATHSIG = 1
-"""Number of Linux: the signal that comes when the parent dies (prctl(2))."""
+from groundstation.runtime import follow_parent
 
 
 def main() -> int:
     """``SUPERVISOR_PID COMMAND …``: the command as ``groundstation`` runs it."""
-    supervisor = int(sys.argv.pop(1))
-    prctl = getattr(ctypes.CDLL(None), "prctl", None)  # Linux has it; elsewhere a core outlives its supervisor
-    if prctl is not None:
-        prctl(PR_SET_PDEATHSIG, int(signal.SIGHUP))
-    if os.getppid() != supervisor:  # it died before
+    if not follow_parent(int(sys.argv.pop(1)), signal.SIGHUP):
         return 1
     runpy.run_module("groundstation", run_name="__main__", alter_sys=True)  # which exits by itself
     return 0

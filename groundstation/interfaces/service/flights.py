@@ -14,7 +14,7 @@ import logging
 import os
 import shlex
 import signal
-import socket as sockets  # names the family; opens no socket
+import socket
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
@@ -295,7 +295,7 @@ class Notify:
         name = "\0" + self._address[1:] if self._address.startswith("@") else self._address
         try:
             self._transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-                asyncio.DatagramProtocol, remote_addr=name, family=sockets.AF_UNIX
+                asyncio.DatagramProtocol, remote_addr=name, family=socket.AF_UNIX
             )
         except OSError:
             self._transport = None

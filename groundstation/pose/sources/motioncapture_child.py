@@ -4,17 +4,15 @@ A line a frame on standard output, the JSON of a home-made tracker (json_codec.p
 stamped with this machine's monotonic clock as the library gave the frame. The first line of all is empty: connected.
 """
 
-import ctypes
 import importlib
 import json
-import os
 import signal
 import sys
 import time
 from typing import Any
 
-PR_SET_PDEATHSIG = 1
-"""Number of Linux: the signal that comes when the parent dies (prctl(2))."""
+from groundstation.runtime import follow_parent
+
 MOST_BODIES, MOST_NAME, MOST_BYTES = 32, 64, 4096
 """What fits into one line, as into one datagram."""
 
@@ -22,10 +20,7 @@ MOST_BODIES, MOST_NAME, MOST_BYTES = 32, 64, 4096
 def main() -> int:
     """``PARENT_PID BACKEND OPTIONS NAMES``: the last two as JSON, an object of texts and an array of names."""
     parent, backend, options, names = sys.argv[1:]
-    prctl = getattr(ctypes.CDLL(None), "prctl", None)  # a call of the library that hangs hears of nothing else
-    if prctl is not None:
-        prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
-    if os.getppid() != int(parent):
+    if not follow_parent(int(parent), signal.SIGKILL):  # a call of the library that hangs hears of nothing else
         return 1
     motioncapture: Any = importlib.import_module("motioncapture")  # no stubs come along
     out, wanted = sys.stdout.buffer, {name: rank for rank, name in enumerate(json.loads(names))}
