@@ -48,7 +48,7 @@ from groundstation.core.messages import (
     TickRecord,
 )
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GROUND, Event, State
-from groundstation.core.safety import LiveGains, Obedience, PoseEvidence, PoseLatency, Witness
+from groundstation.core.safety import Charge, LiveGains, Obedience, PoseEvidence, PoseLatency, Witness
 from groundstation.core.vehicle import Vehicle
 from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.mission_executive import LAST_CHANCE_S, MissionExecutive
@@ -710,6 +710,11 @@ class Flight:
     def evidence(self) -> PoseEvidence:
         """What speaks against the poses at present, as shares of what convicts."""
         return self._pilot.evidence
+
+    @property
+    def charge(self) -> Charge | None:
+        """What its poses are charged with, where that has ended it."""
+        return self._progress.charge
 
     @property
     def started_s(self) -> float | None:

@@ -335,7 +335,8 @@ class MissionExecutive:
         self._unheard = False
         self._on_conviction = on_conviction
         self._conviction = Conviction()
-        self._charge: Charge | None = None
+        self.charge: Charge | None = None
+        """Why the poses, or the commands, have ended it; None where they have not."""
         self._hearing = Hearing()
         self._since = Since()
         self._parole, self._resets = Parole(), Resets()
@@ -518,8 +519,8 @@ class MissionExecutive:
 
     def left(self, now_s: float) -> None:
         """A command has left; where it was the last that poses have led to, commands end with it."""
-        if self._charge is not None:
-            self.go(Event.ABORT, self._charge.reason, now_s, fault=True)
+        if self.charge is not None:
+            self.go(Event.ABORT, self.charge.reason, now_s, fault=True)
 
     def _comes_too_late(self, now_s: float) -> bool:
         """Whether commands end, as they come too late; where none arrive, they are gentle, and nothing is learnt.
@@ -533,7 +534,7 @@ class MissionExecutive:
             return False
         self._pilot.monitor.forget()
         if (why := self._find_deafness(now_s)) and late_s > 0.0:
-            self._charge = Charge(f"{why}, so they end", convicted=False)
+            self.charge = Charge(f"{why}, so they end")
             return True
         if why and self.state is not State.DESCENT:
             self.go(Event.DESCEND, why, now_s, fault=True)
@@ -559,7 +560,7 @@ class MissionExecutive:
         assert pose is not None, "what flies has poses"
         old = charge_age(pose.arrival_s - pose.time_s, self._config.flight.coast_s, self._since, now_s)
         height_m = self._config.flight.floor_z_m - pose.position_ned[2]
-        self._charge = (
+        self.charge = (
             old
             or charge_lateness(self._pilot.monitor.late_s)
             or charge_place(height_m, self._pilot.astray_m)
@@ -567,7 +568,7 @@ class MissionExecutive:
             or self._disobeys
             or self._on_parole(pose, now_s)
         )
-        if self._charge is not None:
+        if self.charge is not None:
             return True
         silent_s = self._hearing.stalls(now_s)
         if silent_s > 0.0:
@@ -582,10 +583,10 @@ class MissionExecutive:
         # Where its own attitude agrees, a pilot may have taken over: it is asked for its mode, and that takes a moment.
         patient = charge is not None and doubts is False and evidence.attitude == max(evidence)
         lasts = self._since.lasts("taken", patient, now_s, HEARTBEAT_S)
-        self._charge = charge if not patient or lasts else None
+        self.charge = charge if not patient or lasts else None
         if self._conviction.says:
             self._say(self._conviction.says, kind="suspicion" if evidence.suspicious else "news")
-        return self._charge is not None
+        return self.charge is not None
 
     def _on_parole(self, pose: Pose, now_s: float) -> Charge | None:
         """Poses that come back after so long that the descent has begun."""

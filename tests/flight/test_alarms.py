@@ -105,7 +105,7 @@ def test_an_accusation_is_told_with_its_flight_and_ends_the_command_with_1(
 ) -> None:
     one = WatchedFlight(
         seed=7, windows=10, largest=dict.fromkeys(KINDS, 0.6), passed=(3, 2, 1, 0, 0, 0, 0),
-        accused=("suspicion: they stand",), landed=False, why="a fence",
+        accused=("suspicion: they stand",), landed=False, why="a fence", ended_by_poses=False,
     )  # fmt: skip
     monkeypatch.setattr(alarms_command, "watch_all", lambda *_, **__: Alarms(flights=(one,)))
     monkeypatch.setattr(sys, "argv", ["groundstation-sim", "alarms", "--flights", "1"])

@@ -20,14 +20,15 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from tests.proving.faults import FAULTS, Row, fly_here
 from tests.proving.faults.cell import FIGURE_S, NEAR
-from tests.proving.faults.judge import CONVICTED, FASTEST_M_S, SIDEWAYS_M
+from tests.proving.faults.judge import FASTEST_M_S, SIDEWAYS_M
 
 EXCITED_MS, CALM_MS = 400.0, 1300.0
 """So soon a picture that stands still is found out: where a course excites the vehicle, and in a calm hold."""
 FORWARDS = "link.forward.enabled=true"
 
+CONVICTED = "convicted:"
 ENDS = (CONVICTED, "suspicion: the position")
-"""How the line begins that says why poses end a flight."""
+"""How the line begins by which people are told why poses end a flight."""
 
 
 class Cell(NamedTuple):

@@ -42,8 +42,6 @@ SHARES = (0.25, 0.375, 0.5, 0.75, 1.0, 1.25, 1.5)
 """Thresholds whose alarms are counted, as shares of what ends a flight."""
 REMARKABLE = (0.2, 0.5)
 """A flight whose largest statistic exceeds these is counted."""
-ACCUSES = ("suspicion: ", "convicted: ")
-"""A flight that ends for such a reason was ended by its poses."""
 LOOK_S = 0.5 * NODE_S
 """How often it is looked whether there is a new window [s]."""
 STRUCK_S, SEEN_S = 12.0, 8.0
@@ -67,11 +65,8 @@ class WatchedFlight(msgspec.Struct, frozen=True, kw_only=True):
     landed: bool
     why: str
     """What made it come down early, or how it ended."""
-
-    @property
-    def ended_by_poses(self) -> bool:
-        """Whether it ended early because of them, as poses that lie end a flight."""
-        return not self.landed and _accuses(self.why)
+    ended_by_poses: bool
+    """Whether it ended early because of them, as poses that lie end a flight."""
 
 
 class Alarms(msgspec.Struct, frozen=True, kw_only=True):
@@ -97,10 +92,6 @@ class Alarms(msgspec.Struct, frozen=True, kw_only=True):
     def above(self, share: float) -> int:
         """How many flights had a statistic above ``share`` of what convicts."""
         return sum(max(one.largest.values()) > share for one in self.flights)
-
-
-def _accuses(reason: str) -> bool:
-    return reason.startswith(ACCUSES)
 
 
 class _Trace:
@@ -135,20 +126,33 @@ def watch_flight(
 
     flown = fly_mission(world, config, seed=seed, on_event=said.append, script=script)
     evidence = [each for _, each in trace.windows]
-    accused = [one.says for one in said if one.kind == "suspicion" or _accuses(one.text)]
+    charge = flights[0].charge
+    accusation = charge.reason if charge is not None and charge.accuses else None
+    accused = [one.says for one in said if one.kind == "suspicion" or one.text == accusation]
     why = flown.fault or flown.why
-    return _sum_up(seed, flights[0].monitor.windows, evidence, accused, landed=flown.landed, why=why)
+    return _sum_up(
+        seed, flights[0].monitor.windows, evidence, accused,
+        landed=flown.landed, why=why, ended_by_poses=why == accusation,
+    )  # fmt: skip
 
 
 def _sum_up(
-    seed: int, windows: int, evidence: Sequence[PoseEvidence], accused: Sequence[str], *, landed: bool, why: str
-) -> WatchedFlight:
+    seed: int, windows: int, evidence: Sequence[PoseEvidence], accused: Sequence[str], *, landed: bool, why: str,
+    ended_by_poses: bool,
+) -> WatchedFlight:  # fmt: skip
     """One flight by the evidence of each of its windows."""
     evidence = evidence or [PoseEvidence(0.0, 0.0, 0.0, 0.0)]
     largest = {kind: max(getattr(each, kind) for each in evidence) for kind in KINDS}
     passed = tuple(sum(max(each) >= share for each in evidence) for share in SHARES)
     return WatchedFlight(
-        seed=seed, windows=windows, largest=largest, passed=passed, accused=tuple(accused), landed=landed, why=why
+        seed=seed,
+        windows=windows,
+        largest=largest,
+        passed=passed,
+        accused=tuple(accused),
+        landed=landed,
+        why=why,
+        ended_by_poses=ended_by_poses,
     )
 
 
@@ -421,4 +425,4 @@ def _fly_capture(number: int, opened: OpenedRecording, begin: int, end: int) -> 
             said.append(f"{time_s:.1f} s: {ended}")
             break
     why = ended or f"recorded from {lifts_s:.1f} to {ends_s:.1f} s"
-    return _sum_up(number, windows, evidence, said, landed=not ended, why=why)
+    return _sum_up(number, windows, evidence, said, landed=not ended, why=why, ended_by_poses=bool(ended))

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
+from groundstation.core.safety import Charge
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Quadrotor, Wind
 from tests.proving.faults import FAULTS, MOMENTS, REASONS, Exemption, Fault, Poses, Row, deal_cells
@@ -14,7 +15,7 @@ from tests.proving.faults.table import page
 
 FALSE = Fault("made up", poses=Poses.FALSE)
 TRUE = Fault("made up")
-ANSWER = (0.4, "descent", "convicted: it does not obey")
+ANSWER = (0.4, "descent", "it does not obey")
 STRUCK_S = 0.1
 
 
@@ -46,6 +47,7 @@ def verdict(
     thrust: Thrust | None = None,
     touchdown_m_s: float | None = None,
     land_s: float | None = None,
+    charge: Charge | None = None,
     exemption: Exemption = Exemption.NONE,
     state: str = "hold",
 ) -> Row:
@@ -53,7 +55,7 @@ def verdict(
     return judge(
         "made up", fault, state, moved(lambda t: (0.0, 0.0, -1.0)) if truth is None else truth, answers,
         wrong="", exemption=exemption, begun_s=0.0, drift_m=0.0, touchdown_m_s=touchdown_m_s, thrust=thrust,
-        land_s=land_s,
+        land_s=land_s, charge=charge,
     )  # fmt: skip
 
 
@@ -181,9 +183,10 @@ def test_who_flies_on_with_false_poses_stays_near_the_course() -> None:
 
 def test_true_poses_of_a_vehicle_that_obeys_must_not_be_convicted() -> None:
     pushed = TRUE._replace(obeys=True)
-    assert "true poses were convicted" in verdict(pushed, None, ANSWER).why
-    assert verdict(pushed, None, (0.4, "landing", "0.6 m from where it should be")).safe
-    assert verdict(TRUE, None, ANSWER).safe
+    lies, held = Charge("they do not obey", "convicted"), Charge("they stand", "suspicion")
+    assert verdict(pushed, None, ANSWER, charge=lies).why == "true poses were convicted: convicted: they do not obey"
+    assert verdict(pushed, None, ANSWER, charge=held).safe
+    assert verdict(TRUE, None, ANSWER, charge=lies).safe
 
 
 def test_the_answer_is_counted_from_the_strike() -> None:

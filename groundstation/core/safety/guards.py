@@ -17,7 +17,7 @@ the vehicle, it may be a tether, a net or a hand: the flight ends in the same wa
 import math
 from collections.abc import Callable
 from enum import IntEnum
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, Literal, NamedTuple, Protocol
 
 import msgspec
 
@@ -473,11 +473,16 @@ RESETS, RESETS_S = 4, 5.0
 
 
 class Charge(NamedTuple):
-    """Why a flight ends because of its poses."""
+    """Why a flight ends because of its poses, or of commands that nobody could fly by."""
 
-    reason: str
-    convicted: bool
-    """False where the vehicle itself may be held."""
+    says: str
+    accuses: Literal["", "suspicion", "convicted"] = ""
+    """``convicted``: the poses lie; ``suspicion``: they do, or the vehicle is held; empty: none can be flown by."""
+
+    @property
+    def reason(self) -> str:
+        """The sentence for the operator."""
+        return f"{self.accuses}: {self.says}" if self.accuses else self.says
 
 
 class Conviction:
@@ -508,17 +513,17 @@ class Conviction:
         least = WITNESS if doubted else 1.0
         if max(evidence.attitude, evidence.axes, evidence.heading) >= least:
             if led and not doubted:
-                return Charge(f"suspicion: {LED}: down on the model", convicted=False)
+                return Charge(f"{LED}: down on the model", "suspicion")
             also = ", and the autopilot's own attitude says so, too" if doubted else ""
-            return Charge(f"convicted: {_accusation(evidence)}{also}: down on the model", convicted=True)
+            return Charge(f"{_accusation(evidence)}{also}: down on the model", "convicted")
         if evidence.push >= 1.0:
-            return Charge(f"suspicion: {_accusation(evidence)}: down on the model", convicted=False)
+            return Charge(f"{_accusation(evidence)}: down on the model", "suspicion")
         if evidence.still < STILL_SUSPECTS:
             self._still_since_s = None
         elif self._still_since_s is None:
             self._still_since_s = now_s
         elif evidence.still >= 1.0 or now_s - self._still_since_s >= HELD_S - 1e-9:
-            return Charge(f"suspicion: {_accusation(evidence)}: down on the model", convicted=False)
+            return Charge(f"{_accusation(evidence)}: down on the model", "suspicion")
         return None
 
 
@@ -530,10 +535,10 @@ def charge_lateness(late_s: float) -> Charge | None:
     if late_s == 0.0:
         return None
     why = (
-        f"convicted: what the poses show follows the commands {1e3 * late_s:.0f} ms later than told "
+        f"what the poses show follows the commands {1e3 * late_s:.0f} ms later than told "
         "(poses older than they say, or commands that get lost)"
     )
-    return Charge(f"{why}: down on the model", convicted=True)
+    return Charge(f"{why}: down on the model", "convicted")
 
 
 def charge_age(age_s: float, coast_s: float, since: Since, now_s: float) -> Charge | None:
@@ -546,8 +551,7 @@ def charge_age(age_s: float, coast_s: float, since: Since, now_s: float) -> Char
         return None
     return Charge(
         f"the poses are {1e3 * age_s:.0f} ms old as they come, limit {1e3 * limit_s:.0f} ms "
-        f"({OLD_SHARE:g} of flight.coast_s): down on the model",
-        convicted=False,
+        f"({OLD_SHARE:g} of flight.coast_s): down on the model"
     )
 
 
@@ -556,7 +560,7 @@ def charge_place(height_m: float, astray_m: float) -> Charge | None:
     if height_m > -UNDER_M - astray_m:
         return None
     why = f"the poses show it {-height_m:.2f} m under the floor"
-    return Charge(f"{why}: down on the model", convicted=True)
+    return Charge(f"{why}: down on the model")
 
 
 class Resets:
@@ -574,7 +578,7 @@ class Resets:
         if len(self._at_s) <= RESETS:
             return None
         why = f"the estimate behind the poses was reset {len(self._at_s)} times within {RESETS_S:g} s"
-        return Charge(f"{why}: down on the model", convicted=True)
+        return Charge(f"{why}: down on the model")
 
 
 class Parole:
@@ -603,7 +607,7 @@ class Parole:
         self._begun_s = now_s if self._begun_s is None else self._begun_s
         if now_s - self._begun_s < PAROLE_S - 1e-9:
             return None
-        return Charge("the poses that came back do not show what the commands do: down on the model", convicted=False)
+        return Charge("the poses that came back do not show what the commands do: down on the model")
 
 
 FASTER_M_S, ASIDE_M_S = 1.5, 2.1
@@ -630,14 +634,14 @@ class DescentMonitor:
         self._slowest = slowest = min(self._slowest, aside)
         away = aside > ASIDE_M_S and aside > slowest + FASTER_M_S
         if self._since.lasts("away", away, now_s, SURE_S):
-            return Charge(f"told to level out it gets faster, {aside:.1f} m/s now: down on the model", convicted=False)
+            return Charge(f"told to level out it gets faster, {aside:.1f} m/s now: down on the model")
         self._sank = sank = max(self._sank, w)
         rises = high and w < min(sank - RISES_M_S, -SINKS_M_S) and share < LIFTS_LESS
         if self._since.lasts("rises", rises, now_s, RISES_S):
-            return Charge(f"thrust does not carry it, and the poses rise at {-w:.1f} m/s: down on the model", False)
+            return Charge(f"thrust does not carry it, and the poses rise at {-w:.1f} m/s: down on the model")
         stays = high and abs(w) < SINKS_M_S and share < LIFTS_LESS
         if self._since.lasts("stays", stays, now_s, STAYS_S):
-            return Charge("thrust does not carry it, and the poses show no sinking: down on the model", convicted=False)
+            return Charge("thrust does not carry it, and the poses show no sinking: down on the model")
         return None
 
 

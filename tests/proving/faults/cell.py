@@ -240,6 +240,7 @@ async def fly_here(
         touchdown_m_s=stage.plant.hardest_m_s,
         thrust=pushing,
         land_s=autopilot.land_s,
+        charge=flight.charge,
         scenario=scenario,
     )  # fmt: skip
 

@@ -15,6 +15,7 @@ import msgspec
 
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import IdleRecord, Tick, TickRecord
+from groundstation.core.safety import Charge
 from groundstation.recording import Record
 from groundstation.settings import Config
 from links.core import Command, Segment, signal
@@ -187,8 +188,6 @@ COURSE_M = 0.5
 """Whoever flies on with false poses is no farther from the course than this."""
 JUDGED_S = 5.0
 """How long after the strike what poses alone can't tell is judged."""
-CONVICTED = "convicted:"
-"""How the reason of an answer begins that convicts the poses."""
 
 LIMITS = (
     ("rises above where it was struck, or above its course if that is higher", f"{HIGHEST_M:g} m"),
@@ -280,6 +279,7 @@ def judge(
     touchdown_m_s: float | None,
     thrust: Thrust | None = None,
     land_s: float | None = None,
+    charge: Charge | None = None,
     scenario: str = "paper",
     how: str = "",
 ) -> Row:
@@ -287,7 +287,8 @@ def judge(
 
     ``answers`` are what ``fault`` led to, the first one first, in a flight that began at ``begun_s`` [s];
     ``exemption`` is what can't be asked of it, ``land_s`` when its autopilot took over landing, where it was asked to,
-    ``thrust`` what the commands pushed with, where that was seen, and ``how`` it was flown.
+    ``thrust`` what the commands pushed with, where that was seen, ``charge`` what its poses were charged with in the
+    end, and ``how`` it was flown.
     """
     found = [
         wrong,
@@ -295,7 +296,7 @@ def judge(
         "" if exemption in FALLS else _too_hard(fault, state, truth, touchdown_m_s),
         "" if thrust is None else _judge_push(fault, thrust, land_s),
         _flew_on(fault, truth, answers, exemption),
-        _find_conviction(fault, answers),
+        _find_conviction(fault, charge),
     ]
     wrong = next((one for one in found if one), "")
     said = answers[0][2] if answers else ""
@@ -355,10 +356,10 @@ def _flew_on(fault: Fault, truth: Truth, answers: Sequence[Answer], exemption: E
     return "" if truth.off_m <= COURSE_M or not truth.led else f"it flew on {truth.off_m:.2f} m off its course"
 
 
-def _find_conviction(fault: Fault, answers: Sequence[Answer]) -> str:
-    """False answers, where poses are true and the vehicle obeys."""
-    said = next((why for _, _, why in answers if why.startswith(CONVICTED)), "") if fault.obeys else ""
-    return f"true poses were convicted: {said}" if said else ""
+def _find_conviction(fault: Fault, charge: Charge | None) -> str:
+    """A false answer, where poses are true and the vehicle obeys."""
+    convicted = fault.obeys and charge is not None and charge.accuses == "convicted"
+    return f"true poses were convicted: {charge.reason}" if charge is not None and convicted else ""
 
 
 SET_POINT = b"\x52\x00\x00"

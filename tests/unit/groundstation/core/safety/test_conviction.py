@@ -39,7 +39,7 @@ def test_a_suspicion_is_told_once_and_so_is_its_end() -> None:
 def test_each_witness_but_a_position_that_stands_convicts() -> None:
     for name in ("attitude", "axes", "heading"):
         charge = Conviction().look(NOTHING._replace(**{name: 1.0}), 0.0)
-        assert charge is not None and charge.convicted
+        assert charge is not None and charge.accuses == "convicted"
         assert charge.reason.startswith("convicted: ")
 
 
@@ -47,7 +47,7 @@ def test_half_the_evidence_convicts_where_the_autopilot_disagrees_with_the_poses
     half = NOTHING._replace(attitude=0.5)
     assert Conviction().look(half, 0.0) is None
     charge = Conviction().look(half, 0.0, doubted=True)
-    assert charge is not None and charge.convicted
+    assert charge is not None and charge.accuses == "convicted"
     assert "autopilot" in charge.reason
 
 
@@ -57,7 +57,7 @@ def test_the_autopilot_s_doubt_alone_convicts_nobody() -> None:
 
 def test_what_something_else_moves_ends_the_flight_and_is_not_convicted() -> None:
     charge = Conviction().look(NOTHING._replace(attitude=2.0), 0.0, led=True)
-    assert charge is not None and not charge.convicted
+    assert charge is not None and charge.accuses == "suspicion"
     assert charge.reason.startswith("suspicion: ")
 
 
@@ -67,7 +67,7 @@ def test_a_position_that_stands_is_never_convicted_and_ends_the_flight_only_when
     assert conviction.look(stands, 0.0) is None
     assert conviction.look(stands, 0.9 * HELD_S) is None
     charge = conviction.look(stands, HELD_S)
-    assert charge is not None and not charge.convicted
+    assert charge is not None and charge.accuses == "suspicion"
 
 
 def test_a_position_that_moves_again_in_time_is_forgotten() -> None:
@@ -83,7 +83,7 @@ def test_a_position_that_does_not_show_what_pushes_the_vehicle_ends_the_flight_a
     assert conviction.look(NOTHING._replace(push=0.9), 0.0) is None
     assert conviction.says.startswith("suspicion: ")
     charge = conviction.look(NOTHING._replace(push=1.0), 0.1)
-    assert charge is not None and not charge.convicted
+    assert charge is not None and charge.accuses == "suspicion"
 
 
 def test_poses_that_are_too_old_for_a_while_end_the_flight() -> None:
@@ -104,7 +104,7 @@ def test_poses_that_come_back_prove_themselves_or_end_the_flight() -> None:
     assert not parole.ends(0.5 * ANSWERED)
     assert parole.charge(1.5) is None
     charge = parole.charge(1.5 + PAROLE_S)
-    assert charge is not None and not charge.convicted
+    assert charge is not None and charge.accuses == ""
     assert parole.ends(1.1 * ANSWERED)
     assert not parole.serves(3.0)
     parole.begin(4.0)
@@ -128,7 +128,7 @@ def test_a_descent_that_gets_faster_across_though_told_to_level_out_ends_on_the_
     charge = sinks(descent, (2.2, 0.0, 0.4), 1.0, 0.2)
     assert charge is not None
     assert "it gets faster, 2.2 m/s" in charge.reason
-    assert not charge.convicted
+    assert charge.accuses != "convicted"
 
 
 def test_a_descent_that_begins_fast_and_slows_down_is_not_charged() -> None:
