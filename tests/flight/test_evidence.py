@@ -37,7 +37,7 @@ from groundstation.analysis.evidence.evidence import (
     respond,
     tabulate_flights,
 )
-from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping
+from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, find_repeats, load_mapping
 from groundstation.config import ConfigError, from_dict, shipped_texts
 from groundstation.core.estimation import (
     Densities,
@@ -59,10 +59,10 @@ ATTITUDE_P = {"nanobench": 6.0, "neural-fly": 7.0}
 
 
 @cache
-def flown(scenario: str = "paper", full_n: float = 1.37) -> list[tuple[float, Vec3, Quat, float, Vec3]]:
+def flown(scenario: str = "paper", full_n: float = 1.37, *told: str) -> list[tuple[float, Vec3, Quat, float, Vec3]]:
     """Each pose of a flight of ours: time [s], place, attitude, and the newest command's share of thrust and rates."""
     rows, newest = [], None
-    for entry in Recording(recorded(scenario, duration_s=SECONDS)[0]).entries(("/measured", "/command")):
+    for entry in Recording(recorded(scenario, *told, duration_s=SECONDS)[0]).entries(("/measured", "/command")):
         value = entry.value()
         if entry.topic == "/command":
             w = value["rates_rad_s"]
@@ -333,6 +333,21 @@ def test_the_wind_tunnels_own_vehicle_is_predicted_as_well_as_the_filter_says(tm
     assert at_60["rms_mm"] < 0.6 * at_60["pvt_rms_mm"]
 
 
+def test_of_a_hover_that_was_written_down_in_millimetres_every_pose_counts(tmp_path: Path) -> None:
+    """A source that rounds sees the same place again; that is no pose that its log repeats."""
+    rows = [
+        (t, tuple(round(x, 3) for x in place), *rest)
+        for t, place, *rest in flown("paper", 1.37, "trajectory.kind=hold", "sim.pose_rate_hz=100")
+    ]
+    facts = examine_flight(imported(tmp_path, neural_fly(tmp_path, rows), "neural-fly"))
+    assert facts["left_out"].get("poses that repeat the one before", 0) < 0.01 * len(rows)
+    assert facts["pose_hz"] == pytest.approx(100.0, rel=0.01)
+    assert facts["gap_max_ms"] < 60.0
+    assert facts["noise_across_mm"] == pytest.approx(math.hypot(0.3, 1.0 / math.sqrt(12.0)), rel=0.1)
+    assert 0.7 < facts["nis3"] < 1.4
+    assert facts["prediction"]["60"]["rms_mm"] < 0.7 * facts["prediction"]["60"]["pvt_rms_mm"]
+
+
 def test_stamps_that_are_off_leave_the_filter_consistent_and_cost_nothing_across_the_motion() -> None:
     exact, late = (
         examine_flight(recorded("fast", f"sim.pose_jitter_s={jitter_s}", duration_s=8.0)[0])
@@ -378,6 +393,49 @@ def test_noise_does_not_depend_on_how_evenly_poses_come() -> None:
     stamps, place = circle(100.0, 0.0, 5e-5)
     kept = np.random.default_rng(2).random(len(stamps)) > 0.1
     assert measure_pose_noise(stamps[kept], place[kept]).across_m == pytest.approx(5e-5, rel=0.15)
+
+
+def hover(step_m: float, count: int = 3000) -> Column:
+    """Places that hardly move, with 0.3 mm of noise, rounded."""
+    draw = np.random.default_rng(8)
+    way = 0.002 * np.sin(0.01 * np.arange(count))[:, None] * [1.0, 0.5, 0.2]
+    rounded: Column = step_m * np.round((way + 3e-4 * draw.standard_normal((count, 3))) / step_m)
+    return rounded
+
+
+def test_rounded_places_that_hardly_move_are_no_repetitions() -> None:
+    place = hover(0.001)
+    assert np.count_nonzero((np.diff(place, axis=0) == 0.0).all(axis=1)) > 0.1 * len(place)
+    assert not find_repeats(place)[:-3].any()
+
+
+@pytest.mark.parametrize("step_m", [1e-9, 0.001, 0.005])
+def test_a_log_that_is_faster_than_its_source_repeats_rounded_places_or_not(step_m: float) -> None:
+    _, place = circle(100.0, 0.0, 5e-5)
+    place = step_m * np.round(place / step_m)
+    assert not find_repeats(place).any()
+    assert (np.flatnonzero(find_repeats(np.repeat(place, 2, axis=0))) == 2 * np.arange(len(place)) + 1).all()
+
+
+def test_a_tracker_that_stands_still_for_a_while_repeats_rounded_places_too() -> None:
+    """While the vehicle flies on; where it hovers, what is the same was seen."""
+    _, place = circle(100.0, 0.0, 5e-5)
+    still = hover(0.001)
+    place = np.concatenate([still, still[-1] + 0.001 * np.round((place - place[0]) / 0.001)])
+    held = np.arange(4000, 4010)
+    place[held] = place[3999]
+    found = np.flatnonzero(find_repeats(place))
+    assert len(found) <= len(held) + 2  # the last of the hover may be the same, and are left by more than a step
+    assert found[found > len(still)].tolist()[-len(held) :] == held.tolist()
+
+
+def test_noise_is_no_less_than_what_rounding_leaves_where_neighbours_are_mostly_the_same() -> None:
+    stamps = np.arange(3000) / 100.0
+    crept = 0.001 * np.round(0.01 * np.arange(3000))[:, None] * np.ones(3)
+    noise = measure_pose_noise(stamps, crept)
+    assert noise.across_m == noise.along_m == pytest.approx(0.001 / math.sqrt(12.0))
+    stood = measure_wander(stamps, np.zeros((3000, 3)))
+    assert stood == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("hz", [50.0, 100.0])

@@ -30,6 +30,7 @@ from groundstation.analysis.evidence.imports import (
     ImportedSetpoint,
     ImportedState,
     MappedVehicle,
+    find_resolution,
 )
 from groundstation.analysis.identify import LEAST_S, FlightStretch, StretchTooShort, find_stretch, identify
 from groundstation.analysis.shadow import (
@@ -271,7 +272,10 @@ def _told_by(config: Config | None) -> MappedVehicle:
 
 
 class PoseNoise(NamedTuple):
-    """Noise of the poses that move, from what no smooth motion leaves of five in a row."""
+    """Noise of the poses that move, from what no smooth motion leaves of five in a row.
+
+    It is no less than what rounding leaves of their numbers: where hardly anything moves, neighbours are the same.
+    """
 
     along_m: float
     across_m: float
@@ -369,18 +373,21 @@ def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
     """Of positions (N, 3) [m] at ``at_s`` (N,) [s]; all zero where there are too few."""
     if len(at_s) < 10:
         return PoseNoise(0.0, 0.0, 0.0)
-    found = sort_differences(at_s, place)
+    found, steps = sort_differences(at_s, place), find_resolution(place)
+    rounded = float((np.where(np.isfinite(steps), steps, 0.0) ** 2).mean()) / 12.0
     if np.count_nonzero(found.moves) < LEAST_MOVING:
-        still = math.sqrt(float(found.squares.mean()))
+        still = math.sqrt(max(float(found.squares.mean()), rounded))
         return PoseNoise(still, still, 0.0)
     along, (jitter2, in_plane) = float(found.squares[found.moves, 2].mean()), found.find_stamps()
     later = sort_differences(at_s, place, 2)
     if np.count_nonzero(later.moves) >= OFTEN and later.find_stamps()[0] > LASTS * jitter2:
         jitter2 = 0.0
-    across = found.find_across(jitter2, in_plane)
+    across = max(found.find_across(jitter2, in_plane), rounded)
     return PoseNoise(math.sqrt(along), math.sqrt(across), math.sqrt(jitter2))
 
 
+LEAST_NOISE_M = 1e-6
+"""No source is better [m]."""
 WANDER_S, SPACINGS = 0.06, 6
 """Up to this spacing of poses the wander of the source shows [s]; of the spacings up to it so many are looked at."""
 ROAMED = 20.0 / 70.0
@@ -415,7 +422,8 @@ def measure_wander(at_s: Column, place: Column, known: Column | float = 0.0) -> 
     noise = measure_pose_noise(at_s, place)
     strides = np.unique(np.linspace(1.0, longest, SPACINGS).round().astype(int)).tolist()
     seen = [sort_differences(at_s, place, stride, known) for stride in strides]
-    variances = np.array([one.find_across(noise.jitter_s**2, noise.across_m**2) for one in seen])
+    shown = np.array([one.find_across(noise.jitter_s**2, noise.across_m**2) for one in seen])
+    variances = np.maximum(shown, LEAST_NOISE_M**2)
     apart_s = np.array([float(one.apart_s.mean()) for one in seen])
     grows = np.stack([np.ones(len(seen)), ROAMED * apart_s, WANDERED * apart_s**3], axis=1) / variances[:, None]
     weights = np.sqrt(variances)
@@ -790,7 +798,7 @@ def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
     do, it bounds them: in still air they would take noise for wind.
     """
     at_s, place, told = driven.at_s[driven.air], driven.place[driven.air], driven.config.controller
-    across_m, period_s = max(noise.across_m, 1e-6), float(np.mean(np.diff(at_s)))
+    across_m, period_s = max(noise.across_m, LEAST_NOISE_M), float(np.mean(np.diff(at_s)))
     jitter_s = noise.jitter_s if noise.along_m**2 > JITTER_SHOWS * noise.across_m**2 else 0.0
     leant = _integrate_lean(driven)
     wander = measure_wander(at_s, place, leant)

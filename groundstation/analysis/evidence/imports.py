@@ -451,6 +451,38 @@ def find_usual(time: Column) -> float:
     return float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
 
 
+BEYOND = 1.5
+"""More than rounding makes of what hardly moves, in steps of the numbers."""
+AFTER_REPEATS = 0.25
+"""Where so many of the longer steps come after a repetition, the log is faster than its source."""
+
+
+def find_resolution(place: Column) -> Column:
+    """The least step between neighbours of positions (N, 3) along each axis, (3,) [m]; infinite where there is none."""
+    steps = np.abs(np.diff(place, axis=0))
+    least: Column = np.where(steps > 0.0, steps, np.inf).min(axis=0, initial=np.inf)
+    return least
+
+
+def find_repeats(place: Column) -> NDArray[np.bool_]:
+    """Which positions (N, 3) [m] repeat the one before to the last bit, and are no new ones, (N,).
+
+    A log does that which is faster than its source, and a tracker that stands still while the vehicle flies on.
+    Where positions are rounded, two that were seen may be the same, too: these do not count. The next other one is a
+    step of the numbers away then, and no farther. What is the same to the end counts, as none follows.
+    """
+    steps = np.diff(place, axis=0, prepend=place[:1] - 1.0)
+    same: NDArray[np.bool_] = np.all(steps == 0.0, axis=1)
+    far: NDArray[np.bool_] = np.any(np.abs(steps) > BEYOND * find_resolution(place), axis=1)
+    after = np.concatenate([[False], same[:-1]])
+    if np.count_nonzero(far & after) > AFTER_REPEATS * np.count_nonzero(far[1:]):
+        return same
+    others = np.flatnonzero(~same)
+    following = np.searchsorted(others, np.arange(len(place)), side="right")
+    ends: NDArray[np.bool_] = np.append(far[others], True)[following]
+    return same & ends
+
+
 def find_leaps(time: Column, place: Column) -> tuple[NDArray[np.bool_], list[int]]:
     """Which poses (N,) leap away and come back, and where positions (N, 3) [m] go on from another origin."""
     gone, moved = np.zeros(len(time), dtype=bool), list[int]()
@@ -525,8 +557,7 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight
     flight = ImportedFlight(float(time[0]))
     late = np.zeros(len(time), dtype=bool)
     late[1:] = time[1:] <= np.maximum.accumulate(time)[:-1]
-    repeats = np.zeros(len(time), dtype=bool)
-    repeats[1:] = (np.diff(place, axis=0) == 0.0).all(axis=1)  # to the last bit: a log faster than its source
+    repeats = find_repeats(place)
     flight.notes["poses not newer than the one before"] += int(np.count_nonzero(late))
     flight.notes["poses that repeat the one before"] += int(np.count_nonzero(repeats & ~late))
     rest = np.flatnonzero(~(late | repeats))
