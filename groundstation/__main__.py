@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 
-from groundstation.runtime import add_completion, build_parser, path
+from groundstation.runtime import VIEWERS, add_completion, build_parser, path, viewer
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from groundstation import ErrorBudget
     from groundstation.analysis.report import FlightColumns
-
-VIEWERS = ["rerun", "foxglove"]
 
 
 def _fly(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +22,7 @@ def _fly(parser: argparse.ArgumentParser) -> None:
         "--tui", action="store_true", help="fly in a process of its own, and steer it from the dashboard"
     )
     parser.add_argument(
-        "--view", nargs="?", choices=VIEWERS, const=VIEWERS[0], default="",
+        "--view", nargs="?", type=viewer, choices=VIEWERS, const=VIEWERS[0],
         help="show it in space as it is recorded, in a process of its own (default: rerun)",
     )  # fmt: skip
     _theme_argument(parser)

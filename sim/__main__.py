@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.runtime import add_completion, build_parser, path
+from groundstation.runtime import VIEWERS, add_completion, build_parser, path, viewer
 from sim.cli import count, hours, names, percent, seconds, whole
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, l1, pid, indi, or your own: package.module:factory"
@@ -38,8 +38,9 @@ def _fly(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--view",
         nargs="?",
-        const="rerun",
-        choices=["rerun", "foxglove"],
+        type=viewer,
+        const=VIEWERS[0],
+        choices=VIEWERS,
         help="with --out: then show it (default rerun)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")

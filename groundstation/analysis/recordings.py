@@ -396,6 +396,10 @@ class Channel(Mapping[str, "NDArray[Any]"]):
         self.topic = topic
         self._columns = columns
 
+    def __repr__(self) -> str:
+        rows = len(next(iter(self._columns.values()), ()))
+        return f"<Channel {self.topic}, {rows} rows: {', '.join(self._columns)}>"
+
     def __getitem__(self, name: str) -> "NDArray[Any]":
         """The column ``name``, of shape (N,); or of a vector all of its components, of shape (N, 3) or (N, 4).
 

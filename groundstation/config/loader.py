@@ -479,6 +479,14 @@ def _strip_caller(error: Exception) -> None:
     error.__traceback__ = error.__traceback__ and error.__traceback__.tb_next
 
 
+def _strip_import(error: Exception) -> None:
+    """Leave ``error`` the frames of the module that was imported, if it was found, without those of the import."""
+    frames = error.__traceback__ and error.__traceback__.tb_next
+    while frames and frames.tb_frame.f_globals.get("__name__", "").startswith("importlib"):
+        frames = frames.tb_next
+    error.__traceback__ = frames
+
+
 def without_frames(work: Callable[P, R]) -> Callable[P, R]:
     """``work``, whose refusals show whoever called it their own frames, and none of those between."""
 
@@ -533,8 +541,9 @@ def find_object(key: str, factory: str) -> Any:
     try:
         module = importlib.import_module(module_name)
     except Exception as error:  # whatever the user's module raises, the operator must hear of it
+        _strip_import(error)
         raise ConfigError(
-            key, f"can't import {module_name}: {describe_error(error)} (is its folder on PYTHONPATH, or it installed?)"
+            key, f"can't import {module_name}: {describe_error(error)} (is it installed, or its folder on PYTHONPATH?)"
         ) from error
     if not hasattr(module, name):
         raise ConfigError(key, f"{module_name} has no attribute {name!r}")

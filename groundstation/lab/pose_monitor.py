@@ -497,7 +497,8 @@ def describe_calibration(
             f"the tracked body lies askew on the vehicle: roll {roll:+.1f}, pitch {pitch:+.1f}, yaw {yaw:+.1f}°"
         )
     if found.autopilot_north_deg is not None:
-        lines.append(f"the autopilot's north lies {found.autopilot_north_deg:+.0f}° to the right of ours")
+        side = "right" if found.autopilot_north_deg > 0.0 else "left"
+        lines.append(f"the autopilot's north lies {abs(found.autopilot_north_deg):.0f}° to the {side} of ours")
     if found.late_s is not None:
         clock = "" if synchronised else ", not counting the way of its messages to here, as it does not tell its time"
         way = "older" if found.late_s >= 0.0 else "younger"

@@ -6,6 +6,7 @@ if TYPE_CHECKING:
     from groundstation.runtime.document import fill_markers, replace_between_markers, split_at_markers
     from groundstation.runtime.entry import (
         INTERRUPTED,
+        VIEWERS,
         Exit,
         LazyParser,
         add_completion,
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
         raw_stream,
         require_package,
         run,
+        viewer,
     )
     from groundstation.runtime.outlets import Latest, NonBlockingWriter
     from groundstation.runtime.recordings import (

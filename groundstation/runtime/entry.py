@@ -292,3 +292,15 @@ def path(text: str) -> "Path":
     from pathlib import Path
 
     return Path(text)
+
+
+VIEWERS = ("rerun", "foxglove")
+
+
+def viewer(text: str) -> str:
+    """The type of an option that may name one of :data:`VIEWERS`, and stands before a file's name only by mistake."""
+    if text not in VIEWERS:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no viewer: expected rerun or foxglove, or --view at the very end"
+        )
+    return text

@@ -216,7 +216,7 @@ def describe_rehearsal(config: "Config", before: "Config") -> str:
     """One line for the operator: that it is one, and where the addresses of ``before`` lead now."""
     room = config.rehearsal
     assert room is not None, "the caller has looked"
-    turned = []
+    turned = ["pose.kind json"] if isinstance(before.pose, LibmotioncaptureConfig) else []
     for key in ADDRESSES:
         section, _, name = key.partition(".")
         old, new = (getattr(getattr(one, section), name, None) for one in (before, config))

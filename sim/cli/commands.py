@@ -541,7 +541,8 @@ def serve(args: argparse.Namespace) -> int:
 
         truth, told = by_side(args.overrides, None)
         labs = [member.lab for member in read_fleet(args.fleet, told).members]
-        return asyncio.run(serve_fleet(place_fleet(overridden(scenario.world, truth), labs), labs, **common))
+        worlds = place_fleet(overridden(scenario.world, truth), labs)
+        return asyncio.run(serve_fleet(str(args.fleet), worlds, labs, **common))
     common["parameters"] = _parameters(args.autopilot, args.parameters)
     if args.config is not None:
         return _serve_room(args, scenario.world, common)
@@ -571,6 +572,7 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
     from sim.runs import serve as serve_stage
     from sim.runs import serve_fleet
 
+    served = f"{args.config} for --rehearse{f', wrong by {args.wrong}' if args.wrong else ''}"
     truth, told = by_side(args.overrides, None)
     if "vehicles" in read_toml(args.config):
         if args.truth is not None:
@@ -578,13 +580,13 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
         made = [make_mistakes(world_as_told(air, lab, truth), lab, args.wrong) for lab in labs]
         del common["parameters"]
-        return asyncio.run(serve_fleet([world for world, _ in made], [room for _, room in made], **common))
+        return asyncio.run(serve_fleet(served, [world for world, _ in made], [room for _, room in made], **common))
     config = rehearse(load(args.config, Config, told), args.config)
     if config.pose.recorded:
         raise ConfigError("pose.kind", "a recording is played by the ground station itself", str(args.config))
     world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
     more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried, "truth": args.truth}
-    return asyncio.run(serve_stage(f"{args.config} for --rehearse", world, room, **more, **common))
+    return asyncio.run(serve_stage(served, world, room, **more, **common))
 
 
 def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:

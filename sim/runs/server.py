@@ -192,9 +192,15 @@ def _ours(path: Path) -> Path:
 
 
 async def serve_fleet(
-    worlds: Sequence[World], labs: Sequence[Config], *, seed: int, duration_s: float | None, autopilot: str = "px4"
+    what: str,
+    worlds: Sequence[World],
+    labs: Sequence[Config],
+    *,
+    seed: int,
+    duration_s: float | None,
+    autopilot: str = "px4",
 ) -> int:
-    """Serve a vehicle in each of ``worlds``, as ``labs`` tell it, before one capture system.
+    """Serve ``what`` it is called: a vehicle in each of ``worlds``, as ``labs`` tell it, before one capture system.
 
     Raises:
         ConfigError: the links are not MAVLink's, or another one serves the same.
@@ -208,7 +214,7 @@ async def serve_fleet(
     wires = dict.fromkeys(end for lab in labs for end in _describe_wires(lab))
     async with _alone(labs[0].rehearsal, *wires), _broker(labs[0]) as broker:
         print(
-            f"serving {autopilot} autopilots (MAVLink): {ends}; {_poses(labs[0].pose)}{broker}. Ctrl-C ends.",
+            f"serving {what}: {autopilot} autopilots (MAVLink) {ends}; {_poses(labs[0].pose)}{broker}. Ctrl-C ends.",
             flush=True,
         )
         with contextlib.suppress(TimeoutError):

@@ -514,7 +514,10 @@ def _turn_lab(world: World, room: Config, degrees: float) -> tuple[World, Config
 
 
 def _delay(world: World, room: Config, ms: float) -> tuple[World, Config]:
-    return msgspec.structs.replace(world, pose_latency_s=max(world.pose_latency_s + 1e-3 * ms, 0.0)), room
+    latency_s = world.pose_latency_s + 1e-3 * ms
+    if latency_s < 0.0:
+        raise ConfigError("--wrong", f"latency: the file says {1e3 * world.pose_latency_s:g} ms, got {ms:+g}ms to it")
+    return msgspec.structs.replace(world, pose_latency_s=latency_s), room
 
 
 def _weigh(world: World, room: Config, factor: float) -> tuple[World, Config]:
@@ -538,8 +541,9 @@ def make_mistakes(world: World, room: Config, text: str) -> tuple[World, Config]
     """The truth, made to differ from what the file says as ``text`` tells: ``yaw=5,latency=+20ms,mass=1.1``.
 
     Raises:
-        ConfigError: there is no such mistake, or it can't be made with these poses.
+        ConfigError: there is no such mistake, it is told twice, or it can't be made with these poses.
     """
+    made: set[str] = set()
     for part in filter(None, text.split(",")):
         name, equals, told = (word.strip() for word in part.partition("="))
         if name not in MISTAKES or not equals:
@@ -554,6 +558,9 @@ def make_mistakes(world: World, room: Config, text: str) -> tuple[World, Config]
         if not math.isfinite(value) or (not unit and not 0.2 <= value <= 5.0):
             kind = f"a number of {unit}" if unit else "a factor from 0.2 to 5"
             raise ConfigError("--wrong", f"{name}: expected {kind} ({means}), got {told!r}")
+        if name in made:
+            raise ConfigError("--wrong", f"{name}: is told twice")
+        made.add(name)
         if name == "yaw" and room.pose.by_autopilot:
             raise ConfigError("--wrong", "yaw: these poses are the autopilot's own, no tracker's: leave it out")
         world, room = make(world, room, value)

@@ -441,6 +441,8 @@ STYLES: dict[str, dict[str, Any]] = {
 OTHERS: tuple[dict[str, Any], ...] = (
     {"color": "#56B4E9", "marker": "P", "linestyle": "--"},
     {"color": "#8C6D1F", "marker": "h", "linestyle": "-."},
+    {"color": "#882255", "marker": "X", "linestyle": (0, (1, 1))},
+    {"color": "#117733", "marker": "d", "linestyle": (0, (3, 1, 1, 1))},
 )
 SHOWN_S = (25.0, 45.0)
 """What the gust's panel shows of the flight [s]."""
@@ -536,13 +538,15 @@ def _over_time(panel: Any, traced: Sequence[ComparedFlight], styles: dict[str, d
         width = 2.2 if one.case.controller == "adaptive" else 1.5
         times = [TRACE_S * i for i in range(len(trace))]
         panel.plot(times, [max(value, 1e-3) for value in trace], label=one.case.controller, linewidth=width, **style)
-    when = SCENARIOS[GUST].world.wind_step_time_s
-    north = SCENARIOS[GUST].world.wind_step[0]
-    panel.axvline(when, color="0.4", linewidth=0.8)
-    panel.annotate(f" the wind steps by {north:g} m/s²", (when, 0.02), xycoords=("data", "axes fraction"), fontsize=9)
+    end = max(TRACE_S * len(one.trace or []) for one in traced)
+    gust = SCENARIOS[GUST].world
+    when = gust.wind_step_time_s
+    if when < end:
+        told = f" the wind steps by {gust.wind_step[0]:g} m/s²"
+        panel.axvline(when, color="0.4", linewidth=0.8)
+        panel.annotate(told, (when, 0.02), xycoords=("data", "axes fraction"), fontsize=9)
     panel.set_yscale("log")
     panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    end = max(TRACE_S * len(one.trace or []) for one in traced)
     if end > SHOWN_S[0]:
         panel.set_xlim(SHOWN_S[0], min(SHOWN_S[1], end))
     panel.set_xlabel("time since release [s]")

@@ -92,7 +92,8 @@ def test_a_flight_is_rehearsed_with_a_mistake_a_second_station_and_the_word_in_t
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", int(second.rpartition(":")[2])))
         other.settimeout(10.0)
-        with played(file, "--wrong", "yaw=4,latency=+10ms,mass=1.05", "--gcs", second):
+        with played(file, "--wrong", "yaw=4,latency=+10ms,mass=1.05", "--gcs", second) as says:
+            assert "for --rehearse, wrong by yaw=4,latency=+10ms,mass=1.05: " in says
             refused = station(file, "fly", "--arm", "quad")
             assert refused.returncode == 2
             assert "expected 'rehearsal'" in refused.stderr
@@ -129,6 +130,8 @@ def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path)
         (["--wrong", "yaw"], "expected some of yaw=…"),
         (["--wrong", "mass=0"], "a factor from 0.2 to 5"),
         (["--wrong", "latency=soon"], "expected a number of ms"),
+        (["--wrong", "latency=-500ms"], "got -500ms to it"),
+        (["--wrong", "yaw=5,yaw=6"], "yaw: is told twice"),
         (["--gcs", "192.0.2.1:14550"], "expected an address of this machine"),
     ],
 )

@@ -250,6 +250,19 @@ def test_a_controller_that_cannot_be_made_is_told_in_the_same_way() -> None:
     assert "asyncio" not in "".join(traceback.format_exception(caught.value))
 
 
+def test_a_module_that_cannot_be_imported_shows_its_own_frames_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "half_done.py").write_text("import nothing_of_this_name\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name, frames in (("half_done", ["<module>"]), ("not_there_at_all", [])):
+        with pytest.raises(ConfigError, match=f"controller.kind: can't import {name}: ModuleNotFoundError") as caught:
+            gs.simulate(controller=f"{name}:make", duration=SHORT_S)
+        cause = caught.value.__cause__
+        assert cause is not None
+        assert [frame.name for frame in traceback.extract_tb(cause.__traceback__)] == frames
+
+
 def test_one_name_needs_no_brackets() -> None:
     flown = gs.simulate(overrides="controller.k2=1.0", duration=SHORT_S, record=False)
     again = gs.simulate(overrides=["controller.k2=1.0"], duration=SHORT_S, record=False)
@@ -420,6 +433,16 @@ def test_a_run_and_a_loaded_flight_show_themselves_in_a_line(run: gs.Run) -> Non
         r"<FlightData of \S+\.mcap, adaptive: RMS error [\d.]+ cm against truth>", repr(gs.load(run.path))
     )
     assert re.fullmatch(r"<Run of paper, \S+, seed \d+: (RMS error [\d.]+ cm|no steady part) in [\d.]+ s>", repr(run))
+    assert re.fullmatch(r"<Channel /\S+, \d+ rows: time_s, .*error_m.*>", repr(gs.load(run.path)["errors"]))
+
+
+def test_a_comparison_that_ends_before_the_gust_does_not_mark_it() -> None:
+    def told(duration_s: float) -> list[str]:
+        flown = gs.compare("pid", scenarios="gust_front", duration=duration_s)
+        return [text.get_text() for panel in flown.plot().axes for text in panel.texts]
+
+    assert not any("the wind steps" in text for text in told(17.0))
+    assert any("the wind steps" in text for text in told(31.0))
 
 
 # ---- the documents

@@ -70,7 +70,9 @@ def fly(args: argparse.Namespace) -> int:
     if args.arm is None and not sys.stdin.isatty():
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
     say = _terminal_writer()
-    return fly_command(config, confirmation(config, args.arm), _mark_lines(say) if args.rehearse else say, args.view)
+    return fly_command(
+        config, confirmation(config, args.arm), _mark_lines(say) if args.rehearse else say, args.view or ""
+    )
 
 
 def _mark_lines(say: Say) -> Say:

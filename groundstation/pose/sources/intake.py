@@ -598,7 +598,7 @@ HINTS = {
     "out_of_order": "older than one before: is more than one sender on this address?",
     "duplicate": "sent twice: is more than one sender on this address?",
     "other_address": "somebody else sends to this address",
-    "late": "older as it came than a command may rest on one (flight.coast_s)",
+    "late": "already older, when it came, than flight.coast_s lets a pose be",
 }
 """What a reason may mean, and what to look at."""
 LATE = (

@@ -153,3 +153,5 @@ def test_the_operator_reads_what_was_turned() -> None:
     line = describe_rehearsal(rehearse(before, FILE), before)
     assert line.startswith("REHEARSAL of quad: nothing real is reached or moves. Turned: link.serial ")
     assert "pose.listen 127." in line and "mqtt" not in line
+    before = from_dict({"pose": {"kind": "libmotioncapture", "backend": "vrpn", "hostname": "vrpn.lab"}}, Config)
+    assert "Turned: pose.kind json, " in describe_rehearsal(rehearse(before, FILE), before)

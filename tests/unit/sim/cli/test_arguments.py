@@ -1,6 +1,8 @@
 """Arguments that can't be meant are refused in a sentence, before anything starts."""
 
 import json
+from argparse import ArgumentParser
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -186,3 +188,12 @@ def test_how_long_to_watch_is_refused_where_nothing_is_watched(tmp_path: Path) -
 def test_a_flight_that_leaves_no_recording_is_not_viewed() -> None:
     with pytest.raises(ConfigError, match=r"^--view: shows what was recorded: expected --out DIR beside it$"):
         simulating.fly(simulating_parser().parse_args(["fly", "--view"]))
+
+
+@pytest.mark.parametrize("parser", [flying_parser, simulating_parser], ids=["flying", "simulating"])
+def test_a_file_behind_view_is_told_where_view_stands(
+    parser: Callable[[], ArgumentParser], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        parser().parse_args(["fly", "--view", "room.toml"])
+    assert "'room.toml' is no viewer: expected rerun or foxglove, or --view at the very end" in capsys.readouterr().err
