@@ -28,7 +28,7 @@ from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S, Tick
 from groundstation.runtime import replace_between_markers, require_package
 from sim.runs import LONGEST_S, TrueTrack, Workers, fly, lend_name, run_beside
-from sim.scenarios import SCENARIOS, prepare
+from sim.scenarios import SCENARIOS, by_side, overridden, prepare
 from sim.studies.tune import (
     DELAY,
     SEARCH_SEED,
@@ -539,7 +539,8 @@ def _over_time(panel: Any, traced: Sequence[ComparedFlight], styles: dict[str, d
         times = [TRACE_S * i for i in range(len(trace))]
         panel.plot(times, [max(value, 1e-3) for value in trace], label=one.case.controller, linewidth=width, **style)
     end = max(TRACE_S * len(one.trace or []) for one in traced)
-    gust = SCENARIOS[GUST].world
+    truth, _ = by_side(list(traced[0].case.overrides), None)
+    gust = overridden(SCENARIOS[GUST].world, truth)
     when = gust.wind_step_time_s
     if when < end:
         told = f" the wind steps by {gust.wind_step[0]:g} m/s²"
