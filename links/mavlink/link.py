@@ -192,6 +192,7 @@ class MavlinkLink:
         ``thrust_curve`` is the vehicle's, see :func:`links.core.deadman.signal`; one in ``config`` takes its place.
         """
         self._config = config
+        self._follows_poses = config.follows_poses  # asked after each command
         self._thrust_max = thrust_max_n
         self._curve = thrust_curve if config.thrust_curve is None else config.thrust_curve
         self._target = (config.target_system, config.target_component)
@@ -242,7 +243,7 @@ class MavlinkLink:
     @property
     def follows_poses(self) -> bool:
         """True where a command may leave as soon as a pose has come."""
-        return self._config.follows_poses
+        return self._follows_poses
 
     @property
     def autopilot(self) -> Self:

@@ -464,7 +464,9 @@ def _paced_by_poses(config: Config) -> Config:
 def summarize_mission(title: str, mission: MissionResult) -> str:
     """The mission as text."""
     lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
-    lines += [f"{one.time_s:9.2f} s  {one.state:12} {one.reason}" for one in mission.states]
+    told = [(one.time_s, one.state, one.reason) for one in mission.states]
+    told += [(one.time_s, "", one.reason) for one in mission.warnings]
+    lines += [f"{time_s:9.2f} s  {state:12} {text}" for time_s, state, text in sorted(told, key=lambda one: one[0])]
     lines.append("")
     figure = f" over {mission.figure_s:.0f} s of the figure"
     if mission.rms_cm is None:

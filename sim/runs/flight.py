@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Tick
+from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Severity, Tick
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from groundstation.flight import Flight, FlightOutcome
@@ -43,6 +43,8 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     """Why the flight ended, as a sentence."""
     duration_s: float
     verdict: FlightVerdict
+    warnings: tuple[str, ...]
+    """What else the operator was warned of than the certificate, with the time on the trajectory."""
     log_sha256: str
     """Over all wire bytes both ways with their virtual stamps."""
     datagrams: int
@@ -105,13 +107,17 @@ async def fly(
             on_step(time_s, position)
 
     trajectory = config.trajectory.build()
+    warnings: list[str] = []
     over = False  # then the world has come to its end, and what is cancelled is no part of the flight
     stage = Stage(world, config, seed, referee.track.step if on_step is None else step, autopilot=autopilot)
     plant = stage.plant
 
     def watch(event: FlightEvent) -> None:
-        if isinstance(event, Notice) and on_event is not None:
-            on_event(event)
+        if isinstance(event, Notice):
+            if event.severity is Severity.WARNING and event.kind not in ("certificate", "state") and not over:
+                warnings.append(f"{event.time_s - (flight.started_s or 0.0):.2f} {event.text}")
+            if on_event is not None:
+                on_event(event)
         if not isinstance(event, CommandSent):
             return
         tick = event.tick
@@ -163,6 +169,7 @@ async def fly(
         why="flown to the end" if complete else _why(referee, outcome, failure),
         duration_s=flown,
         verdict=referee.verdict(trajectory, begun or 0.0),
+        warnings=tuple(warnings),
         log_sha256=log.sha256(),
         datagrams=log.count,
         wall_s=time.perf_counter() - start,
@@ -225,6 +232,8 @@ class MissionResult(MissionVerdict, frozen=True, kw_only=True):
 
     fault: str
     """What made it come down early; empty where nothing did."""
+    warnings: tuple[StateEntry, ...]
+    """What the operator was warned of, in which state."""
     tilt_max_deg: float
     """Farthest that it leant."""
     duration_s: float
@@ -260,6 +269,7 @@ async def fly_mission(
     """
     begun_s, loop = time.perf_counter(), asyncio.get_running_loop()
     track, states, upright = TrueTrack(), list[StateEntry](), 1.0
+    warnings: list[StateEntry] = []
 
     def step(time_s: float, position: Vec3) -> None:
         nonlocal upright
@@ -274,8 +284,9 @@ async def fly_mission(
         if isinstance(event, Notice):
             if on_event is not None:
                 on_event(event)
-            if event.kind == "state":
-                states.append(StateEntry(event.state, round(event.time_s, 6), event.text))
+            if event.kind == "state" or event.severity is Severity.WARNING:
+                entry = StateEntry(event.state, round(event.time_s, 6), event.text)
+                (states if event.kind == "state" else warnings).append(entry)
         elif isinstance(event, CommandSent) and give is not None:
             tick = event.tick
             truth, released = stage.plant.truth(tick.time_s), stage.plant.released_s
@@ -301,6 +312,7 @@ async def fly_mission(
         why=f"not over after {limit:g} s" if outcome is None else f"{outcome.state}: {outcome.reason}",
         fault="" if outcome is None else outcome.fault,
         states=tuple(states),
+        warnings=tuple(warnings),
         touchdown_m_s=stage.plant.hardest_m_s,
         **track.judge_figure(trajectory, flight.started_s, states, world.step_s),
         home_m=math.dist(start[:2], end[:2]),

@@ -191,6 +191,7 @@ def simulate(
                 **msgspec.to_builtins(result.verdict),
                 "thrust_bound_m_s2": _thrust_bound(settings, asked, result.verdict.lyapunov_start),
                 "log_sha256": result.log_sha256,
+                "warnings": list(result.warnings),
                 "datagrams": result.datagrams,
                 "wall_s": result.wall_s,
             }

@@ -63,3 +63,19 @@ def test_the_papers_figures_stand_only_beside_its_own_flight(
     monkeypatch.setattr(sys, "argv", ["groundstation-sim", "fly", "--duration", "1", *words])
     main()
     assert ("4.61 cm" in capsys.readouterr().out) is its
+
+
+LATE = ("sim.telemetry_hz=50", "sim.pose_latency_s=0.04")
+"""Poses come 20 ms later than told, and the vehicle tells its attitude."""
+
+
+def test_what_the_operator_was_warned_of_stands_on_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = r"warning: poses seem [12]\d ms later than told"
+    assert re.search(rf"^told in flight, at \[s\] +\d+\.\d\d {late}", screen("adaptive", *LATE), re.MULTILINE)
+    assert "told in flight" not in screen()
+    words = [word for one in LATE for word in ("--set", one)]
+    monkeypatch.setattr(sys, "argv", ["groundstation-sim", "mission", "--duration", "5", *words])
+    assert main() == 0
+    assert re.search(rf"^ +\d+\.\d\d s +{late}", capsys.readouterr().out, re.MULTILINE)
