@@ -180,12 +180,14 @@ class Firmware:
         self._eeprom = Path(self._folder.name) / "eeprom.bin"
         if eeprom is not None:
             self._eeprom.write_bytes(eeprom)
+        # The loader takes a space or a colon in a path for the end of it: the user's cache may have one, "./" has none.
+        (Path(self._folder.name) / library.name).symlink_to(library)
         self._wire, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._process = subprocess.Popen(  # noqa: S603  # found above
                 [binary],
                 cwd=self._folder.name,
-                env={"LD_PRELOAD": str(library), "LOCKSTEP_FD": str(theirs.fileno())},
+                env={"LD_PRELOAD": f"./{library.name}", "LOCKSTEP_FD": str(theirs.fileno())},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

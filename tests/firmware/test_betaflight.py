@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -39,6 +40,17 @@ BROUGHT_DOWN_S = 2.75
 def flown(scenario: str, *overrides: str, link: str = "dsm", seed: int = 0, duration_s: float = 30.0) -> Result:
     world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(overrides), link=link)
     return fly(world, config, seed=seed, duration_s=duration_s, autopilot=BETAFLIGHT)
+
+
+def test_it_runs_where_the_cache_s_path_has_a_space_and_a_colon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache = tmp_path / "a home: mine" / "groundstation"
+    cache.parent.mkdir()
+    cache.symlink_to(betaflight.cache_folder().parent)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache.parent))
+    with Firmware() as firmware:
+        assert firmware.step(LISTENS_S).cli_port
 
 
 @pytest.mark.parametrize(
