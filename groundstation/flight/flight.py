@@ -727,6 +727,7 @@ class Flight:
         self._tell(RequestRecord(now, request.ask, why))
         if not self._progress.allows(event):
             says = f"{request.ask} is not possible while {self.state}"
+            says += ": ask for a hold first" if request.ask is Ask.GOTO else ""
             self._say(says + (f" ({why})" if why else ""))
             return Reply(False, says)
         match request.ask:

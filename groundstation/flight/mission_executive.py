@@ -455,7 +455,8 @@ class MissionExecutive:
         """What forbids to stay at ``place``; empty where nothing does."""
         height = self._config.flight.floor_z_m - place[2]
         if not (math.isfinite(sum(place)) and height >= LEAST_HEIGHT_M):
-            return f"is {height:.2f} m above the floor: at least {LEAST_HEIGHT_M:g} m are needed"
+            side = "above" if height >= 0.0 else "below"
+            return f"is {abs(height):.2f} m {side} the floor: it must lie at least {LEAST_HEIGHT_M:g} m above it"
         room = math.inf if self._fence is None else self._fence.room_m(place)
         if room > 0.0:
             return ""

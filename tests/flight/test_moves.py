@@ -79,7 +79,7 @@ def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> No
         assert goto(flight, Waypoint(2.0, 2.0, 0.0), Waypoint(-2.0, 2.0, 0.0)).done
         await asyncio.sleep(1.5)
         assert flight.state == "moving"
-        assert not goto(flight, NEAR).done
+        assert goto(flight, NEAR).says == "goto is not possible while moving: ask for a hold first"
         assert flight.ask(Request(Ask.HOLD, "stop")).done
         await asyncio.sleep(6.0)
         assert flight.state is State.HOLD
@@ -110,6 +110,7 @@ CAN_NOT_BE_HELD_AT = (
     ([Waypoint(3.0, 0.0, 0.0)], "point 1 of 1, [3.0, 0.0, 0.0], lies on the fence itself"),
     ([Waypoint(3.5, 0.0, 0.0)], "point 1 of 1, [3.5, 0.0, 0.0], is 0.50 m outside the fence"),
     ([NEAR, Waypoint(0.0, 0.0, 0.9)], "point 2 of 2, [0.0, 0.0, 0.9], is 0.10 m above the floor"),
+    ([Waypoint(0.0, 0.0, 2.0)], "is 1.00 m below the floor: it must lie at least 0.3 m above it"),
     ([Waypoint(0.0, 0.0, -2.0)], "0.50 m outside the fence"),
 )
 

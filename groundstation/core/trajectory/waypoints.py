@@ -250,8 +250,8 @@ _KNOWN = ("t_s", *(name for axis in _PLACE for name in axis), "yaw_deg", *(name 
 EXAMPLE = "t_s,north_m,east_m,up_m,yaw_deg"
 
 
-def parse_course(text: str) -> dict[str, Any]:
-    """The course in ``text`` as keys of a section; world NED.
+def parse_course(text: str, least: int = 2) -> dict[str, Any]:
+    """The course of at least ``least`` points in ``text`` as keys of a section; world NED.
 
     Always ``points_ned`` [m]; where their columns are there, ``times_s`` [s], ``yaws_deg`` [deg] and
     ``velocities_ned`` [m/s].
@@ -261,7 +261,7 @@ def parse_course(text: str) -> dict[str, Any]:
     """
     names: list[str] = []
     rows: list[dict[str, float]] = []
-    reader = csv.reader(text.splitlines(), skipinitialspace=True)
+    reader = csv.reader(text.removeprefix("\ufeff").splitlines(), skipinitialspace=True)
     try:
         for cells in reader:
             line = reader.line_num
@@ -276,8 +276,9 @@ def parse_course(text: str) -> dict[str, Any]:
                 raise ValueError(f"line {line}, column t_s: expected more than {before:g}, as before it, got {here:g}")
     except csv.Error as error:
         raise ValueError(f"line {reader.line_num}: {error}") from None
-    if len(rows) < 2:
-        raise ValueError(f"expected a line of names, such as {EXAMPLE}, and at least two lines of numbers")
+    if len(rows) < least:
+        lines = "one line" if least == 1 else f"{least} lines"
+        raise ValueError(f"expected a line of names, such as {EXAMPLE}, and at least {lines} of numbers")
     course: dict[str, Any] = {"points_ned": [_vector(row, _PLACE) for row in rows]}
     if "t_s" in names:
         course["times_s"] = [row["t_s"] for row in rows]

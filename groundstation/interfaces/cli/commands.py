@@ -227,7 +227,7 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
                 text = file.read(COURSE_LETTERS + 1)
             if len(text) > COURSE_LETTERS:
                 raise ConfigError("follow", f"{where[0]}: longer than a file of {MOST_POINTS} points can be")
-            course = parse_course(text)
+            course = parse_course(text, least=1)
         except OSError as error:
             raise ConfigError("follow", f"cannot read {where[0]}: {error.strerror}") from None
         except UnicodeDecodeError:

@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 
 from groundstation.__main__ import main
 from groundstation.config import ConfigError, dump, load
+from groundstation.core.messages import Waypoint
 from groundstation.core.trajectory import parse_course
 from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
+from groundstation.interfaces.cli.commands import _read_points
 from groundstation.settings import Config
 
 GOOD = """# a comment
@@ -37,8 +39,8 @@ def test_short_names_are_ned_and_columns_stand_in_any_order() -> None:
 
 
 REFUSED = [
-    ("", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and at least two lines of numbers"),
-    ("x,y,z\n1,2,3\n", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and at least two lines"),
+    ("", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and at least 2 lines of numbers"),
+    ("x,y,z\n1,2,3\n", "expected a line of names, such as t_s,north_m,east_m,up_m,yaw_deg, and at least 2 lines"),
     ("1,2,3\n4,5,6\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got '1'"),
     ("x,y,height\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got 'height'"),
     ("x,y\n", "line 1: expected a column down_m or up_m: none of them is there"),
@@ -131,13 +133,22 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
         load(tmp_path / "lab.toml", Config)
 
 
+def test_a_spreadsheet_s_mark_at_the_beginning_is_no_part_of_the_first_name() -> None:
+    assert parse_course("\ufeffx,y,z\n1,2,3\n4,5,6\n")["points_ned"] == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+
+
+def test_follow_takes_a_file_of_one_point(tmp_path: Path) -> None:
+    (tmp_path / "one.csv").write_bytes("\ufeffnorth_m,east_m,up_m\r\n1,2,3\r\n".encode())
+    assert _read_points("follow", [str(tmp_path / "one.csv")]) == (Waypoint(1.0, 2.0, -3.0),)
+
+
 @pytest.mark.parametrize(("words", "says"), [
     (["goto", "nan", "0", "-1"], "goto: NORTH: expected a number from -1000 to 1000, got 'nan'"),
     (["goto", "0", "0", "-1", "1e9"], "goto: YAW: expected a number from -360 to 360, got '1e9'"),
     (["follow", "turned.csv"], "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
     (["follow", "huge.csv"], "huge.csv: longer than a file of 64 points can be"),
-    (["follow", "empty.csv"], "empty.csv: expected a line of names"),
+    (["follow", "empty.csv"], "yaw_deg, and at least one line of numbers"),
     (["follow", "picture.csv"], "picture.csv: is no text"),
     (["follow", "nan.csv"], "nan.csv: line 2, column north_m: expected a number from -1000 to 1000, got 'nan'"),
     (["follow", "many.csv"], "follow: expected at most 64 points, got 65"),
