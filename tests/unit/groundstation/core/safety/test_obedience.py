@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from groundstation.core.geometry import Quat, Vec3, multiply, rotate, third_column
 from groundstation.core.messages import Pose
 from groundstation.core.safety import NODE_S, Obedience
-from groundstation.core.safety.obedience import EXPANDS, GAP_S, HEADING_SUSPECTS, SUSPECTS, ImageFilter
+from groundstation.core.safety.obedience import GAP_S, HEADING_SUSPECTS, SUSPECTS
+from groundstation.core.safety.rivals import EXPANDS, ImageFilter
 from groundstation.core.vehicle import ActuatorResponse, Motion
 
 G, MASS_KG, PERIOD_S = 9.81, 0.5, 0.01

@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.core.control import ASK_THRUST_RAD_S, ASK_TONES_RAD_S
 from groundstation.core.geometry import Vec3
-from groundstation.core.safety.obedience import PositionAnswer
+from groundstation.core.safety.rivals import PositionAnswer
 
 H, NOISE_M, TONE_M = 0.1, 0.0006, 0.0015
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.safety.obedience import NOISES, Rivals
+from groundstation.core.safety.rivals import NOISES, Rivals
 
 H, NOISE_M = 0.1, 0.0003
 STEPS = 10
