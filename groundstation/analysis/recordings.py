@@ -149,19 +149,24 @@ def _write_csv_folder(recording: "Recording", topics: Collection[str], folder: P
 def write_csv(recording: "Recording", files: Mapping[str, TextIO]) -> dict[str, int]:
     """Write the messages on each topic to its file, one row each; returns the number of rows.
 
-    Columns are named as ``rates_rad_s.x``. They are those of the first row: what comes only later (a counter's new
-    reason) is left out.
+    Columns are named as ``rates_rad_s.x``: all that any message has, as some come only later (the attitude that a radio
+    brings back, a counter's new reason). So the recording is read twice.
     """
-    writers: dict[str, Any] = {}
+    names: dict[str, dict[str, None]] = {topic: {} for topic in files}
     rows = dict.fromkeys(files, 0)
     for entry in recording.entries(files):
-        row = dict(flatten(entry.value(), ""))
-        if entry.topic not in writers:
-            writer = csv.DictWriter(files[entry.topic], list(row), extrasaction="ignore", lineterminator="\n")
-            writer.writeheader()
-            writers[entry.topic] = writer
-        writers[entry.topic].writerow(row)
-        rows[entry.topic] += 1
+        names[entry.topic].update(dict.fromkeys(name for name, _ in flatten(entry.value(), "")))
+    writers = {
+        topic: csv.DictWriter(files[topic], list(some), extrasaction="ignore", lineterminator="\n")
+        for topic, some in names.items()
+        if some
+    }
+    for writer in writers.values():
+        writer.writeheader()
+    for entry in recording.entries(files):
+        if entry.topic in writers:  # else it has come since then, of a flight that goes on
+            writers[entry.topic].writerow(dict(flatten(entry.value(), "")))
+            rows[entry.topic] += 1
     return rows
 
 

@@ -1,6 +1,7 @@
 """groundstation/recording: what stands in the file, whoever reads it and wherever it was cut off."""
 
 import argparse
+import csv
 import errno
 import json
 import math
@@ -21,7 +22,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from groundstation.analysis import export_command, logs_command
-from groundstation.analysis.recordings import rewrite
+from groundstation.analysis.recordings import load, rewrite
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import STEADY_S, PoseRecord, TickRecord
 from groundstation.interfaces.tui.app import Tape
@@ -324,6 +325,16 @@ def test_a_recording_that_was_cut_off_is_made_whole(tmp_path: Path, capsys: pyte
     made = messages(tmp_path / "cut-whole.mcap")
     held = [(entry.topic, entry.value()) for entry in Recording(cut).entries()]
     assert sorted(map(str, held)) == sorted(str((topic, value)) for topic, _, value in made)
+
+
+def test_a_table_has_what_comes_only_later(tmp_path: Path) -> None:
+    path, _, _ = recorded()
+    assert export_command(path, "csv", ["link"], tmp_path / "csv") == 0
+    with (tmp_path / "csv" / "link.csv").open() as lines:
+        rows = list(csv.DictReader(lines))
+    assert rows[0]["status.angles_rad.1"] == ""  # connecting: nothing is heard yet
+    assert float(rows[-1]["status.angles_rad.1"]) == pytest.approx(0.0, abs=0.5)
+    assert sorted(rows[0]) == sorted(load(path)["link"])
 
 
 def test_the_poses_of_a_recording_can_be_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
