@@ -40,7 +40,7 @@ from groundstation.core.messages import (
     TrajectoryRecord,
     ignore,
 )
-from groundstation.core.safety import STILL_SUSPECTS, Obedience, PoseEvidence
+from groundstation.core.safety import STILL_SUSPECTS, Obedience, PoseEvidence, ResponseLatency
 from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
 from links.core import Command, Segment
@@ -154,6 +154,8 @@ class Pilot:
         self._lifted_s = self._left_s = -math.inf
         self._hover_n, self._left_down = math.inf, 0.0
         self._meant_m = -math.inf
+        self.response = ResponseLatency()
+        """How much later than told the vehicle is seen to turn."""
         self.upset = False
         """Whether something moves the vehicle as no wind to fly in does."""
         self._pushed_since_s: float | None = None
@@ -537,6 +539,8 @@ class Pilot:
             pose, before, given, pose.time_s - self._newest_s, estimator.noise_m,
             counts=high or not self._climbed, upset=self.upset, off_m=estimator.diverged_m,
         )  # fmt: skip
+        if high and self._descent is None and not estimator.holds:
+            self.response.pose(pose.attitude, before.attitude, given[0], pose.time_s - self._newest_s)
         if not node:
             return
         if not self._obedience.stands(pose.time_s) or (gust <= GUST_M_S2 and not estimator.holds):

@@ -885,9 +885,17 @@ class Flight:
         if self._commands.pose(pose):
             self.witness.pose(pose)
             self._latency.pose(pose)
-            if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
-                self._say(f"warning: {news}", Severity.WARNING)
+            if not self._dismissed:
+                self._tell_latency()
             self._prearm.first_pose.set()
+
+    def _tell_latency(self) -> None:
+        """Tell the operator where the vehicle is seen to move later than was told."""
+        if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
+            self._say(f"warning: {news}", Severity.WARNING, "latency")
+        by_attitude = self._latency.estimate
+        if news := self._pilot.response.describe_news(None if by_attitude is None else by_attitude[0]):
+            self._say(f"warning: {news}", Severity.WARNING, "latency")
 
     def _enter(self, state: State, reason: str) -> None:
         self._say(reason, Severity.WARNING if state in ALARMING else Severity.INFO, "state")

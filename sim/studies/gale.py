@@ -264,8 +264,9 @@ def _fly_our_own(wind: str, overrides: list[str], seed: int) -> tuple[float, str
         begun, flown_s = tick.estimate.time_s - tick.flight_time_s, tick.flight_time_s
 
     def on_event(event: Notice) -> None:
-        # Of neither the beginning nor the end; that V warns of what is told wrongly is no guard's answer.
-        if 1.0 < flown_s < gale.LENGTH_S - 1.0 and event.kind != "certificate":
+        # Of neither the beginning nor the end; it is no guard's answer that V warns of what is told wrongly, or that
+        # it is found.
+        if 1.0 < flown_s < gale.LENGTH_S - 1.0 and event.kind not in ("certificate", "latency"):
             said.append(event.line)
 
     result = fly(

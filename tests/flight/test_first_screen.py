@@ -9,7 +9,8 @@ import pytest
 
 from sim.__main__ import main
 from sim.cli.console import summary
-from sim.runs import simulate
+from sim.runs import fly, simulate
+from sim.scenarios import SCENARIOS, prepare
 
 
 @cache
@@ -79,3 +80,13 @@ def test_what_the_operator_was_warned_of_stands_on_it(
     monkeypatch.setattr(sys, "argv", ["groundstation-sim", "mission", "--duration", "5", *words])
     assert main() == 0
     assert re.search(rf"^ +\d+\.\d\d s +{late}", capsys.readouterr().out, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("late_ms", "told"), [(0, False), (8, False), (15, True), (20, True), (30, True), (-15, True)])
+@pytest.mark.parametrize("scenario", ["paper", "rotors_mqx"])
+def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(late_ms: int, told: bool, scenario: str) -> None:
+    world, config = prepare(SCENARIOS[scenario], [f"sim.pose_latency_s={0.02 + 1e-3 * late_ms}"], link="dsm")
+    warnings = fly(world, config, seed=0, duration_s=15.0).warnings
+    word = "later" if late_ms > 0 else "earlier"
+    assert bool(warnings) is told
+    assert all(re.search(rf"poses seem \d+ ms {word} than told, or the vehicle turns so", one) for one in warnings)

@@ -80,7 +80,7 @@ class Severity(StrEnum):
     WARNING = "warning"
 
 
-NoticeKind: TypeAlias = Literal["state", "course", "certificate", "suspicion", "news"]
+NoticeKind: TypeAlias = Literal["state", "course", "certificate", "latency", "suspicion", "news"]
 
 
 class Notice(msgspec.Struct, frozen=True):
@@ -94,7 +94,8 @@ class Notice(msgspec.Struct, frozen=True):
     """A sentence; of a ``state`` that begins, why."""
     kind: NoticeKind = "news"
     """``state``: the mission is in another one; ``course``: it flies elsewhere in the same; ``certificate``: V or the
-    disturbance estimate is beyond what the theory promises; ``suspicion``: one of the poses begins; ``news``: all else.
+    disturbance estimate is beyond what the theory promises; ``latency``: the vehicle is seen to move later or earlier
+    than was told; ``suspicion``: one of the poses begins; ``news``: all else.
     """
     severity: Severity = Severity.INFO
     """How grave it is."""

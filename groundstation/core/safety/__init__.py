@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         charge_place,
     )
     from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
-    from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence
+    from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence, ResponseLatency
     from groundstation.core.safety.takeoff import (
         NUDGE_SHARE,
         WANDERING_M,

@@ -29,6 +29,13 @@ How an autopilot's own estimate wanders is measured while the vehicle stands, an
 The scale of the noise is measured by what the best rival leaves, and a node that none explains counts little: a hand,
 a push or a reset speaks for neither. docs/explanation/guards.md has the curve of detection time against false alarms.
 
+*Latency* of the response needs nobody but the poses: ω is what the model makes of the commands, by the lags and delays
+that were told, and gravity lies where these rates have taken it. What the poses show comes δ later: gravity then lies
+elsewhere in the body's axes by -δ ġ, where ġ = -ω × g; δ is what explains most of the difference, by least squares over
+the last seconds. What differs slowly (a body mounted askew, an estimate that leans) is taken out of both sides first; a
+heading takes no part. δ is the latency of the poses and the lag and delay of the rates in one: these are not told
+apart, but what a loop has to bear is their sum.
+
 What each rival would show, and how likely it is, stands in :mod:`groundstation.core.safety.rivals`.
 """
 
@@ -169,6 +176,20 @@ LATE_EXPLAINS = 0.35
 """A lateness explains the turns where it leaves less than this share of their power [-]."""
 LAGS_S = 1.2
 """Turns of so long are kept to look for a lateness in them [s]."""
+LATENCY_MEMORY_S = 20.0
+"""What is older counts less [s]."""
+SLOW_S = 0.5
+"""What differs for longer than this is no latency [s]."""
+SURE = 4.0
+"""So many deviations are no chance: there are many looks in a flight."""
+RESPONSE_LEAST_S = 0.010
+"""Less of a response is left to rates that no lag and delay describe [s]."""
+AGAIN_S = 0.010
+"""It is told again where it has changed by so much [s]."""
+RESPONSE_LOOKS = 200
+"""Poses that are looked at, before anything is said."""
+LOOK_S = 0.02
+"""Poses that come faster than this see the same turn again: they are no more looks than one of this length [s]."""
 
 
 class PoseEvidence(NamedTuple):
@@ -705,3 +726,119 @@ class _Coordinates:
             kept.append((place, since_s, fast, slow, leant))
         self._all = kept
         return most
+
+
+class LatencyFit:
+    """The time by which one signal e comes later than another, by ġ of that: least squares of e = -δ ġ."""
+
+    def __init__(self, memory_s: float, looks: float) -> None:
+        """Nothing seen; what is older than ``memory_s`` [s] counts less, and ``looks`` are needed to say anything."""
+        self._memory_s, self._looks = memory_s, looks
+        self._slow = (0.0, 0.0, 0.0, 0.0)
+        """Averages of e and of ġ, x and y of each."""
+        self._moved = self._both = self._off = 0.0
+        """Σ ġ², -Σ e ġ, Σ e² over the last seconds."""
+        self._count = 0.0
+
+    def begin(self, *now: float) -> None:
+        """Begin again with what differs slowly: e and ġ, x and y of each."""
+        e, f, u, v = now
+        self._slow = e, f, u, v
+
+    def add(self, dt: float, looks: float, *now: float) -> None:
+        """Take e and ġ, x and y of each, ``dt`` [s] after the last ones; they count as so many looks."""
+        gain = dt / SLOW_S
+        (a, b, c, d), (e, f, u, v) = self._slow, now
+        self._slow = a, b, c, d = a + gain * (e - a), b + gain * (f - b), c + gain * (u - c), d + gain * (v - d)
+        e, f, u, v = e - a, f - b, u - c, v - d
+        keep = 1.0 - dt / self._memory_s
+        self._moved = keep * self._moved + u * u + v * v
+        self._both = keep * self._both - e * u - f * v
+        self._off = keep * self._off + e * e + f * f
+        self._count = keep * self._count + looks
+
+    @property
+    def estimate(self) -> tuple[float, float] | None:
+        """The time, below 0 where it comes earlier, and one deviation of that [s]; None at first."""
+        if self._count < self._looks or self._moved <= 0.0:
+            return None
+        late = self._both / self._moved
+        return late, math.sqrt(max(self._off / self._moved - late * late, 0.0) / self._count)
+
+    def late_s(self, least_s: float) -> float | None:
+        """The same [s]; None while that could be chance, or is not more than ``least_s``."""
+        late, spread = self.estimate or (0.0, math.inf)
+        return late if abs(late) > max(least_s, SURE * spread) else None
+
+
+class ResponseLatency:
+    """One vehicle's, while it flies. Times are on the event loop's clock [s]."""
+
+    def __init__(self) -> None:
+        """Nothing seen."""
+        self._model: tuple[float, float] | None = None
+        self._slow = (0.0, 0.0)
+        self._fit = LatencyFit(LATENCY_MEMORY_S, RESPONSE_LOOKS)
+        self._said_s = 0.0
+
+    def pose(self, attitude: Quat, before: Quat, given: Quat, dt: float) -> None:
+        """Take one pose.
+
+        Args:
+            attitude: what it shows, body FRD to world NED.
+            before: the attitude at the pose before, as estimated.
+            given: what the commands have made of that since.
+            dt: time since then [s].
+        """
+        w, x, y, z = attitude
+        a, b, c = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+        model = self._model
+        if model is None or not 0.0 < dt <= GAP_S:
+            self._model = a, b
+            self._fit.begin(0.0, 0.0, 0.0, 0.0)
+            self._slow = 0.0, 0.0
+            return
+        w, x, y, z = before
+        i, j, k, m = given  # goes on from there: no sign to mind
+        per_s = 2.0 / dt
+        p, q, r = (
+            per_s * (w * j - x * i - y * m + z * k),
+            per_s * (w * k + x * m - y * i - z * j),
+            per_s * (w * m - x * k + y * j - z * i),
+        )
+        u, v = r * b - q * c, p * c - r * a
+        # Where these rates take it is drawn to what is seen as slowly as an average forgets: theirs is taken out, too.
+        gain = dt / SLOW_S
+        e, f = a - model[0] - dt * u, b - model[1] - dt * v
+        self._model = a - (1.0 - gain) * e, b - (1.0 - gain) * f
+        s, t = self._slow
+        self._slow = s, t = s + gain * (u - s), t + gain * (v - t)
+        self._fit.add(dt, min(dt / LOOK_S, 1.0), e, f, u - s, v - t)
+
+    @property
+    def late_s(self) -> float | None:
+        """How much later it turns than told, below 0 earlier [s]; None while that could be chance, or little."""
+        return self._fit.late_s(RESPONSE_LEAST_S)
+
+    def describe_news(self, poses_late_s: float | None) -> str | None:
+        """A line for the operator, where there is something that was not told yet.
+
+        ``poses_late_s`` is how much later the poses alone are than told [s], where the vehicle's own attitude shows it.
+        """
+        late = self.late_s
+        if late is None:
+            return None
+        rest = late - (poses_late_s or 0.0)
+        if abs(rest) < RESPONSE_LEAST_S or abs(rest - self._said_s) < AGAIN_S:
+            return None
+        self._said_s = rest
+        if poses_late_s is None:
+            found = f"poses seem {describe_latency(rest)} than told, or the vehicle turns so"
+            return f"{found}, by how it answers its commands: measure both (groundstation identify)"
+        found = f"the vehicle turns {describe_latency(rest)} than told"
+        return f"{found}: measure the lag and delay of its rates (groundstation identify)"
+
+
+def describe_latency(late_s: float) -> str:
+    """How much later than something else, or earlier where it is below 0 [s], in words."""
+    return f"{abs(late_s) * 1e3:.0f} ms {'later' if late_s > 0.0 else 'earlier'}"

@@ -18,11 +18,8 @@ noise as they come. Through a radio attitudes come ten times a second at best, a
 that of the last 0.6 s counts there. A heading that leaps, as an autopilot's estimator resets it, tells nothing: where
 it goes farther than the gyros turned, turning is compared anew from there.
 
-Pose latency is how much later poses are than told, by the same attitude. A pose that is stamped δ too late shows the
-vehicle as it was δ before its stamp. While the vehicle turns, gravity then lies elsewhere in its axes than the
-autopilot has it at that instant: by -δ ġ, where ġ = -ω × g follows from the autopilot's own rates. δ is what explains
-most of the difference, by least squares over the last seconds. What differs slowly (a body mounted askew, an estimate
-that leans) is taken out of both sides first; a heading takes no part.
+Pose latency is how much later poses are than told, by the same attitude. It is found as the monitor of obedience finds
+how much later the vehicle answers (:mod:`groundstation.core.safety.obedience`), but ω is what the autopilot tells.
 """
 
 import math
@@ -32,6 +29,7 @@ from typing import NamedTuple
 
 from groundstation.core.geometry import Quat
 from groundstation.core.messages import Pose
+from groundstation.core.safety.obedience import AGAIN_S, LATENCY_MEMORY_S, SLOW_S, LatencyFit, describe_latency
 from links.core import Attitude
 
 STEP_S = 0.05
@@ -425,16 +423,8 @@ def _within(what: tuple[float, float], centre: tuple[float, float], radius: floa
     return what if far <= radius else (a + (x - a) * radius / far, b + (y - b) * radius / far)
 
 
-MEMORY_S = 20.0
-"""What is older counts less [s]."""
-SLOW_S = 0.5
-"""What differs for longer than this is no latency [s]."""
-SURE = 4.0
-"""So many deviations are no chance: there are many looks in a flight."""
 LEAST_S = 0.008
 """Less is left to the noise of clocks, and to autopilots that tell what their last loop had [s]."""
-AGAIN_S = 0.010
-"""It is told again where it has changed by so much [s]."""
 LOOKS = 100
 """Instants that are looked at, before anything is said."""
 KEPT = 32
@@ -446,17 +436,12 @@ _Level = tuple[float, float]
 class PoseLatency:
     """One vehicle's. Times are on the event loop's clock [s]."""
 
-    def __init__(self, memory_s: float = MEMORY_S) -> None:
+    def __init__(self, memory_s: float = LATENCY_MEMORY_S) -> None:
         """Nothing heard; what is older than ``memory_s`` [s] counts less."""
-        self._memory_s = memory_s
         self._told: deque[Attitude] = deque(maxlen=KEPT)
         self._last: tuple[float, _Level] | None = None
         self._at_s = -math.inf
-        self._slow = (0.0, 0.0, 0.0, 0.0)
-        """Averages of difference and of ġ, x and y of each."""
-        self._moved = self._both = self._off = 0.0
-        """Σ ġ², -Σ e ġ, Σ e² over the last seconds."""
-        self._count = 0.0
+        self._fit = LatencyFit(memory_s, LOOKS)
         self._said_s = 0.0
 
     def attitude(self, told: Attitude) -> None:
@@ -491,32 +476,19 @@ class PoseLatency:
         now = (x - a, y - b, r * b - q * c, p * c - r * a)
         dt, self._at_s = told.time_s - self._at_s, told.time_s
         if dt > SLOW_S:
-            self._slow = now
-            return
-        gain = dt / SLOW_S
-        e, f, u, v = self._slow
-        e, f, u, v = e + gain * (now[0] - e), f + gain * (now[1] - f), u + gain * (now[2] - u), v + gain * (now[3] - v)
-        self._slow = e, f, u, v
-        e, f, u, v = now[0] - e, now[1] - f, now[2] - u, now[3] - v
-        keep = 1.0 - dt / self._memory_s
-        self._moved = keep * self._moved + u * u + v * v
-        self._both = keep * self._both - e * u - f * v
-        self._off = keep * self._off + e * e + f * f
-        self._count = keep * self._count + 1.0
+            self._fit.begin(*now)
+        else:
+            self._fit.add(dt, 1.0, *now)
 
     @property
     def estimate(self) -> tuple[float, float] | None:
         """How much later poses are than told, below 0 earlier, and one deviation of that [s]; None at first."""
-        if self._count < LOOKS or self._moved <= 0.0:
-            return None
-        late = self._both / self._moved
-        return late, math.sqrt(max(self._off / self._moved - late * late, 0.0) / self._count)
+        return self._fit.estimate
 
     @property
     def late_s(self) -> float | None:
         """The same [s]; None while that could be chance, or little."""
-        late, spread = self.estimate or (0.0, math.inf)
-        return late if abs(late) > max(LEAST_S, SURE * spread) else None
+        return self._fit.late_s(LEAST_S)
 
     def describe_news(self, clock_off_s: Callable[[], float]) -> str | None:
         """A line for the operator, where there is something that was not told yet.
@@ -527,8 +499,7 @@ class PoseLatency:
         if late is None or abs(late - self._said_s) < AGAIN_S or abs(late) < LEAST_S + clock_off_s():
             return None
         self._said_s = late
-        word = "later" if late > 0.0 else "earlier"
-        found = f"poses seem {abs(late) * 1e3:.0f} ms {word} than told, by the vehicle's own attitude"
+        found = f"poses seem {describe_latency(late)} than told, by the vehicle's own attitude"
         return f"{found}: measure their latency"
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.core.geometry import Quat, multiply, so3
 from groundstation.core.messages import Pose
-from groundstation.core.safety import PoseLatency
+from groundstation.core.safety import PoseLatency, ResponseLatency
 from links.core import Attitude
 
 NOISE_RAD = 0.002
@@ -63,3 +63,42 @@ def test_a_gap_and_a_clock_that_jumps_are_no_latency() -> None:
             latency.attitude(Attitude(clock, *true(at, 0.1)))
         latency.pose(Pose(k, at, at, (0.0, 0.0, -1.0), true(at, 0.1)[0]))
     assert latency.late_s is None
+
+
+def answered(late_s: float, *, seconds: float = 15.0, hz: int = 50, askew: Quat = so3.IDENTITY) -> ResponseLatency:
+    """What is found of poses alone that show the turns ``late_s`` later than the model of the commands."""
+    response, rng = ResponseLatency(), np.random.default_rng(1)
+    for k in range(1, round(hz * seconds)):
+        stamp, dt = k / hz, 1.0 / hz
+        a, b, c = rng.normal(0.0, NOISE_RAD, 3).tolist()
+        seen = so3.rotate(multiply(true(stamp - late_s, 0.1)[0], askew), (a, b, c))
+        before, given = true(stamp - dt, 0.1)[0], true(stamp, 0.1)[0]
+        response.pose(seen, before, given, dt)
+    return response
+
+
+@pytest.mark.parametrize("hz", [50, 100, 240])
+@pytest.mark.parametrize("late_s", [-0.015, 0.015, 0.03])
+def test_a_vehicle_that_turns_later_than_told_is_found_by_poses_alone(late_s: float, hz: int) -> None:
+    assert answered(late_s, hz=hz).late_s == pytest.approx(late_s, abs=0.003)
+    askew = so3.from_euler_zyx(math.radians(4.0), math.radians(-3.0), 0.0)
+    assert answered(late_s, hz=hz, askew=askew).late_s == pytest.approx(late_s, abs=0.003)
+
+
+def test_nothing_is_said_of_a_response_that_is_as_told_or_was_seen_for_a_moment() -> None:
+    assert answered(0.0).late_s is None
+    assert answered(0.006).late_s is None
+    assert answered(0.03, seconds=3.5, hz=240).late_s is None
+    assert ResponseLatency().describe_news(None) is None
+
+
+def test_it_is_said_once_and_the_poses_own_latency_is_not_said_again() -> None:
+    response = answered(0.03)
+    assert response.describe_news(0.025) is None
+    told = response.describe_news(None)
+    assert told is not None
+    assert told.startswith(("poses seem 29 ms later than told", "poses seem 30 ms later than told"))
+    assert response.describe_news(None) is None
+    rates = answered(0.03).describe_news(0.0)
+    assert rates is not None
+    assert rates.startswith("the vehicle turns")
