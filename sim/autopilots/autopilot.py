@@ -16,6 +16,7 @@ from typing import ClassVar, Protocol
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.vehicle import GRAVITY
 from links.mavlink.protocol import (
     ARDUPILOT,
     ARM_DISARM,
@@ -248,8 +249,6 @@ INTEGRAL_LIMIT = 5.0
 """Largest acceleration by the integral [m/s²]."""
 BRAKING_GAIN, BRAKING_LEAN = 1.8, math.radians(15.0)
 """Acceleration per horizontal speed [1/s], PX4's MPC_XY_VEL_P_ACC, and how far it leans for that at most [rad]."""
-GRAVITY = 9.81
-"""[m/s²]"""
 
 
 class OnboardPilot(Protocol):

@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 from groundstation.core.geometry import Vec3
+from groundstation.core.vehicle import GRAVITY
 
 MASS_KG = 2.6
-GRAVITY = 9.81
 HOVER = 0.48
 """Signal that hovers, of the full one [-]."""
 THRUST_CURVE = 0.55

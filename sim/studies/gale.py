@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.core.messages import Notice, Tick
+from groundstation.core.vehicle import GRAVITY
 from groundstation.runtime import replace_between_markers
 from sim.runs import TrueTrack, fly
 from sim.scenarios import SCENARIOS, gale, prepare
@@ -92,7 +93,7 @@ class _Tunnel:
         self._gust = gust
         self.roll, self.pitch, self._thrust = self._trim()
         self._roll_rate, self._pitch_rate = np.zeros(self.n), np.zeros(self.n)
-        self.command = 1.0 + (self._thrust / gale.GRAVITY - 1.0) / gale.THRUST_SLOPE
+        self.command = 1.0 + (self._thrust / GRAVITY - 1.0) / gale.THRUST_SLOPE
         self._late = [self.command] * round(gale.THRUST_DELAY_S / STEP_S)
 
     def normal(self, columns: int) -> Column:
@@ -126,14 +127,14 @@ class _Tunnel:
         self.roll, self.pitch = np.zeros(self.n), np.zeros(self.n)
         need = np.zeros((self.n, 3))
         for _ in range(200):
-            need = np.array([0.0, 0.0, gale.GRAVITY]) - self._force(0.0) / gale.MASS_KG
+            need = np.array([0.0, 0.0, GRAVITY]) - self._force(0.0) / gale.MASS_KG
             self.roll, self.pitch = lean(need)
         return self.roll, self.pitch, np.linalg.norm(need, axis=1)
 
     def step(self, time_s: float, roll: Column, pitch: Column) -> None:
         """``STEP_S`` under these set-points of the attitude, and :attr:`command`, thrust over that of hover."""
         self._late.append(self.command)
-        wanted = gale.GRAVITY * (1.0 + gale.THRUST_SLOPE * (self._late.pop(0) - 1.0))
+        wanted = GRAVITY * (1.0 + gale.THRUST_SLOPE * (self._late.pop(0) - 1.0))
         self._thrust = self._thrust + (1.0 - np.exp(-STEP_S / gale.THRUST_LAG_S)) * (wanted - self._thrust)
         pitch = self._still + self._gain * (pitch - self._still) + self._pitch * self.velocity[:, 2]
         w, damps = gale.ATTITUDE_RAD_S, 2.0 * gale.ATTITUDE_DAMPING * gale.ATTITUDE_RAD_S
@@ -141,7 +142,7 @@ class _Tunnel:
         self._pitch_rate = self._pitch_rate + STEP_S * (w * w * (pitch - self.pitch) - damps * self._pitch_rate)
         self.roll, self.pitch = self.roll + STEP_S * self._roll_rate, self.pitch + STEP_S * self._pitch_rate
         pushed = self._thrust[:, None] * self.axes()[2] + (self._force(time_s) + self._rest) / gale.MASS_KG
-        self.velocity = self.velocity + STEP_S * (pushed - np.array([0.0, 0.0, gale.GRAVITY]))
+        self.velocity = self.velocity + STEP_S * (pushed - np.array([0.0, 0.0, GRAVITY]))
         self.position = self.position + STEP_S * self.velocity
         keep = float(np.exp(-STEP_S / gale.REST_S))
         if self._aero:
@@ -160,8 +161,8 @@ def fly_published(seeds: int = 5, *, aerodynamics: bool = True) -> list[Publishe
     tunnel = _Tunnel([wind for _, wind, _ in cases], [seed for *_, seed in cases], aerodynamics=aerodynamics)
     p, d, low = (np.array([getattr(RECOVERED[law], part) for law, *_ in cases]) for part in ("p", "d", "low_rad_s"))
     i, g = (np.array([[getattr(RECOVERED[law], part)] for law, *_ in cases]) for part in ("i", "g"))
-    down = np.array([0.0, 0.0, gale.GRAVITY])
-    force = down - gale.GRAVITY * tunnel.command[:, None] * tunnel.axes()[2]  # what it seems to be, in trim
+    down = np.array([0.0, 0.0, GRAVITY])
+    force = down - GRAVITY * tunnel.command[:, None] * tunnel.axes()[2]  # what it seems to be, in trim
     sums, before = force.copy(), tunnel.velocity
     roll, pitch = tunnel.roll, tunnel.pitch
     keep = 1.0 - np.exp(-low * PERIOD_S)
@@ -174,13 +175,13 @@ def fly_published(seeds: int = 5, *, aerodynamics: bool = True) -> list[Publishe
         moving = tunnel.velocity + VELOCITY_NOISE_M_S * noise[:, 4:7]
         measured = (moving - before) / PERIOD_S if k else np.zeros_like(moving)
         before = moving
-        seems = measured + down - gale.GRAVITY * tunnel.command[:, None] * tunnel.axes()[2]
+        seems = measured + down - GRAVITY * tunnel.command[:, None] * tunnel.axes()[2]
         force = force + keep * (seems - force)
         error = seen - place
         sums = sums + PERIOD_S * error
         push = acceleration - p * error - d * (moving - speed) - i * sums - g * force + down
         roll, pitch = lean(push)
-        tunnel.command = np.linalg.norm(push, axis=1) / gale.GRAVITY
+        tunnel.command = np.linalg.norm(push, axis=1) / GRAVITY
         for step in range(round(PERIOD_S / STEP_S)):
             tunnel.step(k * PERIOD_S + step * STEP_S, roll, pitch)
         if (k + 1) * PERIOD_S >= gale.JUDGED_S:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 
 from groundstation.core.geometry import Real, Vec3
+from groundstation.core.vehicle import GRAVITY
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
@@ -200,7 +201,7 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Of one rotor [m]: by it the ground effect fades with height."""
     step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025
     """Longest step of the plant [s]; errors are sampled at every step."""
-    gravity: Positive = 9.81
+    gravity: Positive = GRAVITY
     """[m/s²]"""
 
 

@@ -57,7 +57,7 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
-from groundstation.core.vehicle import ActuatorCommand
+from groundstation.core.vehicle import GRAVITY, ActuatorCommand
 from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_pose
 from groundstation.runtime import replace_between_markers, split_at_markers
 from groundstation.settings import Config
@@ -591,7 +591,7 @@ def drive_flight(flight: EvidenceFlight) -> DrivenFlight:
             hover = thrust_shares([SentSetPoint(0.0, flight.hover, (0.0, 0.0, 0.0))], curve)[0]
         else:
             path, part = FlownPath(flight.poses, BASE_S * 5.0), cut_to(recorded, at_s, air)
-            hover = hover_share(part, thrust_shares(part.sent, curve), path, 9.81)
+            hover = hover_share(part, thrust_shares(part.sent, curve), path, GRAVITY)
             hover = hover if hover and hover > 0.0 else _balance(flight, at_s, air, sent, shares)
             flags = flying(recorded, shares, hover)
             airborne = np.flatnonzero(flags)
@@ -607,7 +607,7 @@ def _config(told: MappedVehicle, hover: float | None, sent: Sequence[SentSetPoin
     vehicle: dict[str, Any] = {
         "name": "recorded",
         "mass_kg": told.mass_kg,
-        "thrust_max_n": told.mass_kg * 9.81 / (hover or 0.5),
+        "thrust_max_n": told.mass_kg * GRAVITY / (hover or 0.5),
         "thrust_min_n": 1e-3 * told.mass_kg,
         "thrust_lag_s": told.thrust_lag_s,
         "thrust_delay_s": told.thrust_delay_s,

@@ -41,6 +41,7 @@ import msgspec
 from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, conjugate, multiply, rotate, rotation_vector
 from groundstation.core.messages import Estimate, Pose
 from groundstation.core.vehicle import (
+    GRAVITY,
     ZERO,
     ActuatorCommand,
     ActuatorResponse,
@@ -434,7 +435,7 @@ Composite: TypeAlias = Literal["provable", "raw", "off"]
 class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Gains and switches of observer and predictor. Defaults: docs/explanation/law.md."""
 
-    gravity: Positive = 9.81
+    gravity: Positive = GRAVITY
     """g [m/s²]."""
     delay_prediction: bool = True
     """Roll the estimate forward from the pose's time stamp to the instant the command acts."""

@@ -27,7 +27,7 @@ from groundstation.core.mission import State
 from groundstation.core.safety.geofence import Fence, Separation
 from groundstation.core.safety.obedience import STILL_SUSPECTS, PoseEvidence
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import Motion, Vehicle
+from groundstation.core.vehicle import GRAVITY, Motion, Vehicle
 from links.core import Command, LinkStatus
 
 
@@ -308,7 +308,7 @@ class Guards:
         period_s: Callable[[], float],
         separation: Separation | None = None,
         floor_z_m: float = 0.0,
-        gravity: float = 9.81,
+        gravity: float = GRAVITY,
     ) -> None:
         """``period_s`` tells the link's time between two commands [s]; ``separation`` is from other vehicles.
 

@@ -3,6 +3,7 @@
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.core.vehicle.vehicle import (
+        GRAVITY,
         ZERO,
         ActuatorCommand,
         ActuatorResponse,

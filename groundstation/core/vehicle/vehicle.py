@@ -31,7 +31,8 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 
-
+GRAVITY = 9.81
+"""g [m/s²] where nothing else is told: the paper's."""
 APART_S = 0.002
 """Delays of thrust and of rates that are closer are taken for one [s]."""
 
