@@ -15,8 +15,16 @@ _KERNEL = "compiled by this machine's C compiler, or numpy; the figures are the 
 _AUTOPILOTS = ("px4", "ardupilot", "betaflight")
 
 
+def _add_scenario(parser: argparse.ArgumentParser, default: str | None, says: str) -> None:
+    """The scenario, as a word of its own or behind ``--scenario``."""
+    parser.set_defaults(scenario=default)
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument("scenario", nargs="?", default=argparse.SUPPRESS, metavar="SCENARIO", help=says)
+    either.add_argument("--scenario", default=argparse.SUPPRESS, metavar="NAME", help="the same")
+
+
 def _fly(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenario", default="paper", metavar="NAME", help="see `groundstation-sim scenarios`")
+    _add_scenario(parser, "paper", "what is flown (default paper): see `groundstation-sim scenarios`")
     parser.add_argument(
         "--config", type=path, metavar="FILE.toml", help="fly its vehicle and trajectory in the scenario's air"
     )
@@ -47,7 +55,7 @@ def _fly(parser: argparse.ArgumentParser) -> None:
 
 
 def _mission(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenario", default="paper", metavar="NAME", help="see `groundstation-sim scenarios`")
+    _add_scenario(parser, "paper", "what is flown (default paper): see `groundstation-sim scenarios`")
     parser.add_argument("--seed", type=whole, default=0, help="every random draw comes from it (default 0)")
     parser.add_argument("--duration", type=seconds, metavar="S", help="time on the figure (default 60 s)")
     parser.add_argument("--controller", metavar="NAME", help=_CONTROLLERS)
@@ -67,7 +75,7 @@ def _faults(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="every fault once, over all states")
     parser.add_argument("--fault", metavar="NAME", help="this one only, in every state")
     parser.add_argument("--state", metavar="NAME", help="in this state only")
-    parser.add_argument("--scenario", default="paper", metavar="NAME", help="what is flown (default paper)")
+    _add_scenario(parser, "paper", "what is flown (default paper)")
     parser.add_argument("--seed", type=whole, default=0, help="every random draw comes from it (default 0)")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
     parser.add_argument("--workers", type=count, metavar="N", help="processes at once (default: one a core)")
@@ -79,7 +87,7 @@ def _faults(parser: argparse.ArgumentParser) -> None:
 
 
 def _alarms(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenario", metavar="NAME", help="what is flown (default adverse)")
+    _add_scenario(parser, None, "what is flown (default adverse)")
     parser.add_argument("--flights", type=count, default=50, metavar="N", help="how many (default 50)")
     parser.add_argument("--seed", type=whole, default=0, metavar="FIRST", help="the others follow it (default 0)")
     parser.add_argument("--duration", type=seconds, default=15.0, metavar="S", help="time on the figure (default 15 s)")
@@ -97,7 +105,7 @@ def _alarms(parser: argparse.ArgumentParser) -> None:
 
 def _soak(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hours", type=hours, default=24.0, metavar="H", help="of virtual time (default 24)")
-    parser.add_argument("--scenario", default="adverse", metavar="NAME", help="what is flown (default adverse)")
+    _add_scenario(parser, "adverse", "what is flown (default adverse)")
     parser.add_argument("--seed", type=whole, default=0, help="every random draw comes from it (default 0)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
 
@@ -122,7 +130,7 @@ def _compare(parser: argparse.ArgumentParser) -> None:
 
 
 def _campaign(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenario", default="adverse", metavar="NAME")
+    _add_scenario(parser, "adverse", "what is flown (default adverse)")
     parser.add_argument("--flights", type=count, default=1000, metavar="N", help="how many (default 1000)")
     parser.add_argument("--first-seed", type=whole, default=0, metavar="N", help="the others follow it (default 0)")
     parser.add_argument("--duration", type=seconds, default=60.0, metavar="S", help="of each (default 60)")
@@ -226,7 +234,7 @@ def _firmware(parser: argparse.ArgumentParser) -> None:
 
 
 def _serve(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenario", default="paper", metavar="NAME")
+    _add_scenario(parser, "paper", "whose air and vehicle (default paper)")
     parser.add_argument("--seed", type=whole, default=0)
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     parser.add_argument("--source", choices=_SOURCES, default="vicon")

@@ -10,16 +10,17 @@ import stat
 import sys
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 import pytest
 
+from groundstation.config import ConfigError
 from groundstation.core.messages import Ask, Request, Snapshot
 from groundstation.interfaces.api import Control, Server, ask_station, snapshots
 from groundstation.interfaces.api import server as api_server
 from groundstation.interfaces.api.client import open_client
-from groundstation.interfaces.api.messages import StationHello
+from groundstation.interfaces.api.messages import VERSION, StationHello
 from groundstation.runtime import ApiError, Latest, StatusConfig, find_socket, socket_path
 from tests.sample_flight import Sampled, sample
 
@@ -348,6 +349,45 @@ def test_a_request_to_arm_without_a_name_says_which_one_to_give(tmp_path: Path) 
             assert core.asked == []
 
     play(scene, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("asked", "wrong"),
+    [
+        (("land",), "request: expected such as"),
+        ((Ask.LAND,), "request: expected such as"),
+        ((Request(cast("Ask", "fly")),), "request.ask: "),
+        ((Request(cast("Ask", 5)),), "request.ask: "),
+        ((Request(Ask.GOTO, "", cast("Any", (1.0, 2.0, -1.0))),), "request.points"),
+        ((Request(Ask.GOTO, "", cast("Any", 5)),), "request.points: "),
+        ((Request(Ask.LAND, cast("str", object())),), "request: "),
+        ((Request(Ask.LAND), 5), "vehicle: expected text, got 5"),
+        ((Request(Ask.LAND), None, 7), "socket: expected text, got 7"),
+    ],
+)
+def test_what_is_no_request_is_refused_in_one_sentence_before_anybody_is_looked_for(
+    asked: tuple[Any, ...], wrong: str
+) -> None:
+    with pytest.raises(ConfigError) as told:
+        asyncio.run(ask_station(*asked))
+    assert str(told.value).startswith(wrong) and "\n" not in str(told.value)
+
+
+def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(tmp_path: Path) -> None:
+    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
+        with pytest.raises(ApiError, match=f"{path}: no ground station serves there"):
+            await ask_station(Request(Ask.LAND), socket=str(path))
+        core = Sampled()
+        async with served(path, latest, core=core):
+            assert (await ask_station(Request(cast("Ask", "land")), socket=str(path))).done
+        assert [one.ask for one in core.asked] == [Ask.LAND]
+
+    play(scene, tmp_path)
+
+
+def test_the_page_tells_the_version_that_is_spoken() -> None:
+    page = (Path(__file__).parents[2] / "docs/reference/api.md").read_text("utf-8")
+    assert f"## The protocol, version {VERSION}\n" in page and f'{{"hello": {{"version": {VERSION},' in page
 
 
 def test_the_greeting_tells_whom_one_speaks_to(tmp_path: Path) -> None:

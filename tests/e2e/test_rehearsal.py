@@ -111,6 +111,28 @@ def test_a_flight_is_rehearsed_with_a_mistake_a_second_station_and_the_word_in_t
     assert parse_toml(about["config"])["rehearsal"]["vehicle"] == "quad"
 
 
+def test_every_line_of_a_rehearsed_fleet_says_that_it_is_one(short_path: Path) -> None:
+    file = short_path / "fleet.toml"
+    examples = Path(__file__).parents[2] / "examples"
+    for name in ("fleet.toml", "fleet-lab.toml"):
+        (short_path / name).write_bytes((examples / name).read_bytes())
+    with played(file):
+        words = [sys.executable, "-m", "groundstation", "fleet", "--rehearse", str(file)]
+        flying = subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(short_path)
+        )
+        assert flying.stdout is not None
+        said: list[str] = []
+        for line in flying.stdout:
+            said.append(line)
+            if "staying on the ground" in line and "staying on the ground" in "".join(said[:-1]):
+                flying.terminate()  # both cores have spoken
+        flying.stdout.close()
+        assert flying.wait(60) == 0, "".join(said)
+    assert {name for name in ("ant", "bee") if any(f"rehearsal-{name} | " in line for line in said)} == {"ant", "bee"}
+    assert [line for line in said if not line.startswith("REHEARSAL ")] == []
+
+
 def test_what_the_other_side_plays_is_what_the_station_looks_for(tmp_path: Path) -> None:
     file = write_room(tmp_path, UDP)
     config = rehearse(from_dict({**ROOM, **UDP}, Config), file)

@@ -55,6 +55,20 @@ def test_json_is_one_object_with_every_promised_key() -> None:
     assert len(facts["log_sha256"]) == 64
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["ideal", "--duration", "1", "--json"],
+        ["--duration", "1", "--json", "ideal"],
+        ["--duration", "1", "ideal", "--json"],
+    ],
+)
+def test_the_scenario_may_stand_as_a_word_of_its_own(words: list[str]) -> None:
+    done = sim("fly", *words)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["scenario"] == "ideal"
+
+
 PROMISED = (
     "sim.wind_mean=[0.5, 0.0, 0.0]",
     "sim.mass_kg=0.085",
@@ -103,6 +117,8 @@ def test_a_crash_exits_1_and_says_why() -> None:
     ("arguments", "expected"),
     [
         (["fly", "--scenario", "hurricane"], "expected one of"),
+        (["fly", "hurricane"], "expected one of"),
+        (["fly", "ideal", "--scenario", "paper"], "not allowed with argument"),
         (["fly", "--set", "sim.mass=3"], "sim.mass: unknown key; did you mean mass_kg?"),
         (["fly", "--set", "sim.mass_kg=-1"], "sim.mass_kg: expected a number > 0, got -1"),
         (["fly", "--set", "controller.k2=fast"], "controller.k2: expected a number > 0, got 'fast'"),

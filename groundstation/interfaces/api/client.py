@@ -22,7 +22,7 @@ from typing import Literal, cast
 
 import msgspec
 
-from groundstation.config import ConfigError
+from groundstation.config import ConfigError, locate
 from groundstation.core.messages import Ask, Request, Snapshot, Waypoint
 from groundstation.interfaces.api.messages import (
     ANYONE,
@@ -305,8 +305,7 @@ def request_command(request: Request, vehicle: str | None, socket: Path | None) 
         asked = ask_station(request, vehicle, socket)
         answer = asyncio.run(_at_once(asked) if kill else asked)
     except (ApiError, OSError) as error:
-        nobody = isinstance(error, OSError) and error.filename is None
-        says = f"{socket}: no ground station serves there" if nobody else str(error)
+        says = str(error)
         meant = _find_flight(vehicle, socket) if kill else None
         if meant is not None:
             told = _stop_by_signal(meant, Ask.KILL, says)
@@ -338,15 +337,26 @@ def _find_flight(vehicle: str | None, socket: Path | None) -> Running | None:
     return there[0] if len(there) == 1 else None
 
 
-async def ask_station(request: Request, vehicle: str | None, socket: Path | None = None) -> OrderAnswer:
+async def ask_station(request: Request, vehicle: str | None = None, socket: Path | str | None = None) -> OrderAnswer:
     """What the ground station answers to ``request``; control is taken for as long as it takes, where it is needed.
 
+    ``vehicle`` is the name of the one that is meant; without it, it is the only one that is flown here.
+
     Raises:
+        ConfigError: one of the arguments is not of its type.
         ApiError: nobody flies it, or it is not clear who is meant.
         OSError: the socket can't be opened.
     """
-    path = socket or await find_socket(vehicle)
-    async with open_client(path, "request") as client:
+    request = _as_sent(request)
+    for name, given in (("vehicle", vehicle), ("socket", socket)):
+        if not isinstance(given, str | Path | None):
+            raise ConfigError(name, f"expected text, got {given!r}")
+    path = Path(socket) if socket is not None else await find_socket(vehicle)
+    try:
+        client = await attach(path, "request")
+    except (FileNotFoundError, ConnectionRefusedError):
+        raise ApiError(f"{path}: no ground station serves there") from None
+    try:
         served = client.hello.vehicle
         if request.ask is Ask.ARM and vehicle is None:
             raise ApiError(f"arm moves the vehicle, and must name it: --vehicle {served}")
@@ -357,6 +367,25 @@ async def ask_station(request: Request, vehicle: str | None, socket: Path | None
             if not taken.done:
                 return taken
         return await client.ask(request, vehicle=vehicle or "")
+    finally:
+        client.close()
+
+
+def _as_sent(request: object) -> Request:
+    """``request`` as it is read at the other end: Python lets anything into a :class:`Request`.
+
+    Raises:
+        ConfigError: it would not be read.
+    """
+    if not isinstance(request, Request):
+        raise ConfigError("request", f"expected such as Request(Ask.LAND), got {request!r}")
+    try:
+        return msgspec.convert(msgspec.to_builtins(request), Request)
+    except msgspec.ValidationError as error:
+        key, problem = locate(error)
+        raise ConfigError(f"request.{key}", problem) from None
+    except TypeError as error:
+        raise ConfigError("request", str(error)) from None
 
 
 EXIT_UNANSWERED = 1

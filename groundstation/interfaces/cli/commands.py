@@ -109,7 +109,8 @@ def fleet(args: argparse.Namespace) -> int:
     """Fly several vehicles, a core process each; signals reach every one."""
     from groundstation.interfaces.service import fleet_command
 
-    return fleet_command(args, _terminal_writer())
+    say = _terminal_writer()
+    return fleet_command(args, _mark_lines(say) if args.rehearse else say)
 
 
 def relay(args: argparse.Namespace) -> int:
