@@ -35,7 +35,15 @@ from groundstation.recording import (
     Vector3,
     describe_channels,
 )
-from groundstation.runtime import RecordingConfig, folder_of, is_being_written, open_private, require_package, tidy
+from groundstation.runtime import (
+    Exit,
+    RecordingConfig,
+    folder_of,
+    is_being_written,
+    open_private,
+    require_package,
+    tidy,
+)
 
 if TYPE_CHECKING:
     import numpy as np  # and all that imports it only where arrays are asked for: a flight needs none
@@ -58,7 +66,7 @@ SUFFIXES = {
 """Of each format, what stands behind the recording's name where nobody names another."""
 
 
-def export_command(path: Path, form: str, channels: list[str], out: Path | None, truth: Path | None = None) -> int:
+def export_command(path: Path, form: str, channels: list[str], out: Path | None, truth: Path | None = None) -> Exit:
     """Do it, say what was written, and return 0; ``truth`` is what ``groundstation-sim serve --truth`` has written.
 
     Raises:
@@ -110,7 +118,7 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None,
         sys.stderr.close()  # whoever read us has seen enough
     except OSError as error:
         raise ConfigError("", f"{error.filename}: {error.strerror}") from None
-    return 0
+    return Exit.DONE
 
 
 def _short_of(recording: "Recording") -> str:
@@ -299,7 +307,7 @@ def rewrite(
     return count
 
 
-def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
+def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
     """List what ``config`` has recorded (or what is in ``args.folder``), tidy first where ``args.tidy``; returns 0.
 
     Raises:
@@ -316,13 +324,13 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> int:
     flights = [describe_recording(path, folder) for path in found]
     if args.json:
         print(json.dumps({"folder": str(folder), "flights": flights, "removed": [path.name for path in removed]}))
-        return 0
+        return Exit.DONE
     for path in removed:
         print(f"removed {path.name}")
     print(f"{folder}: {len(flights)} flight{'' if len(flights) == 1 else 's'}")
     for line in _table([_row(flight) for flight in flights]):
         print(line)
-    return 0
+    return Exit.DONE
 
 
 def describe_recording(path: Path, folder: Path) -> dict[str, Any]:

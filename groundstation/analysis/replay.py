@@ -38,6 +38,7 @@ from groundstation.recording import (
     refuse_recordings,
 )
 from groundstation.recording import channels as ch
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import Command
 from links.io import NETWORK, Network
@@ -48,7 +49,7 @@ FLOWN_AGAIN = ("vehicle", "controller", "pose", "gate", "link", "flight")
 END = "this is all that is in it"
 
 
-def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool, trust_modules: bool = False) -> int:
+def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool, trust_modules: bool = False) -> Exit:
     """Fly ``path`` again, with ``overrides`` where given; print what came of it.
 
     Returns 0, or 1 where the recording is damaged, or nothing was changed and the commands are not the same to the last
@@ -60,7 +61,7 @@ def replay_command(path: Path, overrides: Sequence[str], *, as_json: bool, trust
     """
     facts = replay_facts(path, overrides, trust_modules=trust_modules)
     print(json.dumps(facts) if as_json else text_of(facts))
-    return 0 if facts["damaged_at"] is None and (overrides or facts["identical"]) else 1
+    return Exit.DONE if facts["damaged_at"] is None and (overrides or facts["identical"]) else Exit.FAILED
 
 
 def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bool = False) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.pose import TlogConfig, TlogReader, TlogRecord, pose_decoder
 from groundstation.pose.sources import MavlinkPoseConfig, PoseDecoder
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import thrust
 from links.mavlink import MavlinkLinkConfig
@@ -892,7 +893,7 @@ def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def shadow_command(file: Path, config: Path | None, overrides: list[str], *, as_json: bool) -> int:
+def shadow_command(file: Path, config: Path | None, overrides: list[str], *, as_json: bool) -> Exit:
     """Replay ``file`` (a .tlog), print a report (or one JSON object), and return 0 whatever the verdict.
 
     Without ``config`` the vehicle is as the recording shows it.
@@ -902,4 +903,4 @@ def shadow_command(file: Path, config: Path | None, overrides: list[str], *, as_
     """
     result = report(file, config, overrides)
     print(msgspec.json.encode(result).decode() if as_json else text_of(result))
-    return 0
+    return Exit.DONE

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.recording import CHANNELS, ChannelForm, Entry, Recording, describe_channels, refuse_recordings
-from groundstation.runtime import is_being_written, require_package
+from groundstation.runtime import Exit, is_being_written, require_package
 from links.io import parse_address
 
 TRAIL_S, SAMPLE_S, DRAW_S = 20.0, 0.1, 0.5
@@ -377,7 +377,7 @@ POLL_S = 0.1
 """How often it looks whether more was recorded [s]."""
 
 
-def view_command(path: Path, viewer: str, listen: str | None) -> int:
+def view_command(path: Path, viewer: str, listen: str | None) -> Exit:
     """Show a recording in ``viewer``, at ``listen`` (HOST:PORT; without it on this machine alone); returns 0.
 
     One that is still being written is followed to its end.
@@ -392,7 +392,7 @@ def view_command(path: Path, viewer: str, listen: str | None) -> int:
         raise ConfigError("--listen", str(error)) from None
     with refuse_recordings():
         asyncio.run((_show_in_rerun if viewer == "rerun" else _serve_foxglove)(Recording(path), host, port))
-    return 0
+    return Exit.DONE
 
 
 async def _show_in_rerun(recording: Recording, host: str, port: int) -> None:

@@ -34,7 +34,7 @@ from groundstation.lab.doctor_advice import (
     px4_advice,
     show,
 )
-from groundstation.runtime import open_private
+from groundstation.runtime import Exit, open_private
 from groundstation.settings import Config
 from links.core import LinkError, LinkLost, LinkRejected, signal
 from links.mavlink import MavlinkConnection, MavlinkLinkConfig
@@ -365,8 +365,6 @@ def _summary(findings: Sequence[ParameterFinding]) -> str:
     return f"{counts['must']} must and {counts['should']} should be changed; {counts['ok']} ok{absent}."
 
 
-EXIT_HEALTHY, EXIT_FINDINGS, EXIT_NO_ANSWER = 0, 1, 3
-
 Ask = Callable[[str], Awaitable[str]]
 
 
@@ -397,7 +395,7 @@ class _Fix(NamedTuple):
     saved: str
 
 
-async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say: Callable[[str], None] = print) -> int:
+async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say: Callable[[str], None] = print) -> Exit:
     """Visit the autopilot of ``config``; ``ask`` puts a question to the operator, None where nobody is there.
 
     ``say`` tells what was found.
@@ -437,16 +435,16 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
                 say(_describe_undo(one, orders))
         confirmed = len(fixed) == len(all_wanted)
         if all_wanted and not fixed:
-            return EXIT_FINDINGS
+            return Exit.FAILED
         if fixed:
             findings = await visit.examine()
         say(_format_result(visit, findings, fixed, config, orders))
     except LinkError as error:
         print(f"groundstation: doctor: {error}", file=sys.stderr)
-        return EXIT_NO_ANSWER
+        return Exit.UNHEARD
     finally:
         await visit.close()
-    return EXIT_FINDINGS if is_wrong(findings) or not confirmed else EXIT_HEALTHY
+    return Exit.FAILED if is_wrong(findings) or not confirmed else Exit.DONE
 
 
 def _ensure_each_once(wanted: list[Setting]) -> None:

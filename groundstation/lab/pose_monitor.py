@@ -33,7 +33,7 @@ from groundstation.lab.pose_stream import (
 )
 from groundstation.pose import make_source
 from groundstation.pose.sources import HINTS, GatedSource
-from groundstation.runtime import INTERRUPTED, raw_stream
+from groundstation.runtime import Exit, raw_stream
 from groundstation.settings import Config
 from links import make_link
 from links.core import LinkError, printable
@@ -98,13 +98,12 @@ async def open_ears(
         await asyncio.sleep(0)  # sockets are released in the loop's next turn
 
 
-EXIT_POSES, EXIT_NO_POSES, EXIT_NO_SOURCE = 0, 1, 3
 JSON_S = 5.0
 """How long a look for a program takes, where it does not say [s]."""
 REFRESH_S = 0.25
 
 
-def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> int:
+def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit:
     """Watch until ``seconds`` [s] have passed, or Ctrl-C; returns 0 where poses came, 1 where none did, 3 without any.
 
     Raises:
@@ -123,8 +122,8 @@ def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> int:
         print(f"groundstation: check: {error}", file=sys.stderr)
         if as_json:
             print(json.dumps({"source": kind, "ok": False, "error": str(error)}))
-        return EXIT_NO_SOURCE
-    return EXIT_POSES if seen.ok else EXIT_NO_POSES
+        return Exit.UNHEARD
+    return Exit.DONE if seen.ok else Exit.FAILED
 
 
 async def listen(
@@ -311,7 +310,6 @@ def _line(item: tuple[str, Value]) -> str:
     return f"{item[0]} = {write_value(item[1])}"
 
 
-EXIT_FOUND, EXIT_CONTRADICTION = 0, 1
 ATTITUDE_HZ = 100.0
 """The autopilot is asked for its attitude so often [1/s]."""
 PATIENCE_S = 120.0
@@ -335,7 +333,7 @@ class CarryRefused(Exception):
     """The carry can't go on; the text says why, and what to do."""
 
 
-def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: bool, keep: bool) -> int:
+def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: bool, keep: bool) -> Exit:
     """Show the moves, and write what they tell into the file ``path`` unless ``keep``.
 
     Returns 0 where all fits, 1 where a move contradicts or was not made, 3 where poses or autopilot can't be heard,
@@ -366,16 +364,16 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
     except (SourceError, LinkError) as error:
         print(f"groundstation: carry: {error}", file=sys.stderr)
         not_found(str(error))
-        return EXIT_NO_SOURCE
+        return Exit.UNHEARD
     except KeyboardInterrupt:
         print("groundstation: carry: interrupted, nothing is written", file=sys.stderr)
         not_found("interrupted")
-        return INTERRUPTED
+        return Exit.INTERRUPTED
     except (CarryContradiction, CarryRefused) as error:
         facts["move"] = getattr(error, "move", "") or None
         say(f"NOT FOUND: {error}")
         not_found(str(error))
-        return EXIT_CONTRADICTION
+        return Exit.FAILED
     tables, changed = calibrated_config(config, found)
     facts |= {"ok": True, "found": msgspec.to_builtins(found), "set": tables, "synchronised": seen.synchronised}
     for line in describe_calibration(found, tables, synchronised=seen.synchronised):
@@ -386,7 +384,7 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
         say(f"written into {path}; as it was before: {kept}")
     if as_json:
         print(json.dumps(facts))
-    return EXIT_FOUND
+    return Exit.DONE
 
 
 async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecord:

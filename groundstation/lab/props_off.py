@@ -360,7 +360,7 @@ Thrust is never more than idling. Ctrl-C at any time orders the motors off and e
 """
 
 
-def props_off_command(config: Config, now_s: float) -> int:
+def props_off_command(config: Config, now_s: float) -> Exit:
     """The test of the vehicle of ``config``; ``now_s`` is the wall time at its beginning [s since 1970].
 
     Raises:
@@ -381,7 +381,7 @@ def props_off_command(config: Config, now_s: float) -> int:
         raise ConfigError("status.path", str(error)) from None
 
 
-async def _guide(config: Config, now_s: float) -> int:
+async def _guide(config: Config, now_s: float) -> Exit:
     loop, guided = asyncio.get_running_loop(), asyncio.current_task()
     assert guided is not None, "this is a task"
     for number in SIGNALS:  # the motors are ordered off first, whatever wants this to end
@@ -392,17 +392,17 @@ async def _guide(config: Config, now_s: float) -> int:
         _say(BEFORE.format(name=name))
         if (await line_from_terminal(f"Propellers off? Type the vehicle's name, {name}, to begin: ")).strip() != name:
             _say("Nothing was begun.")
-            return Exit.FAULT
+            return Exit.FAILED
         steps = await guide.run()
     except NotProven as error:
         _say(f"\nNOT PROVEN: {error}. Do not fly before this test is passed.")
-        return Exit.FAULT
+        return Exit.FAILED
     except GuideStopped as error:
         _say(f"\nThe test can't go on: {error}. Nothing was kept.")
-        return Exit.FAULT
+        return Exit.FAILED
     except asyncio.CancelledError:
         _say("\nInterrupted. Nothing was kept.")
-        return Exit.FAULT
+        return Exit.FAILED
     date = datetime.fromtimestamp(now_s + loop.time() - began_s, tz=UTC).isoformat(timespec="seconds")
     path = place(config)
     try:

@@ -164,7 +164,7 @@ async def _off(link: CommandLink, source: PoseSource, tell: Tell, *, begun: bool
         await source.close()
 
 
-def main() -> int:
+def main() -> None:
     """Hold it armed, or with the argument ``disarm`` disarm it."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE):
         signal.signal(number, signal.SIG_IGN)
@@ -172,7 +172,6 @@ def main() -> int:
     config = from_dict(tomllib.loads(text), Config)
     with asyncio.Runner(loop_factory=precise_loop) as runner:
         runner.run(_work(config, sys.argv[1:]))
-    return 0
 
 
 async def _work(config: Config, words: list[str]) -> None:
@@ -197,4 +196,4 @@ def _tell(news: News) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

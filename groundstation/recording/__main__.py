@@ -12,7 +12,6 @@ import select
 import signal
 import struct
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -58,8 +57,8 @@ SYNC_S = 1.0
 """What was written has reached the disk itself after so long, or the operator is told that it has not [s]."""
 
 
-def main() -> int:
-    """Record until the input ends; 1 where nothing could be recorded."""
+def main() -> None:
+    """Record until the input ends, or nothing more can be recorded, of which the flight is told."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
     stand_back()
@@ -86,7 +85,6 @@ def main() -> int:
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "
         _tell(f"WARNING: not recording, the flight goes on: {where}{error.strerror or error}", Severity.WARNING)
-        return 0
     finally:
         beside.shutdown()
         if log is not None:
@@ -95,7 +93,6 @@ def main() -> int:
             log.close()
             if forget:
                 _forget(log.path)
-    return 0
 
 
 def _forget(path: Path) -> None:
@@ -157,4 +154,4 @@ def _tell(line: str, severity: Severity = Severity.INFO) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

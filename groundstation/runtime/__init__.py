@@ -5,7 +5,6 @@ if TYPE_CHECKING:
     from groundstation.runtime.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wall_ms
     from groundstation.runtime.document import fill_markers, replace_between_markers, split_at_markers
     from groundstation.runtime.entry import (
-        INTERRUPTED,
         VIEWERS,
         Exit,
         LazyParser,

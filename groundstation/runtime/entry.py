@@ -30,20 +30,22 @@ FEW_COLLECTIONS = 100_000
 
 
 class Exit(IntEnum):
-    """Exit codes of flying, and of what is like it in all commands."""
+    """Exit codes of every program; what they mean for one command is in :data:`CODES`."""
 
     DONE = 0
     """Landed, or did what it was asked to."""
-    FAULT = 1
-    """Ended otherwise than asked: aborted, killed, or landed because of a fault."""
+    FAILED = 1
+    """Ended otherwise than asked: aborted, killed, refused, landed because of a fault, or something was found wrong."""
     USAGE = 2
     """A bad configuration or command line; nothing was opened."""
+    NOBODY = 2  # of what only asks: it has not begun either
+    """No ground station is there to be asked."""
     TAKEN = 3
     """Another ground station flies this vehicle already."""
-
-
-INTERRUPTED = 130
-"""Ctrl-C outside a flight."""
+    UNHEARD = 3  # of what flies nothing: it cannot begin either
+    """No poses, or no answer of the vehicle."""
+    INTERRUPTED = 130
+    """Ctrl-C outside a flight."""
 
 
 def run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
@@ -115,13 +117,13 @@ def _run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         _hush()
-        return Exit.FAULT
+        return Exit.FAILED
     except OSError as error:
         if error.errno != errno.ENOSPC:
             raise
         _hush()
         print(f"the output cannot be written: {error.strerror}", file=sys.stderr)
-        return Exit.FAULT
+        return Exit.FAILED
     return code
 
 
@@ -145,10 +147,10 @@ def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
 
             traceback.print_exception(fault.__cause__)
         print(f"{parser.prog}: {fault}", file=sys.stderr)
-        return Exit.FAULT
+        return Exit.FAILED
     except KeyboardInterrupt:
         print(f"{parser.prog}: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return Exit.INTERRUPTED
 
 
 def _hush() -> None:

@@ -25,7 +25,7 @@ import msgspec
 from groundstation.config import ConfigError, load, read_toml
 from groundstation.core.messages import STEADY_S
 from groundstation.flight import ensure_flyable
-from groundstation.runtime import replace_between_markers, require_package, split_at_markers
+from groundstation.runtime import Exit, replace_between_markers, require_package, split_at_markers
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig
@@ -71,7 +71,7 @@ faults, soak, fuzz = (partial(_prove, command, "commands") for command in ("faul
 alarms, firmware = (partial(_prove, command, command) for command in ("alarms", "firmware"))
 
 
-def compare(args: argparse.Namespace) -> int:
+def compare(args: argparse.Namespace) -> Exit:
     """Fly controllers side by side."""
     from sim.cli import ProgressBar
     from sim.studies import CONTROLLERS, check_plot, text_table, write_between_markers
@@ -107,10 +107,10 @@ def compare(args: argparse.Namespace) -> int:
     if args.write is not None:
         write_between_markers(args.write, found.rows, _comparison(args))
     print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else text_table(found.rows))
-    return 0
+    return Exit.DONE
 
 
-def _at_equal_margins(args: argparse.Namespace) -> int:
+def _at_equal_margins(args: argparse.Namespace) -> Exit:
     """Tune every law under the same floors, and refly the best of each."""
     from sim.cli import ProgressBar
     from sim.cli.tune import need_optuna
@@ -155,7 +155,7 @@ def _at_equal_margins(args: argparse.Namespace) -> int:
     if args.write is not None:
         replace_between_markers(args.write, shown)
     print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else shown)
-    return 0
+    return Exit.DONE
 
 
 def _comparison(args: argparse.Namespace) -> str:
@@ -174,7 +174,7 @@ def _comparison(args: argparse.Namespace) -> str:
     return shlex.join([*words, "--write", args.write.name])
 
 
-def campaign(args: argparse.Namespace) -> int:
+def campaign(args: argparse.Namespace) -> Exit:
     """Fly one scenario many times, in drawn worlds; 1 where a flight failed or does not agree with ``fly``."""
     from sim.batch import choose_stages
     from sim.cli import ProgressBar
@@ -216,17 +216,17 @@ def campaign(args: argparse.Namespace) -> int:
         plot(args.plot, shared, rows)
     print(json.dumps(facts) if args.json else text(facts))
     agree = not args.verify or not facts["verified"]["apart"]
-    return 0 if agree and all(row.survived for row in rows) else 1
+    return Exit.DONE if agree and all(row.survived for row in rows) else Exit.FAILED
 
 
-def tune(args: argparse.Namespace) -> int:
+def tune(args: argparse.Namespace) -> Exit:
     """Search for better gains, or say how wrong the world may be with those there are."""
     from sim.cli.tune import report, search
 
     return report(args) if args.report else search(args)
 
 
-def bench(args: argparse.Namespace) -> int:
+def bench(args: argparse.Namespace) -> Exit:
     """Measure this machine."""
     bench_ = load_proving("bench", "bench.bench")
     for name in args.what:
@@ -237,19 +237,19 @@ def bench(args: argparse.Namespace) -> int:
     if args.json and args.what == ["links"]:
         facts |= facts.pop("links")
     print(json.dumps(facts) if args.json else bench_.text(facts))
-    return 0
+    return Exit.DONE
 
 
-def bring_down(args: argparse.Namespace) -> int:
+def bring_down(args: argparse.Namespace) -> Exit:
     """Cut flights short, and tell how the bring-down ends."""
     from sim.studies import CAUSES, cut_all, markdown
 
     falls = _count_flights(args, len(CAUSES), lambda: cut_all(args.scenarios, args.flights))
     _show(args, "bring-down", markdown(falls), f"{args.flights} flights each: medians, the worst in brackets. ")
-    return 0
+    return Exit.DONE
 
 
-def intervals(args: argparse.Namespace) -> int:
+def intervals(args: argparse.Namespace) -> Exit:
     """Fly excitation flights, and count how often the truth lies within what is identified of them."""
     from sim.studies import coverage_table, identify_flights
 
@@ -257,15 +257,15 @@ def intervals(args: argparse.Namespace) -> int:
         args, 1, lambda: (f for name in args.scenarios for f in identify_flights(name, args.flights))
     )
     _show(args, "intervals", coverage_table(list(chain.from_iterable(flown)), args.flights))
-    return 0
+    return Exit.DONE
 
 
-def vehicles(args: argparse.Namespace) -> int:
+def vehicles(args: argparse.Namespace) -> Exit:
     """Find in flight what was found in flight of the vehicles that come along."""
     from sim.studies import remake_all
 
     print("\n".join(remake_all(args.write)))
-    return 0
+    return Exit.DONE
 
 
 def _count_flights(args: argparse.Namespace, kinds: int, fly_all: Callable[[], Iterable[T]]) -> list[T]:
@@ -291,7 +291,7 @@ def _show(args: argparse.Namespace, command: str, table: str, about: str = "") -
         replace_between_markers(args.write, f"{table}\n\n{about}Made by `{words}`.")
 
 
-def scenarios(args: argparse.Namespace) -> int:
+def scenarios(args: argparse.Namespace) -> Exit:
     """List the scenarios."""
     rows: dict[str, dict[str, Any]] = {
         name: {
@@ -303,16 +303,16 @@ def scenarios(args: argparse.Namespace) -> int:
     }
     if args.json:
         print(json.dumps(rows))
-        return 0
+        return Exit.DONE
     if args.name is None:
         width = max(map(len, rows))
         print("\n".join(f"{name:{width}}  {row['summary']}" for name, row in rows.items()))
-        return 0
+        return Exit.DONE
     row = rows[scenario_of(args.name).name]
     print(row["summary"])
     _print_keys("sim", row["sim"])
     _print_keys("told", row["told"])
-    return 0
+    return Exit.DONE
 
 
 def _print_keys(key: str, value: Any) -> None:
@@ -324,7 +324,7 @@ def _print_keys(key: str, value: Any) -> None:
         print(f"    {key} = {json.dumps(value)}")
 
 
-def check_vectors(args: argparse.Namespace) -> int:
+def check_vectors(args: argparse.Namespace) -> Exit:
     """Evaluate the law on test vectors."""
     from sim.studies import LIMIT, worst_disagreement
 
@@ -335,17 +335,17 @@ def check_vectors(args: argparse.Namespace) -> int:
     except ValueError as error:
         raise ConfigError("", str(error)) from None
     print(f"{count} vectors, largest |a - e| / max(1, |e|) = {worst:.3g} (limit {LIMIT:g})")
-    return 0 if worst <= LIMIT else 1
+    return Exit.DONE if worst <= LIMIT else Exit.FAILED
 
 
-def gale(args: argparse.Namespace) -> int:
+def gale(args: argparse.Namespace) -> Exit:
     """Fly published laws in the wind tunnel."""
     from sim.studies import gale_command
 
     return gale_command(args.write, args.seeds, args.ours, as_json=args.json)
 
 
-def completion(args: argparse.Namespace) -> int:
+def completion(args: argparse.Namespace) -> Exit:
     """Print the script by which a shell completes our command lines."""
     from groundstation.config import keys_of
     from groundstation.interfaces.cli import completion_script, words_of_flying
@@ -358,20 +358,20 @@ def completion(args: argparse.Namespace) -> int:
         return [*truth, *words_of_flying(command, argument)]
 
     print(completion_script(args.program, args.shell, words))
-    return 0
+    return Exit.DONE
 
 
-def reference(args: argparse.Namespace) -> int:
+def reference(args: argparse.Namespace) -> Exit:
     """Print or write the pages of docs/reference that are made from the code."""
     print(load_proving("reference", "reference").reference_command(args.write))
-    return 0
+    return Exit.DONE
 
 
 FIGURE_S = 60.0
 """Time on the figure if nobody says."""
 
 
-def fly(args: argparse.Namespace) -> int:
+def fly(args: argparse.Namespace) -> Exit:
     """Fly one scenario in virtual time."""
     from sim.cli.console import ProgressBar, summary
     from sim.runs import RECORDING, simulate
@@ -400,7 +400,7 @@ def fly(args: argparse.Namespace) -> int:
         from groundstation.analysis import view_command
 
         view_command(args.out / RECORDING, args.view, None)
-    return 0 if run.completed else 1
+    return Exit.DONE if run.completed else Exit.FAILED
 
 
 def _is_papers(args: argparse.Namespace, run: "Run") -> bool:
@@ -410,7 +410,7 @@ def _is_papers(args: argparse.Namespace, run: "Run") -> bool:
     return usual and not told and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
 
 
-def mission(args: argparse.Namespace) -> int:
+def mission(args: argparse.Namespace) -> Exit:
     """Fly one scenario from the floor to its figure and back, in virtual time."""
     from sim.runs import fly_mission, from_floor
 
@@ -433,10 +433,10 @@ def mission(args: argparse.Namespace) -> int:
     }
     title = f"{scenario.name}, controller {config.controller.kind}, poses by {args.source}, seed {args.seed}"
     print(json.dumps(asked | msgspec.to_builtins(flown)) if args.json else summarize_mission(title, flown))
-    return 0 if flown.landed else 1
+    return Exit.DONE if flown.landed else Exit.FAILED
 
 
-def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> int:
+def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> Exit:
     """Several missions side by side."""
     if args.real_time:
         from sim.runs import fly_fleet_real
@@ -451,7 +451,7 @@ def _missions(args: argparse.Namespace, name: str, world: World, config: Config)
     asked = {"scenario": name, "seed": args.seed, "source": args.source, "real_time": args.real_time}
     title = f"{name}, {args.vehicles} vehicles, poses by {args.source}, seed {args.seed}"
     print(json.dumps(fleet_facts(asked, flown)) if args.json else fleet_summary(title, flown))
-    return 0 if flown.landed else 1
+    return Exit.DONE if flown.landed else Exit.FAILED
 
 
 def _paced_by_poses(config: Config) -> Config:
@@ -520,7 +520,7 @@ def fleet_facts(asked: dict[str, Any], flown: "FleetMission") -> dict[str, Any]:
     }
 
 
-def serve(args: argparse.Namespace) -> int:
+def serve(args: argparse.Namespace) -> Exit:
     """Run the simulated side in real time."""
     from sim.runs import place_fleet, serve_fleet
     from sim.runs import serve as serve_stage
@@ -568,7 +568,7 @@ def parse_gcs(text: str) -> str:
         raise ConfigError("--gcs", str(error)) from None
 
 
-def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> int:
+def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> Exit:
     """The other side of a configuration, or of a fleet file, for ``--rehearse``."""
     from groundstation.lab import read_fleet
     from sim.runs import serve as serve_stage

@@ -15,7 +15,7 @@ import msgspec
 from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
-from groundstation.runtime import replace_between_markers, split_at_markers
+from groundstation.runtime import Exit, replace_between_markers, split_at_markers
 from groundstation.settings import Config
 from sim.cli.console import ProgressBar
 from sim.studies.tune import (
@@ -47,7 +47,7 @@ SCENARIOS = ["paper", "adverse"]
 """What a search flies through unless told otherwise: one to be exact in, one to be robust in."""
 
 
-def report(args: argparse.Namespace) -> int:
+def report(args: argparse.Namespace) -> Exit:
     """Print the margins of a configuration; 1 where it fails with nothing wrong."""
     stages = _stages(args, SCENARIOS[:1])
     if args.out is not None:
@@ -67,10 +67,10 @@ def report(args: argparse.Namespace) -> int:
         print(json.dumps({"margins": msgspec.to_builtins(reports)}))
     else:
         print("\n\n".join(map(text, reports)))
-    return 0 if all(one.limit_cm is not None for one in reports) else 1
+    return Exit.DONE if all(one.limit_cm is not None for one in reports) else Exit.FAILED
 
 
-def search(args: argparse.Namespace) -> int:
+def search(args: argparse.Namespace) -> Exit:
     """Search, verify and write; 1 where nothing better was found."""
     _check(args)
     stages = _stages(args, SCENARIOS)
@@ -121,7 +121,7 @@ def search(args: argparse.Namespace) -> int:
         print(json.dumps(_facts(trials, best, evidence, args.out if written else None)))
     else:
         print(_text(wanted, trials, best, evidence, args.out if written else None))
-    return 1 if evidence.complaints else 0
+    return Exit.FAILED if evidence.complaints else Exit.DONE
 
 
 def need_optuna() -> None:
@@ -211,7 +211,7 @@ def _write(path: Path, content: str) -> None:
         path.write_text(content, "utf-8")
 
 
-def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> int:
+def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> Exit:
     """Nothing beats the configuration as it came: say why, as far as that is known."""
     start = trials[0]
     if args.json:
@@ -220,7 +220,7 @@ def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> int:
         print(f"none of {len(trials)} sets of gains keeps the constraints; those there are: {'; '.join(start.broken)}")
     else:
         print(f"none of {len(trials)} sets of gains is better than those there are ({start.rms_cm:.3g} cm)")
-    return 1
+    return Exit.FAILED
 
 
 def _facts(

@@ -20,7 +20,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
 from groundstation.recording import Quaternion, TruthMessage, Vector3
-from groundstation.runtime import ApiError, own_directory
+from groundstation.runtime import ApiError, Exit, own_directory
 from groundstation.settings import Config, RehearsalConfig, beacon
 from links.bridge import BridgeLinkConfig
 from links.io import parse_address
@@ -92,7 +92,7 @@ async def serve(
     second: str | None = None,
     carried: bool = False,
     truth: Path | None = None,
-) -> int:
+) -> Exit:
     """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code.
 
     ``standing`` are further bodies that stand still; ``second`` is the address of a second ground station. With
@@ -141,7 +141,7 @@ async def serve(
     touchdown = stage.plant.touchdown_m_s
     if touchdown is not None:
         print(f"touched down at {touchdown:.2f} m/s", flush=True)
-    return 0
+    return Exit.DONE
 
 
 TRUTH_S = 0.01
@@ -199,7 +199,7 @@ async def serve_fleet(
     seed: int,
     duration_s: float | None,
     autopilot: str = "px4",
-) -> int:
+) -> Exit:
     """Serve ``what`` it is called: a vehicle in each of ``worlds``, as ``labs`` tell it, before one capture system.
 
     Raises:
@@ -222,7 +222,7 @@ async def serve_fleet(
     for lab, one in zip(labs, stage.stages, strict=True):
         if one.plant.touchdown_m_s is not None:
             print(f"{lab.vehicle.name} touched down at {one.plant.touchdown_m_s:.2f} m/s", flush=True)
-    return 0
+    return Exit.DONE
 
 
 def place_fleet(world: World, labs: Sequence[Config]) -> list[World]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from groundstation.core.messages import Notice, Tick
 from groundstation.core.vehicle import GRAVITY
-from groundstation.runtime import replace_between_markers
+from groundstation.runtime import Exit, replace_between_markers
 from sim.runs import TrueTrack, fly
 from sim.scenarios import SCENARIOS, gale, prepare
 
@@ -299,7 +299,7 @@ def _tabulate_ours(flown: Sequence[OurFlight], seeds: int) -> list[str]:
     ]
 
 
-def gale_command(write: Path | None, seeds: int, ours: int, *, as_json: bool) -> int:
+def gale_command(write: Path | None, seeds: int, ours: int, *, as_json: bool) -> Exit:
     """Print what the published laws do in the tunnel, and the null model; 1 where it is not what was measured.
 
     With ``ours`` > 0 so many flights of this program in each wind come after them.
@@ -324,7 +324,7 @@ def gale_command(write: Path | None, seeds: int, ours: int, *, as_json: bool) ->
         print(json.dumps(facts))
     else:
         print("\n".join(lines))
-    return 0 if len(flown) - 2 <= sum(one.close for one in flown) else 1
+    return Exit.DONE if len(flown) - 2 <= sum(one.close for one in flown) else Exit.FAILED
 
 
 def _table(flown: Sequence[PublishedFlight], null: Sequence[PublishedFlight], seeds: int) -> list[str]:

@@ -30,7 +30,7 @@ from groundstation.interfaces.service.flights import (
     line_of,
     longest_landing_s,
 )
-from groundstation.runtime import INTERRUPTED, Taken, hold_lock
+from groundstation.runtime import Exit, Taken, hold_lock
 from groundstation.runtime.entry import CODES
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
@@ -244,7 +244,7 @@ def exit_code_table() -> str:
         "| all others | 0 | done |",
         "| all others | 1 | not done: the reason is printed |",
         "| all | 2 | a bad command line or configuration; nothing was opened |",
-        f"| all | {INTERRUPTED} | Ctrl-C, outside a flight |",
+        f"| all | {Exit.INTERRUPTED} | Ctrl-C, outside a flight |",
     ]
     return "\n".join(lines)
 

@@ -11,7 +11,8 @@ import pytest
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.lab import DoctorOrders, run_doctor
-from groundstation.lab.doctor import EXIT_FINDINGS, EXIT_HEALTHY, EXIT_NO_ANSWER, load_restore
+from groundstation.lab.doctor import load_restore
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.rf import RfConfig, describe_pulses
 from sim.autopilots import GAINS, Firmware, configure, describe_settings, pack_pulses
@@ -164,7 +165,7 @@ def test_a_board_that_was_told_the_recipe_has_nothing_to_change(tmp_path: Path) 
     host = Host(recipe(told()))
     code, said = visit(host, tmp_path, restarts=1)
     assert "Nothing to change" in said
-    assert code == EXIT_HEALTHY
+    assert code == Exit.DONE
     assert host.restarts == 1
     assert list(tmp_path.iterdir()) == []
 
@@ -176,7 +177,7 @@ def test_each_wrong_setting_is_found_and_nothing_is_changed(tmp_path: Path) -> N
     facts = json.loads(said)
     assert {one["name"] for one in facts["findings"] if one["verdict"] in ("must", "should")} == WRONGLY
     assert facts["autopilot"] == "Betaflight"
-    assert code == EXIT_FINDINGS
+    assert code == Exit.FAILED
     assert host.eeprom == before
     assert list(tmp_path.iterdir()) == []
 
@@ -184,7 +185,7 @@ def test_each_wrong_setting_is_found_and_nothing_is_changed(tmp_path: Path) -> N
 def test_a_board_as_it_is_delivered_is_told_what_must_change(tmp_path: Path) -> None:
     code, said = visit(Host([]), tmp_path, as_json=True)
     wrong = {one["name"] for one in json.loads(said)["findings"] if one["verdict"] in ("must", "should")}
-    assert code == EXIT_FINDINGS
+    assert code == Exit.FAILED
     expected = {"aux 0", "min_check", "rc_smoothing", "runaway_takeoff_prevention", "i_yaw", "roll_srate"}
     assert expected <= wrong
 
@@ -192,7 +193,7 @@ def test_a_board_as_it_is_delivered_is_told_what_must_change(tmp_path: Path) -> 
 def test_settings_are_set_one_by_one_and_can_be_put_back(tmp_path: Path) -> None:
     host = Host([*recipe(told()), *WRONG])
     code, said = visit(host, tmp_path, restarts=len(WRONGLY) + 1, fix=tuple(sorted(WRONGLY)), yes=True)
-    assert code == EXIT_HEALTHY, said
+    assert code == Exit.DONE, said
     assert "rc_smoothing: ON became OFF, read back" in said
     assert host.restarts == len(WRONGLY) + 1
     kept = {one.name: one for one in map(load_restore, tmp_path.iterdir())}
@@ -202,7 +203,7 @@ def test_settings_are_set_one_by_one_and_can_be_put_back(tmp_path: Path) -> None
     }  # fmt: skip
     (file,) = tmp_path.glob("*aux_2.json")
     code, said = visit(host, tmp_path, restore=file, yes=True, as_json=True)
-    assert code == EXIT_FINDINGS
+    assert code == Exit.FAILED
     (wrong,) = [one for one in json.loads(said)["findings"] if one["verdict"] in ("must", "should")]
     assert (wrong["name"], wrong["value"]) == ("aux 2", "1 1 1300 1700 0 0")
 
@@ -210,7 +211,7 @@ def test_settings_are_set_one_by_one_and_can_be_put_back(tmp_path: Path) -> None
 def test_a_serial_port_leads_to_it_as_well(tmp_path: Path) -> None:
     host = Host([*recipe(told()), WRONG[1]])
     code, said = visit(host, tmp_path, by_serial=True, fix=("rc_smoothing",), yes=True)
-    assert code == EXIT_HEALTHY, said
+    assert code == Exit.DONE, said
     assert "rc_smoothing: ON became OFF, read back" in said
 
 
@@ -226,7 +227,7 @@ def test_an_armed_board_is_neither_read_nor_changed(tmp_path: Path, capsys: pyte
             orders = DoctorOrders("doctor", folder=tmp_path, board=port, fix=("i_yaw",), yes=True)
             return await run_doctor(told(), orders, None)
 
-    assert asyncio.run(main()) == EXIT_NO_ANSWER
+    assert asyncio.run(main()) == Exit.UNHEARD
     assert "the vehicle is armed" in capsys.readouterr().err
     assert (host.restarts, host.eeprom) == (0, before)
     assert list(tmp_path.iterdir()) == []
@@ -236,13 +237,13 @@ def test_a_value_that_the_firmware_makes_another_of_is_told_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, _ = visit(Host(recipe(told())), tmp_path, fix=("failsafe_delay=10.5",), yes=True)
-    assert code == EXIT_NO_ANSWER
+    assert code == Exit.UNHEARD
     assert "failsafe_delay was set to 10.5 but reads back as 10" in capsys.readouterr().err
 
 
 def test_a_port_where_nobody_is_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     orders = DoctorOrders("doctor", folder=tmp_path, board="127.0.0.1:9")
-    assert asyncio.run(run_doctor(told(), orders, None)) == EXIT_NO_ANSWER
+    assert asyncio.run(run_doctor(told(), orders, None)) == Exit.UNHEARD
     assert "127.0.0.1:9" in capsys.readouterr().err
 
 

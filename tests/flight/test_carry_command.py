@@ -15,7 +15,7 @@ from groundstation.config import ConfigError, load
 from groundstation.core.geometry import Alignment, Frames, so3
 from groundstation.lab import pose_monitor as command
 from groundstation.lab.pose_monitor import set_keys
-from groundstation.runtime import INTERRUPTED, sleep_until
+from groundstation.runtime import Exit, sleep_until
 from groundstation.settings import Config
 from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
@@ -200,7 +200,7 @@ def test_ctrl_c_leaves_one_object_and_writes_nothing(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(asyncio, "run", pressed)
-    assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == INTERRUPTED
+    assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == Exit.INTERRUPTED
     facts = json.loads(capsys.readouterr().out)
     assert (facts["ok"], facts["why"]) == (False, "interrupted")
     assert lab.read_text() == LAB.replace("KIND", "vicon")

@@ -28,7 +28,7 @@ from groundstation.core.mission import FINAL
 from groundstation.core.safety import NODE_S, WANDERING_M, Conviction, PoseEvidence, charge_lateness
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
-from groundstation.runtime import replace_between_markers, sleep_until, split_at_markers
+from groundstation.runtime import Exit, replace_between_markers, sleep_until, split_at_markers
 from sim.cli import ProgressBar
 from sim.runs import MISSION_CONFIRM_S, Stage, Workers, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
@@ -243,7 +243,7 @@ CURVE = ("paper", "adverse", "storm")
 """True flights that the curve counts false alarms in."""
 
 
-def alarms(args: argparse.Namespace) -> int:
+def alarms(args: argparse.Namespace) -> Exit:
     """Fly true flights from the floor, or take recorded ones, and see how near they came to an accusation."""
     if args.capture is not None:
         return _judge_capture(args)
@@ -276,10 +276,10 @@ def alarms(args: argparse.Namespace) -> int:
     else:
         ((name, one),) = found.items()
         print(json.dumps(facts(name, one)) if args.json else text(name, one))
-    return 1 if any(one.accused for one in found.values()) else 0
+    return Exit.FAILED if any(one.accused for one in found.values()) else Exit.DONE
 
 
-def _judge_capture(args: argparse.Namespace) -> int:
+def _judge_capture(args: argparse.Namespace) -> Exit:
 
     for option, given in (("--scenario", args.scenario), ("--curve", args.curve or None), ("--write", args.write)):
         if given is not None:
@@ -287,7 +287,7 @@ def _judge_capture(args: argparse.Namespace) -> int:
     found = watch_capture(args.capture, args.overrides)
     name = str(args.capture)
     print(json.dumps(facts(name, found)) if args.json else text(name, found, "recorded flights"))
-    return 1 if found.accused else 0
+    return Exit.FAILED if found.accused else Exit.DONE
 
 
 def facts(scenario: str, found: Alarms) -> dict[str, object]:

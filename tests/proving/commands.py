@@ -10,10 +10,11 @@ from collections.abc import Callable
 import msgspec
 
 from groundstation.config import ConfigError
+from groundstation.runtime import Exit
 from sim.scenarios import scenario_of
 
 
-def faults(args: argparse.Namespace) -> int:
+def faults(args: argparse.Namespace) -> Exit:
     """Break one thing in every state of a mission."""
     from sim.cli import ProgressBar
     from tests.proving.faults import FAULTS, MOMENTS, Row, deal_cells, fly_all, pick_worst, quick, text, write
@@ -51,10 +52,10 @@ def faults(args: argparse.Namespace) -> int:
         words = [word for word in sys.argv[1:] if word != "--json"]
         write(args.write, rows, shlex.join(["groundstation-sim", *words]))
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
-    return 0 if all(row.safe for row in rows) else 1
+    return Exit.DONE if all(row.safe for row in rows) else Exit.FAILED
 
 
-def soak(args: argparse.Namespace) -> int:
+def soak(args: argparse.Namespace) -> Exit:
     """Fly for hours, and see whether anything grows."""
     from sim.cli import ProgressBar
     from tests.proving.soak import soak as fly_on
@@ -64,10 +65,10 @@ def soak(args: argparse.Namespace) -> int:
     with ProgressBar("flying", args.hours, quiet=args.json, unit="h", digits=1) as progress:
         facts = fly_on(args.hours, scenario=args.scenario, seed=args.seed, on_progress=progress.at)
     print(json.dumps(msgspec.to_builtins(facts)) if args.json else text(facts))
-    return 0 if facts.passed else 1
+    return Exit.DONE if facts.passed else Exit.FAILED
 
 
-def fuzz(args: argparse.Namespace) -> int:
+def fuzz(args: argparse.Namespace) -> Exit:
     """Feed decoders random and damaged bytes."""
     from sim.cli import ProgressBar
     from tests.proving.fuzz import LINKS, SOURCES, Subject, fuzz_all, text
@@ -84,4 +85,4 @@ def fuzz(args: argparse.Namespace) -> int:
     with ProgressBar("datagrams", args.count * len(chosen), quiet=args.json) as counter:
         total = fuzz_all(chosen, args.count, args.seed, counter.at)
     print(json.dumps(msgspec.to_builtins(total)) if args.json else text(total))
-    return 0 if total.exceptions == 0 and total.mismatches == 0 else 1
+    return Exit.DONE if total.exceptions == 0 and total.mismatches == 0 else Exit.FAILED

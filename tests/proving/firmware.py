@@ -23,7 +23,7 @@ from groundstation.core.messages import CommandSent, FlightEvent
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import make_flight
-from groundstation.runtime import replace_between_markers
+from groundstation.runtime import Exit, replace_between_markers
 from sim import autopilots
 from sim.autopilots import GAINS, STEP_S, FlightBoard, describe_settings
 from sim.radio import InlinePacer, PulseReceiver
@@ -353,7 +353,7 @@ def take_off(scenario: str, seeds: Sequence[int]) -> dict[str, Any]:
     }
 
 
-def firmware(args: argparse.Namespace) -> int:
+def firmware(args: argparse.Namespace) -> Exit:
     """Measure, and print or write the tables."""
     facts: dict[str, Any] = {"flights": {}, "strikes": {}}
     for name, scenario, told, lasts_s, must in FLIGHTS:
@@ -374,7 +374,7 @@ def firmware(args: argparse.Namespace) -> int:
     print(json.dumps(facts) if args.json else text)
     if args.write is not None:
         replace_between_markers(args.write, text, "firmware")
-    return 0
+    return Exit.DONE
 
 
 def tables(facts: dict[str, Any]) -> str:

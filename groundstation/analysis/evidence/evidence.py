@@ -59,7 +59,7 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import GRAVITY, ActuatorCommand
 from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_pose
-from groundstation.runtime import replace_between_markers, split_at_markers
+from groundstation.runtime import Exit, replace_between_markers, split_at_markers
 from groundstation.settings import Config
 from links.core import signal
 
@@ -1004,7 +1004,7 @@ def examine_flight(path: Path) -> dict[str, Any]:
     return facts
 
 
-def evidence_command(paths: Sequence[Path], write: Path | None, part: str, *, as_json: bool) -> int:
+def evidence_command(paths: Sequence[Path], write: Path | None, part: str, *, as_json: bool) -> Exit:
     """Print what the recordings at ``paths`` tell, or put it between the markers ``part`` of a page; returns 0.
 
     Raises:
@@ -1016,9 +1016,9 @@ def evidence_command(paths: Sequence[Path], write: Path | None, part: str, *, as
     if write is not None:
         replace_between_markers(write, "\n".join(tabulate_flights(flights)), part)
         print(f"{write} written")
-        return 0
+        return Exit.DONE
     print(json.dumps({"flights": flights}) if as_json else "\n\n".join(map(describe_flight, flights)))
-    return 0
+    return Exit.DONE
 
 
 def describe_flight(facts: dict[str, Any]) -> str:

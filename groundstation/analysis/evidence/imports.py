@@ -42,7 +42,7 @@ from groundstation.recording import (
     quaternion,
     schema,
 )
-from groundstation.runtime import __version__, open_private
+from groundstation.runtime import Exit, __version__, open_private
 
 Column: TypeAlias = NDArray[np.float64]
 Table: TypeAlias = Mapping[str, Column]
@@ -403,7 +403,7 @@ class ImportedFlight:
         return sum(name == topic for _, name, _ in self.messages)
 
 
-def import_command(paths: Sequence[Path], map_name: str, out: Path) -> int:
+def import_command(paths: Sequence[Path], map_name: str, out: Path) -> Exit:
     """Do it, say what was found and what is missing, and return 0.
 
     Raises:
@@ -421,7 +421,7 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path) -> int:
         print(f"missing: {line}")
     for reason, count in sorted(flight.notes.items()):
         print(f"{reason}: {count}")
-    return 0
+    return Exit.DONE
 
 
 PLAUSIBLE_S = (3e-4, 5.0)

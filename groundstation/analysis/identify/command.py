@@ -49,7 +49,7 @@ from groundstation.config import ConfigError, from_dict, refuse_io
 from groundstation.core.geometry import so3
 from groundstation.core.trajectory import ExcitationConfig
 from groundstation.recording import refuse_recordings
-from groundstation.runtime import require_package
+from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config
 from links.core import signal
 
@@ -640,12 +640,11 @@ FIGURES = (
 )
 
 
-EXIT_FOUND, EXIT_NOTHING = 0, 1
 NEEDED = ("thrust_scale", "thrust_lag", "thrust_delay", "rate_lag", "rate_delay")
 """What a vehicle file is written for: without any of them there is nothing to write."""
 
 
-def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json: bool) -> int:
+def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json: bool) -> Exit:
     """Print what the recording at ``path`` tells; write a vehicle file ``out`` and the fits into the folder ``page``.
 
     Returns 1 where it tells nothing of thrust, lags and delay, else 0.
@@ -682,7 +681,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
         for written_to in (out, shown):
             if written_to is not None:
                 print(f"written to {written_to}")
-    return EXIT_FOUND if knows else EXIT_NOTHING
+    return Exit.DONE if knows else Exit.FAILED
 
 
 def number(value: float | None) -> str:

@@ -18,7 +18,7 @@ from groundstation.analysis.report.figures import ReportFigure, flight_letters
 from groundstation.config import ConfigError
 from groundstation.core.messages import SATURATION_FROM_S, STEADY_S
 from groundstation.recording import refuse_recordings
-from groundstation.runtime import require_package
+from groundstation.runtime import Exit, require_package
 
 if TYPE_CHECKING:
     from groundstation.analysis.report.flight import FlightColumns
@@ -302,7 +302,7 @@ def report_command(
     as_json: bool,
     formats: Sequence[str] = ("html",),
     only_budget: bool = False,
-) -> int:
+) -> Exit:
     """Report on recordings in ``formats`` into the folder ``out`` (default: beside the first); returns 0.
 
     ``find_outside`` says what was told of the vehicle and lies outside of what a recording shows. ``find_budget`` has
@@ -331,7 +331,7 @@ def report_command(
         print(
             json.dumps({"budgets": [f.budget for f in flights]}) if as_json else "\n\n".join(map(_say_budget, flights))
         )
-        return 0
+        return Exit.DONE
     facts = [{**numbers(flight), "told_outside": lines} for flight, lines in zip(flights, outside, strict=True)]
     written: list[Path] = []
     if draw:
@@ -344,7 +344,7 @@ def report_command(
             raise ConfigError("--out", f"cannot write {error.filename or folder}: {error.strerror}") from None
     page = next((str(path) for path in written if path.name == PAGE), None)
     print(json.dumps({"flights": facts, "page": page}) if as_json else "\n".join(map(str, written)))
-    return 0
+    return Exit.DONE
 
 
 def _say_budget(flown: "FlightColumns") -> str:

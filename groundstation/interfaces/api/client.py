@@ -41,6 +41,7 @@ from groundstation.interfaces.api.messages import (
 from groundstation.runtime import (
     BRIDGE,
     ApiError,
+    Exit,
     Running,
     find_socket,
     foreign_services,
@@ -290,12 +291,11 @@ async def snapshots(path: Path) -> AsyncIterator[Snapshot]:
                 yield message
 
 
-EXIT_DONE, EXIT_REFUSED, EXIT_NOBODY = 0, 1, 2
 STOP_ANSWER_S = 1.0
 """Whom ``stop-all``, or a kill, has asked and who has not answered by then, gets a signal [s]."""
 
 
-def request_command(request: Request, vehicle: str | None, socket: Path | None) -> int:
+def request_command(request: Request, vehicle: str | None, socket: Path | None) -> Exit:
     """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody is there.
 
     Where a kill is not answered, the process that is meant gets the signal instead.
@@ -310,11 +310,11 @@ def request_command(request: Request, vehicle: str | None, socket: Path | None) 
         if meant is not None:
             told = _stop_by_signal(meant, Ask.KILL, says)
             print(printable(told.says), file=sys.stderr)
-            return EXIT_DONE if told.answered else EXIT_REFUSED
+            return Exit.DONE if told.answered else Exit.FAILED
         print(f"groundstation: request: {says}", file=sys.stderr)
-        return EXIT_NOBODY
+        return Exit.NOBODY
     print(answer.says)
-    return EXIT_DONE if answer.done else EXIT_REFUSED
+    return Exit.DONE if answer.done else Exit.FAILED
 
 
 async def _at_once(asked: Awaitable[OrderAnswer]) -> OrderAnswer:
@@ -388,9 +388,6 @@ def _as_sent(request: object) -> Request:
         raise ConfigError("request", str(error)) from None
 
 
-EXIT_UNANSWERED = 1
-
-
 class StopReport(msgspec.Struct, frozen=True):
     """What became of one of them."""
 
@@ -448,7 +445,7 @@ def _bridge(one: Running, ask: Ask) -> StopReport:
     )
 
 
-def stop_all_command(args: argparse.Namespace, ask_back: Callable[[str], str] | None) -> int:
+def stop_all_command(args: argparse.Namespace, ask_back: Callable[[str], str] | None) -> Exit:
     """Ask, print a line for each, and return 0 only where every one has answered.
 
     ``ask_back`` asks the operator; None where nobody is there to answer.
@@ -464,7 +461,7 @@ def stop_all_command(args: argparse.Namespace, ask_back: Callable[[str], str] | 
             raise ConfigError("--kill", f"stops the motors of {names} in the air: without a terminal it needs --yes")
         if ask_back(f"Motors off, AND THEY FALL: {names}. Type yes: ").strip() != "yes":
             print("nothing was done: without --kill they land")
-            return EXIT_UNANSWERED
+            return Exit.FAILED
     told = asyncio.run(stop_all(ask))
     for one in told:
         print(printable(one.says), file=sys.stdout if one.answered else sys.stderr)
@@ -473,4 +470,4 @@ def stop_all_command(args: argparse.Namespace, ask_back: Callable[[str], str] | 
         print(f"{folder} is of user {whose}: sudo -u {whose} groundstation stop-all reaches what flies there")
     if not told:
         print("nothing flies here")
-    return EXIT_DONE if all(one.answered for one in told) else EXIT_UNANSWERED
+    return Exit.DONE if all(one.answered for one in told) else Exit.FAILED

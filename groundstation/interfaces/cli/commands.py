@@ -21,13 +21,12 @@ import msgspec
 from groundstation.config import ConfigError, dump, keys_of, load
 from groundstation.core.messages import FARTHEST_M, MOST_POINTS, TURN_DEG, Ask, Request, Waypoint
 from groundstation.core.mission import FINAL, TABLE, Event, State
-from groundstation.runtime import LazyParser, path
+from groundstation.runtime import Exit, LazyParser, path
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from links.core import LinkError
 from links.rf import RF_CODECS, RfLinkConfig, Service
 
-EXIT_DONE, EXIT_ABORTED = 0, 1
 Say = Callable[[str], None]
 
 
@@ -79,7 +78,7 @@ def _mark_lines(say: Say) -> Say:
     return lambda line: say(f"REHEARSAL {line}")
 
 
-def daemon(args: argparse.Namespace) -> int:
+def daemon(args: argparse.Namespace) -> Exit:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
     from groundstation.flight import ensure_named
     from groundstation.interfaces.service import Format, daemon_command, require_flyable
@@ -89,23 +88,23 @@ def daemon(args: argparse.Namespace) -> int:
     return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
 
 
-def health(args: argparse.Namespace) -> int:
+def health(args: argparse.Namespace) -> Exit:
     """How a running daemon is."""
     from groundstation.interfaces.service import health_command
 
     return health_command(args.vehicle, args.socket, as_json=args.json)
 
 
-def service(args: argparse.Namespace) -> int:
+def service(args: argparse.Namespace) -> Exit:
     """Print a systemd unit for a configuration."""
     from groundstation.interfaces.service import require_flyable, unit_file
 
     config = require_flyable(load(args.config, Config, args.overrides))
     print(unit_file(config, args.config, args.overrides, user=args.user), end="")
-    return EXIT_DONE
+    return Exit.DONE
 
 
-def fleet(args: argparse.Namespace) -> int:
+def fleet(args: argparse.Namespace) -> Exit:
     """Fly several vehicles, a core process each; signals reach every one."""
     from groundstation.interfaces.service import fleet_command
 
@@ -113,14 +112,14 @@ def fleet(args: argparse.Namespace) -> int:
     return fleet_command(args, _mark_lines(say) if args.rehearse else say)
 
 
-def relay(args: argparse.Namespace) -> int:
+def relay(args: argparse.Namespace) -> Exit:
     """Hand datagrams on until told to end."""
     from groundstation.interfaces.service import relay_command
 
     return relay_command(args, _terminal_writer())
 
 
-def radio(args: argparse.Namespace) -> int:
+def radio(args: argparse.Namespace) -> Exit:
     """Have the module of a radio link bind or check its range, or show it disarmed frames; nothing is ever armed."""
     config = load(args.config, Config, args.overrides)
     if not isinstance(config.link, RfLinkConfig):
@@ -128,10 +127,10 @@ def radio(args: argparse.Namespace) -> int:
     if not 0.0 < args.seconds <= 3600.0:
         raise ConfigError("--seconds", f"expected more than 0 and at most 3600, got {args.seconds:g}")
     done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, args.what, args.seconds, _terminal_writer()))
-    return EXIT_DONE if done else EXIT_ABORTED
+    return Exit.DONE if done else Exit.FAILED
 
 
-def rf_bridge(args: argparse.Namespace) -> int:
+def rf_bridge(args: argparse.Namespace) -> Exit:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
     from groundstation.flight import key
     from groundstation.runtime import BRIDGE, ApiError, Running, registration
@@ -144,7 +143,7 @@ def rf_bridge(args: argparse.Namespace) -> int:
         except ValueError as error:
             raise ConfigError("--make-key", str(error)) from None
         say(f"{args.make_key}: a new key, for your eyes only. Copy it to the other computer by a safe way, mode 0600")
-        return EXIT_DONE
+        return Exit.DONE
     if args.config is None:
         raise ConfigError(
             "CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/two-computers.md"
@@ -154,7 +153,7 @@ def rf_bridge(args: argparse.Namespace) -> int:
     one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.destination)
     try:
         with registration(one):
-            return EXIT_DONE if asyncio.run(_bridge(config, shared, say)) else EXIT_ABORTED
+            return Exit.DONE if asyncio.run(_bridge(config, shared, say)) else Exit.FAILED
     except ApiError as error:
         raise ConfigError("XDG_RUNTIME_DIR", str(error)) from None
 
@@ -187,7 +186,7 @@ async def _is_flown(vehicle: str) -> bool:
     return await is_served(socket_path(StatusConfig(), vehicle))
 
 
-def request(args: argparse.Namespace) -> int:
+def request(args: argparse.Namespace) -> Exit:
     """One request to a running ground station."""
     points = _read_points(args.ask, args.where)
     if points:
@@ -258,21 +257,21 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     return tuple(points)
 
 
-def stop_all(args: argparse.Namespace) -> int:
+def stop_all(args: argparse.Namespace) -> Exit:
     """Have every flight of this user on this machine come down."""
     from groundstation.interfaces.api import stop_all_command
 
     return stop_all_command(args, input if sys.stdin.isatty() else None)
 
 
-def mqtt(args: argparse.Namespace) -> int:
+def mqtt(args: argparse.Namespace) -> Exit:
     """Keys, topics and schemas of MQTT."""
     from groundstation.interfaces.mqtt import mqtt_command
 
     return mqtt_command(args)
 
 
-def replay(args: argparse.Namespace) -> int:
+def replay(args: argparse.Namespace) -> Exit:
     """Run estimator and controller over a recording: exactly as in flight over our own, in shadow over a .tlog."""
     if args.file.suffix == ".mcap":
         from groundstation.analysis import replay_command
@@ -285,7 +284,7 @@ def replay(args: argparse.Namespace) -> int:
     return shadow_command(args.file, args.config, args.overrides, as_json=args.json)
 
 
-def doctor(args: argparse.Namespace) -> int:
+def doctor(args: argparse.Namespace) -> Exit:
     """Look at the autopilot's parameters, and set some on request."""
     from groundstation.flight import line_from_terminal
     from groundstation.lab import DoctorOrders, run_doctor
@@ -301,7 +300,7 @@ def doctor(args: argparse.Namespace) -> int:
     return asyncio.run(run_doctor(config, orders, line_from_terminal if sys.stdin.isatty() else None, _say))
 
 
-def props_off(args: argparse.Namespace) -> int:
+def props_off(args: argparse.Namespace) -> Exit:
     """The required test with the propellers off, step by step."""
     from groundstation.interfaces.service import require_flyable
     from groundstation.lab import props_off_command
@@ -309,7 +308,7 @@ def props_off(args: argparse.Namespace) -> int:
     return props_off_command(require_flyable(load(args.config, Config, args.overrides)), args.now_s)
 
 
-def logs(args: argparse.Namespace) -> int:
+def logs(args: argparse.Namespace) -> Exit:
     """List the recorded flights."""
     from groundstation.analysis import logs_command
 
@@ -322,21 +321,21 @@ def logs(args: argparse.Namespace) -> int:
     return logs_command(load(args.config, Config, args.overrides).recording, args)
 
 
-def export(args: argparse.Namespace) -> int:
+def export(args: argparse.Namespace) -> Exit:
     """Channels of a recording as CSV, or a whole file from one that was cut off."""
     from groundstation.analysis import export_command
 
     return export_command(args.file, args.format, args.channel, args.out, args.truth)
 
 
-def view(args: argparse.Namespace) -> int:
+def view(args: argparse.Namespace) -> Exit:
     """A recording in Rerun or Foxglove."""
     from groundstation.analysis import view_command
 
     return view_command(args.log, args.viewer, args.listen)
 
 
-def report(args: argparse.Namespace) -> int:
+def report(args: argparse.Namespace) -> Exit:
     """A page with figures about one recorded flight, or two."""
     from groundstation.analysis.identify import find_outside
     from groundstation.analysis.report import report_command
@@ -352,32 +351,32 @@ def report(args: argparse.Namespace) -> int:
     )
 
 
-def identify(args: argparse.Namespace) -> int:
+def identify(args: argparse.Namespace) -> Exit:
     """What a recorded flight tells of its vehicle."""
     from groundstation.analysis.identify import identify_command
 
     return identify_command(args.file, args.out, args.page, as_json=args.json)
 
 
-def import_flight(args: argparse.Namespace) -> int:
+def import_flight(args: argparse.Namespace) -> Exit:
     """A flight that others recorded, as a recording."""
     from groundstation.analysis.evidence import import_command
 
     return import_command(args.files, args.map, args.out)
 
 
-def evidence(args: argparse.Namespace) -> int:
+def evidence(args: argparse.Namespace) -> Exit:
     """What recorded flights say of our estimator."""
     from groundstation.analysis.evidence import evidence_command
 
     return evidence_command(args.files, args.write, args.part, as_json=args.json)
 
 
-def config(args: argparse.Namespace) -> int:
+def config(args: argparse.Namespace) -> Exit:
     """Print the configuration in force, or one to start from."""
     if args.verb == "show":
         print(dump(load(args.config, Config, args.overrides)), end="")
-        return EXIT_DONE
+        return Exit.DONE
     from groundstation.config import copy_examples, example_text, list_examples
 
     if args.all is not None:
@@ -387,16 +386,16 @@ def config(args: argparse.Namespace) -> int:
         print(f"{args.all} written")
     else:
         print(list_examples() if args.name is None else example_text(args.name).rstrip())
-    return EXIT_DONE
+    return Exit.DONE
 
 
-def completion(args: argparse.Namespace) -> int:
+def completion(args: argparse.Namespace) -> Exit:
     """Print the script by which a shell completes our command lines."""
     print(completion_script(args.program, args.shell, words_of_flying))
-    return EXIT_DONE
+    return Exit.DONE
 
 
-def carry(args: argparse.Namespace) -> int:
+def carry(args: argparse.Namespace) -> Exit:
     """Have the vehicle carried along shown moves, and find its tracker's axes."""
     from groundstation.lab import carry_command
 
@@ -405,7 +404,7 @@ def carry(args: argparse.Namespace) -> int:
     return carry_command(config, args.config, args.overrides, as_json=args.json, keep=args.dry_run or args.rehearse)
 
 
-def trajectory(args: argparse.Namespace) -> int:
+def trajectory(args: argparse.Namespace) -> Exit:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
     from groundstation.flight import describe_trajectory, examine_trajectory, explain_refusal
 
@@ -422,10 +421,10 @@ def trajectory(args: argparse.Namespace) -> int:
         print(json.dumps(facts))
     else:
         print(describe_trajectory(config, report))
-    return EXIT_DONE if report.ok else EXIT_ABORTED
+    return Exit.DONE if report.ok else Exit.FAILED
 
 
-def check(args: argparse.Namespace) -> int:
+def check(args: argparse.Namespace) -> Exit:
     """Connect, run the pre-flight checks, and disconnect; or show the pose source live. Nothing is armed."""
     if args.seconds is not None and not args.watch:
         raise ConfigError("--seconds", "is for --watch; without it the checks end by themselves")
@@ -449,20 +448,20 @@ def check(args: argparse.Namespace) -> int:
     verdict = f"REHEARSAL: {verdict}" if args.rehearse else verdict
     facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(found)})
     print(facts if args.json else f"{describe_checks(found)}\n{verdict}")
-    return EXIT_ABORTED if bad else EXIT_DONE
+    return Exit.FAILED if bad else Exit.DONE
 
 
-def states(args: argparse.Namespace) -> int:
+def states(args: argparse.Namespace) -> Exit:
     """Draw the states of a flight."""
     if args.write is not None:
         from groundstation.runtime import replace_between_markers
 
         replace_between_markers(args.write, states_page(), "states")
     print(states_page())
-    return EXIT_DONE
+    return Exit.DONE
 
 
-def vehicles(args: argparse.Namespace) -> int:
+def vehicles(args: argparse.Namespace) -> Exit:
     """List the vehicles that come along, or print the file of one."""
     from groundstation.config import from_dict, presets
     from groundstation.core.vehicle import Vehicle
@@ -472,13 +471,13 @@ def vehicles(args: argparse.Namespace) -> int:
         if args.name not in known:
             raise ConfigError("NAME", f"expected one of {list(known)}, got {args.name!r}")
         print(known[args.name], end="")
-        return EXIT_DONE
+        return Exit.DONE
     for name, text in known.items():
         vehicle = from_dict({"vehicle": {"preset": name}}, Config).vehicle
         figures = f"{vehicle.mass_kg:.4g} kg, {vehicle.thrust_max_n:.4g} N"
         summary = text.splitlines()[0].lstrip("# ")
         print(f"{name:12}{figures:20}{summary}")
-    return EXIT_DONE
+    return Exit.DONE
 
 
 def _say(line: str) -> None:

@@ -33,17 +33,14 @@ from groundstation.interfaces.mqtt.messages import (
     properties,
 )
 from groundstation.interfaces.mqtt.requests import Place, open_answer, seal_request
-from groundstation.runtime import replace_between_markers, wall_ms
+from groundstation.runtime import Exit, replace_between_markers, wall_ms
 from links.io import read_key
 
 if TYPE_CHECKING:
     import aiomqtt
 
 
-EXIT_DONE, EXIT_REFUSED, EXIT_NOBODY = 0, 1, 2
-
-
-def mqtt_command(args: argparse.Namespace) -> int:
+def mqtt_command(args: argparse.Namespace) -> Exit:
     """Do what the verb says.
 
     Raises:
@@ -53,7 +50,7 @@ def mqtt_command(args: argparse.Namespace) -> int:
         {"make-key": _make_key, "topics": _topics, "schemas": _schemas}[args.verb](args)
     except (OSError, ValueError) as error:
         raise ConfigError(f"mqtt {args.verb}", str(error)) from None
-    return EXIT_DONE
+    return Exit.DONE
 
 
 def _make_key(args: argparse.Namespace) -> None:
@@ -93,7 +90,7 @@ class Unanswered(Exception):
     """Nothing came of it; the text says why."""
 
 
-def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> int:
+def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> Exit:
     """Ask, print the answer, and return 0 where it is done, 1 where it is refused, 2 where nobody answers.
 
     Raises:
@@ -117,9 +114,9 @@ def ask_command(args: argparse.Namespace, points: tuple[Waypoint, ...] = ()) -> 
         answer = asyncio.run(asking)
     except Unanswered as error:
         print(f"groundstation: request: {error}", file=sys.stderr)
-        return EXIT_NOBODY
+        return Exit.NOBODY
     print(answer.says)
-    return EXIT_DONE if answer.done else EXIT_REFUSED
+    return Exit.DONE if answer.done else Exit.FAILED
 
 
 async def request_by_mqtt(

@@ -80,7 +80,7 @@ class Supervisor:
         self.relay: asyncio.subprocess.Process | None = None
         """The process that hands poses on, where there is one."""
 
-    async def run(self) -> int:
+    async def run(self) -> Exit:
         """Run all until each has ended; 0 where every flight went as it was meant to, else 1."""
         loop = asyncio.get_running_loop()
         # The relay lives for as long as anybody holds the other end of this pipe: we, or a core that outlives us.
@@ -89,7 +89,7 @@ class Supervisor:
             try:
                 relaying = await self._start_relay(relay_lives)
                 if relaying is None:
-                    return 1
+                    return Exit.FAILED
                 for member in self._fleet.members:
                     self.cores[member.name] = await self._start_core(member, Path(folder), held)
                 for number in SIGNALS:
@@ -104,7 +104,7 @@ class Supervisor:
                 for number in SIGNALS:
                     loop.remove_signal_handler(number)
             await relaying
-        return 0 if not any(codes) else 1
+        return Exit.DONE if not any(codes) else Exit.FAILED
 
     async def _start_relay(self, lives: int) -> "asyncio.Future[None] | None":
         """Begin to hand poses on; returns its life, or None where it can't."""
@@ -236,7 +236,7 @@ def describe_core(fleet: FleetPlan, member: Member) -> str:
     return "\n".join([*lines, "", dump(member.core)])
 
 
-def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
+def fleet_command(args: argparse.Namespace, say: Callable[[str], None]) -> Exit:
     """Fly the vehicles of a fleet file; or show the configuration of one.
 
     Raises:
@@ -299,7 +299,7 @@ def _rehearse(fleet: FleetPlan, args: argparse.Namespace) -> FleetPlan:
     return turned
 
 
-def relay_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
+def relay_command(args: argparse.Namespace, say: Callable[[str], None]) -> Exit:
     """Hand datagrams on until told to end.
 
     Raises:
@@ -313,5 +313,5 @@ def relay_command(args: argparse.Namespace, say: Callable[[str], None]) -> int:
         asyncio.run(run_relay(made, say, until_eof=args.until_eof))
     except SourceError as error:
         print(f"groundstation: {error}", file=sys.stderr)
-        return Exit.FAULT
+        return Exit.FAILED
     return Exit.DONE

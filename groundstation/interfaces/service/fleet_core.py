@@ -4,15 +4,15 @@ import runpy
 import signal
 import sys
 
-from groundstation.runtime import follow_parent
+from groundstation.runtime import Exit, follow_parent
 
 
-def main() -> int:
+def main() -> Exit:
     """``SUPERVISOR_PID COMMAND …``: the command as ``groundstation`` runs it."""
     if not follow_parent(int(sys.argv.pop(1)), signal.SIGHUP):
-        return 1
+        return Exit.FAILED
     runpy.run_module("groundstation", run_name="__main__", alter_sys=True)  # which exits by itself
-    return 0
+    return Exit.DONE
 
 
 if __name__ == "__main__":

@@ -70,7 +70,6 @@ STALE_S = 3.5
 """An older one is of a daemon that hangs or is no more [s]."""
 TICK_S = 1.0
 """In the air, a command is never so old [s]."""
-EXIT_WELL, EXIT_ILL, EXIT_NOBODY = 0, 1, 2
 
 
 class DaemonHealth(msgspec.Struct, frozen=True):
@@ -134,7 +133,7 @@ def find_fault(health: DaemonHealth, now_s: float) -> str:
     return ""
 
 
-def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> int:
+def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> Exit:
     """Print how a daemon is; 0 where it is well, 1 where it is not, 2 where there is none."""
     try:
         path = health_path(socket) if socket is not None else _only(vehicle)
@@ -142,16 +141,16 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
     except OSError as error:
         says = str(error) if error.filename is None else f"no daemon runs there: {error.filename}: {error.strerror}"
         print(f"groundstation: health: {says}", file=sys.stderr)
-        return EXIT_NOBODY
+        return Exit.NOBODY
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         print(f"groundstation: health: {error}", file=sys.stderr)
-        return EXIT_NOBODY
+        return Exit.NOBODY
     wrong = find_fault(health, asyncio.new_event_loop().time())
     if as_json:
         print(json.dumps({"well": not wrong, "why": wrong, **msgspec.to_builtins(health)}))
     else:
         print(f"{health.vehicle}: {wrong or 'well'}; {health.state}: {health.reason}")
-    return EXIT_ILL if wrong else EXIT_WELL
+    return Exit.FAILED if wrong else Exit.DONE
 
 
 def _only(vehicle: str | None) -> Path:
@@ -495,7 +494,7 @@ class Daemon:
             first = False
             flew = self._armed > before
             if self._once or (flew and self._stop.is_set()):
-                return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAULT
+                return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAILED
             pause_s = PAUSE_S if flew else min(2.0 * pause_s, PAUSE_MAX_S)
             self._notify.status(f"{self._flight.state}; the next flight gets ready in {pause_s:g} s")
             with suppress(TimeoutError):
@@ -660,8 +659,8 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say,
             async with crew(config, flight, say, quiet):
                 outcome = await flight.run()
         except SourceError:  # ``say`` has told
-            return Exit.FAULT
-        return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAULT
+            return Exit.FAILED
+        return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAILED
 
 
 def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> Exit:
@@ -693,7 +692,7 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
         return Exit.TAKEN
     except (SourceError, LinkError, OSError) as error:
         log.error("%s", error)
-        return Exit.FAULT
+        return Exit.FAILED
 
 
 async def _serve(config: Config, *, arm: bool, once: bool) -> Exit:

@@ -83,6 +83,7 @@ from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, H
 from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.runtime import (
     ApiError,
+    Exit,
     StatusConfig,
     find_socket,
     is_served,
@@ -903,7 +904,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     return core.returncode
 
 
-def _in_browser(args: argparse.Namespace) -> int:
+def _in_browser(args: argparse.Namespace) -> Exit:
     """Serve the same screen, without its orders, to browsers; each begins one of its own."""
     port = PORT if args.browser is True else args.browser
     if isinstance(port, Path) and args.log is None:  # `--browser LOG.mcap`
@@ -920,7 +921,7 @@ def _in_browser(args: argparse.Namespace) -> int:
         path = args.socket or served_socket(args.vehicle)
         title, what = path.stem, ["--read-only", "--socket", str(path)]
     serve(make_child_command("groundstation", "tui", *what, "--theme", args.theme), port, title)
-    return 0
+    return Exit.DONE
 
 
 def _title(vehicle: str) -> str:
@@ -960,7 +961,7 @@ def _show_recording(log: Path, theme: str, at: float | None, picture: Path | Non
     with refuse_io("--screenshot", f"cannot write {picture}"):
         picture.write_text(shoot(dashboard, (columns, rows)), "utf-8")
     print(f"written: {picture}")
-    return 0
+    return Exit.DONE
 
 
 def _size(text: str) -> tuple[int, int]:

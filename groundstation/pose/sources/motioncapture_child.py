@@ -11,17 +11,17 @@ import sys
 import time
 from typing import Any
 
-from groundstation.runtime import follow_parent
+from groundstation.runtime import Exit, follow_parent
 
 MOST_BODIES, MOST_NAME, MOST_BYTES = 32, 64, 4096
 """What fits into one line, as into one datagram."""
 
 
-def main() -> int:
+def main() -> Exit:
     """``PARENT_PID BACKEND OPTIONS NAMES``: the last two as JSON, an object of texts and an array of names."""
     parent, backend, options, names = sys.argv[1:]
     if not follow_parent(int(parent), signal.SIGKILL):  # a call of the library that hangs hears of nothing else
-        return 1
+        return Exit.FAILED
     motioncapture: Any = importlib.import_module("motioncapture")  # no stubs come along
     out, wanted = sys.stdout.buffer, {name: rank for rank, name in enumerate(json.loads(names))}
     tracker = motioncapture.connect(backend, json.loads(options))

@@ -12,9 +12,6 @@ import pytest
 from groundstation.config import ConfigError, from_dict
 from groundstation.lab import DoctorOrders, run_doctor
 from groundstation.lab.doctor import (
-    EXIT_FINDINGS,
-    EXIT_HEALTHY,
-    EXIT_NO_ANSWER,
     Restore,
     doctor_report,
     load_restore,
@@ -37,6 +34,7 @@ from groundstation.lab.doctor_advice import (
     with_bit,
     without_bit,
 )
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.mavlink.protocol import REAL32
 from sim.autopilots import AUTOPILOTS, AutopilotPeer, SimulatedAutopilot
@@ -187,7 +185,7 @@ def test_the_report_names_the_command_that_mends_what_is_wrong() -> None:
 @pytest.mark.parametrize("kind", TABLES)
 def test_an_autopilot_that_is_set_up_well_has_nothing_to_change(tmp_path: Path, kind: str) -> None:
     seen = visit(tmp_path, kind, parameters={"GUID_TIMEOUT": 0.5} if kind == "ardupilot" else {})
-    assert seen.code == EXIT_HEALTHY
+    assert seen.code == Exit.DONE
     assert "Nothing to change" in seen.said
 
 
@@ -212,7 +210,7 @@ def test_an_autopilot_that_is_set_up_well_has_nothing_to_change(tmp_path: Path, 
 def test_each_wrong_value_is_found(tmp_path: Path, kind: str, name: str, value: float) -> None:
     parameters = {"GUID_TIMEOUT": 0.5} if kind == "ardupilot" else {}
     seen = visit(tmp_path, kind, orders={"as_json": True}, parameters=parameters | {name: value})
-    assert seen.code == EXIT_FINDINGS
+    assert seen.code == Exit.FAILED
     facts = json.loads(seen.said)
     wrong = [f for f in facts["findings"] if f["verdict"] in ("must", "should")]
     assert [(f["name"], f["value"]) for f in wrong] == [(name, pytest.approx(value))]
@@ -248,7 +246,7 @@ def test_nobody_there_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[s
         config = from_dict({}, Config, ["link.connect_timeout_s=1"])
         return await run_doctor(config, DoctorOrders("doctor", folder=tmp_path), None)
 
-    assert in_virtual_time(main()) == EXIT_NO_ANSWER
+    assert in_virtual_time(main()) == Exit.UNHEARD
     assert "no HEARTBEAT" in capsys.readouterr().err
 
 
@@ -282,7 +280,7 @@ def test_several_parameters_are_set_one_after_the_other(tmp_path: Path) -> None:
     wrong = {"COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0}
     orders = {"fix": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT"), "yes": True}
     seen = visit(tmp_path, orders=orders, parameters=wrong)
-    assert seen.code == EXIT_HEALTHY
+    assert seen.code == Exit.DONE
     assert seen.autopilot.parameters["COM_OF_LOSS_T"] == pytest.approx(0.4)
     assert seen.autopilot.parameters["COM_OBL_RC_ACT"] == 4.0
     assert sorted(load_restore(file).name for file in tmp_path.iterdir()) == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
@@ -301,7 +299,7 @@ def test_a_second_parameter_that_is_not_confirmed_leaves_the_first_set_and_says_
     wrong = {"COM_OF_LOSS_T": 5.0, "COM_OBL_RC_ACT": 0.0}
     orders = {"fix": ("COM_OF_LOSS_T", "COM_OBL_RC_ACT")}
     seen = visit(tmp_path, answer="COM_OF_LOSS_T", orders=orders, parameters=wrong)
-    assert seen.code == EXIT_FINDINGS
+    assert seen.code == Exit.FAILED
     assert "COM_OF_LOSS_T: 5 became 0.4" in seen.said
     assert seen.autopilot.parameters["COM_OBL_RC_ACT"] == 0.0
     assert "COM_OBL_RC_ACT was not changed" in capsys.readouterr().err
@@ -316,7 +314,7 @@ def test_old_values_are_kept_in_a_folder_that_is_made_and_for_the_owner_alone(tm
 
 def test_anything_else_typed_changes_nothing(tmp_path: Path) -> None:
     seen = visit(tmp_path, answer="yes", orders={"fix": ("COM_OF_LOSS_T",)}, parameters={"COM_OF_LOSS_T": 5.0})
-    assert seen.code == EXIT_FINDINGS
+    assert seen.code == Exit.FAILED
     assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
     assert list(tmp_path.iterdir()) == []
 
@@ -325,7 +323,7 @@ def test_an_armed_vehicle_is_not_changed(tmp_path: Path, capsys: pytest.CaptureF
     seen = visit(
         tmp_path, armed=True, orders={"fix": ("COM_OF_LOSS_T",), "yes": True}, parameters={"COM_OF_LOSS_T": 5.0}
     )
-    assert seen.code == EXIT_NO_ANSWER
+    assert seen.code == Exit.UNHEARD
     assert "the vehicle is armed" in capsys.readouterr().err
     assert seen.autopilot.parameters["COM_OF_LOSS_T"] == 5.0
 

@@ -5,7 +5,7 @@ from importlib import import_module
 
 import pytest
 
-from groundstation.runtime.entry import INTERRUPTED
+from groundstation.runtime.entry import Exit
 
 
 @pytest.mark.parametrize("program", ["groundstation", "groundstation-sim"])
@@ -19,5 +19,5 @@ def test_ctrl_c_while_a_program_is_loaded_is_one_line(
     launch = import_module("groundstation.runtime.launch")
     monkeypatch.setattr(launch, "import_module", interrupt)
     monkeypatch.setattr(launch.gc, "freeze", lambda: None)  # this process goes on
-    assert getattr(launch, f"run_{program.replace('-', '_')}")() == INTERRUPTED
+    assert getattr(launch, f"run_{program.replace('-', '_')}")() == Exit.INTERRUPTED
     assert capsys.readouterr().err == f"{program}: interrupted\n"
