@@ -272,7 +272,7 @@ ROWS = (
         "flight/test_missions.py goes from the floor and back, test_real_time.py flies what is served, and test_rehearsal.py checks it"),
     Row("e2e/test_installed.py::test_it_is_the_wheel_that_runs", 0, "as the next"),
     Row("e2e/test_installed.py::test_the_programs_need_no_clone_and_take_no_file_of_the_user_for_a_module_of_theirs", 0,
-        "unit/links/core/test_child_command.py has files of the user; `make release` checks each wheel so"),
+        "unit/links/io/test_child.py has files of the user; `make release` checks each wheel so"),
     Row("e2e/test_documents.py::test_every_page_is_in_the_site_and_it_is_built_without_a_warning", 0,
         "`make docs` builds it; the tests before follow each link"),
     Row("e2e/test_stop_all.py::test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_as_it_wakes", 0,

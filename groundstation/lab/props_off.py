@@ -17,7 +17,7 @@ from groundstation.flight import Proof, digest, line_from_terminal, place, save
 from groundstation.lab.props_off_hand import News
 from groundstation.runtime import ApiError, Exit, Taken, hold_lock, lock_path, precise_loop, socket_path, to_the_end
 from groundstation.settings import Config
-from links.core import make_child_command
+from links.io import open_child
 
 ARM_S = 90.0
 """How long a hand may take to connect and to arm [s]."""
@@ -338,12 +338,7 @@ class HandProcess:
 
 async def open_hand(config: Config, *words: str) -> HandProcess:
     """Start a hand; with the word ``disarm`` one that disarms only."""
-    process = await asyncio.create_subprocess_exec(
-        *make_child_command("groundstation.lab.props_off_hand", *words),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        start_new_session=True,  # what the terminal sends reaches the guide alone
-    )
+    process = await open_child("groundstation.lab.props_off_hand", *words, stdin=asyncio.subprocess.PIPE)
     hand = HandProcess(process)
     assert process.stdin is not None, "it is a pipe"
     process.stdin.write(msgspec.json.encode(dump(config)) + b"\n")

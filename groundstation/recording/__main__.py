@@ -11,7 +11,6 @@ import platform
 import select
 import signal
 import struct
-import subprocess
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -24,7 +23,7 @@ from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
 from groundstation.runtime import free_name, make_folder, tidy
-from links.core import make_child_command
+from links.io import start_child
 
 NICE = 5
 """By so much the recorder stands behind what flies (nice(2))."""
@@ -143,8 +142,7 @@ def _open_log(setup: RecorderSetup) -> FlightLog:
 
 def _open_viewer(path: Path, viewer: str) -> None:
     """Show the recording as it is written: by a process that stands back as far as this one does, and outlives it."""
-    words = make_child_command("groundstation", "view", str(path), "--in", viewer)
-    subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=2, start_new_session=True)  # noqa: S603  # our own words, no shell
+    start_child("groundstation", "view", str(path), "--in", viewer, stdout=2)
 
 
 def _tell(line: str, severity: Severity = Severity.INFO) -> None:

@@ -11,7 +11,7 @@ import msgspec
 from groundstation.core.messages import Say, Severity
 from groundstation.recording.records import About, LossRecord, Record
 from groundstation.runtime import IdleSlots, RecordingConfig
-from links.core import make_child_command
+from links.io import start_child
 
 PIPE_BYTES = 1 << 20
 """What the pipe holds, where the system allows it: several seconds of flight."""
@@ -67,12 +67,7 @@ class RecorderProcess:
         self._told = False
         self._gone = self._loop.create_future()
         self._words = b""
-        self._process = subprocess.Popen(  # noqa: S603  # our own program; a millisecond, on the ground
-            make_child_command("groundstation.recording"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # what the terminal sends reaches the flight alone
-        )
+        self._process = start_child("groundstation.recording", stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self._process.stdin is not None and self._process.stdout is not None, "both are pipes"
         self._in, self._out = self._process.stdin.fileno(), self._process.stdout.fileno()
         os.set_blocking(self._in, False)

@@ -2,7 +2,7 @@
 
 These are words that a file or a folder of the operator's may bear too, and PYTHONPATH may put it first. Whoever imports
 this module finds those packages beside it from then on, so only programs do, and the processes that they start:
-``python -P -m groundstation.runtime.launch MODULE …`` (links/core/child_command.py).
+``python -P -m groundstation.runtime.launch MODULE …`` (links/io/child.py).
 """
 
 import gc

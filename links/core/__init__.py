@@ -2,7 +2,6 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from links.core.child_command import make_child_command
     from links.core.deadman import (
         IN_TIME,
         Arrival,

@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import msgspec
 
-from links.core import LinkError, LinkLost, make_child_command
+from links.core import LinkError, LinkLost
+from links.io import start_child
 from links.rf.codec import Manner, RfLinkConfig
 from links.rf.pacer import Arm, End, Give, Order, PacerReport, Stop
 from links.rf.pacer_child import MESSAGE_BYTES, PacerSetup
@@ -135,15 +136,9 @@ async def open_process(
 
     with theirs:
         shared = (theirs.fileno(), mailbox.fd)
-        command = make_child_command("links.rf.pacer_standby", *map(str, shared))
         started = loop.time()
-        process = subprocess.Popen(  # noqa: ASYNC220, S603  # a millisecond, on the ground; our own program
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            pass_fds=shared,
-            start_new_session=True,
-        )
+        words = map(str, shared)
+        process = start_child("links.rf.pacer_standby", *words, stdout=subprocess.DEVNULL, pass_fds=shared)
     ours.setblocking(False)
     pacer = PacerProcess(config.manner, process, ours, mailbox, report)
     pacer.give(PacerSetup(config, thrust_max_n))  # type: ignore[arg-type]  # the one message that is no order

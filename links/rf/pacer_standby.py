@@ -15,7 +15,7 @@ import sys
 
 import msgspec
 
-from links.core import make_child_command
+from links.io import start_child
 from links.rf.pacer import FramePacer, Held, StandbyWatch
 from links.rf.pacer_child import MESSAGE_BYTES, PREPARE_S, Clock, Commander, PacerSetup, deafen, hush, pace, prioritise
 from links.rf.shared_memory import PACER, STANDBY, HeldPort, Lease, Mailbox, SharedPort
@@ -32,8 +32,7 @@ def main() -> None:
     beside, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         shared = (wire.fileno(), mailbox, lease.fd, held.fd, theirs.fileno())
-        command = make_child_command("links.rf.pacer_child", *map(str, shared))
-        pacer = subprocess.Popen(command, pass_fds=shared)  # noqa: S603  # our own program
+        pacer = start_child("links.rf.pacer_child", *map(str, shared), apart=False, pass_fds=shared)
     message = wire.recv(MESSAGE_BYTES)
     setup = msgspec.msgpack.decode(message, type=PacerSetup)
     clock = Clock()

@@ -24,7 +24,7 @@ from groundstation.flight import Flight
 from groundstation.lab import FleetPlan, Relay, read_fleet
 from groundstation.recording import NoRecording, Recording, make_flight
 from groundstation.settings import Config
-from links.core import make_child_command
+from links.io import open_child
 from sim.runs.flight import LIMIT_S, MISSION_CONFIRM_S, REST_S, confirm_at, run_missions
 from sim.runs.referee import MissionVerdict, StateEntry, TrueTrack
 from sim.runs.stage import FleetStage, lay_out
@@ -296,13 +296,9 @@ async def _fly_real(
 async def _stations(file: Path, fleet: FleetPlan, folder: Path) -> asyncio.subprocess.Process:
     """``groundstation fleet``, every vehicle armed without asking, its sockets in ``folder``."""
     arm = [word for member in fleet.members for word in ("--arm", member.name)]
-    return await asyncio.create_subprocess_exec(
-        *make_child_command("groundstation", "fleet", str(file), *arm),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT,
-        env=os.environ | {"XDG_RUNTIME_DIR": str(folder)},
-    )
+    environment = os.environ | {"XDG_RUNTIME_DIR": str(folder)}
+    words = ("fleet", str(file), *arm)
+    return await open_child("groundstation", *words, apart=False, stderr=asyncio.subprocess.STDOUT, env=environment)
 
 
 async def _listen(stations: asyncio.subprocess.Process, say: Callable[[str], None] | None) -> None:

@@ -15,7 +15,7 @@ from groundstation.analysis import view_command
 from groundstation.analysis.viewers import PORTS, FoxgloveScene
 from groundstation.config import ConfigError
 from groundstation.recording import CHANNELS
-from links.core import make_child_command
+from links.io import make_child_command
 from tests.e2e.stations import free_udp_port, served
 from tests.flight.test_viewers import begin, components, needs_rerun
 from tests.proving.bench.onlooker import subscribe

@@ -27,7 +27,7 @@ from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
 from groundstation.runtime import ApiError, Exit, socket_path
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
-from links.core import make_child_command
+from links.io import open_child
 
 AGAIN_S = 0.2
 """How often a core that does not serve its socket yet is asked again [s]."""
@@ -209,17 +209,15 @@ class Supervisor:
 
 
 async def _python(
-    words: list[str], *, stdin: int | None = None, keeps: Collection[int] = ()
+    words: list[str], *, stdin: int = asyncio.subprocess.DEVNULL, keeps: Collection[int] = ()
 ) -> asyncio.subprocess.Process:
     """One of our own programs in a session of its own, which keeps the open files ``keeps``."""
     environment = dict(os.environ)
     environment.pop("NOTIFY_SOCKET", None)  # a service manager is told by us, not by each core
-    return await asyncio.create_subprocess_exec(
-        *make_child_command(*words),
-        stdin=asyncio.subprocess.DEVNULL if stdin is None else stdin,
-        stdout=asyncio.subprocess.PIPE,
+    return await open_child(
+        *words,
+        stdin=stdin,
         stderr=asyncio.subprocess.STDOUT,
-        start_new_session=True,
         pass_fds=tuple(keeps),
         limit=LINE_BYTES,
         env=environment,

@@ -62,7 +62,8 @@ from groundstation.runtime import (
     socket_path,
 )
 from groundstation.settings import Config
-from links.core import LinkError, make_child_command
+from links.core import LinkError
+from links.io import make_child_command
 
 WRITE_S = 1.0
 """How often it is written [s]."""

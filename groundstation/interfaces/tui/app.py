@@ -93,7 +93,8 @@ from groundstation.runtime import (
     socket_path,
 )
 from groundstation.settings import Config, is_rehearsal
-from links.core import Lateness, LinkStatus, make_child_command, printable
+from links.core import Lateness, LinkStatus, printable
+from links.io import make_child_command, start_child
 
 RETRY_S = 0.5
 """Time between two tries to attach [s]."""
@@ -863,11 +864,9 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     overrides = [word for override in args.overrides for word in ("--set", override)]
     overrides += ["--rehearse"] if args.rehearse else []
     arm = [] if args.arm is None else ["--arm", args.arm]
-    command = make_child_command("groundstation", "daemon", str(args.config), "--once", *overrides, *arm)
+    words = ["daemon", str(args.config), "--once", *overrides, *arm]
     with open(log, "wb", opener=open_private) as output:  # Path.open has no opener
-        core = subprocess.Popen(  # noqa: S603  # ourselves
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True
-        )
+        core = start_child("groundstation", *words, stdout=output, stderr=output)
 
     def describe_end() -> str:
         return "" if core.poll() is None else f"It has ended, exit code {core.returncode}: {_last_line(log)}"

@@ -19,8 +19,7 @@ from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, Sour
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from groundstation.runtime import cancel_task
-from links.core import make_child_command
-from links.io import is_loopback
+from links.io import is_loopback, open_child
 
 CONNECT_S = 5.0
 """How long a server may take to answer [s]; some back ends would wait for ever."""
@@ -125,14 +124,8 @@ class LibmotioncaptureSource:
         config = self._config
         options = json.dumps({"hostname": config.hostname, **config.options})
         words = (str(os.getpid()), config.backend, options, json.dumps(self._names))
-        self._child = await asyncio.create_subprocess_exec(
-            *make_child_command("groundstation.pose.sources.motioncapture_child", *words),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL,
-            limit=LINE_BYTES,
-            start_new_session=True,  # a terminal's Ctrl-C is the flight's business
-        )
+        module = "groundstation.pose.sources.motioncapture_child"
+        self._child = await open_child(module, *words, stderr=asyncio.subprocess.DEVNULL, limit=LINE_BYTES)
         return bool(await self._line(CONNECT_S))
 
     async def _line(self, within_s: float) -> bytes:

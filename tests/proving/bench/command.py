@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from statistics import median
 from typing import Any
 
-from links.core import make_child_command
+from links.io import make_child_command
 from tests.proving.bench.bench import Options, in_turns
 
 DURATIONS_S = (20.0, 60.0)

@@ -22,8 +22,8 @@ from groundstation.config import dump
 from groundstation.pose.sources import ViconConfig
 from groundstation.runtime import sleep_until
 from groundstation.settings import Config
-from links.core import Command, Segment, make_child_command
-from links.io import parse_address
+from links.core import Command, Segment
+from links.io import make_child_command, parse_address
 from links.mavlink import MavlinkLinkConfig
 from links.rf import Arm, DsmLinkConfig, End, Give, Pacer, PacerReport, Stop, open_process
 from sim.autopilots import AutopilotPeer, Px4Autopilot

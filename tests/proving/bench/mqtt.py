@@ -17,7 +17,8 @@ from groundstation.core.messages import Notice, Snapshot
 from groundstation.interfaces.mqtt import from_url, publish_forever
 from groundstation.runtime import Latest
 from groundstation.settings import MqttConfig
-from links.core import LinkStatus, make_child_command
+from links.core import LinkStatus
+from links.io import make_child_command
 from sim.runs import percentile
 from tests.proving.bench.bench import Options
 

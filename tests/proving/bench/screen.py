@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from links.core import make_child_command
+from links.io import make_child_command
 from tests.proving.bench.bench import Options
 from tests.proving.bench.links import Answers, figures_of, lost_words, together
 from tests.proving.bench.links import fly_latency as fly

@@ -25,8 +25,7 @@ from groundstation.interfaces.api import snapshots
 from groundstation.runtime import ApiError
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
-from links.core import make_child_command
-from links.io import make_key
+from links.io import make_child_command, make_key
 from links.rf import Channels, RfLinkConfig
 from sim.radio import FAILSAFE_S, PtyWire, module
 from sim.runs import Stage, Workers, from_floor

@@ -1,5 +1,6 @@
 """Processes that our programs start run our own modules, whatever else bears the names of their packages."""
 
+import asyncio
 import os
 import re
 import subprocess
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from links.core import make_child_command
+from links.io import make_child_command, open_child, start_child
 
 ROOT = Path(__file__).parents[4]
 SOURCES = [file for package in ("groundstation", "links", "sim") for file in (ROOT / package).rglob("*.py")]
@@ -48,6 +49,26 @@ def test_whoever_only_imports_our_packages_finds_his_own(tmp_path: Path) -> None
 
 
 def test_no_program_of_ours_is_started_in_any_other_way() -> None:
-    started = {str(file.relative_to(ROOT)) for file in SOURCES if re.search(r"\"-m\"", file.read_text("utf-8"))}
+    texts = {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in SOURCES}
     theirs = "groundstation/analysis/viewers.py"  # Rerun's own program
-    assert started - {theirs} == {"links/core/child_command.py"}
+    assert {name for name, text in texts.items() if '"-m"' in text} - {theirs} == {"links/io/child.py"}
+    starts = re.compile(r"(Popen|subprocess_exec)\(\s*(\*?make_child_command|command\b)")
+    assert [name for name, text in texts.items() if starts.search(text)] == ["links/io/child.py"]
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_a_child_is_in_a_session_of_its_own_unless_it_is_told_otherwise(apart: bool, tmp_path: Path) -> None:
+    (tmp_path / "tell.py").write_text(
+        "import os, sys\nprint(os.getsid(0), repr(sys.stdin.read()), *sys.argv[1:])", "utf-8"
+    )
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+
+    async def opened() -> bytes:
+        child = await open_child("tell", "a", "b", apart=apart, env=environment)
+        return (await child.communicate())[0]
+
+    started = start_child("tell", "a", "b", apart=apart, stdout=subprocess.PIPE, env=environment)
+    for said in (started.communicate()[0], asyncio.run(opened())):
+        session, *words = said.decode().split()
+        assert words == ["''", "a", "b"]
+        assert (int(session) != os.getsid(0)) is apart
