@@ -59,7 +59,6 @@ from groundstation.settings import Config
 from links import make_link
 from links.core import IN_TIME, Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase
 from links.io import NETWORK, Network
-from links.mavlink import MavlinkLink
 
 AT_ONCE_S = 1e-6
 """Timers fire a clock's tick early: an instant nearer than this has come [s], or in virtual time it never would."""
@@ -492,8 +491,8 @@ def make_ends(
         ConfigError: the poses need another link.
     """
     link = make_link(config.link, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve, **(wires or {}))
-    if isinstance(link, MavlinkLink):
-        link.shares_poses = config.pose.shares_link
+    if link.autopilot is not None:
+        link.autopilot.shares_poses = config.pose.shares_link
     return link, make_source(config.pose, link, others)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple
 import msgspec
 
 from groundstation.config import VEHICLE_LETTERS, ConfigError, from_dict, name_pattern, read_toml, resolve_files
-from groundstation.pose import ShowsOthers
+from groundstation.pose import PoseConfig
 from groundstation.settings import Config, rehearse
 from links.io import parse_address
 
@@ -108,7 +108,7 @@ def _member(
     data = _merge(common, entry)
     pose = data.get("pose", {})
     kind = pose.get("kind", "vicon") if isinstance(pose, dict) else "vicon"
-    kinds = {one.__struct_config__.tag: one for one in ShowsOthers.__args__}
+    kinds = {one.__struct_config__.tag: one for one in PoseConfig.__args__ if one.shows_others}
     if kind not in kinds:
         says = f"expected one of {list(kinds)}, got {kind!r}: a vehicle of a fleet must see the others"
         raise ConfigError("pose.kind", says, str(shared))

@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from groundstation.pose.registry import (
         IN_RUN_FOLDER,
         PoseConfig,
-        ShowsOthers,
         TlogConfig,
         make_source,
         pose_decoder,

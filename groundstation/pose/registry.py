@@ -141,8 +141,8 @@ class CsvConfig(PoseKind, frozen=True, kw_only=True, tag="csv"):
         """None: they were recorded, and never fly anything."""
         return None
 
-    def build(self) -> "CsvSource":
-        """The source of this config."""
+    def build(self, others: Others | None = None) -> "CsvSource":
+        """The source of this config; it shows no ``others``."""
         return CsvSource(self)
 
 
@@ -196,8 +196,8 @@ class TlogConfig(PoseKind, frozen=True, kw_only=True, tag="tlog"):
         """None: they were recorded, and never fly anything."""
         return None
 
-    def build(self) -> "TlogSource":
-        """The source of this config."""
+    def build(self, others: Others | None = None) -> "TlogSource":
+        """The source of this config; it shows no ``others``."""
         return TlogSource(self)
 
 
@@ -266,9 +266,6 @@ PoseConfig = (
 )
 """The configuration of one source; a new source adds its own here."""
 
-ShowsOthers = ViconConfig | NatNetConfig | QualisysConfig | LibmotioncaptureConfig | JsonConfig
-"""The sources that show other bodies too."""
-
 
 def make_source(config: PoseConfig, link: CommandLink, others: Others | None = None) -> PoseSource:
     """The source that ``config`` describes; the autopilot's own estimate shares the connection of ``link``.
@@ -282,6 +279,4 @@ def make_source(config: PoseConfig, link: CommandLink, others: Others | None = N
         if not isinstance(link, MavlinkLink):
             raise ConfigError("pose.kind", "'mavlink' needs link.kind = 'mavlink': no other link brings poses")
         return MavlinkPoseSource(config, link)
-    if isinstance(config, ShowsOthers):
-        return config.build(others)
-    return config.build()
+    return config.build(others)

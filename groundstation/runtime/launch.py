@@ -45,7 +45,7 @@ def _run(package: str, program: str) -> int:
         code = _end_quickly(lambda: import_module(f"{package}.__main__").main())
     except KeyboardInterrupt:  # while it was loaded: what runs answers for itself
         print(f"{program}: interrupted", file=sys.stderr)
-        from groundstation.runtime.entry import Exit  # by now: --help must not wait for it
+        from groundstation.runtime import Exit  # by now: --help must not wait for it
 
         return Exit.INTERRUPTED
     assert isinstance(code, int)

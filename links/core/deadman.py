@@ -166,6 +166,9 @@ IN_TIME = Arrival(0.0, 0.0)
 class AutopilotLink(Protocol):
     """A link to an autopilot that answers: in which mode it is, as somebody else may take it over, and what arrived."""
 
+    shares_poses: bool
+    """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere too."""
+
     @property
     def lands_by_itself(self) -> bool:
         """Whether it has been asked to land by itself since the newest arming, and does."""
@@ -225,6 +228,11 @@ class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     def period_s(self) -> float | None:
         """Time between two commands [s]; None where the other end tells it."""
         return None
+
+    @property
+    def own_position(self) -> bool:
+        """The autopilot knows its position by something else than our tracker, as the operator says."""
+        return False
 
     @property
     def key_files(self) -> dict[str, str]:

@@ -578,7 +578,7 @@ def world_as_told(air: World, told: Config, truth: list[str]) -> World:
     rate_hz, latency_s = timing(told.pose, air.pose_rate_hz, air.pose_latency_s)
     north, east, down = told.trajectory.build().position_at(0.0)
     stands = told.flight.start == "floor"
-    own_estimate = told.pose.by_autopilot or getattr(told.link, "own_position", False)
+    own_estimate = told.pose.by_autopilot or told.link.own_position
     world = msgspec.structs.replace(
         world_of(air, told),
         pose_rate_hz=rate_hz,

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Pose, PoseKind, PoseStatus
+from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus
 from groundstation.pose.sources.datagram import DatagramSource, ListensAt
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.mavlink_codec import PoseDecoder, VisionReader, decoder_for
@@ -100,7 +100,7 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
     """Shortest time from the instant that the bridge stamps to the arrival here [s]."""
 
-    def build(self) -> DatagramSource:
-        """The source of this config."""
+    def build(self, others: Others | None = None) -> DatagramSource:
+        """The source of this config; it shows no ``others``."""
         intake = Intake(self.latency_s, frames_of(self))
         return DatagramSource("MAVLink poses", self.listen, VisionReader(intake, self.system_id))

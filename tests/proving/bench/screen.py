@@ -79,7 +79,7 @@ async def _dashboard(path: Path, shares: list[float]) -> AsyncIterator[None]:
     environment = os.environ | {"TERM": "xterm-256color", "COLORTERM": "truecolor"}
     screen = await asyncio.create_subprocess_exec(*words, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
     try:
-        async with _measured([screen], shares):
+        async with _measure([screen], shares):
             yield
     finally:
         loop.remove_reader(ours)
@@ -103,7 +103,7 @@ async def _viewer(path: Path, shares: list[float]) -> AsyncIterator[None]:
         raise RuntimeError("the viewer has ended already")
     onlooker = make_child_command("tests.proving.bench.onlooker", place.partition(":")[2])
     client = await asyncio.create_subprocess_exec(*onlooker)
-    async with _measured([viewer, client], shares):
+    async with _measure([viewer, client], shares):
         yield
 
 
@@ -115,7 +115,7 @@ async def _free_port() -> int:
 
 
 @asynccontextmanager
-async def _measured(processes: Sequence[asyncio.subprocess.Process], shares: list[float]) -> AsyncIterator[None]:
+async def _measure(processes: Sequence[asyncio.subprocess.Process], shares: list[float]) -> AsyncIterator[None]:
     """What the first of ``processes`` has taken of a processor goes into ``shares``; all are ended at the end."""
     loop = asyncio.get_running_loop()
     begun_s = loop.time()

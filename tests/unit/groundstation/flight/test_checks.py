@@ -258,7 +258,7 @@ def test_every_kind_of_link_and_of_poses_answers() -> None:
 
 def test_no_key_of_a_kind_hides_an_answer_that_means_something_else() -> None:
     for base, kinds, same in (
-        (LinkKind, LinkConfig, {"period_s", "simulated"}),
+        (LinkKind, LinkConfig, {"period_s", "simulated", "own_position"}),
         (PoseKind, PoseConfig, {"rate_hz", "latency_s"}),
     ):
         for kind in get_args(kinds):
