@@ -228,18 +228,33 @@ def cut_off(canvas: Figure) -> list[str]:
     ]
 
 
+def crowded(canvas: Figure) -> list[str]:
+    """Numbers at an axis of a figure that stand one over the other; in space they may."""
+    found = []
+    for panel in canvas.axes:
+        if panel.name == "3d":
+            continue
+        for axis in panel._axis_map.values():
+            labels = [label for label in axis.get_ticklabels() if label.get_text() and label.get_visible()]
+            boxes = [label.get_window_extent() for label in labels]
+            pairs = zip(labels, boxes, labels[1:], boxes[1:], strict=False)
+            found += [f"{a.get_text()} {b.get_text()}" for a, one, b, other in pairs if one.overlaps(other)]
+    return found
+
+
 @pytest.mark.parametrize("count", [2, 1])
-def test_nothing_that_is_written_in_a_figure_is_cut_at_its_edge(
+def test_nothing_that_is_written_in_a_figure_is_cut_at_its_edge_or_covered_by_its_neighbour(
     count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
-    flights = [read_columns(recorded(duration_s=17.0)[0])] * count
+    flights = [read_columns(recorded(duration_s=30.0)[0])] * count
     print_figures(tmp_path, flights, "pdf")
     draw_figures(tmp_path, flights)
     draw_columns(tmp_path, OVERLAYS, flights)
     assert len(drawn) > len(FIGURES)
     assert [cut_off(canvas) for canvas in drawn] == [[]] * len(drawn)
+    assert [crowded(canvas) for canvas in drawn] == [[]] * len(drawn)
 
 
 def test_a_second_flight_is_drawn_on_limits_that_hold_it_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

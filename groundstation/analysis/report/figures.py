@@ -153,14 +153,16 @@ def _at_least(panel: Any, span: float) -> None:
 
 
 def _linear_near_zero(panel: Any, values: Column) -> None:
-    """Linear up to what 99 % of the flight keeps to, logarithmic above, where the start would dwarf the rest."""
+    """Linear up to what 95 % of the flight keeps to, logarithmic above, where the start would dwarf the rest."""
     from matplotlib.ticker import SymmetricalLogLocator
 
     usual = float(np.percentile(np.abs(values[np.isfinite(values)]), 95)) if np.isfinite(values).any() else 0.0
     if usual > 0.0 and np.nanmax(np.abs(values)) > 10.0 * usual:
         threshold = 10.0 ** np.ceil(np.log10(usual))
         panel.set_yscale("symlog", linthresh=threshold, linscale=2.0)
-        panel.yaxis.set_major_locator(SymmetricalLogLocator(base=10.0, linthresh=threshold))
+        decades = SymmetricalLogLocator(base=10.0, linthresh=threshold)
+        decades.set_params(numticks=4)  # more would write one number over the other
+        panel.yaxis.set_major_locator(decades)
         panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
@@ -270,7 +272,7 @@ def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
     bars.set_yticks(range(len(parts)), [name.replace("_", " ") for name in parts])
     bars.set_ylim(len(parts) - 0.4, -0.6)
     bars.set_xlim(0.0, 1.5 * bars.get_xlim()[1])
-    bars.set_xlabel("[ms]")
+    bars.set_xlabel("duration [ms]")
     _legend_above(bars, 3)
     over.plot(flown.t, 1e3 * flown.scalars["pose_age_s"], ".", color=BLUE, markersize=1.5)
     over.set_ylim(bottom=0.0)
