@@ -50,6 +50,8 @@ WIND_MEMORY_S = 1.0
 ASKS = 0.3
 """From this share of what convicts on [-] the poses are asked by a small turn, where it is the attitude that speaks
 against them, and a descent lifts less against what may be a lie."""
+BEGINS_S = 1.0
+"""For so long off the floor nothing is asked [s]: it begins without a step."""
 RESTS_M_S, RESTS_S = 0.05, 1.0
 """So are they where the reference was no faster [m/s] for so long [s]: in a hold they have nothing to answer to."""
 CALM_S = 5.0
@@ -393,7 +395,9 @@ class Pilot:
         if self._unheard:
             decision = self._soften(decision, estimate)
         self._rests_s = self._rests_s + interval if math.hypot(*reference.velocity_ned) < RESTS_M_S else 0.0
-        self._obedience.asks = asks = descent is None and (self._asks or (self._lifted and self._rests_s > RESTS_S))
+        rests = self._asks or (self._lifted and self._rests_s > RESTS_S)
+        begun = time_s - self._lifted_s > BEGINS_S and self._hover_n == math.inf
+        self._obedience.asks = asks = descent is None and rests and begun
         if asks or (descent is None and (self.suspicious or self.evidence.attitude >= ASKS)):
             # A body that obeys answers, and is suspect no longer.
             (roll, pitch, yaw), (more, also) = decision.drive.rates, ask(time_s)

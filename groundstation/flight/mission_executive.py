@@ -738,7 +738,8 @@ class MissionExecutive:
         return reference, self.tick.estimate.time_s
 
     def _follow(self, leg: Leg) -> None:
-        self._pilot.ease(self.state is not State.TRACKING, asks=self.state is State.HOLD)
+        asks = self.state not in (State.TRACKING, State.LANDING)
+        self._pilot.ease(self.state is not State.TRACKING, asks=asks)
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

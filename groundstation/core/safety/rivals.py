@@ -53,6 +53,10 @@ if the picture goes with it: who follows a lie that grows goes with it, too. A c
 PRESS_M_S2 = 3.0
 """Nothing in the air presses it down, or lifts it, by so much more than was known, for two nodes [m/s²]: a floor does,
 a hand, or rotors that give little more than half of what they gave."""
+BEARS_M_S2, BEARS_DOWN_M_S2, BEARS_USUAL, BEARS_SHOWS = 1.5, 2.0, 6.0, 0.35
+"""A wind moves the picture first, and what pushes against it is learnt then. So none pushes across, or down, by so much
+more than was known [m/s²], and by so many times what it was mostly off by [-], for two nodes in which the picture shows
+less than this share of what the commands make of it [-]: it stands, though pushed."""
 CALM_KNOWN_S = 2.5
 """Whether it is calm is known after so long [s]; a storm's gusts look like a rival's in calm air now and then."""
 SAYS = 1.2
@@ -87,8 +91,8 @@ class Rivals:
         """Along the vertical so many nodes need no average: what lifts it off is known."""
         self._known = known
         self._axes: tuple[_RivalAxis, ...] = ()
-        self._gale = self._press = self._looked_s = 0.0
-        self._usual, self._astray, self._pulls = WIND2, 0, False
+        self._gale = self._press = self._bears = self._looked_s = 0.0
+        self._usual, self._usual_down, self._astray, self._pulls = WIND2, WIND2, 0, False
 
     def begin(self, position: Vec3, pushed: Vec3) -> None:
         """Look anew from one instant on; what is known of the push stays, and evidence.
@@ -129,7 +133,9 @@ class Rivals:
         most = USUAL * math.sqrt(usual)
         calm = most <= BREEZE_M_S2
         most = (BREEZE_M_S2 if calm else min(most, GALE_M_S2)) + 3.0 * sigma
+        bore, self._bears = self._bears, self._stands_though_pushed(sigma)
         self._usual += h / USUAL_S * (min(squared, 4.0 * usual) - usual)
+        self._usual_down += h / USUAL_S * (min(z.off * z.off, 4.0 * self._usual_down) - self._usual_down)
         turned = math.hypot(x.turned, y.turned) / (TURNS_M_S2 + 3.0 * sigma)
         before, self._gale = self._gale, max(math.sqrt(squared) / most, turned)
         pressed, self._press = self._press, abs(z.off) / (PRESS_M_S2 + 3.0 * sigma)
@@ -147,10 +153,24 @@ class Rivals:
             if self._astray >= 2:
                 return 1.0
         self._looked_s += h
-        gale = min(before, self._gale) + (across / ENDS if calm and self._looked_s > CALM_KNOWN_S else 0.0)
+        known = self._looked_s > CALM_KNOWN_S
+        gale = min(before, self._gale) + (across / ENDS if calm and known else 0.0)
         # A trim is no help in a gale or on a tether: these end a flight, or are nothing.
         held = max(gale, down / ENDS, min(pressed, self._press), float(pulled and self._pulls))
+        if known:
+            held = max(held, min(bore, self._bears))
         return max(across / ENDS, held if held >= 1.0 or (climbs and z.since_s <= STAYS_S) else 0.5 * held)
+
+    def _stands_though_pushed(self, sigma: float) -> float:
+        """How far a push is one that no wind makes of a standing picture [-]; ``sigma`` is an acceleration's [m/s²]."""
+        x, y, z = self._axes
+        found, off = 0.0, math.hypot(x.off, y.off)
+        if math.hypot(x.seen, y.seen) < BEARS_SHOWS * math.hypot(x.seen - x.off, y.seen - y.off):
+            found = off / (max(BEARS_M_S2, BEARS_USUAL * math.sqrt(self._usual)) + 3.0 * sigma)
+        if abs(z.seen) < BEARS_SHOWS * abs(z.seen - z.off):
+            most = max(BEARS_DOWN_M_S2, BEARS_USUAL * math.sqrt(self._usual_down)) + 3.0 * sigma
+            found = max(found, abs(z.off) / most)
+        return found
 
 
 class _RivalAxis:
@@ -158,7 +178,7 @@ class _RivalAxis:
 
     __slots__ = (
         "_before", "_h", "_known", "_mean", "_moved", "_off_before", "_place", "_push", "_smooth", "_speed", "_told",
-        "astray", "evidence", "noises", "off", "since_s", "speaks", "turned",
+        "astray", "evidence", "noises", "off", "seen", "since_s", "speaks", "turned",
     )  # fmt: skip
 
     def __init__(self, known: int = 0) -> None:
@@ -177,8 +197,10 @@ class _RivalAxis:
         """Whether there is any."""
         self.off = 0.0
         """What pushes it beside the commands, less what is known of that [m/s²]."""
+        self.seen = 0.0
+        """What is seen of it all [m/s²]."""
         self.turned = 0.0
-        """The same, less its mean of the last seconds [m/s²]."""
+        """What pushes it beside the commands, less its mean of the last seconds [m/s²]."""
 
     def begin(self, place: float, told: float) -> None:
         """It is at ``place``, by the commands alone at ``told`` [m]."""
@@ -194,7 +216,7 @@ class _RivalAxis:
         before, then, both = self._speed, self._moved, h + last
         self._speed, self._moved = speed, moved
         a, u = 2.0 * (speed - before) / both, 2.0 * (moved - then) / both
-        self.off = off = a - u - self._push
+        self.seen, self.off = a, (off := a - u - self._push)
         if self._known < BEGINS:
             self._known += 1
             self._push += off / self._known
@@ -430,46 +452,77 @@ def _sum_evidence(evidence: float, fade: float, gain: float, variance: float, of
     return evidence if evidence > TRACE else 0.0
 
 
-ANSWER_S = 1.5
+ANSWER_S, ASKED_S = 0.7, 1.1
 """Time constant of what is mixed down [s], and so long it is asked before an answer counts."""
-TOLD_M, TOLD_NOISES = 0.0006, 5.5
-"""A question is one whose answer must be so large [m], and so many times the noise of what is mixed down [-], ..."""
-BESIDE_RAD_S, BESIDE, BESIDE_S = (7.0, 7.5), 3.0, 4.0
-"""... and its power so many times [-] what is commanded where nothing is asked, across and down [rad/s], on average of
-so long [s]: what the law does against wind is seen by half or less, as it brings that to nothing."""
-ANSWERS_LESS, SILENT_S, FORGETS = 0.3, 0.8, 0.2
+TOLD_NOISES, OUTWEIGHS = 2.0, 1.5
+"""A question is one that is told by so many times the noise of a node [-], and has by the second so many times the
+power of all else that is told [-]: what the law does against wind is seen by less, as it brings that to nothing."""
+ANSWERS_LESS, SILENT_S, FORGETS, REPENTS = 0.4, 0.5, 0.2, 2.0
 """What shows a smaller share of the answer than this does not answer [-]; so long, and it ends a flight [s]; time in
-which none is told from wind counts back by such a share [-]."""
+which none is told from wind counts back by such a share, and time in which it answers so many times [-]."""
+ASK_LATE_S = 0.1
+"""So late about is what is asked told to the vehicle [s]; that differs a little changes nothing."""
+ASK_WEIGHTS = tuple((tone, tone**-3) for tone in ASK_TONES_RAD_S)
+"""By how much each tone [rad/s] moves the position beside the others [-]."""
 
 
-class LockIn:
-    """What of some signals swings at one rate: each is mixed down with it, with fading memory."""
+class _Question:
+    """What is told and seen of one question, mixed down with it, with fading memory."""
 
-    __slots__ = ("_rad_s", "_sums")
+    __slots__ = ("_beside", "_scale", "_seen", "_told", "_weight", "silent_s")
 
-    def __init__(self, rad_s: float, signals: int) -> None:
-        """Nothing seen of so many signals."""
-        self._rad_s, self._sums = rad_s, [0j] * signals
+    def __init__(self, *, circles: bool) -> None:
+        """Nothing is known; it ``circles`` across, north first, or swings down."""
+        self._scale = 1.0 if circles else 2.0
+        self._beside = self._weight = 0.0
+        self._told, self._seen = 0j, (0j, 0j)
+        self.silent_s = 0.0
+        """For how long it was not answered [s]."""
 
-    def mix(self, time_s: float, h: float, *signals: float) -> list[complex]:
-        """Take each signal's newest value, ``h`` after the last [s]; returns half of what swings, by size and phase."""
-        k, phase = h / ANSWER_S, self._rad_s * time_s
-        fade, turn = math.exp(-k), k * complex(math.cos(phase), math.sin(phase))
-        self._sums = [fade * old + new * turn for old, new in zip(self._sums, signals, strict=True)]
-        return self._sums
+    def node(
+        self, told: complex, seen: tuple[float, float], phase: complex, h: float, noise_m: float, *, counts: bool
+    ) -> None:
+        """Take what one node adds, along north + i east or down [m]; ``phase`` is the question's.
+
+        ``h`` is how long it took [s], ``noise_m`` the noise of what is seen [m]; not all that is learnt ``counts``.
+        """
+        fade, back = math.exp(-h / ANSWER_S), phase.conjugate()
+        self._told = fade * self._told + told * back
+        u, v = self._seen
+        self._seen = u, v = fade * u + seen[0] * back, fade * v + seen[1] * back
+        self._weight = fade * self._weight + _power(phase)
+        self._beside = fade * self._beside + _power(told)
+        if not counts:
+            return
+        power = _power(self._told)
+        asked2 = self._scale * power / self._weight
+        ratio = asked2 / max(self._beside - asked2, 1e-12)
+        if ratio < OUTWEIGHS or asked2 < (TOLD_NOISES * noise_m) ** 2:
+            self.silent_s = max(0.0, self.silent_s - FORGETS * h)
+            return
+        if self._scale > 1.0:
+            share2 = _power(u) / power
+        else:  # along the direction that shows least, of half of what circles
+            xx, yy, xy = _power(u), _power(v), u.real * v.real + u.imag * v.imag
+            share2 = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)) / power
+        answers = share2 >= ANSWERS_LESS * ANSWERS_LESS
+        self.silent_s = max(0.0, self.silent_s + (-REPENTS if answers else 1.0) * h)
 
 
 class PositionAnswer:
     """What one flight's position answers to the tones that it is asked by."""
 
     def __init__(self) -> None:
-        across, down = BESIDE_RAD_S
-        self._across, self._down = [LockIn(tone, 4) for tone in ASK_TONES_RAD_S], LockIn(ASK_THRUST_RAD_S, 2)
-        self._beside_across, self._beside_down = LockIn(across, 2), LockIn(down, 1)
-        self._across2 = self._down2 = self._asked_s = self._silent_s = 0.0
+        self._forget()
+
+    def _forget(self) -> None:
+        self._across, self._down, self._asked_s = _Question(circles=True), _Question(circles=False), 0.0
+        self._before: tuple[float, Vec3, Vec3] | None = None
 
     def node(self, time_s: float, h: float, seen: Vec3, told: Vec3, noise_m: float, *, asked: bool) -> float:
         """Take one node; how much speaks for a position that does not answer, as a share of what ends a flight [-].
+
+        A push that grows steadily is in each node alike, so that only what changes from node to node is looked at.
 
         Args:
             time_s: of the pose.
@@ -480,31 +533,21 @@ class PositionAnswer:
             asked: whether the tones are played.
         """
         if not asked:
-            self._asked_s = self._silent_s = 0.0
+            if self._asked_s > 0.0:
+                self._forget()
             return 0.0
+        before, self._before = self._before, (time_s, seen, told)
         self._asked_s += h
-        a, b, c = told
-        xx = xy = yy = told2 = 0.0
-        for tone in self._across:
-            p, q, u, v = tone.mix(time_s, h, a, b, seen[0], seen[1])
-            told2 += 2.0 * (_power(p) + _power(q))
-            xx, yy, xy = xx + _power(u), yy + _power(v), xy + u.real * v.real + u.imag * v.imag
-        w, s = self._down.mix(time_s, h, c, seen[2])
-        x, y = self._beside_across.mix(time_s, h, a, b)  # what is commanded where nothing is asked
-        (z,) = self._beside_down.mix(time_s, h, c)
-        across2, down2, slow = 2.0 * (_power(x) + _power(y)), 4.0 * _power(z), h / BESIDE_S
-        self._across2 += slow * (across2 - self._across2)
-        self._down2 += slow * (down2 - self._down2)
-        across2, down2 = max(across2, self._across2), max(down2, self._down2)
-        least = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy))  # along the direction that shows least
-        noise = TOLD_NOISES * noise_m * math.sqrt(0.5 * (h / ANSWER_S))
-        asked2, less2 = max(TOLD_M, noise) ** 2, ANSWERS_LESS * ANSWERS_LESS
-        across, down = told2 > max(asked2, BESIDE * across2), 4.0 * _power(w) > max(asked2, BESIDE * down2)
-        silent = (across and least < less2 * told2) or (down and _power(s) < less2 * _power(w))
-        if self._asked_s > ANSWER_S:
-            more = h if silent else -h if across and down else -FORGETS * h
-            self._silent_s = max(0.0, self._silent_s + more)
-        return self._silent_s / SILENT_S
+        if before is not None and time_s - before[0] < 1.5 * h:
+            (x, y, z), (a, b, c), (_, (p, q, r), (u, v, w)) = seen, told, before
+            counts, noise_m = self._asked_s > ASKED_S, math.sqrt(2.0) * noise_m
+            late_s = time_s - ASK_LATE_S
+            tones = sum(k * complex(math.cos(tone * late_s), math.sin(tone * late_s)) for tone, k in ASK_WEIGHTS)
+            self._across.node(complex(a - u, b - v), (x - p, y - q), tones, h, noise_m, counts=counts)
+            phase = ASK_THRUST_RAD_S * time_s
+            tone = complex(math.cos(phase), math.sin(phase))
+            self._down.node(complex(c - w), (z - r, 0.0), tone, h, noise_m, counts=counts)
+        return max(self._across.silent_s, self._down.silent_s) / SILENT_S
 
 
 def _power(z: complex) -> float:
