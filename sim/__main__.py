@@ -281,7 +281,7 @@ def _serve(parser: argparse.ArgumentParser) -> None:
 
 
 def _intervals(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenarios", metavar="A,B", type=names, default=["adverse", "rotors_mqx"])
+    parser.add_argument("--scenarios", metavar="A,B", type=names, default=["adverse", "rotors_mqx", "rotors_mqx_radio"])
     parser.add_argument("--flights", type=count, default=16, metavar="N", help="in each (default 16)")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
 

@@ -70,6 +70,7 @@ def truths(scenario: str) -> dict[str, float]:
     world = overridden(room, list(UNTOLD.get(scenario, ())))
     known = {
         "thrust_scale": _scale(world, told),
+        "thrust_sag": world.thrust_sag,
         "drag": world.drag_per_s,
         "pose_latency": world.pose_latency_s,
         "stamp_jitter": world.pose_jitter_s,
@@ -81,7 +82,6 @@ def truths(scenario: str) -> dict[str, float]:
     delay = world.command_delay_s
     return known | {
         "thrust_curve": world.thrust_curve,
-        "thrust_sag": world.thrust_sag,
         "thrust_lag": world.thrust_lag_s,
         "thrust_delay": delay + world.thrust_delay_s,
         **dict.fromkeys(("rate_lag", "yaw_rate_lag"), world.rate_lag_s),

@@ -196,6 +196,9 @@ def test_what_scenarios_on_rotors_are_told_is_found_again_by_a_flight_that_is_to
     found, told = json.loads(capsys.readouterr().out)["parameters"], SCENARIOS[scenario].told
     assert found["thrust_scale"]["value"] == pytest.approx(1.0, rel=0.01)
     assert found["drag"]["value"] == pytest.approx(SCENARIOS[scenario].world.drag_per_s, abs=0.02)
+    for name, truth in (("drag", SCENARIOS[scenario].world.drag_per_s), ("thrust_sag", 0.0)):
+        low, high = found[name]["interval"]
+        assert low <= truth <= high, name
     for name in ("thrust", "rate"):
         assert found[f"{name}_lag"]["value"] == pytest.approx(getattr(told, f"{name}_lag_s"), abs=0.004)
         assert found[f"{name}_delay"]["value"] == pytest.approx(getattr(told, f"{name}_delay_s"), abs=0.004)

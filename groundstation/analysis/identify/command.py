@@ -188,6 +188,8 @@ MODEL = 0.005
 THRUST_SPREAD = 1.5
 """Lag and delay of thrust stand for one another, and gusts are no random walk: counted over 200 flights in gusts, their
 deviations are so many times those of the fit."""
+RESPONSE_SPREAD = 1.5
+"""The same of the sum of a rate's lag and delay, counted over 100 flights on rotors: a loop of theirs has neither."""
 DRAG_MODEL, DRAG_LEAST = 0.01, 0.0007
 """The same of drag, which acts along the attitude that was measured; and no better than to so much [1/s], even where
 there is none: of 94 flights on rotors 8 lay outside without that."""
@@ -325,7 +327,13 @@ def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> 
             note="" if config.link.thrust_curve is None else "link.thrust_curve stands in its place",
         ),
         judge_parameter(
-            "thrust_sag", "thrust lost to the battery", "1/min", values[sag], deviations[sag], 0.08, moved=moved.pushed
+            "thrust_sag",
+            "thrust lost to the battery",
+            "1/min",
+            values[sag],
+            math.hypot(deviations[sag], MODEL),
+            0.08,
+            moved=moved.pushed,
         ),
     ]
 
@@ -376,7 +384,7 @@ def _lags(
         """What ``sums`` (k, 5) of the fit's parameters tell of lag + delay."""
         of = np.array(sums)
         value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
-        spread = math.hypot(deviation, frames, MODEL * value)
+        spread = math.hypot(RESPONSE_SPREAD * deviation, frames, MODEL * value)
         enough, whole = max(0.01, 0.25 * value), told + rates_told
         return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=whole, note=RESPONSE)
 
@@ -446,7 +454,11 @@ def _rest(
     seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
 ) -> list[IdentifiedParameter]:
     drags = slice(DRAG, DRAG + len(DRAGS))
-    drag, drag_spread = _combine(pushed.fit.values[drags], pushed.fit.covariance[drags, drags])
+    each, cover = pushed.fit.values[drags], pushed.fit.covariance[drags, drags]
+    drag, drag_spread = _combine(each, cover)
+    # Axes that differ by more than their deviations are not one drag: its deviation grows by as much (Birge 1932).
+    apart = each - drag
+    drag_spread *= math.sqrt(max(1.0, float(apart @ np.linalg.solve(cover, apart)) / (len(each) - 1)))
 
     def of_drag(value: float, deviation: float) -> float:
         return math.hypot(deviation, DRAG_MODEL * value, DRAG_LEAST)
