@@ -27,6 +27,7 @@ What a controller of your own asks for (docs/how-to/own-controller.md), each loa
     turning             the body rates at which the direction of a changing push turns
     UserCodeFault       what a flight ends in where code of your own fails
     ConfigError         what is raised for a wrong name, key or value
+    ApiError            what is raised where no station answers to ask_station
     Baseline, InnerLoop heading, limits and lags: from a wanted push and turn to a Decision, as the baselines do it
 """
 
@@ -59,6 +60,7 @@ if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to 
     from groundstation.core.vehicle.vehicle import Motion as Motion
     from groundstation.core.vehicle.vehicle import Vehicle as Vehicle
     from groundstation.interfaces.api.client import ask_station as ask_station
+    from groundstation.runtime.register import ApiError as ApiError
     from sim.runs.simulation import Run as Run
     from sim.runs.simulation import simulate as simulate
     from sim.studies.budget import ErrorBudget as ErrorBudget

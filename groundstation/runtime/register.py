@@ -37,6 +37,10 @@ class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Most snapshots a second to each client [1/s]; screens call it silence when none comes for 1.5 s."""
 
 
+SOCKET_PATH_BYTES = 107
+"""The longest path of a socket: sun_path of unix(7) has 108 bytes with its end."""
+
+
 class ApiError(Exception):
     """The socket can't be opened or read; the text says why and what to do."""
 
@@ -135,6 +139,11 @@ async def claim_socket(path: Path) -> None:
     Raises:
         ApiError: another ground station serves there, or the path can't be used.
     """
+    if (length := len(os.fsencode(path))) > SOCKET_PATH_BYTES:
+        raise ApiError(
+            f"status socket {path}: {length} bytes, more than the {SOCKET_PATH_BYTES} that a socket's path may have: "
+            "set status.path to a shorter one"
+        )
     own_directory(path.parent)
     if not _is_socket(path):
         return

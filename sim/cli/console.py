@@ -94,7 +94,7 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
     violated, suspended = 100.0 * facts["certificate_violated"], 100.0 * facts["certificate_suspended"]
     shown = f"{violated:.2f} % of the time, suspended {suspended:.2f} %" if facts["lyapunov_start"] is not None else "–"
     lines.append(f"{'V above its bound':24}{shown}")
-    lines += [f"{'':24}{warning}" for warning in facts["certificate_warnings"]]
+    lines += [f"{'' if i else '  told, at [s]':24}{line}" for i, line in enumerate(facts["certificate_warnings"])]
     lines += [f"{'' if i else 'told in flight, at [s]':24}{line}" for i, line in enumerate(facts["warnings"])]
     lines += [
         f"{'commands at a limit':24}{100.0 * facts['saturated_fraction']:.2f} % (after the first 5 s)",
