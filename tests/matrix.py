@@ -340,7 +340,7 @@ ROWS = (
         "a curve of the tool; flight/test_obedience.py times what a picture that stands is answered by"),
     Row("flight/test_campaign_cluster.py::test_without_scheduler_or_workers_it_says_what_is_missing", 0,
         "two sentences, after a wait for nobody"),
-    Row("flight/test_report.py::test_nothing_that_is_written_in_a_figure_is_cut_at_its_edge", 0,
+    Row("flight/test_report.py::test_nothing_that_is_written_in_a_figure_is_cut_at_its_edge_or_covered_by_its_neighbour", 0,
         "how figures look; what stands in them, other tests of it hold"),
     Row("flight/test_evidence.py::test_hard_steps_that_nobody_commanded_are_predicted_better_than_by_constant_velocity", 1,
         "stamps, with and without attitudes"),
