@@ -63,7 +63,15 @@ def read_fleet(path: Path, overrides: Sequence[str] = (), *, rehearsed: bool = F
     Raises:
         ConfigError: by file, vehicle and key; also where two vehicles would use the same name, object or port.
     """
-    file = from_dict(read_toml(path), FleetFile, source=str(path))
+    data = read_toml(path)
+    if data and not {"config", "vehicles"} & data.keys():
+        raise ConfigError(
+            "config",
+            'this is no fleet file: one names the configuration that all vehicles share, config = "lab.toml", '
+            "and has [[vehicles]]; is it that configuration itself?",
+            str(path),
+        )
+    file = from_dict(data, FleetFile, source=str(path))
     shared = path.parent / file.config
     common = read_toml(shared)
     whos = [_who(entry, number, path) for number, entry in enumerate(file.vehicles)]

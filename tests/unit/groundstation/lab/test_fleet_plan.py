@@ -158,7 +158,11 @@ def test_an_error_in_what_all_share_names_that_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [("config = ", "not valid TOML"), ('config = "none.toml"\nvehicles = [{name = "a"}]', "cannot read")],
+    [
+        ("config = ", "not valid TOML"),
+        ('[pose]\nkind = "vicon"', r"config: this is no fleet file: .* is it that configuration itself\?"),
+        ('config = "none.toml"\nvehicles = [{name = "a"}]', "cannot read"),
+    ],
 )
 def test_a_file_that_can_not_be_read_is_named(tmp_path: Path, text: str, says: str) -> None:
     (tmp_path / "fleet.toml").write_text(text, "utf-8")
