@@ -17,7 +17,7 @@ from tests.flight.test_missions import SHORT, WAY
 from tests.proving.firmware import (
     STRIKES,
     WATCHED_S,
-    LiftOff,
+    TakeoffStart,
     cut_wire,
     give_invalid,
     gust,
@@ -101,7 +101,7 @@ def test_a_stick_that_is_told_the_wrong_way_round_ends_the_flight_at_once() -> N
 def test_it_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, link: str, seed: int) -> None:
     world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=link)
     world, config = from_floor(world, config, 1.0)
-    start = LiftOff()
+    start = TakeoffStart()
 
     async def script(flight: Flight, stage: Stage) -> None:
         start.watch(flight, stage, world)

@@ -19,7 +19,7 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
 from sim.world import Quadrotor
 from tests.flight.test_missions import SHORT
-from tests.proving.firmware import LiftOff
+from tests.proving.firmware import TakeoffStart
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 
@@ -219,11 +219,11 @@ def test_a_place_outside_the_fence_stops_the_motors_on_the_floor() -> None:
 
 def start_of(
     scenario: str, *overrides: str, seed: int = 0, source: str = "vicon", autopilot: str = "px4"
-) -> tuple[LiftOff, str]:
+) -> tuple[TakeoffStart, str]:
     """Take off and fly for a second; also what made it come down early."""
     world, config = prepare(SCENARIOS[scenario], list(overrides), source=source)
     world, config = from_floor(world, config, 2.0)
-    start = LiftOff()
+    start = TakeoffStart()
 
     async def script(flight: Flight, stage: Stage) -> None:
         start.watch(flight, stage, world)

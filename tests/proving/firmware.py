@@ -40,7 +40,7 @@ TAKE_OFFS = {"paper": range(20), "adverse": range(10)}
 SEEDS = range(3)
 
 
-class LiftOff:
+class TakeoffStart:
     """What the vehicle did in the first second of a flight's law after the floor, at each command, by the truth."""
 
     def __init__(self) -> None:
@@ -325,13 +325,13 @@ def gust(seed: int) -> tuple[float, float]:
 
 def take_off(scenario: str, seeds: Sequence[int]) -> dict[str, Any]:
     """Whole flights from the floor and back: how many landed, began smoothly, and the worst of each figure."""
-    missions, starts = list[MissionResult](), list[LiftOff]()
+    missions, starts = list[MissionResult](), list[TakeoffStart]()
     for seed in seeds:
         world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(SHORT), link=("dsm", "crsf")[seed % 2])
         world, config = from_floor(world, config, 1.0)
-        start = LiftOff()
+        start = TakeoffStart()
 
-        async def script(flight: Flight, stage: Stage, start: LiftOff = start, world: World = world) -> None:
+        async def script(flight: Flight, stage: Stage, start: TakeoffStart = start, world: World = world) -> None:
             start.watch(flight, stage, world)
 
         missions.append(fly_mission(world, config, seed=seed, autopilot=BETAFLIGHT, script=script))
