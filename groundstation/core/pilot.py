@@ -544,7 +544,7 @@ class Pilot:
             counts=high or not self._climbed, upset=self.upset, off_m=estimator.diverged_m,
         )  # fmt: skip
         if high and self._descent is None and not estimator.holds:
-            self.response.pose(pose.attitude, before.attitude, given[0], pose.time_s - self._newest_s)
+            self.response.pose(pose.attitude, self._obedience.told_turn, pose.time_s - self._newest_s)
         if not node:
             return
         if not self._obedience.stands(pose.time_s) or (gust <= GUST_M_S2 and not estimator.holds):

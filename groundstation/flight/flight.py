@@ -892,8 +892,7 @@ class Flight:
         """Tell the operator where the vehicle is seen to move later than was told."""
         if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
             self._say(f"warning: {news}", Severity.WARNING, "latency")
-        by_attitude = self._latency.estimate
-        if news := self._pilot.response.describe_news(None if by_attitude is None else by_attitude[0]):
+        if news := self._pilot.response.describe_news(lambda: self._latency.estimate):
             self._say(f"warning: {news}", Severity.WARNING, "latency")
 
     def _enter(self, state: State, reason: str) -> None:

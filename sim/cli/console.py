@@ -94,8 +94,8 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
     violated, suspended = 100.0 * facts["certificate_violated"], 100.0 * facts["certificate_suspended"]
     shown = f"{violated:.2f} % of the time, suspended {suspended:.2f} %" if facts["lyapunov_start"] is not None else "–"
     lines.append(f"{'V above its bound':24}{shown}")
-    lines += [f"{'' if i else '  told, at [s]':24}{line}" for i, line in enumerate(facts["certificate_warnings"])]
-    lines += [f"{'' if i else 'told in flight, at [s]':24}{line}" for i, line in enumerate(facts["warnings"])]
+    for key, label in (("certificate_warnings", "  told, at [s]"), ("warnings", "told in flight, at [s]")):
+        lines += [f"{'' if i else label:24}{line}" for i, line in enumerate(facts[key])]
     lines += [
         f"{'commands at a limit':24}{100.0 * facts['saturated_fraction']:.2f} % (after the first 5 s)",
         f"{'wall time':24}{facts['wall_s']:.2f} s for {facts['duration_s']:.0f} s, {facts['datagrams']} datagrams",

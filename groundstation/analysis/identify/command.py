@@ -289,6 +289,7 @@ def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> 
     mass = vehicle.mass_kg
     of = f"of thrust over mass: if it weighs m and not {mass:g} kg, thrust is this times m/{mass:g}"
     spread = math.hypot(deviations[scale], MODEL * values[scale])
+    sag_spread = math.hypot(deviations[sag], MODEL)
     hover_spread = math.hypot(_spread(hover, pushed), MODEL * told_hover)
     return [
         judge_parameter(
@@ -327,13 +328,7 @@ def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> 
             note="" if config.link.thrust_curve is None else "link.thrust_curve stands in its place",
         ),
         judge_parameter(
-            "thrust_sag",
-            "thrust lost to the battery",
-            "1/min",
-            values[sag],
-            math.hypot(deviations[sag], MODEL),
-            0.08,
-            moved=moved.pushed,
+            "thrust_sag", "thrust lost to the battery", "1/min", values[sag], sag_spread, 0.08, moved=moved.pushed
         ),
     ]
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         rotate,
         rotation_vector,
         third_column,
+        third_row,
         to_body,
         to_world,
     )

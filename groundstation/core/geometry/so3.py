@@ -170,6 +170,12 @@ def third_column(q: Quat) -> Vec3:
     return (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
+def third_row(q: Quat) -> Vec3:
+    """Rᵀ e3: where down, and so gravity, points in the body."""
+    w, x, y, z = q
+    return (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+
+
 def angle_deg(cosine: float) -> float:
     """The angle [deg] of a cosine, which rounding may have left beyond ±1; not a number counts as 180°, never as 0°."""
     return math.degrees(math.acos(min(1.0, max(-1.0, cosine))))  # nan beats no first argument
@@ -203,7 +209,7 @@ def matrix(q: Quat) -> tuple[Vec3, Vec3, Vec3]:
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
         (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+        third_row(q),
     )
 
 

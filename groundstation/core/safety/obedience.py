@@ -41,10 +41,11 @@ What each rival would show, and how likely it is, stands in :mod:`groundstation.
 
 import math
 from collections import deque
+from collections.abc import Callable
 from itertools import islice
 from typing import NamedTuple
 
-from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.geometry import Quat, Vec3, third_row
 from groundstation.core.messages import Pose
 from groundstation.core.safety.rivals import (
     CLIMB_BEGINS,
@@ -225,7 +226,7 @@ class Obedience:
         "_quarter", "_quarters", "_resets", "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y",
         "_seen_z", "_shock_s", "_shocks_s", "_silent", "_since_down", "_speed", "_still", "_stood", "_stopped_s",
         "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z", "_turns", "_upset", "_usual_s",
-        "_wander", "_wander_m", "answered", "asks", "calm_s", "evidence", "late_s", "led_s", "windows",
+        "_wander", "_wander_m", "answered", "asks", "calm_s", "evidence", "late_s", "led_s", "told_turn", "windows",
     )  # fmt: skip
 
     def __init__(self, mass_kg: float, gravity: float) -> None:
@@ -233,6 +234,8 @@ class Obedience:
         self._per_newton, self._gravity = -1.0 / mass_kg, gravity  # an impulse is told against the thrust
         self._pushed: Vec3 = (0.0, 0.0, 0.0)
         self._passed = NO_POSES
+        self.told_turn: Vec3 = (0.0, 0.0, 0.0)
+        """By what the commands have turned it since the pose before, in the body's axes [rad]."""
         self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._roll, self._pitch = _TiltAxis(), _TiltAxis()
         self._images = Images()
@@ -346,6 +349,14 @@ class Obedience:
             upset: whether the disturbance that is found has changed as no gust changes it.
             off_m: how far it is from where the estimate was going [m].
         """
+        # Written out, as this is done with every pose: both turns in the body's axes, twice a quaternion's vector.
+        w, x, y, z = before.attitude
+        p, q, r, s = given[0]  # goes on from there: no sign to mind
+        self.told_turn = told_x, told_y, told_z = (
+            2.0 * (w * q - x * p - y * s + z * r),
+            2.0 * (w * r + x * s - y * p - z * q),
+            2.0 * (w * s - x * r + y * q - z * p),
+        )
         last, self._last = self._last, pose.attitude
         if dt > HOLE_S:
             if pose.time_s - self._holes_s > HOLES_S:  # what goes on is how this source tells
@@ -360,18 +371,15 @@ class Obedience:
             self._off, self._offs, self._off_s = off_m, 0.0, 0.0
             self._begin(pose)
             return False
-        # Written out, as this is done with every pose: both turns in the body's axes, twice a quaternion's vector.
         w, x, y, z = last
         p, q, r, s = pose.attitude
         k = 2.0 if w * p + x * q + y * r + z * s > 0.0 else -2.0
         self._seen_x += k * (w * q - x * p - y * s + z * r)
         self._seen_y += k * (w * r + x * s - y * p - z * q)
         self._seen_z += k * (w * s - x * r + y * q - z * p)
-        w, x, y, z = before.attitude
-        p, q, r, s = given[0]  # goes on from there: no sign to mind
-        self._told_x += 2.0 * (w * q - x * p - y * s + z * r)
-        self._told_y += 2.0 * (w * r + x * s - y * p - z * q)
-        self._told_z += 2.0 * (w * s - x * r + y * q - z * p)
+        self._told_x += told_x
+        self._told_y += told_y
+        self._told_z += told_z
         x, y, z = pose.position_ned
         a, b, c, n = self._passed
         self._passed = (a + x, b + y, c + z, n + 1)
@@ -728,6 +736,9 @@ class _Coordinates:
         return most
 
 
+_Sides = tuple[float, float, float, float]
+
+
 class LatencyFit:
     """The time by which one signal e comes later than another, by ġ of that: least squares of e = -δ ġ."""
 
@@ -740,12 +751,11 @@ class LatencyFit:
         """Σ ġ², -Σ e ġ, Σ e² over the last seconds."""
         self._count = 0.0
 
-    def begin(self, *now: float) -> None:
+    def begin(self, now: _Sides) -> None:
         """Begin again with what differs slowly: e and ġ, x and y of each."""
-        e, f, u, v = now
-        self._slow = e, f, u, v
+        self._slow = now
 
-    def add(self, dt: float, looks: float, *now: float) -> None:
+    def add(self, dt: float, looks: float, now: _Sides) -> None:
         """Take e and ġ, x and y of each, ``dt`` [s] after the last ones; they count as so many looks."""
         gain = dt / SLOW_S
         (a, b, c, d), (e, f, u, v) = self._slow, now
@@ -781,58 +791,51 @@ class ResponseLatency:
         self._fit = LatencyFit(LATENCY_MEMORY_S, RESPONSE_LOOKS)
         self._said_s = 0.0
 
-    def pose(self, attitude: Quat, before: Quat, given: Quat, dt: float) -> None:
+    def pose(self, attitude: Quat, told_turn: Vec3, dt: float) -> None:
         """Take one pose.
 
         Args:
             attitude: what it shows, body FRD to world NED.
-            before: the attitude at the pose before, as estimated.
-            given: what the commands have made of that since.
-            dt: time since then [s].
+            told_turn: :attr:`Obedience.told_turn` [rad].
+            dt: time since the pose before [s].
         """
-        w, x, y, z = attitude
-        a, b, c = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+        a, b, c = third_row(attitude)
         model = self._model
         if model is None or not 0.0 < dt <= GAP_S:
             self._model = a, b
-            self._fit.begin(0.0, 0.0, 0.0, 0.0)
+            self._fit.begin((0.0, 0.0, 0.0, 0.0))
             self._slow = 0.0, 0.0
             return
-        w, x, y, z = before
-        i, j, k, m = given  # goes on from there: no sign to mind
-        per_s = 2.0 / dt
-        p, q, r = (
-            per_s * (w * j - x * i - y * m + z * k),
-            per_s * (w * k + x * m - y * i - z * j),
-            per_s * (w * m - x * k + y * j - z * i),
-        )
-        u, v = r * b - q * c, p * c - r * a
+        p, q, r = told_turn
+        u, v = (r * b - q * c) / dt, (p * c - r * a) / dt
         # Where these rates take it is drawn to what is seen as slowly as an average forgets: theirs is taken out, too.
         gain = dt / SLOW_S
         e, f = a - model[0] - dt * u, b - model[1] - dt * v
         self._model = a - (1.0 - gain) * e, b - (1.0 - gain) * f
         s, t = self._slow
         self._slow = s, t = s + gain * (u - s), t + gain * (v - t)
-        self._fit.add(dt, min(dt / LOOK_S, 1.0), e, f, u - s, v - t)
+        self._fit.add(dt, min(dt / LOOK_S, 1.0), (e, f, u - s, v - t))
 
     @property
     def late_s(self) -> float | None:
         """How much later it turns than told, below 0 earlier [s]; None while that could be chance, or little."""
         return self._fit.late_s(RESPONSE_LEAST_S)
 
-    def describe_news(self, poses_late_s: float | None) -> str | None:
+    def describe_news(self, by_attitude: Callable[[], tuple[float, float] | None]) -> str | None:
         """A line for the operator, where there is something that was not told yet.
 
-        ``poses_late_s`` is how much later the poses alone are than told [s], where the vehicle's own attitude shows it.
+        ``by_attitude`` tells how much later the poses alone are than told, and its deviation [s]; None where the
+        vehicle's own attitude does not show it.
         """
         late = self.late_s
         if late is None:
             return None
-        rest = late - (poses_late_s or 0.0)
+        poses = by_attitude()
+        rest = late - (poses[0] if poses else 0.0)
         if abs(rest) < RESPONSE_LEAST_S or abs(rest - self._said_s) < AGAIN_S:
             return None
         self._said_s = rest
-        if poses_late_s is None:
+        if poses is None:
             found = f"poses seem {describe_latency(rest)} than told, or the vehicle turns so"
             return f"{found}, by how it answers its commands: measure both (groundstation identify)"
         found = f"the vehicle turns {describe_latency(rest)} than told"

@@ -21,6 +21,7 @@ a log likelihood ratio against a vehicle that obeys and a picture that stands, s
 zero.
 """
 
+import cmath
 import math
 from collections.abc import Sequence
 
@@ -469,11 +470,11 @@ ASK_WEIGHTS = tuple((tone, tone**-3) for tone in ASK_TONES_RAD_S)
 class _Question:
     """What is told and seen of one question, mixed down with it, with fading memory."""
 
-    __slots__ = ("_beside", "_scale", "_seen", "_told", "_weight", "silent_s")
+    __slots__ = ("_beside", "_circles", "_seen", "_told", "_weight", "silent_s")
 
     def __init__(self, *, circles: bool) -> None:
         """Nothing is known; it ``circles`` across, north first, or swings down."""
-        self._scale = 1.0 if circles else 2.0
+        self._circles = circles
         self._beside = self._weight = 0.0
         self._told, self._seen = 0j, (0j, 0j)
         self.silent_s = 0.0
@@ -495,16 +496,16 @@ class _Question:
         if not counts:
             return
         power = _power(self._told)
-        asked2 = self._scale * power / self._weight
+        asked2 = (1.0 if self._circles else 2.0) * power / self._weight
         ratio = asked2 / max(self._beside - asked2, 1e-12)
         if ratio < OUTWEIGHS or asked2 < (TOLD_NOISES * noise_m) ** 2:
             self.silent_s = max(0.0, self.silent_s - FORGETS * h)
             return
-        if self._scale > 1.0:
-            share2 = _power(u) / power
-        else:  # along the direction that shows least, of half of what circles
+        if self._circles:  # along the direction that shows least, of half of what circles
             xx, yy, xy = _power(u), _power(v), u.real * v.real + u.imag * v.imag
             share2 = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)) / power
+        else:
+            share2 = _power(u) / power
         answers = share2 >= ANSWERS_LESS * ANSWERS_LESS
         self.silent_s = max(0.0, self.silent_s + (-REPENTS if answers else 1.0) * h)
 
@@ -541,12 +542,10 @@ class PositionAnswer:
         if before is not None and time_s - before[0] < 1.5 * h:
             (x, y, z), (a, b, c), (_, (p, q, r), (u, v, w)) = seen, told, before
             counts, noise_m = self._asked_s > ASKED_S, math.sqrt(2.0) * noise_m
-            late_s = time_s - ASK_LATE_S
-            tones = sum(k * complex(math.cos(tone * late_s), math.sin(tone * late_s)) for tone, k in ASK_WEIGHTS)
+            tones = sum(cmath.rect(weight, tone * (time_s - ASK_LATE_S)) for tone, weight in ASK_WEIGHTS)
             self._across.node(complex(a - u, b - v), (x - p, y - q), tones, h, noise_m, counts=counts)
-            phase = ASK_THRUST_RAD_S * time_s
-            tone = complex(math.cos(phase), math.sin(phase))
-            self._down.node(complex(c - w), (z - r, 0.0), tone, h, noise_m, counts=counts)
+            swing = cmath.rect(1.0, ASK_THRUST_RAD_S * time_s)
+            self._down.node(complex(c - w), (z - r, 0.0), swing, h, noise_m, counts=counts)
         return max(self._across.silent_s, self._down.silent_s) / SILENT_S
 
 

@@ -27,7 +27,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from groundstation.core.geometry import Quat
+from groundstation.core.geometry import Quat, third_row
 from groundstation.core.messages import Pose
 from groundstation.core.safety.obedience import AGAIN_S, LATENCY_MEMORY_S, SLOW_S, LatencyFit, describe_latency
 from links.core import Attitude
@@ -405,7 +405,7 @@ def _leaps(last: Attitude, told: Attitude, since: float) -> bool:
     if told.rates_rad_s is None or last.rates_rad_s is None:
         return False
     (p, q, r), (e, f, g) = told.rates_rad_s, last.rates_rad_s
-    gx, gy, gz = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    gx, gy, gz = third_row(told.attitude)
     by_gyros = 0.5 * since * ((p + e) * gx + (q + f) * gy + (r + g) * gz)
     return abs(turned - by_gyros) > LEAP_RAD
 
@@ -430,8 +430,6 @@ LOOKS = 100
 KEPT = 32
 """So many attitudes are kept until a pose of their instant comes."""
 
-_Level = tuple[float, float]
-
 
 class PoseLatency:
     """One vehicle's. Times are on the event loop's clock [s]."""
@@ -439,7 +437,7 @@ class PoseLatency:
     def __init__(self, memory_s: float = LATENCY_MEMORY_S) -> None:
         """Nothing heard; what is older than ``memory_s`` [s] counts less."""
         self._told: deque[Attitude] = deque(maxlen=KEPT)
-        self._last: tuple[float, _Level] | None = None
+        self._last: tuple[float, tuple[float, float]] | None = None
         self._at_s = -math.inf
         self._fit = LatencyFit(memory_s, LOOKS)
         self._said_s = 0.0
@@ -455,7 +453,7 @@ class PoseLatency:
 
     def pose(self, pose: Pose) -> None:
         """A pose has come: look at all that was told of the time since the one before."""
-        time_s, (x, y) = pose.time_s, _level(pose.attitude)
+        time_s, (x, y, _) = pose.time_s, third_row(pose.attitude)
         last, self._last = self._last, (time_s, (x, y))
         told = self._told
         if last is None or not 0.0 < time_s - last[0] <= GAP_S:
@@ -469,16 +467,15 @@ class PoseLatency:
 
     def _look(self, told: Attitude, x: float, y: float) -> None:
         """At one instant, at which the poses have gravity along ``x`` and ``y`` of the body."""
-        w, i, j, k = told.attitude
-        a, b, c = 2.0 * (i * k - w * j), 2.0 * (j * k + w * i), 1.0 - 2.0 * (i * i + j * j)
+        a, b, c = third_row(told.attitude)
         assert told.rates_rad_s is not None, "others are not kept"
         p, q, r = told.rates_rad_s
         now = (x - a, y - b, r * b - q * c, p * c - r * a)
         dt, self._at_s = told.time_s - self._at_s, told.time_s
         if dt > SLOW_S:
-            self._fit.begin(*now)
+            self._fit.begin(now)
         else:
-            self._fit.add(dt, 1.0, *now)
+            self._fit.add(dt, 1.0, now)
 
     @property
     def estimate(self) -> tuple[float, float] | None:
@@ -501,9 +498,3 @@ class PoseLatency:
         self._said_s = late
         found = f"poses seem {describe_latency(late)} than told, by the vehicle's own attitude"
         return f"{found}: measure their latency"
-
-
-def _level(q: Quat) -> _Level:
-    """Gravity along x and y of the body, of length 1 in all."""
-    w, x, y, z = q
-    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)

@@ -72,8 +72,8 @@ def answered(late_s: float, *, seconds: float = 15.0, hz: int = 50, askew: Quat 
         stamp, dt = k / hz, 1.0 / hz
         a, b, c = rng.normal(0.0, NOISE_RAD, 3).tolist()
         seen = so3.rotate(multiply(true(stamp - late_s, 0.1)[0], askew), (a, b, c))
-        before, given = true(stamp - dt, 0.1)[0], true(stamp, 0.1)[0]
-        response.pose(seen, before, given, dt)
+        turn = so3.turn_between(true(stamp - dt, 0.1)[0], true(stamp, 0.1)[0])
+        response.pose(seen, turn, dt)
     return response
 
 
@@ -89,16 +89,16 @@ def test_nothing_is_said_of_a_response_that_is_as_told_or_was_seen_for_a_moment(
     assert answered(0.0).late_s is None
     assert answered(0.006).late_s is None
     assert answered(0.03, seconds=3.5, hz=240).late_s is None
-    assert ResponseLatency().describe_news(None) is None
+    assert ResponseLatency().describe_news(lambda: None) is None
 
 
 def test_it_is_said_once_and_the_poses_own_latency_is_not_said_again() -> None:
     response = answered(0.03)
-    assert response.describe_news(0.025) is None
-    told = response.describe_news(None)
+    assert response.describe_news(lambda: (0.025, 0.0)) is None
+    told = response.describe_news(lambda: None)
     assert told is not None
     assert told.startswith(("poses seem 29 ms later than told", "poses seem 30 ms later than told"))
-    assert response.describe_news(None) is None
-    rates = answered(0.03).describe_news(0.0)
+    assert response.describe_news(lambda: None) is None
+    rates = answered(0.03).describe_news(lambda: (0.0, 0.0))
     assert rates is not None
     assert rates.startswith("the vehicle turns")
