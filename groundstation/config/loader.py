@@ -466,7 +466,7 @@ R = TypeVar("R")
 class UserCodeFault(Exception):
     """Code of the user's own failed, or answered with what must not leave; its cause has the user's frames."""
 
-    def __init__(self, what: str, error: Exception | None = None) -> None:
+    def __init__(self, what: str, error: BaseException | None = None) -> None:
         """``what`` failed with ``error``, which was caught by whoever called the user's code; or did what is told."""
         super().__init__(what if error is None else f"{what} failed: {describe_error(error)}")
         if error is not None:
@@ -474,12 +474,12 @@ class UserCodeFault(Exception):
             self.__cause__ = error
 
 
-def _strip_caller(error: Exception) -> None:
+def _strip_caller(error: BaseException) -> None:
     """Leave ``error`` the frames of the user's code alone, without that of whoever called it and caught it."""
     error.__traceback__ = error.__traceback__ and error.__traceback__.tb_next
 
 
-def _strip_import(error: Exception) -> None:
+def _strip_import(error: BaseException) -> None:
     """Leave ``error`` the frames of the module that was imported, if it was found, without those of the import."""
     frames = error.__traceback__ and error.__traceback__.tb_next
     while frames and frames.tb_frame.f_globals.get("__name__", "").startswith("importlib"):
@@ -540,11 +540,12 @@ def find_object(key: str, factory: str) -> Any:
     module_name, _, name = factory.partition(":")
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # whatever the user's module raises, the operator must hear of it
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever the user's module raises, sys.exit too, the operator must hear of it
         _strip_import(error)
-        raise ConfigError(
-            key, f"can't import {module_name}: {describe_error(error)} (is it installed, or its folder on PYTHONPATH?)"
-        ) from error
+        hint = " (is it installed, or its folder on PYTHONPATH?)" if isinstance(error, ModuleNotFoundError) else ""
+        raise ConfigError(key, f"can't import {module_name}: {describe_error(error)}{hint}") from error
     if not hasattr(module, name):
         raise ConfigError(key, f"{module_name} has no attribute {name!r}")
     return getattr(module, name)
@@ -586,7 +587,9 @@ def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], opti
         arguments, named = told[: len(needed)], dict(options)
     try:
         return found(*arguments, **named)
-    except Exception as error:  # as above
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # as above
         _strip_caller(error)
         raise ConfigError(key, f"{factory} failed: {describe_error(error)}") from error
 

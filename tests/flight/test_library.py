@@ -233,6 +233,31 @@ def test_an_error_in_a_controller_is_one_sentence_and_the_users_own_frames(loop:
     assert "virtual_time" not in shown and "tasks.py" not in shown
 
 
+@pytest.mark.parametrize("error", [SystemExit(3), asyncio.CancelledError(), GeneratorExit()], ids=repr)
+def test_what_would_end_the_program_is_told_as_any_other_error_of_the_users_code(error: BaseException) -> None:
+    def leaves(estimate: gs.Estimate, reference: gs.Reference, interval_s: float) -> gs.ActuatorCommand:
+        raise error
+
+    def departs(time_s: float) -> gs.Reference:
+        raise error
+
+    said = re.escape(f"failed: {type(error).__name__}: {error}")
+    with pytest.raises(UserCodeFault, match=f"leaves {said}$") as caught:
+        gs.simulate(controller=leaves, duration=SHORT_S)
+    assert "tasks.py" not in "".join(traceback.format_exception(caught.value))
+    with pytest.raises(ConfigError, match=f"departs {said}$"):
+        gs.simulate(trajectory=departs, duration=SHORT_S)
+
+
+def test_a_module_that_ends_the_program_is_a_refused_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "leaving.py").write_text("import sys\n\nsys.exit(2)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ConfigError, match=r"controller.kind: can't import leaving: SystemExit: 2$"):
+        gs.simulate(controller="leaving:make", duration=SHORT_S)
+
+
 class Unmakeable:
     """Fails when it is made."""
 

@@ -534,7 +534,9 @@ class Guarded:
         """
         try:
             decision: Any = self._controller.decide(estimate, reference, interval_s)
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise  # somebody stops the program
+        except BaseException as error:  # sys.exit is no end of a flight either
             raise UserCodeFault(f"controller {self._name}", error) from error
         if isinstance(decision, ActuatorCommand):
             decision = self._make_whole(decision, estimate, reference)

@@ -127,7 +127,9 @@ class OwnTrajectory:
         rests = self.duration_s is not None and time_s >= self.duration_s
         try:
             found = self._at(self.duration_s if rests else time_s)
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise  # somebody stops the program
+        except BaseException as error:  # sys.exit is no end of a flight either
             raise UserCodeFault(f"trajectory {self._name}", error) from error
         if not isinstance(found, Reference):
             raise UserCodeFault(f"trajectory {self._name} returned a {type(found).__name__}, not a Reference")
