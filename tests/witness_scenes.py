@@ -153,3 +153,19 @@ def largest(scene: Scene) -> float:
 def doubted_s(scene: Scene) -> float | None:
     """When it was first known that they disagree [s]."""
     return next((when for when, told in heard(scene) if told is not None and told.doubts_s is not None), None)
+
+
+def warned(scene: Scene) -> list[tuple[float, str]]:
+    """What the operator is told of it in flight, and when [s]."""
+    witness, armed, said = Witness(), False, list[tuple[float, str]]()
+    for arrival, what in scene.events():
+        if arrival >= ARMED_S and not armed:
+            armed = True
+            witness.arm()
+        if isinstance(what, Pose):
+            witness.pose(what)
+            if armed and (news := witness.describe_news()):
+                said.append((arrival, news))
+        else:
+            witness.attitude(what)
+    return said

@@ -886,6 +886,7 @@ class Flight:
             self._latency.pose(pose)
             if not self._dismissed:
                 self._tell_latency()
+                self._tell_disagreement()
             self._prearm.first_pose.set()
 
     def _tell_latency(self) -> None:
@@ -894,6 +895,12 @@ class Flight:
             self._say(f"warning: {news}", Severity.WARNING, "latency")
         if news := self._pilot.response.describe_news(lambda: self._latency.estimate):
             self._say(f"warning: {news}", Severity.WARNING, "latency")
+
+    def _tell_disagreement(self) -> None:
+        """Tell the operator where the vehicle's own attitude and the poses disagree, while these are believed."""
+        state = self.state
+        if state in IN_AIR and state is not State.DESCENT and (news := self.witness.describe_news()):
+            self._say(f"warning: {news}", Severity.WARNING)
 
     def _enter(self, state: State, reason: str) -> None:
         self._say(reason, Severity.WARNING if state in ALARMING else Severity.INFO, "state")

@@ -127,7 +127,7 @@ def test_true_poses_are_not_doubted_in_any_air(scenario: str, autopilot: str) ->
     assert told.mission is not None and told.mission.landed
     assert told.share < 0.9
     assert told.silent_s < 0.5
-    assert not any("second witness" in line for line in told.events)
+    assert not any("second witness" in line or "own attitude and the poses" in line for line in told.events)
 
 
 def frozen(liar: Liar) -> Lie:
@@ -173,6 +173,7 @@ def test_true_poses_are_not_doubted_by_what_a_radio_tells(scenario: str) -> None
     assert told.share < 0.95
     assert told.silent_s < 0.5
     assert told.share > 0.0
+    assert not any("own attitude and the poses" in line for line in told.events)
 
 
 @pytest.mark.parametrize(
@@ -198,6 +199,18 @@ def test_where_the_model_sides_with_the_poses_what_a_radio_tells_otherwise_convi
     assert told.share > 2.0
     assert told.doubted_s < math.inf
     assert told.mission is not None and told.mission.landed
+
+
+@pytest.mark.parametrize(("link", "sets"), [("mavlink", ()), ("crsf", TOLD_BY_RADIO)])
+def test_a_tilt_that_is_askew_in_flight_is_told_and_ends_nothing(link: str, sets: tuple[str, ...]) -> None:
+    """A tracked body that is knocked by 9°: the law flies on, as the model finds no more than wind in it."""
+    told = flown("paper", lie=body_turned(9.0, 0.0), link=link, sets=sets)
+    assert told.mission is not None and told.mission.landed
+    (warning,) = (
+        line for line in told.events if "the vehicle's own attitude and the poses disagree by at least" in line
+    )
+    assert "degrees of tilt: land, and check" in warning
+    assert any("own attitude and the poses disagree" in str(one) for one in told.mission.warnings)
 
 
 def test_a_radio_that_is_slow_on_the_way_down_is_no_witness() -> None:

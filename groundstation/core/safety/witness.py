@@ -50,6 +50,11 @@ LEAST = 0.25 * LEAP_RAD
 SILENT_S = 0.6
 """Nothing compared for so long: there is no second witness [s]."""
 
+LASTS_S = 2.0
+"""What they disagree for without a break is told to the operator: less may be an outlier [s]."""
+REPEATS_S = 10.0
+"""After so long without such a disagreement the next one is told again [s]."""
+
 LEARN_S = 10.0
 """What is learnt before arming is that of so long [s]."""
 TILT_UNIT_RAD, TILT_UNIT_MOST_RAD = math.radians(1.5), math.radians(3.0)
@@ -125,6 +130,8 @@ class Witness:
         self._next = 0
         self._judged = -round(1e9)
         """The number of the instant that was compared last."""
+        self._told_s = -math.inf
+        """When a disagreement that is told of was still there [s]."""
         self._armed = False
         self._learnt = 0
         self._askew = self._offset = (0.0, 0.0)
@@ -191,6 +198,21 @@ class Witness:
             doubts_s=self._doubts_s,
             alike=tuple(alike),
             unlike=tuple(unlike),
+        )
+
+    def describe_news(self) -> str | None:
+        """A line for the operator, where both have disagreed for ``LASTS_S``; once, as that begins."""
+        since, judged_s = self._doubts_s, self._judged * STEP_S
+        if since is None or judged_s - since < LASTS_S:
+            return None
+        known, self._told_s = judged_s - self._told_s < REPEATS_S, judged_s
+        if known or self._apart is None:
+            return None
+        apart = math.degrees(math.hypot(*self._apart))
+        differ = f"disagree by at least {apart:.0f} degrees of tilt" if self._tilting >= 1.0 else "turn differently"
+        return (
+            f"the vehicle's own attitude and the poses {differ}: land, and check that the tracked body is this "
+            "vehicle, its axes and markers, and the autopilot's level (over CRSF link.attitude_pitch, too)"
         )
 
     def _compare(self) -> None:

@@ -2,6 +2,7 @@
 
 import math
 import random
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,8 +11,8 @@ import pytest
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.safety import Agreement, Witness
-from groundstation.core.safety.witness import SILENT_S
-from tests.witness_scenes import ARMED_S, ZERO, Lie, Motion, Scene, doubted_s, heard, largest
+from groundstation.core.safety.witness import LASTS_S, REPEATS_S, SILENT_S
+from tests.witness_scenes import ARMED_S, ZERO, Lie, Motion, Scene, doubted_s, heard, largest, warned
 
 STRUCK_S = 14.0
 IN_S = 0.4
@@ -150,6 +151,29 @@ def test_poses_much_older_than_they_say_are_doubted_as_it_begins_to_swing(motion
 def test_what_moves_neither_tilts_nor_turns_it_can_not_see() -> None:
     straight_up = Motion(ZERO)
     assert largest(Scene(motion=straight_up, lies=((0.0, resting),))) < 0.9
+
+
+def askew_from(begin_s: float, end_s: float) -> Lie:
+    """From then to then [s] the tracked body leans by 13° more."""
+    by = so3.from_euler_zyx(math.radians(13.0), 0.0, 0.0)
+    return lambda time_s, attitude: so3.multiply(attitude, by) if begin_s <= time_s < end_s else attitude
+
+
+@pytest.mark.parametrize("radio", [False, True], ids=["mavlink", "crsf"])
+def test_a_tilt_that_stays_apart_in_flight_is_told_once_and_again_only_after_a_long_agreement(radio: bool) -> None:
+    wire = Scene(told_hz=10.0, told_late_s=0.03, stamped=False, gyros=False) if radio else Scene()
+    ((when, says),) = warned(replace(wire, lies=((0.0, askew_from(STRUCK_S, 99.0)),)))
+    assert STRUCK_S + LASTS_S < when < STRUCK_S + LASTS_S + 2.0 * IN_S
+    by = re.search(r"the poses disagree by at least (\d+) degrees of tilt: land, and check", says)
+    assert by is not None and 8 <= int(by[1]) <= 14
+    for agrees_s, lines in ((1.0, 1), (REPEATS_S + 1.0, 2)):
+        again = STRUCK_S + 4.0 + agrees_s
+        lies = ((0.0, askew_from(STRUCK_S, STRUCK_S + 4.0)), (again, askew_from(again, 99.0)))
+        assert len(warned(replace(wire, until_s=again + 4.0, lies=lies))) == lines
+
+
+def test_a_tilt_that_is_apart_for_less_is_not_told() -> None:
+    assert warned(Scene(lies=((0.0, askew_from(STRUCK_S, STRUCK_S + 0.8 * LASTS_S)),))) == []
 
 
 def test_it_stops_doubting_poses_that_are_true_again() -> None:
