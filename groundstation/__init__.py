@@ -69,17 +69,19 @@ if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to 
     from sim.studies.comparison import compare as compare
 
 
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
+if not TYPE_CHECKING:  # a type checker shall know a name that is not there
 
-    try:
-        return load_name(__name__, name)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "sim":
-            raise
-        raise ImportError(
-            f"groundstation.{name} flies in the simulator, the package sim, which is not installed"
-        ) from None
+    def __getattr__(name: str) -> object:
+        from links.core.lazy import load_name
+
+        try:
+            return load_name(__name__, name)
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] != "sim":
+                raise
+            raise ImportError(
+                f"groundstation.{name} flies in the simulator, the package sim, which is not installed"
+            ) from None
 
 
 def __dir__() -> list[str]:

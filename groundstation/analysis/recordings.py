@@ -354,7 +354,7 @@ def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
     }
 
 
-_HEADS = ("", "controller", "trajectory", "flown", "RMS", "true RMS", "largest", "size")
+_HEADS = ("", "controller", "trajectory", "flown", "RMS", "largest", "true RMS", "true largest", "size")
 
 
 def _table(rows: list[list[str]]) -> list[str]:
@@ -379,7 +379,7 @@ def _row(flight: dict[str, Any]) -> list[str]:
     if flight["being_written"]:
         ended = f"{flight['state']}: being recorded now"
     size = f"{flight['size_bytes'] / 1e6:.1f} MB"
-    errors = [_cm(flight["rms_m"]), _cm(flight["true_rms_m"]), _cm(flight["max_m"])]
+    errors = [_cm(flight[key]) for key in ("rms_m", "max_m", "true_rms_m", "true_max_m")]
     names = (flight[key] for key in ("file", "controller", "trajectory"))
     return [*names, f"{flight['flown_s']:.1f} s", *errors, size, ended]
 

@@ -5,6 +5,7 @@ import csv
 import json
 import re
 import sys
+from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -255,6 +256,23 @@ def test_nothing_that_is_written_in_a_figure_is_cut_at_its_edge_or_covered_by_it
     assert len(drawn) > len(FIGURES)
     assert [cut_off(canvas) for canvas in drawn] == [[]] * len(drawn)
     assert [crowded(canvas) for canvas in drawn] == [[]] * len(drawn)
+
+
+def test_what_an_event_says_is_broken_into_lines_and_cut_only_where_no_line_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
+    flown = read_columns(recorded(duration_s=30.0)[0])
+    draw_columns(tmp_path, [find_figure("events")], flown, "pdf")
+    told = [f"{time_s:.1f} s  {kind}: {text}" for time_s, kind, text in flown.events]
+    assert [text.get_text().replace("\n", " ") for text in drawn[0].axes[0].texts] == told
+    many = [(float(i), "holding", "the pilot has it, " * 5) for i in range(14)]
+    draw_columns(tmp_path, [find_figure("events")], replace(flown, events=many), "pdf")
+    (panel,) = drawn[1].axes
+    assert all("\n" not in text.get_text() for text in panel.texts)
+    assert panel.texts[0].get_text().endswith("…")
+    assert not cut_off(drawn[1])
 
 
 def test_a_second_flight_is_drawn_on_limits_that_hold_it_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ First those of control, the paper's 3 to 6 and the Lyapunov function with its ce
 whole: path, error, latency, lateness, events, saturation.
 """
 
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from io import BytesIO
@@ -187,6 +188,8 @@ FLOOR_CM = 0.01
 """Smaller errors are drawn as this [cm]."""
 LETTER_PT = 7.5
 """Size of the letters beside the events."""
+MIN_LETTERS = 8
+"""No line beside an event is broken shorter than this."""
 LABELS = 14
 """So many lines of text find room beside the events; the table below has them all."""
 
@@ -332,27 +335,12 @@ def events(panels: Sequence[Any], flown: FlightColumns) -> None:
     (panel,) = panels
     colours = dict(STATES)
     end = float(flown.t[-1])
-    begin = min(flown.events[0][0], 0.0) if flown.events else 0.0
-    letters = 72.0 * panel.figure.get_figwidth() * panel.get_position().width / (0.58 * LETTER_PT)
     told = [event for event in flown.events if event[1] not in ("request", "lost")]
     for i, (time_s, state, _) in enumerate(told):
         until = told[i + 1][0] if i + 1 < len(told) else max(end, time_s)
         colour = colours.get(state, GREY)
         panel.barh(0.0, until - time_s, left=time_s, height=0.8, color=colour, edgecolor="white", linewidth=0.5)
     shown = flown.events[:LABELS]
-    for i, (time_s, kind, text) in enumerate(shown):
-        row = 1.0 + i
-        words = f"{time_s:.1f} s  {kind}: {text}"
-        late = time_s - begin > 0.5 * (end - begin)
-        room = int(letters * max(time_s - begin, end - time_s) / max(end - begin, 1e-3))
-        words = words if len(words) <= room else f"{words[: room - 1]}…"
-        alert = kind in ("request", "lost", "descent", "aborted", "killed")
-        panel.plot([time_s, time_s], [-0.4, row], color="0.6", linewidth=0.6)
-        panel.plot(time_s, row, "D" if alert else "o", color=RED if alert else GREY, markersize=4, clip_on=False)
-        panel.annotate(
-            words, (time_s, row), (-6 if late else 6, 0), textcoords="offset points", va="center",
-            ha="right" if late else "left", fontsize=LETTER_PT, in_layout=False,
-        )  # fmt: skip
     panel.set_ylim(len(shown) + 0.8, -0.6)
     panel.set_yticks([0.0], ["mission"])
     panel.grid(visible=False)
@@ -360,6 +348,46 @@ def events(panels: Sequence[Any], flown: FlightColumns) -> None:
     left = len(flown.events) - len(shown)
     if left:
         panel.set_title(f"{left} more events stand in the table below", loc="right", fontsize=8)
+    times = [time_s for time_s, _, _ in shown]
+    begin, end = panel.get_xlim()
+    panel.set_xlim(min((begin, *times)), max((end, *times)))
+    panel.figure.draw_without_rendering()  # what is laid out knows how wide it is
+    inside = panel.get_window_extent()
+    point = panel.figure.dpi / 72.0
+    lines = max(1, int(inside.height / (point * 1.3 * LETTER_PT * (len(shown) + 1.4))))
+    for i, (time_s, kind, text) in enumerate(shown):
+        row = 1.0 + i
+        place = panel.transData.transform((time_s, row))[0]
+        late = place - inside.x0 > 0.5 * inside.width
+        room = (place - inside.x0 if late else inside.x1 - place) / point - 6.0
+        words = _fit(f"{time_s:.1f} s  {kind}: {text}", room, lines)
+        alert = kind in ("request", "lost", "descent", "aborted", "killed")
+        panel.plot([time_s, time_s], [-0.4, row], color="0.6", linewidth=0.6)
+        panel.plot(time_s, row, "D" if alert else "o", color=RED if alert else GREY, markersize=4, clip_on=False)
+        panel.annotate(
+            words, (time_s, row), (-6 if late else 6, 0), textcoords="offset points", va="center",
+            ha="right" if late else "left", fontsize=LETTER_PT, in_layout=False,
+        )  # fmt: skip
+
+
+def _fit(words: str, room_pt: float, lines: int) -> str:
+    """``words`` on at most so many ``lines`` of the events' letters, each ``room_pt`` long at most [pt]."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextToPath
+
+    letters = FontProperties(size=LETTER_PT)
+
+    def is_wide(text: str) -> bool:
+        return bool(TextToPath().get_text_width_height_descent(text, letters, False)[0] > room_pt)
+
+    width = len(words)
+    while width > MIN_LETTERS and any(map(is_wide, _wrap(words, width, lines))):
+        width -= 1
+    return "\n".join(_wrap(words, width, lines))
+
+
+def _wrap(words: str, width: int, lines: int) -> list[str]:
+    return textwrap.wrap(words, width, max_lines=lines, placeholder="…")
 
 
 def saturation(panels: Sequence[Any], flown: FlightColumns) -> None:
