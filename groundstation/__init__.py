@@ -7,7 +7,7 @@ For scripts and notebooks (docs/reference/python.md):
     error_budget        fly a recorded flight again without each source of its error; gives an ErrorBudget
     load                read a recorded flight: a FlightData of arrays, tables and pictures
     ask_station         ask a vehicle that is being flown here, as `groundstation request` does: a Request, with its Ask
-                        and for goto its Waypoints
+                        and for goto its Waypoints; gives an OrderAnswer
 
 What a controller of your own asks for (docs/how-to/own-controller.md), each loaded when it is asked for:
 
@@ -60,6 +60,7 @@ if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to 
     from groundstation.core.vehicle.vehicle import Motion as Motion
     from groundstation.core.vehicle.vehicle import Vehicle as Vehicle
     from groundstation.interfaces.api.client import ask_station as ask_station
+    from groundstation.interfaces.api.messages import OrderAnswer as OrderAnswer
     from groundstation.runtime.register import ApiError as ApiError
     from sim.runs.simulation import Run as Run
     from sim.runs.simulation import simulate as simulate

@@ -352,7 +352,9 @@ def describe_helpers() -> str:
 def describe_asking() -> str:
     """How a vehicle in flight is asked."""
     return (
-        _call(groundstation.ask_station, 3) + "\n\n" + describe_structs(groundstation.Request, groundstation.Waypoint)
+        _call(groundstation.ask_station, 3)
+        + "\n\n"
+        + describe_structs(groundstation.Request, groundstation.Waypoint, groundstation.OrderAnswer)
     )
 
 

@@ -94,8 +94,11 @@ class OrderAnswer(msgspec.Struct, frozen=True):
     """What became of an order."""
 
     id: int
+    """The order's number, which its sender gave it."""
     done: bool
+    """Whether it was followed."""
     says: str
+    """What the station has to say of it: what it did, or why not."""
 
 
 class Refusal(msgspec.Struct, frozen=True):
