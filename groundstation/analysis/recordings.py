@@ -632,6 +632,11 @@ def load(path: Path | str) -> FlightData:
     Raises:
         ConfigError: it is no recording of a flight, or can't be read.
     """
+    told: Any = path
+    if not isinstance(told, Path | str) or not str(told):
+        raise ConfigError("LOG", f"expected the path of a recording, NAME.mcap, got {path!r}")
+    if Path(path).is_dir():
+        raise ConfigError("LOG", f"{path} is a folder; expected a recording, such as {Path(path) / 'flight.mcap'}")
     return FlightData(Path(path))
 
 

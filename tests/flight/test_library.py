@@ -425,6 +425,17 @@ def test_what_is_no_recording_is_refused_in_one_way_by_all_that_read_one(tmp_pat
             gs.error_budget(path)
 
 
+@pytest.mark.parametrize("told", [5, None, ""], ids=repr)
+def test_what_is_no_path_is_no_recording(told: Any) -> None:
+    with pytest.raises(ConfigError, match=re.escape(f"expected the path of a recording, NAME.mcap, got {told!r}")):
+        gs.load(told)
+
+
+def test_a_folder_in_the_place_of_a_recording_is_told_what_to_name(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"is a folder; expected a recording, such as \S+/flight.mcap$"):
+        gs.load(tmp_path)
+
+
 def test_a_damaged_recording_says_so_where_it_shows_itself(run: gs.Run, tmp_path: Path) -> None:
     data = bytearray(run.path.read_bytes())
     data[len(data) // 2 : len(data) // 2 + 100] = bytes(100)
