@@ -329,6 +329,14 @@ def test_the_trajectory_of_the_how_to_flies_from_a_configuration(
     assert np.ptp(flown.reference.position[:, 2]) == pytest.approx(0.6, abs=0.01)
 
 
+def test_a_factory_that_is_taken_for_a_curve_is_told_what_to_call_its_argument() -> None:
+    def make(told: object) -> Still:
+        return Still()
+
+    with pytest.raises(ConfigError, match=r"returned a Still, not a Reference \(a factory's argument .* options\)$"):
+        gs.simulate(trajectory=make, duration=SHORT_S)
+
+
 def test_controllers_are_compared_as_they_are_given() -> None:
     from matplotlib.figure import Figure
 

@@ -132,7 +132,8 @@ class OwnTrajectory:
         except BaseException as error:  # sys.exit is no end of a flight either
             raise UserCodeFault(f"trajectory {self._name}", error) from error
         if not isinstance(found, Reference):
-            raise UserCodeFault(f"trajectory {self._name} returned a {type(found).__name__}, not a Reference")
+            hint = " (a factory's argument must be called options)" if hasattr(found, "at") else ""
+            raise UserCodeFault(f"trajectory {self._name} returned a {type(found).__name__}, not a Reference{hint}")
         try:
             vectors = (found.position_ned, found.velocity_ned, found.acceleration_ned, found.jerk_ned)
             # Which takes no text for a number, as float does.
