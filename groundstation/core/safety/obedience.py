@@ -120,7 +120,8 @@ SHOCK_M, SHOCK_S = 0.045, 0.35
 for so long [s]."""
 LEAP_M, LEAP_NOISES, LEAP_M_S2, LEAP_S = 0.0015, 7.0, 1.8, 0.035
 """A pose leaps that is so much [m], so many times its noise [-], and by what a gust makes of it [m/s²], farther off its
-way than the one before, which came no longer ago than this [s]: where one is missing, so may commands be."""
+way than the one before, which came no longer ago than this [s]: where one is missing, so may commands be. Where one
+was missing within the last second, too, poses get lost on their way alone, and up to 1.25 of 45 ms pass."""
 LEAP_LOOKS_S, LEAP_USUAL, LEAP_MOST_S, LEAP_LATE = 0.0095, 0.02, 0.045, 1.25
 """Of what comes more often than this [s] all since are summed up: from one of 240 in a second to the next nothing goes
 far. Where few come, the one before came up to so many times [-] as long ago as is usual, which is averaged with this
@@ -220,11 +221,12 @@ class Obedience:
 
     __slots__ = (  # with so many, a dictionary is slow
         "_answer", "_arrest", "_asked", "_attitude", "_begun_s", "_between", "_climb_m_s", "_down", "_flown",
-        "_from_down", "_from_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s", "_hover_share",
-        "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s", "_node_s",
-        "_noise_m", "_off", "_off_s", "_offs", "_passed", "_per_newton", "_pitch", "_place", "_push", "_pushed",
-        "_quarter", "_quarters", "_resets", "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x", "_seen_y",
-        "_seen_z", "_shock_s", "_shocks_s", "_silent", "_since_down", "_speed", "_still", "_stood", "_stopped_s",
+        "_from_down", "_from_s", "_gaps_s", "_gravity", "_half_s", "_halves", "_heading", "_hole_s", "_holes_s",
+        "_hover_share", "_images", "_last", "_lates", "_leant", "_leaps_s", "_leapt_s", "_moved_s", "_newest_s",
+        "_node_s", "_noise_m", "_off", "_off_s", "_offs", "_passed", "_per_newton", "_pitch", "_place", "_push",
+        "_pushed", "_quarter", "_quarters", "_resets", "_rested", "_rests", "_rivals", "_roll", "_rose", "_seen_x",
+        "_seen_y", "_seen_z",
+        "_shock_s", "_shocks_s", "_silent", "_since_down", "_speed", "_still", "_stood", "_stopped_s",
         "_strays", "_stuck", "_swept_s", "_swift", "_told_x", "_told_y", "_told_z", "_turns", "_upset", "_usual_s",
         "_wander", "_wander_m", "answered", "asks", "calm_s", "evidence", "late_s", "led_s", "told_turn", "windows",
     )  # fmt: skip
@@ -290,7 +292,7 @@ class Obedience:
         self._roll.restart()
         self._pitch.restart()
         self._moved_s = self._swept_s = self._shock_s = self._shocks_s = self._newest_s = -math.inf
-        self._hole_s = self._holes_s = self._leapt_s = self._leaps_s = -math.inf
+        self._hole_s = self._holes_s = self._gaps_s = self._leapt_s = self._leaps_s = -math.inf
         self._off = self._offs = self._off_s = 0.0
         self._usual_s = LEAP_S / LEAP_LATE
         self._images.restart()
@@ -389,7 +391,11 @@ class Obedience:
         if self._off_s >= LEAP_LOOKS_S:
             further, since_s = self._offs - self._off, self._off_s
             self._off, self._offs, self._off_s = self._offs, 0.0, 0.0
-            if further > LEAP_M and since_s <= max(LEAP_S, LEAP_LATE * self._usual_s):
+            near = since_s <= max(LEAP_S, LEAP_LATE * self._usual_s)
+            if not near:  # as with holes: what goes on is how this source tells
+                near = since_s <= LEAP_LATE * LEAP_MOST_S and pose.time_s - self._gaps_s <= HOLES_S
+                self._gaps_s = pose.time_s
+            if further > LEAP_M and near:
                 further -= LEAP_NOISES * max(noise_m, self._wander_m) + LEAP_M_S2 * since_s * since_s
                 if further > LEAP_M:
                     self._leaps(pose.time_s)

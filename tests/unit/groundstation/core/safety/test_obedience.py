@@ -354,6 +354,26 @@ def test_near_the_floor_and_after_a_fresh_start_nothing_counts() -> None:
     assert vehicle.highest == 0.0
 
 
+def leaps(missing: int, leaps_at: int) -> bool:
+    """Whether a pose that leaps by 1 cm at a step of 20 ms is suspect; each ``missing``-th is lost after 0.8 s."""
+    monitor, level, last = Obedience(MASS_KG, G), Motion(ORIGIN, ORIGIN, LEVEL, 0.0, ORIGIN), 0.0
+    for k in range(1, leaps_at + 6):
+        if k >= 40 and k % missing == 0:
+            continue
+        time_s = 0.02 * k
+        dt, last = time_s - last, time_s
+        given = (LEVEL, MASS_KG * G, ORIGIN, (0.0, 0.0, MASS_KG * G * dt), ORIGIN)
+        off_m = 0.01 if k >= leaps_at else 0.0
+        monitor.pose(Pose(k, time_s, time_s, ORIGIN, LEVEL), level, given, dt, NOISE_M, counts=True, off_m=off_m)
+    return monitor.evidence.suspicious
+
+
+def test_what_leaps_after_a_lost_pose_is_suspect_where_poses_are_lost_all_the_time() -> None:
+    assert leaps(1000, 51), "none is lost"
+    assert leaps(5, 51), "the one before is lost, as some are in each second"
+    assert not leaps(50, 51), "the one before is the first that is lost: commands may be, too"
+
+
 def headings(asked: Callable[[float], float], answer_s: float, stray_rad_s: float) -> float:
     """Largest statistic of the heading in 10 s, where yaw follows what is ``asked`` [rad/s] with a lag and strays."""
     monitor, level, heading = Obedience(MASS_KG, G), Motion(ORIGIN, ORIGIN, LEVEL, 0.0, ORIGIN), 0.0
