@@ -205,8 +205,8 @@ def _tune(parser: argparse.ArgumentParser) -> None:
 
 
 def _gale(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seeds", type=int, choices=range(1, 101), default=5, metavar="N", help="of each (default 5)")
-    parser.add_argument("--ours", type=int, choices=range(101), default=0, metavar="N", help="fly ours, too: N seeds")
+    parser.add_argument("--seeds", type=count, default=5, metavar="N", help="of each (default 5)")
+    parser.add_argument("--ours", type=whole, default=0, metavar="N", help="fly ours, too: N seeds")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
 

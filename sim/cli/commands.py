@@ -536,6 +536,8 @@ def serve(args: argparse.Namespace) -> Exit:
     common: dict[str, Any] = {"seed": args.seed, "duration_s": args.duration, "autopilot": args.autopilot}
     if args.wrong and args.config is None:
         raise ConfigError("--wrong", "expected --config FILE.toml beside it: what is wrong is against a file")
+    if args.carried and args.config is None:
+        raise ConfigError("--carried", "expected --config FILE.toml beside it: what is carried is of a room")
     if args.fleet is not None:
         if args.truth is not None:
             raise ConfigError("--truth", "is of one vehicle: leave it out with --fleet")

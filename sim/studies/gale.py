@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from groundstation.core.messages import Notice, Tick
 from groundstation.core.vehicle import GRAVITY
-from groundstation.runtime import Exit, replace_between_markers
+from groundstation.runtime import Exit, replace_between_markers, split_at_markers
 from sim.runs import TrueTrack, fly
 from sim.scenarios import SCENARIOS, gale, prepare
 
@@ -307,6 +307,8 @@ def gale_command(write: Path | None, seeds: int, ours: int, *, as_json: bool) ->
     Raises:
         ConfigError: ``write`` can't be written, or has no markers.
     """
+    if write is not None:
+        split_at_markers(write, "gale")  # before minutes go by
     flown, null = fly_published(seeds), fly_published(seeds, aerodynamics=False)
     own = [fly_ours(told, wind, ours) for told in WRONG for wind in gale.WINDS] if ours else []
     lines = [*_table(flown, null, seeds), *(_tabulate_ours(own, ours) if own else ())]

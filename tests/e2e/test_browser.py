@@ -77,8 +77,12 @@ def test_a_recording_is_played_in_a_browser(tmp_path: Path, needs_program: Calla
             tab.until(lambda: "stopped" in shown(tab))
 
 
-def test_the_word_behind_browser_is_a_port_or_the_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_word_behind_browser_is_a_port_or_the_recording(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     served: list[tuple[int, str]] = []
+    monkeypatch.chdir(tmp_path)
+    done = run_here(main, "tui", "--browser", "LOG.mcap")
+    assert done.returncode == 2 and "cannot read LOG.mcap: No such file" in done.stderr and not served
+    Path("LOG.mcap").symlink_to(recorded()[0])
     monkeypatch.setattr(browser, "serve", lambda command, port, title: served.append((port, title)))
     for words in (["LOG.mcap", "--browser"], ["--browser", "LOG.mcap"], ["--browser", "8001", "LOG.mcap"]):
         assert run_here(main, "tui", *words).returncode == 0

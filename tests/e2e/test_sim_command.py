@@ -128,6 +128,10 @@ def test_a_crash_exits_1_and_says_why() -> None:
         (["check-vectors", "absent.json"], "cannot read absent.json: No such file"),
         (["fly", "--duration", "-3"], "expected seconds"),
         (["fly", "--out", "/dev/null/nowhere"], "cannot write"),
+        (["gale", "--write", "absent.md"], "cannot read absent.md: No such file"),
+        (["gale", "--seeds", "0"], "--seeds: expected a whole number from 1 on, got 0"),
+        (["firmware", "--write", "absent.md"], "cannot read absent.md: No such file"),
+        (["serve", "--carried", "--duration", "1"], "--carried: expected --config FILE.toml beside it"),
     ],
 )
 def test_bad_usage_exits_2_with_a_clear_last_line(arguments: list[str], expected: str) -> None:

@@ -11,6 +11,7 @@ import pytest
     [
         ("groundstation", "config", "show"),
         ("groundstation", "states"),
+        ("groundstation", "mqtt", "topics"),
         ("sim", "scenarios", "--json"),
         ("sim", "fly", "--duration", "1"),
     ],

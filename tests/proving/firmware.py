@@ -23,7 +23,7 @@ from groundstation.core.messages import CommandSent, FlightEvent
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import make_flight
-from groundstation.runtime import Exit, replace_between_markers
+from groundstation.runtime import Exit, replace_between_markers, split_at_markers
 from sim import autopilots
 from sim.autopilots import GAINS, STEP_S, FlightBoard, describe_settings
 from sim.radio import InlinePacer, PulseReceiver
@@ -355,6 +355,8 @@ def take_off(scenario: str, seeds: Sequence[int]) -> dict[str, Any]:
 
 def firmware(args: argparse.Namespace) -> Exit:
     """Measure, and print or write the tables."""
+    if args.write is not None:
+        split_at_markers(args.write, "firmware")  # before minutes go by
     facts: dict[str, Any] = {"flights": {}, "strikes": {}}
     for name, scenario, told, lasts_s, must in FLIGHTS:
         world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(told), link="dsm")

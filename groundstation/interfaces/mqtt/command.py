@@ -17,6 +17,7 @@ from groundstation.config import (
     describe_pattern,
     field_notes,
     is_name,
+    refuse_io,
 )
 from groundstation.core.messages import RemoteAsk, Waypoint
 from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
@@ -46,17 +47,17 @@ def mqtt_command(args: argparse.Namespace) -> Exit:
     Raises:
         ConfigError: a file can't be written.
     """
-    try:
-        {"make-key": _make_key, "topics": _topics, "schemas": _schemas}[args.verb](args)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"mqtt {args.verb}", str(error)) from None
+    {"make-key": _make_key, "topics": _topics, "schemas": _schemas}[args.verb](args)
     return Exit.DONE
 
 
 def _make_key(args: argparse.Namespace) -> None:
     from links.io import make_key
 
-    make_key(args.file)
+    try:
+        make_key(args.file)
+    except ValueError as error:
+        raise ConfigError("mqtt make-key", str(error)) from None
     print(
         f"{args.file}: a new key, for your eyes only. Copy it to the client by a safe way, mode 0600, and name it "
         "as key_file of mqtt.requests.clients.NAME",
@@ -74,7 +75,9 @@ def _schemas(args: argparse.Namespace) -> None:
     if args.write is None:
         print(json.dumps(schemas(), indent=2, ensure_ascii=False))
         return
-    for path in write_schemas(args.write):
+    with refuse_io("--write", f"cannot write {args.write}"):
+        written = write_schemas(args.write)
+    for path in written:
         print(path)
 
 

@@ -915,6 +915,8 @@ def _in_browser(args: argparse.Namespace) -> Exit:
     except ImportError:
         raise ConfigError("--browser", "needs textual-serve: pip install 'quadrotor-groundstation[browser]'") from None
     if args.log is not None:
+        with refuse_recordings():
+            Tape(args.log)  # here it is told; in a page nobody would read it
         title, what = args.log.name, [str(args.log), *([] if args.at is None else ["--at", str(args.at)])]
     else:
         path = args.socket or served_socket(args.vehicle)
