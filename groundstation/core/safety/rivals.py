@@ -453,14 +453,17 @@ def _sum_evidence(evidence: float, fade: float, gain: float, variance: float, of
     return evidence if evidence > TRACE else 0.0
 
 
-ANSWER_S, ASKED_S = 0.7, 1.1
+ANSWER_S, ASKED_S = 0.85, 1.1
 """Time constant of what is mixed down [s], and so long it is asked before an answer counts."""
 TOLD_NOISES, OUTWEIGHS = 2.0, 1.5
 """A question is one that is told by so many times the noise of a node [-], and has by the second so many times the
 power of all else that is told [-]: what the law does against wind is seen by less, as it brings that to nothing."""
-ANSWERS_LESS, SILENT_S, FORGETS, REPENTS = 0.4, 0.5, 0.2, 2.0
-"""What shows a smaller share of the answer than this does not answer [-]; so long, and it ends a flight [s]; time in
-which none is told from wind counts back by such a share, and time in which it answers so many times [-]."""
+ACROSS_LESS, DOWN_LESS = 0.3, 0.4
+"""What shows a smaller share of the answer than this does not answer [-]; a smaller one across, as of all directions
+the one that shows least is taken, and noise makes that less than it is."""
+SILENT_S, FORGETS, REPENTS = 0.4, 0.2, 2.0
+"""So long without an answer, and it ends a flight [s]; time in which none is told from wind counts back by such a
+share, and time in which it answers so many times [-]."""
 ASK_LATE_S = 0.1
 """So late about is what is asked told to the vehicle [s]; that differs a little changes nothing."""
 ASK_WEIGHTS = tuple((tone, tone**-3) for tone in ASK_TONES_RAD_S)
@@ -503,10 +506,10 @@ class _Question:
             return
         if self._circles:  # along the direction that shows least, of half of what circles
             xx, yy, xy = _power(u), _power(v), u.real * v.real + u.imag * v.imag
-            share2 = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)) / power
+            share2, less = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)) / power, ACROSS_LESS
         else:
-            share2 = _power(u) / power
-        answers = share2 >= ANSWERS_LESS * ANSWERS_LESS
+            share2, less = _power(u) / power, DOWN_LESS
+        answers = share2 >= less * less
         self.silent_s = max(0.0, self.silent_s + (-REPENTS if answers else 1.0) * h)
 
 
