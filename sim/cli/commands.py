@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from groundstation.config import ConfigError, load, read_toml
+from groundstation.config import ConfigError, load, read_toml, refuse_io
 from groundstation.core.messages import STEADY_S
 from groundstation.flight import ensure_flyable
 from groundstation.runtime import Exit, replace_between_markers, require_package, split_at_markers
@@ -137,6 +137,9 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
             raise ConfigError("--controllers", f"expected some of {sorted(known)}, got {name!r}")
     laws = [law for law in SEARCHED_LAWS if not args.controllers or law.name.partition(",")[0] in args.controllers]
     table: Path | None = args.table
+    if table is not None:
+        with refuse_io("--table", f"cannot write {table}"):
+            table.open("a").close()
     steps = sum(args.trials + 1 if law.start else 2 for law in laws)
     workers = args.workers or os.cpu_count() or 1
     with Flyers(workers) as flyers, ProgressBar("evaluations", steps, quiet=args.json) as progress:

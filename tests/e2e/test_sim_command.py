@@ -130,6 +130,10 @@ def test_a_crash_exits_1_and_says_why() -> None:
         (["fly", "--out", "/dev/null/nowhere"], "cannot write"),
         (["gale", "--write", "absent.md"], "cannot read absent.md: No such file"),
         (["gale", "--seeds", "0"], "--seeds: expected a whole number from 1 on, got 0"),
+        (
+            ["compare", "--equal-margins", "--table", "/nowhere/table.csv"],
+            "cannot write /nowhere/table.csv: No such file",
+        ),
         (["firmware", "--write", "absent.md"], "cannot read absent.md: No such file"),
         (["serve", "--carried", "--duration", "1"], "--carried: expected --config FILE.toml beside it"),
     ],

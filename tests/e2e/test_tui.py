@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import io
 import math
+import os
 import shlex
 import socket
 import subprocess
@@ -420,6 +421,19 @@ def test_nothing_is_drawn_where_there_is_no_terminal(words: list[str], says: str
     assert f"a dashboard needs a terminal; {says}" in done.stderr
 
 
+def test_a_dashboard_that_would_be_drawn_into_a_file_of_errors_says_so(tmp_path: Path) -> None:
+    far, near = os.openpty()
+    with (tmp_path / "errors.log").open("w") as errors:
+        done = subprocess.run(
+            [sys.executable, "-m", "groundstation", "tui", "--socket", "nobody.sock"],
+            stdin=near, stdout=near, stderr=errors, timeout=60, check=False,
+        )  # fmt: skip
+    os.close(near)
+    os.close(far)
+    assert done.returncode == 2
+    assert "a dashboard needs a terminal" in (tmp_path / "errors.log").read_text()
+
+
 @pytest.mark.parametrize("columns", [60, 80, 120, 200])
 def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns: int) -> None:
     dropped = {"late (older as it came than a command may rest on)": 1234}
@@ -446,6 +460,20 @@ def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns
 
     more = {"poses_dropped": dropped, "link": link, "attitude": turned, "rms_m": math.nan}
     play(scene, Fixed(flown(10.0, **more)), (columns, 24))
+
+
+@pytest.mark.parametrize("rows", [20, 24])
+def test_a_low_screen_still_tells_of_the_pose_the_link_and_the_battery(rows: int) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await until(pilot, lambda: "10.0 s" in text(pilot, Banner))
+        await pilot.pause(0.3)
+        numbers = pilot.app.screen.query_one(Numbers)
+        shown = text(pilot, Numbers).splitlines()
+        assert all(any(line.startswith(name) for line in shown) for name in ("position", "pose", "link", "battery"))
+        assert len(shown) <= numbers.size.height
+        assert numbers.region.bottom <= pilot.app.screen.query_one(Events).region.y
+
+    play(scene, Fixed(flown(10.0)), (60, rows))
 
 
 @pytest.mark.parametrize("columns", [60, 80, 120])

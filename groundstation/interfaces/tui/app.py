@@ -579,7 +579,10 @@ class Dashboard(App[None]):
     DEFAULT_MODE = "fly"
     ENABLE_COMMAND_PALETTE = True
     COMMAND_PALETTE_BINDING = "ctrl+p"
-    CSS = "ToastRack { margin-bottom: 6; }"  # what brings the vehicle down stays in sight, and can be clicked on
+    CSS = """
+    ToastRack { margin-bottom: 6; }  /* what brings the vehicle down stays in sight, and can be clicked on */
+    .short ToastRack { margin-bottom: 2; }  /* they cover the events, never the numbers */
+    """
     BINDINGS: ClassVar[list[BindingType]] = [
         *(Binding(str(number), f"page('{name.lower()}')", name) for number, name in enumerate(PAGES, 1)),
         *(Binding(o.key, f"order('{o.ask}')", o.label.lower(), priority=o.always) for o in ORDERS if o.key),

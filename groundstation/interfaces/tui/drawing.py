@@ -287,22 +287,28 @@ SMALL = 0.02
 """A smaller part of a vector has no arrow [m/s²]."""
 
 
-def number_rows(snapshot: Snapshot) -> list[Spans]:
-    """Position, attitude, commands, disturbance, certificate, pose, link and battery, one row each."""
+def number_rows(snapshot: Snapshot, room: float = math.inf) -> list[Spans]:
+    """Position, attitude, commands, disturbance, certificate, pose, link and battery, one row each.
+
+    Where ``room`` is less than that [rows], the rates are left out first, then the disturbance.
+    """
     roll, pitch, yaw = (math.degrees(angle) for angle in euler_zyx(snapshot.attitude))
-    return [
+    first = [
         [("            north     east   height", LABEL)],
         row("position", f"{_place(snapshot.position_ned)} m"),
         row("reference", f"{_place(snapshot.reference_ned)} m"),
         *_errors(snapshot),
         row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°"),
         _thrust(snapshot),
-        *_rates(snapshot),
-        *_disturbance(snapshot),
-        _certificate(snapshot),
-        _pose(snapshot),
-        *_link(snapshot),
     ]
+    last = [_certificate(snapshot), _pose(snapshot), *_link(snapshot)]
+    rates, disturbance = _rates(snapshot), _disturbance(snapshot)
+    room -= len(first) + len(last)
+    if len(rates) + len(disturbance) > room:
+        rates = []
+        if len(disturbance) > room:
+            disturbance = []
+    return [*first, *rates, *disturbance, *last]
 
 
 def _errors(snapshot: Snapshot) -> list[Spans]:

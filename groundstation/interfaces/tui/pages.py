@@ -147,7 +147,7 @@ class FlyPage(Page):
     FlyPage #left { width: 1fr; }
     FlyPage #middle { width: 1fr; padding: 0 0 0 1; }
     FlyPage #right { width: 46; padding: 0 0 0 1; }
-    FlyPage Numbers { height: 16; }
+    FlyPage Numbers { height: 16; max-height: 100%; }
     FlyPage.tall Events { height: 8; }
     FlyPage.tall ErrorHistory { height: 5; }
     FlyPage HorizonView { display: none; }

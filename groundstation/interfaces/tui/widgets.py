@@ -369,7 +369,7 @@ class Numbers(Widget):
 
     def show(self, snapshot: Snapshot, stale: bool) -> None:
         """Take the snapshot; a stale one is shown faint, because it is no longer true."""
-        rows = number_rows(snapshot)
+        rows = number_rows(snapshot, self.size.height or math.inf)
         self._rows = [[(text, f"dim {LABEL}") for text, _ in row] for row in rows] if stale else rows
 
     def render(self) -> Content:
@@ -561,5 +561,6 @@ THEMES = tuple(
 
 def require_terminal(otherwise: str) -> None:
     """There must be a terminal to draw on, or the browser's page in its place; else nobody could read or end it."""
-    if "TEXTUAL_DRIVER" not in os.environ and not (sys.stdin.isatty() and sys.stdout.isatty()):
+    drawn = (sys.stdin, sys.stdout, sys.stderr)  # Textual draws on the last
+    if "TEXTUAL_DRIVER" not in os.environ and not all(stream.isatty() for stream in drawn):
         raise ConfigError("tui", f"a dashboard needs a terminal; {otherwise}")

@@ -204,6 +204,16 @@ def test_heights_are_up_and_errors_in_centimetres() -> None:
     assert "error     12.3 cm" in text
 
 
+def test_where_room_is_short_the_rates_go_first_and_then_the_disturbance() -> None:
+    def names(room: float) -> list[str]:
+        return [row[:9].strip() for row in plain(number_rows(changed(), room))]
+
+    everything = names(math.inf)
+    assert names(len(everything)) == everything
+    assert names(len(everything) - 1) == [name for name in everything if name not in ("rate roll", "pitch", "yaw")]
+    assert names(10) == [name for name in everything if name not in ("rate roll", "pitch", "yaw", "b̂", "d̂")]
+
+
 def test_a_command_at_its_limit_carries_a_mark() -> None:
     limits = (1.0, 1.0, 1.0)
     rows = plain(number_rows(changed(thrust_n=1.37, rates_rad_s=(1.0, -1.0, 0.5), rate_limits_rad_s=limits)))
