@@ -157,6 +157,14 @@ class ConfigError(Exception):
         self.source = source
 
 
+class ArgumentError(ConfigError):
+    """A bad argument of a function, by its name in Python; whoever runs a program gave it as ``option``."""
+
+    def __init__(self, option: str, problem: str) -> None:
+        super().__init__("overrides" if option == "--set" else option.removeprefix("--"), problem)
+        self.option = option
+
+
 @contextmanager
 def refuse_io(key: str, doing: str, source: str = "") -> Iterator[None]:
     """Tell the operator by ``key`` why what is done here, such as ``cannot write FILE``, is not possible.
@@ -488,16 +496,30 @@ def _strip_import(error: BaseException) -> None:
 
 
 def without_frames(work: Callable[P, R]) -> Callable[P, R]:
-    """``work``, whose refusals show whoever called it their own frames, and none of those between."""
+    """``work``, whose refusals show whoever called it their own frames and names, and none of those between."""
 
     @wraps(work)
     def plain(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
             return work(*args, **kwargs)
-        except (ConfigError, UserCodeFault) as fault:
-            raise fault.with_traceback(None)  # noqa: B904  # its cause is the user's own
+        except ConfigError as fault:
+            given = fault.key.startswith("--")
+            raise (
+                ArgumentError(fault.key, fault.problem) if given else fault.with_traceback(None)
+            ) from fault.__cause__
+        except (KeyboardInterrupt, UserCodeFault) as fault:
+            fault.__suppress_context__ = True  # its cause is the user's own
+            raise fault.with_traceback(None)  # noqa: B904
 
     return plain
+
+
+def coroutine_hint(answer: object) -> str:
+    """What to say behind the kind of an ``answer`` where it is a coroutine, which is then over; else nothing."""
+    if not inspect.iscoroutine(answer):
+        return ""
+    answer.close()  # Python would complain that nobody has awaited it
+    return " (write `def`, not `async def`)"
 
 
 def several(names: Any) -> list[Any]:
@@ -798,7 +820,7 @@ def _override(data: dict[str, Any], text: str) -> KeyPath:
     key, equals, value = text.partition("=")
     path = tuple(part.strip() for part in key.split("."))
     if not equals or not all(path):
-        raise ConfigError("", f"expected key=value, such as vehicle.mass_kg=0.08, got {text!r}", "--set")
+        raise ConfigError("--set", f"expected key=value, such as vehicle.mass_kg=0.08, got {text!r}")
     table = data
     for part in path[:-1]:
         inner = table.get(part)

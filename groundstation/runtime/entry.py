@@ -133,13 +133,14 @@ def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
         return Exit.USAGE
     args = parser.parse_args()
     # Only now: --help must not wait for what a command needs.
-    from groundstation.config import ConfigError, UserCodeFault
+    from groundstation.config import ArgumentError, ConfigError, UserCodeFault
 
     try:
         does = getattr(importlib.import_module(commands), args.command.replace("-", "_"))
         return int(does(args))
     except ConfigError as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
+        told = f"{error.option}: {error.problem}" if isinstance(error, ArgumentError) else error
+        print(f"{parser.prog}: {told}", file=sys.stderr)
         return Exit.USAGE
     except UserCodeFault as fault:
         if fault.__cause__ is not None:

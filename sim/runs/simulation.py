@@ -132,6 +132,10 @@ def simulate(
         ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
         UserCodeFault: a controller or trajectory of your own failed in flight; its cause shows where.
     """
+    if out is not None and not record:
+        raise ConfigError(
+            "--out", "nothing is kept there of a flight that is not recorded: leave it out, or record=False"
+        )
     told, own = [str(one) for one in several(overrides)], dict[str, object]()
     kind = lend_name(controller, own)
     if trajectory is not None:
@@ -147,9 +151,9 @@ def simulate(
     if config is not None and (source, link) != ("vicon", "mavlink"):
         raise ConfigError(
             "--source" if source != "vicon" else "--link",
-            "expected vicon with --config: the simulated cameras see its vehicle"
+            "expected vicon with a configuration: the simulated cameras see its vehicle"
             if source != "vicon"
-            else "expected mavlink with --config",
+            else "expected mavlink with a configuration",
         )
     with lend(own):
         wanted_s = None

@@ -137,9 +137,9 @@ def compare(
         if not (isinstance(number, Integral) and number >= 1):
             raise ConfigError(option, f"expected a whole number, 1 or more, got {number!r}")
     places = several(SCENARIOS if scenarios is None else scenarios)
-    for place in places or [None]:
-        if not isinstance(place, str) or place not in SCENARIOS:
-            raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {place!r}")
+    unknown = [place for place in places if not isinstance(place, str) or place not in SCENARIOS]
+    if unknown or not places:
+        raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {(unknown or [scenarios])[0]!r}")
     own: dict[str, object] = {}
     given = several(controllers)
     if not given or any(one is None for one in given):

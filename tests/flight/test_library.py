@@ -249,6 +249,37 @@ def test_what_would_end_the_program_is_told_as_any_other_error_of_the_users_code
         gs.simulate(trajectory=departs, duration=SHORT_S)
 
 
+async def waits(estimate: gs.Estimate, reference: gs.Reference, interval_s: float) -> gs.ActuatorCommand:
+    """No controller: nobody awaits what it returns."""
+    return gs.ActuatorCommand(0.7, (0.0, 0.0, 0.0))
+
+
+async def idles(time_s: float) -> gs.Reference:
+    """No trajectory either."""
+    return gs.Reference((0.0, 0.0, -1.0))
+
+
+def test_a_coroutine_is_no_decision_and_no_reference_and_the_sentence_says_what_to_write() -> None:
+    with pytest.raises(UserCodeFault, match=r"returned a coroutine, not a Decision .write `def`, not `async def`.$"):
+        gs.simulate(controller=waits, duration=SHORT_S, record=False)
+    with pytest.raises(ConfigError, match=r"returned a coroutine, not a Reference .write `def`, not `async def`.$"):
+        gs.simulate(trajectory=idles, duration=SHORT_S, record=False)
+
+
+@pytest.mark.parametrize("loop", [False, True], ids=["alone", "in a running loop"])
+def test_a_flight_that_is_interrupted_shows_no_frames_of_the_event_loop(loop: bool) -> None:
+    def is_stopped(estimate: gs.Estimate, reference: gs.Reference, interval_s: float) -> gs.ActuatorCommand:
+        raise KeyboardInterrupt
+
+    async def cell() -> None:
+        gs.simulate(controller=is_stopped, duration=SHORT_S, record=False)
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        asyncio.run(cell()) if loop else gs.simulate(controller=is_stopped, duration=SHORT_S, record=False)
+    shown = "".join(traceback.format_exception(caught.value))
+    assert "virtual_time" not in shown and "During handling" not in shown
+
+
 def test_a_module_that_ends_the_program_is_a_refused_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -357,16 +388,17 @@ def test_a_recording_without_truth_says_that_its_error_is_against_the_estimate(t
 
 
 @pytest.mark.parametrize(("told", "says"), [
-    ({"scenario": "calm"}, "--scenario: expected one of"),
-    ({"source": "gps"}, "--source: expected one of ['vicon', 'natnet'"),
-    ({"link": "wifi"}, "--link: expected one of ['mavlink', 'dsm'"),
-    ({"autopilot": "ours"}, "--autopilot: expected one of ['px4', 'ardupilot'"),
-    ({"duration": -1}, "--duration: expected seconds, more than 0"),
-    ({"duration": math.nan}, "--duration: expected seconds, more than 0"),
-    ({"duration": "a minute"}, "--duration: expected seconds, more than 0"),
-    ({"seed": 0.5}, "--seed: expected a whole number"),
-    ({"scenario": ["paper"]}, "--scenario: expected one of"),
-    ({"overrides": 5}, "--set: expected key=value"),
+    ({"scenario": "calm"}, "scenario: expected one of"),
+    ({"source": "gps"}, "source: expected one of ['vicon', 'natnet'"),
+    ({"link": "wifi"}, "link: expected one of ['mavlink', 'dsm'"),
+    ({"autopilot": "ours"}, "autopilot: expected one of ['px4', 'ardupilot'"),
+    ({"duration": -1}, "duration: expected seconds, more than 0"),
+    ({"duration": math.nan}, "duration: expected seconds, more than 0"),
+    ({"duration": "a minute"}, "duration: expected seconds, more than 0"),
+    ({"seed": 0.5}, "seed: expected a whole number"),
+    ({"scenario": ["paper"]}, "scenario: expected one of"),
+    ({"overrides": 5}, "overrides: expected key=value"),
+    ({"out": "run", "record": False}, "out: nothing is kept there of a flight that is not recorded"),
     ({"controller": [1]}, "controller.kind: builtins:list is not callable: expected factory(vehicle, options)"),
     ({"trajectory": Still(duration_s="long")}, "trajectory.kind: tests.flight.test_library:Still has duration_s = 'l"),
     ({"trajectory": Still(duration_s=math.nan)}, "trajectory.kind: tests.flight.test_library:Still has duration_s"),
@@ -382,15 +414,15 @@ def test_an_argument_that_means_nothing_is_refused_with_what_is_accepted(told: d
 
 
 @pytest.mark.parametrize(("told", "says"), [
-    ({"duration": math.nan}, "--duration: expected more than 16 s"),
-    ({"duration": "60"}, "--duration: expected more than 16 s"),
-    ({"seeds": 0}, "--seeds: expected a whole number, 1 or more"),
-    ({"seeds": [0, 1]}, "--seeds: expected a whole number, 1 or more"),
-    ({"workers": 0}, "--workers: expected a whole number, 1 or more"),
-    ({"scenarios": []}, "--scenarios: expected some of"),
-    ({"scenarios": 5}, "--scenarios: expected some of"),
-    ({"controllers": []}, "--controllers: expected some of"),
-    ({"controllers": None}, "--controllers: expected some of"),
+    ({"duration": math.nan}, "duration: expected more than 16 s"),
+    ({"duration": "60"}, "duration: expected more than 16 s"),
+    ({"seeds": 0}, "seeds: expected a whole number, 1 or more"),
+    ({"seeds": [0, 1]}, "seeds: expected a whole number, 1 or more"),
+    ({"workers": 0}, "workers: expected a whole number, 1 or more"),
+    ({"scenarios": []}, f"scenarios: expected some of {sorted(SCENARIOS)}, got []"),
+    ({"scenarios": 5}, "scenarios: expected some of"),
+    ({"controllers": []}, "controllers: expected some of"),
+    ({"controllers": None}, "controllers: expected some of"),
 ])  # fmt: skip
 def test_a_comparison_that_means_nothing_is_refused_before_it_flies(told: dict[str, Any], says: str) -> None:
     with pytest.raises(ConfigError) as refused:

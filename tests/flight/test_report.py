@@ -331,6 +331,12 @@ def test_a_controller_of_a_script_or_a_notebook_stands_in_the_legend(
     assert names == [["adaptive, paper", says]] * 2
 
 
+def test_the_papers_figures_stand_beside_no_other_flight() -> None:
+    papers, other = facts(), {**facts(), "paper": None}
+    assert result_table(["A", "B"], [papers, papers])[0] == ["", "A", "B", "the paper"]
+    assert result_table(["A", "B"], [papers, other])[0] == ["", "A", "B"]
+
+
 def test_the_table_is_written_for_spreadsheets_and_for_latex(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -340,8 +346,9 @@ def test_the_table_is_written_for_spreadsheets_and_for_latex(
     assert {len(row) for row in rows} == {5}
     assert rows[:2] == [["", "A", "B", "C", "the paper"], ["flight", *["adaptive, paper, seed 0"] * 3, ""]]
     text = (tmp_path / "results.tex").read_text("utf-8")
-    assert r"\begin{tabular}{lrrrr}" in text
-    assert text.count(r"\\") == len(rows)
+    widths = [float(share) for share in re.findall(r"p\{\\dimexpr([.0-9]+)\\linewidth-2\\tabcolsep\}", text)]
+    assert len(widths) == 5 and 0.98 < sum(widths) < 1.0  # so that it fits the page
+    assert text.count(r"\\" + "\n") == len(rows)
     assert r"certificate holds [\%]" in text
     assert not re.search(r"(?<!\\)[%&#_](?! )", text.replace(" & ", ""))
     assert "$-$0." in text  # a minus, not a hyphen

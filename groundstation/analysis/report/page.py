@@ -140,8 +140,8 @@ def _flown_name(one: dict[str, Any]) -> str:
 
 
 def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[list[str]]:
-    """The results, a column a flight: the head, then a row a figure; with the paper's beside its own flight."""
-    paper: dict[str, float] = next((f["paper"] for f in facts if f["paper"]), {})
+    """The results, a column a flight: the head, then a row a figure; the paper's beside its own flight alone."""
+    paper: dict[str, float] | None = facts[0]["paper"] if all(f["paper"] for f in facts) else None
 
     def row(label: str, shown: Iterable[str], of_paper: str = "") -> list[str]:
         return [label, *shown, *([of_paper and _n(paper[of_paper])] if paper else [])]
@@ -222,9 +222,13 @@ def budget_table(budget: dict[str, Any]) -> list[list[str]]:
 
 
 def latex_table(rows: Sequence[Sequence[str]]) -> str:
-    """A ``tabular`` of the ``rows``, the first of which is the head; it needs the package booktabs."""
+    """The ``rows``, a head first, as a ``tabular`` as wide as the text; it needs the packages array and booktabs."""
     lines = [" & ".join(map(_escape_latex, row)) + r" \\" for row in rows]
-    columns = "l" + "r" * (len(rows[0]) - 1)
+    first, others = 0.34, len(rows[0]) - 1
+    shares = [("right", first), *[("left", (0.99 - first) / others)] * others]
+    columns = "".join(
+        rf">{{\ragged{side}\arraybackslash}}p{{\dimexpr{share:.4f}\linewidth-2\tabcolsep}}" for side, share in shares
+    )
     begin, end = rf"\begin{{tabular}}{{{columns}}}", r"\end{tabular}"
     return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", end]) + "\n"
 

@@ -24,6 +24,7 @@ from groundstation.config import (
     Option,
     UserCodeFault,
     call_factory,
+    coroutine_hint,
     find_object,
     needed_names,
 )
@@ -541,7 +542,8 @@ class Guarded:
         if isinstance(decision, ActuatorCommand):
             decision = self._make_whole(decision, estimate, reference)
         if not isinstance(decision, Decision):
-            raise UserCodeFault(f"controller {self._name} returned a {type(decision).__name__}, not a Decision")
+            what = f"{type(decision).__name__}, not a Decision{coroutine_hint(decision)}"
+            raise UserCodeFault(f"controller {self._name} returned a {what}")
         try:
             told = (decision.drive.thrust, *decision.drive.rates)
             finite = all(map(math.isfinite, told))  # which takes no text for a number, as float does

@@ -21,6 +21,7 @@ from groundstation.config import (
     Option,
     UserCodeFault,
     call_factory,
+    coroutine_hint,
     find_object,
     needed_names,
 )
@@ -132,7 +133,7 @@ class OwnTrajectory:
         except BaseException as error:  # sys.exit is no end of a flight either
             raise UserCodeFault(f"trajectory {self._name}", error) from error
         if not isinstance(found, Reference):
-            hint = " (a factory's argument must be called options)" if hasattr(found, "at") else ""
+            hint = " (a factory's argument must be called options)" if hasattr(found, "at") else coroutine_hint(found)
             raise UserCodeFault(f"trajectory {self._name} returned a {type(found).__name__}, not a Reference{hint}")
         try:
             vectors = (found.position_ned, found.velocity_ned, found.acceleration_ned, found.jerk_ned)
