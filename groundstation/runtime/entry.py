@@ -53,8 +53,22 @@ def run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
 
     Where whoever reads the output has gone (``| head``), or the disk is full, it ends without a trace.
     """
+    _open_missing_streams()
     with _guard_output(), rare_collections():
         return _run(parser, commands)
+
+
+def _open_missing_streams() -> None:
+    """Have all three standard streams, to and from nowhere where whoever starts this has closed them.
+
+    Else the next file or port that is opened has the number of one of them, and what is printed goes there.
+    """
+    while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(fd, True)
+    os.close(fd)
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115  # until the end
 
 
 @contextlib.contextmanager
@@ -113,8 +127,10 @@ def _guard_output() -> Iterator[None]:
 
 def _run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
     try:
-        code = _execute(parser(), commands)
-        sys.stdout.flush()
+        try:
+            code = _execute(parser(), commands)
+        finally:  # after --help, too, which leaves by SystemExit
+            sys.stdout.flush()
     except BrokenPipeError:
         _hush()
         return Exit.FAILED

@@ -1,9 +1,14 @@
 """What nobody reads any more ends a program without a traceback."""
 
+import json
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from groundstation import load
 
 
 @pytest.mark.parametrize(
@@ -32,3 +37,19 @@ def test_a_full_disk_is_told_of_in_one_line() -> None:
         words = [sys.executable, "-m", "groundstation", "config", "show"]
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")
+
+
+def test_help_that_finds_the_disk_full_leaves_no_trace_of_python() -> None:
+    with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
+        words = [sys.executable, "-m", "groundstation", "--version"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    assert done.returncode in (0, 1) and "Exception" not in done.stderr
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+def test_a_program_that_is_started_without_standard_streams_flies_and_records(closed: str, tmp_path: Path) -> None:
+    flight = shlex.join([sys.executable, "-m", "sim", "fly", "--duration", "1", "--out", str(tmp_path)])
+    done = subprocess.run(["sh", "-c", f"{flight} {closed}"], timeout=60, check=False)
+    assert done.returncode == 0
+    assert json.loads((tmp_path / "summary.json").read_text())["completed"]
+    assert load(tmp_path / "flight.mcap").time.size > 0
