@@ -1,6 +1,7 @@
 """Every command that the documents show works as shown.
 
-A block of commands that can't be run here is preceded by ``<!-- not tested: why -->``.
+A block of commands that can't be run here is preceded by ``<!-- not tested: why -->``: of it the programs must know all
+options. One that needs what the block above it leaves behind is preceded by ``<!-- after the block above -->``.
 """
 
 import os
@@ -13,67 +14,95 @@ from typing import NamedTuple
 
 import pytest
 
+from groundstation.__main__ import parser
+from sim.__main__ import parser as sim_parser
+
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(r"(?P<marker><!-- not tested: (?P<why>[^>]+?) -->\s*\n)?^```sh\n(?P<text>.*?)^```$", re.M | re.S)
-OURS = ("groundstation", "groundstation-sim")
+MARK = r"(?:<!-- (?:not tested: (?P<why>[^>]+?)|(?P<after>after the block above)) -->\s*\n)?"
+BLOCK = re.compile(MARK + r"^```sh\n(?P<text>.*?)^```$", re.M | re.S)
+OURS = {"groundstation": parser, "groundstation-sim": sim_parser}
 
 
 class Shown(NamedTuple):
-    """A command as a document shows it."""
+    """Commands as a document shows them: of one block, or of several of which each needs the one above."""
 
     document: str
-    line: str
-
-    @property
-    def words(self) -> list[str]:
-        """The command's words, as a shell reads them."""
-        return shlex.split(self.line, comments=True)
+    lines: list[str]
+    tested: bool
 
 
 def shown_in(text: str, document: str) -> list[Shown]:
-    """The commands of the blocks that are to be tested; a backslash at a line's end continues it."""
-    blocks = [match["text"] for match in BLOCK.finditer(text) if not match["marker"]]
-    lines = [line.strip().removeprefix("$ ") for block in blocks for line in block.replace("\\\n", " ").splitlines()]
-    return [Shown(document, line) for line in lines if line and not line.startswith("#")]
+    """The commands of its blocks; a backslash at a line's end continues it."""
+    found: list[Shown] = []
+    for block in BLOCK.finditer(text):
+        told = [line.strip().removeprefix("$ ") for line in block["text"].replace("\\\n", " ").splitlines()]
+        lines = [line for line in told if line and not line.startswith("#")]
+        if block["after"]:
+            found[-1].lines.extend(lines)
+        else:
+            found.append(Shown(document, lines, not block["why"]))
+    return found
 
 
-SHOWN = [command for path in DOCUMENTS for command in shown_in(path.read_text("utf-8"), str(path.relative_to(ROOT)))]
-ONCE = list({command.line: command for command in reversed(SHOWN)}.values())[::-1]
-"""Each command where it is shown first."""
+SHOWN = [block for path in DOCUMENTS for block in shown_in(path.read_text("utf-8"), str(path.relative_to(ROOT)))]
+FIRST = {line: block for block in reversed(SHOWN) if block.tested for line in block.lines}
+"""The first block that shows a line; no later one runs it again."""
+TESTED = [
+    block._replace(lines=lines)
+    for block in SHOWN
+    if block.tested and (lines := [line for line in block.lines if FIRST[line] is block])
+]
+OTHERS = list({line: block.document for block in SHOWN if not block.tested for line in block.lines}.items())
 
 
-def test_a_marked_block_is_left_out_and_an_unmarked_one_is_not() -> None:
+def test_a_block_is_run_or_marked_or_a_part_of_the_one_above() -> None:
     marked = "<!-- not tested: needs a vehicle -->\n```sh\na\n```\n"
-    text = marked + "\n```sh\n# remark\n$ b --c \\\n  d\n```\n```toml\ne\n```\n"
-    assert [command.words for command in shown_in(text, "")] == [["b", "--c", "d"]]
+    run = "\n```sh\n# remark\n$ b --c \\\nd\n```\n```toml\ne\n```\n<!-- after the block above -->\n```sh\nf\n```\n"
+    assert shown_in(marked + run, "") == [Shown("", ["a"], False), Shown("", ["b --c  d", "f"], True)]
 
 
 def test_the_readme_shows_both_make_targets_first() -> None:
-    assert [command.line for command in SHOWN if command.document == "README.md"][:2] == ["make fly", "make test"]
+    assert [line for block in SHOWN if block.document == "README.md" for line in block.lines][:2] == [
+        "make fly",
+        "make test",
+    ]
 
 
-@pytest.mark.parametrize("command", ONCE, ids=lambda command: command.line)
-def test_a_command_in_the_documents_works(command: Shown, tmp_path: Path) -> None:
-    program, *arguments = command.words
-    if program == "make":
-        makefile = (ROOT / "Makefile").read_text("utf-8")
-        assert [target for target in arguments if not re.search(rf"^{target}:", makefile, re.M)] == []
-        return
-    assert program in OURS, f"{command.document}: mark the block with <!-- not tested: why -->, or show only {OURS}"
-    if program == "groundstation-sim" and arguments[:1] == ["fly"] and "--duration" not in arguments:
-        arguments += ["--duration", "5"]
+@pytest.mark.parametrize(("line", "document"), OTHERS, ids=[line for line, _ in OTHERS])
+def test_a_command_that_can_not_be_run_here_is_one_that_the_program_takes(
+    line: str, document: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    program, *arguments = shlex.split(re.split(r" [|&]", line)[0], comments=True)
+    try:
+        if program in OURS:
+            OURS[program]().parse_args(arguments)
+    except SystemExit as end:
+        assert not end.code, f"{document}: {capsys.readouterr().err}"
+
+
+@pytest.mark.parametrize("block", TESTED, ids=lambda block: block.lines[0])
+def test_the_commands_of_a_block_in_the_documents_work(block: Shown, tmp_path: Path) -> None:
     for name in ("examples", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
-    done = subprocess.run(
-        [Path(sys.executable).with_name(program), *arguments],
-        cwd=tmp_path,
-        env=os.environ | {"NO_COLOR": "1"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
+    for line in block.lines:
+        program, *arguments = shlex.split(line, comments=True)
+        if program == "make":
+            makefile = (ROOT / "Makefile").read_text("utf-8")
+            assert [target for target in arguments if not re.search(rf"^{target}:", makefile, re.M)] == []
+            continue
+        assert program in OURS, f"{block.document}: mark the block with <!-- not tested: why -->, or show {list(OURS)}"
+        if program == "groundstation-sim" and arguments[:1] == ["fly"] and "--duration" not in arguments:
+            arguments += ["--duration", "5"]
+        done = subprocess.run(
+            [Path(sys.executable).with_name(program), *arguments],
+            cwd=tmp_path,
+            env=os.environ | {"NO_COLOR": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        assert done.returncode == 0, f"{line}\n{done.stdout}"

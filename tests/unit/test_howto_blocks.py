@@ -1,4 +1,8 @@
-"""Every configuration that the how-tos of trajectories, vehicles and identification show is one."""
+"""Every configuration that the documents show is one.
+
+Beside configurations there are the fleet file of several-vehicles.md, the bridge's file of two-computers.md, and what
+is preceded by ``<!-- not tested: where it is read -->``.
+"""
 
 import re
 import shutil
@@ -11,25 +15,31 @@ from groundstation.core.trajectory import parse_course
 from groundstation.flight import examine_trajectory
 from groundstation.lab import read_fleet
 from groundstation.settings import Config
+from links.bridge import BridgeConfig
 
 ROOT = Path(__file__).parents[2]
-NAMES = ("trajectories.md", "vehicles.md", "identify-a-vehicle.md", "mqtt.md")
-PAGES = [ROOT / "docs/how-to" / name for name in NAMES]
-BLOCKS = [
-    block for page in PAGES for block in re.findall(r"^```toml\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S)
-]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r"(?<! -->\n)^```toml\n(.*?)^```$", re.M | re.S)
+BLOCKS = [(page.name, block) for page in PAGES for block in BLOCK.findall(page.read_text("utf-8"))]
 
 
-@pytest.mark.parametrize("block", range(len(BLOCKS)))
-def test_a_block_is_a_configuration_that_may_fly(block: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("page", "block"), BLOCKS, ids=[f"{page}, block {i}" for i, (page, _) in enumerate(BLOCKS)])
+def test_a_block_is_a_configuration_that_may_fly(page: str, block: str, tmp_path: Path) -> None:
     lab = tmp_path / "lab"
     shutil.copytree(ROOT / "examples", lab)
-    (lab / "shown.toml").write_text(BLOCKS[block], "utf-8")
-    assert examine_trajectory(load(lab / "shown.toml", Config)).ok
+    shown = lab / "shown.toml"
+    shown.write_text(block, "utf-8")
+    if "[[vehicles]]" in block:
+        assert read_fleet(shown).members
+    elif block.startswith("listen"):
+        assert load(shown, BridgeConfig).link.kind == "dsm"
+    else:
+        assert examine_trajectory(load(shown, Config)).ok
 
 
 def test_the_course_that_is_shown_is_one() -> None:
-    (course,) = re.findall(r"^```\n(t_s,.*?)^```$", PAGES[0].read_text("utf-8"), re.M | re.S)
+    page = ROOT / "docs/how-to/trajectories.md"
+    (course,) = re.findall(r"^```\n(t_s,.*?)^```$", page.read_text("utf-8"), re.M | re.S)
     assert len(parse_course(course)["points_ned"]) == 2
 
 
