@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import math
 import os
+import re
 import stat
 import sys
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
@@ -383,6 +384,25 @@ def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(tmp_pat
         assert [one.ask for one in core.asked] == [Ask.LAND]
 
     play(scene, tmp_path)
+
+
+def test_the_python_of_the_page_asks_the_station_to_fly_there(
+    short_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    page = (Path(__file__).parents[2] / "docs/reference/api.md").read_text("utf-8")
+    (shown,) = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)
+    core = Sampled()
+
+    async def scene(_: Path, latest: Latest[Snapshot]) -> None:
+        async with served(short_path / "groundstation" / "mqx.sock", latest, core=core):
+            await asyncio.to_thread(exec, shown, {})
+
+    play(scene, short_path)
+    (asked,) = core.asked
+    assert asked.ask is Ask.GOTO and [point.yaw_deg for point in asked.points] == [None, 90.0]
+    assert capsys.readouterr().out
 
 
 def test_the_page_tells_the_version_that_is_spoken() -> None:

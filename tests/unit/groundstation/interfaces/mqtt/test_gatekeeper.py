@@ -1,7 +1,9 @@
 """Requests by MQTT: sealed, new, in time and allowed, or they do nothing but count."""
 
 import hmac
+import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -90,6 +92,15 @@ def test_the_seal_is_what_the_documents_say() -> None:
     request = msgspec.json.decode(sealed(7, why="wind"), type=SealedRequest)
     lines = f"groundstation request 1\nlab\nmqx\n{SESSION}\ntablet\n7\nland\n{NOW_MS + 3000}\nwind"
     assert request.mac == hmac.new(KEY, lines.encode(), "sha256").hexdigest()
+
+
+def test_the_python_of_the_page_seals_as_the_station_reads_it() -> None:
+    page = (Path(__file__).parents[5] / "docs/reference/mqtt.md").read_text("utf-8")
+    (shown,) = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)
+    names: dict[str, Any] = {}
+    exec(shown, names)  # the page's own
+    data = names["sealed"](KEY, "lab", "mqx", SESSION, "tablet", "land", "wind").encode()
+    assert is_sealed(msgspec.json.decode(data, type=SealedRequest), KEY, PLACE)
 
 
 def test_points_are_sealed_in_one_line_before_the_words() -> None:
