@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import IO, Any
 
+import pytest
 import tomli_w
 
 from tests.e2e.stations import free_udp_port
@@ -54,6 +55,12 @@ def core_of(supervisor: int, name: str) -> int:
     raise AssertionError(f"{name} has no core")
 
 
+def passes_on(process: int) -> bool:
+    """Whether it passes signals on to its cores yet: SIGHUP is the last that it takes."""
+    caught = re.search(r"^SigCgt:\s*(\w+)$", Path(f"/proc/{process}/status").read_text("utf-8"), re.M)
+    return caught is not None and bool(int(caught[1], 16) >> (signal.SIGHUP - 1) & 1)
+
+
 def until(log: Path, pattern: str, within_s: float = 60.0) -> None:
     limit = time.monotonic() + within_s
     while not re.search(pattern, log.read_text("utf-8")):
@@ -86,6 +93,21 @@ def test_a_core_that_is_killed_takes_nothing_with_it_and_a_signal_lands_the_othe
             for process in (station, server):
                 process.terminate()
                 process.wait(60)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_fleet_that_is_ended_while_its_cores_start_ends_well(tmp_path: Path, number: signal.Signals) -> None:
+    log = tmp_path / "log"
+    with log.open("w") as said:
+        station = started("groundstation", "fleet", str(fleet_file(tmp_path)), into=said)
+        limit = time.monotonic() + 60.0
+        while not passes_on(station.pid):  # from when its cores were started on, which takes them a while
+            assert time.monotonic() < limit
+            time.sleep(0.005)
+        station.send_signal(number)
+        code = station.wait(60)
+    text = log.read_text("utf-8")
+    assert code == 0 and text.count("its core has ended") == 2 and "died" not in text, text
 
 
 def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) -> None:

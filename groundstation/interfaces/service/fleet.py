@@ -79,6 +79,7 @@ class Supervisor:
         """The processes, by the vehicle's name."""
         self.relay: asyncio.subprocess.Process | None = None
         """The process that hands poses on, where there is one."""
+        self._passed_on: set[signal.Signals] = set()
 
     async def run(self) -> Exit:
         """Run all until each has ended; 0 where every flight went as it was meant to, else 1."""
@@ -172,6 +173,9 @@ class Supervisor:
 
     async def _watch(self, name: str) -> int:
         code = await self._listen(name, self.cores[name])
+        if -code in self._passed_on or code == Exit.INTERRUPTED:  # in flight it handles every signal that we pass on
+            self._say(f"{name}: its core has ended before it could fly")
+            return Exit.DONE
         if code < 0:
             self._say(
                 f"{name}: WARNING: its core has died ({signal.Signals(-code).name}) and is not started again: the "
@@ -200,6 +204,7 @@ class Supervisor:
 
     def _pass_on(self, number: signal.Signals) -> None:
         told = []
+        self._passed_on.add(number)
         for name, core in self.cores.items():
             with suppress(ProcessLookupError):
                 if core.returncode is None:
