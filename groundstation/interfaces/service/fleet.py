@@ -173,7 +173,7 @@ class Supervisor:
 
     async def _watch(self, name: str) -> int:
         code = await self._listen(name, self.cores[name])
-        if -code in self._passed_on or code == Exit.INTERRUPTED:  # in flight it handles every signal that we pass on
+        if -code in self._passed_on:  # in flight it handles every signal that we pass on
             self._say(f"{name}: its core has ended before it could fly")
             return Exit.DONE
         if code < 0:
@@ -204,11 +204,13 @@ class Supervisor:
 
     def _pass_on(self, number: signal.Signals) -> None:
         told = []
-        self._passed_on.add(number)
+        # The same to a core; but while it starts, SIGTERM ends it in silence, and SIGINT with Python's own traceback.
+        sent = signal.SIGTERM if number is signal.SIGINT else number
+        self._passed_on.add(sent)
         for name, core in self.cores.items():
             with suppress(ProcessLookupError):
                 if core.returncode is None:
-                    core.send_signal(number)
+                    core.send_signal(sent)
                     told.append(name)
         self._say(f"{number.name}: passed on to {', '.join(told) or 'nobody: all have ended'}")
 
