@@ -597,6 +597,8 @@ class Shutdown:
         return self._kill is None and self._link.status.state == "armed"
 
 
+UNSEEN = 64
+"""So many poses wait at most for the vehicle to tell its attitude."""
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING})
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
 
@@ -645,9 +647,10 @@ class Flight:
             config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._hear_pilot, self._now
         )
         self._suspicious = False
-        self.witness = Witness()
-        """What the vehicle's own attitude says of the poses."""
+        self._witness = Witness()
         self._latency = PoseLatency()
+        self._unseen: list[Pose] = []
+        """Poses that neither has seen yet: both work as the vehicle tells its attitude, and where somebody asks."""
         self._progress = MissionExecutive(
             config,
             self._pilot,
@@ -804,8 +807,10 @@ class Flight:
         self._shutdown.distrust()
 
     def _attitude(self, told: Attitude) -> None:
-        self.witness.attitude(told)
+        self.witness().attitude(told)
         self._latency.attitude(told)
+        if not self._dismissed:
+            self._tell_disagreement()
         if told.rates_rad_s is None:
             return  # through a radio: that one stalls on the way down says nothing of our commands
         self._progress.hear(asyncio.get_running_loop().time())
@@ -816,7 +821,7 @@ class Flight:
 
         That it agrees counts only where the mode can be asked for: what nobody takes over past us is not waited for.
         """
-        agreement = self.witness.verdict(now_s)
+        agreement = self.witness().verdict(now_s)
         if agreement is None:
             return None
         return True if agreement.doubts_s is not None else None if self._link.autopilot is None else False
@@ -882,24 +887,35 @@ class Flight:
 
     def _pose(self, pose: Pose) -> None:
         if self._commands.pose(pose):
-            self.witness.pose(pose)
-            self._latency.pose(pose)
-            if not self._dismissed:
-                self._tell_latency()
-                self._tell_disagreement()
+            self._unseen.append(pose)
+            if len(self._unseen) >= UNSEEN:
+                self.witness()
+            if not self._dismissed and (news := self._pilot.response.describe_news(self._late_by_attitude)):
+                self._say(f"warning: {news}", Severity.WARNING, "latency")
             self._prearm.first_pose.set()
 
-    def _tell_latency(self) -> None:
-        """Tell the operator where the vehicle is seen to move later than was told."""
-        if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
-            self._say(f"warning: {news}", Severity.WARNING, "latency")
-        if news := self._pilot.response.describe_news(lambda: self._latency.estimate):
-            self._say(f"warning: {news}", Severity.WARNING, "latency")
+    def witness(self) -> Witness:
+        """What the vehicle's own attitude says of the poses, the newest among them."""
+        unseen, self._unseen = self._unseen, []
+        for pose in unseen:
+            self._witness.pose(pose)
+            self._latency.pose(pose)
+        return self._witness
+
+    def _late_by_attitude(self) -> tuple[float, float] | None:
+        """How much later the poses are than told, by the vehicle's own attitude, and one deviation of that [s]."""
+        self.witness()
+        return self._latency.estimate
 
     def _tell_disagreement(self) -> None:
-        """Tell the operator where the vehicle's own attitude and the poses disagree, while these are believed."""
+        """Tell the operator where poses are later than told by the vehicle's own attitude, or disagree with it.
+
+        The latter while they are believed.
+        """
+        if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
+            self._say(f"warning: {news}", Severity.WARNING, "latency")
         state = self.state
-        if state in IN_AIR and state is not State.DESCENT and (news := self.witness.describe_news()):
+        if state in IN_AIR and state is not State.DESCENT and (news := self._witness.describe_news()):
             self._say(f"warning: {news}", Severity.WARNING)
 
     def _enter(self, state: State, reason: str) -> None:

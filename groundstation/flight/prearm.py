@@ -731,7 +731,7 @@ class PrearmSequence:
         source: PoseSource,
         pilot: Pilot,
         progress: MissionExecutive,
-        witness: Witness,
+        witness: Callable[[], Witness],
         *,
         confirm: Callable[[], Awaitable[bool]],
         others: Others | None,
@@ -793,7 +793,7 @@ class PrearmSequence:
         self.checks = ()
         if self._company is not None:
             self._company.leave()
-        self._witness.arm()
+        self._witness().arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
         """Connect and look, and no more; what can't be connected is a check that fails."""
@@ -813,7 +813,7 @@ class PrearmSequence:
         """What fails, and all checks; ``arming`` where the motors start next."""
         assert self._look is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
-        evidence = self._witness.verdict(now)
+        evidence = self._witness().verdict(now)
         checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now, evidence)
         if self._company is not None:
             checks += self._company(self._progress.standing, now, arming=arming)

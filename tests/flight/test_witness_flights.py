@@ -92,7 +92,7 @@ def flown(
         striking = asyncio.ensure_future(strike(flight, liars[0])) if lie is not None else None
         while True:
             now = loop.time()
-            evidence = flight.witness.verdict(now)
+            evidence = flight.witness().verdict(now)
             if evidence is None:
                 told.silent_s += LOOK_S if flight.state in IN_AIR else 0.0
             else:
