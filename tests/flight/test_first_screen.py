@@ -82,9 +82,12 @@ def test_what_the_operator_was_warned_of_stands_on_it(
     assert re.search(rf"^ +\d+\.\d\d s +{late}", capsys.readouterr().out, re.MULTILINE)
 
 
-@pytest.mark.parametrize(("late_ms", "told"), [(0, False), (8, False), (15, True), (20, True), (30, True), (-15, True)])
-@pytest.mark.parametrize("scenario", ["paper", "rotors_mqx"])
-def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(late_ms: int, told: bool, scenario: str) -> None:
+@pytest.mark.parametrize(("scenario", "late_ms", "told"), [
+    *(("paper", late_ms, late_ms not in (0, 8)) for late_ms in (0, 8, 15, 20, 30, -15)),
+    ("rotors_mqx", 0, False),
+    ("rotors_mqx", 15, True),
+])  # fmt: skip
+def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(scenario: str, late_ms: int, told: bool) -> None:
     world, config = prepare(SCENARIOS[scenario], [f"sim.pose_latency_s={0.02 + 1e-3 * late_ms}"], link="dsm")
     warnings = fly(world, config, seed=0, duration_s=15.0).warnings
     word = "later" if late_ms > 0 else "earlier"

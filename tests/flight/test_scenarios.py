@@ -130,7 +130,7 @@ def test_rotors_are_those_on_which_the_law_before_rang_as_an_independent_simulat
     monkeypatch.setattr(controllers, "Adaptive", LawBefore)
     lags = (f"vehicle.{name}_lag_s={lag_s}" for name, lag_s in zip(("thrust", "rate"), lags_s, strict=False))
     world, config = prepare(SCENARIOS[scenario], [*TOLD, *lags])
-    verdict = fly(world, config, seed=0, duration_s=20.0 if scenario == "rotors_quad1kg" else 60.0).verdict
+    verdict = fly(world, config, seed=0, duration_s=20.0 if scenario == "rotors_quad1kg" else 40.0).verdict
     assert verdict.rms_cm == pytest.approx(rms_cm, rel=0.3)
     assert saturated[0] <= verdict.saturated_fraction <= saturated[1]
 
