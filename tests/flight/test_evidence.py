@@ -884,3 +884,8 @@ def test_a_log_that_is_damaged_is_refused_or_read_as_far_as_it_goes_without_a_wo
         assert not said.err
         assert all(":" in line for line in said.out.splitlines())
     gc.collect()  # here, and not in the midst of another test
+
+
+def test_a_folder_in_the_place_of_a_log_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"FILE: cannot read it: Is a directory$"):
+        import_command([tmp_path], "ardupilot-bin", tmp_path / "out.mcap")

@@ -299,8 +299,9 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
     rows: dict[str, list[list[float]]] = {}
     names: dict[str, list[str]] = {}
     with _silence():  # it prints each byte that it can't use
-        if not path.stat().st_size:
-            raise ValueError("it is empty")
+        with path.open("rb") as file:  # which is no folder
+            if not file.read(1):
+                raise ValueError("it is empty")
         try:
             log = DFReader_binary(str(path))
         except Exception as error:  # noqa: BLE001  # as such it is raised where a format is damaged
@@ -598,7 +599,9 @@ def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: Fli
     known = reader.cut(None if commands is None else commands[:4])
     if commands is None or known is None:
         but = OF_ANOTHER_CLOCK if commands else ""
-        flight.missing.append(f"no commands in it{but}: nothing is identified, prediction knows no thrust")
+        flight.missing.append(
+            f"no commands in it{but or ', or none whose thrust changes'}: nothing is identified, prediction knows no thrust"
+        )
         return
     (time, signal, rates, attitude), flight.hover = known, commands[4]
     beyond = int(np.count_nonzero((signal < 0.0) | (signal > 1.0)))
