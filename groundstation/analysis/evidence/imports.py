@@ -598,10 +598,8 @@ def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: Fli
     commands = reader.first(mapping.command, reader.command)
     known = reader.cut(None if commands is None else commands[:4])
     if commands is None or known is None:
-        but = OF_ANOTHER_CLOCK if commands else ""
-        flight.missing.append(
-            f"no commands in it{but or ', or none whose thrust changes'}: nothing is identified, prediction knows no thrust"
-        )
+        but = OF_ANOTHER_CLOCK if commands else ", or none whose thrust changes"
+        flight.missing.append(f"no commands in it{but}: nothing is identified, prediction knows no thrust")
         return
     (time, signal, rates, attitude), flight.hover = known, commands[4]
     beyond = int(np.count_nonzero((signal < 0.0) | (signal > 1.0)))
