@@ -229,7 +229,7 @@ ROWS = (
         "test_bystanders.py compares every byte that leaves"),
     Row("e2e/test_identify_command.py::test_the_commands_of_the_how_to_lead_from_a_flight_to_a_vehicle_file", 0,
         "flight/test_identify.py finds the same figures; this is the page's order of commands"),
-    Row("e2e/test_readme.py::test_a_command_in_the_documents_works", 5, "every tenth"),
+    Row("e2e/test_readme.py::test_the_commands_of_a_block_in_the_documents_work", 5, "every seventh"),
     Row("e2e/test_recorder_process.py::test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_half_second", 1,
         "ten of the fifty moments"),
     Row("e2e/test_real_time.py::test_fly_refuses_every_address_that_is_not_loopback_without_a_fence_and_says_why", 3,

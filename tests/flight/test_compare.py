@@ -171,10 +171,10 @@ def asked(**changes: Any) -> argparse.Namespace:
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        ({"scenarios": ["papr"]}, r"--scenarios: expected some of \['adverse', .*\], got 'papr'"),
+        ({"scenarios": ["papr"]}, r"^scenarios: expected some of \['adverse', .*\], got 'papr'"),
         ({"controllers": ["pidd"]}, r"--controllers: expected one of \['adaptive', .*\], got 'pidd'"),
         ({"controllers": ["nosuchlab:make"]}, r"--controllers: can't import nosuchlab"),
-        ({"duration": 15.0}, r"--duration: expected more than 16 s"),
+        ({"duration": 15.0}, r"^duration: expected more than 16 s"),
         ({"write": Path("no/such.md")}, r"--write: cannot read no/such\.md"),
         ({"plot": Path("no/such.png")}, r"--plot: cannot write no/such\.png: there is no such folder"),
         ({"plot": Path("such.txt")}, r"--plot: cannot write such\.txt: expected a name that ends in one of"),

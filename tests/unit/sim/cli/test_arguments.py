@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import parser as flying_parser
-from groundstation.config import ConfigError, load
+from groundstation.config import ArgumentError, ConfigError, load
 from groundstation.interfaces.cli import commands as flying
 from groundstation.recording.records import MAGIC
 from groundstation.settings import Config
@@ -94,8 +94,9 @@ def test_seconds_of_the_ground_station_are_a_number(capsys: pytest.CaptureFixtur
 
 def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() -> None:
     for words in ([], ["--config", "examples/loopback.toml"]):
-        with pytest.raises(ConfigError, match=r"^--controller: expected one of \['adaptive', .* got 'bogus'"):
+        with pytest.raises(ArgumentError, match=r"^controller: expected one of \['adaptive', .* got 'bogus'") as caught:
             simulating.fly(simulating_parser().parse_args(["fly", *words, "--controller", "bogus"]))
+        assert caught.value.option == "--controller"
     with pytest.raises(ConfigError, match=r"^--set: controller.kind: "):
         simulating.fly(simulating_parser().parse_args(["fly", "--set", "controller.kind=bogus"]))
 
