@@ -24,6 +24,8 @@ ROWS = (
     # Flights of the same claim by other seeds, scenarios or faults.
     Row("flight/test_budget.py::test_without_the_only_disturbance_of_a_flight_its_error_vanishes", 0,
         "of the tool; the other tests of it add up budgets"),
+    Row("flight/test_fault_deck.py::test_where_only_answers_get_lost_the_descent_is_no_fall", 2, "states"),
+    Row("flight/test_first_screen.py::test_a_latency_told_wrong_is_said_in_flight_by_poses_alone", 4, "latencies"),
     Row("flight/test_fault_deck.py::test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall", 1,
         "faults"),
     Row("flight/test_fault_deck.py::test_poses_that_are_late_by_one_round_of_the_question_are_no_answer", 1, "moments"),

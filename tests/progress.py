@@ -12,6 +12,8 @@ import time
 import pytest
 
 PERIOD_S = 1.5
+LONGEST = 120
+"""So many characters of a test's name are shown."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -47,7 +49,8 @@ class Progress:
             return f"{self._name}: looking for tests"
         failed = f", {self._failed} FAILED" if self._failed else ""
         running = ", ".join(
-            f"{test.rpartition('/')[2]} ({now_s - since_s:.0f} s)" for test, since_s in sorted(self._since.items())
+            f"{test.rpartition('/')[2][:LONGEST]} ({now_s - since_s:.0f} s)"
+            for test, since_s in sorted(self._since.items())
         )
         return f"{self._name}: {self._done} of {self._total}{failed}; runs: {running}"
 

@@ -872,7 +872,7 @@ def test_a_log_that_is_damaged_is_refused_or_read_as_far_as_it_goes_without_a_wo
         pytest.importorskip("pyulog")
     path, out, draw = LAYOUTS[name](tmp_path), tmp_path / "out.mcap", random.Random(8)
     whole = path.read_bytes()
-    for damage in (0, 5, 12, 300, *(20 * [1]), *(10 * [300])):
+    for damage in (0, 5, 12, 300, *(10 * [1]), *(4 * [300])):
         data = bytearray(whole if damage in (1, 300) else whole[:damage])
         for _ in range(8 * damage if len(data) == len(whole) else 0):
             data[draw.randrange(len(data))] = draw.randrange(256)
