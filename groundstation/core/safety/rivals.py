@@ -24,6 +24,7 @@ zero.
 import cmath
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from groundstation.core.control import ASK_THRUST_RAD_S, ASK_TONES_RAD_S
 from groundstation.core.geometry import Vec3
@@ -453,14 +454,27 @@ def _sum_evidence(evidence: float, fade: float, gain: float, variance: float, of
     return evidence if evidence > TRACE else 0.0
 
 
-ANSWER_S, ASKED_S = 0.85, 1.1
-"""Time constant of what is mixed down [s], and so long it is asked before an answer counts."""
-TOLD_NOISES, OUTWEIGHS = 2.0, 1.5
-"""A question is one that is told by so many times the noise of a node [-], and has by the second so many times the
-power of all else that is told [-]: what the law does against wind is seen by less, as it brings that to nothing."""
-ACROSS_LESS, DOWN_LESS = 0.3, 0.4
-"""What shows a smaller share of the answer than this does not answer [-]; a smaller one across, as of all directions
-the one that shows least is taken, and noise makes that less than it is."""
+ASKED_S = 1.1
+"""So long it is asked before an answer counts [s]."""
+TOLD_NOISES = 2.0
+"""A question is one that is told by so many times the noise of a node [-]."""
+
+
+class _LockIn(NamedTuple):
+    """A lock-in detector of an answer. With a longer memory it finds it beside more of what else the commands do."""
+
+    memory_s: float
+    """Time constant of what is mixed down [s]."""
+    outweighs: float
+    """The question has so many times the power of all else that is told [-]: what the law does against wind is seen by
+    less, as it brings that to nothing."""
+    less: float
+    """What shows a smaller share of the answer than this does not answer [-]."""
+
+
+ACROSS = (_LockIn(0.85, 1.5, 0.3), _LockIn(2.5, 0.7, 0.25))
+"""As of all directions the one that shows least is taken, noise makes the share less than it is."""
+DOWN = (_LockIn(0.85, 1.5, 0.4), _LockIn(2.5, 1.0, 0.5))
 SILENT_S, FORGETS, REPENTS = 0.4, 0.2, 2.0
 """So long without an answer, and it ends a flight [s]; time in which none is told from wind counts back by such a
 share, and time in which it answers so many times [-]."""
@@ -473,11 +487,11 @@ ASK_WEIGHTS = tuple((tone, tone**-3) for tone in ASK_TONES_RAD_S)
 class _Question:
     """What is told and seen of one question, mixed down with it, with fading memory."""
 
-    __slots__ = ("_beside", "_circles", "_seen", "_told", "_weight", "silent_s")
+    __slots__ = ("_beside", "_circles", "_lock_in", "_seen", "_told", "_weight", "silent_s")
 
-    def __init__(self, *, circles: bool) -> None:
+    def __init__(self, lock_in: _LockIn, *, circles: bool) -> None:
         """Nothing is known; it ``circles`` across, north first, or swings down."""
-        self._circles = circles
+        self._lock_in, self._circles = lock_in, circles
         self._beside = self._weight = 0.0
         self._told, self._seen = 0j, (0j, 0j)
         self.silent_s = 0.0
@@ -490,7 +504,7 @@ class _Question:
 
         ``h`` is how long it took [s], ``noise_m`` the noise of what is seen [m]; not all that is learnt ``counts``.
         """
-        fade, back = math.exp(-h / ANSWER_S), phase.conjugate()
+        fade, back = math.exp(-h / self._lock_in.memory_s), phase.conjugate()
         self._told = fade * self._told + told * back
         u, v = self._seen
         self._seen = u, v = fade * u + seen[0] * back, fade * v + seen[1] * back
@@ -501,15 +515,15 @@ class _Question:
         power = _power(self._told)
         asked2 = (1.0 if self._circles else 2.0) * power / self._weight
         ratio = asked2 / max(self._beside - asked2, 1e-12)
-        if ratio < OUTWEIGHS or asked2 < (TOLD_NOISES * noise_m) ** 2:
+        if ratio < self._lock_in.outweighs or asked2 < (TOLD_NOISES * noise_m) ** 2:
             self.silent_s = max(0.0, self.silent_s - FORGETS * h)
             return
         if self._circles:  # along the direction that shows least, of half of what circles
             xx, yy, xy = _power(u), _power(v), u.real * v.real + u.imag * v.imag
-            share2, less = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)) / power, ACROSS_LESS
+            share2 = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)) / power
         else:
-            share2, less = _power(u) / power, DOWN_LESS
-        answers = share2 >= less * less
+            share2 = _power(u) / power
+        answers = share2 >= self._lock_in.less * self._lock_in.less
         self.silent_s = max(0.0, self.silent_s + (-REPENTS if answers else 1.0) * h)
 
 
@@ -520,7 +534,9 @@ class PositionAnswer:
         self._forget()
 
     def _forget(self) -> None:
-        self._across, self._down, self._asked_s = _Question(circles=True), _Question(circles=False), 0.0
+        self._across = [_Question(lock_in, circles=True) for lock_in in ACROSS]
+        self._down = [_Question(lock_in, circles=False) for lock_in in DOWN]
+        self._asked_s = 0.0
         self._before: tuple[float, Vec3, Vec3] | None = None
 
     def node(self, time_s: float, h: float, seen: Vec3, told: Vec3, noise_m: float, *, asked: bool) -> float:
@@ -546,10 +562,12 @@ class PositionAnswer:
             (x, y, z), (a, b, c), (_, (p, q, r), (u, v, w)) = seen, told, before
             counts, noise_m = self._asked_s > ASKED_S, math.sqrt(2.0) * noise_m
             tones = sum(cmath.rect(weight, tone * (time_s - ASK_LATE_S)) for tone, weight in ASK_WEIGHTS)
-            self._across.node(complex(a - u, b - v), (x - p, y - q), tones, h, noise_m, counts=counts)
+            for question in self._across:
+                question.node(complex(a - u, b - v), (x - p, y - q), tones, h, noise_m, counts=counts)
             swing = cmath.rect(1.0, ASK_THRUST_RAD_S * time_s)
-            self._down.node(complex(c - w), (z - r, 0.0), swing, h, noise_m, counts=counts)
-        return max(self._across.silent_s, self._down.silent_s) / SILENT_S
+            for question in self._down:
+                question.node(complex(c - w), (z - r, 0.0), swing, h, noise_m, counts=counts)
+        return max(question.silent_s for question in (*self._across, *self._down)) / SILENT_S
 
 
 def _power(z: complex) -> float:

@@ -11,6 +11,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.safety.rivals import PositionAnswer
 
 H, NOISE_M, G = 0.1, 0.0006, 9.81
+SWINGS_M = 0.006
 
 
 def answer(t: float) -> list[float]:
@@ -21,14 +22,18 @@ def answer(t: float) -> list[float]:
 
 def found(
     shares: Vec3 = (1.0, 1.0, 1.0), *, wind_m: float = 0.0, loud: float = 1.0, late_s: float = 0.08,
-    asked: bool = True, seed: int = 0, for_s: float = 20.0,
+    swings_m: float = 0.0, asked: bool = True, seed: int = 0, for_s: float = 20.0,
 ) -> float:  # fmt: skip
     """The largest share of what ends a flight, where each axis shows such a share of what moves it."""
     question, normals = PositionAnswer(), random.Random(seed)
     wind, most = [0.0, 0.0, 0.0], 0.0
     for n in range(round(for_s / H)):
         t = n * H
-        moved = [loud * m for m in answer(t - late_s)]
+        swing = complex(math.cos(5.0 * t), math.sin(5.0 * t))  # of what else the law does
+        moved = [
+            loud * m + swings_m * w
+            for m, w in zip(answer(t - late_s), (swing.real, swing.imag, swing.real), strict=True)
+        ]
         before, wind = wind, [0.7 * w + wind_m * normals.gauss(0.0, 0.7) for w in wind]
         told = [m - w for m, w in zip(moved, before, strict=True)]  # the law brings the wind to nothing, a node late
         truth = [m + w - b for m, w, b in zip(moved, wind, before, strict=True)]
@@ -56,6 +61,19 @@ def test_neither_wind_nor_noise_takes_away_the_answer_of_a_long_hold_by_chance(s
 @pytest.mark.parametrize("late_s", [0.05, 0.08, 0.14])
 def test_a_coordinate_that_does_not_answer_ends_it(shares: Vec3, late_s: float) -> None:
     assert found(shares, late_s=late_s) >= 1.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("shares", [(0.0, 1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, 0.0)])
+def test_a_coordinate_that_does_not_answer_ends_it_though_the_law_moves_it_more_than_the_question(
+    shares: Vec3, seed: int
+) -> None:
+    assert found(shares, swings_m=SWINGS_M, seed=seed, for_s=6.0) >= 1.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_vehicle_that_answers_while_the_law_moves_it_more_than_the_question_is_not_accused(seed: int) -> None:
+    assert found(swings_m=SWINGS_M, wind_m=0.001, seed=seed, for_s=600.0) < 0.5
 
 
 @pytest.mark.parametrize("seed", range(5))
