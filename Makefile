@@ -27,8 +27,8 @@ GUARDING := unit/links/core/test_deadman unit/links/core/test_thrust_curve unit/
     flight/test_guards flight/test_missions flight/test_ends flight/test_dead_man flight/test_pacer_strikes \
     flight/test_slow_radio
 COVERAGE := $(BIN)/uv run --quiet --no-sync --with 'coverage>=7.10' python -m coverage
-# What only computes yields to what may not be kept waiting.
-YIELD := nice -n 19
+# What only computes yields to what may not be kept waiting; so far that it still gets on beside what else the machine does.
+YIELD := nice -n 5
 
 .PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
     long-computed test-newer-pythons coverage soak bench evidence margins vehicles docs release setup lock clean firmware \
