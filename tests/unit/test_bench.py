@@ -1,6 +1,9 @@
 """The measurements measure what they say, and leave nothing behind."""
 
 import json
+import timeit
+from collections.abc import Callable
+from statistics import median
 
 import pytest
 
@@ -133,11 +136,20 @@ def test_a_pilot_is_itself_again_after_it_was_timed() -> None:
     assert found == []
 
 
+def slowness(measure: Callable[[], float]) -> float:
+    """Least of three measured times in µs, as multiples of what a thousand additions take beside them."""
+    took, floors = [], []
+    for _ in range(3):
+        floors.append(1e6 * timeit.timeit(lambda: sum(number + number for number in range(1000)), number=1))
+        took.append(measure())
+    return min(took) / median(floors)
+
+
 def test_a_command_takes_far_less_than_a_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_tick, "MONITOR_TICKS", 10)
     monkeypatch.setattr(bench_tick, "ROUNDS", 1)
-    # The goal is 60 µs; this only finds what has become several times slower, on any machine.
-    assert bench_tick.one("paper", 400)["cpu_median_us"] < 300.0
+    # This only finds what has become several times slower, on any machine.
+    assert slowness(lambda: bench_tick.one("paper", 400)["cpu_median_us"]) < 8.0
 
 
 def test_a_source_that_makes_no_poses_is_not_timed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,8 +162,8 @@ def test_a_source_that_makes_no_poses_is_not_timed(monkeypatch: pytest.MonkeyPat
 
 def test_decoding_takes_far_less_than_a_pose_is_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_decode, "DATAGRAMS", 200)
-    # Tens of microseconds; this only finds what has become many times slower, on any machine.
-    assert all(row["median_us"] < 500.0 for row in bench_decode.measure(bench.Options())["rows"])
+    # This only finds what has become many times slower, on any machine.
+    assert slowness(lambda: max(row["median_us"] for row in bench_decode.measure(bench.Options())["rows"])) < 4.0
 
 
 def test_runs_take_turns_and_the_first_round_does_not_count() -> None:
