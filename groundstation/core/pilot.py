@@ -354,7 +354,11 @@ class Pilot:
                 motion = self._reckon(self._before(), self._newest_s)
                 self._estimator.believe(motion, wind, learnt.effectiveness)
             rises = -self._estimator.predict(max(self._last or 0.0, self._newest_s)).motion.velocity[2]
-            self._descent = Descent(self._vehicle, self._gravity, wind, learnt.effectiveness, rises)
+            effectiveness = learnt.effectiveness
+            if self._newest_s - self._lifted_s < LEARNT_S + TRUST_S:
+                # Poses that are late, or lie, leave the floor late, which looks like thrust weaker than told.
+                effectiveness = max(effectiveness, 1.0)
+            self._descent = Descent(self._vehicle, self._gravity, wind, effectiveness, rises)
         self._descent.blind = blind
         self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()

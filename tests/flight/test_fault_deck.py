@@ -347,3 +347,14 @@ def test_a_position_that_stands_on_the_figure_is_found_at_any_rate_of_the_poses(
 def test_a_failsafe_descent_that_the_poses_lie_to_ends_on_the_model(fault: str) -> None:
     row = fly_cell(fault, "descent", seed=1)
     assert row.safe, row.why
+
+
+def test_a_picture_that_stands_low_does_not_stop_the_motors_of_a_vehicle_in_the_air() -> None:
+    row = fly_cell("one in ten, position frozen", "lift-off")
+    assert row.safe, row.why
+    assert row.fastest_m_s < 1.5
+
+
+def test_a_descent_just_off_the_floor_does_not_take_thrust_for_weak_because_poses_come_late() -> None:
+    row = fly_cell("late by 100 ms, fresh", "arming", seed=1)
+    assert row.safe, row.why

@@ -27,6 +27,9 @@ NEAR_M = 0.3
 """Near the floor is below this height [m]."""
 REST_M, RESTS_M = 0.15, 0.015
 """Lower than the first above the floor, heights that differ by less than the second are of one that stands [m], ..."""
+LEFT_M, SANK_M = 0.05, 0.03
+"""... where that is no higher than the first [m], or they have sunk by the second since it was told to sink [m]: a
+picture that stood before does not tell where the vehicle is, ..."""
 REST_S, REST_WAY_M = 0.4, 0.1
 """... once they do for so long [s], and it was told to sink so far meanwhile [m]. That counts whatever the estimate
 says: where few poses come, the model has it fall on through the floor, and then thrown up by what holds it."""
@@ -68,6 +71,10 @@ class Touchdown:
         self._low_n = LOW_SHARE * hover_n
         self._since_s: float | None = None
         self._held_since_s: float | None = None
+        self._before_s: float | None = None
+        """When the newest pose came before it was told to sink [s]."""
+        self._highest_m = -math.inf
+        """Of the poses since."""
         self._stand: deque[tuple[float, float]] = deque()
         """The newest poses whose heights agree: when they came [s], whatever their stamps say, and how high [m]."""
 
@@ -77,7 +84,14 @@ class Touchdown:
         ``height_m`` is its height above the floor, ``sinks_m_s`` how fast the vehicle is told to sink.
         """
         stand = self._stand
-        if height_m > REST_M or not sinks_m_s > 0.0:
+        if not sinks_m_s > 0.0:
+            self._before_s, self._highest_m = None, -math.inf
+            stand.clear()
+            return False
+        if self._before_s is None:
+            self._before_s = pose.arrival_s
+        self._highest_m = max(self._highest_m, height_m)
+        if height_m > REST_M or pose.arrival_s <= self._before_s:
             stand.clear()
             return False
         if not stand or pose.arrival_s > stand[-1][0]:
@@ -86,7 +100,8 @@ class Touchdown:
             while stand and any(abs(height_m - height) > RESTS_M for _, height in stand):
                 stand.popleft()
             stand.append((pose.arrival_s, height_m))
-        return stand[-1][0] - stand[0][0] >= max(REST_S, REST_WAY_M / sinks_m_s)
+        there = height_m <= LEFT_M or self._highest_m - height_m >= SANK_M
+        return there and stand[-1][0] - stand[0][0] >= max(REST_S, REST_WAY_M / sinks_m_s)
 
     def update(self, time_s: float, thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float) -> bool:
         """Whether it stands, by one more command of a descent.

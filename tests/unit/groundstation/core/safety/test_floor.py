@@ -88,9 +88,11 @@ def test_what_falls_has_not_touched_down(share: float, speed_m_s: float, gust_m_
     [
         ([0.06, 0.01, 0.008, 0.0, 0.0, 0.0], 0.25, 0.22, 0.66),  # few poses come: stands since the second one
         ([0.1, 0.1], 0.25, 0.42, None),  # poses that were held back begin again where they had ceased
-        ([0.1] * 40, 0.25, 0.02, 0.4),
-        ([0.1] * 40, 0.16, 0.02, 0.64),  # told to sink slowly: so it may be slower
-        ([0.1] * 40, 0.0, 0.02, None),  # a hover so low, and a landing that stops first
+        ([0.1] * 40, 0.25, 0.02, None),  # it stood there before: a picture that stands in the air
+        ([0.05] * 40, 0.25, 0.02, 0.44),  # since the first pose after that
+        ([0.14] + [0.1] * 40, 0.25, 0.02, 0.44),  # a floor higher than told
+        ([0.14] + [0.1] * 40, 0.16, 0.02, 0.66),  # told to sink slowly: so it may be slower
+        ([0.14] + [0.1] * 40, 0.0, 0.02, None),  # a hover so low, and a landing that stops first
         ([0.2] * 40, 0.25, 0.02, None),  # a picture that stands in the air
         ([0.15 - 0.05 * 0.02 * i for i in range(100)], 0.25, 0.02, None),  # held back by its own cushion, but sinking
         ([0.0, 0.03] * 40, 0.25, 0.02, None),
