@@ -343,6 +343,7 @@ class Pilot:
         self._switch("descend", sink_m_s, float(blind), rest_s)
         if self._descent is None:
             self._coast += rest_s
+        if self._descent is None or (blind and not self._descent.blind):
             self._estimator.frozen = True  # what thrust seems to give is not learnt from poses that may be at fault
             learnt = self._learnt()
             wind = self._wind or learnt.disturbance
@@ -353,7 +354,8 @@ class Pilot:
                 # What the poses showed of late may be false.
                 motion = self._reckon(self._before(), self._newest_s)
                 self._estimator.believe(motion, wind, learnt.effectiveness)
-            rises = -self._estimator.predict(max(self._last or 0.0, self._newest_s)).motion.velocity[2]
+            sinks = self._estimator.predict(max(self._last or 0.0, self._newest_s)).motion.velocity[2]
+            rises = -sinks if sinks < 0.0 else -max(sinks - sink_m_s, 0.0)
             effectiveness = learnt.effectiveness
             if self._newest_s - self._lifted_s < LEARNT_S + TRUST_S:
                 # Poses that are late, or lie, leave the floor late, which looks like thrust weaker than told.

@@ -608,6 +608,8 @@ class MissionExecutive:
                 self._warn("" if finding is None else f"warning: {finding.reason}")
             else:
                 self._answer(finding, tick.time_s)
+                if finding.blind and self.state is State.DESCENT and not self._pilot.blind:
+                    self._pilot.descend(self._config.flight.descent_m_s, blind=True)
         blind = self._pilot.blind or self._hearing.stalls(tick.time_s) > 0.0
         if guards is not None and self.state is State.DESCENT and not blind:
             self._disobeys = self._find_disobedience(tick)

@@ -358,3 +358,8 @@ def test_a_picture_that_stands_low_does_not_stop_the_motors_of_a_vehicle_in_the_
 def test_a_descent_just_off_the_floor_does_not_take_thrust_for_weak_because_poses_come_late() -> None:
     row = fly_cell("late by 100 ms, fresh", "arming", seed=1)
     assert row.safe, row.why
+
+
+def test_a_failsafe_descent_whose_estimate_diverges_does_not_believe_the_speed_any_more() -> None:
+    row = fly_cell("one in ten, position frozen", "descent")
+    assert row.fastest_m_s < 2.0, "it fell at 3 m/s, as the poses had it stand"

@@ -42,7 +42,9 @@ BLIND_PULL_M_S2 = 0.35
 BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
 """By then it should be down [s]; from there on the pull grows [m/s³], as what hovers was not what it was taken for."""
 BLIND_RISES_M_S, BLIND_BRAKE_M_S2 = 2.0, 2.0
-"""It is believed to climb by so much as it goes blind [m/s], and that is braked by so much besides [m/s²]."""
+"""It is believed to climb by so much as it goes blind [m/s], and that is braked by so much besides [m/s²], ..."""
+BLIND_SINKS_M_S, BLIND_LIFT_M_S2 = 0.7, 1.8
+"""... or to sink by so much faster than told [m/s], and that by so much [m/s²]."""
 BLIND_WIND_M_S2 = 1.5
 """Of an estimated disturbance so much is believed when blind, on each axis."""
 
@@ -74,7 +76,8 @@ class Descent:
         """Take the vehicle as told and g [m/s²].
 
         ``wind`` is the mean disturbance of the last time [m/s², NED], ``effectiveness`` what the thrust gave of what
-        was told, before anything spoke against the poses [-], ``rises_m_s`` how fast it climbs as this begins [m/s].
+        was told, before anything spoke against the poses [-], ``rises_m_s`` how fast it climbs as this begins, below 0
+        what it sinks faster than told [m/s].
         """
         self._vehicle = vehicle
         self._gravity = gravity
@@ -86,7 +89,7 @@ class Descent:
         self.doubted = False
         """True where something speaks against the poses."""
         self._integral = self._blind_s = 0.0
-        self._rises = max(0.0, min(rises_m_s, BLIND_RISES_M_S))
+        self._rises = max(-BLIND_SINKS_M_S, min(rises_m_s, BLIND_RISES_M_S))
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command."""
@@ -100,8 +103,10 @@ class Descent:
         if self.blind:
             self._blind_s += interval_s
             pull = BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0)
-            brake = min(BLIND_BRAKE_M_S2, 2.0 * self._rises)
-            self._rises = max(0.0, self._rises - brake * interval_s)
+            brake = min(2.0 * self._rises, BLIND_BRAKE_M_S2)
+            if self._rises < 0.0:
+                brake = max(4.0 * self._rises, -BLIND_LIFT_M_S2)
+            self._rises -= brake * interval_s
             wanted: Vec3 = (0.0, 0.0, pull + brake)
         else:
             (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from groundstation.core.control import Descent
+from groundstation.core.control.descent import BLIND_PULL_M_S2
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Estimate
 from groundstation.core.trajectory import Reference
@@ -76,3 +77,14 @@ def test_blind_it_leans_and_lifts_against_the_wind_of_before_and_nothing_that_po
 
     still = (0.5, 0.0, 0.0)
     assert flown(*50 * [push_m_s2]) == flown(*50 * [still])
+
+
+@pytest.mark.parametrize("faster_m_s", [0.2, 0.4, 0.7])
+def test_blind_it_brakes_what_it_sinks_faster_than_told_and_no_more(faster_m_s: float) -> None:
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0, -faster_m_s)
+    descent.blind = True
+    shares = [lifts(descent, estimate(PERIOD_S * n)) for n in range(100)]
+    braked_m_s = PERIOD_S * sum(G * share - (G - BLIND_PULL_M_S2) for share in shares)
+    assert braked_m_s == pytest.approx(faster_m_s, abs=0.05)
+    assert max(shares) < 1.16
+    assert PERIOD_S * sum(share > 1.03 for share in shares) < 0.5
