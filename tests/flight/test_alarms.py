@@ -52,6 +52,11 @@ def test_a_coordinate_that_a_gust_holds_by_chance_is_not_accused(seed: int) -> N
     assert found.largest["still"] < NEAR
 
 
+@pytest.mark.parametrize("seed", [4000110, 4000309])
+def test_an_answer_that_wind_hides_for_a_while_is_waited_for(seed: int) -> None:
+    assert accused(watch_all("adverse", (seed,), figure_s=15.0, workers=1)) == []
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("scenario", ["adverse", "storm"])
 def test_nor_does_one_of_very_many(scenario: str) -> None:

@@ -454,8 +454,6 @@ def _sum_evidence(evidence: float, fade: float, gain: float, variance: float, of
     return evidence if evidence > TRACE else 0.0
 
 
-ASKED_S = 1.1
-"""So long it is asked before an answer counts [s]."""
 TOLD_NOISES = 2.0
 """A question is one that is told by so many times the noise of a node [-]."""
 
@@ -465,6 +463,8 @@ class _LockIn(NamedTuple):
 
     memory_s: float
     """Time constant of what is mixed down [s]."""
+    asked_s: float
+    """So long it is asked before an answer counts [s]."""
     outweighs: float
     """The question has so many times the power of all else that is told [-]: what the law does against wind is seen by
     less, as it brings that to nothing."""
@@ -472,9 +472,9 @@ class _LockIn(NamedTuple):
     """What shows a smaller share of the answer than this does not answer [-]."""
 
 
-ACROSS = (_LockIn(0.85, 1.5, 0.3), _LockIn(2.5, 0.7, 0.25))
+ACROSS = (_LockIn(0.85, 1.1, 1.5, 0.3), _LockIn(2.5, 2.5, 0.7, 0.25))
 """As of all directions the one that shows least is taken, noise makes the share less than it is."""
-DOWN = (_LockIn(0.85, 1.5, 0.4), _LockIn(2.5, 1.0, 0.5))
+DOWN = (_LockIn(0.85, 1.1, 1.5, 0.4), _LockIn(2.5, 2.5, 1.0, 0.4))
 SILENT_S, FORGETS, REPENTS = 0.4, 0.2, 2.0
 """So long without an answer, and it ends a flight [s]; time in which none is told from wind counts back by such a
 share, and time in which it answers so many times [-]."""
@@ -487,35 +487,35 @@ ASK_WEIGHTS = tuple((tone, tone**-3) for tone in ASK_TONES_RAD_S)
 class _Question:
     """What is told and seen of one question, mixed down with it, with fading memory."""
 
-    __slots__ = ("_beside", "_circles", "_lock_in", "_seen", "_told", "_weight", "silent_s")
+    __slots__ = ("_asked_s", "_beside", "_circles", "_lock_in", "_seen", "_told", "_weight", "silent_s")
 
     def __init__(self, lock_in: _LockIn, *, circles: bool) -> None:
         """Nothing is known; it ``circles`` across, north first, or swings down."""
         self._lock_in, self._circles = lock_in, circles
-        self._beside = self._weight = 0.0
+        self._beside = self._weight = self._asked_s = 0.0
         self._told, self._seen = 0j, (0j, 0j)
         self.silent_s = 0.0
         """For how long it was not answered [s]."""
 
-    def node(
-        self, told: complex, seen: tuple[float, float], phase: complex, h: float, noise_m: float, *, counts: bool
-    ) -> None:
+    def node(self, told: complex, seen: tuple[float, float], phase: complex, h: float, noise_m: float) -> None:
         """Take what one node adds, along north + i east or down [m]; ``phase`` is the question's.
 
-        ``h`` is how long it took [s], ``noise_m`` the noise of what is seen [m]; not all that is learnt ``counts``.
+        ``h`` is how long it took [s], ``noise_m`` the noise of what is seen [m].
         """
-        fade, back = math.exp(-h / self._lock_in.memory_s), phase.conjugate()
+        lock_in, back = self._lock_in, phase.conjugate()
+        fade = math.exp(-h / lock_in.memory_s)
         self._told = fade * self._told + told * back
         u, v = self._seen
         self._seen = u, v = fade * u + seen[0] * back, fade * v + seen[1] * back
         self._weight = fade * self._weight + _power(phase)
         self._beside = fade * self._beside + _power(told)
-        if not counts:
+        self._asked_s += h
+        if self._asked_s <= lock_in.asked_s:
             return
         power = _power(self._told)
         asked2 = (1.0 if self._circles else 2.0) * power / self._weight
         ratio = asked2 / max(self._beside - asked2, 1e-12)
-        if ratio < self._lock_in.outweighs or asked2 < (TOLD_NOISES * noise_m) ** 2:
+        if ratio < lock_in.outweighs or asked2 < (TOLD_NOISES * noise_m) ** 2:
             self.silent_s = max(0.0, self.silent_s - FORGETS * h)
             return
         if self._circles:  # along the direction that shows least, of half of what circles
@@ -523,7 +523,7 @@ class _Question:
             share2 = 2.0 * (xx + yy - math.hypot(xx - yy, 2.0 * xy)) / power
         else:
             share2 = _power(u) / power
-        answers = share2 >= self._lock_in.less * self._lock_in.less
+        answers = share2 >= lock_in.less * lock_in.less
         self.silent_s = max(0.0, self.silent_s + (-REPENTS if answers else 1.0) * h)
 
 
@@ -560,13 +560,13 @@ class PositionAnswer:
         self._asked_s += h
         if before is not None and time_s - before[0] < 1.5 * h:
             (x, y, z), (a, b, c), (_, (p, q, r), (u, v, w)) = seen, told, before
-            counts, noise_m = self._asked_s > ASKED_S, math.sqrt(2.0) * noise_m
+            noise_m *= math.sqrt(2.0)
             tones = sum(cmath.rect(weight, tone * (time_s - ASK_LATE_S)) for tone, weight in ASK_WEIGHTS)
             for question in self._across:
-                question.node(complex(a - u, b - v), (x - p, y - q), tones, h, noise_m, counts=counts)
+                question.node(complex(a - u, b - v), (x - p, y - q), tones, h, noise_m)
             swing = cmath.rect(1.0, ASK_THRUST_RAD_S * time_s)
             for question in self._down:
-                question.node(complex(c - w), (z - r, 0.0), swing, h, noise_m, counts=counts)
+                question.node(complex(c - w), (z - r, 0.0), swing, h, noise_m)
         return max(question.silent_s for question in (*self._across, *self._down)) / SILENT_S
 
 
