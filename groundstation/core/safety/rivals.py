@@ -536,7 +536,6 @@ class PositionAnswer:
     def _forget(self) -> None:
         self._across = [_Question(lock_in, circles=True) for lock_in in ACROSS]
         self._down = [_Question(lock_in, circles=False) for lock_in in DOWN]
-        self._asked_s = 0.0
         self._before: tuple[float, Vec3, Vec3] | None = None
 
     def node(self, time_s: float, h: float, seen: Vec3, told: Vec3, noise_m: float, *, asked: bool) -> float:
@@ -553,11 +552,10 @@ class PositionAnswer:
             asked: whether the tones are played.
         """
         if not asked:
-            if self._asked_s > 0.0:
+            if self._before is not None:
                 self._forget()
             return 0.0
         before, self._before = self._before, (time_s, seen, told)
-        self._asked_s += h
         if before is not None and time_s - before[0] < 1.5 * h:
             (x, y, z), (a, b, c), (_, (p, q, r), (u, v, w)) = seen, told, before
             noise_m *= math.sqrt(2.0)
