@@ -552,6 +552,8 @@ class _Replay:
                 pilot.stand()
             case "doubt", 0:
                 pilot.doubt()
+            case "touch", 1:
+                pilot.touch(bool(values[0]))
             case "listen", 1:
                 pilot.listen(bool(values[0]))
             case "lift", 3:

@@ -852,7 +852,12 @@ def _switch(
     return told
 
 
+_BARE_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.|\.[0-9]+)")
+
+
 def _toml_value(text: str) -> Any:
+    if _BARE_NUMBER.fullmatch(text):  # TOML wants digits on both sides of the point
+        return float(text)
     try:
         parsed = parse_toml(f"value = {text}")
     except ValueError:

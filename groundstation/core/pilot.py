@@ -18,6 +18,7 @@ from groundstation.core.control import (
     ask_thrust,
     calm,
     clamp_command,
+    level,
     make_controller,
     plan_bring_down,
     plan_model_descent,
@@ -151,7 +152,7 @@ class Pilot:
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = CertificateMonitor(vehicle, config)
         self._obedience = Obedience(vehicle.mass_kg, config.gravity)
-        self._unheard = False
+        self._unheard = self._touches = False
         self._lifted = self._climbed = False
         self._lifted_s = self._left_s = -math.inf
         self._hover_n, self._left_down = math.inf, 0.0
@@ -249,6 +250,12 @@ class Pilot:
         now = calm(gains) if calmly else gains
         self._controller.regain(now)
         self._watch.regain(now)
+
+    def touch(self, touches: bool) -> None:
+        """Whether something carries it already, or may: then it is kept level, whatever it is to do sideways."""
+        if touches != self._touches:
+            self._switch("touch", float(touches))
+            self._touches = touches
 
     def listen(self, unheard: bool) -> None:
         """Whether nothing shows that commands arrive: then nothing is learnt, and they are gentle in case some do."""
@@ -398,6 +405,8 @@ class Pilot:
             decision = self._bear(decision, estimate, reference)
         if descent is None:
             decision = self._climb_gently(time_s, decision)
+        if descent is None and self._touches:
+            decision = self._level(decision, estimate)
         if self._unheard:
             decision = self._soften(decision, estimate)
         self._rests_s = self._rests_s + interval if math.hypot(*reference.velocity_ned) < RESTS_M_S else 0.0
@@ -476,6 +485,11 @@ class Pilot:
         if thrust <= most:
             return decision
         return decision._replace(drive=ActuatorCommand(most, rates))
+
+    def _level(self, decision: Decision, estimate: Estimate) -> Decision:
+        """``decision`` with rates that only level it into the wind: sideways control would tip what stands."""
+        rates = level(estimate.motion.attitude, self._wind or (0.0, 0.0, 0.0), self._gravity)
+        return decision._replace(drive=clamp_command(self._vehicle, decision.drive.thrust, rates)[0])
 
     def let_go(self, time_s: float, hold_s: float) -> Command:
         """The last command, where those that leave come too late: gently on, until the autopilot acts by itself.

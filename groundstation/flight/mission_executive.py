@@ -193,6 +193,11 @@ class Course:
             case _:
                 return None
 
+    @property
+    def touches(self) -> bool:
+        """Whether the floor may carry it by now."""
+        return self._touchdown.touches
+
     def _touches_down(self, state: State, tick: Tick, heard: bool) -> bool:
         motion = tick.estimate.motion
         down = motion.position[2]
@@ -201,7 +206,8 @@ class Course:
             behind = math.inf
         pose_m, sinks_m_s = self._config.flight.floor_z_m - tick.pose.position_ned[2], tick.reference.velocity_ned[2]
         stands = self._touchdown.stands(tick.pose, pose_m, sinks_m_s)
-        felt = self._touchdown.update(tick.time_s, tick.command.thrust_n, motion.velocity[2], height, behind)
+        thrust_n, sinking_m_s = tick.command.thrust_n, motion.velocity[2]
+        felt = self._touchdown.update(tick.time_s, thrust_n, sinking_m_s, height, behind, sinks_m_s)
         return stands or (felt and heard)
 
     def _check_hover(self, tick: Tick) -> MissionMove | None:
@@ -614,6 +620,7 @@ class MissionExecutive:
         if guards is not None and self.state is State.DESCENT and not blind:
             self._disobeys = self._find_disobedience(tick)
         move = self._course.over(self.state, tick, heard=not self._unheard) or self._find_overtime(tick.time_s)
+        self._pilot.touch(self.state is State.LANDING and self._course.touches)
         if move is not None and move.event is Event.ARRIVED:
             self._go_on(move, tick.time_s)
         elif move is not None:

@@ -294,8 +294,7 @@ class MavlinkVisit:
             LinkLost: it does not answer.
             ValueError: such a parameter can't have this value.
         """
-        autopilot, value = self._connection.autopilot(), parameter.value
-        assert isinstance(value, float), "parameters are numbers"
+        autopilot, value = self._connection.autopilot(), float(parameter.value)
         write = Write(autopilot, AutopilotParameter(parameter.name, value, parameter.kind))
         if await self._is_armed():
             raise LinkRejected("the vehicle is armed: parameters are changed only while its motors are off")

@@ -322,6 +322,13 @@ def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
             "high, and it does not come down.",
         ),
         should(
+            "MOT_SPOOL_TIME",
+            between(0.0, 0.8, 0.5),
+            "How long its rotors take to follow thrust at take-off [s]. Ours rises to the weight within 1.3 s, and is "
+            "held for a third of a second only: rotors that do not follow by then are taken for a vehicle that does "
+            "not lift off.",
+        ),
+        should(
             "MOT_THST_HOVER",
             near(facts.hover, HOVER_SHARE),
             "ArduPilot's own idea of the thrust that carries the vehicle; it learns it in flight (MOT_HOVER_LEARN). "

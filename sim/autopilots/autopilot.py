@@ -169,6 +169,7 @@ ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "GUID_TIMEOUT": (3.0, REAL32),
     "MOT_SPIN_ARM": (0.1, REAL32),
     "MOT_SPIN_MIN": (0.15, REAL32),
+    "MOT_SPOOL_TIME": (0.5, REAL32),
     "MOT_THST_EXPO": (0.65, REAL32),
     "MOT_THST_HOVER": (0.5, REAL32),
     "RC_OPTIONS": (32.0, INT32),

@@ -7,6 +7,8 @@ ArduCopter:
 - Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being none.
 - ATC_ANGLE_BOOST raises the thrust of a leaning vehicle by 1 / cos(lean).
 - A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it is.
+- Armed, its rotors stand for 2 s; then the first thrust above zero spools them up for MOT_SPOOL_TIME, if it stands on
+  the ground, and thrust means thrust. Before that first thrust a set-point without any does nothing.
 - Set-points that stop: the last one is held for GUID_TIMEOUT, then it levels out and keeps its height; the mode
   stays and HEARTBEAT tells nothing. The next set-point is followed again.
 - Once it has flown, it refuses to disarm in GUIDED also on the ground; mode LAND comes down and disarms by itself.
@@ -56,6 +58,8 @@ CLIMB_M_S = 2.5
 """Climb rate at full thrust where thrust is no thrust [m/s] (WPNAV_SPEED_UP)."""
 SHORTEST_US = 4000.0
 """Shortest interval of a message [µs]."""
+ARMING_DELAY_S = 2.0
+"""How long its rotors stand once it is armed [s] (ARMING_DELAY_SEC of ArduCopter's config.h)."""
 
 
 class ArduPilotAutopilot(SimulatedAutopilot):
@@ -78,6 +82,9 @@ class ArduPilotAutopilot(SimulatedAutopilot):
     _setpoint_s = math.inf
     _levelling = False
     _has_flown = False
+    _armed_s = -math.inf
+    _spooled_s = math.inf
+    """When its rotors follow thrust; never before the first thrust."""
 
     @property
     def custom_mode(self) -> int:
@@ -95,6 +102,8 @@ class ArduPilotAutopilot(SimulatedAutopilot):
             return []
         self._setpoint_s = now_s
         self._levelling = False
+        if not self._spools_up(set_point, now_s):
+            return []
         masked = [rate is None for rate in set_point.rates]
         attitude = set_point.attitude
         if attitude is not None and not any(attitude):
@@ -113,6 +122,13 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         self._airframe.release(now_s)
         self._has_flown = self._has_flown or not self._airframe.truth(now_s).on_ground
         return []
+
+    def _spools_up(self, set_point: SetPoint, now_s: float) -> bool:
+        """Whether its rotors follow set-points by now."""
+        if math.isinf(self._spooled_s) and set_point.thrust != 0.0 and now_s >= self._armed_s + ARMING_DELAY_S:
+            stands = self._airframe.truth(now_s).on_ground
+            self._spooled_s = now_s + (self.parameters["MOT_SPOOL_TIME"] if stands else 0.0)
+        return now_s >= self._spooled_s
 
     def _boost_thrust(self, thrust: float, now_s: float) -> float:
         if not self.parameters["ATC_ANGLE_BOOST"]:
@@ -151,6 +167,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         if self.mode == STABILIZE:
             return FAILED, "Arm: RC not found"
         self._has_flown = False
+        self._armed_s, self._spooled_s = now_s, math.inf
         return ACCEPTED, ""
 
     def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:

@@ -10,7 +10,7 @@ whether they are this vehicle's, by turning it to and fro by two degrees: in cal
 import math
 
 from groundstation.core.control.attitude import length, make_decision, push, sine_error
-from groundstation.core.geometry import Vec3, third_column
+from groundstation.core.geometry import Quat, Vec3, third_column
 from groundstation.core.messages import Decision, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Vehicle
@@ -67,6 +67,20 @@ def ask_thrust(time_s: float) -> float:
     return 1.0 + ASK_SHARE * math.cos(ASK_THRUST_RAD_S * time_s)
 
 
+def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
+    """Body rates [rad/s] that level the vehicle into ``wind`` [m/s², NED]; ``gravity`` is g [m/s²]."""
+    return *_lean(attitude, push((0.0, 0.0, 0.0), wind, gravity, LEAN)[0]), 0.0
+
+
+def _lean(attitude: Quat, along: Vec3) -> tuple[float, float]:
+    """Roll and pitch rate [rad/s] that bring the push ``along`` [m/s², NED]."""
+    roll, pitch = sine_error(attitude, along)
+    if third_column(attitude)[2] < 0.0:  # beyond 90° the sine falls again: turn as hard as at 90°
+        n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
+        roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
+    return ATTITUDE_GAIN * roll, ATTITUDE_GAIN * pitch
+
+
 class Descent:
     """Implements :class:`groundstation.core.messages.Controller`; of the reference speed and heading count."""
 
@@ -115,11 +129,8 @@ class Descent:
             down = max(-MOST * g, min(0.3 * g, k * (w - c)) + self._integral)
             wanted = (k * (u - a), k * (v - b), down)
         along, _ = push(wanted, (x, y, z), g, LEAN)
-        roll, pitch = sine_error(motion.attitude, along)
+        roll, pitch = _lean(motion.attitude, along)
         upright = third_column(motion.attitude)[2]
-        if upright < 0.0:  # beyond 90° the sine falls again: turn as hard as at 90°
-            n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
-            roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
         also = ask(self._blind_s) if self.blind else (0.0, 0.0)
         effectiveness, strongest = estimate.effectiveness, MOST
         if self.doubted:
@@ -134,6 +145,6 @@ class Descent:
             estimate,
             reference,
             mass * lift,
-            (ATTITUDE_GAIN * roll + also[0], ATTITUDE_GAIN * pitch + also[1], 0.0),
+            (roll + also[0], pitch + also[1], 0.0),
             wanted=wanted,
         )

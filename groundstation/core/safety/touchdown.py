@@ -16,6 +16,9 @@ LASTING_S = 0.2
 """How long both must be so near the floor [s], ..."""
 CERTAIN_S = 1.0
 """... and elsewhere, where the floor may be a table, or the vehicle in somebody's hand [s]."""
+TOUCHES_S = 0.05
+"""One that does not sink though it is told to, with so little thrust, may be carried by something after so long [s],
+also where poses have it half a metre up: sideways control must not lean what stands."""
 HELD_M_S = 0.4
 """As certain is one that is slower than this for as long though its thrust is so low [m/s]: in the air it would pass
 from this speed up to this speed down within half a second. An autopilot's own speed wanders by more than what is still.
@@ -71,6 +74,9 @@ class Touchdown:
         self._low_n = LOW_SHARE * hover_n
         self._since_s: float | None = None
         self._held_since_s: float | None = None
+        self.touches = False
+        """Whether something may carry it by now, though that is not sure yet."""
+        self._refuses_since_s: float | None = None
         self._before_s: float | None = None
         """When the newest pose came before it was told to sink [s]."""
         self._highest_m = -math.inf
@@ -103,12 +109,20 @@ class Touchdown:
         there = height_m <= LEFT_M or self._highest_m - height_m >= SANK_M
         return there and stand[-1][0] - stand[0][0] >= max(REST_S, REST_WAY_M / sinks_m_s)
 
-    def update(self, time_s: float, thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float) -> bool:
+    def update(
+        self, time_s: float, thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float, sinks_m_s: float
+    ) -> bool:
         """Whether it stands, by one more command of a descent.
 
         ``sinking_m_s`` and ``height_m`` are the vehicle's speed and height above the floor, ``behind_m`` is how far it
         is above its reference: inf where it has none but to sink, and then standing must last longer to be believed.
+        ``sinks_m_s`` is how fast it is told to sink.
         """
+        if thrust_n >= self._low_n or not -HELD_M_S <= sinking_m_s <= STILL_M_S or sinks_m_s <= STILL_M_S:
+            self._refuses_since_s = None
+        elif self._refuses_since_s is None:
+            self._refuses_since_s = time_s
+        self.touches = self._refuses_since_s is not None and time_s - self._refuses_since_s >= TOUCHES_S
         # One that has become lighter hovers with as little, but sinks with its reference.
         if thrust_n < self._low_n and abs(sinking_m_s) <= HELD_M_S and behind_m > BEHIND_M:
             self._held_since_s = time_s if self._held_since_s is None else self._held_since_s

@@ -8,6 +8,7 @@ The caller streams set-points while they last. What shapes them, measured on PX4
 - PX4 denies to disarm for 1-3 s after touchdown, until it believes that it stands.
 - ArduCopter takes thrust as a climb rate unless GUID_OPTIONS has bit 3 set, and raises the thrust of a leaning
   vehicle, as our controller has done already, unless ATC_ANGLE_BOOST is 0.
+- ArduCopter's rotors stand for 2 s after it has acknowledged that it is armed; thrust before lifts nothing.
 - ArduCopter refuses to disarm in GUIDED after a touchdown at zero thrust; mode LAND disarms by itself.
 
 Parameters are read by name, set one by one, and insisted on. PARAM_VALUE has one 32-bit float for every kind of number.
@@ -28,6 +29,7 @@ import struct
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from itertools import islice
 from typing import NamedTuple, Protocol
 
 from links.core import LinkError, LinkLost, LinkRejected
@@ -112,8 +114,8 @@ class Handshake:
 
     @property
     def at_last_step(self) -> bool:
-        """True from the moment on when the last request may have left."""
-        return len(self._steps) <= 1
+        """True from the moment on when the last request may have left: what then comes only waits."""
+        return all(isinstance(step, Wait) for step in islice(self._steps, 1, None))
 
     def poll(self, now_s: float) -> list[bytes]:
         """Frames to send at ``now_s``."""
@@ -611,6 +613,8 @@ def is_same(a: float, b: float) -> bool:
 
 STREAM_S = 1.2
 """Set-points stream for this long before anything is asked [s]; PX4 wants a second of them."""
+ARMING_DELAY_S = 2.2
+"""So long after it is armed ArduCopter turns no rotor [s]: 2 s (ARMING_DELAY_SEC in its config.h) and a little."""
 LAND_S = 10.0
 """How long mode LAND may take to disarm a vehicle that stands on the ground [s]."""
 
@@ -647,6 +651,8 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
     steps.append(Exchange(autopilot, f"enter {mode}", DO_SET_MODE, params, hint))
     hint = "Clear what it names (its pre-arm checks tell more), then arm again."
     steps.append(Exchange(autopilot, "arm", ARM_DISARM, (1.0, 0.0), hint))
+    if autopilot.kind == ARDUPILOT:
+        steps.append(Wait(ARMING_DELAY_S))
     return Handshake(steps)
 
 

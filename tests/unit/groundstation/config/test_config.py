@@ -163,6 +163,8 @@ def test_a_table_keeps_the_defaults_of_its_place_for_the_keys_it_leaves_out() ->
 OVERRIDES: list[tuple[str, dict[str, Any]]] = [
     ("vehicle.mass_kg=0.1", {"vehicle": {"mass_kg": 0.1}}),
     ("vehicle.mass_kg = 0.1", {"vehicle": {"mass_kg": 0.1}}),
+    ("vehicle.mass_kg=.1", {"vehicle": {"mass_kg": 0.1}}),
+    ("vehicle.mass_kg=2.", {"vehicle": {"mass_kg": 2.0}}),
     ("vehicle.armed=true", {"vehicle": {"armed": True}}),
     ("vehicle.limits_deg_s=[1, 2.5, 3]", {"vehicle": {"limits_deg_s": [1, 2.5, 3]}}),
     ("vehicle.name=quad", {"vehicle": {"name": "quad"}}),

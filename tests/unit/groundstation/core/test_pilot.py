@@ -8,7 +8,7 @@ import pytest
 from groundstation.core import Pilot, pilot
 from groundstation.core.control import Gains, plan_model_descent, push, sine_error
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Pose
+from groundstation.core.messages import Pose, SwitchRecord
 from groundstation.core.trajectory import Hold, Reference
 from groundstation.core.vehicle import Motion, Vehicle
 
@@ -100,6 +100,29 @@ def test_by_poses_that_are_few_it_leans_no_farther_on_the_figure_than_off_it() -
     for azimuth_deg in EVERYWHERE:
         back_rad_s, off = turns_back(41.0, azimuth_deg, (0.0, 0.0, 0.0), eased=False, apart_s=0.2)
         assert back_rad_s >= 6.0 * (off - FARTHEST) - 1e-9
+
+
+@pytest.mark.parametrize("azimuth_deg", EVERYWHERE)
+@pytest.mark.parametrize("degrees", [0.5, 5.0, 30.0, 70.0, 120.0])
+def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
+    degrees: float, azimuth_deg: float
+) -> None:
+    told: list[Any] = []
+    flies, place = Pilot(VEHICLE, Gains(), 0.25, 0.0, tell=told.append), (0.0, 0.0, -0.4)
+    flies.pose(Pose(0, 0.0, 0.0, place, leaning(degrees, azimuth_deg)))
+    flies.follow(Hold((2.0, -2.0, -0.4), 0.0), 0.0)
+    free = flies.tick(0.0).decision.drive
+    for _ in range(3):
+        flies.touch(True)
+    tick = flies.tick(0.0)
+    roll, pitch = sine_error(tick.estimate.motion.attitude, push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), G)[0])
+    thrust, (p, q, r) = tick.decision.drive
+    back = (p * roll + q * pitch) / math.hypot(roll, pitch)
+    assert back == pytest.approx(math.hypot(p, q), rel=0.02)  # nothing but that, save for the limits of the rates
+    assert back > 0.0
+    assert r == 0.0
+    assert thrust == pytest.approx(free.thrust, rel=0.2)
+    assert [one.values for one in told if isinstance(one, SwitchRecord)] == [(1.0,)]
 
 
 LATE_S, SPEED_M_S, PUSHED_S, ENDS_S = 0.2, 1.0, 2.0, 3.2

@@ -115,6 +115,19 @@ def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust(mode: str, n
         "GUID_OPTIONS", "ATC_ANGLE_BOOST", DO_SET_MODE, ARM_DISARM
     ]  # fmt: skip
     assert (scene.asked[2][1].param1, scene.asked[2][1].param2) == (1.0, number)
+    armed_s, turns_s = scene.asked[3][0], 2.0  # ARMING_DELAY_SEC of ArduCopter's config.h
+    assert armed_s + turns_s < scene.now - 100.0 < armed_s + turns_s + 0.3
+
+
+def test_what_is_given_up_while_ardupilots_rotors_stand_has_been_ordered() -> None:
+    answer = ardupilot_with(GUID_OPTIONS=8.0, ATC_ANGLE_BOOST=0.0)
+    scene = Scene(ARDUPILOT, arming, answer)
+    ordered = []
+    while not scene.handshake.done:
+        scene.run(0.02)
+        ordered.append((ARM_DISARM in scene.commands, scene.handshake.at_last_step))
+    assert {orders for armed, orders in ordered if armed} == {True}
+    assert not all(orders for _, orders in ordered)
 
 
 def test_ardupilot_that_boosts_our_thrust_when_it_leans_is_not_armed() -> None:

@@ -161,6 +161,7 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
             return accept(message)
 
         autopilot.answer = answer
+        autopilot.armed = True
         await link.arm(idle)
         link.send(flown())
         await asyncio.sleep(0.26)

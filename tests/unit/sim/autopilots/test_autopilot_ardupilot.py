@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.core.geometry import so3
 from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, NAV_LAND, SET_MESSAGE_INTERVAL, MavlinkCodec
-from sim.autopilots.dialects import GUIDED, GUIDED_NOGPS, LAND, ArduPilotAutopilot
+from sim.autopilots.dialects import ARMING_DELAY_S, GUIDED, GUIDED_NOGPS, LAND, ArduPilotAutopilot
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02
@@ -57,6 +57,7 @@ class Flight:
     def arm(self, mode: int = GUIDED) -> "Flight":
         assert self.command(DO_SET_MODE, 1.0, float(mode)) == 0
         assert self.command(ARM_DISARM, 1.0) == 0
+        self.wait(ARMING_DELAY_S)
         return self
 
     def climb_m_s(self) -> float:
@@ -69,8 +70,7 @@ class Flight:
 
 def test_its_heartbeat_is_ardupilots() -> None:
     flight = Flight().arm(GUIDED_NOGPS)
-    flight.wait(1.0)
-    (beat,) = [m for m in flight.heard if m.get_type() == "HEARTBEAT"]
+    beat = [m for m in flight.heard if m.get_type() == "HEARTBEAT"][-1]
     assert (beat.autopilot, beat.type, beat.custom_mode, beat.base_mode) == (3, 2, GUIDED_NOGPS, 129)
 
 
@@ -144,9 +144,21 @@ def test_the_timeout_is_a_parameter() -> None:
     assert len(flight.airframe.acts) > acts
 
 
+def test_armed_its_rotors_stand_for_two_seconds_and_then_spool_up_on_the_ground() -> None:
+    flight = Flight(Brick(0.0)).arm()
+    assert flight.command(ARM_DISARM, 0.0) == 0
+    assert flight.command(ARM_DISARM, 1.0) == 0
+    flight.stream(1.9, 0.6)
+    flight.stream(0.3, 0.0)
+    assert not flight.airframe.acts
+    begun_s = flight.now
+    flight.stream(1.0, 0.6)
+    assert flight.airframe.acts[0][0] == pytest.approx(begun_s + 0.5, abs=PERIOD_S)
+
+
 def test_after_a_flight_it_refuses_to_disarm_in_guided_and_mode_land_disarms() -> None:
     flight = Flight(Brick(0.5, held=True)).arm()
-    flight.stream(1.5, 0.0)
+    flight.stream(1.5, 0.01)
     assert flight.airframe.truth(flight.now).on_ground
     assert flight.command(ARM_DISARM, 0.0) == 4
     assert flight.command(DO_SET_MODE, 1.0, float(LAND)) == 0

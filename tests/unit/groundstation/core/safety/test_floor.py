@@ -68,16 +68,39 @@ def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
 ) -> None:
     touchdown = Touchdown(1.0)
     felt = next(
-        (0.01 * i for i in range(300) if touchdown.update(0.01 * i, thrust_n, sinking_m_s, height_m, behind_m)), None
+        (0.01 * i for i in range(300) if touchdown.update(0.01 * i, thrust_n, sinking_m_s, height_m, behind_m, 0.25)),
+        None,
     )
     assert felt == (None if after_s is None else pytest.approx(after_s, abs=0.011))
+
+
+@pytest.mark.parametrize(
+    ("thrust_n", "sinking_m_s", "sinks_m_s", "touches"),
+    [
+        (0.6, 0.0, 0.25, True),
+        (0.6, -0.3, 0.25, True),  # by an estimate whose speed wanders
+        (0.6, 0.2, 0.25, False),  # lighter than it was: it sinks
+        (0.6, -0.5, 0.25, False),  # lifted by a gust
+        (0.8, 0.0, 0.25, False),
+        (0.6, 0.0, 0.1, False),  # not told to sink yet
+    ],
+)
+def test_what_does_not_sink_on_little_thrust_may_be_carried(
+    thrust_n: float, sinking_m_s: float, sinks_m_s: float, touches: bool
+) -> None:
+    touchdown = Touchdown(1.0)
+    for i in range(7):
+        touchdown.update(0.01 * i, thrust_n, sinking_m_s, 0.8, 0.0, sinks_m_s)
+        assert touchdown.touches == (touches and i >= 5)
+    touchdown.update(0.07, 1.0, sinking_m_s, 0.8, 0.0, sinks_m_s)
+    assert not touchdown.touches
 
 
 @given(st.floats(0.0, 0.75, exclude_max=True), st.floats(-3.0, 0.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_what_falls_has_not_touched_down(share: float, speed_m_s: float, gust_m_s2: float, drag_per_s: float) -> None:
     touchdown = Touchdown(1.0)
     for i in range(300):
-        assert not touchdown.update(0.01 * i, share, speed_m_s, 0.8, 0.0)
+        assert not touchdown.update(0.01 * i, share, speed_m_s, 0.8, 0.0, 0.25)
         if speed_m_s > 0.5:
             break
         speed_m_s += 0.01 * (9.81 * (1.0 - share) - gust_m_s2 - drag_per_s * speed_m_s)
