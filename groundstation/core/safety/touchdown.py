@@ -16,9 +16,10 @@ LASTING_S = 0.2
 """How long both must be so near the floor [s], ..."""
 CERTAIN_S = 1.0
 """... and elsewhere, where the floor may be a table, or the vehicle in somebody's hand [s]."""
-TOUCHES_S = 0.05
+TOUCHES_S, FOLLOWS = 0.03, 0.25
 """One that does not sink though it is told to, with so little thrust, may be carried by something after so long [s],
-also where poses have it half a metre up: sideways control must not lean what stands."""
+also where poses have it half a metre up; near the floor with any thrust, where it sinks by less than this share of what
+it is told. Sideways control must not lean what stands."""
 HELD_M_S = 0.4
 """As certain is one that is slower than this for as long though its thrust is so low [m/s]: in the air it would pass
 from this speed up to this speed down within half a second. An autopilot's own speed wanders by more than what is still.
@@ -118,7 +119,9 @@ class Touchdown:
         is above its reference: inf where it has none but to sink, and then standing must last longer to be believed.
         ``sinks_m_s`` is how fast it is told to sink.
         """
-        if thrust_n >= self._low_n or not -HELD_M_S <= sinking_m_s <= STILL_M_S or sinks_m_s <= STILL_M_S:
+        near = height_m < NEAR_M
+        slow_m_s = STILL_M_S if thrust_n < self._low_n else FOLLOWS * sinks_m_s if near else -math.inf
+        if not -HELD_M_S <= sinking_m_s <= slow_m_s or sinks_m_s <= STILL_M_S:
             self._refuses_since_s = None
         elif self._refuses_since_s is None:
             self._refuses_since_s = time_s
@@ -130,7 +133,6 @@ class Touchdown:
                 return True
         else:
             self._held_since_s = None
-        near = height_m < NEAR_M
         refuses = thrust_n < self._low_n or (near and behind_m > BEHIND_M)
         if not refuses or abs(sinking_m_s) > STILL_M_S:
             self._since_s = None

@@ -75,24 +75,26 @@ def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
 
 
 @pytest.mark.parametrize(
-    ("thrust_n", "sinking_m_s", "sinks_m_s", "touches"),
+    ("thrust_n", "sinking_m_s", "sinks_m_s", "height_m", "touches"),
     [
-        (0.6, 0.0, 0.25, True),
-        (0.6, -0.3, 0.25, True),  # by an estimate whose speed wanders
-        (0.6, 0.2, 0.25, False),  # lighter than it was: it sinks
-        (0.6, -0.5, 0.25, False),  # lifted by a gust
-        (0.8, 0.0, 0.25, False),
-        (0.6, 0.0, 0.1, False),  # not told to sink yet
+        (0.6, 0.0, 0.25, 0.8, True),
+        (0.6, -0.3, 0.25, 0.8, True),  # by an estimate whose speed wanders
+        (0.6, 0.2, 0.25, 0.8, False),  # lighter than it was: it sinks
+        (0.6, -0.5, 0.25, 0.8, False),  # lifted by a gust
+        (0.8, 0.0, 0.25, 0.8, False),
+        (0.9, 0.05, 0.25, 0.1, True),  # it has just met the floor
+        (0.9, 0.1, 0.25, 0.1, False),
+        (0.6, 0.0, 0.1, 0.1, False),  # not told to sink yet
     ],
 )
-def test_what_does_not_sink_on_little_thrust_may_be_carried(
-    thrust_n: float, sinking_m_s: float, sinks_m_s: float, touches: bool
+def test_what_does_not_sink_as_it_is_told_may_be_carried(
+    thrust_n: float, sinking_m_s: float, sinks_m_s: float, height_m: float, touches: bool
 ) -> None:
     touchdown = Touchdown(1.0)
-    for i in range(7):
-        touchdown.update(0.01 * i, thrust_n, sinking_m_s, 0.8, 0.0, sinks_m_s)
-        assert touchdown.touches == (touches and i >= 5)
-    touchdown.update(0.07, 1.0, sinking_m_s, 0.8, 0.0, sinks_m_s)
+    for i in range(6):
+        touchdown.update(0.01 * i, thrust_n, sinking_m_s, height_m, 0.0, sinks_m_s)
+        assert touchdown.touches == (touches and i >= 3)
+    touchdown.update(0.06, thrust_n, 0.3, height_m, 0.0, sinks_m_s)
     assert not touchdown.touches
 
 
