@@ -229,6 +229,19 @@ def _fuzz(parser: argparse.ArgumentParser) -> None:
 
 
 def _firmware(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--px4",
+        type=path,
+        metavar="FOLDER",
+        help="PX4-Autopilot after `make px4_sitl`: that instead, in real time",
+    )
+    parser.add_argument(
+        "--ardupilot", type=path, metavar="FOLDER", help="ardupilot after `./waf copter` for sitl: that, too or instead"
+    )
+    parser.add_argument(
+        "--take-offs", type=whole, default=20, metavar="N", help="so many of each of these (default 20)"
+    )
+    parser.add_argument("--workers", type=whole, help="so many of these at once (default: one a core)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the tables")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the tables between the file's markers")
 

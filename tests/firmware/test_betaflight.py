@@ -17,7 +17,6 @@ from tests.flight.test_missions import SHORT, WAY
 from tests.proving.firmware import (
     STRIKES,
     WATCHED_S,
-    TakeoffStart,
     cut_wire,
     give_invalid,
     gust,
@@ -25,6 +24,7 @@ from tests.proving.firmware import (
     measure_rates,
     strike_down,
 )
+from tests.proving.takeoff_start import TakeoffStart
 
 pytestmark = pytest.mark.firmware
 

@@ -19,7 +19,7 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
 from sim.world import Quadrotor
 from tests.flight.test_missions import SHORT
-from tests.proving.firmware import TakeoffStart
+from tests.proving.takeoff_start import TakeoffStart
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
 

@@ -7,6 +7,7 @@ import argparse
 import asyncio
 import json
 import math
+import os
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,9 +18,7 @@ from unittest.mock import patch
 import numpy as np
 
 from groundstation.analysis.identify import identify, read_stretch
-from groundstation.core.control import Adaptive
-from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import CommandSent, FlightEvent
+from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import make_flight
@@ -31,6 +30,9 @@ from sim.runs import RECORDING, MissionResult, Stage, confirm_at, fly, fly_missi
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import in_virtual_time
 from sim.world import FourRotors, Quadrotor, Wind, World, rows, stream
+from tests.proving.autopilots import as_json, find, fly_all
+from tests.proving.autopilots import tables as tables_of
+from tests.proving.takeoff_start import TakeoffStart
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
 WATCHED_S = 5.0
@@ -38,71 +40,6 @@ WATCHED_S = 5.0
 TAKE_OFFS = {"paper": range(20), "adverse": range(10)}
 """Seeds; every other take-off is over CRSF."""
 SEEDS = range(3)
-
-
-class TakeoffStart:
-    """What the vehicle did in the first second of a flight's law after the floor, at each command, by the truth."""
-
-    def __init__(self) -> None:
-        self.thrust: list[float] = []
-        """Of the rotors, as a share of the weight."""
-        self.climb: list[float] = []
-        """How far the speed upwards is from the reference's [m/s]."""
-        self.tilt_deg: list[float] = []
-        self.b: list[float] = []
-        """|b̂| as a share of its bound."""
-        self.off_m: list[float] = []
-        """How far it is from the reference [m]."""
-        self.aside_m: list[float] = []
-        """And from over where it stood [m]."""
-        self.least_tilt_deg = 0.0
-        """The least lean by which any law, however quick, and told the wind beforehand, has stopped it by the end."""
-        self.begun_s: float | None = None
-        """When the law gave its first command."""
-
-    @property
-    def smooth(self) -> bool:
-        """Whether nothing jumped: the limits of docs/explanation/mission.md."""
-        return (
-            bool(self.thrust)
-            and min(self.thrust) >= 0.75
-            and max(self.thrust) <= 1.25
-            and max(self.climb) < 0.3
-            and max(self.tilt_deg) < 8.0
-            and max(self.b) < 0.5
-        )
-
-    def watch(self, flight: Flight, stage: Stage, world: World) -> None:
-        """Look at each command of ``flight``, which begins on the floor of ``world``."""
-        weight_n = world.mass_kg * world.gravity
-        seen_s, pushed = 0.0, [0.0, 0.0, 0.0]  # by the rotors since it began [m/s, NED]
-
-        def hear(event: FlightEvent) -> None:
-            if not isinstance(event, CommandSent):
-                return
-            nonlocal seen_s
-            tick = event.tick
-            self.begun_s = tick.time_s if self.begun_s is None else self.begun_s
-            if tick.time_s - self.begun_s > 1.0:
-                return
-            truth = stage.plant.truth(asyncio.get_running_loop().time())
-            since_s = tick.time_s - self.begun_s
-            for k, down in enumerate(so3.third_column(truth.attitude)):
-                pushed[k] -= (since_s - seen_s) * truth.thrust_n / world.mass_kg * down
-            seen_s = since_s
-            # What the rotors gave sideways less the speed that is left is what had to be given, by whatever law.
-            aside = [push - speed for push, speed in zip(pushed[:2], truth.velocity_ned[:2], strict=True)]
-            self.least_tilt_deg = math.degrees(math.atan2(math.hypot(*aside), -pushed[2]))
-            self.thrust.append(truth.thrust_n / weight_n)
-            self.climb.append(abs(truth.velocity_ned[2] - tick.reference.velocity_ned[2]))
-            self.tilt_deg.append(so3.angle_deg(so3.third_column(truth.attitude)[2]))
-            law = flight._pilot._controller
-            assert isinstance(law, Adaptive), "ours flies"
-            self.b.append(math.hypot(*law.b_hat) / law.gains.b_bound)
-            self.off_m.append(math.dist(truth.position_ned, tick.reference.position_ned))
-            self.aside_m.append(math.dist(truth.position_ned[:2], world.start_ned[:2]))
-
-        flight._subscribers += (hear,)
 
 
 class StrikeOutcome(NamedTuple):
@@ -354,9 +291,17 @@ def take_off(scenario: str, seeds: Sequence[int]) -> dict[str, Any]:
 
 
 def firmware(args: argparse.Namespace) -> Exit:
-    """Measure, and print or write the tables."""
+    """Measure, and print or write the tables; of PX4 and ArduPilot where they are named, else of Betaflight."""
+    part = "autopilots" if args.px4 or args.ardupilot else "firmware"
     if args.write is not None:
-        split_at_markers(args.write, "firmware")  # before minutes go by
+        split_at_markers(args.write, part)  # before minutes go by
+    if part == "autopilots":
+        builds = [find(name, folder) for name in ("px4", "ardupilot") if (folder := getattr(args, name)) is not None]
+        flown = asyncio.run(fly_all(builds, args.take_offs, args.workers or os.cpu_count() or 1))
+        print(as_json(flown) if args.json else tables_of(flown))
+        if args.write is not None:
+            replace_between_markers(args.write, tables_of(flown), part)
+        return Exit.DONE
     facts: dict[str, Any] = {"flights": {}, "strikes": {}}
     for name, scenario, told, lasts_s, must in FLIGHTS:
         world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(told), link="dsm")
