@@ -222,7 +222,7 @@ def look(folder: Path, truth: Any, config: Config, *, landed: bool, why: str) ->
     (recording,) = folder.glob("*.mcap")
     log, start = FlightData(recording), TakeoffStart()
     command, reference, seen = log["command"], log["reference"], log["measured"]
-    if not len(command["time_s"]):
+    if "time_s" not in command:  # it was never off the floor
         return FirmwareFlight(False, why, None, None, start, 0.0, 0.0, 0.0)
 
     def at(when: Any, rows: Any = truth) -> Any:
@@ -284,10 +284,12 @@ async def fly_all(builds: Sequence[Built], take_offs: int, workers: int) -> dict
         async with room:
             number = free.pop()
             try:
-                return await fly(built, number, words)
+                flight = await fly(built, number, words)
             finally:
                 free.append(number)
-                print(".", end="", file=sys.stderr, flush=True)
+            rms = "" if flight.rms_cm is None else f", RMS {flight.rms_cm:.2f} cm"
+            print(f"{built.name}, {words[0]}: {flight.why}{rms}", file=sys.stderr, flush=True)
+            return flight
 
     async def all_of(built: Built) -> dict[str, Any]:
         flights = await asyncio.gather(*(one(built, words) for words in (*FIGURES.values(), *[SHORT] * take_offs)))
