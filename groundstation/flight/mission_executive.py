@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 
 from groundstation.core import Pilot
-from groundstation.core.geometry import Vec3
+from groundstation.core.geometry import Vec3, third_column
 from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.safety import (
@@ -208,7 +208,8 @@ class Course:
         pose_m, sinks_m_s = self._config.flight.floor_z_m - tick.pose.position_ned[2], tick.reference.velocity_ned[2]
         stands = self._touchdown.stands(tick.pose, pose_m, sinks_m_s)
         thrust_n, sinking_m_s = tick.command.thrust_n, motion.velocity[2]
-        felt = self._touchdown.update(tick.time_s, thrust_n, sinking_m_s, height, behind, sinks_m_s)
+        lift_n = motion.thrust * third_column(motion.attitude)[2]
+        felt = self._touchdown.update(tick.time_s, thrust_n, lift_n, sinking_m_s, height, behind, sinks_m_s)
         return stands or (felt and heard)
 
     def _check_hover(self, tick: Tick) -> MissionMove | None:

@@ -13,7 +13,16 @@ if TYPE_CHECKING:
         pack_pulses,
     )
     from sim.autopilots.dialects import Px4Autopilot
-    from sim.autopilots.peer import AUTOPILOTS, AutopilotPeer, OpenWire, accept_at, at_end_of, speak_to, wait_at
+    from sim.autopilots.peer import (
+        AUTOPILOTS,
+        AutopilotPeer,
+        FrameCutter,
+        OpenWire,
+        accept_at,
+        at_end_of,
+        speak_to,
+        wait_at,
+    )
 
 
 def __getattr__(name: str) -> object:

@@ -30,7 +30,7 @@ from groundstation.core.mission import State
 from groundstation.settings import Config
 from links.io import make_child_command
 from links.mavlink.protocol import SET_MESSAGE_INTERVAL, MavlinkCodec
-from sim.autopilots.peer import FrameCutter
+from sim.autopilots import FrameCutter
 from tests.proving.takeoff_start import TakeoffStart
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -7,6 +7,7 @@ from typing import Annotated
 import msgspec
 
 from groundstation.core.messages import Pose
+from groundstation.core.vehicle import GRAVITY
 
 LOW_SHARE = 0.75
 """On the floor thrust falls below this share of the hover thrust, as the reference goes on down [-]."""
@@ -20,6 +21,9 @@ TOUCHES_S, FOLLOWS = 0.03, 0.25
 """One that does not sink though it is told to, with so little thrust, may be carried by something after so long [s],
 also where poses have it half a metre up; near the floor with any thrust, where it sinks by less than this share of what
 it is told. Sideways control must not lean what stands."""
+PUSHED_M_S, PUSHED_S = 0.25, 0.3
+"""Near the floor, too, where something has pushed it up by so much [m/s] over so long [s], beside its thrust: also by
+an estimate whose speed wanders, and goes on sinking."""
 HELD_M_S = 0.4
 """As certain is one that is slower than this for as long though its thrust is so low [m/s]: in the air it would pass
 from this speed up to this speed down within half a second. An autopilot's own speed wanders by more than what is still.
@@ -72,12 +76,14 @@ class Touchdown:
     """Whether the vehicle has come to stand while it is told to sink."""
 
     def __init__(self, hover_n: float) -> None:
-        self._low_n = LOW_SHARE * hover_n
+        self._hover_n, self._low_n = hover_n, LOW_SHARE * hover_n
         self._since_s: float | None = None
         self._held_since_s: float | None = None
         self.touches = False
         """Whether something may carry it by now, though that is not sure yet."""
         self._refuses_since_s: float | None = None
+        self._newest: tuple[float, float] | None = None
+        self._pushed_m_s = 0.0
         self._before_s: float | None = None
         """When the newest pose came before it was told to sink [s]."""
         self._highest_m = -math.inf
@@ -111,21 +117,30 @@ class Touchdown:
         return there and stand[-1][0] - stand[0][0] >= max(REST_S, REST_WAY_M / sinks_m_s)
 
     def update(
-        self, time_s: float, thrust_n: float, sinking_m_s: float, height_m: float, behind_m: float, sinks_m_s: float
+        self,
+        time_s: float,
+        thrust_n: float,
+        lift_n: float,
+        sinking_m_s: float,
+        height_m: float,
+        behind_m: float,
+        sinks_m_s: float,
     ) -> bool:
         """Whether it stands, by one more command of a descent.
 
-        ``sinking_m_s`` and ``height_m`` are the vehicle's speed and height above the floor, ``behind_m`` is how far it
-        is above its reference: inf where it has none but to sink, and then standing must last longer to be believed.
-        ``sinks_m_s`` is how fast it is told to sink.
+        ``thrust_n`` is that command's, ``lift_n`` what its rotors lift at present [N]; ``sinking_m_s`` and ``height_m``
+        are the vehicle's speed and height above the floor, ``behind_m`` is how far it is above its reference: inf where
+        it has none but to sink, and then standing must last longer to be believed. ``sinks_m_s`` is how fast it is told
+        to sink.
         """
-        near = height_m < NEAR_M
+        near, pushed_m_s = height_m < NEAR_M, self._push(time_s, lift_n, sinking_m_s)
         slow_m_s = STILL_M_S if thrust_n < self._low_n else FOLLOWS * sinks_m_s if near else -math.inf
         if not -HELD_M_S <= sinking_m_s <= slow_m_s or sinks_m_s <= STILL_M_S:
             self._refuses_since_s = None
         elif self._refuses_since_s is None:
             self._refuses_since_s = time_s
-        self.touches = self._refuses_since_s is not None and time_s - self._refuses_since_s >= TOUCHES_S
+        refuses_s = -math.inf if self._refuses_since_s is None else time_s - self._refuses_since_s
+        self.touches = refuses_s >= TOUCHES_S or (near and sinks_m_s > STILL_M_S and pushed_m_s > PUSHED_M_S)
         # One that has become lighter hovers with as little, but sinks with its reference.
         if thrust_n < self._low_n and abs(sinking_m_s) <= HELD_M_S and behind_m > BEHIND_M:
             self._held_since_s = time_s if self._held_since_s is None else self._held_since_s
@@ -141,3 +156,13 @@ class Touchdown:
             self._since_s = time_s
         sure = near and (thrust_n < self._low_n or behind_m < math.inf)
         return time_s - self._since_s >= (LASTING_S if sure else CERTAIN_S)
+
+    def _push(self, time_s: float, lift_n: float, sinking_m_s: float) -> float:
+        """How much something has pushed it up of late, beside its rotors [m/s]."""
+        if self._newest is not None:
+            elapsed_s, sank_m_s = time_s - self._newest[0], self._newest[1]
+            falls_m_s = GRAVITY * (1.0 - lift_n / self._hover_n) * elapsed_s
+            keep = math.exp(-elapsed_s / PUSHED_S)
+            self._pushed_m_s = keep * self._pushed_m_s + falls_m_s - (sinking_m_s - sank_m_s)
+        self._newest = time_s, sinking_m_s
+        return self._pushed_m_s

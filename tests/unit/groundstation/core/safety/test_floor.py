@@ -68,7 +68,11 @@ def test_touching_down_is_not_sinking_though_nothing_holds_it_up(
 ) -> None:
     touchdown = Touchdown(1.0)
     felt = next(
-        (0.01 * i for i in range(300) if touchdown.update(0.01 * i, thrust_n, sinking_m_s, height_m, behind_m, 0.25)),
+        (
+            0.01 * i
+            for i in range(300)
+            if touchdown.update(0.01 * i, thrust_n, thrust_n, sinking_m_s, height_m, behind_m, 0.25)
+        ),
         None,
     )
     assert felt == (None if after_s is None else pytest.approx(after_s, abs=0.011))
@@ -92,17 +96,40 @@ def test_what_does_not_sink_as_it_is_told_may_be_carried(
 ) -> None:
     touchdown = Touchdown(1.0)
     for i in range(6):
-        touchdown.update(0.01 * i, thrust_n, sinking_m_s, height_m, 0.0, sinks_m_s)
+        touchdown.update(0.01 * i, thrust_n, 1.0, sinking_m_s, height_m, 0.0, sinks_m_s)
         assert touchdown.touches == (touches and i >= 3)
-    touchdown.update(0.06, thrust_n, 0.3, height_m, 0.0, sinks_m_s)
+    touchdown.update(0.06, thrust_n, 1.0, 0.3, height_m, 0.0, sinks_m_s)
     assert not touchdown.touches
+
+
+@pytest.mark.parametrize(
+    ("lift_n", "sank_m_s", "sinks_on_m_s", "height_m", "touches"),
+    [
+        (0.8, 0.25, 0.25, 0.2, True),  # it sinks on, by an estimate that wanders, and no faster
+        (0.8, 0.25, 0.25, 0.4, False),  # so a gust does, farther up
+        (0.95, 0.25, 0.25, 0.2, False),
+        (0.8, 0.25, 0.55, 0.2, False),  # it falls, as little thrust has it
+        (1.0, 0.35, 0.0, 0.2, True),  # stopped at once
+    ],
+)
+def test_what_is_pushed_up_near_the_floor_may_be_carried(
+    lift_n: float, sank_m_s: float, sinks_on_m_s: float, height_m: float, touches: bool
+) -> None:
+    touchdown = Touchdown(1.0)
+    for i in range(20):
+        touchdown.update(0.01 * i, 1.0, 1.0, sank_m_s, height_m, 0.0, 0.25)
+        assert not touchdown.touches
+    for i in range(20):
+        speed = sank_m_s + (sinks_on_m_s - sank_m_s) * min(i / 15, 1.0)
+        touchdown.update(0.2 + 0.01 * i, 1.0, lift_n, speed, height_m, 0.0, 0.25)
+    assert touchdown.touches == touches
 
 
 @given(st.floats(0.0, 0.75, exclude_max=True), st.floats(-3.0, 0.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_what_falls_has_not_touched_down(share: float, speed_m_s: float, gust_m_s2: float, drag_per_s: float) -> None:
     touchdown = Touchdown(1.0)
     for i in range(300):
-        assert not touchdown.update(0.01 * i, share, speed_m_s, 0.8, 0.0, 0.25)
+        assert not touchdown.update(0.01 * i, share, share, speed_m_s, 0.8, 0.0, 0.25)
         if speed_m_s > 0.5:
             break
         speed_m_s += 0.01 * (9.81 * (1.0 - share) - gust_m_s2 - drag_per_s * speed_m_s)
