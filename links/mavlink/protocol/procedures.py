@@ -613,8 +613,8 @@ def is_same(a: float, b: float) -> bool:
 
 STREAM_S = 1.2
 """Set-points stream for this long before anything is asked [s]; PX4 wants a second of them."""
-ARMING_DELAY_S = 2.2
-"""So long after it is armed ArduCopter turns no rotor [s]: 2 s (ARMING_DELAY_SEC in its config.h) and a little."""
+ARMING_DELAY_S = 2.5
+"""ArduCopter's rotors turn by then after it was armed [s]: 2 s (ARMING_DELAY_SEC in its config.h), on a slow clock."""
 LAND_S = 10.0
 """How long mode LAND may take to disarm a vehicle that stands on the ground [s]."""
 
