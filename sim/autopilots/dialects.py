@@ -7,7 +7,7 @@ ArduCopter:
 - Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being none.
 - ATC_ANGLE_BOOST raises the thrust of a leaning vehicle by 1 / cos(lean).
 - A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it is.
-- Armed, its rotors stand for 2 s; then the first thrust above zero spools them up for MOT_SPOOL_TIME, if it stands on
+- Armed, its rotors stand for 2 s and more; then the first thrust above zero spools them up for MOT_SPOOL_TIME, if it stands on
   the ground, and thrust means thrust. Before that first thrust a set-point without any does nothing.
 - Set-points that stop: the last one is held for GUID_TIMEOUT, then it levels out and keeps its height; the mode
   stays and HEARTBEAT tells nothing. The next set-point is followed again.
@@ -58,8 +58,8 @@ CLIMB_M_S = 2.5
 """Climb rate at full thrust where thrust is no thrust [m/s] (WPNAV_SPEED_UP)."""
 SHORTEST_US = 4000.0
 """Shortest interval of a message [µs]."""
-ARMING_DELAY_S = 2.0
-"""How long its rotors stand once it is armed [s] (ARMING_DELAY_SEC of ArduCopter's config.h)."""
+ARMING_DELAY_S = 2.4
+"""How long its rotors stand once it is armed [s]: 2 s (ARMING_DELAY_SEC of ArduCopter's config.h), on a slow clock."""
 
 
 class ArduPilotAutopilot(SimulatedAutopilot):

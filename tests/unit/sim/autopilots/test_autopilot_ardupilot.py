@@ -148,7 +148,7 @@ def test_armed_its_rotors_stand_for_two_seconds_and_then_spool_up_on_the_ground(
     flight = Flight(Brick(0.0)).arm()
     assert flight.command(ARM_DISARM, 0.0) == 0
     assert flight.command(ARM_DISARM, 1.0) == 0
-    flight.stream(1.9, 0.6)
+    flight.stream(ARMING_DELAY_S - 0.1, 0.6)
     flight.stream(0.3, 0.0)
     assert not flight.airframe.acts
     begun_s = flight.now
