@@ -229,21 +229,16 @@ def _fuzz(parser: argparse.ArgumentParser) -> None:
 
 
 def _firmware(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--px4",
-        type=path,
-        metavar="FOLDER",
-        help="PX4-Autopilot after `make px4_sitl`: that instead, in real time",
-    )
-    parser.add_argument(
-        "--ardupilot", type=path, metavar="FOLDER", help="ardupilot after `./waf copter` for sitl: that, too or instead"
-    )
-    parser.add_argument(
-        "--take-offs", type=whole, default=20, metavar="N", help="so many of each of these (default 20)"
-    )
-    parser.add_argument("--workers", type=whole, help="so many of these at once (default: one a core)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the tables")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the tables between the file's markers")
+
+
+def _autopilots(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--px4", type=path, metavar="FOLDER", help="PX4-Autopilot, after `make px4_sitl`")
+    parser.add_argument("--ardupilot", type=path, metavar="FOLDER", help="ardupilot, after `./waf copter` for sitl")
+    parser.add_argument("--take-offs", type=whole, default=20, metavar="N", help="of each (default 20)")
+    parser.add_argument("--workers", type=whole, help="so many at once (default: one a core)")
+    _firmware(parser)
 
 
 def _serve(parser: argparse.ArgumentParser) -> None:
@@ -324,6 +319,7 @@ COMMANDS = {
     "scenarios": ("list the scenarios; tell every value of one", _scenarios),
     "check-vectors": ("evaluate the control law on a file of test vectors", _check_vectors),
     "firmware": ("measure what Betaflight's own firmware does with ours: flights, strikes, rates", _firmware),
+    "autopilots": ("fly PX4's and ArduCopter's own firmware in real time, where somebody has built it", _autopilots),
     "fuzz": ("feed every decoder random and damaged bytes", _fuzz),
     "serve": ("a simulated vehicle and cameras in real time, on loopback UDP", _serve),
     "completion": ("print the script by which a shell completes this program's command lines", add_completion),

@@ -7,8 +7,8 @@ ArduCopter:
 - Thrust means thrust only where GUID_OPTIONS has bit 3 set; else it is a climb rate, 0.5 being none.
 - ATC_ANGLE_BOOST raises the thrust of a leaning vehicle by 1 / cos(lean).
 - A set-point without thrust, or with some but not all rates, is no set-point: it hovers where it is.
-- Armed, its rotors stand for 2 s and more; then the first thrust above zero spools them up for MOT_SPOOL_TIME, if it stands on
-  the ground, and thrust means thrust. Before that first thrust a set-point without any does nothing.
+- Armed, its rotors stand for 2 s and more; then the first thrust above zero spools them up for MOT_SPOOL_TIME, if it
+  stands on the ground, and thrust means thrust. Before that first thrust a set-point without any does nothing.
 - Set-points that stop: the last one is held for GUID_TIMEOUT, then it levels out and keeps its height; the mode
   stays and HEARTBEAT tells nothing. The next set-point is followed again.
 - Once it has flown, it refuses to disarm in GUIDED also on the ground; mode LAND comes down and disarms by itself.

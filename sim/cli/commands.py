@@ -68,7 +68,7 @@ def _prove(command: str, module: str, args: argparse.Namespace) -> int:
 
 
 faults, soak, fuzz = (partial(_prove, command, "commands") for command in ("faults", "soak", "fuzz"))
-alarms, firmware = (partial(_prove, command, command) for command in ("alarms", "firmware"))
+alarms, firmware, autopilots = (partial(_prove, command, command) for command in ("alarms", "firmware", "autopilots"))
 
 
 def compare(args: argparse.Namespace) -> Exit:

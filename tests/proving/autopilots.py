@@ -1,4 +1,4 @@
-"""PX4's and ArduCopter's own firmware, flown in real time by ``groundstation fly`` and our examples.
+"""PX4's and ArduCopter's own firmware, ``groundstation-sim autopilots``: flown in real time, by ``groundstation fly``.
 
 Both simulate the vehicle themselves (SIH, SITL), and tell what it truly does: PX4 by HIL_STATE_QUATERNION, 25 times a
 second, ArduPilot by SIM_STATE, to a centimetre. Somebody has built them from their sources: a folder of PX4-Autopilot
@@ -6,6 +6,7 @@ after ``make px4_sitl``, and one of ardupilot after ``./waf copter`` for the boa
 autopilot of its own, freshly booted, with the parameters that ``groundstation doctor`` asks for.
 """
 
+import argparse
 import asyncio
 import json
 import math
@@ -27,6 +28,7 @@ from groundstation.core.control import Gains
 from groundstation.core.geometry import so3
 from groundstation.core.messages import STEADY_S
 from groundstation.core.mission import State
+from groundstation.runtime import Exit, replace_between_markers, split_at_markers
 from groundstation.settings import Config
 from links.io import make_child_command
 from links.mavlink.protocol import SET_MESSAGE_INTERVAL, MavlinkCodec
@@ -152,7 +154,7 @@ class TruthReceiver(asyncio.DatagramProtocol):
 
 
 @asynccontextmanager
-async def booted(built: Built, number: int, folder: Path) -> AsyncIterator[TruthReceiver]:
+async def boot(built: Built, number: int, folder: Path) -> AsyncIterator[TruthReceiver]:
     """The ``number``-th autopilot of this machine, in a ``folder`` of its own, once it knows where it is."""
     (folder / "ours.parm").write_text("".join(f"{name} {value}\n" for name, value in PARAMETERS.items()))
     truth, port = TruthReceiver(), built.truth_port + built.ports * number
@@ -205,7 +207,7 @@ async def fly(built: Built, number: int, words: Sequence[str]) -> FirmwareFlight
             told.append(f"link.target_system={number + 1}")
         overrides = [word for key in told for word in ("--set", key)]
         command = make_child_command("groundstation", "fly", str(EXAMPLES / built.example), "--arm", vehicle)
-        async with booted(built, number, folder) as truth:
+        async with boot(built, number, folder) as truth:
             process = await asyncio.create_subprocess_exec(
                 *command, *overrides, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
             )
@@ -296,6 +298,20 @@ async def fly_all(builds: Sequence[Built], take_offs: int, workers: int) -> dict
         return {"figures": dict(zip(FIGURES, flights, strict=False)), "take_offs": flights[len(FIGURES) :]}
 
     return dict(zip([built.name for built in builds], await asyncio.gather(*map(all_of, builds)), strict=True))
+
+
+def autopilots(args: argparse.Namespace) -> Exit:
+    """Fly, and print or write the tables."""
+    builds = [find(name, folder) for name in ("px4", "ardupilot") if (folder := getattr(args, name)) is not None]
+    if not builds:
+        raise ConfigError("autopilots", "needs --px4 FOLDER or --ardupilot FOLDER, in which that firmware was built")
+    if args.write is not None:
+        split_at_markers(args.write, "autopilots")  # before minutes go by
+    flown = asyncio.run(fly_all(builds, args.take_offs, args.workers or os.cpu_count() or 1))
+    print(as_json(flown) if args.json else tables(flown))
+    if args.write is not None:
+        replace_between_markers(args.write, tables(flown), "autopilots")
+    return Exit.DONE
 
 
 def tables(facts: Mapping[str, Any]) -> str:

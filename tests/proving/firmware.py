@@ -7,7 +7,6 @@ import argparse
 import asyncio
 import json
 import math
-import os
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,8 +29,6 @@ from sim.runs import RECORDING, MissionResult, Stage, confirm_at, fly, fly_missi
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import in_virtual_time
 from sim.world import FourRotors, Quadrotor, Wind, World, rows, stream
-from tests.proving.autopilots import as_json, find, fly_all
-from tests.proving.autopilots import tables as tables_of
 from tests.proving.takeoff_start import TakeoffStart
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
@@ -291,17 +288,9 @@ def take_off(scenario: str, seeds: Sequence[int]) -> dict[str, Any]:
 
 
 def firmware(args: argparse.Namespace) -> Exit:
-    """Measure, and print or write the tables; of PX4 and ArduPilot where they are named, else of Betaflight."""
-    part = "autopilots" if args.px4 or args.ardupilot else "firmware"
+    """Measure, and print or write the tables."""
     if args.write is not None:
-        split_at_markers(args.write, part)  # before minutes go by
-    if part == "autopilots":
-        builds = [find(name, folder) for name in ("px4", "ardupilot") if (folder := getattr(args, name)) is not None]
-        flown = asyncio.run(fly_all(builds, args.take_offs, args.workers or os.cpu_count() or 1))
-        print(as_json(flown) if args.json else tables_of(flown))
-        if args.write is not None:
-            replace_between_markers(args.write, tables_of(flown), part)
-        return Exit.DONE
+        split_at_markers(args.write, "firmware")  # before minutes go by
     facts: dict[str, Any] = {"flights": {}, "strikes": {}}
     for name, scenario, told, lasts_s, must in FLIGHTS:
         world, config = prepare(by_betaflight(SCENARIOS[scenario]), list(told), link="dsm")

@@ -1,4 +1,4 @@
-"""What `groundstation-sim firmware --px4` and `--ardupilot` make of what they see; the firmware is somebody's own."""
+"""What `groundstation-sim autopilots` makes of what it sees; the firmware is somebody's own."""
 
 import asyncio
 import math
