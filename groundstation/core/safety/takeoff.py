@@ -32,6 +32,8 @@ HEIGHT_M, WANDERING_M = 0.015, 0.35
 autopilot that integrates its accelerometers, which feel a lift that the floor has not let go of."""
 CLIMBING = 1.1
 """Thrust until then, as a share of what seems to hover [-]."""
+RUSHES_M_S = 1.0
+"""No more than what hovers is told once it climbs so fast [m/s]: a floor that held it has let go of it late."""
 LEAST_NOISE_M = 0.0003
 """No pose is believed to less [m]: legs and floor give way as thrust relieves them."""
 LEAST_M2_S, LEAST_FELT_M2_S = 1e-6, 2.5e-5
@@ -192,7 +194,7 @@ class LiftOff:
     @property
     def climbing_share(self) -> float:
         """The thrust that it is to climb with until it is known to fly, as a share of the weight [-]."""
-        return CLIMBING * self.hover_share
+        return self.hover_share * (1.0 if self.climb_m_s > RUSHES_M_S else CLIMBING)
 
     @property
     def climb_m_s(self) -> float:
