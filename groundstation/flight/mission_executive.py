@@ -51,8 +51,8 @@ FAST_M_S2 = 2.0
 """What leaves the floor faster than it is to climb is slowed down so hard, rather than climb too high; and no climb
 begins harder, as thrust just off the floor allows no more [m/s²]."""
 BLOWN_M_S, HALTS_M_S2, HALTS_PER_S = 0.1, 3.0, 3.5
-"""What leaves the floor faster sideways [m/s] has been moved by wind, and is stopped so hard at most [m/s²], and by so
-much for each m/s of its speed [1/s]: a speed of 0.3 m/s may be the wander of an autopilot's estimate."""
+"""What leaves the floor faster sideways [m/s] has been moved by wind, and is stopped so hard [m/s²]; by an autopilot's
+own estimate by so much for each m/s of its speed at most [1/s], as 0.3 m/s may be its wander."""
 ASTRAY_M = 0.3
 """A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
 shoot up to where it should have been."""
@@ -248,7 +248,8 @@ class Course:
         north, east, climb = now.velocity_ned
         if math.hypot(north, east) <= BLOWN_M_S:
             return []
-        limits = Limits(1.0, min(HALTS_M_S2, HALTS_PER_S * math.hypot(north, east)))
+        most = HALTS_PER_S * math.hypot(north, east) if self._config.pose.by_autopilot else HALTS_M_S2
+        limits = Limits(1.0, min(HALTS_M_S2, most))
         halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), limits)
         north, east, down = halt.at(halt.duration_s).position_ned
         place = (north, east, down + climb * halt.duration_s)
