@@ -184,7 +184,7 @@ class FirmwareFlight(NamedTuple):
 
     landed: bool
     why: str
-    """The last line that `fly` printed."""
+    """The last line that `fly` printed, or the last five where it did not land."""
     rms_cm: float | None
     """Of the error against the autopilot's own estimate, over the steady part of the figure."""
     max_cm: float | None
@@ -215,7 +215,8 @@ async def fly(built: Built, number: int, words: Sequence[str]) -> FirmwareFlight
                 said, _ = await process.communicate()
             await asyncio.sleep(1.0)
         config = load(EXAMPLES / built.example, Config, told)
-        why = said.decode(errors="replace").strip().rpartition("\n")[2]
+        lines = said.decode(errors="replace").strip().splitlines()
+        why = " / ".join(lines[-1 if process.returncode == 0 else -5 :])
         return look(folder, np.array(truth.rows), config, landed=process.returncode == 0, why=why)
 
 

@@ -109,7 +109,8 @@ class LiftOff:
         ``noise_m`` is the poses' white noise [m].
         """
         self._floor, self._weight, self._lag, self._gravity = down_m, weight_n, lag_s, gravity
-        self._felt = felt = stands.velocity_ned is not None
+        self.felt = felt = stands.velocity_ned is not None
+        """Whether the poses come with a velocity, as an autopilot's own estimate does."""
         self._height_m = 0.0
         self._climb: float | None = None
         self._least_m = WANDERING_M if felt else HEIGHT_M
@@ -179,7 +180,7 @@ class LiftOff:
 
         Of poses that come with a velocity alone: what wanders there may have told the hover thrust a little wrong.
         """
-        return self._felt and self._odds > FLIES and self._fits and self._height_m > self._least_m
+        return self.felt and self._odds > FLIES and self._fits and self._height_m > self._least_m
 
     @property
     def patience_s(self) -> float:
@@ -619,7 +620,7 @@ class SpoolUp:
         thrust = spool.thrust_n(now_s)
         if self._nudge is not None:
             thrust = max(thrust, self._nudge.thrust_n(now_s))
-        if lift is not None and lift.moves:
+        if lift is not None and self._moves(lift):
             self._moved_s = now_s if self._moved_s is None else self._moved_s
             wanted = lift.climbing_share * self._weight
             thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
@@ -629,6 +630,10 @@ class SpoolUp:
         else:
             lift.add_command(acting_s, thrust)
         return thrust
+
+    def _moves(self, lift: LiftOff) -> bool:
+        """Whether it is seen to move, or was, by the vehicle's own estimate: a floor may hold what that has felt."""
+        return lift.moves or (lift.felt and self._moved_s is not None)
 
     def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> str:
         """Why the motors must go off, by the newest pose; empty where they need not."""
@@ -645,8 +650,7 @@ class SpoolUp:
             return told[1]
         if lift is not None and lift.jumps:
             return "its height jumps as no thrust makes it: look at its poses, and at what lifts it"
-        moves = lift is not None and lift.moves
-        if not moves and now_s >= spool.near_s + WATCHED_S:
+        if not (lift is not None and self._moves(lift)) and now_s >= spool.near_s + WATCHED_S:
             return (
                 "no lift-off: is this the right body, is the mass right? Thrust went to "
                 f"{spool.most_n:.3g} N, {100.0 * spool.most_n / self._weight:.0f} % of the told weight, and the poses "
