@@ -143,3 +143,27 @@ def test_a_vehicle_that_hovers_above_the_limit_of_its_thrust_refuses() -> None:
         one = spooled(seed, hover_share=1.32)
         assert "is the mass right?" in one.fault
         assert one.after_s <= 0.31
+
+
+@pytest.mark.parametrize("felt", [True, False])
+def test_only_what_an_autopilot_has_felt_is_waited_for_though_the_floor_holds_it(felt: bool) -> None:
+    """Its estimate rises for a moment as thrust reaches the weight, and then stands, as on the floor of SITL."""
+    standing, spool = StandingPoses(), Spool(1.0, 1.3, 1.0, 0.0, 0.0, 0.05)
+
+    def pose(number: int, up_m: float, up_m_s: float) -> Pose:
+        at_s, velocity = PERIOD_S * (number - 200), (0.0, 0.0, -up_m_s) if felt else None
+        return Pose(number, at_s, at_s, (0.0, 0.0, -up_m), LEVEL, velocity_ned=velocity)
+
+    for k in range(200):
+        standing.stands(pose(k, 0.0, 0.0))
+    spool_up, faults, told = SpoolUp(standing, spool, Vehicle(mass_kg=1.0 / G), 1.0, G, 0.0003), [""], []
+    for k in range(200, 200 + round((spool.near_s + 0.6) / PERIOD_S)):
+        since_s = PERIOD_S * (k - 200) - spool.near_s
+        rises = 0.08 < since_s < 0.16
+        newest = pose(k, 0.004 if rises else 0.0, 0.12 if rises else 0.0)
+        spool_up.pose(newest)
+        faults.append(spool_up.fault(newest.time_s, newest, 0.25, None))
+        told.append(spool_up.thrust_n(newest.time_s))
+    assert spool_up.flies is None
+    assert any("the poses did not move" in fault for fault in faults) is not felt
+    assert max(told[-10:]) <= 1.3
