@@ -84,7 +84,8 @@ def test_a_flight_is_looked_at_by_its_recording_and_the_truth(flown: FirmwareFli
 
 def test_the_tables_name_what_was_lost(flown: FirmwareFlight) -> None:
     lost: Any = flown._replace(rms_cm=None, max_cm=None, landed=False)
-    figures = {"hover": flown, "eight, 0.5 m/s": flown, "eight, 1.0 m/s": lost}
+    figures = {"hover": [flown], "eight, 0.5 m/s": [flown, lost], "eight, 1.0 m/s": [lost]}
     text = tables({"PX4": {"figures": figures, "take_offs": [flown, lost]}})
-    assert "| PX4, eight, 1.0 m/s | lost | 17 |" in text
+    assert ", 1 lost |" in text
+    assert "| PX4, eight, 1.0 m/s | –, 1 lost | nan | 17 |" in text
     assert "| PX4 | 1 of 2 | 2 of 2 |" in text
