@@ -198,30 +198,42 @@ class FirmwareFlight(NamedTuple):
     """From where it stood before to where it stands now."""
 
 
-async def fly(built: Built, number: int, words: Sequence[str]) -> FirmwareFlight:
-    """From the floor, along what ``words`` (``KEY=VALUE``) say, and down again."""
-    with tempfile.TemporaryDirectory(prefix="firmware-") as name:
-        folder, vehicle = Path(name), f"{built.name.lower()}{number}"
-        told = [built.link.format(built.port(number)), f"vehicle.name={vehicle}", f"recording.folder={folder}", *words]
-        if built.name == "PX4":
-            told.append(f"link.target_system={number + 1}")
-        overrides = [word for key in told for word in ("--set", key)]
-        command = make_child_command("groundstation", "fly", str(EXAMPLES / built.example), "--arm", vehicle)
-        async with boot(built, number, folder) as truth:
-            process = await asyncio.create_subprocess_exec(
-                *command, *overrides, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
-            )
-            async with asyncio.timeout(FLIGHT_S):
-                said, _ = await process.communicate()
-            await asyncio.sleep(1.0)
-        config = load(EXAMPLES / built.example, Config, told)
-        lines = said.decode(errors="replace").strip().splitlines()
-        why = " / ".join(lines[-1 if process.returncode == 0 else -5 :])
-        return look(folder, np.array(truth.rows), config, landed=process.returncode == 0, why=why)
+class Flown(NamedTuple):
+    """One flight that is over, and not looked at yet: that takes time, in which other flights' truth would wait."""
+
+    folder: Path
+    """Where its recording is."""
+    truth: Any
+    """The simulator's rows."""
+    config: Config
+    landed: bool
+    why: str
 
 
-def look(folder: Path, truth: Any, config: Config, *, landed: bool, why: str) -> FirmwareFlight:
-    """What came of a flight, by its recording in ``folder`` and the simulator's rows."""
+async def fly(built: Built, number: int, words: Sequence[str], folder: Path) -> Flown:
+    """From the floor, along what ``words`` (``KEY=VALUE``) say, and down again; ``folder`` is its own."""
+    vehicle = f"{built.name.lower()}{number}"
+    told = [built.link.format(built.port(number)), f"vehicle.name={vehicle}", f"recording.folder={folder}", *words]
+    if built.name == "PX4":
+        told.append(f"link.target_system={number + 1}")
+    overrides = [word for key in told for word in ("--set", key)]
+    command = make_child_command("groundstation", "fly", str(EXAMPLES / built.example), "--arm", vehicle)
+    async with boot(built, number, folder) as truth:
+        process = await asyncio.create_subprocess_exec(
+            *command, *overrides, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+        )
+        async with asyncio.timeout(FLIGHT_S):
+            said, _ = await process.communicate()
+        await asyncio.sleep(1.0)
+    config = load(EXAMPLES / built.example, Config, told)
+    lines = said.decode(errors="replace").strip().splitlines()
+    why = " / ".join(lines[-1 if process.returncode == 0 else -5 :])
+    return Flown(folder, np.array(truth.rows), config, process.returncode == 0, why)
+
+
+def look(flown: Flown) -> FirmwareFlight:
+    """What came of a flight, by its recording and the simulator's rows."""
+    folder, truth, config, landed, why = flown
     (recording,) = folder.glob("*.mcap")
     log, start = FlightData(recording), TakeoffStart()
     command, reference, seen = log["command"], log["reference"], log["measured"]
@@ -285,24 +297,29 @@ async def fly_all(builds: Sequence[Built], take_offs: int, workers: int) -> dict
     free = list(range(workers))
     room = asyncio.Semaphore(workers)
 
-    async def one(built: Built, words: Sequence[str]) -> FirmwareFlight:
+    async def one(built: Built, words: Sequence[str], folder: Path) -> Flown:
         async with room:
             number = free.pop()
             try:
-                flight = await fly(built, number, words)
+                flown = await fly(built, number, words, folder)
             finally:
                 free.append(number)
-            rms = "" if flight.rms_cm is None else f", RMS {flight.rms_cm:.2f} cm"
-            print(f"{built.name}, {words[0]}: {flight.why}{rms}", file=sys.stderr, flush=True)
-            return flight
+            print(f"{built.name}, {' '.join(words)}: {flown.why}", file=sys.stderr, flush=True)
+            return flown
 
-    async def all_of(built: Built) -> dict[str, Any]:
-        figures = [words for words in FIGURES.values() for _ in range(FLOWN)]
-        flights = await asyncio.gather(*(one(built, words) for words in (*figures, *[SHORT] * take_offs)))
-        flown = {name: flights[FLOWN * n :][:FLOWN] for n, name in enumerate(FIGURES)}
-        return {"figures": flown, "take_offs": flights[len(figures) :]}
-
-    return dict(zip([built.name for built in builds], await asyncio.gather(*map(all_of, builds)), strict=True))
+    figures = [words for words in FIGURES.values() for _ in range(FLOWN)]
+    facts = dict[str, Any]()
+    with tempfile.TemporaryDirectory(prefix="firmware-") as name:
+        orders = [(built, words) for built in builds for words in (*figures, *[SHORT] * take_offs)]
+        folders = [Path(name, str(n)) for n, _ in enumerate(orders)]
+        for folder in folders:
+            folder.mkdir()
+        flown = await asyncio.gather(*(one(*order, folder) for order, folder in zip(orders, folders, strict=True)))
+        for n, built in enumerate(builds):
+            flights = [look(one) for one in flown[n * len(orders) // len(builds) :][: len(orders) // len(builds)]]
+            by_name = {figure: flights[FLOWN * k :][:FLOWN] for k, figure in enumerate(FIGURES)}
+            facts[built.name] = {"figures": by_name, "take_offs": flights[len(figures) :]}
+    return facts
 
 
 def autopilots(args: argparse.Namespace) -> Exit:

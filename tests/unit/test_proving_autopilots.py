@@ -16,7 +16,7 @@ from sim.runs import Stage, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time
-from tests.proving.autopilots import FirmwareFlight, TruthReceiver, find, look, tables
+from tests.proving.autopilots import FirmwareFlight, Flown, TruthReceiver, find, look, tables
 
 D = MavlinkCodec(1, 1).dialect
 LEANS = so3.from_euler_zyx(math.radians(30.0), 0.0, 0.0)
@@ -69,7 +69,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> FirmwareFlight:
 
     mission = fly_mission(world, config, seed=0, script=script, give=run.give)
     run.close({"completed": mission.landed, "why": mission.why})
-    return look(folder, np.array(rows), config, landed=mission.landed, why=mission.why)
+    return look(Flown(folder, np.array(rows), config, mission.landed, mission.why))
 
 
 def test_a_flight_is_looked_at_by_its_recording_and_the_truth(flown: FirmwareFlight) -> None:
