@@ -32,7 +32,7 @@ async def main():
     await asyncio.sleep(1.3)
     await attempt("offboard", offboard.start)
     await attempt("arm", action.arm)
-    await asyncio.sleep(0.5)
+    await asyncio.sleep(float(sys.argv[2]))
     await offboard.set_attitude_rate(AttitudeRate(0, 20, 0, 0.55))  # deg/s, thrust 0..1
     await asyncio.sleep(0.5)
     await attempt("early-disarm", action.disarm)
@@ -75,10 +75,10 @@ def served(autopilot: str, port: int) -> Iterator["subprocess.Popen[str]"]:
 def test_an_independent_client_flies_the_simulated_autopilots() -> None:
     with ExitStack() as stack:  # both at once: a flight is mostly waiting
         flights = {}
-        for autopilot in ("px4", "ardupilot"):
+        for autopilot, waits_s in (("px4", "0.5"), ("ardupilot", "2.6")):  # ArduCopter's rotors stand so long
             port = free_udp_port()
             stack.enter_context(served(autopilot, port))
-            command = [sys.executable, "-c", FLIGHT, str(port)]
+            command = [sys.executable, "-c", FLIGHT, str(port), waits_s]
             flights[autopilot] = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         told = {autopilot: flight.communicate(timeout=60)[0] for autopilot, flight in flights.items()}
     for autopilot, text in told.items():
