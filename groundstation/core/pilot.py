@@ -405,8 +405,8 @@ class Pilot:
             decision = self._bear(decision, estimate, reference)
         if descent is None:
             decision = self._climb_gently(time_s, decision)
-        if descent is None and self._touches:
-            decision = self._level(decision, estimate)
+            if self._touches:
+                decision = self._level(decision, estimate)
         if self._unheard:
             decision = self._soften(decision, estimate)
         self._rests_s = self._rests_s + interval if math.hypot(*reference.velocity_ned) < RESTS_M_S else 0.0

@@ -246,11 +246,11 @@ class Course:
     def _halt_aside(self, now: Reference) -> list[Blend]:
         """To rest sideways, climbing on, where wind has moved ``now``, which nothing withstood on the floor."""
         north, east, climb = now.velocity_ned
-        if math.hypot(north, east) <= BLOWN_M_S:
+        speed = math.hypot(north, east)
+        if speed <= BLOWN_M_S:
             return []
-        most = HALTS_PER_S * math.hypot(north, east) if self._config.pose.by_autopilot else HALTS_M_S2
-        limits = Limits(1.0, min(HALTS_M_S2, most))
-        halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), limits)
+        hardest = min(HALTS_M_S2, HALTS_PER_S * speed) if self._config.pose.by_autopilot else HALTS_M_S2
+        halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), Limits(1.0, hardest))
         north, east, down = halt.at(halt.duration_s).position_ned
         place = (north, east, down + climb * halt.duration_s)
         return [Blend(now, Reference(place, (0.0, 0.0, climb), yaw_rad=now.yaw_rad), halt.duration_s)]

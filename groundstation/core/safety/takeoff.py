@@ -620,7 +620,7 @@ class SpoolUp:
         thrust = spool.thrust_n(now_s)
         if self._nudge is not None:
             thrust = max(thrust, self._nudge.thrust_n(now_s))
-        if lift is not None and self._moves(lift):
+        if lift is not None and self._moves:
             self._moved_s = now_s if self._moved_s is None else self._moved_s
             wanted = lift.climbing_share * self._weight
             thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
@@ -631,9 +631,11 @@ class SpoolUp:
             lift.add_command(acting_s, thrust)
         return thrust
 
-    def _moves(self, lift: LiftOff) -> bool:
+    @property
+    def _moves(self) -> bool:
         """Whether it is seen to move, or was, by the vehicle's own estimate: a floor may hold what that has felt."""
-        return lift.moves or (lift.felt and self._moved_s is not None)
+        lift = self._lift
+        return lift is not None and (lift.moves or (lift.felt and self._moved_s is not None))
 
     def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> str:
         """Why the motors must go off, by the newest pose; empty where they need not."""
@@ -650,7 +652,7 @@ class SpoolUp:
             return told[1]
         if lift is not None and lift.jumps:
             return "its height jumps as no thrust makes it: look at its poses, and at what lifts it"
-        if not (lift is not None and self._moves(lift)) and now_s >= spool.near_s + WATCHED_S:
+        if not self._moves and now_s >= spool.near_s + WATCHED_S:
             return (
                 "no lift-off: is this the right body, is the mass right? Thrust went to "
                 f"{spool.most_n:.3g} N, {100.0 * spool.most_n / self._weight:.0f} % of the told weight, and the poses "
