@@ -247,13 +247,13 @@ def look(flown: Flown) -> FirmwareFlight:
     first = command["time_s"] <= begun_s + 1.0
     true = at(command["time_s"][first])
     told = np.column_stack([reference["time_s"], reference["position_ned"], reference["velocity_ned"]])
-    start.thrust = list(command["thrust_n"][first] / config.weight_n)
-    start.climb = list(np.abs(true[:, 5] - at(command["time_s"][first], told)[:, 5]))
-    start.tilt_deg = list(true[:, 6])
+    start.thrust = (command["thrust_n"][first] / config.weight_n).tolist()
+    start.climb = np.abs(true[:, 5] - at(command["time_s"][first], told)[:, 5]).tolist()
+    start.tilt_deg = true[:, 6].tolist()
     adapted = log["adaptation"]
     b_hat = np.linalg.norm(adapted["b_hat_m_s2"], axis=1)[adapted["time_s"] <= begun_s + 1.0]
     assert isinstance(config.controller, Gains), "the examples fly ours"
-    start.b = list(b_hat / config.controller.b_bound)
+    start.b = (b_hat / config.controller.b_bound).tolist()
     poses = seen["time_s"]
     states = list(zip(log["mission"]["time_s"], log["mission"]["state"], strict=True))
     since_s = next((time_s for time_s, state in states if state == State.TRACKING), math.inf) + STEADY_S
@@ -297,26 +297,25 @@ async def fly_all(builds: Sequence[Built], take_offs: int, workers: int) -> dict
     free = list(range(workers))
     room = asyncio.Semaphore(workers)
 
-    async def one(built: Built, words: Sequence[str], folder: Path) -> Flown:
+    async def one(built: Built, words: Sequence[str]) -> Flown:
         async with room:
             number = free.pop()
             try:
-                flown = await fly(built, number, words, folder)
+                flown = await fly(built, number, words, Path(tempfile.mkdtemp(dir=home)))
             finally:
                 free.append(number)
             print(f"{built.name}, {' '.join(words)}: {flown.why}", file=sys.stderr, flush=True)
             return flown
 
     figures = [words for words in FIGURES.values() for _ in range(FLOWN)]
+
+    async def all_of(built: Built) -> list[Flown]:
+        return await asyncio.gather(*(one(built, words) for words in (*figures, *[SHORT] * take_offs)))
+
     facts = dict[str, Any]()
-    with tempfile.TemporaryDirectory(prefix="firmware-") as name:
-        orders = [(built, words) for built in builds for words in (*figures, *[SHORT] * take_offs)]
-        folders = [Path(name, str(n)) for n, _ in enumerate(orders)]
-        for folder in folders:
-            folder.mkdir()
-        flown = await asyncio.gather(*(one(*order, folder) for order, folder in zip(orders, folders, strict=True)))
-        for n, built in enumerate(builds):
-            flights = [look(one) for one in flown[n * len(orders) // len(builds) :][: len(orders) // len(builds)]]
+    with tempfile.TemporaryDirectory(prefix="firmware-") as home:
+        for built, flown in zip(builds, await asyncio.gather(*map(all_of, builds)), strict=True):
+            flights = [look(each) for each in flown]
             by_name = {figure: flights[FLOWN * k :][:FLOWN] for k, figure in enumerate(FIGURES)}
             facts[built.name] = {"figures": by_name, "take_offs": flights[len(figures) :]}
     return facts
@@ -327,6 +326,8 @@ def autopilots(args: argparse.Namespace) -> Exit:
     builds = [find(name, folder) for name in ("px4", "ardupilot") if (folder := getattr(args, name)) is not None]
     if not builds:
         raise ConfigError("autopilots", "needs --px4 FOLDER or --ardupilot FOLDER, in which that firmware was built")
+    if args.take_offs < 1:
+        raise ConfigError("--take-offs", f"expected 1 or more, got {args.take_offs}")
     if args.write is not None:
         split_at_markers(args.write, "autopilots")  # before minutes go by
     flown = asyncio.run(fly_all(builds, args.take_offs, args.workers or os.cpu_count() or 1))
@@ -360,9 +361,12 @@ def tables(facts: Mapping[str, Any]) -> str:
         flights = flown["take_offs"]
         starts = [one.start for one in flights if one.start.thrust]
         sinks, leans = [one.touchdown_m_s for one in flights], [one.lean_deg for one in flights]
+        landed = f"| {name} | {sum(one.landed for one in flights)} of {len(flights)} "
+        if not starts:  # none left the floor
+            lines.append(f"{landed}| 0 of {len(flights)} " + "| – " * 6 + "|")
+            continue
         lines.append(
-            f"| {name} | {sum(one.landed for one in flights)} of {len(flights)} "
-            f"| {sum(one.smooth for one in starts)} of {len(flights)} "
+            f"{landed}| {sum(one.smooth for one in starts)} of {len(flights)} "
             f"| {min(min(one.thrust) for one in starts):.2f} to {max(max(one.thrust) for one in starts):.2f} "
             f"| {max(max(one.climb) for one in starts):.2f} m/s | {max(max(one.tilt_deg) for one in starts):.1f}° "
             f"| {max(max(one.b) for one in starts):.2f} | {median(sinks):.2f} ({max(sinks):.2f}) m/s "
@@ -376,8 +380,8 @@ def as_json(facts: Mapping[str, Any]) -> str:
 
     def plain(flight: FirmwareFlight) -> dict[str, Any]:
         start = flight.start
-        numbers = {key: [float(one) for one in getattr(start, key)] for key in ("thrust", "climb", "tilt_deg", "b")}
-        return flight._replace(start=None)._asdict() | {"smooth": start.smooth, "start": numbers}  # type: ignore[arg-type]
+        numbers = {key: getattr(start, key) for key in ("thrust", "climb", "tilt_deg", "b")}
+        return flight._asdict() | {"smooth": start.smooth, "start": numbers}
 
     return json.dumps({
         name: {

@@ -1,6 +1,7 @@
 """What `groundstation-sim autopilots` makes of what it sees; the firmware is somebody's own."""
 
 import asyncio
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from sim.runs import Stage, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time
-from tests.proving.autopilots import FirmwareFlight, Flown, TruthReceiver, find, look, tables
+from tests.proving.autopilots import FirmwareFlight, Flown, TruthReceiver, as_json, find, look, tables
+from tests.proving.takeoff_start import TakeoffStart
 
 D = MavlinkCodec(1, 1).dialect
 LEANS = so3.from_euler_zyx(math.radians(30.0), 0.0, 0.0)
@@ -89,3 +91,11 @@ def test_the_tables_name_what_was_lost(flown: FirmwareFlight) -> None:
     assert ", 1 lost |" in text
     assert "| PX4, eight, 1.0 m/s | –, 1 lost | nan | 17 |" in text
     assert "| PX4 | 1 of 2 | 2 of 2 |" in text
+
+
+def test_a_firmware_that_never_left_the_floor_is_a_row_of_its_own(flown: FirmwareFlight) -> None:
+    lost: Any = flown._replace(rms_cm=None, max_cm=None, landed=False, start=TakeoffStart())
+    figures = {name: [lost] for name in ("hover", "eight, 0.5 m/s", "eight, 1.0 m/s")}
+    text = tables({"PX4": {"figures": figures, "take_offs": [lost]}})
+    assert text.endswith("| PX4 | 0 of 1 | 0 of 1 | – | – | – | – | – | – |")
+    assert json.loads(as_json({"PX4": {"figures": figures, "take_offs": [flown]}}))["PX4"]["take_offs"][0]["smooth"]
