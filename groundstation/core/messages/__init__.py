@@ -2,6 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from groundstation.core.messages.notices import NOTICES, NoticeTemplate, notice
     from groundstation.core.messages.pose import (
         FAR_M,
         Distrusts,

@@ -1,0 +1,46 @@
+"""Table of the sentences that an operator can read: id, severity, sentence with named numbers, remedy. Sans-IO.
+
+Code names the id and gives the numbers: ``notice("pose.late", age_ms=312.0, limit_ms=250.0)``.
+A sentence states the fact, then the number and its limit; the remedy says what to do.
+"""
+
+import msgspec
+
+from groundstation.core.messages.snapshot import Severity
+
+
+class NoticeTemplate(msgspec.Struct, frozen=True):
+    """One sentence for the operator, with named places for numbers (``str.format``)."""
+
+    id: str
+    """Name of the sentence in recordings and over MQTT: ``room.fact``."""
+    sentence: str
+    """The fact, its number and its limit."""
+    remedy: str = ""
+    """What to do; empty where nothing is to be done."""
+    severity: Severity = Severity.INFO
+    """Importance for the operator."""
+
+    def format(self, **values: object) -> str:
+        """Return the sentence and its remedy, filled with ``values``.
+
+        Raises:
+            KeyError: the sentence names a value that is missing.
+        """
+        sentence = self.sentence.format(**values)
+        return f"{sentence}: {self.remedy.format(**values)}" if self.remedy else sentence
+
+
+_TABLE: tuple[NoticeTemplate, ...] = ()
+
+NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}
+"""Every sentence by its id."""
+
+
+def notice(id: str, **values: object) -> str:
+    """Return the sentence ``id`` of the table, filled with ``values``.
+
+    Raises:
+        KeyError: the table has no such sentence, or the sentence names a value that is missing.
+    """
+    return NOTICES[id].format(**values)
