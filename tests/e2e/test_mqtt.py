@@ -126,6 +126,7 @@ class Wire:
     def __init__(self, port: int) -> None:
         self._port = port
         self._silent: set[int] = set()
+        self._to_broker: list[asyncio.StreamWriter] = []
         self.ended: list[int] = []
         """Connections that the broker has closed."""
         self.connections = 0
@@ -133,6 +134,7 @@ class Wire:
     async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         number, self.connections = self.connections, self.connections + 1
         there, back = await asyncio.open_connection("127.0.0.1", self._port)
+        self._to_broker.append(back)
         with contextlib.suppress(OSError):
             await asyncio.gather(self._pass(number, reader, back), self._pass(number, there, writer, ends=True))
         writer.close()
@@ -140,6 +142,11 @@ class Wire:
 
     def fall_silent(self) -> None:
         self._silent = set(range(self.connections))
+
+    def cut(self) -> None:
+        """The broker sees its connections end, without a goodbye."""
+        for writer in self._to_broker:
+            writer.close()
 
     async def _pass(
         self, number: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, ends: bool = False
@@ -379,6 +386,63 @@ def test_the_last_will_of_a_connection_that_fell_silent_comes_before_the_next_co
             assert wire.ended == [0]
             assert listener.got[STATE] == ["tracking", "offline", "tracking"]
         carrier.close()
+
+    play(scene())
+
+
+def test_a_station_that_was_started_anew_takes_back_the_last_will_of_its_old_connection(
+    broker: Callable[[], Broker],
+) -> None:
+    """The will comes after the restart; until then nothing else changes the state for hours, perhaps."""
+    server = broker()
+
+    async def scene() -> None:
+        await server.start()
+        wire = Wire(server.port)
+        carrier = await asyncio.start_server(wire.carry, "127.0.0.1", 0)
+        latest: Latest[Snapshot] = Latest()
+        latest.put(sample(1.0))
+        config = config_for(server, health_period_s=0.1)
+        old = msgspec.structs.replace(config, port=carrier.sockets[0].getsockname()[1])
+        async with Listener(server.port) as listener, publishing(old, latest):
+            await listener.until(lambda to: bool(to.got[HEALTH]))
+            wire.fall_silent()
+            carrier.close()
+            async with publishing(config, latest):
+                await listener.until(lambda to: len(to.got[SNAPSHOT]) > 1)
+                wire.cut()
+                await listener.until(lambda to: "offline" in to.got[STATE])
+                await listener.until(lambda to: to.got[STATE][-1] == "tracking")
+                async with Listener(server.port) as late:
+                    await late.until(lambda to: STATE in to.retained)
+                    assert late.retained[STATE] == "tracking"
+
+    play(scene())
+
+
+@pytest.mark.parametrize("topic", [STATE, SESSION])
+def test_whatever_is_retained_is_published_again_with_the_health(broker: Callable[[], Broker], topic: str) -> None:
+    """An older connection may overwrite it: what it has sent can be on its way for a long time."""
+    server = broker()
+
+    async def scene() -> None:
+        await server.start()
+        latest: Latest[Snapshot] = Latest()
+        latest.put(sample(1.0))
+        wanted = {STATE: "tracking", SESSION: ""}  # it takes no requests: no session
+        async with (
+            publishing(config_for(server, health_period_s=0.1), latest),
+            aiomqtt.Client("127.0.0.1", server.port) as client,
+            Listener(server.port) as listener,
+        ):
+            await listener.until(lambda to: bool(to.got[HEALTH]))
+            await client.publish(topic, "late", qos=1, retain=True)
+            await listener.until(lambda to: "late" in to.got[topic])
+            rounds = len(listener.got[HEALTH])
+            await listener.until(lambda to: len(to.got[HEALTH]) > rounds + 2)
+            async with Listener(server.port) as late:
+                await late.until(lambda to: HEALTH in to.retained)
+                assert late.retained.get(topic, "") == wanted[topic]
 
     play(scene())
 

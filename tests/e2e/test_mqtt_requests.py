@@ -178,6 +178,8 @@ def test_who_asks_reads_why_nothing_came_of_it(lab: LabBroker, key: Path, tmp_pa
         async with station.serving(config_of(lab, key)):
             with pytest.raises(Unanswered, match="it may not know 'tablet' by this key"):
                 await request_by_mqtt(operator, "mqx", "tablet", read_key(tmp_path / "other.key"), "land")
+            async with operator.client() as client:  # the session came again and again, and was asked of once
+                assert await counted(client, 1) == {"unauthenticated": 1}
             with pytest.raises(Unanswered, match="has not answered"):  # the access rules do not let a viewer publish
                 await request_by_mqtt(lab.address("viewer"), "mqx", "tablet", secret, "land")
         assert station.core.asked == []

@@ -85,6 +85,8 @@ LIFE_MS = 4000
 """How long the request is good for [ms]."""
 AGAIN_S = 0.3
 """A kill that is not answered is published again so often, the same, and obeyed once [s]."""
+SESSIONS_TRIED = 2
+"""Sessions that one request is sealed for: the retained one may be of a station that has ended."""
 PATIENCE_S = 5.0
 """How long we wait, for everything [s]."""
 
@@ -158,6 +160,8 @@ class _Asking:
         self._place, self._client, self._key, self._ask, self._why = place, client, key, ask, why
         self._points = points
         self._ids: set[int] = set()
+        self._sessions: set[bytes] = set()
+        """Sessions that the request was sealed for: a station publishes its own again and again."""
         self._state = ""
         self._repeating: asyncio.Task[None] | None = None
 
@@ -177,7 +181,10 @@ class _Asking:
             match str(message.topic).removeprefix(root):
                 case STATE.name:
                     self._state = message.payload.decode(errors="replace")
-                case SESSION.name if message.payload and len(self._ids) < 2:
+                case SESSION.name if (
+                    message.payload and message.payload not in self._sessions and len(self._ids) < SESSIONS_TRIED
+                ):
+                    self._sessions.add(message.payload)
                     await self._send(connection, root + REQUEST.name, message.payload)
                 case ANSWER.name:
                     answer = open_answer(message.payload, self._key, self._place)

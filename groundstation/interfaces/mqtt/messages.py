@@ -189,7 +189,7 @@ class VehicleView:
         elapsed_s = min(now_s - self._arrived_s, 3600.0)
         self._offset_s = min(now_s - snapshot.time_s, self._offset_s + DRIFT * elapsed_s)
         self.snapshot, self._arrived_s = snapshot, now_s
-        if self.state == "":
+        if self.state in ("", OFFLINE):  # a station's snapshots end before its `offline`: this one is another's will
             self.state = snapshot.state
         return True
 

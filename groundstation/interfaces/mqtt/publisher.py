@@ -104,6 +104,7 @@ class RequestListener:
         self._topic = f"{place.prefix}/{place.vehicle}/{REQUEST.name}"
         self._tell = tell
         self._gate = Gatekeeper(place, clients, ask, lambda: os.urandom(16).hex(), tell)
+        self._session = ""
         self._answers: deque[bytes] = deque(maxlen=ANSWERS_KEPT)
         self._more = asyncio.Event()
 
@@ -111,6 +112,13 @@ class RequestListener:
     def counts(self) -> Counter[str]:
         """What became of them."""
         return self._gate.counts
+
+    def session_message(self) -> bytes:
+        """Return the message that names the session.
+
+        It is empty, which deletes the retained one, if we do not listen.
+        """
+        return msgspec.json.encode(SessionMessage(self._session)) if self._session else b""
 
     async def listen(self, client: "aiomqtt.Client", put: Put) -> None:
         """Take requests until the connection breaks; at once where the broker does not let us.
@@ -120,14 +128,14 @@ class RequestListener:
         """
         loop = asyncio.get_running_loop()
         self._answers.clear()
+        self._session = ""
         if not await self._subscribe(client):
             self._tell(f"the broker does not let us read {self._topic}: no requests; look at its access rules")
             return
-        said = ""
         while True:
-            if self._gate.session != said:
-                said = self._gate.session
-                await put(client, SESSION, msgspec.json.encode(SessionMessage(said)))
+            if self._gate.session != self._session:
+                self._session = self._gate.session
+                await put(client, SESSION, self.session_message())
             message = await anext(client.messages)
             now_s = loop.time()
             if self._gate.is_overrun(now_s):
@@ -239,6 +247,8 @@ class _Publisher:
         self._more = asyncio.Event()
         self._counts: Counter[str] = Counter()
         self._version = __version__
+        self._state = ""
+        """State of the mission as last published."""
         self.requests: RequestListener | None = None
 
     def topic(self, topic: Topic) -> str:
@@ -264,9 +274,7 @@ class _Publisher:
 
         self._counts["connections"] += 1
         work = [self._snapshots(client), self._publish_events(client), self._health(client)]
-        if self.requests is None:
-            work.append(self._put(client, SESSION, b""))  # nobody shall think that one still counts
-        else:
+        if self.requests is not None:
             work += [self.requests.listen(client, self._put), self.requests.answer(client, self._put)]
         try:
             await _together(work)
@@ -278,11 +286,11 @@ class _Publisher:
             raise
 
     async def _snapshots(self, client: "aiomqtt.Client") -> None:
-        state = None
+        self._state = ""
         async for snapshot in self._latest.values(self._period_s):
-            if snapshot.state != state:
-                state = snapshot.state
-                await self._put(client, STATE, state.encode())
+            if snapshot.state != self._state:
+                self._state = snapshot.state
+                await self._put(client, STATE, self._state.encode())
             await self._put(client, SNAPSHOT, msgspec.json.encode(snapshot))
             self._counts["snapshots"] += 1
 
@@ -297,6 +305,12 @@ class _Publisher:
             await self._more.wait()
 
     async def _health(self, client: "aiomqtt.Client") -> None:
+        """Publish the health, and again what the broker retains.
+
+        An earlier connection of this vehicle, of a program that was killed or behind a network that was
+        gone, can overwrite what is retained long after we have published it: by its last will, or by
+        messages that were still on their way.
+        """
         while True:
             counts = self._counts
             requests = {} if self.requests is None else dict(sorted(self.requests.counts.items()))
@@ -304,7 +318,10 @@ class _Publisher:
                 self._version, counts["connections"], counts["snapshots"], counts["events_lost"], requests
             )
             await self._put(client, HEALTH, msgspec.json.encode(health))
+            await self._put(client, SESSION, b"" if self.requests is None else self.requests.session_message())
             await asyncio.sleep(self._health_s)
+            if self._state:
+                await self._put(client, STATE, self._state.encode())
 
     async def _put(self, client: "aiomqtt.Client", topic: Topic, payload: bytes) -> None:
         await self._send(client, topic, payload)

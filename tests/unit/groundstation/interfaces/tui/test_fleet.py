@@ -57,6 +57,16 @@ def test_silence_is_an_alarm_unless_the_flight_has_ended_or_its_station_has_said
     assert silent.urgency(0.0) == 1
 
 
+def test_a_vehicle_whose_snapshots_come_is_not_offline() -> None:
+    """The last will of an earlier connection says so, until the station publishes its state again."""
+    fleet = FleetMonitor("lab")
+    seen = heard(fleet, "mqx")
+    fleet.hear("lab/mqx/state", b"offline", 0.5)
+    assert seen.word(0.5) == "OFFLINE"
+    fleet.hear("lab/mqx/snapshot", msgspec.json.encode(sample(1.0)), 1.0)
+    assert seen.word(1.0) == "TRACKING"
+
+
 def test_a_snapshot_that_was_held_up_on_its_way_is_as_old_as_it_is() -> None:
     fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx", now_s=50.0)
