@@ -11,7 +11,6 @@ _LINKS = ["mavlink", "dsm", "crsf", "rf_bridge"]
 _SOURCES = ["vicon", "natnet", "qualisys", "odometry", "vision", "json"]
 
 _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and latency, noise, losses"
-_KERNEL = "compiled by this machine's C compiler, or numpy; the figures are the same (default: c if it works)"
 _AUTOPILOTS = ("px4", "ardupilot", "betaflight")
 
 
@@ -143,7 +142,7 @@ def _campaign(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--verify", type=count, metavar="N", help="then fly N of them again through `fly`, which must agree"
     )
-    parser.add_argument("--kernel", choices=["auto", "numpy", "c"], default="auto", help=_KERNEL)
+    parser.add_argument("--kernel", choices=["auto", "numpy", "c"], help="has no effect: numpy flies")
     parser.add_argument("--plot", type=path, metavar="FILE.png", help="draw it too; needs matplotlib")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 

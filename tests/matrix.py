@@ -70,8 +70,6 @@ ROWS = (
     Row("unit/groundstation/lab/test_carry.py::test_each_of_the_24_mirrored_mappings_is_refused", 8, "each axis once"),
     Row("flight/test_alarms.py::test_the_poses_of_true_flights_are_not_accused", 1, "the worst air"),
     Row("flight/test_alarms.py::test_no_flight_in_bad_air_ends_by_its_poses", 0, "the test before, by more seeds"),
-    Row("flight/test_batch.py::test_compiled_flights_are_those_of_numpy_to_the_bit", 0,
-        "property/test_compiled_stages.py compares each stage to the bit"),
     Row("flight/test_batch.py::test_the_certificate_of_a_batch_is_the_one_watched_in_flight", 0,
         "property/test_batch_watch.py watches each flight of a batch as if it were alone"),
     Row("flight/test_batch.py::test_stamps_that_are_off_at_a_metre_and_a_half_a_second_cost_little", 0,

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from groundstation.runtime.register import (
         BRIDGE,
         FILE,
-        FOLDER,
         SERVICES,
         ApiError,
         Running,

@@ -2,8 +2,7 @@
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from sim.batch.batch import fly_batch, require_batchable
-    from sim.batch.kernel import Compiled, Numpy, Stages, choose_stages, columns, zeros
+    from sim.batch.batch import fly_batch, require_batchable, zeros
 
 
 def __getattr__(name: str) -> object:

@@ -8,9 +8,8 @@ watch, and what the referee writes down. All are told the same and share the per
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -47,8 +46,7 @@ from groundstation.core.estimation import (
     widen_covariance,
 )
 from groundstation.core.geometry import Ops, Real, Vec3, arrays, rotate
-from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Decision, Diagnostics, Estimate
-from groundstation.core.trajectory import Reference
+from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Decision, Estimate
 from groundstation.core.vehicle import (
     ZERO,
     ActuatorCommand,
@@ -60,12 +58,10 @@ from groundstation.core.vehicle import (
 )
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
-from sim.batch.kernel import Array, BatchStage, Index, Numpy, Stages, columns, pick, put, zeros
 from sim.runs import CONFIRM_S, CRASH_M, SETTLED_M, Effort, sought
 from sim.world import (
     Actuators,
     Body,
-    Eddies,
     Physics,
     RateLoop,
     World,
@@ -81,6 +77,38 @@ from sim.world import (
     stir,
     turn_rotors,
 )
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Index: TypeAlias = npt.NDArray[np.intp]
+
+OPS = arrays()
+
+
+def zeros(count: int, width: int) -> Any:
+    """``width`` arrays of ``count`` zeros, each its own: ``put`` writes into one without touching the others."""
+    return tuple(np.zeros(count) for _ in range(width))
+
+
+def pick(values: Any, who: Any) -> Any:
+    """The entries ``who`` of every array in a nested, perhaps named, tuple; plain numbers stay."""
+    if isinstance(values, np.ndarray):
+        return values[who]
+    if isinstance(values, tuple):
+        parts = [pick(value, who) for value in values]
+        return type(values)(*parts) if hasattr(values, "_fields") else tuple(parts)
+    return values
+
+
+def put(values: Any, who: Any, parts: Any) -> None:
+    """Write ``parts`` into the entries ``who`` of every array of ``values``, of the same shape; None stays."""
+    if values is None:
+        return
+    if isinstance(values, np.ndarray):
+        values[who] = parts
+        return
+    for value, part in zip(values, parts, strict=True):
+        put(value, who, part)
+
 
 KEPT_FRAMES = 64
 """Commands remembered: longer than any outage that a flight survives."""
@@ -110,9 +138,7 @@ class Filtered(NamedTuple):
 class BatchEstimator:
     """State at each vehicle's newest pose; commands act from frames at multiples of ``period_s`` on."""
 
-    def __init__(
-        self, vehicle: Vehicle, gains: Gains, start: Any, idle_thrust_n: float, period_s: float, stages: Stages
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, gains: Gains, start: Any, idle_thrust_n: float, period_s: float) -> None:
         """``start`` is the (3, N) position [m, NED] at which the vehicles are held, with ``idle_thrust_n`` [N]."""
         n = start.shape[1]
         zero: Any = np.zeros(n)
@@ -142,10 +168,6 @@ class BatchEstimator:
         self._drives = np.zeros((KEPT_FRAMES, 4, n))
         self._drives[:, 0] = idle_thrust_n
         self._newest = 0
-        self._begin = stages(_rolling, (state.motion, state.driven))
-        self._roll = stages(self._roll_each, state.driven)
-        self._correct = stages(self._correct_each, state)
-        self._ahead = stages(self._predict, state)
 
     @property
     def stamp_s(self) -> Any:
@@ -181,11 +203,10 @@ class BatchEstimator:
         if who.size:
             with np.errstate(invalid="ignore"):  # -inf - -inf before the fifth pose
                 self._drive(stamp, who)
-                self._correct((stamp, position, attitude), who)
+                put(self._state, who, self._correct(OPS, pick(self._state, who), stamp, position, attitude))
 
-    def _correct_each(self, ops: Ops, old: Filtered, given: Any) -> Any:
-        """One pose, whose stamp [s], position [m, NED] and attitude are given; commands have been rolled until then."""
-        stamp, position, attitude = given
+    def _correct(self, ops: Ops, old: Filtered, stamp: Any, position: Any, attitude: Any) -> Filtered:
+        """``old`` and one pose: stamp [s], position [m, NED], attitude; commands have been rolled until then."""
         noise, stamp_noise, times, places = self._measure_noise(ops, old, stamp, position)
         dt = stamp - old.stamp
         model = self._at(old, dt)
@@ -230,23 +251,21 @@ class BatchEstimator:
         turned = correct_attitude(ops, model.attitude, attitude, self._gains.attitude_gain)
         motion = Motion(place, speed, turned, model.thrust, model.rates)
         seen = (noise, stamp_noise, track, times, places)
-        return Filtered(stamp, motion, now, rate, covariance, e, *seen, old.driven), ()
+        return Filtered(stamp, motion, now, rate, covariance, e, *seen, old.driven)
 
     def predict(self, time_s: float) -> Estimate:
         """Every vehicle at ``time_s``."""
-        self._drive(np.full(self._state.stamp.size, time_s))
-        return Estimate(time_s, *self._ahead((time_s,)))
+        state = self._state
+        self._drive(np.full(state.stamp.size, time_s), np.arange(state.stamp.size))
+        h = time_s - state.stamp
+        disturbance = correct(state.disturbance, h, state.rate)
+        return Estimate(time_s, self._at(state, h), disturbance, ZERO, state.effectiveness.value)
 
-    def _predict(self, _: Ops, old: Filtered, given: Any) -> Any:
-        (time_s,) = given
-        h = time_s - old.stamp
-        return old, (self._at(old, h), correct(old.disturbance, h, old.rate), ZERO, old.effectiveness.value)
-
-    def _drive(self, end: Any, who: Index | None = None) -> None:
-        """Let the commands sent act on ``who``, or on all, from their newest poses to ``end`` [s]."""
-        period = self._period
-        self._begin((), who)
-        who = np.arange(end.size) if who is None else who
+    def _drive(self, end: Any, who: Index) -> None:
+        """Let the commands sent act on ``who`` from their newest poses to ``end`` [s]."""
+        period, vehicle, driven = self._period, self._vehicle, self._state.driven
+        motion = pick(self._state.motion, who)
+        put(driven, who, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO))
         time = self._state.stamp[who]
         while (going := time < end - 1e-9).any():
             part, now, last = who[going], time[going], end[going]
@@ -256,15 +275,10 @@ class BatchEstimator:
                 ends = (frame + 1) * period + delay
                 until = np.where(frame < self._newest, np.minimum(until, ends), until)
                 acting.append(self._drives[frame % KEPT_FRAMES, :, part].T)
-            thrust, rates = acting[0][0], acting[-1][1:]
-            self._roll((thrust, tuple(rates), np.maximum(until - now, 1e-12)), part)
+            command = ActuatorCommand(acting[0][0], tuple(acting[-1][1:]))
+            h, lags = np.maximum(until - now, 1e-12), (vehicle.thrust_lag_s, vehicle.rate_lag_s)
+            put(driven, part, integrate_actuators(OPS, pick(driven, part), command, h, *lags))
             time[going] = until
-
-    def _roll_each(self, ops: Ops, old: ActuatorResponse, given: Any) -> Any:
-        thrust, rates, h = given
-        return integrate_actuators(
-            ops, old, ActuatorCommand(thrust, rates), h, self._vehicle.thrust_lag_s, self._vehicle.rate_lag_s
-        ), ()
 
     def _at(self, old: Filtered, h: Any) -> Any:
         """The motion ``h`` [s] after the newest pose; commands have been rolled until then."""
@@ -287,12 +301,6 @@ class BatchEstimator:
             ops.where(counts, speed2 + (way2 / (span * span) - speed2) / NOISE_MEMORY, speed2),
         )
         return ops.where(counts, ops.clamp(measured, NOISE_FLOOR_M2, math.inf), noise), seen, times, places
-
-
-def _rolling(_: Ops, old: tuple[Motion, ActuatorResponse], __: Any) -> Any:
-    """Begin to roll commands at the newest pose."""
-    motion = old[0]
-    return (motion, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)), ()
 
 
 class BatchWatch:
@@ -464,7 +472,6 @@ class Fleet:
         release_s: float,
         steps: int,
         told_latency_s: float,
-        stages: Stages,
     ) -> None:
         """``release_s`` [s] is when the flights begin, counted from the start of the cameras."""
         first = worlds[0]
@@ -504,7 +511,7 @@ class Fleet:
         self._gyros = [generator(seed, "gyro") for seed in seeds] if turns else []
         self._gyro_sigma, self._gyro_block = of(lambda w: w.rotors.gyro_noise_rad_s), np.zeros((0, 3, n))
         if turns:
-            put(_vehicle(self.track[-1])[1], slice(None), begin_rotors(arrays(), thrust, rotors[1]))
+            put(_vehicle(self.track[-1])[1], slice(None), begin_rotors(OPS, thrust, rotors[1]))
         self._thrust_command: Any = np.zeros(n)
         self._rate_command: Any = zeros(n, 3)
         delays = of(lambda w: w.thrust_delay_s), of(lambda w: w.rate_delay_s)
@@ -514,7 +521,6 @@ class Fleet:
         self._commands = np.zeros((behind + 1, 4, n))
         """The newest commands of as many frames as may still act, the newest first."""
         self._commands[:, 0] = thrust
-        self._acting = np.zeros((steps, 4, n))
         self._gust_hz, self._wind_step_s = column("wind_gust_hz"), column("wind_step_time_s")
         self._mean, self._gust, self._wind_step = (
             np.array([getattr(w, key) for w in worlds], np.float64).T.copy()
@@ -524,18 +530,8 @@ class Fleet:
         self._normals = [generator(seed, "turbulence") for seed in seeds]
         self._stirs = bool(self._turbulence.any())
         self._grid, self._block = 0, self._draw() if self._stirs else np.zeros((1, 3, n))
-        zero: Any = np.zeros(n)
-        eddies = Eddies(zeros(n, 3), zero, zero.copy())
-        put(eddies, slice(None), begin_eddies(tuple(self._block[0])))
-        held: Any = ((self._thrust_command, self._rate_command),)
-        if self._delays is not None:
-            held = tuple((row[0], tuple(row[1:])) for row in self._acting)
+        self._eddies = begin_eddies(tuple(self._block[0]))
         self._plant: Any = self._physics, drag if drags else None, rotors
-        vehicles = tuple(map(_vehicle, self.track))
-        self._frame = stages(self._advance, (vehicles, tuple(map(tuple, self.felt[1:])), held, self._plant))
-        self._part = stages(_observe, (*held[0], self._plant))
-        winds = (tuple(self._mean), tuple(self._gust), tuple(self._wind_step), self._wind_step_s, self._gust_hz)
-        self._blow = stages(_blown, (*winds, self._turbulence, eddies, tuple(map(tuple, self.felt))))
         self._cameras = Cameras(worlds, seeds, duration_s, release_s, told_latency_s)
         self.arrived = self._cameras.take_arrivals
         losses = [generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
@@ -570,26 +566,30 @@ class Fleet:
         h, track = self._step_s, self.track
         track[0] = track[-1]
         starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
-        self._blow(tuple((time, tuple(self._new_normals(time))) for time in (time_s, *(starts + 0.5 * h).tolist())))
+        for row, time in zip(self.felt, (time_s, *(starts + 0.5 * h).tolist()), strict=True):
+            row[...] = self._blow(time)
+        held: list[Any] = [(self._thrust_command, self._rate_command)] * self._steps
         if self._delays is not None:
             self._commands = np.roll(self._commands, 1, axis=0)
             self._commands[0] = (self._thrust_command, *self._rate_command)
-            for step, row in enumerate(self._acting):
-                row[...] = self._compute_mean(step * h, h, slice(None))
+            means = (self._compute_mean(step * h, h, slice(None)) for step in range(self._steps))
+            held = [(thrust, tuple(rates)) for thrust, *rates in means]
         noise = self._draw_gyros()
-        self._frame(tuple(map(tuple, noise)))
+        vehicle = _vehicle(track[0])
+        for step, command in enumerate(held):
+            gyro = tuple(noise[step]) if len(noise) else None
+            vehicle = _step(OPS, vehicle, command, gyro, tuple(self.felt[step + 1]), h, self._plant)
+            put(_vehicle(track[step + 1]), slice(None), vehicle)
 
         def observe(step: Any, who: Any, taken: Any) -> Any:
             before, wind = _vehicle(track[step, :, who].T), tuple(self.felt[step + 1, :, who].T)
             since = np.maximum(taken - starts[step], 1e-12)
-            if self._delays is None and not len(noise):
-                return self._part((before[0], wind, since), who)
             thrust, rates = self._thrust_command[who], pick(self._rate_command, who)
             if self._delays is not None:
                 thrust, *rates = self._compute_mean(step * h, since, who)
             gyro = tuple(noise[step, :, who].T) if len(noise) else None
             plant = pick(self._plant, who)
-            return _step(arrays(), before, (thrust, tuple(rates)), gyro, wind, since, plant)[0]
+            return _step(OPS, before, (thrust, tuple(rates)), gyro, wind, since, plant)[0]
 
         self._cameras.expose(starts + h, observe)
 
@@ -616,16 +616,16 @@ class Fleet:
         noise, self._gyro_block = self._gyro_block[: self._steps], self._gyro_block[self._steps :]
         return noise
 
-    def _advance(self, ops: Ops, state: Any, noise: Any) -> Any:
-        vehicles, felt, held, plant = state
-        after = [vehicles[0]]
-        for k, wind in enumerate(felt):
-            command, gyro = held[k % len(held)], noise[k] if noise else None
-            after.append(_step(ops, after[-1], command, gyro, wind, self._step_s, plant))
-        return (tuple(after), *state[1:]), ()
+    def _blow(self, time_s: float) -> Any:
+        """The disturbance [m/s², NED] at ``time_s`` after the release; questions go forward in time."""
+        for normals in self._new_normals(time_s):
+            self._eddies = stir(self._eddies, normals)
+        sine = OPS.sin(2.0 * np.pi * self._gust_hz * time_s)
+        steady = self._mean + self._gust * sine + self._wind_step * (time_s >= self._wind_step_s)
+        return steady + np.array(compute_turbulence(self._eddies, self._turbulence))
 
     def _new_normals(self, time_s: float) -> Iterator[Any]:
-        """What stirs the turbulence until ``time_s`` after the release; questions go forward in time."""
+        """What stirs the turbulence until ``time_s`` after the release."""
         while self._stirs and self._grid < cell(time_s):
             self._grid += 1
             if self._grid % BLOCK == 0:
@@ -661,25 +661,6 @@ def _step(ops: Ops, vehicle: Any, command: Any, gyro: Any, wind: Any, h: Any, pl
         return integrate(ops, body, thrust, rates, wind, h, physics), None
     frame, gains, gain = rotors
     return turn_rotors(ops, body, actuators, thrust, rates, gyro, gain, wind, h, frame, gains)
-
-
-def _observe(ops: Ops, state: Any, given: Any) -> Any:
-    before, wind, h = given
-    thrust, rates, plant = state
-    return state, _step(ops, (before, None), (thrust, rates), None, wind, h, plant)[0]
-
-
-def _blown(ops: Ops, state: Any, given: Any) -> Any:
-    *winds, eddies, _ = state
-    mean, gust, step, step_s, gust_hz, turbulence = winds
-    now = []
-    for time_s, stirs in given:
-        for normals in stirs:
-            eddies = stir(eddies, normals)
-        sine = ops.sin(2.0 * np.pi * gust_hz * time_s)
-        steady = (m + g * sine + s * (time_s >= step_s) for m, g, s in zip(mean, gust, step, strict=True))
-        now.append(tuple(a + b for a, b in zip(steady, compute_turbulence(eddies, turbulence), strict=True)))
-    return (*winds, eddies, tuple(now)), ()
 
 
 def _body(numbers: Any) -> Any:
@@ -769,6 +750,8 @@ class Marks:
 
     def steps(self, ends: Array, errors: Array) -> None:
         """The errors [m] of shape (steps, N) after the plant steps that end at ``ends`` [s after the release]."""
+        if not ends.size:
+            return
         far = errors >= SETTLED_M
         last = ends[ends.size - 1 - np.argmax(far[::-1], axis=0)]
         self._last_far = np.where(far.any(axis=0), last, self._last_far)
@@ -803,38 +786,6 @@ class Marks:
             thrust_margin_n=self._margin + nan,
             survived=self._alive,
         )
-
-
-class BatchPilot:
-    """All vehicles are told the same, and a command leaves every ``period_s`` [s]."""
-
-    def __init__(self, vehicle: Vehicle, gains: Gains, period_s: float, stages: Stages) -> None:
-        """Start as :class:`Adaptive` does."""
-        self._vehicle, self._gains, self._period, self._stages = vehicle, gains, period_s, stages
-        self._decide: BatchStage | None = None
-
-    def decide(self, estimates: Sequence[Estimate], reference: Reference) -> Decision:
-        """One command each, for one instant, or for two where thrust and rates act at two: the sooner, the later."""
-        if self._decide is None:  # the first, before which there is nothing to remember
-            pilot = Adaptive(self._vehicle, self._gains, arrays())
-            decision = _decide(pilot, estimates, reference, 0.0)
-            self._decide = self._stages(self._decide_each, columns(pilot.memory, np.size(decision.saturated)))
-            return decision
-        drive, saturated, seen = self._decide((tuple(estimates), msgspec.structs.astuple(reference)))
-        return Decision(drive, saturated, Diagnostics(*seen))
-
-    def _decide_each(self, ops: Ops, memory: Any, given: Any) -> Any:
-        pilot = Adaptive(self._vehicle, self._gains, ops)
-        pilot.memory = memory
-        estimates, reference = given
-        drive, saturated, seen = _decide(pilot, estimates, Reference(*reference), self._period)
-        return pilot.memory, (drive, saturated, msgspec.structs.astuple(seen))
-
-
-def _decide(pilot: Adaptive, estimates: Sequence[Estimate], reference: Reference, interval_s: float) -> Decision:
-    if len(estimates) == 1:
-        return pilot.decide(estimates[0], reference, interval_s)
-    return pilot.decide_apart(estimates[0], estimates[1], reference, interval_s)
 
 
 HANDSHAKE_S = 1.2
@@ -873,11 +824,8 @@ def fly_batch(
     seeds: Sequence[int],
     *,
     duration_s: float = 60.0,
-    stages: Stages = Numpy,
 ) -> Flights:
     """Fly N vehicles in N worlds, all told the same ``config``, for ``duration_s`` [s] after the release.
-
-    ``stages`` computes them; whichever does, the figures are the same.
 
     Raises:
         ValueError: the worlds differ in a period or in the reference.
@@ -902,11 +850,10 @@ def fly_batch(
         release_s=release_s,
         steps=steps,
         told_latency_s=pose.latency_s,
-        stages=stages,
     )
     weight = vehicle.mass_kg * gains.gravity
-    estimator = BatchEstimator(vehicle, gains, fleet.start, config.flight.idle_thrust * weight, period, stages)
-    pilot = BatchPilot(vehicle, gains, period, stages)
+    estimator = BatchEstimator(vehicle, gains, fleet.start, config.flight.idle_thrust * weight, period)
+    pilot = Adaptive(vehicle, gains, OPS)
     trajectory = config.trajectory.build()
     watch = BatchWatch(fleet.count, gains, period)
     marks = Marks(fleet.count, duration_s, vehicle, gains, watch)
@@ -924,17 +871,22 @@ def fly_batch(
         # Where poses stay away too long commands stop, and with them the flight.
         marks.mark_failed(time > estimator.stamp_s + config.flight.coast_s)
         acting = time + vehicle.acting_delay_s
-        # A copy: what is predicted shares arrays with the estimator's state, which the later one moves on.
-        sooner = [pick(estimator.predict(acting - vehicle.sooner_s), everyone)] if vehicle.sooner_s else []
-        estimate = estimator.predict(acting)
-        decision = pilot.decide([*sooner, estimate], trajectory.at(acting))
+        reference, interval = trajectory.at(acting), period if frame > 0 else 0.0
+        if vehicle.sooner_s:
+            # A copy: what is predicted shares arrays with the estimator's state, which the later one moves on.
+            sooner = pick(estimator.predict(acting - vehicle.sooner_s), everyone)
+            estimate = estimator.predict(acting)
+            decision = pilot.decide_apart(sooner, estimate, reference, interval)
+        else:
+            estimate = estimator.predict(acting)
+            decision = pilot.decide(estimate, reference, interval)
         estimator.take_command(frame, decision.drive)
         fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
         fleet.fly(time)
         marks.command(time, decision, estimate, fleet.felt[0])
         ends = time + np.arange(steps, dtype=np.float64) * h + h
         ends = ends[ends <= duration_s + 1e-9]  # the last frame is held beyond the end of the flight
-        wanted = np.array([trajectory.position_at(end) for end in ends.tolist()])
-        marks.steps(ends, np.sqrt(((fleet.track[1 : ends.size + 1, :3] - wanted[:, :, None]) ** 2).sum(axis=1)))
+        wanted = np.array([trajectory.position_at(end) for end in ends.tolist()]).reshape(-1, 3, 1)
+        marks.steps(ends, np.sqrt(((fleet.track[1 : ends.size + 1, :3] - wanted) ** 2).sum(axis=1)))
         marks.mark_failed(fleet.find_crashes(ends.size))
     return marks.flights()

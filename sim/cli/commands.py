@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from groundstation.config import ConfigError, load, read_toml, refuse_io
-from groundstation.core.messages import STEADY_S
+from groundstation.core.messages import STEADY_S, notice
 from groundstation.flight import ensure_flyable
 from groundstation.runtime import Exit, replace_between_markers, require_package, split_at_markers
 from groundstation.settings import Config, rehearse
@@ -179,7 +179,6 @@ def _comparison(args: argparse.Namespace) -> str:
 
 def campaign(args: argparse.Namespace) -> Exit:
     """Fly one scenario many times, in drawn worlds; 1 where a flight failed or does not agree with ``fly``."""
-    from sim.batch import choose_stages
     from sim.cli import ProgressBar
     from sim.studies import check_plot
     from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, plot, report, run, text, verify
@@ -193,15 +192,14 @@ def campaign(args: argparse.Namespace) -> Exit:
         duration_s=args.duration,
         overrides=args.overrides,
         draws=USUAL if args.draw is None else tuple(args.draw),
-        kernel=args.kernel,
     )
     shared.check()  # what can't fly says so before a cluster is called
     if args.plot is not None:
         check_plot(args.plot)
     here = args.workers or os.cpu_count() or 1
     start = perf_counter()
-    if args.cluster is None and (note := choose_stages(args.kernel)[1]):
-        print(note, file=sys.stderr)
+    if args.kernel is not None:
+        print(notice("campaign.kernel"), file=sys.stderr)
     flyers: AbstractContextManager[Crew] = nullcontext(Local(here)) if args.cluster is None else Cluster(args.cluster)
     with flyers as crew, ProgressBar("flying", args.flights, quiet=args.json, unit="flights") as progress:
         rows, flown = run(

@@ -19,7 +19,7 @@ from groundstation.core.control import Custom
 from groundstation.core.messages import STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
 from groundstation.settings import Config
-from sim.batch import choose_stages, fly_batch, require_batchable
+from sim.batch import fly_batch, require_batchable
 from sim.runs import fly
 from sim.scenarios import at_desk, world_from
 from sim.world import STILL, World
@@ -251,8 +251,7 @@ def _fly_all(flights: list[Flown], seed: int, duration_s: float) -> list[float |
             results = [fly(world, config, seed=seed, duration_s=duration_s) for world, _ in chosen]
             found |= {i: r.verdict.rms_cm if r.completed else None for i, r in zip(members, results, strict=True)}
             continue
-        stages, seeds = choose_stages("auto")[0], [seed] * len(members)
-        flown = fly_batch([world for world, _ in chosen], config, seeds, duration_s=duration_s, stages=stages)
+        flown = fly_batch([world for world, _ in chosen], config, [seed] * len(members), duration_s=duration_s)
         for i, rms_m, survived in zip(members, flown.rms_m.tolist(), flown.survived.tolist(), strict=True):
             found[i] = 100.0 * rms_m if survived else None
     return [found[i] for i in range(len(flights))]

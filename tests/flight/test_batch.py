@@ -1,23 +1,18 @@
 """Many flights at once agree with whole flights one at a time, so that two simulators cannot drift apart."""
 
 import math
-from collections.abc import Callable
 
-import msgspec
 import numpy as np
 import pytest
 
 from groundstation.core.geometry import Vec3
-from sim.batch import Compiled, Numpy, choose_stages, fly_batch
+from sim.batch import fly_batch
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.campaign.campaign import DRAWS, draw_world
 from sim.world import Wind
 from tests.flight.flights import flown
 
 SEEDS = 2
-STAGES = choose_stages("auto")[0]
-"""Compiled where there is a compiler: to the bit the figures of numpy, as is shown below, in a tenth of the time."""
 DURATION_S = 17.0
 """Two seconds count; what differs by then does not agree again."""
 DELAYS = (
@@ -44,7 +39,7 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
     if asked:
         monkeypatch.setattr("groundstation.core.pilot.ASKS", math.inf)
     world, config = prepare(SCENARIOS[scenario], list(overrides))
-    batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)), duration_s=DURATION_S, stages=STAGES)
+    batch = fly_batch([world] * SEEDS, config, list(range(SEEDS)), duration_s=DURATION_S)
     assert batch.survived.all()
     for seed in range(SEEDS):
         verdict = (
@@ -56,34 +51,16 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
         assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.006)  # two steps of the plant
 
 
-@pytest.mark.parametrize(
-    ("overrides", "duration_s"),
-    [
-        # What the others do not meet: steps off the grid of the turbulence, attitudes not taken as they are, outages.
-        (("sim.frame_period_s=0.011", "sim.outage_s=0.2", "controller.attitude_gain=0.5"), 4.0),
-        ((), 4.0),
-        ((), 20.0),
-    ],
-)
-def test_compiled_flights_are_those_of_numpy_to_the_bit(
-    needs_program: Callable[..., str], overrides: tuple[str, ...], duration_s: float
-) -> None:
-    needs_program("cc")
-    world, config = prepare(SCENARIOS["adverse"], list(overrides))
-    seeds = [0, 1, 2]
-    worlds = [draw_world(world, seed, tuple(DRAWS)) for seed in seeds]
-    worlds[2] = msgspec.structs.replace(worlds[2], wind_mean=(30.0, 0.0, 0.0))
-    plain, compiled = (
-        fly_batch(worlds, config, seeds, duration_s=duration_s, stages=stages) for stages in (Numpy, Compiled)
-    )
-    assert plain.survived.tolist() == [True, True, False]
-    for name, figures in plain._asdict().items():
-        assert figures.tobytes() == getattr(compiled, name).tobytes(), name
+def test_a_last_frame_whose_every_step_ends_after_the_flight_adds_nothing() -> None:
+    world, config = prepare(SCENARIOS["adverse"], ["sim.frame_period_s=0.011"])
+    shorter, longer = (fly_batch([world], config, [0], duration_s=s) for s in (0.011, 0.0111))
+    assert longer.survived.all()
+    assert longer.settle_s.tobytes() == shorter.settle_s.tobytes()
 
 
 def test_a_batch_feels_a_thrust_curve_as_a_whole_flight_does() -> None:
     world, config = prepare(SCENARIOS["paper"], ["sim.thrust_curve=0.4", "vehicle.thrust_curve=0.5"])
-    batch = fly_batch([world], config, [3], duration_s=18.0, stages=STAGES)
+    batch = fly_batch([world], config, [3], duration_s=18.0)
     whole = fly(world, config, seed=3, duration_s=18.0)
     assert 100.0 * batch.rms_m[0] == pytest.approx(whole.verdict.rms_cm, abs=0.01)
 
@@ -92,12 +69,12 @@ def test_a_batch_feels_a_thrust_curve_as_a_whole_flight_does() -> None:
 def test_stamps_that_are_off_at_a_metre_and_a_half_a_second_cost_little(jitter_ms: float, most_cm: float) -> None:
     key = f"pose_jitter_s={1e-3 * jitter_ms}"
     world, config = prepare(SCENARIOS["fast"], [f"sim.{key}"])
-    batch = fly_batch([world] * 3, config, [0, 1, 2], duration_s=20.0, stages=STAGES)
+    batch = fly_batch([world] * 3, config, [0, 1, 2], duration_s=20.0)
     whole = fly(world, config, seed=2, duration_s=20.0).verdict.rms_cm
     assert 100.0 * batch.rms_m[2] == pytest.approx(whole, abs=1e-3)
     assert 100.0 * np.median(batch.rms_m) <= most_cm
     by_rms = {
-        told: 100.0 * np.median(fly_batch([world] * 3, told_so, [0, 1, 2], duration_s=20.0, stages=STAGES).rms_m)
+        told: 100.0 * np.median(fly_batch([world] * 3, told_so, [0, 1, 2], duration_s=20.0).rms_m)
         for told in ("0", key.partition("=")[2])
         for _, told_so in [prepare(SCENARIOS["fast"], [f"sim.{key}", f"controller.pose_jitter_s={told}"])]
     }
@@ -133,7 +110,7 @@ def test_the_certificate_of_a_batch_is_the_one_watched_in_flight(
 ) -> None:
     world, config = prepare(SCENARIOS[scenario], list(overrides))
     seeds = [0, 1]
-    batch = fly_batch([world] * len(seeds), config, seeds, duration_s=8.0, stages=STAGES)
+    batch = fly_batch([world] * len(seeds), config, seeds, duration_s=8.0)
     for seed in seeds:
         verdict = fly(world, config, seed=seed, duration_s=8.0).verdict
         assert verdict.certificate_violated >= violated
@@ -145,8 +122,8 @@ def test_the_certificate_of_a_batch_is_the_one_watched_in_flight(
 def test_vehicles_of_a_batch_do_not_touch_each_other() -> None:
     world, config = prepare(SCENARIOS["adverse"], [])
     heavy, _ = prepare(SCENARIOS["adverse"], ["sim.mass_kg=0.4"])
-    together = fly_batch([world, heavy, world], config, [7, 8, 9], duration_s=18.0, stages=STAGES)
-    alone = fly_batch([world], config, [9], duration_s=18.0, stages=STAGES)
+    together = fly_batch([world, heavy, world], config, [7, 8, 9], duration_s=18.0)
+    alone = fly_batch([world], config, [9], duration_s=18.0)
     assert together.survived.tolist() == [True, False, True]
     assert np.isnan(together.rms_m[1])
     assert together.rms_m[2] == alone.rms_m[0]
@@ -177,7 +154,7 @@ def test_nobody_asks_for_the_wind_ahead_of_the_flight(monkeypatch: pytest.Monkey
 
 def test_a_latency_that_is_not_the_one_told_stamps_poses_wrongly_as_in_whole_flights() -> None:
     world, config = prepare(SCENARIOS["paper"], ["sim.pose_latency_s=0.035"])
-    late, told = fly_batch([world, SCENARIOS["paper"].world], config, [0, 0], duration_s=16.0, stages=STAGES).rms_m
+    late, told = fly_batch([world, SCENARIOS["paper"].world], config, [0, 0], duration_s=16.0).rms_m
     verdict = flown("paper", "sim.pose_latency_s=0.035", duration_s=16.0).verdict
     assert 100.0 * late == pytest.approx(verdict.rms_cm, abs=1e-4)
     assert late > told + 0.001
@@ -186,7 +163,7 @@ def test_a_latency_that_is_not_the_one_told_stamps_poses_wrongly_as_in_whole_fli
 def test_where_poses_stay_away_too_long_the_flight_ends() -> None:
     overrides = ["sim.outage_s=0.5", "sim.outage_period_s=3"]
     world, config = prepare(SCENARIOS["paper"], overrides)
-    batch = fly_batch([world], config, [0], duration_s=5.0, stages=STAGES)
+    batch = fly_batch([world], config, [0], duration_s=5.0)
     assert not batch.survived[0]
     whole = flown("paper", *overrides, duration_s=5.0)
     assert not whole.completed

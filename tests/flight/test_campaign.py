@@ -251,6 +251,14 @@ def test_a_campaign_that_would_not_be_true_is_refused(
     assert complaint in capsys.readouterr().err
 
 
+def test_the_kernel_option_is_accepted_and_says_that_it_has_no_effect(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["groundstation-sim", "campaign", "--flights", "1", "--duration", "15.1", "--workers", "1", "--kernel", "c"]
+    assert _call(words, monkeypatch) == 0
+    assert "--kernel has no effect" in capsys.readouterr().err
+
+
 def test_the_command_prints_one_object(
     rows: list[CampaignRow], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

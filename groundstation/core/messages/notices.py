@@ -31,7 +31,11 @@ class NoticeTemplate(msgspec.Struct, frozen=True):
         return f"{sentence}: {self.remedy.format(**values)}" if self.remedy else sentence
 
 
-_TABLE: tuple[NoticeTemplate, ...] = ()
+_TABLE: tuple[NoticeTemplate, ...] = (
+    NoticeTemplate(
+        "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
+    ),
+)
 
 NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}
 """Every sentence by its id."""

@@ -30,7 +30,7 @@ from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import STEADY_S
 from groundstation.settings import Config
-from sim.batch import choose_stages, fly_batch, require_batchable
+from sim.batch import fly_batch, require_batchable
 from sim.runs import Workers, fly
 from sim.world import World, generator
 
@@ -274,8 +274,6 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
     """``--set`` as given, to name the command that flies one flight again."""
     draws: tuple[str, ...] = USUAL
     """Names of what differs from flight to flight, keys of ``DRAWS``."""
-    kernel: str = "auto"
-    """How the flights are computed, see :func:`sim.batch.kernel.choose_stages`; the rows are the same in any case."""
 
     def check(self) -> None:
         """Refuse what cannot be flown or would not be true.
@@ -342,8 +340,7 @@ def run(
 def fly_chunk(campaign: Campaign, seeds: list[int]) -> list[CampaignRow]:
     """Fly ``seeds`` as one batch."""
     worlds = [draw_world(campaign.world, seed, campaign.draws) for seed in seeds]
-    stages, _ = choose_stages(campaign.kernel)
-    flights = fly_batch(worlds, campaign.config, seeds, duration_s=campaign.duration_s, stages=stages)
+    flights = fly_batch(worlds, campaign.config, seeds, duration_s=campaign.duration_s)
     columns = {name: column.tolist() for name, column in flights._asdict().items()}
     return [
         _row(seed, world, **{name: column[i] for name, column in columns.items()})

@@ -9,15 +9,14 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 
 from groundstation.core.control import Adaptive, Gains
-from groundstation.core.geometry import FLOATS, IDENTITY, Ops, arrays
+from groundstation.core.geometry import FLOATS, Ops, arrays
 from groundstation.core.messages import Estimate
-from groundstation.core.trajectory import LemniscateConfig, Reference
-from groundstation.core.vehicle import ZERO, Motion, Vehicle
-from sim.batch import Compiled, Numpy, Stages, columns, fly_batch, zeros
+from groundstation.core.trajectory import LemniscateConfig
+from groundstation.core.vehicle import Motion, Vehicle
+from sim.batch import fly_batch, zeros
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Physics, integrate
 from tests.proving.bench.bench import Options, in_turns
@@ -130,41 +129,12 @@ def law_and_plant(count: int, ops: Ops, steps: int) -> Bench:
     return Bench(run, count * steps, "")
 
 
-def compiled_law_and_plant(count: int, steps: int) -> Bench:
-    """The same as one compiled stage."""
-    vehicle, trajectory = Vehicle(), LemniscateConfig().build()
-    world = SCENARIOS["paper"].world
-    physics = Physics(world.mass_kg, world.thrust_lag_s, world.rate_lag_s, 0.0, 0.0, world.gravity)
-    body = Body(*columns((ZERO, ZERO, IDENTITY, 0.785, ZERO), count))
-
-    def step(ops: Ops, state: Any, reference: Any) -> Any:
-        body, memory = state
-        pilot = Adaptive(vehicle, Gains(), ops)
-        pilot.memory = memory
-        drive = pilot.decide(Estimate(0.0, Motion(*body), ZERO, ZERO), Reference(*reference), STEP_S).drive
-        return (integrate(ops, body, drive.thrust, drive.rates, ZERO, STEP_S, physics), pilot.memory), ()
-
-    pilot = Adaptive(vehicle, Gains(), arrays())
-    pilot.decide(Estimate(0.0, Motion(*body), ZERO, ZERO), trajectory.at(0.0), 0.0)
-    stage, time = Compiled(step, (body, columns(pilot.memory, count))), 0.0
-
-    def run() -> None:
-        nonlocal time
-        for _ in range(steps):
-            stage(msgspec.structs.astuple(trajectory.at(time)))
-            time += STEP_S
-
-    return Bench(run, count * steps, "")
-
-
-def whole_flights(stages: Stages) -> Bench:
+def whole_flights() -> Bench:
     """Flights of a campaign: observer, predictor, law at 44 Hz, plant at 400 Hz, cameras, wind, wire rounding."""
     world, config = prepare(SCENARIOS["adverse"], [])
     worlds, seeds = [world] * VEHICLES, list(range(VEHICLES))
     steps = round(FLIGHT_S / world.frame_period_s) * round(world.frame_period_s / world.step_s)
-    return Bench(
-        lambda: _ignore(fly_batch(worlds, config, seeds, duration_s=FLIGHT_S, stages=stages)), VEHICLES * steps, ""
-    )
+    return Bench(lambda: _ignore(fly_batch(worlds, config, seeds, duration_s=FLIGHT_S)), VEHICLES * steps, "")
 
 
 def _ignore(_: object) -> None:
@@ -173,9 +143,7 @@ def _ignore(_: object) -> None:
 
 OURS: dict[str, Callable[[], Bench]] = {
     "ours, 1,000 vehicles: law and plant at every step": lambda: law_and_plant(VEHICLES, arrays(), STEPS),
-    "ours, 1,000 vehicles: the same, compiled": lambda: compiled_law_and_plant(VEHICLES, STEPS),
-    "ours, 1,000 vehicles: whole flights of a campaign": lambda: whole_flights(Numpy),
-    "ours, 1,000 vehicles: whole flights, compiled": lambda: whole_flights(Compiled),
+    "ours, 1,000 vehicles: whole flights of a campaign": whole_flights,
     "ours, one vehicle: law and plant at every step": lambda: law_and_plant(1, FLOATS, 1000),
 }
 
