@@ -800,7 +800,8 @@ class Flight:
         if event.kind == "strays":
             self._pilot.doubt()
         if event.text:
-            self._say(event.text)
+            severity = Severity.WARNING if event.kind == "unsteady" else Severity.INFO
+            self._say(event.text, severity)
 
     def distrust(self) -> None:
         """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""

@@ -12,7 +12,7 @@ import hashlib
 import math
 import os
 import sys
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -21,7 +21,17 @@ from groundstation.config import ConfigError
 from groundstation.core import Pilot
 from groundstation.core.control import Law, thrust_bound
 from groundstation.core.geometry import Vec3, angle_deg, third_column
-from groundstation.core.messages import Check, Others, Pose, PoseSource, Say, Severity, Verdict
+from groundstation.core.messages import (
+    Check,
+    Others,
+    Pose,
+    PoseSource,
+    PoseStatus,
+    Say,
+    Severity,
+    Verdict,
+    notice,
+)
 from groundstation.core.mission import Event
 from groundstation.core.safety import (
     ASKEW_DEG,
@@ -45,6 +55,8 @@ from groundstation.core.trajectory import (
 )
 from groundstation.flight.hold_to_run import HoldToRun
 from groundstation.flight.mission_executive import Course, MissionExecutive
+from groundstation.pose import check_stamp_rate
+from groundstation.pose.sources import describe_drop, describe_unsteady_clock
 from groundstation.runtime import FILE, RecordingConfig, Running, folder_of, is_ours, socket_path
 from groundstation.settings import Config, FlightConfig
 from links.core import CommandLink, LinkError, LinkKind, LinkStatus
@@ -334,6 +346,14 @@ def tilt_noise_deg(poses: Sequence[Pose]) -> float:
     return math.degrees(math.sqrt(sum(step * step for step in steps) / (12.0 * max(1, len(steps)))))
 
 
+def explain_drops(dropped: Mapping[str, int]) -> str:
+    """For what reason most poses were dropped; empty where none was."""
+    if not any(dropped.values()):
+        return ""
+    reason = max(dropped, key=lambda reason: dropped[reason])
+    return f"{dropped[reason]} were dropped: {describe_drop(reason)}"
+
+
 class Checks:
     """The checks of one configuration. Times are on the event loop's clock [s]."""
 
@@ -351,19 +371,30 @@ class Checks:
         self._still = [self._flyable(asked), self._certificate(asked), self._take_off(), *self._simulation()]
 
     def __call__(
-        self, standing: StandingPoses, noise_m: float, link: LinkStatus, now_s: float, witness: Agreement | None = None
+        self,
+        standing: StandingPoses,
+        noise_m: float,
+        link: LinkStatus,
+        now_s: float,
+        witness: Agreement | None = None,
+        *,
+        source: PoseStatus | None = None,
     ) -> list[Check]:
         """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m].
 
         ``witness`` is what comes of holding the poses against the autopilot's own attitude; None where it tells none.
+        ``source`` is the status of the pose source; None where it is not known.
         """
         poses = list(standing.poses)
+        source = PoseStatus(accepted=len(poses), dropped={}) if source is None else source
         if len(poses) < 2:
-            return [Check("poses", Verdict.FAIL, "no poses: check the source"), self._arm(link), *self._still]
+            why = explain_drops(source.dropped) or "check the source"
+            nothing = Check("poses", Verdict.FAIL, notice("pose.none", why=why))
+            return [nothing, self._arm(link), *self._still]
         place = standing.place_ned
         return [
-            self._rate(poses),
-            self._age(poses[-1], now_s),
+            self._rate(poses, source),
+            self._age(poses[-1], now_s, source),
             self._deadline(),
             self._props_off(link),
             self._noise(noise_m, tilt_noise_deg(poses)),
@@ -382,7 +413,10 @@ class Checks:
             self._ways(place),
         ]
 
-    def _rate(self, poses: list[Pose]) -> Check:
+    def _rate(self, poses: list[Pose], source: PoseStatus) -> Check:
+        stamps = check_stamp_rate(source, self._config.pose)
+        if stamps is not None:
+            return stamps
         rate = (len(poses) - 1) / max(poses[-1].arrival_s - poses[0].arrival_s, 1e-6)
         wanted = self._config.pose.rate_hz
         told = "" if wanted is None else f", pose.rate_hz says {wanted:g}"
@@ -392,9 +426,13 @@ class Checks:
         few = wanted is not None and rate < WARN_RATE * wanted
         return Check("pose rate", Verdict.WARN if few else Verdict.PASS, says)
 
-    def _age(self, pose: Pose, now_s: float) -> Check:
+    def _age(self, pose: Pose, now_s: float, source: PoseStatus) -> Check:
+        if source.unsteady_clock:
+            return Check("pose age", Verdict.FAIL, describe_unsteady_clock())
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
-        return grade("pose age", age, min(WARN_AGE_S, fail), fail, f"the newest pose is {1e3 * age:.0f} ms old")
+        says = f"the newest pose is {1e3 * age:.0f} ms old"
+        why = explain_drops(source.dropped) if age > fail else ""
+        return grade("pose age", age, min(WARN_AGE_S, fail), fail, f"{says}; {why}" if why else says)
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Whether somebody has seen the motors of this vehicle stop, as it is now."""
@@ -814,7 +852,9 @@ class PrearmSequence:
         assert self._look is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
         evidence = self._witness().verdict(now)
-        checks = self._look(self._progress.standing, self._pilot.noise_m, self._link.status, now, evidence)
+        checks = self._look(
+            self._progress.standing, self._pilot.noise_m, self._link.status, now, evidence, source=self._source.status
+        )
         if self._company is not None:
             checks += self._company(self._progress.standing, now, arming=arming)
         self.checks = tuple(checks)
@@ -839,7 +879,7 @@ class PrearmSequence:
             )
         told = {pose.address_key: pose.address, pose.body_key: pose.body_name}
         keys = ", ".join(f"pose.{key} = {value}" for key, value in told.items() if key)
-        hint = f"dropped so far: {dropped}" if dropped else "nothing arrived at all; check address and port"
+        hint = explain_drops(dropped) if dropped else "nothing arrived at all; check address and port"
         return f"nothing of use from pose.kind = {pose.kind} ({keys}); {hint}"
 
     async def _operator(self) -> None:

@@ -20,7 +20,16 @@ import msgspec
 
 from groundstation.config import ConfigError, load, write_value
 from groundstation.core.geometry import Alignment, Vec3
-from groundstation.core.messages import OverheardSource, Pose, PoseEvent, PoseSource, SourceError
+from groundstation.core.messages import (
+    OverheardSource,
+    Pose,
+    PoseEvent,
+    PoseKind,
+    PoseSource,
+    PoseStatus,
+    SourceError,
+    Verdict,
+)
 from groundstation.lab.pose_stream import (
     MOVES,
     AxisCalibration,
@@ -31,8 +40,8 @@ from groundstation.lab.pose_stream import (
     Sample,
     solve_axes,
 )
-from groundstation.pose import make_source
-from groundstation.pose.sources import HINTS, GatedSource
+from groundstation.pose import check_stamp_rate, make_source
+from groundstation.pose.sources import GatedSource, describe_drop, describe_unsteady_clock
 from groundstation.runtime import Exit, raw_stream
 from groundstation.settings import Config
 from links import make_link
@@ -143,7 +152,9 @@ async def listen(
         watcher.event(event, loop.time())
 
     def look(ears: Ears) -> PoseStreamSummary:
-        return watcher.summarize(loop.time(), ears.source.status, ears.names())
+        status = ears.source.status
+        fault = "" if config.pose.recorded else _find_stamp_fault(status, config.pose)
+        return watcher.summarize(loop.time(), status, ears.names(), stamp_fault=fault)
 
     with _interrupt(loop) as stopped:
         async with open_ears(config, watcher.pose, tell=tell) as ears:
@@ -155,6 +166,14 @@ async def listen(
                 if show is not None:
                     show(look(ears))
             return look(ears)
+
+
+def _find_stamp_fault(status: PoseStatus, kind: PoseKind) -> str:
+    """What is wrong with the stamps: their unit, or their clock; empty where nothing is."""
+    rate = check_stamp_rate(status, kind)
+    if rate is not None and rate.verdict is Verdict.FAIL:
+        return rate.says
+    return describe_unsteady_clock() if status.unsteady_clock else ""
 
 
 async def _listen_on_screen(config: Config, seconds: float | None, title: str) -> PoseStreamSummary:
@@ -197,13 +216,15 @@ def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
         ("jitter", f"{1e3 * seen.jitter_s:.1f} ms, longest wait {1e3 * seen.longest_s:.0f} ms"),
         ("gaps", f"{seen.gaps}; its clock stepped {seen.clock_steps} times{_drift(seen.drift)}"),
     ]
+    if seen.stamp_fault:
+        lines.append(("stamps", seen.stamp_fault))
     if seen.position_ned is not None and seen.roll_pitch_yaw_deg is not None:
         north, east, down = seen.position_ned
         lines.append(("place", f"north {north:+.3f}  east {east:+.3f}  up {-down:+.3f} m"))
         roll, pitch, yaw = seen.roll_pitch_yaw_deg
         lines.append(("attitude", f"roll {roll:+.1f}  pitch {pitch:+.1f}  yaw {yaw:+.1f}°"))
         lines.append(("noise at rest", _noise(seen.noise_m, seen.noise_deg)))
-    lines += [("dropped", f"{count} {_describe_drop(reason)}") for reason, count in seen.dropped.items()]
+    lines += [("dropped", f"{count} {describe_drop(reason)}") for reason, count in seen.dropped.items()]
     if not seen.poses and not seen.dropped:
         lines.append(("", NOTHING))
     if seen.bodies:
@@ -221,7 +242,7 @@ def summary_table(title: str, seen: PoseStreamSummary) -> "Table":
     drawn.add_column(style="dim", no_wrap=True)
     drawn.add_column()
     for name, text in summary_rows(seen):
-        bad = name == "dropped" or (name == "age" and not seen.ok)
+        bad = name in ("dropped", "stamps") or (name == "age" and not seen.ok)
         drawn.add_row(name, Text(text, style="bold yellow" if bad else ""))
     return drawn
 
@@ -242,11 +263,6 @@ def _noise(place_m: Vec3 | None, turn_deg: Vec3 | None) -> str:
     north, east, down = (1e3 * value for value in place_m)
     roll, pitch, yaw = turn_deg
     return f"{north:.2f} {east:.2f} {down:.2f} mm  {roll:.2f} {pitch:.2f} {yaw:.2f}°"
-
-
-def _describe_drop(reason: str) -> str:
-    hint = HINTS.get(reason)
-    return reason if hint is None else f"{reason}: {hint}"
 
 
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")

@@ -69,6 +69,8 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
     """How often the source's clock leapt ahead or began anew."""
     drift: float | None
     """How much slower than ours the source's clock runs, as a share; None of a recording."""
+    stamp_fault: str
+    """What is wrong with the time stamps: their unit, or their clock; empty where nothing is."""
     position_ned: Vec3 | None
     """[m]"""
     roll_pitch_yaw_deg: Vec3 | None
@@ -87,10 +89,10 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def ok(self) -> bool:
-        """Whether there are poses now; of a recording, any at all."""
+        """Whether there are poses now, and their stamps tell their age; of a recording, any at all."""
         if self.recorded:
             return self.poses > 0
-        return self.age_s is not None and self.rate_hz > 0.0
+        return not self.stamp_fault and self.age_s is not None and self.rate_hz > 0.0
 
 
 class PoseStreamMonitor:
@@ -119,8 +121,15 @@ class PoseStreamMonitor:
         if event.text:
             self._events.append(f"{now_s - self._begun_s:.1f} {event.text}")
 
-    def summarize(self, now_s: float, status: PoseStatus, bodies: tuple[str, ...] = ()) -> PoseStreamSummary:
-        """All of it; ``status`` and ``bodies`` are the source's."""
+    def summarize(
+        self,
+        now_s: float,
+        status: PoseStatus,
+        bodies: tuple[str, ...] = (),
+        *,
+        stamp_fault: str = "",
+    ) -> PoseStreamSummary:
+        """All of it; ``status`` and ``bodies`` are the source's, ``stamp_fault`` is what is wrong with its stamps."""
         newest = self._recent[-1] if self._recent else None
         if self._recorded and newest is not None:  # played faster it arrives in the future, and at its end is no fault
             now_s = newest.arrival_s
@@ -141,6 +150,7 @@ class PoseStreamMonitor:
             gaps=status.gaps,
             clock_steps=status.clock_steps + status.clock_restarts,
             drift=None if self._recorded else status.drift,
+            stamp_fault=stamp_fault,
             position_ned=None if newest is None else newest.position_ned,
             roll_pitch_yaw_deg=None if newest is None else _degrees(euler_zyx(newest.attitude)),
             at_rest=noise is not None,

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
         make_source,
         pose_decoder,
     )
+    from groundstation.pose.stamps import check_stamp_rate
 
 
 def __getattr__(name: str) -> object:

@@ -35,6 +35,21 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
+    NoticeTemplate("pose.dropping", "poses are dropped: {why}"),
+    NoticeTemplate(
+        "pose.unsteady_clock",
+        "the tracker's clock stepped {count} times within {within_s:g} s, so its stamps do not tell how old a pose is",
+        "in flight, land; then find out what sets the sender's clock",
+        Severity.WARNING,
+    ),
+    NoticeTemplate("pose.steady_clock", "the tracker's clock is steady again"),
+    NoticeTemplate(
+        "pose.stamp_rate",
+        "the time stamps of the poses run {factor} times too {way}, limit {limit:g}",
+        "{field} is expected in {unit}{looks_like}",
+        Severity.WARNING,
+    ),
+    NoticeTemplate("pose.none", "no poses: {why}"),
 )
 
 NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}

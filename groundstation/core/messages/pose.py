@@ -52,14 +52,21 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """How often it began anew."""
     late_s: float = 0.0
     """How much later than at their best poses come now, and go on to [s]; 0 where they do not."""
+    stamp_rate: float | None = None
+    """Seconds that pass by the stamps in one second of ours [-]; None where it is not known."""
+    unsteady_clock: bool = False
+    """Whether the source's clock steps again and again: it does not tell how old a pose is."""
 
 
 class PoseEvent(msgspec.Struct, frozen=True):
     """Something about the poses that the operator and the safety rules should know."""
 
-    kind: Literal["dropping", "passed", "lost", "back", "late", "punctual", "reset", "moved", "strays"]
+    kind: Literal[
+        "dropping", "passed", "lost", "back", "late", "punctual", "unsteady", "steady", "reset", "moved", "strays"
+    ]
     """``dropping`` begins and ``passed`` ends an outbreak; ``lost``: no pose for as long as commands may rest on one,
-    ``back``: there is one again; ``late``: they come later than they did, ``punctual``: no longer; ``reset``,
+    ``back``: there is one again; ``late``: they come later than they did, ``punctual``: no longer; ``unsteady``:
+    the source's clock steps again and again, ``steady``: no longer; ``reset``,
     ``moved``: poses are elsewhere, as the source said or did not say; ``strays``: two in a row were dropped that fit
     each other, and not those before."""
     reason: str
@@ -89,6 +96,10 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     """The key that names the vehicle's body; empty where poses are of nothing else."""
     address_key: ClassVar[str] = ""
     """The key that says where poses come from, or come in; empty where no socket brings them."""
+    stamp_field: ClassVar[str] = ""
+    """Field of the source's time stamp, in its own words; empty where nobody can set it wrong."""
+    stamp_unit_s: ClassVar[float] = 1.0
+    """Unit of that field [s]."""
     latency_key: ClassVar[str] = "latency_s"
     """The key of the shortest time from the instant of a pose to its arrival."""
 

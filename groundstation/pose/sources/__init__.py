@@ -9,7 +9,15 @@ from groundstation.pose.sources import vicon_codec as vicon_codec
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from groundstation.pose.sources.datagram import JsonConfig, cannot_listen, join, send_by
-    from groundstation.pose.sources.intake import HINTS, DatagramReader, Gate, GateConfig, GatedSource, Intake
+    from groundstation.pose.sources.intake import (
+        DatagramReader,
+        Gate,
+        GateConfig,
+        GatedSource,
+        Intake,
+        describe_drop,
+        describe_unsteady_clock,
+    )
     from groundstation.pose.sources.json_codec import JsonReader
     from groundstation.pose.sources.libmotioncapture import LibmotioncaptureConfig
     from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource, VisionConfig

@@ -111,6 +111,7 @@ class JsonConfig(ListensAt, frozen=True, kw_only=True, tag="json"):
     shows_others: ClassVar[bool] = True
     is_relayed: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
+    stamp_field: ClassVar[str] = "t"
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)] = "quad"
     """Name of the vehicle's body."""
     listen: str = "127.0.0.1:51002"

@@ -10,6 +10,10 @@ Stamps are seconds, or numbers of frames. How much of our time passes from one t
 delayed message of each half second (Theil and Sen: the median of the slopes between any two of them, which bursts and
 stalls do not move). Of frames any rate is believed at first, as a told one is often wrong; from then on a
 rate that is slower is lateness, too.
+Stamps in the wrong unit would make every message the newest ever, and none late. Stamps that run
+too fast, or of which each is a step, are therefore measured as the numbers of frames are. Where the
+clock steps again and again, the message after a step counts as one usual interval newer than the one
+before: an unsteady clock makes no pose young.
 
 Outlier gate: between a source and the flight, poses that can't be true do not pass. A decoder sees one datagram at a
 time; here each pose is held against those before it. What does not fit is counted by reason, and told once for each
@@ -30,7 +34,15 @@ from typing import Annotated, Literal, Protocol
 import msgspec
 
 from groundstation.core.geometry import Frames, Quat, Vec3, so3
-from groundstation.core.messages import FAR_M, Others, Pose, PoseEvent, PoseSource, PoseStatus
+from groundstation.core.messages import (
+    FAR_M,
+    Others,
+    Pose,
+    PoseEvent,
+    PoseSource,
+    PoseStatus,
+    notice,
+)
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -58,6 +70,17 @@ ANEW_S = 4.0
 without a fresh pose: what rests on one for 1 s at most is followed by a bring-down of 2 s."""
 STEP_S = 0.2
 """A message that comes earlier by more than this than any before is a step of the source's clock [s]."""
+BREAKS = 3
+"""So many steps and restarts within ``UNSTEADY_S`` make a clock unsteady."""
+UNSTEADY_S = 30.0
+"""A clock without a break for this long is steady again [s]."""
+FAST = 1.2
+"""Stamps that run faster than ours by this factor are not seconds: no queue drains so fast for
+``FIRST_BLOCKS`` blocks."""
+RATE_S = 2.0
+"""The rate of the stamps is that over the last so many seconds [s]."""
+RATE_LEAST_S = 1.0
+"""No rate is given for a shorter time than this [s]."""
 AVERAGED = 20
 """Over so many messages the usual interval is averaged."""
 GAP_INTERVALS = 2.5
@@ -82,6 +105,9 @@ class SourceClock:
         self._heard_s = -math.inf
         self._stamp: float | None = None
         self._old_since_s: float | None = None
+        self._same_since_s = math.inf
+        self._breaks: deque[float] = deque(maxlen=BREAKS)
+        self._recent: deque[tuple[float, float]] = deque()
         self._blocks: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
         self._begin(0.0, 0.0)
         self._is_anew = True
@@ -100,6 +126,7 @@ class SourceClock:
         self._late = (0.0, 0.0)
         self._lowered_s = 0.0
         self._early_blocks = 0
+        self._recent.clear()
 
     @property
     def drift(self) -> float:
@@ -111,6 +138,24 @@ class SourceClock:
         """How much later than at their best messages have come for the last two blocks [s]; 0 within the slack."""
         return min(self._late)
 
+    @property
+    def is_unsteady(self) -> bool:
+        """Whether the clock has stepped or begun anew again and again, and its rate is not known."""
+        breaks = self._breaks
+        return len(breaks) == BREAKS and self._arrival_s - breaks[0] <= UNSTEADY_S
+
+    @property
+    def stamp_rate(self) -> float | None:
+        """Seconds that pass by the stamps in one second of ours [-].
+
+        By the unit or the rate that was told; None where too few messages came.
+        """
+        if not self._recent:
+            return None
+        (first, begun_s), (last, ended_s) = self._recent[0], self._recent[-1]
+        elapsed_s = ended_s - begun_s
+        return (last - first) * self._told / elapsed_s if elapsed_s >= RATE_LEAST_S else None
+
     def mark_alive(self, arrival_s: float) -> None:
         """The source has sent something, be it without a pose of ours, that came at ``arrival_s`` [s, our clock]."""
         if arrival_s - self._heard_s > ANEW_S:
@@ -120,19 +165,22 @@ class SourceClock:
     def stale(self, stamp: float, arrival_s: float) -> str:
         """Why a message stamped ``stamp`` must be dropped; an empty string where it must not.
 
-        ``duplicate`` or ``out_of_order``; ``arrival_s`` is on our clock [s].
+        ``duplicate``, ``same_stamp`` where the stamp has not changed for a second, or
+        ``out_of_order``; ``arrival_s`` is on our clock [s].
         """
         self.mark_alive(arrival_s)
         if self._stamp is None or stamp > self._stamp:
+            self._same_since_s = math.inf
             return ""
         if stamp == self._stamp:
-            return "duplicate"
+            self._same_since_s = min(self._same_since_s, arrival_s)
+            return "same_stamp" if arrival_s - self._same_since_s > RESTART_S else "duplicate"
         if self._old_since_s is None:
             self._old_since_s = arrival_s
         if arrival_s - self._old_since_s <= RESTART_S:
             return "out_of_order"
         self._is_anew = True
-        self.restarts += 1
+        self._restart(arrival_s)
         return ""
 
     def time_s(self, stamp: float, arrival_s: float) -> float:
@@ -141,6 +189,9 @@ class SourceClock:
             self._begin(stamp, arrival_s)
         self._stamp, self._arrival_s, self._old_since_s = stamp, arrival_s, None
         self._seen += 1
+        self._recent.append((stamp, arrival_s))
+        while len(self._recent) > 2 and self._recent[1][1] <= arrival_s - RATE_S:
+            self._recent.popleft()
         best = self._block
         if best is None or arrival_s - best[1] < (stamp - best[0]) * self._scale:
             self._block = stamp, arrival_s
@@ -151,21 +202,51 @@ class SourceClock:
     def _goes_on(self, stamps: float, arrival_s: float) -> bool:
         """Go on to the next message, ``stamps`` after the last; False where it must be of another rate of frames."""
         elapsed = stamps * self._scale
+        usual_s = self.interval_s
+        is_gap = 0.0 < GAP_INTERVALS * usual_s < elapsed
+        if is_gap and self.is_unsteady:
+            self._blocks.clear()
+            if elapsed - (arrival_s - self._arrival_s) > SLACK_S:
+                self._breaks.append(arrival_s)
+            elapsed = usual_s
         self._own_s += elapsed
         late = arrival_s - self._own_s
         if late > ANEW_S and self._frames:
-            self.restarts += 1
+            self._restart(arrival_s)
             return False
         if late < -STEP_S:
-            self.steps += 1
-            self._blocks.clear()
-            self._own_s = arrival_s - self.late_s  # nothing says that a queue has gone as the clock leapt
+            self._step(arrival_s)
             return True
+        if is_gap and late < -SLACK_S:  # a small step: what was lost on its way is no reason to come early
+            self._breaks.append(arrival_s)
         self._count(elapsed, arrival_s - self._arrival_s)
         if late < 0.0:
             self._lowered_s -= late
             self._own_s = arrival_s
         return True
+
+    def _step(self, arrival_s: float) -> None:
+        """The stamps have leapt ahead."""
+        self.steps += 1
+        self._breaks.append(arrival_s)
+        if not self.is_unsteady:
+            self._recent.clear()
+        self._own_s = arrival_s - self.late_s  # nothing says that a queue has gone as the clock leapt
+        if self.is_unsteady and self.interval_s == 0.0:  # no message has ever fitted: another unit
+            self._lose_rate()
+        else:
+            self._blocks.clear()
+
+    def _restart(self, arrival_s: float) -> None:
+        """The source's clock has begun anew."""
+        self.restarts += 1
+        self._breaks.append(arrival_s)
+
+    def _lose_rate(self) -> None:
+        """From now on, measure what passes from one stamp to the next."""
+        if self._band < math.inf:
+            self._band, self._early_blocks = math.inf, 0
+            self._blocks.clear()
 
     def apply_exchange(self, ahead_s: float) -> None:
         """An exchange of clocks has shown that a source that stamps seconds is at most ``ahead_s`` ahead of us [s]."""
@@ -181,6 +262,9 @@ class SourceClock:
         if elapsed_s - waited_s > STEP_S:
             return
         longest = GAP_INTERVALS * self.interval_s
+        if self.interval_s == 0.0:
+            self.interval_s = elapsed_s
+            return
         if self._seen > 10 and elapsed_s > longest:
             self.gaps += 1
             elapsed_s = longest
@@ -201,13 +285,14 @@ class SourceClock:
             if not is_late:
                 self._own_s = min(self._own_s + min(late, most), arrival_s)
             self._late = self._late[1], late if is_late else 0.0
-            self._early_blocks = self._early_blocks + 1 if self._lowered_s > self._band * lasted else 0
+            most_early = self._band if self._frames else FAST - 1.0
+            is_early = self._lowered_s > most_early * lasted
+            self._early_blocks = self._early_blocks + 1 if is_early else 0
         self._blocks.append(self._block)
         self._block, self._block_begun, self._lowered_s = None, (stamp, arrival_s), 0.0
-        if self._frames and self._early_blocks >= FIRST_BLOCKS:
+        if self._early_blocks >= FIRST_BLOCKS:
             # Nothing comes earlier and earlier: they are other frames than those that were measured.
-            self._band, self._early_blocks = math.inf, 0
-            self._blocks.clear()
+            self._lose_rate()
         self._measure()
 
     def _lateness(self, message: tuple[float, float]) -> float:
@@ -222,14 +307,27 @@ class SourceClock:
             return
         slope = _median([(d - b) / (c - a) for (a, b), (c, d) in combinations(self._blocks, 2)])
         off = slope / self._nominal
-        if unknown and 1.0 / RATES < off < RATES:
+        if unknown and not self._is_rate(slope):
+            if not self._frames or self.is_unsteady:
+                self._blocks.popleft()
+        elif unknown:
+            self._breaks.clear()
             self._scale = self._nominal = slope
             self._band = ROUGH
-            self._own_s = min(self._own_s + min(map(self._lateness, self._blocks)), self._arrival_s)
+            own_s = min(self._own_s + min(map(self._lateness, self._blocks)), self._arrival_s)
+            self._own_s = own_s - self.late_s
         elif abs(off - 1.0) <= self._band:
             self._scale = slope
             if self._band > MAX_DRIFT and not self._late[1]:
                 self._nominal, self._band = slope, MAX_DRIFT
+
+    def _is_rate(self, slope: float) -> bool:
+        """Whether ``slope`` [our seconds per stamp] can be what passes from one stamp to the next."""
+        if self._frames and not self.is_unsteady:
+            return 1.0 / RATES < slope / self._nominal < RATES
+        off = [arrival_s - slope * stamp for stamp, arrival_s in self._blocks]
+        middle = _median(off)
+        return slope > 0.0 and _median([abs(one - middle) for one in off]) <= SLACK_S
 
 
 UNIT_TOLERANCE = 1e-3
@@ -277,7 +375,9 @@ class Intake:
         self.accepted = 0
         """Poses made."""
         self.dropped: Counter[str] = Counter()
-        """By reason. Here: not_finite, not_unit, absurd, duplicate, out_of_order."""
+        """By reason.
+
+        Here: not_finite, not_unit, absurd, absurd_stamp, duplicate, same_stamp, out_of_order."""
         self.clock = SourceClock(frame_s)
         self.others = others
         """Further bodies to look for; None: nobody asks for them."""
@@ -285,6 +385,7 @@ class Intake:
         self._frames = frames
         self._latency_s = 0.0
         self._latency_max_s = 0.0
+        self._last: tuple[Vec3, Quat] | None = None
 
     @property
     def status(self) -> PoseStatus:
@@ -301,6 +402,8 @@ class Intake:
             clock_steps=clock.steps,
             clock_restarts=clock.restarts,
             late_s=clock.late_s,
+            stamp_rate=clock.stamp_rate,
+            unsteady_clock=clock.is_unsteady,
         )
 
     def mark_alive(self, arrival_s: float) -> None:
@@ -333,11 +436,15 @@ class Intake:
             return self.drop("not_finite")
         if abs(math.hypot(*attitude) - 1.0) > UNIT_TOLERANCE:
             return self.drop("not_unit")
-        if max(abs(x), abs(y), abs(z)) > FAR_M or abs(stamp) > LATEST:
+        if max(abs(x), abs(y), abs(z)) > FAR_M:
             return self.drop("absurd")
+        if abs(stamp) > LATEST:
+            return self.drop("absurd_stamp")
         clock = self.clock
         if reason := clock.stale(stamp, arrival_s):
-            return self.drop(reason)
+            is_other = reason == "duplicate" and self._last != (position, attitude)
+            return self.drop("same_stamp" if is_other else reason)
+        self._last = position, attitude
         time_s = clock.time_s(stamp, arrival_s) - self._base_latency_s - age_s
         number = self.accepted
         self.accepted = number + 1
@@ -595,6 +702,8 @@ HINTS = {
     "not_finite": "NaN or infinity in it",
     "not_unit": "its quaternion has not length 1",
     "absurd": "numbers that no room holds",
+    "absurd_stamp": "its time stamp is no time: is it in the wrong unit?",
+    "same_stamp": "the sender does not set its time stamp, or several poses have the same one",
     "out_of_order": "older than one before: is more than one sender on this address?",
     "duplicate": "sent twice: is more than one sender on this address?",
     "other_address": "somebody else sends to this address",
@@ -622,22 +731,31 @@ class Outbreaks:
         self._lost = False
         self._late_s = 0.0
         self._late_until_s = 0.0
+        self._unsteady = False
 
     def look(
-        self, now_s: float, dropped: Mapping[str, int], newest: Pose | None, late_s: float = 0.0
+        self,
+        now_s: float,
+        dropped: Mapping[str, int],
+        newest: Pose | None,
+        late_s: float = 0.0,
+        *,
+        unsteady_clock: bool = False,
     ) -> list[PoseEvent]:
         """What has happened since the last look: ``dropped`` by reason, and the ``newest`` pose that has passed.
 
-        ``late_s`` is how much later than at their best poses come now [s].
+        ``late_s`` is how much later than at their best poses come now [s]; ``unsteady_clock``:
+        whether the source's clock steps again and again.
         """
-        events = self._lateness(now_s, late_s)
+        events = self._lateness(now_s, late_s) + self._steadiness(unsteady_clock)
         for reason, count in dropped.items():
             before = self._counts.get(reason, 0)
             if count == before:
                 continue
             if reason not in self._running:
                 self._running[reason] = _Outbreak(before, now_s if self._looked_s is None else self._looked_s)
-                events.append(PoseEvent("dropping", reason, f"poses are dropped: {_describe(reason)}"))
+                text = notice("pose.dropping", why=describe_drop(reason))
+                events.append(PoseEvent("dropping", reason, text))
             self._running[reason].newest_s = now_s
         self._counts, self._looked_s = dict(dropped), now_s
         for reason, outbreak in [*self._running.items()]:
@@ -660,6 +778,14 @@ class Outbreaks:
             return [PoseEvent("punctual", "", "poses come as early as before, or their source has begun anew")]
         return []
 
+    def _steadiness(self, unsteady_clock: bool) -> list[PoseEvent]:
+        if unsteady_clock == self._unsteady:
+            return []
+        self._unsteady = unsteady_clock
+        if unsteady_clock:
+            return [PoseEvent("unsteady", "", describe_unsteady_clock())]
+        return [PoseEvent("steady", "", notice("pose.steady_clock"))]
+
     def _presence(self, now_s: float, newest: Pose) -> list[PoseEvent]:
         before, self._newest = self._newest, newest
         lost = now_s - newest.time_s > self._lost_s
@@ -678,7 +804,13 @@ class _Outbreak:
         self.begun_s = self.newest_s = begun_s
 
 
-def _describe(reason: str) -> str:
+def describe_unsteady_clock() -> str:
+    """What a clock that steps again and again means, and what to do."""
+    return notice("pose.unsteady_clock", count=BREAKS, within_s=UNSTEADY_S)
+
+
+def describe_drop(reason: str) -> str:
+    """The reason for which poses are dropped, with its meaning where it has one."""
     hint = HINTS.get(reason)
     return reason if hint is None else f"{reason} ({hint})"
 
@@ -752,6 +884,13 @@ class GatedSource:
     def _look(self) -> None:
         loop = self._loop()
         status = self.status
-        for event in self._outbreaks.look(loop.time(), status.dropped, self._gate.newest, status.late_s):
+        events = self._outbreaks.look(
+            loop.time(),
+            status.dropped,
+            self._gate.newest,
+            status.late_s,
+            unsteady_clock=status.unsteady_clock,
+        )
+        for event in events:
             self._tell(event)
         self._next_look = loop.call_later(LOOK_S, self._look)

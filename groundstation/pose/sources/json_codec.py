@@ -93,7 +93,10 @@ class JsonReader:
     @property
     def status(self) -> PoseStatus:
         """Counters as they are now."""
-        return self._intakes[self._kind or "t"].status
+        status = self._intakes[self._kind or "t"].status
+        if self._kind == "frame":  # whose rate is found, whatever was told
+            status = msgspec.structs.replace(status, stamp_rate=None)
+        return status
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
         """The pose of our body, or nothing."""

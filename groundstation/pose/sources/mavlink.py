@@ -87,6 +87,8 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     """MAVLink VISION_POSITION_ESTIMATE over UDP, as sent by bridges from motion capture to autopilots."""
 
     shares_link: ClassVar[bool] = True
+    stamp_field: ClassVar[str] = "usec"
+    stamp_unit_s: ClassVar[float] = 1e-6
     listen: str = "127.0.0.1:14551"
     """Address that the bridge sends to, host:port of this machine."""
     system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None

@@ -25,6 +25,7 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
     body_key: ClassVar[str] = "name"
     address_key: ClassVar[str] = "server"
     latency_key: ClassVar[str] = "network_s"
+    stamp_field: ClassVar[str] = "Motive's transmit time, by the clock frequency that it tells,"
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
     """Name of the vehicle's rigid body in Motive."""
     id: int | None = None

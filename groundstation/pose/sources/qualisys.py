@@ -34,6 +34,8 @@ class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
     shows_others: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
     address_key: ClassVar[str] = "server"
+    stamp_field: ClassVar[str] = "QTM's time stamp"
+    stamp_unit_s: ClassVar[float] = 1e-6
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
     """Name of the vehicle's 6DOF body in QTM."""
     server: str = "127.0.0.1:22223"

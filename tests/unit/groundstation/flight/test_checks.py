@@ -10,7 +10,7 @@ import pytest
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.messages import Check, Pose, PoseKind, Verdict
+from groundstation.core.messages import Check, Pose, PoseKind, PoseStatus, Verdict
 from groundstation.core.safety import Agreement, StandingPoses
 from groundstation.flight import describe_checks, describe_failures, ensure_guarded
 from groundstation.flight.prearm import Checks, real
@@ -182,6 +182,30 @@ def test_a_longer_deadline_names_both_keys_and_what_is_usual() -> None:
 def test_without_poses_nothing_else_is_asked_of_them() -> None:
     checks = Checks(from_dict(BASE, Config))(StandingPoses(), 0.0, LINK, 1.0)
     assert "poses: no poses" in describe_failures(checks)
+
+
+def checked(source: PoseStatus, stands: StandingPoses, pose: dict[str, Any]) -> str:
+    config = from_dict({**BASE, "pose": pose}, Config)
+    return describe_failures(Checks(config)(stands, 0.0005, LINK, 1.03, source=source))
+
+
+def test_stamps_in_the_wrong_unit_fail_with_the_factor_and_the_unit() -> None:
+    source = PoseStatus(accepted=50, dropped={}, stamp_rate=1000.0)
+    failures = checked(source, standing(), {"kind": "json"})
+    assert "pose rate: the time stamps of the poses run 1000 times too fast" in failures
+    assert "t is expected in seconds, and looks like milliseconds" in failures
+    assert "pose rate" not in checked(source, standing(), {"kind": "vicon"}), "frames have no unit"
+
+
+def test_a_clock_that_steps_again_and_again_fails() -> None:
+    source = PoseStatus(accepted=50, dropped={}, unsteady_clock=True)
+    assert "pose age: the tracker's clock stepped" in checked(source, standing(), {"kind": "json"})
+
+
+def test_without_poses_the_commonest_reason_is_named_with_its_meaning() -> None:
+    source = PoseStatus(accepted=1, dropped={"not_tracked": 3, "same_stamp": 70})
+    failures = checked(source, StandingPoses(), {"kind": "json"})
+    assert "70 were dropped: same_stamp (the sender does not set its time stamp" in failures
 
 
 def test_what_fails_is_one_sentence_and_all_of_it_a_list() -> None:

@@ -1,0 +1,42 @@
+"""Judgement of a source's time stamps: their unit, by the rate at which poses arrive. Sans-IO."""
+
+import math
+
+from groundstation.core.messages import Check, PoseKind, PoseStatus, Verdict, notice
+
+FAIL_RATE = 2.0
+"""Stamps that run faster or slower than ours by more than this factor are in the wrong unit [-]."""
+WARN_RATE = 1.2
+"""From this factor on it is a warning [-]: a network that stalled for 0.3 s of 2 s looks like 1.18."""
+UNITS = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
+"""Units of time stamps, by their length [s]."""
+NEAR_UNIT = 1.25
+"""A unit is named where the stamps fit it within this factor [-]."""
+
+
+def check_stamp_rate(source: PoseStatus, kind: PoseKind) -> Check | None:
+    """Check the unit of the stamps; None where nothing is wrong, or where nobody can set it wrong."""
+    rate = source.stamp_rate
+    if rate is None or not kind.stamp_field:
+        return None
+    factor = max(rate, 1.0 / rate) if rate > 0.0 else math.inf
+    if factor <= WARN_RATE:
+        return None
+    verdict = Verdict.FAIL if factor > FAIL_RATE else Verdict.WARN
+    return Check("pose rate", verdict, _explain(rate, kind))
+
+
+def _explain(rate: float, kind: PoseKind) -> str:
+    """Name the rate of the stamps, the unit expected, and the unit that would fit."""
+    unit_s = kind.stamp_unit_s / rate if rate > 0.0 else math.inf
+    factor = max(rate, 1.0 / rate) if rate > 0.0 else math.inf
+    near = [name for one_s, name in UNITS.items() if 1.0 / NEAR_UNIT < unit_s / one_s < NEAR_UNIT]
+    return notice(
+        "pose.stamp_rate",
+        factor=f"{factor:.3g}" if factor < 1000.0 else f"{factor:.0f}",
+        way="fast" if rate > 1.0 else "slow",
+        limit=FAIL_RATE,
+        field=kind.stamp_field,
+        unit=UNITS[kind.stamp_unit_s],
+        looks_like=f", and looks like {near[0]}" if near else "",
+    )
