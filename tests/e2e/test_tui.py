@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from random import Random
 
@@ -22,6 +22,7 @@ from textual.pilot import Pilot
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.app import Dashboard, served_socket
 from groundstation.interfaces.tui.drawing import big
+from groundstation.interfaces.tui.model import ORDERS
 from groundstation.interfaces.tui.widgets import (
     Banner,
     ErrorHistory,
@@ -256,16 +257,24 @@ class Terminal:
     """A real terminal of 80 x 24, in a tmux of our own."""
 
     def __init__(self, tmux: str, folder: Path) -> None:
+        self.program = tmux
         self._tmux = [tmux, "-S", str(folder / "tmux")]
+        self.attach = ("env", "-u", "TMUX", *self._tmux, "attach")
+        """Words that show it in another terminal."""
 
     def _do(self, *command: str) -> str:
         return subprocess.run([*self._tmux, *command], check=True, capture_output=True, text=True, timeout=60).stdout
 
-    def start(self, *words: str | Path) -> None:
+    def start(self, *words: str | Path, environment: Mapping[str, str] = {}) -> None:
         command = shlex.join(map(str, words))
+        settings = [word for name, value in environment.items() for word in ("-e", f"{name}={value}")]
         self._do(
-            "-f", "/dev/null", "new-session", "-d", "-x", "80", "-y", "24", f"{command}; echo left with $?; sleep 60"
-        )
+            "-f", "/dev/null", "new-session", "-d", "-x", "80", "-y", "24", *settings,
+            f"{command}; echo left with $?; sleep 60",
+        )  # fmt: skip
+
+    def set(self, option: str, value: str) -> None:
+        self._do("set-option", "-g", option, value)
 
     def type(self, keys: str) -> None:
         self._do("send-keys", keys)
@@ -343,6 +352,51 @@ def wait_for_order(asked: Path, order: str) -> None:
             return
         time.sleep(0.05)
     raise AssertionError(f"{order} did not leave: {asked.read_text().split()}")
+
+
+STOPS = {"LAND": "land", "LAND ALL": "land", "ABORT": "abort", "KILL": "kill"}
+
+
+@pytest.mark.parametrize("label", STOPS)
+@pytest.mark.parametrize("second", [False, True])
+def test_where_a_multiplexer_takes_one_key_of_an_emergency_order_the_other_one_orders_it(
+    terminal: Terminal, tmp_path: Path, label: str, second: bool
+) -> None:
+    (order,) = (order for order in ORDERS if order.label == label)
+    taken, free = (f"C-{key[-1]}" for key in (order.keys if second else reversed(order.keys)))
+    with orders_shown(terminal, tmp_path) as asked, multiplexed(terminal, tmp_path, taken) as outer:
+        for _ in range(2):
+            outer.type(taken)
+            outer.type("Escape")  # the prefix, and a key that it has no command for
+        time.sleep(0.3)
+        assert asked.read_text() == ""
+        outer.type(free)
+        outer.type(free)
+        wait_for_order(asked, STOPS[label])
+
+
+@contextlib.contextmanager
+def multiplexed(inner: Terminal, folder: Path, prefix: str) -> Iterator[Terminal]:
+    """Another terminal, which shows ``inner`` and whose keys reach it by way of a tmux with that prefix."""
+    folder = folder / "outer"
+    folder.mkdir()
+    outer = Terminal(inner.program, folder)
+    inner.set("prefix", prefix)
+    try:
+        outer.start(*inner.attach)
+        outer.wait_for("LAND ALL")
+        yield outer
+    finally:
+        outer.close()
+
+
+@pytest.mark.parametrize("environment, taker", [({}, "tmux ($TMUX)"), ({"STY": "7.lab"}, "GNU screen ($STY)")])
+def test_a_dashboard_in_a_multiplexer_says_that_it_takes_keys(
+    terminal: Terminal, tmp_path: Path, environment: dict[str, str], taker: str
+) -> None:
+    path = tmp_path / "mqx.sock"
+    terminal.start(sys.executable, "-m", "groundstation", "tui", "--socket", path, environment=environment)
+    terminal.wait_for(taker)
 
 
 @pytest.mark.parametrize("typed", [
@@ -485,7 +539,9 @@ def test_every_order_has_its_key_and_its_name_at_every_width(columns: int) -> No
         for knob in knobs:
             assert str(knob.render()) == f"{knob.order.shown} {knob.order.label}"
             assert knob.region.width >= len(str(knob.render())) and knob.region.right <= columns
-        assert str(knobs[-1].render()) == "^K^K KILL"
+        stops = ["^L/^D LAND", "^A/^E LAND ALL", "^X/^R ABORT", "^K/^Y×2 KILL"]
+        assert [str(knob.render()) for knob in knobs][-4:] == stops
+        assert len({knob.region.y for knob in knobs}) == (2 if columns < 79 else 1)
 
     play(scene, Fixed(flown(10.0)), (columns, 24))
 

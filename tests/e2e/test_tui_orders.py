@@ -20,6 +20,7 @@ from tests.sample_flight import sample
 
 STOPS = [Ask.LAND, Ask.ABORT, Ask.KILL]
 STOP_KEYS = ["ctrl+l", "ctrl+x", "ctrl+k", "ctrl+k"]
+SECOND_STOP_KEYS = ["ctrl+d", "ctrl+r", "ctrl+y", "ctrl+y"]
 
 
 @pytest.fixture
@@ -58,9 +59,10 @@ def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(
             await until(pilot, lambda: knows(pilot))
             for way in [*ways, ["escape", "ctrl+p"]]:
                 await pilot.press(*way)
-                stage.core.asked.clear()
-                await pilot.press(*STOP_KEYS)
-                await until(pilot, lambda: stage.asked == STOPS)
+                for keys in (STOP_KEYS, SECOND_STOP_KEYS):
+                    stage.core.asked.clear()
+                    await pilot.press(*keys)
+                    await until(pilot, lambda: stage.asked == STOPS)
             assert isinstance(pilot.app.screen, CommandPalette)
 
     play(scene, stage.path)
@@ -75,15 +77,18 @@ def test_it_leaves_while_a_name_is_being_typed(stage: Stage) -> None:
             await in_control(pilot)
             await pilot.press("a", "m", "q")
             await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-            await pilot.press(*STOP_KEYS)
-            await until(pilot, lambda: stage.asked == STOPS)
+            for keys in (STOP_KEYS, SECOND_STOP_KEYS):
+                stage.core.asked.clear()
+                await pilot.press(*keys)
+                await until(pilot, lambda: stage.asked == STOPS)
             assert isinstance(pilot.app.screen, Typed)
 
     play(scene, stage.path)
 
 
+@pytest.mark.parametrize("key", ["ctrl+a", "ctrl+e", "click"])
 def test_one_key_lands_this_vehicle_and_every_other_one_also_while_a_name_is_typed(
-    stage: Stage, monkeypatch: pytest.MonkeyPatch
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, key: str
 ) -> None:
     asked = list[Ask]()
 
@@ -99,7 +104,11 @@ def test_one_key_lands_this_vehicle_and_every_other_one_also_while_a_name_is_typ
             await in_control(pilot)
             await pilot.press("a", "m", "q")
             await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-            await pilot.press("ctrl+a")
+            if key == "click":
+                (knob,) = (knob for knob in pilot.app.screen.query(Knob) if knob.order.everywhere)
+                await pilot.click(knob)
+            else:
+                await pilot.press(key)
             await until(pilot, lambda: (stage.asked, asked) == ([Ask.LAND], [Ask.LAND]))
             await until(pilot, lambda: told(pilot, "bee: NOT ANSWERED (stop-all from a dashboard)"))
 
@@ -148,7 +157,7 @@ def test_each_order_can_be_clicked_on(stage: Stage) -> None:
         async with stage.up():
             await in_control(pilot)
             for knob in pilot.app.screen.query(Knob):
-                if knob.order.ask in (Ask.HOLD, Ask.RETURN, Ask.LAND, Ask.ABORT, Ask.KILL):
+                if knob.order.ask in (Ask.HOLD, Ask.RETURN, *STOPS) and not knob.order.everywhere:
                     await pilot.click(knob)
             await pilot.pause(0.1)
             killed = pilot.app.screen.query(Knob).filter(".kill").first()

@@ -50,6 +50,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         Severity.WARNING,
     ),
     NoticeTemplate("pose.none", "no poses: {why}"),
+    NoticeTemplate(
+        "tui.multiplexer",
+        "{taker} takes some keys itself, as delivered Ctrl-A (screen) or Ctrl-B (tmux)",
+        "where a key does nothing, press the second one, which the footer names",
+        Severity.WARNING,
+    ),
 )
 
 NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}

@@ -45,6 +45,7 @@ from groundstation.core.messages import (
     Severity,
     Snapshot,
     SteadyError,
+    notice,
 )
 from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, State
 from groundstation.core.safety import LIVE, PREFIX
@@ -78,7 +79,7 @@ from groundstation.interfaces.tui.pages import (
     Page,
     PageFrame,
 )
-from groundstation.interfaces.tui.terminal import driver_class
+from groundstation.interfaces.tui.terminal import driver_class, find_multiplexer
 from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
 from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.runtime import (
@@ -585,8 +586,8 @@ class Dashboard(App[None]):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         *(Binding(str(number), f"page('{name.lower()}')", name) for number, name in enumerate(PAGES, 1)),
-        *(Binding(o.key, f"order('{o.ask}')", o.label.lower(), priority=o.always) for o in ORDERS if o.key),
-        Binding("ctrl+a", "land_all", "land all flights", priority=True),
+        *(Binding(",".join(o.keys), o.action, o.label.lower(), priority=o.always) for o in ORDERS if o.keys),
+        Binding("colon", "command_palette", "all commands"),
         Binding("c", "control", "take or give control"),
         Binding("question_mark", "keys", "all keys"),
         Binding("q", "quit", "leave"),
@@ -642,7 +643,7 @@ class Dashboard(App[None]):
         if self._plays:
             more += [("␣", "pause", "app.play('pause')"), ("←→", "seek", "app.play('on')")]
         else:
-            more += [("^P", "more", "app.command_palette")]
+            more += [("^P/:", "more", "app.command_palette")]
             more += [("c", "control", "app.control")] if self._orders else []
         return lambda: page(orders=self._orders, more=(*more, ("q", "quit", "app.quit")))
 
@@ -663,6 +664,10 @@ class Dashboard(App[None]):
         self.set_interval(FRAME_S, self.draw)
         if self._notice:
             self.notify(self._notice, severity="warning", timeout=NOTICE_S)
+        taker = find_multiplexer(os.environ)
+        if taker and self._orders:
+            says = notice("tui.multiplexer", taker=taker)
+            self.notify(says, severity="warning", timeout=NOTICE_S, markup=False)
 
     async def _listen(self) -> None:
         loop = asyncio.get_running_loop()
@@ -751,7 +756,6 @@ class Dashboard(App[None]):
     def _keys(self) -> Iterable[tuple[str, str]]:
         if self._orders:
             yield from ((order.shown, f"{order.label}: {order.says}") for order in ORDERS if order.key)
-            yield "^A", "LAND ALL: every flight of yours on this machine, as groundstation stop-all does"
             yield "c", "take control, or give it back"
             yield "Enter", "on the page Control: change a gain"
         if self._plays:
@@ -759,7 +763,7 @@ class Dashboard(App[None]):
             yield "- +", "slower, faster: 0.25 to 16 times"
         yield "1 to 5", f"pages: {', '.join(PAGES)}"
         yield from (("p", "on the page Fly: plots from above, or in time"), ("/", "on Config and Log: search"))
-        yield "^P", "all commands, and the colours"
+        yield "^P/:", "all commands, and the colours"
         yield "q", "leave" if self._plays else "leave; what flies goes on flying"
 
     def action_command_palette(self) -> None:
@@ -772,8 +776,8 @@ class Dashboard(App[None]):
         del screen
         if self._orders:
             for order in ORDERS:
-                yield SystemCommand(order.label, order.says, partial(self.action_order, order.ask))
-            yield SystemCommand("LAND ALL", "every flight of yours on this machine", self.action_land_all)
+                do = self.action_land_all if order.everywhere else partial(self.action_order, order.ask)
+                yield SystemCommand(order.label, order.says, do)
             yield SystemCommand("Control", "take control, or give it back", self.action_control)
         for name in PAGES:
             yield SystemCommand(f"Page {name}", "show this page", partial(self.action_page, name.lower()))

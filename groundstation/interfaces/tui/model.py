@@ -143,42 +143,79 @@ class OperatorOrder(msgspec.Struct, frozen=True):
 
     ask: Ask
     key: str
-    """As Textual calls it; empty: only by the palette."""
-    shown: str
-    """The key on the screen."""
+    """Key as Textual calls it; empty: only by the palette."""
     label: str
+    """Name on the screen, in capitals."""
     says: str
+    """Effect, for the operator."""
+    second_key: str = ""
+    """Second key, for terminals in which something takes the first one."""
     always: bool = False
-    """True where anyone attached may order it, and at once: from every screen, dialog and field of text."""
+    """True where anyone attached may order it, at once, on every screen, dialog and text field."""
     tone: str = "go"
     """Its colours: ``go``, ``calm``, ``land``, ``abort`` or ``kill``."""
+    everywhere: bool = False
+    """True where it is asked of every flight of this user on this machine."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys as Textual calls them."""
+        return tuple(key for key in (self.key, self.second_key) if key)
+
+    @property
+    def shown(self) -> str:
+        """Keys as written on the screen; ×2: to be pressed twice."""
+        shown = "/".join(key.upper().replace("CTRL+", "^") if "+" in key else key for key in self.keys)
+        return f"{shown}×2" if self.ask is Ask.KILL else shown
+
+    @property
+    def action(self) -> str:
+        """Textual's action that orders it."""
+        return "land_all" if self.everywhere else f"order('{self.ask}')"
 
 
 ORDERS = (
-    OperatorOrder(Ask.ARM, "a", "a", "ARM", "start the motors and take off; asks for the vehicle's name"),
-    OperatorOrder(Ask.TRACK, "t", "t", "FLY", "leave the hold for the trajectory; asks once more"),
-    OperatorOrder(Ask.HOLD, "h", "h", "HOLD", "stop and stay there", tone="calm"),
-    OperatorOrder(Ask.RETURN, "r", "r", "RETURN", "fly back over the place of take-off and land there", tone="calm"),
+    OperatorOrder(Ask.ARM, "a", "ARM", "start the motors and take off; asks for the vehicle's name"),
+    OperatorOrder(Ask.TRACK, "t", "FLY", "leave the hold for the trajectory; asks once more"),
+    OperatorOrder(Ask.HOLD, "h", "HOLD", "stop and stay there", tone="calm"),
+    OperatorOrder(Ask.RETURN, "r", "RETURN", "fly back over the place of take-off and land there", tone="calm"),
     OperatorOrder(
-        Ask.LAND, "ctrl+l", "^L", "LAND", "land here; before take-off, end the flight", always=True, tone="land"
+        Ask.LAND, "ctrl+l", "LAND", "land here; before take-off, end the flight", "ctrl+d", always=True, tone="land"
     ),
     OperatorOrder(
-        Ask.ABORT, "ctrl+x", "^X", "ABORT", "commands stop; the link brings it down", always=True, tone="abort"
+        Ask.LAND,
+        "ctrl+a",
+        "LAND ALL",
+        "land every flight of yours on this machine, as groundstation stop-all does",
+        "ctrl+e",
+        always=True,
+        tone="land",
+        everywhere=True,
     ),
     OperatorOrder(
-        Ask.KILL, "ctrl+k", "^K^K", "KILL", "motors off, also in the air: twice within 1 s", always=True, tone="kill"
+        Ask.ABORT, "ctrl+x", "ABORT", "commands stop; the link brings it down", "ctrl+r", always=True, tone="abort"
     ),
     OperatorOrder(
-        Ask.DESCEND, "", "", "DESCEND", "level and down by attitude and speed alone", always=True, tone="abort"
+        Ask.KILL, "ctrl+k", "KILL", "motors off, also in the air: twice within 1 s", "ctrl+y", always=True, tone="kill"
     ),
+    OperatorOrder(Ask.DESCEND, "", "DESCEND", "level and down by attitude and speed alone", always=True, tone="abort"),
 )
-BY_ASK = {order.ask: order for order in ORDERS}
-STOP_KEYS = frozenset(("ctrl+a", *(order.key for order in ORDERS if order.always and order.key)))
-"""What brings vehicles down, wherever it is pressed; the first one lands them all."""
+"""Orders of the screen.
+
+No terminal multiplexer or serial terminal takes the second keys as delivered: GNU screen, picocom
+and minicom take Ctrl-A, tmux Ctrl-B, Zellij Ctrl-B, G, H, N, O, P, Q, S and T, dvtm Ctrl-G, tio
+Ctrl-T, docker Ctrl-P and Ctrl-Q, byobu the function keys. Ctrl-U, V and W are left out, too, because
+people press them to edit a line.
+"""
+BY_ASK = {order.ask: order for order in ORDERS if not order.everywhere}
+STOP_KEYS = frozenset(key for order in ORDERS if order.always for key in order.keys)
+"""Keys that bring vehicles down, wherever they are pressed."""
 
 
 def possible(order: OperatorOrder, state: str | None) -> bool:
     """Whether the mission's table has a move by it; from a state that is not known, everything may be tried."""
+    if order.everywhere:
+        return True
     try:
         known = State(state or "")
     except ValueError:

@@ -82,7 +82,6 @@ class Page(Screen[None]):
     NAME: ClassVar[str]
     DEFAULT_CSS = """
     Page.alarm { background: $alarm-dim; }
-    Page.tall Knobs { height: 3; }
     Page.tall Knob { height: 3; }
     .wide-only { display: none; }
     Page.-wide .wide-only { display: block; }

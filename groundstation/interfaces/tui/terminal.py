@@ -7,7 +7,7 @@ It is told from them by how many different ones come at once, and dropped: a key
 import codecs
 import os
 import selectors
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from textual import constants
 from textual._xterm_parser import BRACKETED_PASTE_END, BRACKETED_PASTE_START, XTermParser
@@ -17,6 +17,7 @@ from textual.events import Key, Paste
 from textual.message import Message
 
 from groundstation.interfaces.tui.model import STOP_KEYS
+from links.core import printable
 
 MOST_KEYS = 10
 """More keys than these are not pressed at once; a slow connection may hold back the word "rehearsal", and Enter."""
@@ -152,6 +153,21 @@ class TolerantDriver(LinuxDriver):
 
     def _warn(self, says: str) -> None:
         self._app.notify(f"{says} What you pressed yourself, press again", severity="error", timeout=6.0, markup=False)
+
+
+MULTIPLEXERS = {"STY": "GNU screen", "TMUX": "tmux", "ZELLIJ": "Zellij"}
+"""Environment variable that a terminal multiplexer sets → its name."""
+MULTIPLEXED_TERMS = ("screen", "tmux")
+"""Beginnings of TERM in a multiplexer; ssh hands TERM on, but not the variables above."""
+
+
+def find_multiplexer(environment: Mapping[str, str]) -> str:
+    """Return the program that may take keys before they come here; empty where none is known."""
+    for variable, name in MULTIPLEXERS.items():
+        if environment.get(variable):
+            return f"{name} (${variable})"
+    term = environment.get("TERM", "")
+    return f"a multiplexer (TERM={printable(term)})" if term.startswith(MULTIPLEXED_TERMS) else ""
 
 
 def driver_class() -> type[Driver] | None:

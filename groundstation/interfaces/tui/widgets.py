@@ -15,6 +15,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
+from textual.events import Resize
 from textual.reactive import reactive
 from textual.screen import ModalScreen
 from textual.theme import Theme
@@ -144,31 +145,62 @@ class Knob(Widget):
         return Content("AGAIN!" if self._again else told)
 
     @property
+    def columns(self) -> int:
+        """Width with its key, and the blank before it."""
+        return len(self._both) + 1
+
+    @property
     def _both(self) -> str:
         return f"{self.order.shown} {self.order.label}"
 
     async def on_click(self) -> None:
         """As if its key had been pressed."""
-        await self.run_action(f"app.order('{self.order.ask}')")
+        await self.run_action(f"app.{self.order.action}")
 
 
-class Knobs(Horizontal):
-    """The orders in a row. In a dialog only those that act at once."""
+class KnobRow(Horizontal):
+    """Some orders side by side, each as wide as its words."""
 
     DEFAULT_CSS = """
-    Knobs { height: 1; }
-    Knobs Knob { margin: 0 0 0 1; }
+    KnobRow { height: auto; width: 1fr; }
+    KnobRow Knob { margin: 0 0 0 1; }
+    """
+
+    def __init__(self, orders: Sequence[OperatorOrder]) -> None:
+        knobs = [Knob(order) for order in orders]
+        super().__init__(*knobs)
+        self.columns = sum(knob.columns for knob in knobs)
+        """Width at which each shows its keys."""
+
+
+class Knobs(Widget):
+    """The orders in one row, or in two where one has no room for all keys.
+
+    A dialog has those that act at once.
+    """
+
+    DEFAULT_CSS = """
+    Knobs { height: auto; layout: horizontal; }
+    Knobs.stacked { layout: vertical; }
     """
 
     def __init__(self, *, always_only: bool = False) -> None:
         """``always_only``: none that asks back."""
         super().__init__()
-        self._orders = [order for order in ORDERS if order.key and (order.always or not always_only)]
+        self._always_only = always_only
 
     def compose(self) -> ComposeResult:
-        """One after the other."""
-        for order in self._orders:
-            yield Knob(order)
+        """Those that ask back or need control, then those that act at once."""
+        for always in (True,) if self._always_only else (False, True):
+            yield KnobRow([order for order in ORDERS if order.key and order.always == always])
+
+    def on_resize(self, event: Resize) -> None:
+        """Show the keys of all orders, in two rows if need be."""
+        rows = list(self.query(KnobRow))
+        stacked = event.size.width < sum(row.columns for row in rows)
+        self.set_class(stacked, "stacked")
+        for row in rows:
+            row.styles.width = "1fr" if stacked else f"{row.columns}fr"
 
     def show(self, state: str | None, again: bool) -> None:
         """Take the mission's state, and whether a kill waits for its second press."""

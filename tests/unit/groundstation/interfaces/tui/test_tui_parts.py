@@ -33,6 +33,7 @@ from groundstation.interfaces.tui.model import (
     BY_ASK,
     FLYING,
     ORDERS,
+    STOP_KEYS,
     FeedTrouble,
     FlightIdentity,
     Holder,
@@ -44,6 +45,7 @@ from groundstation.interfaces.tui.model import (
     possible,
 )
 from groundstation.interfaces.tui.pages import config_rows, histogram_rows, lateness_rows, link_rows
+from groundstation.interfaces.tui.terminal import find_multiplexer
 from groundstation.interfaces.tui.widgets import THEMES
 from links.core import printable
 from tests.sample_flight import sample
@@ -277,11 +279,43 @@ def test_a_kill_takes_two_presses_within_a_second() -> None:
     assert not twice.waits(3.1)
 
 
+TAKEN_BY = {
+    "GNU screen, picocom, minicom": "a",
+    "tmux": "b",
+    "Zellij": "bghnopqst",
+    "dvtm": "g",
+    "tio": "t",
+    "docker": "pq",
+    "a terminal that interrupts, stops or ends": "csz",
+    "people who edit a line": "uvw",
+    "Textual, which reads Tab, Enter and Backspace": "hijm",
+}
+"""Letters that something else takes with Ctrl."""
+
+
 def test_orders_have_keys_of_their_own_and_those_that_act_everywhere_are_no_letters() -> None:
-    keys = [order.key for order in ORDERS if order.key]
+    keys = [key for order in ORDERS for key in order.keys]
     assert len(set(keys)) == len(keys)
-    assert all(order.key.startswith("ctrl+") for order in ORDERS if order.always and order.key)
+    assert all(key.startswith("ctrl+") for order in ORDERS if order.always for key in order.keys)
     assert {order.ask for order in ORDERS} == set(Ask) - {Ask.GOTO}, "points are asked for from a shell or a program"
+
+
+def test_every_emergency_key_has_a_second_one_that_no_common_multiplexer_takes() -> None:
+    seconds = [order.second_key for order in ORDERS if order.always and order.key]
+    assert len(seconds) == 4 and not {key.removeprefix("ctrl+") for key in seconds} & set("".join(TAKEN_BY.values()))
+    assert {key for order in ORDERS if order.always for key in order.keys} == STOP_KEYS
+
+
+@pytest.mark.parametrize("environment, taker", [
+    ({"TERM": "xterm-256color"}, ""),
+    ({"TERM": "xterm-256color", "STY": "1234.pts-0.lab"}, "GNU screen ($STY)"),
+    ({"TERM": "xterm-256color", "TMUX": "/tmp/tmux-0/default,9,0"}, "tmux ($TMUX)"),
+    ({"ZELLIJ": "0"}, "Zellij ($ZELLIJ)"),
+    ({"TERM": "screen.xterm-256color"}, "a multiplexer (TERM=screen.xterm-256color)"),  # by ssh, from within screen
+    ({"TERM": "tmux-256color\x1b[2J", "STY": ""}, "a multiplexer (TERM=tmux-256color·[2J)"),
+])  # fmt: skip
+def test_a_multiplexer_is_known_by_what_it_sets(environment: dict[str, str], taker: str) -> None:
+    assert find_multiplexer(environment) == taker
 
 
 @pytest.mark.parametrize("state", State)
