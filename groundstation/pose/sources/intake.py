@@ -691,6 +691,7 @@ HINTS = {
     "not_live": "Motive is in edit mode or plays a recording: go to Live",
     "wrong_version": "the bit stream is too old: Motive's streaming settings, bit stream version, 3.0 or later",
     "wrong_layout": "a bit stream that is not known here: Motive's streaming settings, bit stream version, 4.1",
+    "failed": "the sender says that its odometry has failed (ODOMETRY.quality below 0)",
     "not_tracked": "the tracker does not see the body: markers hidden?",
     "frozen": "the same to the last bit: the body is hidden, or the tracker rounds (gate.drop_frozen)",
     "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been switched off?",

@@ -48,7 +48,7 @@ class PoseDecoder(ABC):
 
     @property
     def dropped(self) -> Counter[str]:
-        """Messages dropped, by reason: wrong_frame, no_attitude, and those of the intake."""
+        """Messages dropped, by reason: wrong_frame, failed, no_attitude, and those of the intake."""
         return self._intake.dropped
 
     @property
@@ -79,6 +79,8 @@ class OdometryDecoder(PoseDecoder):
             return None
         if message.frame_id not in (LOCAL_NED, LOCAL_FRD):
             return self._intake.drop("wrong_frame")
+        if message.quality < 0:
+            return self._intake.drop("failed")
         w, x, y, z = message.q
         velocity: Vec3 = (message.vx, message.vy, message.vz)
         match message.child_frame_id:

@@ -6,6 +6,7 @@ stamped with this machine's monotonic clock as the library gave the frame. The f
 
 import importlib
 import json
+import math
 import signal
 import sys
 import time
@@ -15,6 +16,16 @@ from groundstation.runtime import Exit, follow_parent
 
 MOST_BODIES, MOST_NAME, MOST_BYTES = 32, 64, 4096
 """What fits into one line, as into one datagram."""
+
+
+def describe_body(body: Any) -> dict[str, Any]:
+    """Pose of one body of the library, for JSON; not ``valid`` where it is no number: it is not seen."""
+    q = body.rotation
+    place = [float(part) for part in body.position]
+    turn = [float(part) for part in (q.w, q.x, q.y, q.z)]
+    if math.isfinite(sum(place) + sum(turn)) and any(turn):
+        return {"position": place, "quaternion": turn}
+    return {"position": [0.0, 0.0, 0.0], "quaternion": [1.0, 0.0, 0.0, 0.0], "valid": False}
 
 
 def main() -> Exit:
@@ -33,9 +44,7 @@ def main() -> Exit:
         bodies: list[dict[str, Any]] = []
         for name, body in sorted(tracker.rigidBodies.items(), key=lambda one: wanted.get(one[0], len(wanted))):
             if len(name) <= MOST_NAME and len(bodies) < MOST_BODIES:
-                q = body.rotation
-                place = [float(part) for part in body.position]
-                bodies.append({"name": name, "t": now_s, "position": place, "quaternion": [q.w, q.x, q.y, q.z]})
+                bodies.append({"name": name, "t": now_s, **describe_body(body)})
         line = json.dumps(bodies).encode()
         while len(line) > MOST_BYTES:
             bodies.pop()

@@ -214,7 +214,8 @@ class ViconReader:
     def __init__(self, name: str, intake: Intake, *, drop_frozen: bool = True) -> None:
         """Look for the object ``name``; the stamps of ``intake`` are frame numbers.
 
-        ``drop_frozen``: a pose that equals the one before to the last bit was not measured.
+        ``drop_frozen``: a pose that equals the one before to the last bit was not measured, nor was
+        one that is at the origin to the last bit.
 
         Raises:
             ValueError: no object can have that name.
@@ -230,7 +231,7 @@ class ViconReader:
 
     @property
     def status(self) -> PoseStatus:
-        """Counters as they are now; adds duplicate, out_of_order and frozen to the decoder's reasons."""
+        """Counters as they are now; adds duplicate, out_of_order, frozen and not_tracked to the decoder's reasons."""
         return self._intake.status
 
     @property
@@ -249,6 +250,9 @@ class ViconReader:
             self._look_around(found, arrival_s)
         seen = self._decoder.pose(found)
         if seen is None:
+            return ()
+        if self._drop_frozen and not any(seen.position_m):
+            self._intake.drop("not_tracked")
             return ()
         last = self._last
         if (
@@ -272,7 +276,8 @@ class ViconReader:
         for item in frame.objects:
             if others is None or item.name == self._own or item.name not in others:
                 continue
-            if self._drop_frozen and self._last_others.get(item.name) == item:
+            hidden = self._last_others.get(item.name) == item or not any(item.translation_mm)
+            if self._drop_frozen and hidden:
                 continue
             self._last_others[item.name] = item
             x, y, z = item.translation_mm

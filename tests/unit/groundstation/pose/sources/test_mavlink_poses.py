@@ -71,6 +71,14 @@ def test_ardupilots_own_position_and_attitude_become_a_pose_in_its_own_numbers()
     assert pose.attitude == tuple(turned.fields[k] for k in ("q1", "q2", "q3", "q4"))
 
 
+@pytest.mark.parametrize(("quality", "taken"), [(-1, 0), (-128, 0), (0, 1), (1, 1), (100, 1)])
+def test_odometry_that_says_that_it_has_failed_is_not_taken(quality: int, taken: int) -> None:
+    decoder = OdometryDecoder(0.0)
+    decoder.decode(odometry(1.0, quality=quality), 1.0)
+    assert decoder.accepted == taken
+    assert decoder.dropped == ({} if taken else {"failed": 1})
+
+
 @pytest.mark.parametrize(("frame", "child"), [(1, 1), (20, 20)])
 def test_velocity_in_the_world_frame_is_taken_as_it_is(frame: int, child: int) -> None:
     message = odometry(1.0, q=NOSE_UP, frame_id=frame, child_frame_id=child)

@@ -1,0 +1,95 @@
+"""A body that its tracker does not see makes no pose: by the field of each source that says so."""
+
+import json
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Others, Pose
+from groundstation.pose.sources import Intake, JsonReader, NatNetReader, QualisysReader, ViconReader
+from groundstation.pose.sources.motioncapture_child import describe_body
+from groundstation.pose.sources.natnet_codec import (
+    NatNetFrame,
+    RigidBody,
+    ServerInfo,
+    encode_frame,
+    encode_models,
+    encode_server_info,
+)
+from groundstation.pose.sources.qualisys_codec import encode_data
+from groundstation.pose.sources.vicon_codec import ViconObject, encode
+
+PLACE: Vec3 = (1.0, 2.0, 0.5)
+NAN: Vec3 = (math.nan, math.nan, math.nan)
+
+
+def vicon(seen: bool, n: int) -> bytes:
+    place = tuple(1e3 * part + n for part in PLACE) if seen else (0.0, 0.0, 0.0)
+    items = [ViconObject(name, (place[0], place[1], place[2]), (0.0, 0.0, 0.0)) for name in ("quad", "wand")]
+    return encode(n, items)
+
+
+def json_line(seen: bool, n: int) -> bytes:
+    bodies = [
+        {"name": name, "t": 0.01 * n, "position": [1.0 + n, 2.0, 0.5], "quaternion": [1, 0, 0, 0], "valid": seen}
+        for name in ("quad", "wand")
+    ]
+    return json.dumps(bodies).encode()
+
+
+def motioncapture(seen: bool, n: int) -> bytes:
+    turn = SimpleNamespace(w=1.0 if seen else math.nan, x=0.0, y=0.0, z=0.0)
+    body = SimpleNamespace(position=PLACE if seen else NAN, rotation=turn)
+    return json.dumps([{"name": name, "t": 0.01 * n, **describe_body(body)} for name in ("quad", "wand")]).encode()
+
+
+def natnet(seen: bool, n: int) -> bytes:
+    bodies = tuple(RigidBody(number, PLACE, (0.0, 0.0, 0.0, 1.0), tracked=seen) for number in (1, 2))
+    return encode_frame(NatNetFrame(n, bodies, 10_000 * n + 1, 10_000 * n + 2), (3, 0))
+
+
+def qualisys(seen: bool, n: int) -> bytes:
+    body = (PLACE, (1.0, 0.0, 0.0, 0.0)) if seen else None
+    return encode_data(10_000 * n, n, [body, body])[8:]
+
+
+def reader(kind: str, others: Others) -> Any:
+    intake = Intake(0.0, others=others, frame_s=0.01 if kind == "vicon" else None)
+    if kind == "vicon":
+        return ViconReader("quad", intake)
+    if kind == "qualisys":
+        qtm = QualisysReader("quad", intake)
+        qtm.names = ("quad", "wand")
+        return qtm
+    if kind == "natnet":
+        motive = NatNetReader("quad", intake)
+        motive.read(encode_server_info(ServerInfo("Motive", (3, 0), 1_000_000)), 0.0)
+        motive.read(encode_models({"quad": 1, "wand": 2}, (3, 0)), 0.0)
+        return motive
+    return JsonReader("quad", intake, Intake(0.0, frame_s=0.01))
+
+
+@pytest.mark.parametrize("make", [vicon, json_line, motioncapture, natnet, qualisys])
+def test_what_the_tracker_does_not_see_is_not_used(make: Any) -> None:
+    others = Others(("wand",))
+    source = reader(make.__name__, others)
+
+    def poses(seen: bool, n: int) -> list[Pose]:
+        return list(source.read(make(seen, n), 0.01 * n))
+
+    assert len(poses(True, 1)) == 1
+    known = others.sighting("wand")
+    assert known is not None
+    for n in range(2, 5):
+        assert poses(False, n) == []
+    assert source.status.dropped == {"not_tracked": 3}
+    assert others.sighting("wand") == known, "nor is another body"
+    assert len(poses(True, 6)) == 1
+
+
+def test_a_body_without_a_rotation_is_not_seen() -> None:
+    turn = SimpleNamespace(w=0.0, x=0.0, y=0.0, z=0.0)
+    assert describe_body(SimpleNamespace(position=PLACE, rotation=turn))["valid"] is False
