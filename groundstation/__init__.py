@@ -61,7 +61,7 @@ if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to 
     from groundstation.core.vehicle.vehicle import Vehicle as Vehicle
     from groundstation.interfaces.api.client import ask_station as ask_station
     from groundstation.interfaces.api.messages import OrderAnswer as OrderAnswer
-    from groundstation.runtime.register import ApiError as ApiError
+    from groundstation.machine.register import ApiError as ApiError
     from sim.runs.simulation import Run as Run
     from sim.runs.simulation import simulate as simulate
     from sim.studies.budget import ErrorBudget as ErrorBudget
@@ -69,14 +69,52 @@ if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to 
     from sim.studies.comparison import ControllerComparison as ControllerComparison
     from sim.studies.comparison import compare as compare
 
+_MODULES = {
+    "FlightData": "groundstation.analysis.recordings",
+    "load": "groundstation.analysis.recordings",
+    "ConfigError": "groundstation.config.loader",
+    "UserCodeFault": "groundstation.config.loader",
+    "clamp_command": "groundstation.core.control.attitude",
+    "half_angle_error": "groundstation.core.control.attitude",
+    "make_decision": "groundstation.core.control.attitude",
+    "push": "groundstation.core.control.attitude",
+    "sine_error": "groundstation.core.control.attitude",
+    "turning": "groundstation.core.control.attitude",
+    "Baseline": "groundstation.core.control.controllers",
+    "InnerLoop": "groundstation.core.control.controllers",
+    "Ask": "groundstation.core.messages.snapshot",
+    "Controller": "groundstation.core.messages.snapshot",
+    "Decision": "groundstation.core.messages.snapshot",
+    "Diagnostics": "groundstation.core.messages.snapshot",
+    "Estimate": "groundstation.core.messages.snapshot",
+    "Request": "groundstation.core.messages.snapshot",
+    "Waypoint": "groundstation.core.messages.snapshot",
+    "Reference": "groundstation.core.trajectory.port",
+    "ActuatorCommand": "groundstation.core.vehicle.vehicle",
+    "Motion": "groundstation.core.vehicle.vehicle",
+    "Vehicle": "groundstation.core.vehicle.vehicle",
+    "ask_station": "groundstation.interfaces.api.client",
+    "OrderAnswer": "groundstation.interfaces.api.messages",
+    "ApiError": "groundstation.machine.register",
+    "Run": "sim.runs.simulation",
+    "simulate": "sim.runs.simulation",
+    "ErrorBudget": "sim.studies.budget",
+    "error_budget": "sim.studies.budget",
+    "ControllerComparison": "sim.studies.comparison",
+    "compare": "sim.studies.comparison",
+}
+"""What is handed on, and the module that is loaded when it is first asked for (PEP 562)."""
+
 
 if not TYPE_CHECKING:  # a type checker shall know a name that is not there
 
     def __getattr__(name: str) -> object:
-        from links.core.lazy import load_name
+        from importlib import import_module
 
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         try:
-            return load_name(__name__, name)
+            return getattr(import_module(_MODULES[name]), name)
         except ModuleNotFoundError as error:
             if (error.name or "").partition(".")[0] != "sim":
                 raise
@@ -87,6 +125,4 @@ if not TYPE_CHECKING:  # a type checker shall know a name that is not there
 
 def __dir__() -> list[str]:
     """What a notebook offers at the tab key, before any of it is loaded."""
-    from links.core.lazy import imports_for_types
-
-    return sorted({*globals(), *imports_for_types(__name__)})
+    return sorted({*globals(), *_MODULES})

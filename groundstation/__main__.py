@@ -1,4 +1,4 @@
-"""``groundstation``: real flying. Imports are lazy, so that ``--help`` is instant."""
+"""``groundstation``: real flying. What a command needs is imported when it is run."""
 
 import argparse
 import sys

@@ -32,8 +32,28 @@ if TYPE_CHECKING:
     from links.mavlink.protocol.config import MavlinkLinkConfig
     from links.rf.module_codec import CrsfLinkConfig, DsmLinkConfig
 
+_MODULES = {
+    "BridgeLinkConfig": "links.bridge.link",
+    "Attitude": "links.core.deadman",
+    "Command": "links.core.deadman",
+    "CommandLink": "links.core.deadman",
+    "LinkError": "links.core.deadman",
+    "LinkLost": "links.core.deadman",
+    "LinkMisuse": "links.core.deadman",
+    "LinkRejected": "links.core.deadman",
+    "LinkStatus": "links.core.deadman",
+    "Segment": "links.core.deadman",
+    "make_link": "links.make",
+    "MavlinkLinkConfig": "links.mavlink.protocol.config",
+    "CrsfLinkConfig": "links.rf.module_codec",
+    "DsmLinkConfig": "links.rf.module_codec",
+}
+"""What is handed on, and the module that is loaded when it is first asked for (PEP 562)."""
+
 
 def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
+    from importlib import import_module
 
-    return load_name(__name__, name)
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_MODULES[name]), name)

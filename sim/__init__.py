@@ -29,8 +29,34 @@ if TYPE_CHECKING:
     from sim.studies.comparison import ControllerComparison, compare
     from sim.world.world import World
 
+_MODULES = {
+    "FleetMission": "sim.runs.fleet",
+    "fly_fleet": "sim.runs.fleet",
+    "MissionResult": "sim.runs.flight",
+    "Result": "sim.runs.flight",
+    "fly": "sim.runs.flight",
+    "fly_mission": "sim.runs.flight",
+    "from_floor": "sim.runs.flight",
+    "serve": "sim.runs.server",
+    "serve_fleet": "sim.runs.server",
+    "Run": "sim.runs.simulation",
+    "simulate": "sim.runs.simulation",
+    "SCENARIOS": "sim.scenarios.scenarios",
+    "Scenario": "sim.scenarios.scenarios",
+    "prepare": "sim.scenarios.scenarios",
+    "prepare_own": "sim.scenarios.scenarios",
+    "ErrorBudget": "sim.studies.budget",
+    "error_budget": "sim.studies.budget",
+    "ControllerComparison": "sim.studies.comparison",
+    "compare": "sim.studies.comparison",
+    "World": "sim.world.world",
+}
+"""What is handed on, and the module that is loaded when it is first asked for (PEP 562)."""
+
 
 def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
+    from importlib import import_module
 
-    return load_name(__name__, name)
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_MODULES[name]), name)

@@ -1,4 +1,4 @@
-"""``groundstation-sim``: everything simulated. Imports are lazy, so that ``--help`` is instant."""
+"""``groundstation-sim``: everything simulated. What a command needs is imported when it is run."""
 
 import argparse
 import sys

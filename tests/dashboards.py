@@ -18,7 +18,7 @@ from groundstation.interfaces.tui.app import Attached, Dashboard
 from groundstation.interfaces.tui.drawing import big, huge
 from groundstation.interfaces.tui.model import Feed, FlightIdentity, News
 from groundstation.interfaces.tui.widgets import Banner
-from groundstation.runtime import Latest, StatusConfig
+from groundstation.machine import Latest, StatusConfig
 from groundstation.settings import Config
 from tests.sample_flight import Sampled, sample
 

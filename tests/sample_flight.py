@@ -9,7 +9,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Ask, Certificate, Diagnostics, Notice, Reply, Request, Snapshot
 from groundstation.interfaces.api import Server
-from groundstation.runtime import Latest, StatusConfig
+from groundstation.machine import Latest, StatusConfig
 from links.core import LinkStatus
 
 

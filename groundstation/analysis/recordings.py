@@ -26,6 +26,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import SteadyError
+from groundstation.machine import RecordingConfig, folder_of, is_being_written, open_private, tidy
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import (
     CHANNELS,
@@ -35,15 +36,7 @@ from groundstation.recording import (
     Vector3,
     describe_channels,
 )
-from groundstation.runtime import (
-    Exit,
-    RecordingConfig,
-    folder_of,
-    is_being_written,
-    open_private,
-    require_package,
-    tidy,
-)
+from groundstation.runtime import Exit, require_package
 
 if TYPE_CHECKING:
     import numpy as np  # and all that imports it only where arrays are asked for: a flight needs none

@@ -17,8 +17,9 @@ from typing import Any, ClassVar, NamedTuple
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Quat, Vec3
+from groundstation.machine import is_being_written
 from groundstation.recording import CHANNELS, ChannelForm, Entry, Recording, describe_channels, refuse_recordings
-from groundstation.runtime import Exit, is_being_written, require_package
+from groundstation.runtime import Exit, require_package
 from links.io import parse_address
 
 TRAIL_S, SAMPLE_S, DRAW_S = 20.0, 0.1, 0.5

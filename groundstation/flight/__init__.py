@@ -1,33 +1,25 @@
 """One flight: pre-arm checks, mission, command loop, shutdown, statistics."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from groundstation.flight.flight import DISARM_WAIT_S, Flight, FlightOutcome, FrameLateness, make_ends
-    from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
-    from groundstation.flight.prearm import (
-        Company,
-        Proof,
-        confirmation,
-        describe_checks,
-        describe_failures,
-        describe_trajectory,
-        digest,
-        ensure_flyable,
-        ensure_guarded,
-        ensure_link,
-        ensure_named,
-        entry_of,
-        examine_trajectory,
-        explain_refusal,
-        is_simulated,
-        key,
-        line_from_terminal,
-        place,
-        save,
-    )
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from groundstation.flight.flight import DISARM_WAIT_S, Flight, FlightOutcome, FrameLateness, make_ends
+from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
+from groundstation.flight.prearm import (
+    Company,
+    Proof,
+    confirmation,
+    describe_checks,
+    describe_failures,
+    describe_trajectory,
+    digest,
+    ensure_flyable,
+    ensure_guarded,
+    ensure_link,
+    ensure_named,
+    entry_of,
+    examine_trajectory,
+    explain_refusal,
+    is_simulated,
+    key,
+    line_from_terminal,
+    place,
+    save,
+)

@@ -53,8 +53,8 @@ from groundstation.core.vehicle import Vehicle
 from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.mission_executive import LAST_CHANCE_S, MissionExecutive
 from groundstation.flight.prearm import Company, FlightEnded, PrearmSequence
+from groundstation.machine import IdleSlots, to_the_end
 from groundstation.pose import make_source
-from groundstation.runtime import IdleSlots, to_the_end
 from groundstation.settings import Config
 from links import make_link
 from links.core import IN_TIME, Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase

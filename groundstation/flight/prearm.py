@@ -55,9 +55,9 @@ from groundstation.core.trajectory import (
 )
 from groundstation.flight.hold_to_run import HoldToRun
 from groundstation.flight.mission_executive import Course, MissionExecutive
+from groundstation.machine import FILE, RecordingConfig, Running, folder_of, is_ours, socket_path
 from groundstation.pose import check_stamp_rate
 from groundstation.pose.sources import describe_drop, describe_unsteady_clock
-from groundstation.runtime import FILE, RecordingConfig, Running, folder_of, is_ours, socket_path
 from groundstation.settings import Config, FlightConfig
 from links.core import CommandLink, LinkError, LinkKind, LinkStatus
 from links.io import is_pseudo_terminal, read_key

@@ -34,7 +34,8 @@ from groundstation.lab.doctor_advice import (
     px4_advice,
     show,
 )
-from groundstation.runtime import Exit, open_private
+from groundstation.machine import open_private
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import LinkError, LinkLost, LinkRejected, signal
 from links.mavlink import MavlinkConnection, MavlinkLinkConfig

@@ -45,9 +45,10 @@ from groundstation.pose.sources import GatedSource, describe_drop, describe_unst
 from groundstation.runtime import Exit, raw_stream
 from groundstation.settings import Config
 from links import make_link
-from links.core import LinkError, printable
+from links.core import LinkError
 from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import Message
+from links.text import printable
 
 if TYPE_CHECKING:
     from rich.table import Table

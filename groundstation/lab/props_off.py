@@ -15,7 +15,16 @@ import msgspec
 from groundstation.config import ConfigError, dump
 from groundstation.flight import Proof, digest, line_from_terminal, place, save
 from groundstation.lab.props_off_hand import News
-from groundstation.runtime import ApiError, Exit, Taken, hold_lock, lock_path, precise_loop, socket_path, to_the_end
+from groundstation.machine import (
+    ApiError,
+    Taken,
+    hold_lock,
+    lock_path,
+    precise_loop,
+    socket_path,
+    to_the_end,
+)
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.io import open_child
 

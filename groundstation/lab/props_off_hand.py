@@ -22,8 +22,8 @@ from groundstation.config import from_dict
 from groundstation.core import Pilot
 from groundstation.core.messages import Pose, PoseSource, SourceError
 from groundstation.flight import make_ends
+from groundstation.machine import precise_loop, to_the_end
 from groundstation.pose.sources import GatedSource
-from groundstation.runtime import precise_loop, to_the_end
 from groundstation.settings import Config
 from links.core import CommandLink, LinkError
 

@@ -16,6 +16,7 @@ import msgspec
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, SourceError
+from groundstation.machine import sleep_until
 from groundstation.pose.recorded_codec import CSV_COLUMNS, CsvRow, TlogReader, TlogRecord, read_csv
 from groundstation.pose.sources import (
     Intake,
@@ -30,7 +31,6 @@ from groundstation.pose.sources import (
     VisionConfig,
     decoder_for,
 )
-from groundstation.runtime import sleep_until
 from links.core import CommandLink
 from links.mavlink import MavlinkLink
 from links.mavlink.protocol import ARDUPILOT, PX4

@@ -7,40 +7,31 @@ the file at once. Nothing here is imported before somebody records or reads.
 """
 
 from groundstation.recording import channels as channels
-
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from groundstation.recording.assembly import Give, about, make_flight, recorder
-    from groundstation.recording.channels import (
-        CHANNELS,
-        ChannelForm,
-        MeasuredMessage,
-        Quaternion,
-        ReferenceMessage,
-        TruthMessage,
-        Vector3,
-        describe_channels,
-        quaternion,
-        read_command,
-        read_pose,
-        read_reference,
-        schema,
-    )
-    from groundstation.recording.process import END_S, RecorderProcess
-    from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline, refuse_recordings
-    from groundstation.recording.records import (
-        About,
-        FlightHeadline,
-        LineRecord,
-        ReceivedRecord,
-        Record,
-        SentRecord,
-        TruthRecord,
-    )
-    from groundstation.recording.writer import FlightLog, McapWriter, about_texts
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from groundstation.recording.assembly import Give, about, make_flight, recorder
+from groundstation.recording.channels import (
+    CHANNELS,
+    ChannelForm,
+    MeasuredMessage,
+    Quaternion,
+    ReferenceMessage,
+    TruthMessage,
+    Vector3,
+    describe_channels,
+    quaternion,
+    read_command,
+    read_pose,
+    read_reference,
+    schema,
+)
+from groundstation.recording.process import END_S, RecorderProcess
+from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline, refuse_recordings
+from groundstation.recording.records import (
+    About,
+    FlightHeadline,
+    LineRecord,
+    ReceivedRecord,
+    Record,
+    SentRecord,
+    TruthRecord,
+)
+from groundstation.recording.writer import FlightLog, McapWriter, about_texts

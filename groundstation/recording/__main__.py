@@ -19,10 +19,10 @@ from pathlib import Path
 import msgspec
 
 from groundstation.core.messages import Severity
+from groundstation.machine import free_name, make_folder, tidy
 from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
-from groundstation.runtime import free_name, make_folder, tidy
 from links.io import start_child
 
 NICE = 5

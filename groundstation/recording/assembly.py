@@ -29,6 +29,7 @@ from groundstation.core.messages import (
     Subscriber,
 )
 from groundstation.flight import Company, Flight, make_ends, make_hold
+from groundstation.machine import IdleSlots, Running
 from groundstation.pose import ForwardingSource
 from groundstation.pose.sources import GatedSource
 from groundstation.recording.records import (
@@ -41,7 +42,6 @@ from groundstation.recording.records import (
     SentRecord,
     WireRecord,
 )
-from groundstation.runtime import IdleSlots, Running
 from groundstation.settings import Config
 from links.core import CommandLink
 from links.io import Network

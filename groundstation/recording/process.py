@@ -9,8 +9,8 @@ from contextlib import suppress
 import msgspec
 
 from groundstation.core.messages import Say, Severity
+from groundstation.machine import IdleSlots, RecordingConfig
 from groundstation.recording.records import About, LossRecord, Record
-from groundstation.runtime import IdleSlots, RecordingConfig
 from links.io import start_child
 
 PIPE_BYTES = 1 << 20

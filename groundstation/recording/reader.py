@@ -17,8 +17,8 @@ from mcap.records import Channel, Chunk, DataEnd, McapRecord, Metadata
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from groundstation.config import ConfigError
+from groundstation.machine import is_being_written
 from groundstation.recording.records import MAGIC, FlightHeadline, HeadlineCounter
-from groundstation.runtime import is_being_written
 
 _RECORD = struct.Struct("<BQ")
 """How each begins: its kind, and how many bytes follow."""

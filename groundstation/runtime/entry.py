@@ -17,7 +17,7 @@ from enum import IntEnum
 from functools import cached_property, partial
 
 from groundstation.runtime.version import __version__
-from links.core import printable
+from links.text import printable
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:

@@ -21,9 +21,9 @@ from groundstation.core.messages import RemoteAsk
 from groundstation.core.safety import FenceConfig, GuardsConfig, LandingConfig, SeparationConfig, TakeoffConfig
 from groundstation.core.trajectory import LemniscateConfig, TrajectoryConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
+from groundstation.machine import RecordingConfig, StatusConfig, folder_of, socket_folder
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import GateConfig, JsonConfig, LibmotioncaptureConfig, ViconConfig
-from groundstation.runtime import RecordingConfig, StatusConfig, folder_of, socket_folder
 from links.bridge import BridgeLinkConfig
 from links.core import full_thrust_n
 from links.io import is_loopback, is_pseudo_terminal, parse_address

@@ -1,14 +1,6 @@
 """What the links open: network addresses and datagrams, serial ports, key files; and whether the computer slept."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from links.io.child import make_child_command, open_child, start_child
-    from links.io.key_file import make_key, read_key
-    from links.io.network import beyond, is_loopback, parse_address
-    from links.io.wires import NETWORK, Datagrams, Network, Sleep, discard, is_pseudo_terminal, open_port, waiting
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from links.io.child import make_child_command, open_child, start_child
+from links.io.key_file import make_key, read_key
+from links.io.network import beyond, is_loopback, parse_address
+from links.io.wires import NETWORK, Datagrams, Network, Sleep, discard, is_pseudo_terminal, open_port, waiting

@@ -1,42 +1,34 @@
 """The serial RF link: a transmitter module, whose frames a process of its own paces."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from links.rf.betaflight_codec import (
-        PROMPT,
-        MspReader,
-        describe_change,
-        describe_pulses,
-        encode_request,
-        find_refusal,
-        find_settings,
-        is_armed,
-    )
-    from links.rf.board import Board
-    from links.rf.channel_map import Channels
-    from links.rf.codec import Manner, RfFrame, RfLinkConfig, Service
-    from links.rf.link import PacedLink, SerialRfLink
-    from links.rf.module_codec import RF_CODECS, CrsfLinkConfig, DsmLinkConfig, RfConfig, encode_attitude
-    from links.rf.pacer import (
-        LOOK_S,
-        Arm,
-        End,
-        FramePacer,
-        Give,
-        Hear,
-        OpenPacer,
-        Order,
-        Pacer,
-        PacerReport,
-        Serve,
-        StandbyWatch,
-        Stop,
-    )
-    from links.rf.pacer_process import open_process
-    from links.rf.shared_memory import CAPACITY_BYTES, Mailbox
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from links.rf.betaflight_codec import (
+    PROMPT,
+    MspReader,
+    describe_change,
+    describe_pulses,
+    encode_request,
+    find_refusal,
+    find_settings,
+    is_armed,
+)
+from links.rf.board import Board
+from links.rf.channel_map import Channels
+from links.rf.codec import Manner, RfFrame, RfLinkConfig, Service
+from links.rf.link import PacedLink, SerialRfLink
+from links.rf.module_codec import RF_CODECS, CrsfLinkConfig, DsmLinkConfig, RfConfig, encode_attitude
+from links.rf.pacer import (
+    LOOK_S,
+    Arm,
+    End,
+    FramePacer,
+    Give,
+    Hear,
+    OpenPacer,
+    Order,
+    Pacer,
+    PacerReport,
+    Serve,
+    StandbyWatch,
+    Stop,
+)
+from links.rf.pacer_process import open_process
+from links.rf.shared_memory import CAPACITY_BYTES, Mailbox

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from groundstation.config import ConfigError
-from groundstation.runtime import sleep_until
+from groundstation.machine import sleep_until
 from links.rf import PROMPT, find_refusal
 from sim.world import FourRotors, Quadrotor, TrueState
 

@@ -25,7 +25,8 @@ import msgspec
 from groundstation.config import ConfigError, load, read_toml, refuse_io
 from groundstation.core.messages import STEADY_S, notice
 from groundstation.flight import ensure_flyable
-from groundstation.runtime import Exit, replace_between_markers, require_package, split_at_markers
+from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config, rehearse
 from links.io import is_loopback, parse_address
 from links.mavlink import MavlinkLinkConfig

@@ -4,7 +4,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from groundstation.core.messages import STEADY_S
 from groundstation.runtime import raw_stream
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
@@ -60,6 +59,8 @@ class ProgressBar:
 
 def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
     """The flight's figures as a few lines of text; with ``paper``, beside those of the paper, whose flight it is."""
+    from groundstation.core.messages import STEADY_S  # --help imports this module, too
+
     title = f"{facts['scenario']}, controller {facts['controller']}, seed {facts['seed']}"
     if not facts["completed"]:
         title += f"\nNOT COMPLETED after {facts['duration_s']:.1f} s: {facts['why']}"

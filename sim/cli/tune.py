@@ -15,7 +15,8 @@ import msgspec
 from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
-from groundstation.runtime import Exit, replace_between_markers, split_at_markers
+from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from sim.cli.console import ProgressBar
 from sim.studies.tune import (

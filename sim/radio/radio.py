@@ -23,7 +23,7 @@ import msgspec
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Quat, so3
 from groundstation.core.vehicle import Vehicle
-from groundstation.runtime import sleep_until
+from groundstation.machine import sleep_until
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.io import NETWORK, read_key

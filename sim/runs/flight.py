@@ -19,8 +19,8 @@ from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, 
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from groundstation.flight import Flight, FlightOutcome
+from groundstation.machine import sleep_until
 from groundstation.recording import Give, Record, TruthRecord, make_flight
-from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from sim.runs.referee import FlightVerdict, MissionVerdict, Referee, StateEntry, TrueTrack
 from sim.runs.stage import Stage

@@ -17,10 +17,11 @@ import msgspec
 
 from groundstation.config import ConfigError, refuse_io
 from groundstation.core.geometry import Vec3
+from groundstation.machine import ApiError, own_directory
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
 from groundstation.recording import Quaternion, TruthMessage, Vector3
-from groundstation.runtime import ApiError, Exit, own_directory
+from groundstation.runtime import Exit
 from groundstation.settings import Config, RehearsalConfig, beacon
 from links.bridge import BridgeLinkConfig
 from links.io import parse_address

@@ -17,7 +17,7 @@ import tomli_w
 
 from groundstation.config import ConfigError, dump
 from groundstation.core.geometry import Vec3
-from groundstation.runtime import sleep_until
+from groundstation.machine import sleep_until
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.core import signal

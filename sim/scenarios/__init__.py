@@ -1,30 +1,21 @@
 """The scenarios by name, and how one becomes the truth and what the controller is told."""
 
 from sim.scenarios import gale as gale
-
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from sim.scenarios.scenarios import (
-        BETAFLIGHT,
-        SCENARIOS,
-        Scenario,
-        at_desk,
-        by_betaflight,
-        by_side,
-        choose,
-        make_mistakes,
-        others_of,
-        overridden,
-        prepare,
-        prepare_own,
-        scenario_of,
-        timing,
-        world_as_told,
-        world_from,
-    )
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from sim.scenarios.scenarios import (
+    BETAFLIGHT,
+    SCENARIOS,
+    Scenario,
+    at_desk,
+    by_betaflight,
+    by_side,
+    choose,
+    make_mistakes,
+    others_of,
+    overridden,
+    prepare,
+    prepare_own,
+    scenario_of,
+    timing,
+    world_as_told,
+    world_from,
+)

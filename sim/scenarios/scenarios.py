@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 
+import sim.scenarios.gale as gale  # noqa: PLR0402  # not through the face that imports this
 from groundstation.config import ConfigError, from_dict, load, parse_toml
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import LemniscateConfig
@@ -24,7 +25,6 @@ from groundstation.pose import PoseConfig
 from groundstation.pose.sources import GateConfig, ViconConfig
 from groundstation.settings import Config, FlightConfig
 from links.mavlink import MavlinkLinkConfig
-from sim.scenarios import gale
 from sim.world import RotorConstants, WindTunnel, World
 
 BETAFLIGHT = "betaflight"

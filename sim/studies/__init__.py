@@ -1,40 +1,32 @@
 """Questions put to many flights: campaigns, comparisons, tuning, margins."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from sim.studies.bring_down import CAUSES, cut_all, markdown
-    from sim.studies.budget import Contribution
-    from sim.studies.comparison import (
-        CONTROLLERS,
-        GUST,
-        SEARCHED_LAWS,
-        TRIALS,
-        WITHOUT_ADAPTATION,
-        Case,
-        ComparedFlight,
-        cases,
-        check_plot,
-        compare,
-        compare_at_equal_margins,
-        describe_terms,
-        draw_equal_margins,
-        equal_margins_table,
-        fly_case,
-        markdown_table,
-        plot,
-        read_trials,
-        rows,
-        text_table,
-        write_between_markers,
-        write_trials,
-    )
-    from sim.studies.gale import gale_command
-    from sim.studies.intervals import coverage_table, identify_flights
-    from sim.studies.vectors import LIMIT, worst_disagreement
-    from sim.studies.vehicles import FOUND_IN_FLIGHT, remake, remake_all
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from sim.studies.bring_down import CAUSES, cut_all, markdown
+from sim.studies.budget import Contribution
+from sim.studies.comparison import (
+    CONTROLLERS,
+    GUST,
+    SEARCHED_LAWS,
+    TRIALS,
+    WITHOUT_ADAPTATION,
+    Case,
+    ComparedFlight,
+    cases,
+    check_plot,
+    compare,
+    compare_at_equal_margins,
+    describe_terms,
+    draw_equal_margins,
+    equal_margins_table,
+    fly_case,
+    markdown_table,
+    plot,
+    read_trials,
+    rows,
+    text_table,
+    write_between_markers,
+    write_trials,
+)
+from sim.studies.gale import gale_command
+from sim.studies.intervals import coverage_table, identify_flights
+from sim.studies.vectors import LIMIT, worst_disagreement
+from sim.studies.vehicles import FOUND_IN_FLIGHT, remake, remake_all

@@ -26,7 +26,8 @@ from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend, refuse_io, several, without_frames
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S, Tick
-from groundstation.runtime import replace_between_markers, require_package
+from groundstation.machine import replace_between_markers
+from groundstation.runtime import require_package
 from sim.runs import LONGEST_S, TrueTrack, Workers, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, by_side, overridden, prepare
 from sim.studies.tune import (

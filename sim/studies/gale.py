@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from groundstation.core.messages import Notice, Tick
 from groundstation.core.vehicle import GRAVITY
-from groundstation.runtime import Exit, replace_between_markers, split_at_markers
+from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.runtime import Exit
 from sim.runs import TrueTrack, fly
 from sim.scenarios import SCENARIOS, gale, prepare
 

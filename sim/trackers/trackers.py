@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from groundstation.core.geometry import Frames, Quat, Vec3, frames_of, so3
+from groundstation.machine import sleep_until
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import (
     JsonConfig,
@@ -25,7 +26,6 @@ from groundstation.pose.sources import (
 )
 from groundstation.pose.sources import natnet_codec as natnet
 from groundstation.pose.sources import qualisys_codec as qtm
-from groundstation.runtime import sleep_until
 from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
 from sim.world import PositionWander, Quadrotor, TrueState, World, rows, stream, with_noise

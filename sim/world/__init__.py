@@ -1,47 +1,39 @@
 """The truth of a simulated flight: plant, wind, vehicle, and the scenarios."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from sim.world.draws import generator, rows, stream
-    from sim.world.hand import HOLD_S, MOVE_S, make_hand
-    from sim.world.plant import (
-        Actuators,
-        AirDrag,
-        Body,
-        FourRotors,
-        Physics,
-        RateLoop,
-        begin_rotors,
-        compute_drag,
-        describe_air,
-        describe_rotors,
-        integrate,
-        turn_rotors,
-    )
-    from sim.world.quadrotor import (
-        Airframe,
-        Horizon,
-        PositionWander,
-        Quadrotor,
-        SimulatedVehicle,
-        TrueState,
-        with_noise,
-    )
-    from sim.world.world import (
-        STILL,
-        Eddies,
-        RotorConstants,
-        Wind,
-        WindTunnel,
-        World,
-        begin_eddies,
-        cell,
-        compute_turbulence,
-        stir,
-    )
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from sim.world.draws import generator, rows, stream
+from sim.world.hand import HOLD_S, MOVE_S, make_hand
+from sim.world.plant import (
+    Actuators,
+    AirDrag,
+    Body,
+    FourRotors,
+    Physics,
+    RateLoop,
+    begin_rotors,
+    compute_drag,
+    describe_air,
+    describe_rotors,
+    integrate,
+    turn_rotors,
+)
+from sim.world.quadrotor import (
+    Airframe,
+    Horizon,
+    PositionWander,
+    Quadrotor,
+    SimulatedVehicle,
+    TrueState,
+    with_noise,
+)
+from sim.world.world import (
+    STILL,
+    Eddies,
+    RotorConstants,
+    Wind,
+    WindTunnel,
+    World,
+    begin_eddies,
+    cell,
+    compute_turbulence,
+    stir,
+)

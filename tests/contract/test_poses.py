@@ -16,6 +16,7 @@ import pytest
 
 from groundstation.core.geometry import Alignment, so3
 from groundstation.core.messages import Pose, PoseSource
+from groundstation.machine import sleep_until
 from groundstation.pose import CsvRow, PoseConfig, TlogConfig, encode_csv, make_source
 from groundstation.pose.registry import CsvConfig
 from groundstation.pose.sources import (
@@ -27,7 +28,6 @@ from groundstation.pose.sources import (
     VisionConfig,
 )
 from groundstation.pose.sources.natnet_codec import Version
-from groundstation.runtime import sleep_until
 from links.io import parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from sim.autopilots import AutopilotPeer, Px4Autopilot

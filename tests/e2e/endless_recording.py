@@ -8,8 +8,8 @@ import sys
 
 from groundstation.core import Pilot
 from groundstation.core.messages import Pose, Tick, TickRecord
+from groundstation.machine import RecordingConfig
 from groundstation.recording import ReceivedRecord, RecorderProcess, SentRecord, about
-from groundstation.runtime import RecordingConfig
 from groundstation.settings import Config
 
 

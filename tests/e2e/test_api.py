@@ -22,7 +22,7 @@ from groundstation.interfaces.api import Control, Server, ask_station, snapshots
 from groundstation.interfaces.api import server as api_server
 from groundstation.interfaces.api.client import open_client
 from groundstation.interfaces.api.messages import VERSION, StationHello
-from groundstation.runtime import ApiError, Latest, StatusConfig, find_socket, socket_path
+from groundstation.machine import ApiError, Latest, StatusConfig, find_socket, socket_path
 from tests.sample_flight import Sampled, sample
 
 Scene = Callable[[Path, Latest[Snapshot]], Coroutine[Any, Any, None]]

@@ -21,7 +21,7 @@ from groundstation.flight import Flight
 from groundstation.interfaces.api import Server
 from groundstation.interfaces.service.flights import crew
 from groundstation.interfaces.tui.drawing import big
-from groundstation.runtime import StatusConfig
+from groundstation.machine import StatusConfig
 from sim.runs import Stage, fly_mission, from_floor
 from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare

@@ -19,7 +19,7 @@ from groundstation.core.messages import Notice, Snapshot
 from groundstation.interfaces.api import new_events
 from groundstation.interfaces.mqtt import heed_cancellation, publish_forever
 from groundstation.interfaces.mqtt.messages import EventMessage
-from groundstation.runtime import Latest
+from groundstation.machine import Latest
 from groundstation.settings import MqttConfig
 from tests.sample_flight import sample
 
@@ -222,7 +222,7 @@ def test_the_broker_declares_a_publisher_that_vanished_offline(broker: Callable[
     async def scene() -> None:
         await server.start()
         code = (
-            "import asyncio\nfrom groundstation.runtime.outlets import Latest\n"
+            "import asyncio\nfrom groundstation.machine.outlets import Latest\n"
             "from groundstation.interfaces.mqtt.publisher import publish_forever\n"
             "from groundstation.settings.settings import MqttConfig\n"
             "from tests.sample_flight import sample\n"

@@ -23,8 +23,8 @@ from groundstation.interfaces.mqtt import publish_forever
 from groundstation.interfaces.mqtt.command import Unanswered, request_by_mqtt
 from groundstation.interfaces.mqtt.messages import HealthMessage, SessionMessage
 from groundstation.interfaces.mqtt.requests import ANY_BURST, ANY_HZ, Place, seal_request
+from groundstation.machine import Latest, wall_ms
 from groundstation.recording import Recording
-from groundstation.runtime import Latest, wall_ms
 from groundstation.settings import Config, MqttConfig
 from links.io import make_key, read_key
 from tests.e2e.lab_broker import LabBroker, lab

@@ -5,8 +5,8 @@ import pty
 import time
 from pathlib import Path
 
-from groundstation.runtime import NonBlockingWriter
-from groundstation.runtime.outlets import LINE_MAX_BYTES
+from groundstation.machine import NonBlockingWriter
+from groundstation.machine.outlets import LINE_MAX_BYTES
 
 
 def test_lines_come_out_as_they_were_said() -> None:

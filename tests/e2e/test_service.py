@@ -30,7 +30,8 @@ from groundstation.interfaces.service.flights import (
     line_of,
     longest_landing_s,
 )
-from groundstation.runtime import Exit, Taken, hold_lock
+from groundstation.machine import Taken, hold_lock
+from groundstation.runtime import Exit
 from groundstation.runtime.entry import CODES
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
@@ -44,7 +45,7 @@ def test_the_second_of_two_is_refused_in_words_and_the_lock_falls_with_its_holde
     code = f"""
 import sys, time
 from pathlib import Path
-from groundstation.runtime.register import hold_lock
+from groundstation.machine.register import hold_lock
 with hold_lock(Path({str(path)!r}), "mqx"):
     print("held", flush=True)
     time.sleep(60)

@@ -11,7 +11,7 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.interfaces.api import Server
 from groundstation.interfaces.api.server import CLIENTS_MAX
-from groundstation.runtime import Latest, StatusConfig
+from groundstation.machine import Latest, StatusConfig
 from sim.runs import Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop

@@ -15,7 +15,8 @@ from groundstation.config import ConfigError, load
 from groundstation.core.geometry import Alignment, Frames, so3
 from groundstation.lab import pose_monitor as command
 from groundstation.lab.pose_monitor import set_keys
-from groundstation.runtime import Exit, sleep_until
+from groundstation.machine import sleep_until
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec

@@ -13,8 +13,8 @@ from groundstation.core.messages import CommandSent, FlightEvent, Notice
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.flight.flight import Pacing, StallDetector
+from groundstation.machine import sleep_until
 from groundstation.recording import make_flight
-from groundstation.runtime import sleep_until
 from links.core import Command
 from links.io import Sleep
 from sim.runs import Stage

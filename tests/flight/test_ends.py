@@ -10,8 +10,8 @@ import pytest
 
 from groundstation.core.mission import State
 from groundstation.flight import Flight, FlightOutcome
+from groundstation.machine import sleep_until
 from groundstation.recording import make_flight
-from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare

@@ -26,6 +26,7 @@ from groundstation.analysis.recordings import load, rewrite
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import STEADY_S, PoseRecord, TickRecord
 from groundstation.interfaces.tui.app import Tape
+from groundstation.machine import RecordingConfig, make_folder
 from groundstation.pose import TlogReader, read_csv
 from groundstation.recording import (
     CHANNELS,
@@ -42,7 +43,6 @@ from groundstation.recording import (
     schema,
 )
 from groundstation.recording.writer import FLUSH_S, PatientFile
-from groundstation.runtime import RecordingConfig, make_folder
 from groundstation.settings import Config
 from sim.__main__ import main
 from sim.runs import RECORDING, Stage, fly

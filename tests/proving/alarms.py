@@ -20,7 +20,7 @@ from statistics import mean, median
 
 import msgspec
 
-from groundstation.analysis import OpenedRecording, flying, open_recording
+from groundstation.analysis.evidence import OpenedRecording, flying, open_recording
 from groundstation.config import ConfigError
 from groundstation.core import Pilot
 from groundstation.core.messages import Notice
@@ -28,7 +28,8 @@ from groundstation.core.mission import FINAL
 from groundstation.core.safety import NODE_S, WANDERING_M, Conviction, PoseEvidence, charge_lateness
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable
-from groundstation.runtime import Exit, replace_between_markers, sleep_until, split_at_markers
+from groundstation.machine import replace_between_markers, sleep_until, split_at_markers
+from groundstation.runtime import Exit
 from sim.cli import ProgressBar
 from sim.runs import MISSION_CONFIRM_S, Stage, Workers, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of

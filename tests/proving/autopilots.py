@@ -28,7 +28,8 @@ from groundstation.core.control import Gains
 from groundstation.core.geometry import so3
 from groundstation.core.messages import STEADY_S
 from groundstation.core.mission import State
-from groundstation.runtime import Exit, replace_between_markers, split_at_markers
+from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.io import make_child_command
 from links.mavlink.protocol import SET_MESSAGE_INTERVAL, MavlinkCodec

@@ -20,8 +20,9 @@ from groundstation.analysis.identify import identify, read_stretch
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
 from groundstation.flight import Flight
+from groundstation.machine import replace_between_markers, split_at_markers
 from groundstation.recording import make_flight
-from groundstation.runtime import Exit, replace_between_markers, split_at_markers
+from groundstation.runtime import Exit
 from sim import autopilots
 from sim.autopilots import GAINS, STEP_S, FlightBoard, describe_settings
 from sim.radio import InlinePacer, PulseReceiver

@@ -25,8 +25,8 @@ from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
 from groundstation.config import describe_type, refuse_io, structs
 from groundstation.interfaces.mqtt import write_schemas
+from groundstation.machine import fill_markers
 from groundstation.recording import CHANNELS
-from groundstation.runtime import fill_markers
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating

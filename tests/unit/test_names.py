@@ -9,7 +9,7 @@ from groundstation.config import ConfigError, from_dict, is_name
 from groundstation.interfaces.mqtt import FleetMonitor
 from groundstation.interfaces.mqtt.messages import SealedRequest
 from groundstation.lab.fleet import Name
-from groundstation.runtime.recordings import RECORDING
+from groundstation.machine.recordings import RECORDING
 from groundstation.settings import Config
 
 NO_NAMES = ["", "mqx\n", "..", ".", "-rf", "_x", "a/b", "a b", "ä", "x\x00", "\nmqx", "mqx\r", "+", "#"]

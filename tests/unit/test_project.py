@@ -163,8 +163,8 @@ def bare_pythons(command: list[str | Path], most: float) -> float:
 
 @pytest.mark.parametrize("asked", ["--help", "--version"])
 @pytest.mark.parametrize("command", COMMANDS)
-def test_help_and_version_cost_at_most_three_times_a_bare_python(command: str, asked: str) -> None:
-    assert bare_pythons([Path(sys.executable).with_name(command), asked], 3.0) <= 3.0
+def test_help_and_version_cost_at_most_five_times_a_bare_python(command: str, asked: str) -> None:
+    assert bare_pythons([Path(sys.executable).with_name(command), asked], 5.0) <= 5.0
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -7,12 +7,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from groundstation import _MODULES
 from groundstation.config import presets
 from groundstation.core.control import CALM, Gains
 from groundstation.core.vehicle import Vehicle
 from groundstation.interfaces.mqtt.command import schemas
 from groundstation.settings import Config
-from links.core.lazy import imports_for_types
 from sim.studies.campaign import COLUMNS
 from tests.proving.reference import PAGES, SCHEMAS, page, reference_command, remarks
 
@@ -85,7 +85,7 @@ def test_what_a_user_meets_stands_in_the_glossary() -> None:
     pages = [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     told = "\n".join(page.read_text("utf-8") for page in pages if page.parent.name != "decisions")
     met = defined & set(re.findall(r"\b[A-Z][a-z]+(?:[A-Z][A-Za-z0-9]*)+\b", told))
-    met |= {name for name in imports_for_types("groundstation") if name[0].isupper()}
+    met |= {name for name in _MODULES if name[0].isupper()}
     met |= set(Config.__struct_fields__)
     glossary = (ROOT / "docs/reference/glossary.md").read_text("utf-8")
     rows = ", ".join(re.findall(r"^\| ([^|]+) \|", glossary, re.MULTILINE)).lower().replace("-", "").replace("'s", "")

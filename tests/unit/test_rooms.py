@@ -4,10 +4,8 @@ import ast
 import tomllib
 from functools import cache
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 
-from links.core.lazy import imports_for_types
 from tests.proving.reference import floors, folder_imports, is_for_types, rooms_below, tree_imports
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -18,6 +16,7 @@ FILES = {
     for path in sorted((ROOT / house).rglob("*.py"))
 }
 FACES = {name for name, path in FILES.items() if path.name == "__init__.py"}
+ROOTS = ("groundstation", "links", "sim")
 PAST_A_FACE = {
     # The pages of the reference show the options of both programs, which their entry points hold.
     "tests.proving.reference": {"groundstation.__main__", "sim.__main__"},
@@ -35,19 +34,13 @@ def parse(module: str) -> ast.Module:
 
 @cache
 def table(face: str) -> dict[str, str]:
-    """What a face hands on when it is asked: name to the module that defines it, as it imports them for types."""
-    eager = dict(imports(face, typing=False))
-    return {name: module for module, name in imports(face, typing=True) if module not in eager}
+    """What a face hands on: name to the module that it imports it from."""
+    return {name: module for module, name in imports(face, typing=True)}
 
 
 @cache
 def imports(module: str, *, typing: bool) -> tuple[tuple[str, str], ...]:
     return tuple(tree_imports(parse(module), typing=typing))
-
-
-@cache
-def handed_on(face: str) -> set[str]:
-    return {name for _, name in imports(face, typing=False)}
 
 
 def module_of(module: str, name: str) -> str:
@@ -57,17 +50,25 @@ def module_of(module: str, name: str) -> str:
     return table(module).get(name, module) if module in FACES else module
 
 
-def test_a_face_hands_on_what_it_imports_for_types_and_holds_no_code() -> None:
-    for face in FACES:
-        import_module(face)
-        assert imports_for_types(face) == table(face), face
-        nodes = parse(face).body
-        hidden = [node for node in nodes if isinstance(node, ast.If) and ast.unparse(node.test) == "not TYPE_CHECKING"]
-        for node in chain((node for node in nodes if node not in hidden), *(node.body for node in hidden)):
-            literal = isinstance(node, ast.Assign) and ast.literal_eval(node.value) is not None
-            function = isinstance(node, ast.FunctionDef) and node.name in ("__getattr__", "__dir__")
+def test_a_face_holds_no_code() -> None:
+    for face in FACES - set(ROOTS):
+        for node in parse(face).body:
             text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-            assert text or literal or function or is_for_types(node) or isinstance(node, ast.ImportFrom), face
+            assert text or isinstance(node, ast.ImportFrom), face
+
+
+def test_a_root_loads_what_it_imports_for_types_and_only_when_it_is_asked() -> None:
+    for root in ROOTS:
+        (block,) = (
+            ast.Module(node.body, []) for node in parse(root).body if isinstance(node, ast.If) and is_for_types(node)
+        )
+        (modules,) = (
+            ast.literal_eval(node.value)
+            for node in parse(root).body
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_MODULES"
+        )
+        assert modules == {name: module for module, name in tree_imports(block)}
+        assert all(getattr(import_module(root), name) is not None for name in modules)
 
 
 def test_what_scripts_import_is_handed_on_to_a_strict_type_checker_too() -> None:
@@ -85,7 +86,7 @@ def test_a_room_is_asked_through_its_face() -> None:
         for asked, name in imports(module, typing=True):
             target = module_of(asked, name) if f"{asked}.{name}" in FILES else asked
             outside = not f"{room(module)}.".startswith(f"{room(target)}.")
-            handed = asked in FACES and name in handed_on(asked)
+            handed = asked in FACES and name in table(asked)
             if target in FILES.keys() - FACES and outside and not handed:
                 past.add((module, target))
     assert past == {(module, target) for module, targets in PAST_A_FACE.items() for target in targets}
@@ -93,8 +94,7 @@ def test_a_room_is_asked_through_its_face() -> None:
 
 def test_a_name_is_handed_on_only_where_somebody_asks_for_it() -> None:
     asked = {pair for module in FILES.keys() - FACES for pair in imports(module, typing=True)}
-    public = {"groundstation", "links", "sim"}  # for whoever builds on the project
-    idle = {(face, name) for face in FACES - public for name in table(face) if (face, name) not in asked}
+    idle = {(face, name) for face in FACES - set(ROOTS) for name in table(face) if (face, name) not in asked}
     outside = "\n".join(
         path.read_text("utf-8")
         for top in ("tests", "examples", "docs")

@@ -32,8 +32,7 @@ from groundstation.analysis.evidence.imports import (
     MappedVehicle,
     find_resolution,
 )
-from groundstation.analysis.identify import LEAST_S, FlightStretch, StretchTooShort, find_stretch, identify
-from groundstation.analysis.shadow import (
+from groundstation.analysis.evidence.shadow import (
     FlownPath,
     RecordedPose,
     RecordedVehicle,
@@ -44,6 +43,7 @@ from groundstation.analysis.shadow import (
     replay,
     thrust_shares,
 )
+from groundstation.analysis.identify import LEAST_S, FlightStretch, StretchTooShort, find_stretch, identify
 from groundstation.config import ConfigError, from_dict, parse_toml
 from groundstation.core.estimation import (
     JITTER_SHOWS,
@@ -58,8 +58,9 @@ from groundstation.core.estimation import (
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import GRAVITY, ActuatorCommand
+from groundstation.machine import replace_between_markers, split_at_markers
 from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_pose
-from groundstation.runtime import Exit, replace_between_markers, split_at_markers
+from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import signal
 

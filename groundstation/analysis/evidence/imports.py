@@ -29,10 +29,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.analysis.shadow import FASTEST_RAD_S, read_recording
+from groundstation.analysis.evidence.shadow import FASTEST_RAD_S, read_recording
 from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, shipped_texts
 from groundstation.core.geometry import Body, Frames, Quat, World, axes, so3
 from groundstation.core.messages import Pose
+from groundstation.machine import open_private
 from groundstation.recording import (
     CHANNELS,
     McapWriter,
@@ -42,7 +43,7 @@ from groundstation.recording import (
     quaternion,
     schema,
 )
-from groundstation.runtime import Exit, __version__, open_private
+from groundstation.runtime import Exit, __version__
 
 Column: TypeAlias = NDArray[np.float64]
 Table: TypeAlias = Mapping[str, Column]

@@ -1,39 +1,31 @@
 """Our controller: the backstepping law, its certificate, and how a vehicle is brought down."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from groundstation.core.control.adaptive import (
-        CALM,
-        LASTING_S,
-        SUSPENDED,
-        VIOLATED,
-        Adaptive,
-        CertificateMonitor,
-        Gains,
-        Uncompensated,
-        bound_decrease,
-        calm,
-        measure,
-        noise_power,
-        thrust_bound,
-    )
-    from groundstation.core.control.attitude import (
-        acceleration,
-        clamp_command,
-        half_angle_error,
-        length,
-        push,
-        sine_error,
-        turning,
-    )
-    from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
-    from groundstation.core.control.bring_down import OFF, plan_bring_down
-    from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
-    from groundstation.core.control.descent import ASK_THRUST_RAD_S, ASK_TONES_RAD_S, Descent, ask, ask_thrust, level
-    from groundstation.core.control.model_descent import plan_model_descent
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from groundstation.core.control.adaptive import (
+    CALM,
+    LASTING_S,
+    SUSPENDED,
+    VIOLATED,
+    Adaptive,
+    CertificateMonitor,
+    Gains,
+    Uncompensated,
+    bound_decrease,
+    calm,
+    measure,
+    noise_power,
+    thrust_bound,
+)
+from groundstation.core.control.attitude import (
+    acceleration,
+    clamp_command,
+    half_angle_error,
+    length,
+    push,
+    sine_error,
+    turning,
+)
+from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
+from groundstation.core.control.bring_down import OFF, plan_bring_down
+from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
+from groundstation.core.control.descent import ASK_THRUST_RAD_S, ASK_TONES_RAD_S, Descent, ask, ask_thrust, level
+from groundstation.core.control.model_descent import plan_model_descent

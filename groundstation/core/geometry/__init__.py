@@ -1,37 +1,28 @@
 """Elementary functions, rotations and frames, for floats and arrays of vehicles."""
 
 from groundstation.core.geometry import so3 as so3
-
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from groundstation.core.geometry.so3 import (
-        FLOATS,
-        IDENTITY,
-        Alignment,
-        Body,
-        Frames,
-        Ops,
-        Quat,
-        Real,
-        Vec3,
-        World,
-        angle_deg,
-        arrays,
-        axes,
-        conjugate,
-        euler_zyx,
-        frames_of,
-        multiply,
-        rotate,
-        rotation_vector,
-        third_column,
-        third_row,
-        to_body,
-        to_world,
-    )
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from groundstation.core.geometry.so3 import (
+    FLOATS,
+    IDENTITY,
+    Alignment,
+    Body,
+    Frames,
+    Ops,
+    Quat,
+    Real,
+    Vec3,
+    World,
+    angle_deg,
+    arrays,
+    axes,
+    conjugate,
+    euler_zyx,
+    frames_of,
+    multiply,
+    rotate,
+    rotation_vector,
+    third_column,
+    third_row,
+    to_body,
+    to_world,
+)

@@ -1,34 +1,26 @@
 """Trajectories with exact derivatives, and what they ask of a vehicle."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from groundstation.core.trajectory.feasibility import (
-        Demand,
-        FeasibilityReport,
-        check_feasibility,
-        explain_infeasibility,
-    )
-    from groundstation.core.trajectory.port import (
-        Blend,
-        Chain,
-        Hold,
-        Limits,
-        Reference,
-        Trajectory,
-        blend,
-        run_in,
-        stop,
-    )
-    from groundstation.core.trajectory.shapes import (
-        ExcitationConfig,
-        LemniscateConfig,
-        OwnTrajectoryConfig,
-        TrajectoryConfig,
-    )
-    from groundstation.core.trajectory.waypoints import parse_course
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from groundstation.core.trajectory.feasibility import (
+    Demand,
+    FeasibilityReport,
+    check_feasibility,
+    explain_infeasibility,
+)
+from groundstation.core.trajectory.port import (
+    Blend,
+    Chain,
+    Hold,
+    Limits,
+    Reference,
+    Trajectory,
+    blend,
+    run_in,
+    stop,
+)
+from groundstation.core.trajectory.shapes import (
+    ExcitationConfig,
+    LemniscateConfig,
+    OwnTrajectoryConfig,
+    TrajectoryConfig,
+)
+from groundstation.core.trajectory.waypoints import parse_course

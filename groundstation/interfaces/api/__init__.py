@@ -1,21 +1,13 @@
 """The local interface: one JSON object a line on a UNIX socket."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from groundstation.interfaces.api.client import (
-        StationClient,
-        ask_station,
-        attach,
-        request_command,
-        snapshots,
-        stop_all,
-        stop_all_command,
-    )
-    from groundstation.interfaces.api.messages import Control, Core, OrderAnswer, TokenBucket, decode, new_events
-    from groundstation.interfaces.api.server import Server
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from groundstation.interfaces.api.client import (
+    StationClient,
+    ask_station,
+    attach,
+    request_command,
+    snapshots,
+    stop_all,
+    stop_all_command,
+)
+from groundstation.interfaces.api.messages import Control, Core, OrderAnswer, TokenBucket, decode, new_events
+from groundstation.interfaces.api.server import Server

@@ -38,10 +38,9 @@ from groundstation.interfaces.api.messages import (
     decode,
     encode_order,
 )
-from groundstation.runtime import (
+from groundstation.machine import (
     BRIDGE,
     ApiError,
-    Exit,
     Running,
     find_socket,
     foreign_services,
@@ -49,7 +48,8 @@ from groundstation.runtime import (
     running_processes,
     send_signal,
 )
-from links.core import printable
+from groundstation.runtime import Exit
+from links.text import printable
 
 ANSWER_S = 3.0
 """How long a ground station may take to say hello, or to answer [s]."""

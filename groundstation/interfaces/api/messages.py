@@ -32,7 +32,7 @@ import msgspec
 
 from groundstation.config import locate
 from groundstation.core.messages import Ask, Notice, Reply, Request, Snapshot, Waypoints, ensure_points
-from links.core import printable
+from links.text import printable
 
 VERSION = 2
 """Of this protocol."""

@@ -23,7 +23,14 @@ from groundstation.interfaces.api.messages import (
     decode_order,
     encode,
 )
-from groundstation.runtime import ApiError, IdleSlots, Latest, StatusConfig, claim_socket, socket_path
+from groundstation.machine import (
+    ApiError,
+    IdleSlots,
+    Latest,
+    StatusConfig,
+    claim_socket,
+    socket_path,
+)
 
 CLIENTS_MAX = 16
 """So many clients stay for as long as they like."""

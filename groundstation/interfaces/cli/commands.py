@@ -133,7 +133,7 @@ def radio(args: argparse.Namespace) -> Exit:
 def rf_bridge(args: argparse.Namespace) -> Exit:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
     from groundstation.flight import key
-    from groundstation.runtime import BRIDGE, ApiError, Running, registration
+    from groundstation.machine import BRIDGE, ApiError, Running, registration
     from links.io import make_key
 
     say = _terminal_writer()
@@ -181,7 +181,7 @@ def tui(args: argparse.Namespace) -> int:
 
 
 async def _is_flown(vehicle: str) -> bool:
-    from groundstation.runtime import StatusConfig, is_served, socket_path
+    from groundstation.machine import StatusConfig, is_served, socket_path
 
     return await is_served(socket_path(StatusConfig(), vehicle))
 
@@ -279,7 +279,7 @@ def replay(args: argparse.Namespace) -> Exit:
         if args.config is not None:
             raise ConfigError("--config", "a recording has its own configuration: change it with --set")
         return replay_command(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
-    from groundstation.analysis import shadow_command
+    from groundstation.analysis.evidence import shadow_command
 
     return shadow_command(args.file, args.config, args.overrides, as_json=args.json)
 
@@ -288,7 +288,7 @@ def doctor(args: argparse.Namespace) -> Exit:
     """Look at the autopilot's parameters, and set some on request."""
     from groundstation.flight import line_from_terminal
     from groundstation.lab import DoctorOrders, run_doctor
-    from groundstation.runtime import folder_of
+    from groundstation.machine import folder_of
 
     config = _load(args)
     words = [word for override in args.overrides for word in ("--set", override)]
@@ -434,8 +434,8 @@ def check(args: argparse.Namespace) -> Exit:
         return watch_poses(_load(args), seconds=args.seconds, as_json=args.json)
     from groundstation.flight import describe_checks, describe_failures
     from groundstation.interfaces.service import require_flyable
+    from groundstation.machine import running_processes
     from groundstation.recording import make_flight
-    from groundstation.runtime import running_processes
 
     config = _load(args, require_flyable)
 
@@ -454,7 +454,7 @@ def check(args: argparse.Namespace) -> Exit:
 def states(args: argparse.Namespace) -> Exit:
     """Draw the states of a flight."""
     if args.write is not None:
-        from groundstation.runtime import replace_between_markers
+        from groundstation.machine import replace_between_markers
 
         replace_between_markers(args.write, states_page(), "states")
     print(states_page())
@@ -490,7 +490,7 @@ def _say(line: str) -> None:
 
 def _terminal_writer() -> Say:
     """Tell the operator in flight: a terminal that stands still (Ctrl-S) or is gone must not hold up a command."""
-    from groundstation.runtime import NonBlockingWriter
+    from groundstation.machine import NonBlockingWriter
 
     return NonBlockingWriter(1).say
 

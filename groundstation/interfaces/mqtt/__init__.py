@@ -1,14 +1,6 @@
 """Telemetry to an MQTT broker, and sealed requests from it."""
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
-    from groundstation.interfaces.mqtt.command import ask_command, mqtt_command, write_schemas
-    from groundstation.interfaces.mqtt.messages import EVENT, SNAPSHOT, STATE, FleetMonitor, VehicleView
-    from groundstation.interfaces.mqtt.publisher import ensure_mqtt, publish_forever
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
+from groundstation.interfaces.mqtt.command import ask_command, mqtt_command, write_schemas
+from groundstation.interfaces.mqtt.messages import EVENT, SNAPSHOT, STATE, FleetMonitor, VehicleView
+from groundstation.interfaces.mqtt.publisher import ensure_mqtt, publish_forever

@@ -13,8 +13,8 @@ import msgspec
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.settings import MqttConfig
-from links.core import printable
 from links.io import is_loopback
+from links.text import printable
 
 if TYPE_CHECKING:
     import ssl

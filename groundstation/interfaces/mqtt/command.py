@@ -34,7 +34,8 @@ from groundstation.interfaces.mqtt.messages import (
     properties,
 )
 from groundstation.interfaces.mqtt.requests import Place, open_answer, seal_request
-from groundstation.runtime import Exit, replace_between_markers, wall_ms
+from groundstation.machine import replace_between_markers, wall_ms
+from groundstation.runtime import Exit
 from links.io import read_key
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from groundstation.config import CLIENT_LETTERS, VEHICLE_LETTERS, is_name, name_
 from groundstation.core.messages import RemoteAsk, Snapshot, Waypoints, ensure_points
 from groundstation.core.mission import ALARMING, FINAL
 from groundstation.interfaces.api import decode
-from links.core import printable
+from links.text import printable
 
 OFFLINE = "offline"
 """The ``state`` of a vehicle that no station flies, also as last will."""

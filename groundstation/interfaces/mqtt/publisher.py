@@ -41,7 +41,8 @@ from groundstation.interfaces.mqtt.messages import (
     properties,
 )
 from groundstation.interfaces.mqtt.requests import ClientKey, Gatekeeper, Place
-from groundstation.runtime import Latest, __version__, wall_ms
+from groundstation.machine import Latest, wall_ms
+from groundstation.runtime import __version__
 from groundstation.settings import MqttConfig
 from links.io import read_key
 

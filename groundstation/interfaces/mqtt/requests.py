@@ -27,7 +27,7 @@ import msgspec
 from groundstation.core.messages import Ask, RemoteAsk, Reply, Request, Waypoint
 from groundstation.interfaces.api import TokenBucket
 from groundstation.interfaces.mqtt.messages import SealedAnswer, SealedRequest
-from links.core import printable
+from links.text import printable
 
 REQUEST_MAX_BYTES = 3072
 """No request is longer; with its topic it stays within the 4096 bytes that a station takes."""

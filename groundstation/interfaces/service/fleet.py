@@ -25,7 +25,8 @@ from groundstation.flight import ensure_flyable, ensure_guarded, ensure_held, en
 from groundstation.interfaces.api import ask_station, snapshots
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
-from groundstation.runtime import ApiError, Exit, socket_path
+from groundstation.machine import ApiError, socket_path
+from groundstation.runtime import Exit
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
 from links.io import open_child
 

@@ -4,7 +4,8 @@ import runpy
 import signal
 import sys
 
-from groundstation.runtime import Exit, follow_parent
+from groundstation.machine import follow_parent
+from groundstation.runtime import Exit
 
 
 def main() -> Exit:

@@ -43,16 +43,13 @@ from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, Sta
 from groundstation.core.safety import CERTAIN_S
 from groundstation.flight import DISARM_WAIT_S, Flight, FlightOutcome, entry_of, examine_trajectory, make_ends
 from groundstation.interfaces.api import Core, Server
-from groundstation.recording import END_S, make_flight, recorder
-from groundstation.runtime import (
+from groundstation.machine import (
     SERVICES,
     ApiError,
-    Exit,
     IdleSlots,
     Latest,
     NonBlockingWriter,
     Taken,
-    __version__,
     hold_lock,
     lock_path,
     precise_loop,
@@ -61,6 +58,8 @@ from groundstation.runtime import (
     socket_folder,
     socket_path,
 )
+from groundstation.recording import END_S, make_flight, recorder
+from groundstation.runtime import Exit, __version__
 from groundstation.settings import Config
 from links.core import LinkError
 from links.io import make_child_command

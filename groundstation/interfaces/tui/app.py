@@ -81,10 +81,8 @@ from groundstation.interfaces.tui.pages import (
 )
 from groundstation.interfaces.tui.terminal import driver_class, find_multiplexer
 from groundstation.interfaces.tui.widgets import TALL, THEMES, Choice, Dialog, Help, Knobs, Typed, require_terminal
-from groundstation.recording import Entry, Recording, refuse_recordings
-from groundstation.runtime import (
+from groundstation.machine import (
     ApiError,
-    Exit,
     StatusConfig,
     find_socket,
     is_served,
@@ -93,9 +91,12 @@ from groundstation.runtime import (
     served_sockets,
     socket_path,
 )
+from groundstation.recording import Entry, Recording, refuse_recordings
+from groundstation.runtime import Exit
 from groundstation.settings import Config, is_rehearsal
-from links.core import Lateness, LinkStatus, printable
+from links.core import Lateness, LinkStatus
 from links.io import make_child_command, start_child
+from links.text import printable
 
 RETRY_S = 0.5
 """Time between two tries to attach [s]."""

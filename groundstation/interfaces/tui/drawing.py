@@ -9,7 +9,8 @@ import msgspec
 from groundstation.core.geometry import Vec3, euler_zyx
 from groundstation.core.messages import Check, Snapshot, Verdict
 from groundstation.interfaces.tui.model import OLD_POSE_S, PlayedSnapshot
-from links.core import LinkStatus, printable
+from links.core import LinkStatus
+from links.text import printable
 
 LABEL, NORMAL, WARNING = "$label", "", "bold $warn"
 FLOWN, WANTED, ERROR, WIND = "$flown", "$wanted", "$mark", "$wind"

@@ -25,7 +25,7 @@ from groundstation.interfaces.mqtt import (
 from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText
 from groundstation.interfaces.tui.terminal import driver_class
 from groundstation.interfaces.tui.widgets import THEMES, Banner, require_terminal
-from links.core import printable
+from links.text import printable
 
 COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6))
 """Heading and width of all columns but the last, which is the newest event."""

@@ -46,7 +46,8 @@ from groundstation.interfaces.tui.widgets import (
     content,
     event_row,
 )
-from links.core import LinkStatus, printable
+from links.core import LinkStatus
+from links.text import printable
 
 PAGES = ("Fly", "Control", "Links", "Config", "Log")
 """The names of the pages; their keys are 1 to 5."""

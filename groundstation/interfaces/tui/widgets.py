@@ -48,7 +48,7 @@ from groundstation.interfaces.tui.drawing import (
     top_view,
 )
 from groundstation.interfaces.tui.model import ALARM, CALM, ORDERS, BannerText, OperatorOrder, PlotSample, possible
-from links.core import printable
+from links.text import printable
 
 TALL, WORDS_WIDTH, BESIDE = 36, 30, 3
 """From this height on letters may be large [rows]; they leave this room for the words beside them, and this between."""

@@ -5,38 +5,29 @@ from groundstation.pose.sources import mavlink_codec as mavlink_codec
 from groundstation.pose.sources import natnet_codec as natnet_codec
 from groundstation.pose.sources import qualisys_codec as qualisys_codec
 from groundstation.pose.sources import vicon_codec as vicon_codec
-
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from groundstation.pose.sources.datagram import JsonConfig, cannot_listen, join, send_by
-    from groundstation.pose.sources.intake import (
-        DatagramReader,
-        Gate,
-        GateConfig,
-        GatedSource,
-        Intake,
-        describe_drop,
-        describe_unsteady_clock,
-    )
-    from groundstation.pose.sources.json_codec import JsonReader
-    from groundstation.pose.sources.libmotioncapture import LibmotioncaptureConfig
-    from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource, VisionConfig
-    from groundstation.pose.sources.mavlink_codec import (
-        LocalPositionDecoder,
-        OdometryDecoder,
-        PoseDecoder,
-        VisionReader,
-        decoder_for,
-    )
-    from groundstation.pose.sources.natnet import NatNetConfig
-    from groundstation.pose.sources.natnet_codec import NatNetReader, UnreadableNatNet
-    from groundstation.pose.sources.qualisys import QualisysConfig
-    from groundstation.pose.sources.qualisys_codec import Framer, QualisysReader
-    from groundstation.pose.sources.vicon import ViconConfig
-    from groundstation.pose.sources.vicon_codec import ViconReader
-
-
-def __getattr__(name: str) -> object:
-    from links.core.lazy import load_name
-
-    return load_name(__name__, name)
+from groundstation.pose.sources.datagram import JsonConfig, cannot_listen, join, send_by
+from groundstation.pose.sources.intake import (
+    DatagramReader,
+    Gate,
+    GateConfig,
+    GatedSource,
+    Intake,
+    describe_drop,
+    describe_unsteady_clock,
+)
+from groundstation.pose.sources.json_codec import JsonReader
+from groundstation.pose.sources.libmotioncapture import LibmotioncaptureConfig
+from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource, VisionConfig
+from groundstation.pose.sources.mavlink_codec import (
+    LocalPositionDecoder,
+    OdometryDecoder,
+    PoseDecoder,
+    VisionReader,
+    decoder_for,
+)
+from groundstation.pose.sources.natnet import NatNetConfig
+from groundstation.pose.sources.natnet_codec import NatNetReader, UnreadableNatNet
+from groundstation.pose.sources.qualisys import QualisysConfig
+from groundstation.pose.sources.qualisys_codec import Framer, QualisysReader
+from groundstation.pose.sources.vicon import ViconConfig
+from groundstation.pose.sources.vicon_codec import ViconReader

@@ -16,9 +16,9 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
+from groundstation.machine import cancel_task
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
-from groundstation.runtime import cancel_task
 from links.io import is_loopback, open_child
 
 CONNECT_S = 5.0

@@ -12,7 +12,8 @@ import sys
 import time
 from typing import Any
 
-from groundstation.runtime import Exit, follow_parent
+from groundstation.machine import follow_parent
+from groundstation.runtime import Exit
 
 MOST_BODIES, MOST_NAME, MOST_BYTES = 32, 64, 4096
 """What fits into one line, as into one datagram."""

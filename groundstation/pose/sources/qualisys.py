@@ -9,11 +9,11 @@ import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
+from groundstation.machine import cancel_task
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
-from groundstation.runtime import cancel_task
-from links.core import printable
 from links.io import beyond, parse_address
+from links.text import printable
 
 if TYPE_CHECKING:
     from groundstation.pose.sources.qualisys_connection import QtmConnection

@@ -14,8 +14,8 @@ from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.core.messages import SourceError
 from groundstation.pose.sources.qualisys_codec import Framer
-from links.core import printable
 from links.io import NETWORK
+from links.text import printable
 
 PROTOCOL_VERSION = "1.25"
 KNOCK_S = 0.2

@@ -42,7 +42,7 @@ from typing import Any, ClassVar, NamedTuple, TypeAlias
 import msgspec
 from fastcrc.crc16 import mcrf4xx
 
-from links.core import printable
+from links.text import printable
 
 KEY_BYTES = 32
 SIGNED = 0x01

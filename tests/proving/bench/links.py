@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from groundstation.config import dump
+from groundstation.machine import sleep_until
 from groundstation.pose.sources import ViconConfig
-from groundstation.runtime import sleep_until
 from groundstation.settings import Config
 from links.core import Command, Segment
 from links.io import make_child_command, parse_address

@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.core.messages import Notice, Snapshot
 from groundstation.interfaces.mqtt import from_url, publish_forever
-from groundstation.runtime import Latest
+from groundstation.machine import Latest
 from groundstation.settings import MqttConfig
 from links.core import LinkStatus
 from links.io import make_child_command

@@ -10,8 +10,8 @@ from typing import Any
 
 from groundstation.core import Pilot
 from groundstation.core.messages import FlightEvent, Pose, Tick, TickRecord
+from groundstation.machine import RecordingConfig, sleep_until
 from groundstation.recording import ReceivedRecord, Record, RecorderProcess, SentRecord, about
-from groundstation.runtime import RecordingConfig, sleep_until
 from groundstation.settings import Config
 from tests.proving.bench.bench import Options
 

@@ -22,7 +22,7 @@ from msgspec.structs import replace
 from groundstation.config import dump
 from groundstation.core.mission import FINAL, State
 from groundstation.interfaces.api import snapshots
-from groundstation.runtime import ApiError
+from groundstation.machine import ApiError
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from links.io import make_child_command, make_key

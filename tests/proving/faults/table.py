@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from groundstation.config import refuse_io
-from groundstation.runtime import fill_markers
+from groundstation.machine import fill_markers
 from tests.proving.faults.cell import AUTOPILOT
 from tests.proving.faults.fault import REASONS
 from tests.proving.faults.faults import FAULTS

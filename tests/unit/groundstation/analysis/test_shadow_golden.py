@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.analysis import RecordedVehicle, read_recording
-from groundstation.analysis.shadow import ShadowReport, report
+from groundstation.analysis.evidence import RecordedVehicle, read_recording
+from groundstation.analysis.evidence.shadow import ShadowReport, report
 from groundstation.core.messages import Pose
 
 GOLDEN = Path(__file__).parents[3] / "golden"

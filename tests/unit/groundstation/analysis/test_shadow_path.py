@@ -1,12 +1,12 @@
-"""groundstation/analysis/shadow.py: the flown path with its derivatives."""
+"""groundstation/analysis/evidence/shadow.py: the flown path with its derivatives."""
 
 import math
 
 import numpy as np
 import pytest
 
-from groundstation.analysis import FlownPath
-from groundstation.analysis.shadow import HALF_WIDTH_S
+from groundstation.analysis.evidence import FlownPath
+from groundstation.analysis.evidence.shadow import HALF_WIDTH_S
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Pose
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.analysis.shadow import ShadowReport, in_order, report
+from groundstation.analysis.evidence.shadow import ShadowReport, in_order, report
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.pose import TlogRecord

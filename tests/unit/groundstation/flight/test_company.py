@@ -8,7 +8,7 @@ from groundstation.config import from_dict
 from groundstation.core.messages import Check, Others, Verdict
 from groundstation.core.messages.pose import BODIES_MAX
 from groundstation.flight import Company, entry_of
-from groundstation.runtime import Running
+from groundstation.machine import Running
 from groundstation.settings import Config
 from tests.unit.groundstation.flight.test_checks import standing
 

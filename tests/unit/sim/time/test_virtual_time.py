@@ -7,8 +7,8 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
+from groundstation.machine import sleep_until
 from groundstation.pose import PoseConfig
-from groundstation.runtime import sleep_until
 from links.io import parse_address
 from sim.time import VirtualTimeLoop
 from sim.time.virtual_time import FREE_PORTS, SimulationStuck

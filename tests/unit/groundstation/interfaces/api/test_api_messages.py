@@ -19,7 +19,7 @@ from groundstation.interfaces.api.messages import (
     decode_order,
     encode,
 )
-from links.core import printable
+from links.text import printable
 from tests.sample_flight import Sampled, sample
 
 LINES = [b'{"id": 1, "ask": "land"}', b"", b"x" * 40, b"{}", b"y" * 41]

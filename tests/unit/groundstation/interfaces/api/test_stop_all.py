@@ -9,7 +9,7 @@ import pytest
 from groundstation.core.messages import Ask, Request
 from groundstation.interfaces.api import stop_all
 from groundstation.interfaces.api.client import request_command
-from tests.unit.groundstation.runtime.test_register import another, end
+from tests.unit.groundstation.machine.test_register import another, end
 
 
 @pytest.fixture(autouse=True)

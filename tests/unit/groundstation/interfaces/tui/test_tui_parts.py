@@ -47,7 +47,7 @@ from groundstation.interfaces.tui.model import (
 from groundstation.interfaces.tui.pages import config_rows, histogram_rows, lateness_rows, link_rows
 from groundstation.interfaces.tui.terminal import find_multiplexer
 from groundstation.interfaces.tui.widgets import THEMES
-from links.core import printable
+from links.text import printable
 from tests.sample_flight import sample
 
 TONES = ("alarm", "busy", "calm", "flying")

@@ -14,7 +14,7 @@ import stat
 from collections.abc import AsyncIterator
 from typing import Generic, TypeVar
 
-from links.core import printable
+from links.text import printable
 
 LINE_MAX_BYTES = 4000
 """Longer lines are cut: so much goes into a pipe that has room at all (pipe(7), PIPE_BUF)."""

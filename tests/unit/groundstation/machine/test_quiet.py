@@ -3,8 +3,8 @@
 import asyncio
 from collections.abc import Coroutine
 
-from groundstation.runtime import IdleSlots
-from groundstation.runtime.clock import WITHIN_S
+from groundstation.machine import IdleSlots
+from groundstation.machine.clock import WITHIN_S
 from sim.time import VirtualTimeLoop
 
 

@@ -14,9 +14,10 @@ from groundstation.interfaces.mqtt import FleetMonitor
 from groundstation.interfaces.tui.drawing import row as shown
 from groundstation.interfaces.tui.fleet import fleet_row, vehicle_details
 from groundstation.interfaces.tui.widgets import content
-from groundstation.runtime import NonBlockingWriter, entry
-from links.core import printable
+from groundstation.machine import NonBlockingWriter
+from groundstation.runtime import entry
 from links.mavlink.protocol import MavlinkCodec, Words
+from links.text import printable
 
 HOSTILE = {
     "window title": "\x1b]0;owned\x07",

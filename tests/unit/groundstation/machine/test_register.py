@@ -8,14 +8,21 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.runtime import ApiError, Running, register, registration, running_processes, send_signal
-from groundstation.runtime.register import SUFFIX
+from groundstation.machine import (
+    ApiError,
+    Running,
+    register,
+    registration,
+    running_processes,
+    send_signal,
+)
+from groundstation.machine.register import SUFFIX
 
 ONE = Running(pid=os.getpid(), command="fly", vehicle="mqx", socket="/x/mqx.sock")
 PROGRAM = """
 import os, signal, sys, time
 signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # a shell's background jobs ignore it
-from groundstation.runtime.register import Running, registration
+from groundstation.machine.register import Running, registration
 with registration(Running(pid=os.getpid(), command=sys.argv[2], vehicle=sys.argv[1])):
     print("registered", flush=True)
     time.sleep(60)

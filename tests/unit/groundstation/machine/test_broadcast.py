@@ -2,7 +2,7 @@
 
 import asyncio
 
-from groundstation.runtime import Latest
+from groundstation.machine import Latest
 
 
 def test_every_waiting_reader_gets_the_new_value() -> None:

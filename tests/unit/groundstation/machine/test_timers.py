@@ -8,8 +8,9 @@ import os
 import pytest
 
 from groundstation.interfaces.service.flights import calm_memory
-from groundstation.runtime import cancel_task, precise_loop, rare_collections
-from groundstation.runtime.clock import CANCEL_AGAIN_S, PreciseSelector
+from groundstation.machine import cancel_task, precise_loop
+from groundstation.machine.clock import CANCEL_AGAIN_S, PreciseSelector
+from groundstation.runtime import rare_collections
 from tests.loops import in_virtual_time
 
 

@@ -10,8 +10,15 @@ from typing import Any
 import pytest
 
 from groundstation.analysis import logs_command
+from groundstation.machine import (
+    RecordingConfig,
+    folder_of,
+    free_name,
+    is_being_written,
+    list_recordings,
+    tidy,
+)
 from groundstation.recording.records import HeadlineCounter
-from groundstation.runtime import RecordingConfig, folder_of, free_name, is_being_written, list_recordings, tidy
 
 NOW = 1_800_000_000.0
 DAY = 86400.0

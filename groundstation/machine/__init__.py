@@ -1,0 +1,40 @@
+"""What a process of ours needs of its machine: clocks, sockets' places, locks, folders of recordings."""
+
+from groundstation.machine.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wall_ms
+from groundstation.machine.document import fill_markers, replace_between_markers, split_at_markers
+from groundstation.machine.outlets import Latest, NonBlockingWriter
+from groundstation.machine.recordings import (
+    RecordingConfig,
+    folder_of,
+    free_name,
+    is_being_written,
+    list_recordings,
+    make_folder,
+    open_private,
+    tidy,
+)
+from groundstation.machine.register import (
+    BRIDGE,
+    FILE,
+    SERVICES,
+    ApiError,
+    Running,
+    StatusConfig,
+    Taken,
+    claim_socket,
+    find_socket,
+    follow_parent,
+    foreign_services,
+    hold_lock,
+    is_ours,
+    is_served,
+    lock_path,
+    own_directory,
+    owner,
+    registration,
+    running_processes,
+    send_signal,
+    served_sockets,
+    socket_folder,
+    socket_path,
+)

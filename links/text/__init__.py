@@ -1,0 +1,3 @@
+"""Text from outside, made fit for a terminal. Sans-IO."""
+
+from links.text.terminal_text import printable
