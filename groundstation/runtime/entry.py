@@ -17,7 +17,6 @@ from enum import IntEnum
 from functools import cached_property, partial
 
 from groundstation.runtime.version import __version__
-from links.text import printable
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
@@ -98,6 +97,8 @@ class _GuardedStream:
         return getattr(self.bare, name)
 
     def write(self, text: str) -> int:
+        from links.text import printable  # by now the launcher has made sure that links is ours
+
         self.bare.write(printable(text, keep="\n\t"))
         return len(text)
 
