@@ -27,7 +27,6 @@ from sim.world.quadrotor import (
 )
 from sim.world.world import (
     STILL,
-    Eddies,
     RotorConstants,
     Wind,
     WindTunnel,

@@ -17,7 +17,7 @@ from textual.events import Key, Paste
 from textual.message import Message
 
 from groundstation.interfaces.tui.model import STOP_KEYS
-from links.core import printable
+from links.text import printable
 
 MOST_KEYS = 10
 """More keys than these are not pressed at once; a slow connection may hold back the word "rehearsal", and Enter."""
