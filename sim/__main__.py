@@ -72,17 +72,47 @@ def _mission(parser: argparse.ArgumentParser) -> None:
 def _faults(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, default=1, help="fly each cell with so many seeds and tell the worst")
     parser.add_argument("--quick", action="store_true", help="every fault once, over all states")
-    parser.add_argument("--fault", metavar="NAME", help="this one only, in every state")
+    parser.add_argument("--fault", metavar="NAME", help="this one only, or one of its cases, in every state")
     parser.add_argument("--state", metavar="NAME", help="in this state only")
+    parser.add_argument("--link", choices=_LINKS, help="on this link only")
+    parser.add_argument(
+        "--kind", type=names, metavar="NAMES", help='rows of these kinds only: required, "known limit", honest, other'
+    )
     _add_scenario(parser, "paper", "what is flown (default paper)")
     parser.add_argument("--seed", type=whole, default=0, help="every random draw comes from it (default 0)")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
     parser.add_argument("--workers", type=count, metavar="N", help="processes at once (default: one a core)")
+    parser.add_argument("--csv", type=path, metavar="FILE.csv", help="write every flight, a line each")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     parser.add_argument(
         "--write", type=path, nargs="?", const=path("docs/reference/fault-table.md"), metavar="FILE.md",
-        help="write the table as a page (default docs/reference/fault-table.md)",
+        help="write a summary as a page (default docs/reference/fault-table.md)",
     )  # fmt: skip
+
+
+def _honest(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--scenarios", type=names, default=["paper", "quad1kg", "rotors_mqx"], metavar="NAMES",
+        help="default paper,quad1kg,rotors_mqx",
+    )  # fmt: skip
+    parser.add_argument("--links", type=names, default=["mavlink", "dsm"], metavar="NAMES", help="default mavlink,dsm")
+    parser.add_argument(
+        "--states", type=names, default=["take-off", "hold", "tracking", "landing"], metavar="NAMES",
+        help="default take-off,hold,tracking,landing",
+    )  # fmt: skip
+    parser.add_argument("--seeds", type=count, default=3, metavar="N", help="how many (default 3)")
+    parser.add_argument("--seed", type=whole, default=0, metavar="FIRST", help="the others follow it (default 0)")
+    parser.add_argument(
+        "--only", type=names, default=[], metavar="NAMES", help='these disturbances: push, "wind step: 5"'
+    )
+    parser.add_argument(
+        "--forced", default="", metavar="DOUBT",
+        help="force a doubt at a drawn moment: suspect, or failed:REASON (failed:pose.position_no_answer)",
+    )  # fmt: skip
+    parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
+    parser.add_argument("--workers", type=count, metavar="N", help="processes at once (default: one a core)")
+    parser.add_argument("--csv", type=path, metavar="FILE.csv", help="write every flight, a line each")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
 def _alarms(parser: argparse.ArgumentParser) -> None:
@@ -305,6 +335,7 @@ COMMANDS = {
     "fly": ("fly a scenario in virtual time, through real wire bytes", _fly),
     "mission": ("fly a scenario from the floor to its figure, and back to the floor", _mission),
     "faults": ("break one thing in every state of a mission, and see what comes of it", _faults),
+    "honest": ("disturb flights whose poses are true, and see what monitor and guards make of it", _honest),
     "alarms": ("fly from the floor, and see how near the poses came to being accused, where nothing is wrong", _alarms),
     "soak": ("fly mission after mission, with random faults, and see whether anything grows", _soak),
     "compare": ("fly several controllers through the same scenarios, on all cores", _compare),

@@ -68,7 +68,7 @@ def _prove(command: str, module: str, args: argparse.Namespace) -> int:
     return int(getattr(load_proving(command, module), command)(args))
 
 
-faults, soak, fuzz = (partial(_prove, command, "commands") for command in ("faults", "soak", "fuzz"))
+faults, honest, soak, fuzz = (partial(_prove, command, "commands") for command in ("faults", "honest", "soak", "fuzz"))
 alarms, firmware, autopilots = (partial(_prove, command, command) for command in ("alarms", "firmware", "autopilots"))
 
 

@@ -18,8 +18,9 @@ from sim.runs import RECORDING, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
-from tests.proving.faults import FAULTS, Row, fly_here
+from tests.proving.faults import Row, fly_here
 from tests.proving.faults.cell import FIGURE_S, NEAR
+from tests.proving.faults.faults import find_fault
 from tests.proving.faults.judge import FASTEST_M_S, SIDEWAYS_M
 
 EXCITED_MS, CALM_MS = 400.0, 1300.0
@@ -56,11 +57,12 @@ class Cell(NamedTuple):
 def flown(fault: str, state: str, *overrides: str, seed: int = 0) -> Cell:
     """One cell in ``paper``, flown once however many tests look at it."""
     records: list[Record] = []
+    case = fault.removesuffix(", radio")
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         row = runner.run(
             fly_here(
-                fault,
-                FAULTS[fault],
+                case,
+                find_fault(case, state, "mavlink" if case == fault else "dsm"),
                 state,
                 seed=seed,
                 scenario="paper",
@@ -73,7 +75,8 @@ def flown(fault: str, state: str, *overrides: str, seed: int = 0) -> Cell:
 
 def written(cell: Cell, folder: Path) -> Path:
     """The recording of a cell."""
-    fault = FAULTS[cell.row.fault]
+    case = ": ".join(filter(None, (cell.row.fault, cell.row.variant)))
+    fault = find_fault(case, cell.row.state, cell.row.link)
     asked = [*fault.overrides, *NEAR]
     world, config = prepare(SCENARIOS["paper"], asked, source=fault.source, link=fault.link)
     world, config = from_floor(world, config, FIGURE_S)
@@ -111,7 +114,7 @@ def test_no_command_follows_the_one_that_ends_a_flight_for_its_poses(fault: str)
     assert any(one.state in FINAL and one.text.startswith(ENDS) for one in cell.records if isinstance(one, LineRecord))
 
 
-@pytest.mark.parametrize("fault", ["frozen", "frozen, radio", "late by 200 ms, fresh"])
+@pytest.mark.parametrize("fault", ["frozen", "frozen, radio", "late: 200 ms, fresh stamps"])
 def test_a_flight_that_ends_by_what_the_commands_did_is_flown_again_to_the_last_bit(fault: str, tmp_path: Path) -> None:
     cell = flown(fault, "hold")
     facts = replay_facts(written(cell, tmp_path))
@@ -124,16 +127,16 @@ def test_a_flight_that_ends_by_what_the_commands_did_is_flown_again_to_the_last_
 @pytest.mark.parametrize(
     ("fault", "state"),
     [
-        ("mass told +30 %", "start"),
-        ("mass told -30 %", "start"),
-        ("thrust +30 %", "start"),
-        ("thrust -30 %, radio", "start"),
-        ("push", "hold"),
-        ("push", "tracking"),
+        ("mass told wrong: +30 %", "start"),
+        ("mass told wrong: -30 %", "start"),
+        ("thrust told wrong: +30 %", "start"),
+        ("thrust told wrong: -30 %, radio", "start"),
+        ("push: 4 for 1 s", "hold"),
+        ("push: 4 for 1 s", "tracking"),
         ("gust", "hold"),
         ("gust", "tracking"),
-        ("gust, 25 Hz", "hold"),
-        ("gust, 25 Hz", "tracking"),
+        ("gust: 25 Hz", "hold"),
+        ("gust: 25 Hz", "tracking"),
         ("tether", "hold"),
         ("tether", "take-off"),
         ("ground effect", "start"),

@@ -1,11 +1,11 @@
-"""What ``groundstation-sim faults``, ``soak`` and ``fuzz`` do: break things, go on for long, feed garbage."""
+"""``groundstation-sim faults``, ``honest``, ``soak`` and ``fuzz``: break, disturb, go on, feed garbage."""
 
 import argparse
 import json
 import os
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 
 import msgspec
 
@@ -17,41 +17,108 @@ from sim.scenarios import scenario_of
 def faults(args: argparse.Namespace) -> Exit:
     """Break one thing in every state of a mission."""
     from sim.cli import ProgressBar
-    from tests.proving.faults import FAULTS, MOMENTS, Row, deal_cells, fly_all, pick_worst, quick, text, write
+    from tests.proving.faults import (
+        CASES,
+        FAULTS,
+        MOMENTS,
+        Planned,
+        deal_cells,
+        fly_all,
+        is_within,
+        pick_worst,
+        quick,
+        text,
+        write,
+        write_csv,
+    )
 
     scenario_of(args.scenario)
-    for option, value, known in (("--fault", args.fault, FAULTS), ("--state", args.state, MOMENTS)):
-        if value is not None and value not in known:
-            raise ConfigError(option, f"expected one of {list(known)}, got {value!r}")
+    known = {**CASES, **FAULTS}
+    _check_choice("--fault", args.fault, known)
+    _check_choice("--state", args.state, MOMENTS)
     if args.seeds < 1:
         raise ConfigError("--seeds", f"expected 1 or more, got {args.seeds}")
-    work = deal_cells(args.fault, args.state)
+    kinds = _read_kinds(args.kind)
+    work = [cell for cell in deal_cells(args.fault, args.state, args.link) if not kinds or cell.fault.kind in kinds]
     if args.quick:
         work = [cell for cell in quick() if cell in work]
     if not work:
-        raise ConfigError("--state", f"{args.fault} is not flown there" + (" with --quick" if args.quick else ""))
-    flown: list[list[Row]] = []
-    with ProgressBar("cells", args.seeds * len(work), quiet=args.json) as counter:
-        for number in range(args.seeds):
-
-            def count(done: int, before: int = number * len(work)) -> None:  # that of this round
-                counter.at(before + done)
-
-            flown.append(
-                fly_all(
-                    work,
-                    seed=args.seed + number,
-                    scenario=args.scenario,
-                    overrides=args.overrides,
-                    workers=args.workers or os.cpu_count() or 1,
-                    on_done=count,
-                )
-            )
-    rows = pick_worst(flown)
+        asked = " with --quick" if args.quick else ""
+        raise ConfigError("--state", f"{args.fault or 'nothing'} is not flown there{asked}")
+    seeds = range(args.seed, args.seed + args.seeds)
+    plan = [Planned(cell, args.scenario, seed) for seed in seeds for cell in work]
+    with ProgressBar("cells", len(plan), quiet=args.json) as counter:
+        flown = fly_all(
+            plan,
+            overrides=args.overrides,
+            workers=args.workers or os.cpu_count() or 1,
+            on_done=counter.at,
+        )
+    if args.csv is not None:
+        write_csv(args.csv, flown)
+    rows = pick_worst([flown[i : i + len(work)] for i in range(0, len(flown), len(work))])
     if args.write is not None:
         words = [word for word in sys.argv[1:] if word != "--json"]
         write(args.write, rows, shlex.join(["groundstation-sim", *words]))
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
+    return Exit.DONE if is_within(rows) else Exit.FAILED
+
+
+def _check_choice(option: str, given: str | None, known: Collection[str]) -> None:
+    if given is not None and given not in known:
+        raise ConfigError(option, f"expected one of {list(known)}, got {given!r}")
+
+
+def _read_kinds(given: Sequence[str] | None) -> set[str]:
+    """Return the kinds of rows that are asked for; empty for all."""
+    from tests.proving.faults import Kind
+
+    for kind in given or ():
+        _check_choice("--kind", kind, [str(one) for one in Kind])
+    return set(given or ())
+
+
+def honest(args: argparse.Namespace) -> Exit:
+    """Disturb flights whose poses are true, and hold them against the same without guards."""
+    from sim.cli import ProgressBar
+    from tests.proving.faults import (
+        CASES,
+        MOMENTS,
+        Kind,
+        check_forced,
+        fly_all,
+        name_of,
+        plan_honest,
+        tell_honest,
+        write_csv,
+    )
+
+    for scenario in args.scenarios:
+        scenario_of(scenario)
+    for state in args.states:
+        _check_choice("--states", state, MOMENTS)
+    cases = [case for case, fault in CASES.items() if fault.kind is Kind.HONEST]
+    for one in args.only:
+        _check_choice("--only", one, dict.fromkeys((*map(name_of, cases), *cases)))
+    check_forced(args.forced)
+    plan = plan_honest(
+        scenarios=args.scenarios,
+        links=args.links,
+        states=args.states,
+        seeds=range(args.seed, args.seed + args.seeds),
+        only=[case for case in cases if {case, name_of(case)} & set(args.only)],
+        forced=args.forced,
+    )
+    with ProgressBar("flights", len(plan), quiet=args.json) as counter:
+        rows = fly_all(
+            plan,
+            overrides=args.overrides,
+            workers=args.workers or os.cpu_count() or 1,
+            on_done=counter.at,
+        )
+    if args.csv is not None:
+        write_csv(args.csv, rows)
+    print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else tell_honest(rows))
     return Exit.DONE if all(row.safe for row in rows) else Exit.FAILED
 
 

@@ -1,9 +1,21 @@
 """The fault deck: one thing is broken in every state of a mission."""
 
-from tests.proving.faults.cell import NotReached, fly_here, fly_together
-from tests.proving.faults.deal import deal_cells, fly_all, pick_worst, quick
-from tests.proving.faults.fault import MOMENTS, REASONS, Exemption, Fault, Meddler, Poses, Scene
-from tests.proving.faults.faults import BROKEN, FAULTS, STATES
+from tests.proving.faults.cell import Copy, NotReached, fly_cell, fly_here, fly_together
+from tests.proving.faults.deal import Cell, Planned, deal_cells, fly_all, pick_worst, quick
+from tests.proving.faults.fault import (
+    MOMENTS,
+    REASONS,
+    Exemption,
+    Fault,
+    Kind,
+    Meddler,
+    Poses,
+    Scene,
+    name_of,
+)
+from tests.proving.faults.faults import BROKEN, CASES, FAULTS, STATES
+from tests.proving.faults.honest import plan_honest, tell_honest, write_csv
 from tests.proving.faults.judge import Row
+from tests.proving.faults.monitors import check_forced
 from tests.proving.faults.pictures import Struck, still
-from tests.proving.faults.table import text, write
+from tests.proving.faults.table import is_within, text, write

@@ -9,9 +9,10 @@ import asyncio
 import math
 import os
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Ask, CommandSent, FlightEvent, Notice, Request, Waypoint
@@ -27,7 +28,7 @@ from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.trackers import Tracker
-from sim.world import World
+from sim.world import World, stream
 from tests.proving.faults.fault import (
     DESCENT_AFTER_S,
     MOMENTS,
@@ -35,14 +36,24 @@ from tests.proving.faults.fault import (
     MOVES_BY,
     Exemption,
     Fault,
+    Kind,
     Meddler,
     Moment,
     Moves,
     Poses,
     Scene,
 )
-from tests.proving.faults.faults import FAULTS
-from tests.proving.faults.judge import JUDGED_S, Row, Thrust, Truth, WireJudge, broken, exemption_of, judge
+from tests.proving.faults.faults import CASES, find_fault
+from tests.proving.faults.judge import (
+    JUDGED_S,
+    Row,
+    Thrust,
+    Truth,
+    WireJudge,
+    exemption_of,
+    judge,
+)
+from tests.proving.faults.monitors import UNGUARDED, take_over
 
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
@@ -56,6 +67,14 @@ NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
 """The figure begins 1 m above the place at which the scenario's vehicle holds after its take-off: a short way."""
 LOOK_S = 0.005
 """How often it is looked whether the moment has come [s]."""
+HONEST_FIGURE_S = 9.0
+"""Time that the figure is flown in an honest flight: longer than it is looked at [s]."""
+HONEST_S = 7.0
+"""Time that an honest flight is looked at after the strike [s]."""
+HONEST_MORE_S = 8.0
+"""Time more for one that ends early, so that it comes down [s]."""
+FORCED_WITHIN_S = 3.0
+"""A forced doubt begins at a drawn moment within this time after the strike [s]."""
 LIMIT_S = 60.0
 """A flight that goes on for longer after a fault than this does not end [s]."""
 REST_LIMIT_S = 12.0
@@ -72,30 +91,40 @@ class NotReached(Exception):
     """The flight ended before the state in which it was to be struck; the text says why."""
 
 
+class Copy(NamedTuple):
+    """One of the flights that go on from the same instant."""
+
+    case: str
+    watch: str = ""
+    """Monitor that it goes on with, as :func:`monitors.take_over` has it."""
+
+
 def fly_cell(
-    fault: str,
+    case: str,
     state: str,
     *,
+    link: str = "",
     seed: int = 0,
     scenario: str = "paper",
     overrides: tuple[str, ...] = (),
-    split: Callable[[], str] | None = None,
+    split: Callable[[], Copy] | None = None,
 ) -> Row:
-    """Fly one cell in virtual time; ``split`` tells at the strike which fault it is, where that is not ``fault``."""
+    """Fly one cell in virtual time; ``split`` tells at the strike which copy it is."""
+    fault = find_fault(case, state, link or CASES[case].link)
     if not any(override.startswith("trajectory.") for override in overrides):
         overrides = (*NEAR, *overrides)
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        flight = fly_here(fault, FAULTS[fault], state, seed=seed, scenario=scenario, overrides=overrides, split=split)
+        flight = fly_here(case, fault, state, seed=seed, scenario=scenario, overrides=overrides, split=split)
         try:
             return runner.run(flight)
         except NotReached as error:
-            return not_struck(fault, state, str(error), scenario)
+            return not_struck(case, fault, state, str(error), scenario)
 
 
-def not_struck(fault: str, state: str, why: str, scenario: str = "paper") -> Row:
-    """The row of a flight that never came to its strike."""
+def not_struck(case: str, fault: Fault, state: str, why: str, scenario: str = "paper") -> Row:
+    """Return the row of a flight that never came to its strike."""
     return judge(
-        fault, FAULTS[fault], state, Truth(0.0), [],
+        case, fault, state, Truth(0.0), [],
         wrong=why, exemption=Exemption.NONE, begun_s=0.0, drift_m=0.0, touchdown_m_s=None, scenario=scenario,
     )  # fmt: skip
 
@@ -114,11 +143,11 @@ async def fly_here(
     overrides: tuple[str, ...] = (),
     figure_s: float = FIGURE_S,
     keep: Give | None = None,
-    split: Callable[[], str] | None = None,
+    split: Callable[[], Copy] | None = None,
 ) -> Row:
     """Fly one cell on the running loop of virtual time, whatever its time is; ``keep`` takes what is recorded.
 
-    ``split`` tells at the strike which fault it is, one that is set up as ``fault`` is.
+    ``split`` tells at the strike which copy it is, of a case that is set up as ``fault`` is.
 
     Raises:
         NotReached: the flight ended before the state in which it was to be struck.
@@ -128,16 +157,15 @@ async def fly_here(
     begun_s = loop.time()
     asked = [*(LANDS if fault.link == "mavlink" else ()), *fault.overrides, *overrides]
     world, config = prepare(SCENARIOS[scenario], asked, source=fault.source, link=fault.link)
+    if fault.kind is Kind.HONEST:
+        figure_s = HONEST_FIGURE_S
     world, config = from_floor(world, config, figure_s)
     over: asyncio.Future[None] = loop.create_future()
+    blind = False
 
     def decide() -> None:
         if not over.done():
             over.set_result(None)
-
-    def look(seen: Truth) -> None:
-        if broken(fault, state, seen, exemption_of(fault, state)):
-            decide()
 
     def newtons(time_s: float, signal: float) -> float:
         return thrust_of(signal, world.thrust_curve) * stage.plant.most_n(time_s)
@@ -145,7 +173,7 @@ async def fly_here(
     pushing = Thrust(hover_n(world), newtons, AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S)
     wire = WireJudge(config, pushing)
     loop.tap = wire.tap
-    truth, moves, meddlers = Truth(world.floor_z_m, look), Moves(loop.time), list[Meddler]()
+    truth, moves, meddlers = Truth(world.floor_z_m), Moves(loop.time), list[Meddler]()
 
     def meddle(tracker: Tracker) -> Tracker:
         meddlers.append(Meddler(tracker))
@@ -157,11 +185,17 @@ async def fly_here(
     def watch(event: FlightEvent) -> None:
         if isinstance(event, Notice) and event.kind == "state":
             moves.enter(State(event.state), event.text)
-            if moves.answers:
-                note_answer(moves.answers[0][0])
+            if moves.answers and event.state in opens:
+                note_open_loop(loop.time())
+            if moves.answers and pushing.decided_s == math.inf:
+                pushing.decided_s = loop.time()
+                place = stage.plant.truth(loop.time()).position_ned
+                pushing.decided_height_m = world.floor_z_m - place[2]
         if not isinstance(event, CommandSent):
             return
         # What false poses led to is no course any more: it may run away with them.
+        nonlocal blind
+        blind = blind or (moves.struck and flight._pilot.blind)
         misled = fault.poses is not Poses.TRUE and bool(moves.answers)
         ended = moves.state in (State.DESCENT, State.ABORTED, State.DISARMING)
         truth.tick(event.tick, follows=not misled and not ended)
@@ -175,8 +209,11 @@ async def fly_here(
         if scene.recorder_raises:
             raise OSError("the recorder is gone")
 
-    def note_answer(time_s: float) -> None:
+    def note_open_loop(time_s: float) -> None:
         pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
+
+    # Without poses a failsafe descent is flown in open loop, too.
+    opens = (State.ABORTED, State.DESCENT) if fault.poses is Poses.GONE else (State.ABORTED,)
 
     async def confirm() -> bool:
         await sleep_until(begun_s + CONFIRM_S)
@@ -197,16 +234,22 @@ async def fly_here(
         await asyncio.gather(turning, flying, striking, return_exceptions=True)
         raise NotReached(f"the flight ended before {state}: {moves.state}: {moves.reason}")
     struck_s, where = striking.result()
+    watch_as = ""
     if split is not None:
-        name = split()
-        fault = FAULTS[name]
+        name, watch_as = split()
+        fault = find_fault(name, state, fault.link)
+    forced_s = stream(seed, f"doubt {name}").random() * FORCED_WITHIN_S
+    take_over(flight, watch_as, struck_s + float(forced_s))
     exemption = exemption_of(fault, state)
-    autopilot = _Autopilot(note_answer)
+    autopilot = _Autopilot(note_open_loop)
     going_on = asyncio.ensure_future(_break(scene, fault))
     watching = asyncio.ensure_future(autopilot.watch(stage))
     homing = asyncio.ensure_future(_return(flight, moves)) if state == "moving" else over
     timing: asyncio.Future[None] = over
-    if exemption is Exemption.NOT_OBSERVABLE:
+    if fault.kind is Kind.HONEST:
+        timing = asyncio.ensure_future(_see_honest(stage, moves))
+        timing.add_done_callback(lambda _: decide())
+    elif exemption is Exemption.NOT_OBSERVABLE:
         timing = asyncio.ensure_future(_fly_on(stage, JUDGED_S))
         timing.add_done_callback(lambda _: decide())
     ends: set[asyncio.Future[Any]] = {turning, flying, over}
@@ -231,7 +274,7 @@ async def fly_here(
     answers.sort()
     restless = "" if rests else "it does not come to rest" if ended else "it does not end"
     too_weak = stage.plant.most_n(loop.time()) <= hover_n(world)  # its rotors at their fullest can't hold it
-    return judge(
+    row = judge(
         name, fault, state, truth, answers,
         wrong=restless or wrong,
         exemption=exemption or (Exemption.WEAK if too_weak else Exemption.NONE),
@@ -242,7 +285,9 @@ async def fly_here(
         land_s=autopilot.land_s,
         charge=flight.charge,
         scenario=scenario,
+        blind=blind,
     )  # fmt: skip
+    return replace(row, seed=seed, forced="" if watch_as == UNGUARDED else watch_as)
 
 
 async def _strike(scene: Scene, name: str, moves: Moves, truth: Truth) -> tuple[float, Vec3]:
@@ -283,6 +328,13 @@ async def _return(flight: Flight, moves: Moves) -> None:
 async def _break(scene: Scene, fault: Fault) -> None:
     assert fault.strike is not None, "this one needs processes of its own"
     await fault.strike(scene)
+
+
+async def _see_honest(stage: Stage, moves: Moves) -> None:
+    """Return when an honest flight has been seen: one that ends early is seen to its end."""
+    await _fly_on(stage, HONEST_S)
+    if moves.answers:
+        await asyncio.sleep(HONEST_MORE_S)
 
 
 async def _fly_on(stage: Stage, for_s: float) -> None:
@@ -357,50 +409,61 @@ class _CopiesFlown(Exception):
 class _Copies:
     """Processes that fly on from one instant, one after the other, each with its own fault."""
 
-    def __init__(self, faults: Sequence[str]) -> None:
+    def __init__(self, copies: Sequence[Copy]) -> None:
         self.rows: list[Row] = []
         """What they have found, in their order."""
         self.out: int | None = None
         """Where a copy tells what it has found; None in the process that is none."""
-        self._faults = faults
+        self._copies = copies
 
-    def split(self) -> str:
-        """In each copy its fault."""
+    def split(self) -> Copy:
+        """In each copy, that copy."""
         loop = asyncio.get_running_loop()
-        for fault in self._faults:
+        for copy in self._copies:
             far, near = os.pipe()
             number = os.fork()
             if number == 0:
                 os.close(far)
                 asyncio._set_running_loop(loop)  # it is told by the process's number
                 self.out = near
-                return fault
+                return copy
             os.close(near)
             with os.fdopen(far, "rb") as told:
                 found = msgspec.msgpack.decode(told.read() or b"\xc0", type=Row | str | None)
             os.waitpid(number, 0)
             if not isinstance(found, Row):
-                raise RuntimeError(f"{fault}: {found or 'its process was killed'}")
+                raise RuntimeError(f"{copy.case}: {found or 'its process was killed'}")
             self.rows.append(found)
         raise _CopiesFlown
 
 
 def fly_together(
-    faults: Sequence[str], state: str, *, seed: int, scenario: str, overrides: tuple[str, ...] = ()
+    copies: Sequence[Copy],
+    state: str,
+    *,
+    link: str,
+    seed: int,
+    scenario: str,
+    overrides: tuple[str, ...] = (),
 ) -> list[Row]:
-    """The rows of ``faults`` in ``state``, which all have the same link, source and overrides."""
-    copies = _Copies(faults)
+    """Return the rows of ``copies``, whose cases are set up alike: they strike one flight."""
+    flights = _Copies(copies)
+    case = copies[0].case
     found: Row | str
     try:
-        found = fly_cell(faults[0], state, seed=seed, scenario=scenario, overrides=overrides, split=copies.split)
+        found = fly_cell(
+            case, state,
+            link=link, seed=seed, scenario=scenario, overrides=overrides, split=flights.split,
+        )  # fmt: skip
     except _CopiesFlown:
-        return copies.rows
+        return flights.rows
     except BaseException as error:
-        if copies.out is None:
+        if flights.out is None:
             raise
         found = f"{type(error).__name__}: {error}"
-    if copies.out is not None:  # a copy ends here: what comes next is its original's to do
-        os.write(copies.out, msgspec.msgpack.encode(found))
+    if flights.out is not None:  # a copy ends here: what comes next is its original's to do
+        os.write(flights.out, msgspec.msgpack.encode(found))
         os._exit(0)
     assert isinstance(found, Row), "told by whoever has failed"
-    return [msgspec.structs.replace(found, fault=fault) for fault in faults]  # never struck
+    never = found.why
+    return [not_struck(copy.case, find_fault(copy.case, state, link), state, never, scenario) for copy in copies]

@@ -31,10 +31,30 @@ from sim.radio import FAILSAFE_S, PtyWire, module
 from sim.runs import Stage, Workers, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import World
-from tests.proving.faults.cell import AUTOPILOT, LANDS, LOOK_S, STILL_SHARE, fly_together, hover_n, not_struck
-from tests.proving.faults.fault import MOMENTS, Fault, Moves
-from tests.proving.faults.faults import FAULTS, STATES
-from tests.proving.faults.judge import LIFTS, Answer, Row, Thrust, Truth, exemption_of, judge, set_point
+from tests.proving.faults.cell import (
+    AUTOPILOT,
+    LANDS,
+    LOOK_S,
+    STILL_SHARE,
+    Copy,
+    fly_together,
+    hover_n,
+    not_struck,
+)
+from tests.proving.faults.fault import MOMENTS, Fault, Kind, Moves, name_of
+from tests.proving.faults.faults import CASES, FAULTS, STATES, find_fault
+from tests.proving.faults.judge import (
+    LIFTS,
+    Answer,
+    Row,
+    Thrust,
+    Truth,
+    exemption_of,
+    judge,
+    judge_honest,
+    set_point,
+)
+from tests.proving.faults.monitors import FAILED, UNGUARDED
 
 SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent", "moving")
 """The states that a quick deck goes around in."""
@@ -45,85 +65,133 @@ TOGETHER = 12
 
 
 class Cell(msgspec.Struct, frozen=True):
-    """One fault in one state."""
+    """One case in one state, on one link."""
 
-    fault: str
+    case: str
     state: str
+    link: str
 
     @property
     def live(self) -> bool:
         """Whether it is flown by processes of their own, in real time."""
-        return self.state in FAULTS[self.fault].live
+        return self.state in CASES[self.case].live
+
+    @property
+    def fault(self) -> Fault:
+        """Fault of this case as it is flown here."""
+        return find_fault(self.case, self.state, self.link)
 
 
-def deal_cells(fault: str | None = None, state: str | None = None) -> list[Cell]:
-    """Every cell; or those of one fault, or of one state."""
+class Planned(msgspec.Struct, frozen=True):
+    """One flight of a cell."""
+
+    cell: Cell
+    scenario: str
+    seed: int
+    forced: str = ""
+    """Doubt that is forced upon it, as :func:`monitors.take_over` has it; empty for none."""
+
+    def copies(self) -> tuple[Copy, ...]:
+        """Return what is flown for its row: honest rows have the same flight without guards."""
+        copy = Copy(self.cell.case, self.forced)
+        if self.cell.fault.kind is not Kind.HONEST:
+            return (copy,)
+        return copy, Copy(self.cell.case, UNGUARDED)
+
+    def row(self, flown: Sequence[Row]) -> Row:
+        """Return its row, of those of its copies."""
+        if len(flown) == 1:
+            return flown[0]
+        fault, state = self.cell.fault, self.cell.state
+        must = state in fault.flies_on and not self.forced.startswith(FAILED)
+        return judge_honest(flown[0], flown[1], must_fly_on=must)
+
+
+def deal_cells(fault: str | None = None, state: str | None = None, link: str | None = None) -> list[Cell]:
+    """Return every cell; or those of one fault or case, of one state, of one link."""
     return [
-        Cell(name, place)
-        for name, told in FAULTS.items()
-        for place in told.states or STATES
-        if fault in (None, name) and state in (None, place)
+        Cell(case, place, on)
+        for case, told in CASES.items()
+        for on, places in ({told.link: told.states or STATES} | told.also).items()
+        for place in places
+        if fault in (None, case, name_of(case)) and state in (None, place) and link in (None, on)
     ]
 
 
 def quick() -> list[Cell]:
-    """In virtual time every fault that needs no other process, and every state."""
-    names = [name for name, told in FAULTS.items() if told.strike is not None]
+    """Return, in virtual time, every fault that needs no other process, and every state."""
+    names = [cases[0] for cases in FAULTS.values() if CASES[cases[0]].strike is not None]
     found: list[Cell] = []
     for names_, offset in ((names, 0), (AGAIN, 3)):
         for i, name in enumerate(names_):
-            told = FAULTS[name]
+            told = CASES[name]
             places = [place for place in told.states or SPREAD if place not in told.live]
-            found.append(Cell(name, places[(i + offset) % len(places)]))
-    return [*dict.fromkeys(found), Cell("dropout", "ready"), Cell("SIGTERM", "arming"), Cell("freeze", "spool-up")]
+            found.append(Cell(name, places[(i + offset) % len(places)], told.link))
+    more = (("dropout", "ready"), ("SIGTERM", "arming"), ("freeze", "spool-up"))
+    return [*dict.fromkeys(found), *(Cell(name, state, "mavlink") for name, state in more)]
 
 
 def pick_worst(flown: Sequence[Sequence[Row]]) -> list[Row]:
-    """Of rows of the same cells with several seeds the worst: one that is not safe, else the one farthest off."""
-    return [max(rows, key=lambda row: (not row.safe, row.peak_error_m)) for rows in zip(*flown, strict=True)]
+    """Return, of rows of the same cells with several seeds, the worst of each cell."""
+    return [max(rows, key=lambda row: (not row.safe, row.worst, row.peak_error_m)) for rows in zip(*flown, strict=True)]
 
 
 def fly_all(
-    work: Sequence[Cell],
+    work: Sequence[Planned],
     *,
-    seed: int,
-    scenario: str,
     overrides: Sequence[str],
     workers: int,
     on_done: Callable[[int], None] | None = None,
 ) -> list[Row]:
-    """The rows of ``work``, in its order; ``on_done`` hears how many are flown."""
-    rows: dict[Cell, Row] = {}
+    """Return the rows of ``work``, in its order; ``on_done`` hears how many are flown."""
+    rows: dict[Planned, Row] = {}
 
-    def done(cell: Cell, row: Row) -> None:
-        rows[cell] = row
+    def done(planned: Planned, row: Row) -> None:
+        rows[planned] = row
         if on_done is not None:
             on_done(len(rows))
 
-    alike: dict[object, list[Cell]] = {}
-    for cell in work:
-        told = FAULTS[cell.fault]
+    alike: dict[object, list[Planned]] = {}
+    for planned in work:
+        cell = planned.cell
         if not cell.live:
-            alike.setdefault((cell.state, told.link, told.source, told.overrides), []).append(cell)
-    jobs = [cells[i : i + TOGETHER] for cells in alike.values() for i in range(0, len(cells), TOGETHER)]
+            told = cell.fault
+            setting = (cell.state, cell.link, told.source, told.overrides, told.kind is Kind.HONEST)
+            alike.setdefault((planned.scenario, planned.seed, *setting), []).append(planned)
+    jobs = [some[i : i + TOGETHER] for some in alike.values() for i in range(0, len(some), TOGETHER)]
     with Workers(max(1, min(workers, len(jobs)))) as pool:
-        futures = {
-            pool.submit(
-                fly_together, [cell.fault for cell in job], job[0].state,
-                seed=seed, scenario=scenario, overrides=tuple(overrides),
-            ): job
-            for job in jobs
-        }  # fmt: skip
+        futures = {pool.submit(_fly_job, job, tuple(overrides)): job for job in jobs}
         for future in cf.as_completed(futures):
-            for cell, row in zip(futures[future], future.result(), strict=True):
-                done(cell, row)
-    live = [cell for cell in work if cell.live]
+            for planned, row in zip(futures[future], future.result(), strict=True):
+                done(planned, row)
+    live: dict[tuple[str, str], list[Planned]] = {}
+    for planned in work:
+        if planned.cell.live:
+            live.setdefault((planned.cell.case, planned.cell.state), []).append(planned)
+
+    def done_live(case: str, state: str, row: Row) -> None:
+        for planned in live[case, state]:
+            done(planned, row)
+
     if live:
         try:
-            asyncio.run(fly_live_cells([(c.fault, c.state) for c in live], lambda f, s, row: done(Cell(f, s), row)))
+            asyncio.run(fly_live_cells(list(live), done_live))
         except asyncio.CancelledError:  # told to end
             raise KeyboardInterrupt from None
-    return [rows[cell] for cell in work]
+    return [rows[planned] for planned in work]
+
+
+def _fly_job(job: Sequence[Planned], overrides: tuple[str, ...]) -> list[Row]:
+    """Return the rows of flights that are set up alike."""
+    first = job[0]
+    copies = [copy for planned in job for copy in planned.copies()]
+    flown = iter(
+        fly_together(
+            copies, first.cell.state,
+            link=first.cell.link, seed=first.seed, scenario=first.scenario, overrides=overrides,
+        )
+    )  # fmt: skip
+    return [planned.row([next(flown) for _ in planned.copies()]) for planned in job]
 
 
 CONNECT, PUBLISH, PINGREQ = 1, 3, 12
@@ -321,10 +389,10 @@ def _kill_screen(scene: LiveScene) -> None:
 
 STRIKES: dict[str, Callable[[LiveScene], None]] = {
     "SIGKILL": _kill,
-    "SIGKILL, radio": _kill,
+    "SIGKILL: radio": _kill,
     "pacer killed": _kill_pacer,
     "pacer stopped": lambda scene: scene.stop(PACER),
-    "pacer killed, bridge": _kill_pacer,
+    "pacer killed: bridge": _kill_pacer,
     "bridge interrupted": _interrupt_bridge,
     "recorder failure": lambda scene: os.kill(scene.child("groundstation.recording"), signal.SIGKILL),
     "MQTT broker gone": _kill_broker,
@@ -455,12 +523,12 @@ async def fly_live(name: str, state: str) -> Row:
         with tempfile.TemporaryDirectory(prefix="gs-") as folder:
             try:
                 async with asyncio.timeout(LIMIT_S):
-                    return await _fly(Path(folder), name, FAULTS[name], state)
+                    return await _fly(Path(folder), name, CASES[name], state)
             except TimeoutError:
                 why = f"it does not end within {LIMIT_S:g} s"
             except _Disturbed as disturbed:
                 why = str(disturbed)
-    return not_struck(name, state, why)
+    return not_struck(name, CASES[name], state, why)
 
 
 async def _free_port() -> int:
@@ -544,6 +612,8 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     answers, wrong = evidence(scene, name, state, struck_s=struck_s, acts_s=acts_s, rests=rests)
     if answers:
         pushing.answered_s = answers[0][0] + world.frame_period_s
+        pushing.decided_s = answers[0][0]
+        pushing.decided_height_m = world.floor_z_m - where[2]
     for time_s, share in scene.frames:
         pushing.command(time_s, share)
     pushing.end(loop.time())

@@ -49,6 +49,19 @@ class Meddler:
             self._tracker.send(frame, exposure_s, bodies)
 
 
+class Kind(StrEnum):
+    """How the rows of a family are judged."""
+
+    REQUIRED = "required"
+    """False or missing poses: at least :data:`judge.REQUIRED_SHARE` of the cells within the limits."""
+    KNOWN_LIMIT = "known limit"
+    """False poses that are found late or never: wider limits, and a smaller share of the cells."""
+    HONEST = "honest"
+    """True poses of a vehicle that something moves: held against the same flight without any guard."""
+    OTHER = "other"
+    """Something else breaks: every cell within the limits."""
+
+
 class Exemption(StrEnum):
     """Why some limits do not hold for a row; empty where all do."""
 
@@ -57,6 +70,11 @@ class Exemption(StrEnum):
     NO_MOTORS = "no motors"
     WEAK = "weak rotors"
     NOT_OBSERVABLE = "not observable"
+
+
+def name_of(case: str) -> str:
+    """Return the name of the fault that ``case`` belongs to: what stands before its colon."""
+    return case.partition(": ")[0]
 
 
 FALLS = (Exemption.NO_LINK, Exemption.NO_MOTORS, Exemption.WEAK)
@@ -104,6 +122,8 @@ class Scene:
         self.flight = flight
         self.stage = stage
         self._meddler = meddler
+        self.seed = seed
+        """Seed of the flight."""
         self.normals = rows(stream(seed, "fault").standard_normal, 6)
         """Rows of six standard normal numbers for what a fault draws."""
         self.controller_raises = False
@@ -134,13 +154,16 @@ Strike = Callable[[Scene], Coroutine[Any, Any, None]]
 
 
 class Fault(NamedTuple):
-    """One fault."""
+    """One case of a fault: a fault and the value that it is flown with."""
 
     says: str
     """What happens, for people."""
     strike: Strike | None = None
     """Lets it happen; None where it needs processes of its own (:mod:`tests.proving.faults.deal`)."""
     link: str = "mavlink"
+    """Link that it is flown on."""
+    also: dict[str, tuple[str, ...]] = {}  # noqa: RUF012  # read only
+    """Further links, and the states that it is flown in there."""
     source: str = "vicon"
     overrides: tuple[str, ...] = ()
     """``--set`` of the flight that it happens to."""
@@ -156,6 +179,12 @@ class Fault(NamedTuple):
     """States in which it is flown by processes of their own in real time."""
     states: tuple[str, ...] = ()
     """The only states that it is flown in; empty for all in which a mission can be struck."""
+    family: str = ""
+    """Family that it is counted in."""
+    kind: Kind = Kind.OTHER
+    """How it is judged."""
+    flies_on: tuple[str, ...] = ()
+    """States in which the mission must go on as planned."""
 
 
 DESCENT_AFTER_S = 1.0

@@ -30,7 +30,16 @@ from groundstation.core.mission import Interrupts
 from sim.autopilots import Px4Autopilot
 from sim.world import Body, Wind, rows, stream
 from tests.proving.faults import pictures
-from tests.proving.faults.fault import MOMENTS, Exemption, Fault, Poses, Scene, Strike
+from tests.proving.faults.fault import (
+    MOMENTS,
+    Exemption,
+    Fault,
+    Kind,
+    Poses,
+    Scene,
+    Strike,
+    name_of,
+)
 from tests.proving.faults.pictures import WIFI_S, Picture, Way, jitter, late
 
 LOAD_M_S2 = 3.2
@@ -50,8 +59,18 @@ STALL_S = 1.5
 """How long nothing passes either way on a link that stalls [s]."""
 REBOOT_S = 2.0
 """How long an autopilot takes to restart [s]."""
-PUSH_M_S2, PUSH_S = 4.0, 1.0
-"""A hand that pushes: the most that it accelerates the vehicle, and for how long."""
+TURN_PER_SEED_RAD = math.radians(137.5)
+"""Angle from one seed's disturbances to the next one's: no two of some seeds are alike [rad]."""
+PICKED_UP_SHARE = 0.1
+"""Share of the weight that is picked up."""
+GRASP_S = 2.0
+"""Time that a hand holds the vehicle [s]."""
+GRASP_PER_S2 = 400.0
+"""Stiffness of a hand, for the vehicle's mass [1/s²]."""
+GRASP_DAMPING_PER_S = 40.0
+"""Damping of a hand, critical for its stiffness, for the vehicle's mass [1/s]."""
+GRASP_MOST_M_S2 = 60.0
+"""Strongest pull of a hand, for the vehicle's mass [m/s²]."""
 STEP_S = 0.01
 """How finely a hand's motion is told [s]."""
 SLACK_M, TETHER_PER_S2 = 0.3, 40.0
@@ -262,14 +281,59 @@ async def lighten(scene: Scene) -> None:
     scene.stage.wind.push = (0.0, 0.0, -LOAD_M_S2)
 
 
-async def push(scene: Scene) -> None:
-    """A hand pushes the vehicle sideways: softly at first, and softly at last."""
-    steps = round(PUSH_S / STEP_S)
-    for step in range(1, steps):
-        share = PUSH_M_S2 * math.sin(math.pi * step / steps)
-        scene.stage.wind.push = (0.8 * share, 0.6 * share, 0.0)
-        await asyncio.sleep(STEP_S)
-    scene.stage.wind.push = (0.0, 0.0, 0.0)
+def _aside(seed: int) -> Vec3:
+    """Return the horizontal direction of the disturbances of ``seed``."""
+    angle = math.atan2(0.6, 0.8) + seed * TURN_PER_SEED_RAD
+    return math.cos(angle), math.sin(angle), 0.0
+
+
+def push_along(where: str, peak_m_s2: float, duration_s: float) -> Strike:
+    """Return a half sine of acceleration, "aside", "up" or "down"."""
+
+    async def strike(scene: Scene) -> None:
+        upright: dict[str, Vec3] = {"up": (0.0, 0.0, -1.0), "down": (0.0, 0.0, 1.0)}
+        north, east, down = upright.get(where) or _aside(scene.seed)
+        steps = round(duration_s / STEP_S)
+        for step in range(1, steps):
+            now = peak_m_s2 * math.sin(math.pi * step / steps)
+            scene.stage.wind.push = (north * now, east * now, down * now)
+            await asyncio.sleep(STEP_S)
+        scene.stage.wind.push = (0.0, 0.0, 0.0)
+
+    return strike
+
+
+def step_wind(step_m_s2: float) -> Strike:
+    """Return a wind that steps sideways and stays."""
+
+    async def strike(scene: Scene) -> None:
+        north, east, _ = _aside(scene.seed)
+        scene.stage.wind.push = (north * step_m_s2, east * step_m_s2, 0.0)
+
+    return strike
+
+
+async def pick_up(scene: Scene) -> None:
+    """Hang a tenth of the vehicle's weight onto it."""
+    scene.stage.wind.push = (0.0, 0.0, PICKED_UP_SHARE * scene.stage.world.gravity)
+
+
+async def grasp(scene: Scene) -> None:
+    """Hold the vehicle in its place by a stiff spring and a damper, free to turn, and let it go."""
+    place = scene.stage.plant.truth(scene.now_s).position_ned
+
+    def pull(body: Body) -> Vec3:
+        force = [
+            GRASP_PER_S2 * (there - here) - GRASP_DAMPING_PER_S * speed
+            for there, here, speed in zip(place, body.position, body.velocity, strict=True)
+        ]
+        share = min(1.0, GRASP_MOST_M_S2 / max(math.hypot(*force), GRASP_MOST_M_S2))
+        north, east, down = (share * one for one in force)
+        return north, east, down
+
+    scene.stage.plant.pull = pull
+    await asyncio.sleep(GRASP_S)
+    scene.stage.plant.pull = None
 
 
 async def tether(scene: Scene) -> None:
@@ -357,10 +421,6 @@ tells of the others."""
 BEHIND_RADIO = ", on a vehicle behind a radio"
 
 
-def _radio(fault: Fault, states: tuple[str, ...]) -> Fault:
-    return fault._replace(says=fault.says + BEHIND_RADIO, link="dsm", states=states)
-
-
 def _live(says: str, states: tuple[str, ...], link: str = "mavlink", poses: Poses = Poses.TRUE) -> Fault:
     """Flown in ``states`` alone, and with processes of its own."""
     return Fault(says, link=link, poses=poses, live=states, states=states)
@@ -368,8 +428,7 @@ def _live(says: str, states: tuple[str, ...], link: str = "mavlink", poses: Pose
 
 BROKEN: dict[str, Fault] = {
     "freeze": Fault("frames go on, the picture stands still", shows(pictures.freeze), poses=Poses.GONE),
-    "dropout": Fault("no more poses", dropout, poses=Poses.GONE),
-    "dropout, radio": Fault("no more poses" + BEHIND_RADIO, dropout, link="dsm", poses=Poses.GONE),
+    "dropout": Fault("no more poses", dropout, poses=Poses.GONE, also={"dsm": STATES}),
     "teleport": Fault("the vehicle is seen 1 m away from where it is", shows(pictures.teleport), poses=Poses.GONE),
     "yaw flip": Fault(
         "the vehicle is seen turned by 180°", shows(pictures.turn_axes, 0.0, 0.0, 180.0), poses=Poses.GONE
@@ -388,11 +447,11 @@ BROKEN: dict[str, Fault] = {
     "serial unplug": Fault("the radio module's plug is out", unplug, link="dsm", exemption=Exemption.NO_LINK),
     "autopilot reboot": Fault("the autopilot restarts in flight", reboot, exemption=Exemption.NO_MOTORS),
     "mode stolen": Fault("a pilot takes over by the remote control, and lands", steal, silences=True),
-    "motor at 70 %": Fault("the rotors give 70 % of their thrust", weaken(0.7), obeys=True),
+    "motors: 70 %": Fault("the rotors give 70 % of their thrust", weaken(0.7), obeys=True),
     "battery sag": Fault("within 6 s the battery is empty, and thrust falls to 75 %", sag, obeys=True),
-    "telemetry gone": Fault("for 4 s nothing comes that the autopilot says; it hears all", mute, obeys=True),
-    "uplink gone": Fault("for 4 s the autopilot hears nothing; all that it says comes", deafen),
-    "answers gone": Fault("no answer to TIMESYNC comes any more, and all else passes", keep_answers),
+    "one way silent: telemetry": Fault("for 4 s nothing comes that the autopilot says; it hears all", mute, obeys=True),
+    "one way silent: uplink": Fault("for 4 s the autopilot hears nothing; all that it says comes", deafen),
+    "one way silent: answers": Fault("no answer to TIMESYNC comes any more, and all else passes", keep_answers),
     "wind, up and down": Fault(
         "for 12.5 s the wind pushes up and down by 1.5 m/s², once in 5 s",
         wave,
@@ -406,7 +465,7 @@ BROKEN: dict[str, Fault] = {
     "TUI crash": _live("the screen's process is killed", ("take-off", "tracking")),
     "SIGTERM": Fault("the process is told to end", terminate),
     "SIGKILL": _live("the process is killed", IN_AIR),
-    "SIGKILL, radio": _live(
+    "SIGKILL: radio": _live(
         "the process is killed, on a vehicle behind a radio whose frames another process paces",
         ("hold", "tracking"),
         "dsm",
@@ -416,7 +475,7 @@ BROKEN: dict[str, Fault] = {
     "pacer stopped": _live(
         "the process that paces the radio's frames is stopped (SIGSTOP)", ("hold", "tracking"), "dsm", Poses.GONE
     ),
-    "pacer killed, bridge": _live(
+    "pacer killed: bridge": _live(
         "the process that paces the frames of a bridge's radio is killed",
         ("hold", "tracking"),
         "rf_bridge",
@@ -439,11 +498,13 @@ def _mirror(name: str) -> tuple[Vec3, ...]:
 
 
 _LYING: dict[str, Fault] = {
-    "flicker": Fault("frames go on, the picture stands still but for a nanometre", shows(pictures.flicker)),
+    "frozen: but for a nanometre": Fault(
+        "frames go on, the picture stands still but for a nanometre", shows(pictures.flicker)
+    ),
     "frozen": Fault("frames go on, the picture stands still but for noise of 0.3 mm and 2 mrad", shows(pictures.still)),
     "position frozen": Fault("the position alone stands still, with noise", shows(pictures.still_position)),
     **{
-        f"{name} frozen": Fault(
+        f"position frozen: {name}": Fault(
             f"the position's {axis} alone stands still, with noise",
             shows(pictures.still_coordinate, number),
             states=states,
@@ -456,7 +517,7 @@ _LYING: dict[str, Fault] = {
             )
         )
     },
-    "north-west frozen": Fault(
+    "position frozen: north-west": Fault(
         "the position stands still along north-west alone, with noise",
         shows(pictures.still_along, 1.0, -1.0),
         states=("start", *SEEN_IN_TIME),
@@ -466,7 +527,7 @@ _LYING: dict[str, Fault] = {
         "the poses are those of a body beside it that rests", shows(pictures.resting), states=FROM_START
     ),
     **{
-        f"body at rest, {what}": Fault(
+        f"body at rest: {what}": Fault(
             f"the poses are those of a body beside it that rests, and {says}",
             shows(pictures.resting),
             overrides=(override,),
@@ -489,7 +550,7 @@ _LYING: dict[str, Fault] = {
         states=FROM_START,
     ),
     **{
-        f"drift {speed:g} m/s": Fault(
+        f"drift: {speed:g} m/s": Fault(
             f"the position drifts away at {speed:g} m/s",
             shows(pictures.drift, speed),
             exemption=Exemption.NOT_OBSERVABLE,
@@ -497,29 +558,29 @@ _LYING: dict[str, Fault] = {
         for speed in (0.1, 0.3)
     },
     **{
-        f"{name} mirrored": Fault(
+        f"mirrored: {name}": Fault(
             f"the position's {axis}", shows(pictures.map_positions, _mirror(name)), states=FROM_START
         )
         for name, axis in MIRRORED.items()
     },
     **{
-        f"few, {name} mirrored": Fault(
+        f"few poses lie: {name} mirrored": Fault(
             f"of four frames only one comes, and its {MIRRORED[name]}",
             shows_few(4, pictures.map_positions, _mirror(name)),
         )
         for name in "xz"
     },
-    "few, position frozen": Fault(
+    "few poses lie: position frozen": Fault(
         "of four frames only one comes, and its position stands", shows_few(4, pictures.still_position)
     ),
-    "one in ten, x mirrored": Fault(
+    "few poses lie: x mirrored, one in ten": Fault(
         f"of ten frames only one comes, and its {MIRRORED['x']}", shows_few(10, pictures.map_positions, _mirror("x"))
     ),
-    "one in ten, position frozen": Fault(
+    "few poses lie: position frozen, one in ten": Fault(
         "of ten frames only one comes, and its position stands", shows_few(10, pictures.still_position)
     ),
     **{
-        f"{name} frozen in turns": Fault(
+        f"frozen in turns: {name}": Fault(
             f"for one second its {what} stands, for one it is true, and so on",
             shows_in_turns(1.0, *picture),
             poses=Poses.FALSE,
@@ -531,7 +592,7 @@ _LYING: dict[str, Fault] = {
         )
     },
     **{
-        f"long hold, {name} frozen": Fault(
+        f"position frozen: {name}, long hold": Fault(
             f"in a hold of half a minute {what} stands", strike, states=("hold",), overrides=LONG_HOLD
         )
         for name, what, strike in (
@@ -540,11 +601,11 @@ _LYING: dict[str, Fault] = {
             ("position", "the position", shows(pictures.still_position)),
         )
     },
-    "x frozen by and by": Fault(
+    "frozen by and by: x": Fault(
         "north goes from the true one to one that stands within four seconds",
         shows(pictures.fading_coordinate, 0, FADES_S),
     ),
-    "z frozen by and by": Fault(
+    "frozen by and by: z": Fault(
         "the height goes from the true one to one that stands within four seconds",
         shows(pictures.fading_coordinate, 2, FADES_S),
     ),
@@ -553,38 +614,42 @@ _LYING: dict[str, Fault] = {
         shows(pictures.sinking_height, SINKS_M_S, SINKS_S),
         states=("hold", "landing"),
     ),
-    "x and y swapped": Fault(
+    "swapped": Fault(
         "the position's north and east have changed places",
         shows(pictures.map_positions, ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
         states=FROM_START,
     ),
-    "roll and pitch swapped": Fault(
+    "tilt axes: swapped": Fault(
         "roll is seen as pitch, and pitch as roll", shows(pictures.swap_axes), states=FROM_START
     ),
-    "roll mirrored": Fault("roll has the wrong sign", shows(pictures.flip_signs, -1.0, 1.0), states=FROM_START),
-    "pitch mirrored": Fault("pitch has the wrong sign", shows(pictures.flip_signs, 1.0, -1.0), states=FROM_START),
-    "yaw off by 14°": Fault(
+    "tilt axes: roll mirrored": Fault(
+        "roll has the wrong sign", shows(pictures.flip_signs, -1.0, 1.0), states=FROM_START
+    ),
+    "tilt axes: pitch mirrored": Fault(
+        "pitch has the wrong sign", shows(pictures.flip_signs, 1.0, -1.0), states=FROM_START
+    ),
+    "yaw off: 14°": Fault(
         "the vehicle is seen turned by 14°", shows(pictures.turn_axes, 0.0, 0.0, 14.0), states=FROM_START
     ),
-    "yaw off by 90°": Fault(
+    "yaw off: 90°": Fault(
         "the vehicle is seen turned by 90°", shows(pictures.turn_axes, 0.0, 0.0, 90.0), states=FROM_START
     ),
-    "yaw off by 180°": Fault(
+    "yaw off: 180°": Fault(
         "the vehicle is seen turned by 180° from the beginning; later this is *yaw flip*",
         shows(pictures.turn_axes, 0.0, 0.0, 180.0),
         states=("start",),
     ),
     "yaw turning": Fault("the vehicle is seen to turn at 20°/s more than it does", shows(pictures.turning)),
-    "tilt off by 14°": Fault(
+    "tilt off": Fault(
         "the vehicle is seen to lean by 14° more than it does",
         shows(pictures.turn_axes, 14.0, 0.0, 0.0),
         states=FROM_START,
     ),
-    "m for mm": Fault(
+    "unit: m for mm": Fault(
         "positions are a thousandth of what they are", shows(pictures.scale_positions, 1e-3), states=FROM_START
     ),
     **{
-        f"position {share:g} of itself": Fault(
+        f"scaled: {share:g}": Fault(
             f"positions go only {share:g} of the way that the vehicle goes",
             shows(pictures.scale_positions, share),
             states=states,
@@ -594,7 +659,7 @@ _LYING: dict[str, Fault] = {
             (0.3, ("take-off", "tracking", "moving", "descent")),
         )
     },
-    "mm for m": Fault(
+    "unit: mm for m": Fault(
         "positions are a thousand times what they are", shows(pictures.scale_positions, 1e3), states=FROM_START
     ),
 }
@@ -603,13 +668,13 @@ LYING = {name: fault._replace(poses=Poses.FALSE) for name, fault in _LYING.items
 
 LATE: dict[str, Fault] = {
     **{
-        f"late by {ms} ms": Fault(
+        f"late: {ms} ms": Fault(
             f"poses come {ms} ms later than they did; their numbers tell", comes_late(1e-3 * ms, fresh=False)
         )
         for ms in (100, 200, 400)
     },
     **{
-        f"late by {ms} ms, fresh": Fault(
+        f"late: {ms} ms, fresh stamps": Fault(
             f"poses come {ms} ms later than they did, with stamps as if they did not",
             comes_late(1e-3 * ms, fresh=True),
             source="json",
@@ -617,7 +682,7 @@ LATE: dict[str, Fault] = {
         )
         for ms in (100, 200, 400)
     },
-    "position late by 300 ms": Fault(
+    "position late": Fault(
         "the position comes 300 ms later than the attitude, both with fresh stamps",
         shows(pictures.late_position, 0.3),
         poses=Poses.FALSE,
@@ -629,32 +694,32 @@ LATE: dict[str, Fault] = {
         poses=Poses.FALSE,
         states=SEEN_IN_TIME,
     ),
-    "stands now and again": Fault(
+    "stands for moments: again and again": Fault(
         "for 0.25 s of each second the picture stands still but for noise",
         shows(pictures.now_and_again, 0.25, 1.0),
         poses=Poses.FALSE,
         states=FLYING,
     ),
-    "stands once": Fault(
+    "stands for moments: once": Fault(
         "for 0.3 s the picture stands still but for noise, then it is true again",
         shows(pictures.now_and_again, 0.3, math.inf),
         poses=Poses.FALSE,
         states=FLYING,
     ),
-    "later and later": Fault(
+    "later and later: numbers tell": Fault(
         "poses come later by 50 ms more each second, up to 400 ms; their numbers tell",
         comes_late(pictures.growing, fresh=False),
     ),
-    "later and later, fresh": Fault(
+    "later and later: fresh stamps": Fault(
         "poses come later by 50 ms more each second, up to 400 ms, with stamps as if they did not",
         comes_late(pictures.growing, fresh=True),
         source="json",
         poses=Poses.FALSE,
     ),
-    "every 8th frame": Fault("of eight frames only one comes: 6.3 a second", comes(lambda: pictures.every(8))),
-    "every 11th frame": Fault("of eleven frames only one comes: 4.5 a second", comes(lambda: pictures.every(11))),
+    "few frames: every 8th": Fault("of eight frames only one comes: 6.3 a second", comes(lambda: pictures.every(8))),
+    "few frames: every 11th": Fault("of eleven frames only one comes: 4.5 a second", comes(lambda: pictures.every(11))),
     **{
-        f"stamps off by {ms} ms": Fault(f"stamps jitter by {ms} ms (1 sigma)", jitter_stamps(1e-3 * ms), source="json")
+        f"stamps off: {ms} ms": Fault(f"stamps jitter by {ms} ms (1 sigma)", jitter_stamps(1e-3 * ms), source="json")
         for ms in (1, 2, 5)
     },
 }
@@ -662,31 +727,29 @@ LATE: dict[str, Fault] = {
 
 _OBEYING: dict[str, Fault] = {
     **{
-        f"{what} {sign}{share} %{end}": Fault(
-            f"{says} by {share} % {how}{BEHIND_RADIO if end else ''}",
+        f"{what} wrong: {sign}{share} %": Fault(
+            f"{says} by {share} % {how}",
             nothing,
-            link="dsm" if end else "mavlink",
+            also={"dsm": ("start",)},
             overrides=(f"{key}={value:g}",),
             states=("start",),
         )
         for what, says, key, one in (
             ("mass told", "the mass is told wrong,", "vehicle.mass_kg", 0.08),
-            ("thrust", "propellers or battery give another thrust than told,", "sim.thrust_gain", 1.0),
+            ("thrust told", "the rotors give another thrust than told,", "sim.thrust_gain", 1.0),
         )
-        for sign, how, share, value in (("+", "too much", 30, 1.3 * one), ("-", "too little", 30, 0.7 * one))
-        for end in ("", ", radio")
+        for sign, how, share, value in (
+            ("+", "too much", 30, 1.3 * one),
+            ("-", "too little", 30, 0.7 * one),
+        )
     },
-    "motor at 130 %": Fault("the rotors give 130 % of their thrust", weaken(1.3)),
+    "motors: 130 %": Fault("the rotors give 130 % of their thrust", weaken(1.3)),
     "load dropped": Fault("a third of the weight falls off", lighten, states=FLYING),
-    "gust, 25 Hz": Fault(
+    "gust: 25 Hz": Fault(
         "by 25 poses a second: for 1.5 s the wind pushes with 3.7 m/s² more",
         gust,
         overrides=("sim.pose_rate_hz=25", "pose.rate_hz=25"),
         states=FLYING,
-    ),
-    "push": Fault("a hand pushes for 1 s, with 4 m/s² at most", push, states=("spool-up", *FLYING)),
-    "tether": Fault(
-        "a cable on the floor is caught: 0.3 m farther it pulls like a spring", tether, states=("spool-up", *FLYING)
     ),
     "ground effect": Fault(
         "on the floor the same rotors lift 25 % more than far from it, 10 cm above it 6 %",
@@ -717,7 +780,7 @@ _OBEYING: dict[str, Fault] = {
         overrides=("sim.floor_hold_s=0.6",),
         states=("start",),
     ),
-    "late floor, own estimate": Fault(
+    "late floor: own estimate": Fault(
         "the same, and poses are the autopilot's own, which feels that it rises",
         nothing,
         source="odometry",
@@ -729,33 +792,221 @@ _OBEYING: dict[str, Fault] = {
 OBEYING = {name: fault._replace(obeys=True) for name, fault in _OBEYING.items()}
 """Nothing is wrong with the poses, and whoever convicts them is wrong."""
 
-UNSEEN_BY_RADIO = (
-    ("x frozen", "start"),
-    ("x frozen", "spool-up"),
-    ("x frozen", "hold"),
-    ("position late by 300 ms", "hold"),
-    ("stands now and again", "hold"),
-)
-"""Where MAVLink's LAND helps in time and rates alone do not; guards.md has the figures."""
-RADIO: dict[str, Fault] = {
-    f"{name}, radio": _radio(
-        fault,
-        tuple(
-            state
-            for state in ("start", *RADIO_STATES)
-            if state in (fault.states or STATES) and (name, state) not in UNSEEN_BY_RADIO
-        )
-    )
-    for name, fault in (LYING | LATE).items()
-    if name
-    in (
-        "flicker", "frozen", "position frozen", "x frozen", "z frozen", "attitude frozen", "body at rest",
-        "body carried", "x mirrored", "z mirrored", "roll and pitch swapped", "yaw off by 90°",
-        "position 0.1 of itself", "position 0.3 of itself", "m for mm", "position late by 300 ms",
-        "stands now and again", "later and later, fresh", "every 11th frame"
-    )
-}  # fmt: skip
-"""The same on a vehicle behind a radio."""
+HONEST_STATES = ("take-off", "hold", "tracking", "landing")
+"""Where honest disturbances strike."""
+PUSHES_M_S2 = (2, 4, 6, 8, 10)
+"""Peaks of a hand's sideways push [m/s²]."""
+LIFTS_M_S2 = (4, 6)
+"""Peaks of a hand's push up and down [m/s²]."""
+WIND_STEPS_M_S2 = (2, 3, 4, 5, 8)
+"""Accelerations by which the wind steps [m/s²]."""
+FLIES_ON_M_S2 = 6
+"""A push sideways or down up to this peak must not end a mission [m/s²]."""
+STEP_FLIES_ON_M_S2 = 5
+"""A wind step up to this acceleration must not end a mission [m/s²]."""
+HONEST_HOLD = ("takeoff.hold_s=12",)
+"""``--set`` of a hold that lasts longer than an honest flight is looked at."""
+ALL_HONEST: dict[str, tuple[str, ...]] = {"dsm": HONEST_STATES}
+"""Further links of honest disturbances, and their states there."""
 
-FAULTS: dict[str, Fault] = BROKEN | LYING | LATE | OBEYING | RADIO
-"""By name."""
+
+def _flies_on(must: bool) -> tuple[str, ...]:
+    return HONEST_STATES if must else ()
+
+
+_HONEST: dict[str, Fault] = {
+    **{
+        f"push: {peak} for {duration:g} s": Fault(
+            f"a hand pushes sideways for {duration:g} s, with {peak} m/s² at most",
+            push_along("aside", peak, duration),
+            states=("spool-up", *FLYING) if (peak, duration) == (4, 1.0) else HONEST_STATES,
+            flies_on=_flies_on(peak <= FLIES_ON_M_S2),
+        )
+        for duration in (1.0, 0.4)
+        for peak in PUSHES_M_S2
+    },
+    **{
+        f"push: {where} {peak} for 1 s": Fault(
+            f"a hand pushes {where} for 1 s, with {peak} m/s² at most",
+            push_along(where, peak, 1.0),
+            states=HONEST_STATES,
+            flies_on=_flies_on(where == "down" or peak < FLIES_ON_M_S2),
+        )
+        for peak in LIFTS_M_S2
+        for where in ("up", "down")
+    },
+    **{
+        f"wind step: {step}": Fault(
+            f"the wind steps sideways by {step} m/s² and stays",
+            step_wind(step),
+            states=HONEST_STATES,
+            flies_on=_flies_on(step <= STEP_FLIES_ON_M_S2),
+        )
+        for step in WIND_STEPS_M_S2
+    },
+    "tether": Fault(
+        "a cable on the floor is caught: 0.3 m farther it pulls like a spring",
+        tether,
+        states=("spool-up", *FLYING),
+        flies_on=("hold", "tracking", "landing"),  # a climb ends at the cable's length
+    ),
+    "cable picked up": Fault(
+        "10 % of the weight is picked up, and hangs on from then on",
+        pick_up,
+        states=HONEST_STATES,
+        flies_on=HONEST_STATES,
+    ),
+    "hand holds": Fault(
+        "a hand holds the vehicle in its place for 2 s, free to turn",
+        grasp,
+        states=HONEST_STATES,
+    ),
+}
+HONEST = {name: fault._replace(obeys=True, also=ALL_HONEST) for name, fault in _HONEST.items()}
+"""Disturbances that poses show truly: no doubt may end such a flight without its poses."""
+
+NOT_BY_RADIO = (
+    ("position frozen: x", "start"),
+    ("position frozen: x", "spool-up"),
+    ("position frozen: x", "hold"),
+    ("position late", "hold"),
+    ("stands for moments: again and again", "hold"),
+)
+"""Cells that are flown over MAVLink only."""
+BY_RADIO = (
+    "frozen: but for a nanometre",
+    "frozen",
+    "position frozen",
+    "position frozen: x",
+    "position frozen: z",
+    "attitude frozen",
+    "body at rest",
+    "body carried",
+    "mirrored: x",
+    "mirrored: z",
+    "tilt axes: swapped",
+    "yaw off: 90°",
+    "scaled: 0.1",
+    "scaled: 0.3",
+    "unit: m for mm",
+    "position late",
+    "stands for moments: again and again",
+    "later and later: fresh stamps",
+    "few frames: every 11th",
+)
+"""Cases that are flown behind a radio, too."""
+
+
+def _also_by_radio(name: str, fault: Fault) -> Fault:
+    """Return ``fault`` with the states that it is flown in behind a radio."""
+    if name not in BY_RADIO:
+        return fault
+    states = tuple(
+        state
+        for state in ("start", *RADIO_STATES)
+        if state in (fault.states or STATES) and (name, state) not in NOT_BY_RADIO
+    )
+    return fault._replace(also={"dsm": states})
+
+
+FAMILIES: tuple[tuple[str, Kind, tuple[str, ...]], ...] = (
+    ("frozen", Kind.REQUIRED, ("frozen",)),
+    ("position frozen", Kind.REQUIRED, ("position frozen",)),
+    ("attitude frozen", Kind.REQUIRED, ("attitude frozen",)),
+    ("another body", Kind.REQUIRED, ("body at rest", "body carried")),
+    ("mirrored", Kind.REQUIRED, ("mirrored",)),
+    ("swapped", Kind.REQUIRED, ("swapped",)),
+    ("yaw", Kind.REQUIRED, ("yaw off", "yaw turning")),
+    ("tilt", Kind.REQUIRED, ("tilt axes", "tilt off")),
+    ("late", Kind.REQUIRED, ("late", "later and later", "position late")),
+    ("unit", Kind.REQUIRED, ("unit",)),
+    ("lost", Kind.REQUIRED, ("freeze", "dropout")),
+    ("jumping", Kind.REQUIRED, ("teleport", "yaw flip", "marker swap")),
+    ("fading", Kind.KNOWN_LIMIT, ("frozen by and by", "height sinks")),
+    ("in turns", Kind.KNOWN_LIMIT, ("frozen in turns", "stands for moments")),
+    ("few poses lie", Kind.KNOWN_LIMIT, ("few poses lie",)),
+    ("scaled", Kind.KNOWN_LIMIT, ("scaled",)),
+    ("smoothed", Kind.KNOWN_LIMIT, ("position smoothed",)),
+    ("pushes", Kind.HONEST, ("push",)),
+    ("wind steps", Kind.HONEST, ("wind step",)),
+    ("cable, tether, hand", Kind.HONEST, ("tether", "cable picked up", "hand holds")),
+    ("not observable", Kind.OTHER, ("partner", "drift")),
+    (
+        "timing of true poses",
+        Kind.OTHER,
+        ("duplicates", "reorder", "clock step", "latency step", "few frames", "stamps off", "wireless"),
+    ),
+    (
+        "vehicle and air",
+        Kind.OTHER,
+        (
+            "motors",
+            "battery sag",
+            "wind, up and down",
+            "gust",
+            "mass told wrong",
+            "thrust told wrong",
+            "load dropped",
+            "ground effect",
+            "taken out of the air",
+            "late floor",
+        ),
+    ),
+    ("own estimate", Kind.OTHER, ("estimator reset", "wandering estimate")),
+    (
+        "link and autopilot",
+        Kind.OTHER,
+        (
+            "frame loss",
+            "link stall",
+            "serial unplug",
+            "autopilot reboot",
+            "mode stolen",
+            "one way silent",
+        ),
+    ),
+    (
+        "programs",
+        Kind.OTHER,
+        (
+            "controller exception",
+            "recorder failure",
+            "MQTT broker gone",
+            "TUI crash",
+            "SIGTERM",
+            "SIGKILL",
+            "pacer killed",
+            "pacer stopped",
+            "bridge interrupted",
+        ),
+    ),
+)
+"""Families that the summary counts by: name, how their rows are judged, and their faults."""
+LATE_LIFT_OFF = "late radio, lift-off"
+"""Family of poses that come late while a vehicle behind a radio lifts off: a known limit."""
+LIFTING = ("start", "spool-up", "lift-off", "take-off")
+"""States before and in a climb."""
+_FAMILY_OF = {name: (family, kind) for family, kind, faults in FAMILIES for name in faults}
+
+
+CASES: dict[str, Fault] = {}
+"""Every case by its name: the fault, and behind a colon the value that it is flown with."""
+for _name, _fault in (BROKEN | LYING | LATE | OBEYING | HONEST).items():
+    _family, _kind = _FAMILY_OF[name_of(_name)]
+    CASES[_name] = _also_by_radio(_name, _fault)._replace(family=_family, kind=_kind)
+
+
+def find_fault(case: str, state: str, link: str) -> Fault:
+    """Return the fault called ``case`` as it is flown in ``state`` on ``link``."""
+    fault = CASES[case]
+    if fault.family == "late" and link != "mavlink" and state in LIFTING:
+        fault = fault._replace(family=LATE_LIFT_OFF, kind=Kind.KNOWN_LIMIT)
+    if fault.kind is Kind.HONEST and state == "hold":
+        fault = fault._replace(overrides=(*fault.overrides, *HONEST_HOLD))
+    return fault._replace(link=link)
+
+
+FAULTS: dict[str, tuple[str, ...]] = {
+    name: tuple(case for case in CASES if name_of(case) == name) for name in dict.fromkeys(map(name_of, CASES))
+}
+"""Cases of each fault, by its name."""

@@ -10,11 +10,14 @@ import math
 import struct
 from collections import deque
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import IdleRecord, Tick, TickRecord
+from groundstation.core.mission import State
 from groundstation.core.safety import Charge
 from groundstation.recording import Record
 from groundstation.settings import Config
@@ -24,7 +27,16 @@ from links.rf import Channels, RfLinkConfig
 from sim.radio import MODULE
 from sim.time import Address
 from sim.world import Quadrotor
-from tests.proving.faults.fault import FALLS, MOMENTS, TUMBLES, Exemption, Fault, Poses
+from tests.proving.faults.fault import (
+    FALLS,
+    MOMENTS,
+    TUMBLES,
+    Exemption,
+    Fault,
+    Kind,
+    Poses,
+    name_of,
+)
 
 OFF_FLOOR_M = 0.02
 """Higher than this above the floor it flies [m]."""
@@ -66,6 +78,11 @@ class Truth:
     def tilt_deg(self) -> float:
         """Farthest that it leant."""
         return so3.angle_deg(self._upright)
+
+    @property
+    def far_m(self) -> float:
+        """Farthest from the reference, or sideways from where it would be [m]."""
+        return max(self.off_m, self.sideways_m)
 
     @property
     def led(self) -> bool:
@@ -136,7 +153,11 @@ class Thrust:
         A signal (0..1) counts until the next one, or for as long as it is held: ``held_s`` [s].
         """
         self.answered_s = math.inf
-        """From when on it counts: an answer, and what was under way then has left."""
+        """From when on it counts: a descent in open loop, and what was under way then has left."""
+        self.decided_s = math.inf
+        """When the first answer came."""
+        self.decided_height_m = 0.0
+        """Height above the floor then [m]."""
         self.most = 0.0
         """The most thrust since, as a share of what hovers."""
         self.over_s = 0.0
@@ -172,40 +193,113 @@ class Thrust:
         self._newest = None
 
 
-HIGHEST_M, SIDEWAYS_M, FASTEST_M_S = 1.0, 3.0, 3.0
-"""How far a vehicle may go after a fault: above where it was struck or its course, sideways from there; how fast."""
-SPOOL_M, SPOOL_M_S = 0.8, 3.0
-"""How high a vehicle may come whose lift-off is not seen while thrust rises, and how fast fall from there."""
-TOUCHDOWN_M_S, RATES_TOUCHDOWN_M_S, TILT_DEG = 1.0, 2.5, 60.0
-"""What a safe end stays below; the second where body rates alone brought it down, without any pose."""
-MOST_SHARE, OVER_HOVER_S = 1.25, 0.5
-"""After the answer to false poses, or to none: the most thrust as a share of what hovers, and how long above 1."""
-LIFT_S = 2.75
-"""How long after that answer a command may lift."""
+HIGHEST_M = 1.0
+"""Highest above where it was struck, or above its course [m]."""
+SIDEWAYS_M = 3.0
+"""Farthest sideways from there [m]."""
+FASTEST_M_S = 3.0
+"""Fastest that it may move [m/s]."""
+KNOWN_HIGHEST_M = 2.0
+"""The same height for a known limit [m]."""
+KNOWN_SIDEWAYS_M = 5.0
+"""The same distance for a known limit [m]."""
+KNOWN_FASTEST_M_S = 4.5
+"""The same speed for a known limit [m/s]."""
+SPOOL_M = 0.8
+"""Highest without a lift-off that is seen: thrust rises, and then the motors stop [m]."""
+SPOOL_M_S = 3.0
+"""Fastest touchdown from there [m/s]."""
+TOUCHDOWN_M_S = 1.0
+"""Fastest touchdown where an attitude loop flies, or poses are true [m/s]."""
+RATES_TOUCHDOWN_M_S = 2.5
+"""Fastest touchdown where body rates alone bring it down, without any pose [m/s]."""
+TILT_DEG = 60.0
+"""Farthest lean [deg]."""
+MOST_SHARE = 1.25
+"""Most thrust in an open-loop descent, as a share of what hovers [-]."""
+OVER_HOVER_S = 0.5
+"""Longest time in an open-loop descent with more thrust than hovers, in all [s]."""
+LIFT_SINK_M_S = 0.7
+"""Sink rate that a descent has at least, from the height at which it was decided [m/s]."""
+LIFT_MORE_S = 2.0
+"""Time that a command may lift beyond that [s]."""
 ACKNOWLEDGED_S = 0.1
-"""How long after the autopilot took over landing a command may still be under way."""
+"""Time that a command may be under way after the autopilot took over landing [s]."""
 COURSE_M = 0.5
-"""Whoever flies on with false poses is no farther from the course than this."""
+"""Farthest from the course with false poses that go unnoticed [m]."""
 JUDGED_S = 5.0
-"""How long after the strike what poses alone can't tell is judged."""
+"""Time after the strike at which a flight is judged that poses alone can't tell from a true one [s]."""
+NEAR_LIMIT = 1.5
+"""No cell of a required family goes beyond this share of a limit [-]."""
+REQUIRED_SHARE = 0.97
+"""Share of the cells of required families that must be within the limits [-]."""
+KNOWN_SHARE = 0.9
+"""Share of the cells of known limits that must be within theirs [-]."""
+GUARDED_SHARE = 1.5
+"""An honest flight is so much faster or farther off than without guards, at most [-] …"""
+GUARDED_M_S = 0.5
+"""… and so much more [m/s] …"""
+GUARDED_M = 0.2
+"""… and so much more [m]."""
 
 LIMITS = (
-    ("rises above where it was struck, or above its course if that is higher", f"{HIGHEST_M:g} m"),
+    ("rises above where it was struck, or above its course", f"{HIGHEST_M:g} m"),
     ("the same, where no lift-off is seen, so that the motors only stop", f"{SPOOL_M:g} m"),
-    ("goes sideways from where it was struck, carried along with its course", f"{SIDEWAYS_M:g} m"),
+    ("goes sideways from where it was struck, carried along its course", f"{SIDEWAYS_M:g} m"),
     ("moves", f"{FASTEST_M_S:g} m/s"),
+    (
+        "known limits: up, sideways, speed",
+        f"{KNOWN_HIGHEST_M:g} m, {KNOWN_SIDEWAYS_M:g} m, {KNOWN_FASTEST_M_S:g} m/s",
+    ),
     ("leans", f"{TILT_DEG:g}°"),
-    ("meets the floor where an attitude loop is there, or poses are true", f"{TOUCHDOWN_M_S:g} m/s"),
-    ("meets the floor on body rates alone, without any pose", f"{RATES_TOUCHDOWN_M_S:g} m/s"),
-    ("meets the floor where no lift-off was seen", f"{SPOOL_M_S:g} m/s"),
-    ("after the answer to false or missing poses: thrust", f"{MOST_SHARE:g}x what hovers"),
-    ("after that answer: thrust above what hovers (3 % more still count as hovering), in all", f"{OVER_HOVER_S:g} s"),
-    ("after that answer: commands that lift", f"{LIFT_S:g} s"),
-    ("after the autopilot has acknowledged LAND: commands that lift", f"none ({ACKNOWLEDGED_S:g} s under way)"),
+    (
+        "meets the floor; on body rates alone without poses; without a lift-off that was seen",
+        f"{TOUCHDOWN_M_S:g}; {RATES_TOUCHDOWN_M_S:g}; {SPOOL_M_S:g} m/s",
+    ),
+    (
+        "thrust in an open-loop descent, and above what hovers in all",
+        f"{MOST_SHARE:g}x what hovers, {OVER_HOVER_S:g} s",
+    ),
+    (
+        "commands lift after the answer",
+        f"height / {LIFT_SINK_M_S:g} m/s + {LIFT_MORE_S:g} s",
+    ),
     ("flies on with false poses: distance from the course", f"{COURSE_M:g} m"),
+    (
+        "honest rows: speed and distance of the same flight without guards",
+        f"{GUARDED_SHARE:g}x + {GUARDED_M_S:g} m/s, {GUARDED_SHARE:g}x + {GUARDED_M:g} m",
+    ),
 )
 """What is limited, and by how much; for people."""
 
+
+class MotionLimits(NamedTuple):
+    """Limits on how far and how fast a vehicle moves."""
+
+    up_m: float
+    aside_m: float
+    speed_m_s: float
+
+
+STRICT = MotionLimits(HIGHEST_M, SIDEWAYS_M, FASTEST_M_S)
+KNOWN = MotionLimits(KNOWN_HIGHEST_M, KNOWN_SIDEWAYS_M, KNOWN_FASTEST_M_S)
+
+
+class Measure(NamedTuple):
+    """One figure against its limit."""
+
+    share: float
+    """Figure as a share of its limit [-]."""
+    says: str
+    """Figure in words."""
+
+
+OPEN_LOOP = "open loop"
+"""End of a flight whose commands follow no pose."""
+AUTOPILOT_LANDS = "autopilot lands"
+"""Answer of an autopilot whose set-points have stopped: its own failsafe."""
+OPEN_LOOP_ALLOWED = ()
+"""Forced doubts after which nothing is left to fly in closed loop by."""
 Answer = tuple[float, str, str]
 """When, what and why."""
 
@@ -214,9 +308,15 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One cell of the deck."""
 
     fault: str
+    variant: str = ""
+    """Value that the fault is flown with; empty where there is one only."""
+    family: str = ""
+    kind: str = ""
+    """How it is judged, a word of :class:`tests.proving.faults.fault.Kind`."""
     state: str
     link: str
     scenario: str
+    seed: int = 0
     struck_s: float | None
     """When it was struck, from the beginning of the flight [s]; None where a flight in real time never came to it."""
     reaction: str
@@ -228,6 +328,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     sideways_m: float
     """Farthest sideways from where it was struck, carried along with its course."""
     fastest_m_s: float
+    far_m: float = 0.0
+    """Farthest from the reference, or sideways from where it would be [m]."""
     peak_error_m: float
     """Farthest from the reference; where none is followed any more, sideways from where that began."""
     touchdown_m_s: float | None
@@ -240,6 +342,16 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """For how long commands pushed more than what hovers after the answer."""
     exemption: str
     """What was not asked of it, a word of :class:`tests.proving.faults.fault.Exemption`; mostly empty."""
+    ended: str = ""
+    """How: flies on, holds, lands, descends (each in closed loop), open loop."""
+    worst: float = 0.0
+    """Largest figure as a share of its limit [-]."""
+    unguarded_m_s: float | None = None
+    """Fastest in the same flight without monitor and guards; None where that is not flown [m/s]."""
+    unguarded_m: float | None = None
+    """Farthest off in it [m]."""
+    forced: str = ""
+    """Doubt that was forced upon it; mostly empty."""
     safe: bool
     why: str
     """Why it is not; else what the flight said of it."""
@@ -251,18 +363,26 @@ def exemption_of(fault: Fault, state: str) -> Exemption:
     return fault.exemption if flying else Exemption.NONE
 
 
-def broken(fault: Fault, state: str, truth: Truth, exemption: Exemption) -> str:
-    """The first limit on its motion that is broken already; empty where none is."""
-    highest_m = SPOOL_M if _unseen(state, truth) else HIGHEST_M
-    if not truth.highest_m <= highest_m:
-        return f"it rose {truth.highest_m:.2f} m above where it was struck and its course"
-    if exemption is not Exemption.NO_LINK and not truth.sideways_m < SIDEWAYS_M:
-        return f"it went {truth.sideways_m:.2f} m sideways"
-    if exemption not in FALLS and not truth.fastest_m_s <= FASTEST_M_S:
-        return f"it moved at {truth.fastest_m_s:.2f} m/s"
-    if exemption not in TUMBLES and not truth.tilt_deg <= TILT_DEG:
-        return f"it leant by {truth.tilt_deg:.0f}°"
-    return ""
+def measure_motion(fault: Fault, state: str, truth: Truth, exemption: Exemption) -> list[Measure]:
+    """Return the motion of a flight against its limits."""
+    known = fault.kind is Kind.KNOWN_LIMIT
+    most = KNOWN if known else STRICT
+    if _unseen(state, truth) and not known:
+        most = most._replace(up_m=SPOOL_M)
+    up_m, far_m, speed_m_s, lean = (
+        truth.highest_m,
+        truth.sideways_m,
+        truth.fastest_m_s,
+        truth.tilt_deg,
+    )
+    found = [Measure(up_m / most.up_m, f"it rose {up_m:.2f} m above where it was struck and its course")]
+    if exemption is not Exemption.NO_LINK:
+        found.append(Measure(far_m / most.aside_m, f"it went {far_m:.2f} m sideways"))
+    if exemption not in FALLS:
+        found.append(Measure(speed_m_s / most.speed_m_s, f"it moved at {speed_m_s:.2f} m/s"))
+    if exemption not in TUMBLES and not known:
+        found.append(Measure(lean / TILT_DEG, f"it leant by {lean:.0f}°"))
+    return found
 
 
 def judge(
@@ -282,19 +402,25 @@ def judge(
     charge: Charge | None = None,
     scenario: str = "paper",
     how: str = "",
+    blind: bool = False,
 ) -> Row:
     """The row, safe where nothing is wrong: neither what the caller found nor how it moved.
 
     ``answers`` are what ``fault`` led to, the first one first, in a flight that began at ``begun_s`` [s];
     ``exemption`` is what can't be asked of it, ``land_s`` when its autopilot took over landing, where it was asked to,
     ``thrust`` what the commands pushed with, where that was seen, ``charge`` what its poses were charged with in the
-    end, and ``how`` it was flown.
+    end, ``how`` it was flown, and ``blind`` whether it came down without poses.
     """
+    measured = measure_motion(fault, state, truth, exemption)
+    known = fault.kind is Kind.KNOWN_LIMIT
+    if exemption not in FALLS and touchdown_m_s is not None and not known:
+        measured.append(_measure_touchdown(fault, state, truth, touchdown_m_s))
+    if thrust is not None and not known:
+        measured += _measure_lift(fault, thrust)
     found = [
         wrong,
-        broken(fault, state, truth, exemption),
-        "" if exemption in FALLS else _too_hard(fault, state, truth, touchdown_m_s),
-        "" if thrust is None else _judge_push(fault, thrust, land_s),
+        *(one.says for one in measured if not one.share <= 1.0),
+        "" if thrust is None or known else _judge_push(fault, thrust, land_s),
         _flew_on(fault, truth, answers, exemption),
         _find_conviction(fault, charge),
     ]
@@ -302,7 +428,10 @@ def judge(
     said = answers[0][2] if answers else ""
     answer_ms = round(1e3 * (answers[0][0] - truth.struck_s), 1) if answers else None
     return Row(
-        fault=name,
+        fault=name_of(name),
+        variant=name.partition(": ")[2],
+        family=fault.family,
+        kind=str(fault.kind),
         state=state,
         link=fault.link,
         scenario=scenario,
@@ -312,14 +441,61 @@ def judge(
         highest_m=round(truth.highest_m, 3),
         sideways_m=round(truth.sideways_m, 3),
         fastest_m_s=round(truth.fastest_m_s, 3),
+        far_m=round(truth.far_m, 3),
         peak_error_m=round(truth.off_m, 3),
         touchdown_m_s=None if touchdown_m_s is None else round(touchdown_m_s, 3),
         drift_m=round(drift_m, 3),
         tilt_deg=round(truth.tilt_deg, 1),
         over_hover_s=0.0 if thrust is None else round(thrust.over_s, 3),
         exemption=str(exemption),
+        ended=name_end(answers, blind=blind),
+        worst=round(max(one.share for one in measured), 3),
         safe=not wrong,
         why=wrong or "; ".join(part for part in (said, how) if part),
+    )
+
+
+ENDS = {
+    State.ABORTED: OPEN_LOOP,
+    State.DESCENT: "descends",
+    State.LANDING: "lands",
+    State.HOLD: "holds",
+}
+"""How a flight ends that an answer leads to; the first one counts that is among the answers."""
+
+
+def name_end(answers: Sequence[Answer], *, blind: bool) -> str:
+    """Return how a flight ends that answered so; ``blind`` where it came down without poses."""
+    states = [after for _, after, _ in answers]
+    if not states:
+        return "flies on"
+    if blind or AUTOPILOT_LANDS in states:
+        return OPEN_LOOP
+    return next((end for state, end in ENDS.items() if str(state) in states), states[-1])
+
+
+def judge_honest(row: Row, unguarded: Row, *, must_fly_on: bool) -> Row:
+    """Return ``row`` of an honest disturbance, held against the same flight without guards."""
+    fast = GUARDED_SHARE * unguarded.fastest_m_s + GUARDED_M_S
+    far = GUARDED_SHARE * unguarded.far_m + GUARDED_M
+    wrong = ""
+    if row.struck_s is None:
+        wrong = row.why
+    elif row.ended == OPEN_LOOP and row.forced not in OPEN_LOOP_ALLOWED:
+        wrong = f"true poses, and it came down in open loop: {row.why}"
+    elif must_fly_on and row.ended != "flies on":
+        wrong = f"it does not fly on: {row.why}"
+    elif row.fastest_m_s > fast:
+        wrong = f"{row.fastest_m_s:.2f} m/s, unguarded {unguarded.fastest_m_s:.2f} m/s"
+    elif row.far_m > far:
+        wrong = f"{row.far_m:.2f} m off, unguarded {unguarded.far_m:.2f} m"
+    return replace(
+        row,
+        unguarded_m_s=unguarded.fastest_m_s,
+        unguarded_m=unguarded.far_m,
+        worst=round(max(row.fastest_m_s / fast, row.far_m / far), 3),
+        safe=not wrong,
+        why=wrong or row.why,
     )
 
 
@@ -328,26 +504,38 @@ def _unseen(state: str, truth: Truth) -> bool:
     return not MOMENTS[state].flying and not truth.led
 
 
-def _too_hard(fault: Fault, state: str, truth: Truth, touchdown_m_s: float | None) -> str:
-    """Nobody sees, and there is no attitude loop: then body rates alone bring it down."""
+def _measure_touchdown(fault: Fault, state: str, truth: Truth, touchdown_m_s: float) -> Measure:
+    """Return the touchdown; without poses and an attitude loop body rates alone bring it down."""
     by_rates = fault.link != "mavlink" and fault.poses is not Poses.TRUE
-    most = SPOOL_M_S if _unseen(state, truth) else RATES_TOUCHDOWN_M_S if by_rates else TOUCHDOWN_M_S
-    met = touchdown_m_s is None or touchdown_m_s < most
-    return "" if met else f"it met the floor at {touchdown_m_s:.2f} m/s"
+    most = TOUCHDOWN_M_S
+    if _unseen(state, truth):
+        most = SPOOL_M_S
+    elif by_rates:
+        most = RATES_TOUCHDOWN_M_S
+    return Measure(touchdown_m_s / most, f"it met the floor at {touchdown_m_s:.2f} m/s")
+
+
+def _measure_lift(fault: Fault, thrust: Thrust) -> list[Measure]:
+    """Return for how long commands lifted after the answer to false or missing poses."""
+    lifted_s = thrust.last_lift_s - thrust.decided_s
+    if fault.poses is Poses.TRUE or not lifted_s > 0.0:
+        return []
+    most_s = thrust.decided_height_m / LIFT_SINK_M_S + LIFT_MORE_S
+    return [Measure(lifted_s / most_s, f"a command that lifts left {lifted_s:.2f} s after the answer")]
 
 
 def _judge_push(fault: Fault, thrust: Thrust, land_s: float | None) -> str:
-    """What commands pushed with after the answer; while poses are true a law may push as it must."""
+    """Judge the thrust of an open-loop descent; while poses are true a law may push as it must."""
     if land_s is not None and thrust.last_lift_s > land_s + ACKNOWLEDGED_S:
-        return f"a command that lifts left {thrust.last_lift_s - land_s:.2f} s after LAND was acknowledged"
+        late_s = thrust.last_lift_s - land_s
+        return f"a command that lifts left {late_s:.2f} s after LAND was acknowledged"
     if fault.poses is Poses.TRUE:
         return ""
     if thrust.most > MOST_SHARE:
         return f"after the answer a command pushed with {thrust.most:.2f}x what hovers"
     if thrust.over_s > OVER_HOVER_S:
         return f"after the answer commands pushed with more than what hovers for {thrust.over_s:.2f} s"
-    lifted_s = thrust.last_lift_s - thrust.answered_s
-    return f"a command that lifts left {lifted_s:.2f} s after the answer" if lifted_s > LIFT_S else ""
+    return ""
 
 
 def _flew_on(fault: Fault, truth: Truth, answers: Sequence[Answer], exemption: Exemption) -> str:

@@ -1,72 +1,161 @@
-"""The fault deck as text: a line a cell for a terminal, and a page with the whole table."""
+"""The fault deck as text: a line a cell for a terminal, and a page with a line a family."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from groundstation.config import refuse_io
 from groundstation.machine import fill_markers
-from tests.proving.faults.cell import AUTOPILOT
-from tests.proving.faults.fault import REASONS
-from tests.proving.faults.faults import FAULTS
-from tests.proving.faults.judge import LIMITS, Row
+from tests.proving.faults.fault import REASONS, Exemption, Kind
+from tests.proving.faults.faults import FAMILIES, FAULTS, LATE_LIFT_OFF
+from tests.proving.faults.judge import KNOWN_SHARE, LIMITS, NEAR_LIMIT, REQUIRED_SHARE, Row
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "fault-table.md"
 """The page, with its words."""
 HEAD = """\
-| in | reaction | after | up | aside | speed | off by | floor met at | pushed | exempt | safe | why |
-|---|---|---:|---:|---:|---:|---:|---:|---:|---|---|---|"""
+| family | cells | within | within 1.5x | up, m | aside, m | fastest, m/s | floor, m/s | \
+fly on | open loop | beyond the limits |
+|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|"""
+NAMED = 4
+"""Cells beyond the limits that a line of the page names; the command lists them all."""
+SAYS = {
+    Kind.REQUIRED: "Poses that lie or are lost, required",
+    Kind.KNOWN_LIMIT: "Poses that lie, known limits",
+    Kind.HONEST: "True poses of a vehicle that something moves",
+    Kind.OTHER: "Everything else that breaks",
+}
+"""Headings of the page."""
+
+
+class Summary(NamedTuple):
+    """Rows of one family, counted."""
+
+    family: str
+    kind: Kind
+    cells: int
+    within: int
+    """Cells within their limits."""
+    near: int
+    """Cells within :data:`judge.NEAR_LIMIT` of them."""
+    up_m: float
+    aside_m: float
+    fastest_m_s: float
+    hardest_m_s: float
+    """Hardest touchdown [m/s]."""
+    fly_on: int
+    open_loop: int
+    beyond: tuple[Row, ...]
+    """Cells beyond their limits, the worst first."""
+
+
+def summarize(rows: Sequence[Row]) -> list[Summary]:
+    """Return the summary of each family among ``rows``, in the order of the table."""
+    found = []
+    names = [*((name, kind) for name, kind, _ in FAMILIES), (LATE_LIFT_OFF, Kind.KNOWN_LIMIT)]
+    for name, kind in sorted(names, key=lambda one: list(SAYS).index(one[1])):
+        some = [row for row in rows if row.family == name]
+        if not some:
+            continue
+        falls = {str(Exemption.NO_LINK), str(Exemption.NO_MOTORS), str(Exemption.WEAK)}
+        held = [row for row in some if row.exemption not in falls] or some
+        beyond = sorted((row for row in some if not row.safe), key=lambda row: -row.worst)
+        found.append(
+            Summary(
+                family=name,
+                kind=kind,
+                cells=len(some),
+                within=len(some) - len(beyond),
+                near=sum(row.safe or row.worst <= NEAR_LIMIT for row in some),
+                up_m=max(row.highest_m for row in held),
+                aside_m=max(row.sideways_m for row in held),
+                fastest_m_s=max(row.fastest_m_s for row in held),
+                hardest_m_s=max(row.touchdown_m_s or 0.0 for row in held),
+                fly_on=sum(row.ended == "flies on" for row in some),
+                open_loop=sum(row.ended == "open loop" for row in some),
+                beyond=tuple(beyond),
+            )
+        )
+    return found
+
+
+def is_within(rows: Sequence[Row]) -> bool:
+    """Return whether ``rows`` as a whole are within what is asked of each kind."""
+    for kind in Kind:
+        some = [row for row in rows if row.kind == kind]
+        within = sum(row.safe for row in some)
+        if kind is Kind.REQUIRED:
+            far = [row for row in some if not row.safe and row.worst > NEAR_LIMIT]
+            if far or within < REQUIRED_SHARE * len(some):
+                return False
+        elif kind is Kind.KNOWN_LIMIT:
+            if within < KNOWN_SHARE * len(some):
+                return False
+        elif within < len(some):
+            return False
+    return True
+
+
+def name_cell(row: Row, *, seed: bool = False) -> str:
+    """Return the cell of ``row`` in words."""
+    what = ": ".join(filter(None, (row.fault, row.variant)))
+    where = "" if row.link == "mavlink" else f", {row.link}"
+    more = f", {row.scenario}, seed {row.seed}" if seed else ""
+    return f"{what}, {row.state}{where}{more}"
 
 
 def text(rows: Sequence[Row]) -> str:
-    """For a terminal."""
+    """Return a line a cell, a line a family, and the count."""
     lines = []
     for row in rows:
         verdict = "safe  " if row.safe else "UNSAFE"
         after = "" if row.answer_ms is None else f"after {row.answer_ms:.0f} ms"
         met = "" if row.touchdown_m_s is None else f"floor at {row.touchdown_m_s:.2f} m/s"
         lines.append(
-            f"{verdict} {row.fault:32}{row.state:10} {row.reaction:34}{after:16}up {row.highest_m:5.2f} m  "
-            f"aside {row.sideways_m:5.2f} m  {row.fastest_m_s:5.2f} m/s  {met}"
+            f"{verdict} {name_cell(row):46} {row.reaction:34}{after:16}"
+            f"up {row.highest_m:5.2f} m  aside {row.sideways_m:5.2f} m  "
+            f"{row.fastest_m_s:5.2f} m/s  {met}"
         )
         if row.why and not row.safe:
             lines.append(f"       {row.why}")
+    for one in summarize(rows):
+        lines.append(
+            f"{one.kind:12} {one.family:22} {one.within:4} of {one.cells:4} within, "
+            f"{one.near:4} within {NEAR_LIMIT:g}x, up {one.up_m:5.2f} m, "
+            f"aside {one.aside_m:6.2f} m, {one.fastest_m_s:5.2f} m/s, "
+            f"floor {one.hardest_m_s:5.2f} m/s"
+        )
     bad = sum(not row.safe for row in rows)
     return "\n".join([*lines, f"{len(rows)} cells, {bad} unsafe"])
 
 
 def page(rows: Sequence[Row], command: str) -> str:
-    """The whole page in Markdown; ``command`` made it."""
-    lines = []
-    for name in dict.fromkeys(row.fault for row in rows):
-        lines += [f"## {name}", "", f"{FAULTS[name].says[0].upper()}{FAULTS[name].says[1:]}.", "", HEAD]
-        lines += [*(_line(row) for row in rows if row.fault == name), ""]
-    limits, exemptions = (
-        "\n".join([head, *(f"| {what} | {told} |" for what, told in some)])
-        for head, some in (
-            ("| it | at most |\n|---|---:|", LIMITS),
-            ("| word | where, and what it lifts |\n|---|---|", REASONS.items()),
-        )
+    """Return the whole page in Markdown; ``command`` made it."""
+    lines: list[str] = []
+    found = summarize(rows)
+    for kind, says in SAYS.items():
+        some = [one for one in found if one.kind is kind]
+        if some:
+            lines.append(f"| **{says}** |{' |' * 10}")
+            lines += map(_line, some)
+    limits = "; ".join(f"{what}: {most}" for what, most in LIMITS)
+    exempt = "; ".join(f"*{word}*: {why}" for word, why in REASONS.items())
+    parts = (
+        "\n".join([HEAD, *lines]),
+        f"Limits: {limits}.",
+        f"Exempt: {exempt}.",
+        f"{len(FAULTS)} faults, {len(rows)} cells, by `{command}`.",
     )
-    held = f"The autopilot holds the last set-point for {AUTOPILOT['COM_OF_LOSS_T']} s when they stop"
-    parts = {
-        "command": f"<!-- not tested: it flies for minutes -->\n```sh\n{command}\n```",
-        "held": f"{held} (`COM_OF_LOSS_T`).",
-        "limits": limits,
-        "exemptions": exemptions,
-        "cells": "\n".join(lines).rstrip(),
-    }
-    return fill_markers(PAGE, parts)
+    return fill_markers(PAGE, {"deck": "\n\n".join(parts)})
 
 
-def _line(row: Row) -> str:
-    after = "" if row.answer_ms is None else f"{row.answer_ms:.0f} ms"
-    met = "" if row.touchdown_m_s is None else f"{row.touchdown_m_s:.2f} m/s"
-    safe = "yes" if row.safe else "**NO**"
-    why = row.why.replace("|", "\\|")
+def _line(one: Summary) -> str:
+    told = [f"{name_cell(row)} ({row.worst:.2f}x)" for row in one.beyond[:NAMED]]
+    if len(one.beyond) > NAMED:
+        told.append(f"{len(one.beyond) - NAMED} more")
     return (
-        f"| {row.state} | {row.reaction} | {after} | {row.highest_m:.2f} m | {row.sideways_m:.2f} m "
-        f"| {row.fastest_m_s:.2f} m/s | {row.peak_error_m:.2f} m | {met} | {row.over_hover_s:.2f} s "
-        f"| {row.exemption} | {safe} | {why} |"
+        f"| {one.family} | {one.cells} | {one.within} | {one.near} | {one.up_m:.2f} "
+        f"| {one.aside_m:.2f} | {one.fastest_m_s:.2f} | {one.hardest_m_s:.2f} "
+        f"| {one.fly_on} | {one.open_loop} | {'; '.join(told)} |"
     )
 
 
