@@ -49,3 +49,4 @@ from groundstation.config.loader import (
     without_frames,
     write_value,
 )
+from groundstation.config.retired import RETIRED_KEYS, RetiredKeyWarning

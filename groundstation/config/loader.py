@@ -28,6 +28,8 @@ import msgspec
 import tomli_w
 from msgspec import inspect as mi
 
+from groundstation.config.retired import drop_retired_keys
+
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
@@ -773,13 +775,15 @@ def from_dict(
 
     The value of an override is TOML (``3.5``, ``true``, ``[1, 2]``, ``"text"``), or else a string as it stands. One
     that gives a section another kind leaves out what ``data`` says there for the old kind alone.
-    Files that a section names are relative to ``folder``.
+    Files that a section names are relative to ``folder``. Keys of earlier versions are left out, with a warning.
 
     Raises:
         ConfigError: an unknown key, a missing one, or a value outside its type or bounds; NaN and infinity always.
     """
-    changed: dict[str, Any] = dict(data)
+    data = drop_retired_keys(data, source)
+    changed = dict(data)
     set_paths = [_override(changed, text) for text in overrides]
+    changed = drop_retired_keys(changed, "--set")
     told = _switch(root, data, changed, set_paths)
     try:
         whole = complete(root, with_files(root, changed, folder))
@@ -821,6 +825,8 @@ def _override(data: dict[str, Any], text: str) -> KeyPath:
     path = tuple(part.strip() for part in key.split("."))
     if not equals or not all(path):
         raise ConfigError("--set", f"expected key=value, such as vehicle.mass_kg=0.08, got {text!r}")
+    if len(path) > DEEPEST:
+        raise ConfigError("--set", TOO_DEEP)
     table = data
     for part in path[:-1]:
         inner = table.get(part)

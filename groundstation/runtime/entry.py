@@ -150,8 +150,19 @@ def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
         return Exit.USAGE
     args = parser.parse_args()
     # Only now: --help must not wait for what a command needs.
-    from groundstation.config import ArgumentError, ConfigError, UserCodeFault
+    import warnings
 
+    from groundstation.config import ArgumentError, ConfigError, RetiredKeyWarning, UserCodeFault
+
+    show = warnings.showwarning
+
+    def show_advice(message: "Warning | str", category: type[Warning], *where: "Any", **more: "Any") -> None:
+        if issubclass(category, RetiredKeyWarning):
+            print(f"{parser.prog}: {message}", file=sys.stderr)
+        else:
+            show(message, category, *where, **more)
+
+    warnings.showwarning = show_advice
     try:
         does = getattr(importlib.import_module(commands), args.command.replace("-", "_"))
         return int(does(args))
@@ -169,6 +180,8 @@ def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
     except KeyboardInterrupt:
         print(f"{parser.prog}: interrupted", file=sys.stderr)
         return Exit.INTERRUPTED
+    finally:
+        warnings.showwarning = show
 
 
 def _hush() -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config import ConfigError, dump, from_dict, load
+from groundstation.config import RETIRED_KEYS, ConfigError, RetiredKeyWarning, dump, from_dict, keys_of, load
 from groundstation.core.trajectory.port import HoldConfig
 from groundstation.core.trajectory.shapes import CircleConfig
 from groundstation.lab import read_fleet
@@ -373,6 +373,33 @@ def test_a_key_a_password_or_a_certificate_is_beside_the_configuration_wherever_
     (tmp_path / "again.toml").write_text(dump(config))
     assert load(tmp_path / "again.toml", Keys) == config
     assert load(file, Keys, ["mqtt.key_file=z.key"]).mqtt.key_file == "z.key"
+
+
+ADVICE = {"vehicle.arm_length_m": "The mixer needs none.", "pilot": "Its limits are in [guards]."}
+
+
+def test_a_key_of_an_earlier_version_is_ignored_with_a_word_of_advice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for key, advice in ADVICE.items():
+        monkeypatch.setitem(RETIRED_KEYS, key, advice)
+    file = tmp_path / "old.toml"
+    file.write_text("[vehicle]\narm_length_m = 0.1\narms = 3\n[pilot]\nx = 1\n")
+    with pytest.warns(RetiredKeyWarning) as told:
+        assert load(file, Root).vehicle == Vehicle(arms=3)
+    assert [str(each.message) for each in told] == [
+        f"{file}: vehicle.arm_length_m: no longer used, ignored. The mixer needs none.",
+        f"{file}: pilot: no longer used, ignored. Its limits are in [guards].",
+    ]
+    with pytest.warns(RetiredKeyWarning, match=r"--set: vehicle\.arm_length_m: no longer used"):
+        assert load(None, Root, ["vehicle.arm_length_m=2"]) == Root()
+    with pytest.raises(ConfigError, match=r"vehicle\.arm_lengt_m: unknown key"):
+        from_dict({"vehicle": {"arm_lengt_m": 1}}, Root)
+
+
+def test_no_key_that_is_read_is_retired() -> None:
+    known = keys_of(Config)
+    assert [key for key in RETIRED_KEYS if any(f"{one}.".startswith(f"{key}.") for one in known)] == []
 
 
 DEEP = ".".join(["a"] * 3_000)

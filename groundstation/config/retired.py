@@ -1,0 +1,39 @@
+"""Keys that configurations of earlier versions have, and what to do about each.
+
+A file or a recording that has one loads: the key is left out, and the advice is shown once.
+"""
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+RETIRED_KEYS: dict[str, str] = {}
+"""Dotted key (``guards.tilt_share``), or a section with all its keys (``pilot``), to one sentence of advice."""
+
+
+class RetiredKeyWarning(UserWarning):
+    """A configuration has a key that this version no longer reads."""
+
+
+def drop_retired_keys(
+    data: Mapping[str, Any], source: str = "", advice: Mapping[str, str] = RETIRED_KEYS, section: str = ""
+) -> dict[str, Any]:
+    """``data`` without the keys that ``advice`` names; a :class:`RetiredKeyWarning` for each of them.
+
+    Args:
+        data: a configuration, or its table ``section``.
+        source: the file's name, for the warning.
+        advice: dotted key to advice.
+        section: the dotted key of ``data`` with a dot behind it; empty for the whole.
+    """
+    kept: dict[str, Any] = {}
+    for key, value in data.items():
+        dotted = f"{section}{key}"
+        if dotted in advice:
+            words = f"{dotted}: no longer used, ignored. {advice[dotted]}"
+            warnings.warn(f"{source}: {words}" if source else words, RetiredKeyWarning, stacklevel=2)
+        elif isinstance(value, Mapping):
+            kept[key] = drop_retired_keys(value, source, advice, f"{dotted}.")
+        else:
+            kept[key] = value
+    return kept
