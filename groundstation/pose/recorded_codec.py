@@ -95,7 +95,7 @@ class TlogReader:
 
     @property
     def dropped(self) -> Counter[str]:
-        """By reason: truncated (a last record cut off), bad_crc, malformed, unknown (frames), garbage (bytes)."""
+        """By reason: truncated (a last record cut off), bad_crc, unknown (frames), garbage (bytes)."""
         return self._codec.dropped
 
     def __iter__(self) -> Iterator[TlogRecord]:

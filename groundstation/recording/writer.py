@@ -35,13 +35,14 @@ from groundstation.recording.records import (
     HeadlineCounter,
     LineRecord,
     LossRecord,
+    Peer,
     ReceivedRecord,
     Record,
     SentRecord,
     WireRecord,
 )
 from groundstation.runtime import __version__
-from links.mavlink.protocol import frame_end
+from links.mavlink.protocol import MOST_SENDERS, frame_end
 
 CHUNK_BYTES = 1 << 20
 """A chunk is closed at the latest when it has grown longer."""
@@ -351,17 +352,20 @@ _LONGEST_FRAME = 293
 class TlogCutter:
     """Cuts the bytes of one direction into the records of a .tlog. Sans-IO."""
 
-    def __init__(self, *, datagrams: bool) -> None:
-        """``datagrams``: bytes come in whole frames; on a stream they may be cut anywhere."""
-        self._datagrams = datagrams
-        self._pending = b""
+    def __init__(self) -> None:
+        self._unfinished: dict[Peer, bytes] = {}
 
-    def records(self, data: bytes, stamp_ns: int) -> bytes:
-        """The records of the frames that ``data`` brings to an end at ``stamp_ns`` [ns since 1970]."""
+    def records(self, data: bytes, stamp_ns: int, peer: Peer = None) -> bytes:
+        """The records of the frames that ``data`` brings to an end at ``stamp_ns`` [ns since 1970].
+
+        With a ``peer``, ``data`` is a datagram to or from that address, whose bytes are a stream of
+        their own. A datagram that is one whole frame ends what was unfinished there.
+        """
         stamp = (stamp_ns // 1000).to_bytes(8, "big")
-        if not self._pending and data and frame_end(data, 0) == len(data):  # as nearly every datagram is
+        unfinished = self._unfinished.pop(peer, b"")
+        if data and frame_end(data, 0) == len(data) and (peer is not None or not unfinished):
             return stamp + data
-        data = self._pending + data
+        data = unfinished + data
         found = bytearray()
         start, size = 0, len(data)
         while start < size:
@@ -373,7 +377,11 @@ class TlogCutter:
                 start = end
             else:
                 start += 1
-        self._pending = b"" if self._datagrams else data[start : start + _LONGEST_FRAME]
+        rest = data[start : start + _LONGEST_FRAME]
+        if rest:
+            self._unfinished[peer] = rest
+            if len(self._unfinished) > MOST_SENDERS:
+                self._unfinished.pop(next(iter(self._unfinished)))
         return bytes(found)
 
 
@@ -495,10 +503,9 @@ class FlightLog:
                 self._count.count_command(tick.flight_time_s, error)
             case PoseRecord():
                 self._count.count_pose()
-            case WireRecord(_, wire, kind, local, remote):
+            case WireRecord(_, wire, _, local, remote):
                 if self._mavlink and self._mavlink in (address(local), address(remote)):
-                    datagrams = kind == "udp"
-                    self._cutters[wire] = TlogCutter(datagrams=datagrams), TlogCutter(datagrams=datagrams)
+                    self._cutters[wire] = TlogCutter(), TlogCutter()
             case LineRecord(_, state, text):
                 self._count.enter_state(state, text)
             case EndRecord(_, state, reason):
@@ -515,7 +522,8 @@ class FlightLog:
                 self._cutters.clear()
                 return
         cutter = self._cutters[record.wire][type(record) is SentRecord]
-        self._tlog.write(cutter.records(record.data, self._messages.stamp(record.time_s)))
+        stamp_ns = self._messages.stamp(record.time_s)
+        self._tlog.write(cutter.records(record.data, stamp_ns, record.peer))
 
 
 def about_texts(about: About) -> dict[str, str]:

@@ -592,8 +592,7 @@ class Contact:
         if known is not None and source != known and (self._keeper.owes() or not self.heard.is_silent(now)):
             self._dropped["other_address"] += 1
             return
-        read = self.codec.feed_datagram if wire.datagrams else self.codec.feed
-        for message in read(data):
+        for message in self.codec.feed(data, source if wire.datagrams else None):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
                 self._dropped["other_system"] += 1
                 self.heard_vision = self.heard_vision or message.get_type() in VISION

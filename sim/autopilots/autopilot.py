@@ -597,7 +597,7 @@ class SimulatedAutopilot(Dialect):
     def receive(self, datagram: bytes, now_s: float) -> list[bytes]:
         """Take one datagram; returns frames to send back."""
         frames: list[bytes] = []
-        for message in self.codec.feed_datagram(datagram):
+        for message in self.codec.feed(datagram, "station"):
             frames += self._take(message, now_s)
         return frames
 

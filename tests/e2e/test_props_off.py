@@ -150,7 +150,7 @@ def armed(room: Room) -> bool:
             end.settimeout(10.0)
             codec = MavlinkCodec(9, 1)
             while True:
-                for message in codec.feed_datagram(end.recv(2048)):
+                for message in codec.feed(end.recv(2048)):
                     if message.get_type() == "HEARTBEAT":
                         return bool(message.base_mode & ARMED)
 

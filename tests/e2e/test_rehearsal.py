@@ -100,7 +100,7 @@ def test_a_flight_is_rehearsed_with_a_mistake_a_second_station_and_the_word_in_t
             flown = station(file, "fly", "--arm", "rehearsal")
             heard, codec = set(), MavlinkCodec(255, 190)
             for _ in range(100):
-                heard |= {message.get_type() for message in codec.feed_datagram(other.recv(2048))}
+                heard |= {message.get_type() for message in codec.feed(other.recv(2048))}
     lines = flown.stdout.splitlines()
     assert flown.returncode == 0 and lines[-1].endswith("landed: landed and disarmed")
     assert all(line.startswith("REHEARSAL ") for line in lines)

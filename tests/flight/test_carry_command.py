@@ -88,7 +88,7 @@ class Room:
 
     def _tap(self, _time_s: float, source: tuple[str, int], _target: tuple[str, int], data: bytes) -> None:
         if source[1] == 14540:
-            self.sent |= {message.get_type() for message in self._reader.feed_datagram(data)}
+            self.sent |= {message.get_type() for message in self._reader.feed(data)}
 
     async def _track(self) -> None:
         loop = asyncio.get_running_loop()

@@ -281,7 +281,7 @@ def test_the_bytes_hold_what_each_autopilot_wants() -> None:
     codec = MavlinkCodec(245, 190)
     for kind, speed in ((PX4, None), (ARDUPILOT, (0.1, 0.2, 0.3))):
         frame = odometry(codec, kind, told)
-        (message,) = MavlinkCodec(1, 1).feed_datagram(frame)
+        (message,) = MavlinkCodec(1, 1).feed(frame)
         assert (message.frame_id, message.child_frame_id, message.estimator_type) == (20, 12, 2)
         assert message.time_usec == 12_500_000
         assert message.reset_counter == 300 & 0xFF

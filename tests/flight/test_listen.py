@@ -37,7 +37,7 @@ def watched(
 
     def tap(_time_s: float, a: tuple[str, int], b: tuple[str, int], data: bytes) -> None:
         if a[1] == AUTOPILOT_ADDRESS:
-            sent.update(message.get_type() for message in reader.feed_datagram(data))
+            sent.update(message.get_type() for message in reader.feed(data))
 
     async def main() -> PoseStreamSummary:
         loop = asyncio.get_running_loop()

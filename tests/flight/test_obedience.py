@@ -172,10 +172,7 @@ def test_poses_that_end_a_flight_end_what_the_autopilot_is_told_of_them_and_no_l
     cell = flown("frozen", "tracking", FORWARDS)
     codec = MavlinkCodec(1, 1)
     left = [
-        (one.time_s, message)
-        for one in cell.records
-        if isinstance(one, SentRecord)
-        for message in codec.feed_datagram(one.data)
+        (one.time_s, message) for one in cell.records if isinstance(one, SentRecord) for message in codec.feed(one.data)
     ]
     forwarded_s = [time_s for time_s, message in left if message.get_type() == "ODOMETRY"]
     assert cell.ended_s - 0.05 < forwarded_s[-1] <= cell.ended_s

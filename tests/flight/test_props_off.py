@@ -58,7 +58,7 @@ def held(
 
         def tap(time_s: float, source: Any, _: Any, data: bytes) -> None:
             if source[1] == 14540:
-                frames = codec.feed_datagram(data)
+                frames = codec.feed(data)
                 bench.thrusts += [(time_s, m.thrust) for m in frames if m.get_type() == "SET_ATTITUDE_TARGET"]
 
         loop.tap = tap

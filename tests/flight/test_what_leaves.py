@@ -23,7 +23,7 @@ from links.core.deadman import BRING_DOWN_LIMIT_S, DEADLINE_LIMIT_S
 from links.mavlink import MavlinkLinkConfig
 from links.mavlink.connection import HEARTBEAT_S
 from links.mavlink.protocol import procedures
-from links.mavlink.protocol.codec import ESTIMATE_OLD_S
+from links.mavlink.protocol.autopilot_state import ESTIMATE_OLD_S
 from links.rf import LOOK_S, Channels, DsmLinkConfig, StandbyWatch
 from links.rf.pacer import AFTERLIFE_S
 from links.rf.pacer_standby import PREPARE_S

@@ -109,7 +109,7 @@ class TruthReceiver(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one frame (called by the event loop)."""
-        for message in self._codec.feed_datagram(data):
+        for message in self._codec.feed(data):
             match message.get_type():
                 case "HIL_STATE_QUATERNION":
                     where = 1e-7 * message.lat, 1e-7 * message.lon, 1e-3 * message.alt

@@ -35,7 +35,7 @@ from groundstation.pose.sources import (
     natnet_codec,
 )
 from links.core import Command
-from links.mavlink.protocol import DIALECT, MavlinkCodec, Message
+from links.mavlink.protocol import MavlinkCodec, Message, load_dialect
 from links.rf import RF_CODECS
 from sim.trackers import NatNetServer, QtmServer, TrackedBody, json_encoder, vicon_encoder, vision_encoder
 
@@ -124,7 +124,7 @@ class MessageReader:
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
         """The poses that ``datagram`` completes."""
-        made = (self._decoder.decode(message, arrival_s) for message in self._codec.feed_datagram(datagram))
+        made = (self._decoder.decode(message, arrival_s) for message in self._codec.feed(datagram, "sender"))
         return [pose for pose in made if pose is not None]
 
 
@@ -257,11 +257,11 @@ def repair_mavlink(frame: bytes) -> bytes:
     if len(frame) < 12:
         return frame
     number = int.from_bytes(frame[7:10], "little")
-    message = DIALECT.kind(number)
+    message = load_dialect().mavlink_map.get(number)
     if message is None:
         return frame
     body = bytes([min(len(frame) - 12, 255)]) + b"\0" + frame[3:-2][:263]
-    return b"\xfd" + body + mcrf4xx(body + message.crc_byte).to_bytes(2, "little")
+    return b"\xfd" + body + mcrf4xx(body + bytes([message.crc_extra])).to_bytes(2, "little")
 
 
 SOURCES: dict[str, Callable[[], Subject]] = {
@@ -446,7 +446,7 @@ def read_mavlink() -> Subject:
     seeds = [datagram for name in ("odometry", "local_position", "vision") for datagram in FLIGHTS[name](15)[1]]
     seeds += [theirs.heartbeat(), theirs.command(1, 1, 400, 1.0)]
     return Subject(
-        seeds, lambda data, now: len(codec.feed_datagram(data)), lambda: codec.dropped, repair_mavlink, _decode_mavlink
+        seeds, lambda data, now: len(codec.feed(data, "sender")), lambda: codec.dropped, repair_mavlink, _decode_mavlink
     )
 
 

@@ -47,7 +47,7 @@ def test_a_million_broken_datagrams_leave_nothing_in_the_mavlink_stream() -> Non
     before = tracemalloc.get_traced_memory()[0]
     for _ in range(DATAGRAMS):
         broken = mutated(draw.choice(originals), draw)
-        codec.feed_datagram(broken)
+        codec.feed(broken)
         codec.feed(broken)
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()

@@ -92,7 +92,7 @@ def read_stretch(path: Path) -> FlightStretch:
                 poses.append((value["time_s"], value["reset_count"], on, *place))
                 vehicle.latency.pose(Pose(0, value["time_s"], value["arrival_s"], place[:3], place[3:]))
             case "/raw/received":
-                vehicle.receive(value["time_s"], value["wire"], b64decode(value["data"]))
+                vehicle.receive(value["time_s"], value["wire"], value["peer"] or None, b64decode(value["data"]))
             case _:
                 on = entry.topic == "/command" and state == State.TRACKING and value["flight_time_s"] >= 0.0
                 w = value["rates_rad_s"]
@@ -134,11 +134,11 @@ class _OwnAttitude:
             None if found is None else (found[0], math.hypot(found[1], 0.0 if trip is None else trip.rtt_s / ROOT_12))
         )
 
-    def receive(self, time_s: float, wire: int, data: bytes) -> None:
-        """Bytes that came at ``time_s`` [s]."""
+    def receive(self, time_s: float, wire: int, peer: str | None, data: bytes) -> None:
+        """Bytes that came at ``time_s`` [s] by ``wire``; ``peer`` is the sender's address, None on a stream."""
         if wire not in self._codecs:
             self._codecs[wire] = MavlinkCodec(255, 190)
-        for message in self._codecs[wire].feed(data):
+        for message in self._codecs[wire].feed(data, peer):
             if message.get_type() == "TIMESYNC" and message.tc1 > 0:
                 trip_s = max(time_s - 1e-9 * message.ts1, 0.0)
                 if trip_s <= LONGEST_S:  # it answers us

@@ -105,4 +105,18 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     def build(self, others: Others | None = None) -> DatagramSource:
         """The source of this config; it shows no ``others``."""
         intake = Intake(self.latency_s, frames_of(self))
-        return DatagramSource("MAVLink poses", self.listen, VisionReader(intake, self.system_id))
+        return VisionSource(self.listen, VisionReader(intake, self.system_id))
+
+
+class VisionSource(DatagramSource):
+    """Poses of a bridge, whose frames may be cut over datagrams."""
+
+    def __init__(self, listen: str, reader: VisionReader) -> None:
+        """Poses come to ``listen`` (host:port); nothing is opened yet."""
+        super().__init__("MAVLink poses", listen, reader)
+        self._frames = reader
+
+    def datagram_received(self, data: bytes, addr: object) -> None:
+        """Take one datagram (called by the event loop)."""
+        self._frames.sender = addr
+        super().datagram_received(data, addr)

@@ -162,6 +162,8 @@ class VisionReader:
         self._codec.dropped = intake.dropped  # one account for both
         self._intake = intake
         self._system = system_id
+        self.sender: object = "a bridge"
+        """The address of the next datagram: each sender's bytes are one stream."""
 
     @property
     def status(self) -> PoseStatus:
@@ -171,7 +173,7 @@ class VisionReader:
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
         """The poses in ``datagram``."""
         poses = []
-        for m in self._codec.feed_datagram(datagram):
+        for m in self._codec.feed(datagram, self.sender):
             if m.get_type() != VISION:
                 self._intake.drop("other_message")
             elif self._system not in (None, m.get_srcSystem()):

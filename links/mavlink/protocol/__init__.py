@@ -1,31 +1,26 @@
 """What is said in MAVLink, sans-IO: codec, signing, clocks, status, parameters, and the procedures of an autopilot."""
 
+from links.mavlink.protocol.autopilot_state import STALE_NEWS_S, HeartbeatMonitor, Vitals, Words
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
     ARM_DISARM,
     ARMED,
-    DIALECT,
     DO_SET_MODE,
     FORCE,
     GROUND_STATION,
     INVALID,
+    MOST_SENDERS,
     NAV_LAND,
     PX4,
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
-    STALE_NEWS_S,
-    TICKS_PER_S,
-    HeartbeatMonitor,
     MavlinkCodec,
     Message,
-    Odometry,
-    Signer,
-    Vitals,
-    Words,
     frame_end,
-    odometry,
+    load_dialect,
 )
 from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
+from links.mavlink.protocol.odometry import Odometry, odometry
 from links.mavlink.protocol.procedures import (
     MULTIROTORS,
     REAL32,
@@ -50,6 +45,7 @@ from links.mavlink.protocol.procedures import (
     landing_disarmed,
     make_mode_request,
 )
+from links.mavlink.protocol.signing import TICKS_PER_S, Signer
 from links.mavlink.protocol.timesync import (
     ATTITUDE_HZ,
     ATTITUDES,

@@ -33,20 +33,18 @@ from itertools import islice
 from typing import NamedTuple, Protocol
 
 from links.core import LinkError, LinkLost, LinkRejected
+from links.mavlink.protocol.autopilot_state import ESTIMATE, ESTIMATE_HZ, Words
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
     ARM_DISARM,
     ARMED,
     DO_SET_MODE,
-    ESTIMATE,
-    ESTIMATE_HZ,
     FORCE,
     PX4,
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
     MavlinkCodec,
     Message,
-    Words,
 )
 
 ANSWER_S = 0.5

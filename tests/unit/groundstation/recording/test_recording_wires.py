@@ -128,14 +128,24 @@ def test_turns_tell_arrivals_apart_between_which_a_task_may_have_run() -> None:
 def test_a_stream_is_cut_into_the_frames_of_a_tlog_wherever_its_bytes_were_cut() -> None:
     frames = [golden.frame for golden in FRAMES]
     stream = b"\x00" + b"".join(frames)
-    whole = TlogCutter(datagrams=False).records(stream, 1_000_000)
-    bytewise = TlogCutter(datagrams=False)
+    whole = TlogCutter().records(stream, 1_000_000)
+    bytewise = TlogCutter()
     assert b"".join(bytewise.records(bytes([byte]), 1_000_000) for byte in stream) == whole
     assert whole == b"".join((1000).to_bytes(8, "big") + frame for frame in frames)
 
 
-def test_a_datagram_that_ends_early_leaves_nothing_for_the_next() -> None:
-    frame = FRAMES[0].frame
-    cutter = TlogCutter(datagrams=True)
-    assert cutter.records(frame[:-3], 0) == b""
-    assert cutter.records(frame, 0) == bytes(8) + frame
+def test_a_datagram_whose_rest_never_comes_leaves_nothing_for_the_next() -> None:
+    frame, peer = FRAMES[0].frame, ("192.168.1.7", 14550)
+    cutter = TlogCutter()
+    assert cutter.records(frame[:-3], 0, peer) == b""
+    assert cutter.records(frame, 0, peer) == bytes(8) + frame
+
+
+def test_frames_that_two_senders_cut_over_datagrams_stand_whole_in_a_tlog() -> None:
+    first, second = FRAMES[0].frame, FRAMES[1].frame
+    cutter = TlogCutter()
+    found = b""
+    for n in range(0, max(len(first), len(second)), 16):
+        found += cutter.records(first[n : n + 16], 0, ("192.168.1.7", 14550))
+        found += cutter.records(second[n : n + 16], 0, ("192.168.1.8", 14550))
+    assert sorted(found.split(bytes(8) + b"\xfd")) == sorted([b"", first[1:], second[1:]])

@@ -12,7 +12,7 @@ from groundstation.core.geometry import so3
 from groundstation.pose import TlogReader
 from links.core import Attitude, LinkMisuse
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
-from links.mavlink.protocol import ATTITUDE_HZ, DIALECT, PX4, Message, Trip, attitude_of
+from links.mavlink.protocol import ATTITUDE_HZ, PX4, Message, Trip, attitude_of, load_dialect
 from sim.autopilots import AutopilotPeer, Px4Autopilot, SimulatedAutopilot
 from sim.autopilots.dialects import ArduPilotAutopilot
 from tests.airframe_double import Brick
@@ -20,6 +20,7 @@ from tests.loops import in_virtual_time
 from tests.unit.links.mavlink.test_mavlink_link import HERE, Endpoint, accept
 
 GOLDEN = Path(__file__).parents[3] / "golden"
+DIALECT = load_dialect()
 CLOCK = Trip(0.004, 100.0)
 RATES = (0.1, -0.2, 0.3)
 

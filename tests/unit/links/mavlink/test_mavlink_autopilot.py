@@ -31,7 +31,7 @@ class Flight:
 
     def take(self, frames: list[bytes]) -> None:
         for frame in frames:
-            self.heard += [(self.now, m) for m in self.codec.feed_datagram(frame)]
+            self.heard += [(self.now, m) for m in self.codec.feed(frame)]
 
     def until(self, end_s: float) -> None:
         """Poll whenever something is due."""
@@ -129,7 +129,7 @@ def test_odometry_tells_the_motion_in_local_ned_with_the_time_since_boot() -> No
     message = flight.messages("ODOMETRY")[-1]
     assert (message.frame_id, message.child_frame_id) == (1, 1)
     assert (message.x, message.y, message.z) == (0.0, 0.0, -2.0)
-    assert message.q == (1.0, 0.0, 0.0, 0.0)
+    assert message.q == [1.0, 0.0, 0.0, 0.0]
     assert message.time_usec == pytest.approx(1e6, abs=4e4)
 
 

@@ -40,7 +40,7 @@ class Scene:
         end = self.now + duration_s
         while self.now < end and not self.handshake.done and self.handshake.failure is None:
             for frame in self.handshake.poll(self.now):
-                (request,) = self.theirs.feed_datagram(frame)
+                (request,) = self.theirs.feed(frame)
                 self.asked.append((round(self.now - 100.0, 3), request))
                 for reply in self.answer(request):
                     self.hear(reply)
@@ -48,7 +48,7 @@ class Scene:
         return self
 
     def hear(self, message: Any) -> None:
-        (heard,) = self.ours.feed_datagram(self.theirs.pack(message))
+        (heard,) = self.ours.feed(self.theirs.pack(message))
         if heard.get_type() == "STATUSTEXT":
             self.words.hear(heard)
         self.handshake.hear(heard, self.now)
@@ -197,7 +197,7 @@ def test_a_long_text_in_pieces_is_put_together() -> None:
     words = Words()
     codec = MavlinkCodec(1, 1)
     for n, text in enumerate((b"Preflight Fail: heading estimate not stable enough", b" to arm")):
-        (message,) = codec.feed_datagram(codec.pack(D.MAVLink_statustext_message(2, text, 7, n)))
+        (message,) = codec.feed(codec.pack(D.MAVLink_statustext_message(2, text, 7, n)))
         words.hear(message)
     assert words.newest == "Preflight Fail: heading estimate not stable enough to arm"
 

@@ -21,7 +21,7 @@ from links.mavlink.protocol import (
     SET_MESSAGE_INTERVAL,
     MavlinkCodec,
 )
-from links.mavlink.protocol.codec import STALE_NEWS_S
+from links.mavlink.protocol.autopilot_state import STALE_NEWS_S
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
@@ -49,7 +49,7 @@ class Endpoint(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         self.remote = addr
-        for message in self.codec.feed_datagram(data):
+        for message in self.codec.feed(data):
             self.heard.append((asyncio.get_running_loop().time(), message))
             self.say(*self.answer(message))
 

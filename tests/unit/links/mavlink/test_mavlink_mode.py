@@ -18,7 +18,7 @@ def ask() -> AskMode:
 def test_it_is_asked_until_both_its_answer_and_its_heartbeat_have_come() -> None:
     step = ask()
     (frame,) = step.poll(0.0)
-    (message,) = MavlinkCodec(1, 1).feed_datagram(frame)
+    (message,) = MavlinkCodec(1, 1).feed(frame)
     assert (message.command, message.param1) == (REQUEST_MESSAGE, D.MAVLINK_MSG_ID_HEARTBEAT)
     assert step.poll(0.5 * AGAIN_S) == []
     step.hear(HEARTBEAT, 0.01)

@@ -77,13 +77,13 @@ class Scene:
     def tell(self, step: Any, name: str, value: float, kind: int = REAL32) -> None:
         number = encode(self.autopilot.kind, value, kind)
         message = self.ours.dialect.MAVLink_param_value_message(name.encode(), number, kind, 9, 0)
-        (heard,) = self.ours.feed_datagram(self.theirs.pack(message))
+        (heard,) = self.ours.feed(self.theirs.pack(message))
         step.hear(heard, self.now)
 
     def run(self, step: Any, has: dict[str, float], lose: int = 0) -> None:
         for _ in range(400):
             for frame in step.poll(self.now):
-                (request,) = self.theirs.feed_datagram(frame)
+                (request,) = self.theirs.feed(frame)
                 self.asked.append(request.param_id)
                 if lose > 0:
                     lose -= 1
@@ -116,7 +116,7 @@ def test_a_value_is_set_until_it_is_told_back() -> None:
     scene = Scene(PX4)
     write = Write(scene.autopilot, AutopilotParameter("COM_OBL_RC_ACT", 4.0, INT32))
     (frame,) = write.poll(scene.now)
-    (request,) = scene.theirs.feed_datagram(frame)
+    (request,) = scene.theirs.feed(frame)
     assert (request.param_id, request.param_type) == ("COM_OBL_RC_ACT", INT32)
     assert struct.pack("<f", request.param_value) == b"\x04\0\0\0"
     scene.tell(write, "COM_OBL_RC_ACT", 4.0, INT32)

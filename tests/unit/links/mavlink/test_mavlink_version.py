@@ -14,7 +14,7 @@ def reading() -> ReadVersion:
 def test_it_is_asked_for_and_told_in_numbers_and_the_first_bytes_of_the_commit() -> None:
     step, theirs = reading(), MavlinkCodec(1, 1)
     (frame,) = step.poll(0.0)
-    (question,) = theirs.feed_datagram(frame)
+    (question,) = theirs.feed(frame)
     assert (question.command, question.param1) == (REQUEST_MESSAGE, 148.0)
     commit = list(bytes.fromhex("0a1b2c3d4e5f6071"))
     none = [0] * 8

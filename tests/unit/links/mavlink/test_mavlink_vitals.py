@@ -3,7 +3,7 @@
 import pytest
 
 from links.mavlink.protocol import ARDUPILOT, PX4, MavlinkCodec, Vitals
-from links.mavlink.protocol.codec import mode_name
+from links.mavlink.protocol.autopilot_state import mode_name
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_modes_have_the_names_of_their_firmware(autopilot: int, mode: int, name:
 
 def heard(vitals: Vitals, mode: int, now_s: float) -> None:
     codec = MavlinkCodec(1, 1)
-    for message in codec.feed_datagram(codec.pack(codec.dialect.MAVLink_heartbeat_message(2, PX4, 0x81, mode, 4, 3))):
+    for message in codec.feed(codec.pack(codec.dialect.MAVLink_heartbeat_message(2, PX4, 0x81, mode, 4, 3))):
         vitals.hear(message, now_s)
 
 
@@ -49,7 +49,7 @@ def test_the_battery_is_read_where_it_is_told(
 ) -> None:
     codec, vitals = MavlinkCodec(1, 1), Vitals()
     status = codec.dialect.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, 0, percent, 0, 0, 0, 0, 0, 0)
-    for message in codec.feed_datagram(codec.pack(status)):
+    for message in codec.feed(codec.pack(status)):
         vitals.hear(message, 1.0)
     assert vitals.battery_v == volts
     assert vitals.battery_share == (None if share is None else pytest.approx(share))
@@ -64,7 +64,7 @@ def after(vitals: Vitals, kind: int, mode: int, enabled: int, health: int) -> bo
     d = codec.dialect
     beat = d.MAVLink_heartbeat_message(2, kind, 0x01, mode, 3, 3)
     status = d.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0)
-    for message in codec.feed_datagram(codec.pack(beat) + codec.pack(status)):
+    for message in codec.feed(codec.pack(beat) + codec.pack(status)):
         vitals.hear(message, 1.0)
     return vitals.ready
 
@@ -92,6 +92,6 @@ def test_pre_arm_checks_are_read_as_each_firmware_tells_them(
 def test_of_an_autopilot_without_a_heartbeat_nobody_knows_whether_it_is_ready() -> None:
     codec, vitals = MavlinkCodec(1, 1), Vitals()
     status = codec.dialect.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0)
-    for message in codec.feed_datagram(codec.pack(status)):
+    for message in codec.feed(codec.pack(status)):
         vitals.hear(message, 1.0)
     assert vitals.ready is None

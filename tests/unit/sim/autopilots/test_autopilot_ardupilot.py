@@ -26,7 +26,7 @@ class Flight:
 
     def take(self, frames: list[bytes]) -> None:
         for frame in frames:
-            self.heard += self.codec.feed_datagram(frame)
+            self.heard += self.codec.feed(frame)
 
     def wait(self, duration_s: float) -> None:
         end_s = self.now + duration_s

@@ -19,7 +19,7 @@ NOSE_UP = so3.from_euler_zyx(0.0, math.radians(10.0), 0.0)
 
 def sent(message: Any) -> Any:
     """``message`` as it comes out of the wire."""
-    (received,) = CODEC.feed_datagram(CODEC.pack(message))
+    (received,) = CODEC.feed(CODEC.pack(message))
     return received
 
 
@@ -49,7 +49,7 @@ def decode(decoder: PoseDecoder, message: Any, arrival_s: float) -> Pose:
 
 def test_px4s_own_odometry_becomes_a_pose_in_its_own_numbers() -> None:
     g = golden("ODOMETRY")
-    (message,) = CODEC.feed_datagram(g.frame)
+    (message,) = CODEC.feed(g.frame)
     pose = decode(OdometryDecoder(0.0), message, 5.0)
     assert pose.position_ned == (g.fields["x"], g.fields["y"], g.fields["z"])
     assert pose.attitude == tuple(g.fields["q"])
@@ -60,8 +60,8 @@ def test_px4s_own_odometry_becomes_a_pose_in_its_own_numbers() -> None:
 
 def test_ardupilots_own_position_and_attitude_become_a_pose_in_its_own_numbers() -> None:
     at, turned = golden("LOCAL_POSITION_NED", "ArduCopter"), golden("ATTITUDE_QUATERNION", "ArduCopter")
-    (place,) = CODEC.feed_datagram(at.frame)
-    (direction,) = CODEC.feed_datagram(turned.frame)
+    (place,) = CODEC.feed(at.frame)
+    (direction,) = CODEC.feed(turned.frame)
     direction.time_boot_ms = place.time_boot_ms
     decoder = LocalPositionDecoder(0.0)
     assert decoder.decode(direction, 5.0) is None

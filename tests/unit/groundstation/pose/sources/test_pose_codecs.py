@@ -36,8 +36,13 @@ def test_a_golden_datagram_makes_its_pose_or_is_dropped_for_its_reason(name: str
     poses = reader.read(row.datagram, 5.0)
     if row.pose is None:
         assert len(poses) == 0
-        assert reader.status.dropped == {row.drop: 1}
         assert reader.status.accepted == 0
+        if name == "vision":  # its bytes are a stream: only the next datagram tells what of this one was no frame
+            reader.read(TABLES[name].rows[0].datagram, 5.1)
+            assert row.drop is not None
+            assert reader.status.dropped[row.drop] == 1
+        else:
+            assert reader.status.dropped == {row.drop: 1}
     else:
         (pose,) = poses
         assert pose.position_ned == pytest.approx(row.pose.position_ned, abs=1e-6)
@@ -52,6 +57,7 @@ def test_every_cut_of_a_good_datagram_is_dropped(name: str) -> None:
     for size in range(len(good)):
         reader = fresh_reader(name)
         assert not reader.read(good[:size], 5.0)
+        assert len(reader.read(good, 5.1)) == 1
         assert sum(reader.status.dropped.values()) >= min(size, 1)
 
 

@@ -1,0 +1,193 @@
+"""State of an autopilot as its messages tell it: mode, battery, readiness, texts, and whether it is alive. Sans-IO."""
+
+import math
+from collections import deque
+from typing import Any
+
+from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4, Message
+from links.text import printable
+
+PX4_MODES = {
+    1: "MANUAL",
+    2: "ALTCTL",
+    3: "POSCTL",
+    4: "AUTO",
+    5: "ACRO",
+    6: "OFFBOARD",
+    7: "STABILIZED",
+    8: "RATTITUDE",
+}
+"""Main mode, bits 16 to 23 of HEARTBEAT.custom_mode."""
+PX4_AUTO = {2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND", 9: "PRECLAND"}
+"""Sub mode of AUTO, bits 24 to 31."""
+ARDUPILOT_MODES = {
+    0: "STABILIZE", 1: "ACRO", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE", 9: "LAND",
+    13: "SPORT", 15: "AUTOTUNE", 16: "POSHOLD", 17: "BRAKE", 18: "THROW", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
+}  # fmt: skip
+"""HEARTBEAT.custom_mode of Copter."""
+ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
+"""The message that tells what its estimator knows; the flags of both mean the same but for the last."""
+ESTIMATE_HZ = 2.0
+"""How often it is asked for."""
+ESTIMATE_OLD_S = 2.5
+"""What it told so long ago does not count [s]; unasked, autopilots tell once a second."""
+_SPEED, _PLACE, _HEIGHT = 2 | 4, 8 | 16, 32 | 64
+_CONSTANT, _LAST = 128, 1024
+"""It believes that it stands still; PX4: GPS jumps, ArduPilot: not initialised yet."""
+FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
+"""Modes in which an autopilot follows set-points."""
+
+_PREARM = 0x10000000
+"""MAV_SYS_STATUS_PREARM_CHECK."""
+
+
+class Vitals:
+    """The newest of each. Times are on the event loop's clock [s]."""
+
+    def __init__(self) -> None:
+        self.mode = ""
+        """Its mode's name; empty before the first heartbeat, and where nobody knows its modes."""
+        self.mode_s = -math.inf
+        """When it was told."""
+        self.battery_v: float | None = None
+        self.battery_share: float | None = None
+        self.ready: bool | None = None
+        """Whether its own pre-arm checks pass; None where it does not tell, or can't know before set-points come."""
+        self._kind = -1
+        self._knows = False
+        self._knows_s = -math.inf
+
+    def hear(self, message: Message, now_s: float) -> None:
+        """Take one message of the autopilot."""
+        match message.get_type():
+            case "HEARTBEAT":
+                self._kind = message.autopilot
+                self.mode, self.mode_s = mode_name(self._kind, message.custom_mode), now_s
+            case "SYS_STATUS":
+                volts, percent = message.voltage_battery, message.battery_remaining
+                self.battery_v = None if volts in (0, 0xFFFF) else 1e-3 * volts
+                self.battery_share = 0.01 * percent if 0 <= percent <= 100 else None
+                self.ready = self._ready(
+                    message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
+                )
+            case "ESTIMATOR_STATUS" | "EKF_STATUS_REPORT":
+                self._knows, self._knows_s = knows_itself(message.flags), now_s
+
+    def could_land(self, now_s: float) -> bool:
+        """Whether it has told of late that it knows where it is: then it comes down better by itself than unseen."""
+        return self._knows and now_s - self._knows_s < ESTIMATE_OLD_S
+
+    def _ready(self, enabled: int, health: int) -> bool | None:
+        """PX4 1.16 tells by health alone, and in OFFBOARD it lacks the set-points that come only as it is armed."""
+        passes = bool(health & _PREARM)
+        if self._kind == PX4:
+            return None if not passes and self.mode in (*FOLLOWING, "") else passes
+        return passes if enabled & _PREARM else None
+
+    def foreign(self, since_s: float) -> str:
+        """The mode that it is in since ``since_s``, where it follows no set-points there; else empty."""
+        return self.mode if self.mode_s >= since_s and self.mode not in (*FOLLOWING, "") else ""
+
+
+def knows_itself(flags: int) -> bool:
+    """Whether ESTIMATOR_STATUS.flags or EKF_STATUS_REPORT.flags tell of speed, height and some horizontal position."""
+    known = flags & _SPEED == _SPEED and bool(flags & _PLACE) and bool(flags & _HEIGHT)
+    return known and not flags & (_CONSTANT | _LAST)
+
+
+def mode_name(autopilot: int, custom_mode: int) -> str:
+    """What ``custom_mode`` of HEARTBEAT is called on ``autopilot`` (MAV_AUTOPILOT); empty on any other."""
+    if autopilot == ARDUPILOT:
+        return ARDUPILOT_MODES.get(custom_mode, f"mode {custom_mode}")
+    if autopilot != PX4:
+        return ""
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    name = PX4_MODES.get(main, f"mode {main}" if main else "")  # one that tells no mode is believed to follow
+    return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name
+
+
+_WARNING = 4
+"""MAV_SEVERITY_WARNING; lower is graver."""
+
+
+class Words:
+    """What the autopilot said of late (STATUSTEXT), long texts put together again, and only what is fit to be shown."""
+
+    def __init__(self) -> None:
+        self._texts: deque[tuple[int, int, str]] = deque(maxlen=20)
+
+    def hear(self, message: Message) -> None:
+        """Take one STATUSTEXT."""
+        number, severity, text = message.id, message.severity, message.text
+        if number and message.chunk_seq and self._texts and self._texts[-1][0] == number:
+            text = self._texts.pop()[2] + text
+        self._texts.append((number, severity, text))
+
+    @property
+    def newest(self) -> str:
+        """The newest text, or an empty string."""
+        return printable(self._texts[-1][2].strip()) if self._texts else ""
+
+    def complaints(self) -> str:
+        """The last warnings and errors, newest last, each once; an empty string where there are none."""
+        texts = [printable(text.strip()) for _, severity, text in self._texts if severity <= _WARNING]
+        return "; ".join(f"“{text}”" for text in list(dict.fromkeys(texts))[-3:])
+
+
+STALE_NEWS_S = 0.5
+"""A HEARTBEAT may have left before the arming that it denies: it is not believed for this long after it [s]."""
+
+
+class HeartbeatMonitor:
+    """The one autopilot at the other end. Times are on the event loop's clock [s]."""
+
+    def __init__(self, timeout_s: float) -> None:
+        """Not heard yet; silent where it is not heard for longer than ``timeout_s`` [s]."""
+        self.kind: int | None = None
+        """Its newest HEARTBEAT.autopilot, of when it was heard first or again; None before the first."""
+        self.vehicle = 0
+        """Its HEARTBEAT.type of then."""
+        self.address: Any = None
+        """Where it sends from; None where that is not known, or goes without saying."""
+        self._timeout = timeout_s
+        self._heard_s = 0.0
+        self._armed_s: float | None = None
+
+    @property
+    def armed(self) -> bool:
+        """Whether its motors are believed to be on."""
+        return self._armed_s is not None
+
+    def believe_armed(self, since_s: float | None) -> None:
+        """Believe that the motors are on since then, or off (None), until a heartbeat tells."""
+        self._armed_s = since_s
+
+    def silence_s(self, now_s: float) -> float:
+        """Time since its newest heartbeat [s]; infinite where its wire was lost after it."""
+        return now_s - self._heard_s
+
+    def is_silent(self, now_s: float) -> bool:
+        """Whether its heartbeats have stayed away for too long."""
+        return self.silence_s(now_s) > self._timeout
+
+    def lose(self) -> None:
+        """Its wire was lost: whatever it says next may be another's, or its own after a restart."""
+        self.address = None
+        self._armed_s = None
+        self._heard_s = -math.inf
+
+    def beat(self, heartbeat: Message, now_s: float) -> bool:
+        """Take that it lives; returns whether it was silent before, or not heard at all."""
+        news = self.kind is None or self.is_silent(now_s)
+        self._heard_s = now_s
+        if news:
+            self.kind, self.vehicle = heartbeat.autopilot, heartbeat.type
+        return news
+
+    def take_armed(self, heartbeat: Message, now_s: float) -> None:
+        """Take whether its motors are on."""
+        if heartbeat.base_mode & ARMED:
+            if self._armed_s is None:
+                self._armed_s = now_s
+        elif self._armed_s is not None and now_s - self._armed_s > STALE_NEWS_S:
+            self._armed_s = None

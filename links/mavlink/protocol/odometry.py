@@ -1,0 +1,77 @@
+"""ODOMETRY for an autopilot's own estimator: our poses in the one form that PX4 and ArduPilot both take. Sans-IO."""
+
+import math
+from typing import NamedTuple
+
+from links.mavlink.protocol.codec import ARDUPILOT, MavlinkCodec
+
+LOCAL_FRD, BODY_FRD = 20, 12
+"""MAV_FRAME."""
+VISION = 2
+"""MAV_ESTIMATOR_TYPE_VISION."""
+BEST_QUALITY = 100
+
+_UNKNOWN = (math.nan,) * 3
+_DIAGONAL = (0, 6, 11, 15, 18, 20)
+
+
+class Odometry(NamedTuple):
+    """What is told."""
+
+    time_s: float
+    """When it was true, on the clock that answers TIMESYNC [s]."""
+    position: tuple[float, float, float]
+    """[m], world NED or a frame that is turned about down."""
+    attitude: tuple[float, float, float, float]
+    """Unit quaternion w, x, y, z, body FRD to that frame."""
+    velocity: tuple[float, float, float]
+    """[m/s], body FRD."""
+    measured_velocity: bool
+    """False where it is only the difference of positions, which the autopilot's filter knows already."""
+    resets: int
+    """Changes whenever the frame moved; only the lowest byte leaves."""
+    noise_m: float
+    """1σ of the position per axis [m]."""
+    noise_rad: float
+    """1σ of the attitude per axis [rad]."""
+    noise_m_s: float
+    """1σ of the velocity per axis [m/s]."""
+
+
+def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
+    """The frame for the own estimator of an autopilot of ``kind`` (HEARTBEAT.autopilot): ODOMETRY, one form for both.
+
+    PX4 fuses frames NED, ENU, LOCAL_FRD and LOCAL_FLU, but turns no quaternion of the last; and only estimator
+    types UNKNOWN, VISION and VIO: MOCAP goes where its EKF2 does not look, NAIVE loses the covariance. It leaves
+    out a velocity that is NaN, and turns stamps into its own clock by TIMESYNC, which it asks of us.
+    ArduPilot takes LOCAL_FRD with BODY_FRD only, does not look at the type, and always uses the velocity: NaN in
+    it would reach the filter. It finds its own clock from the arrivals.
+    Body rates are NaN: nobody needs them, and some versions of ArduPilot take finite ones for a message of
+    another kind.
+    Source: PX4 v1.15 mavlink_receiver.cpp, handle_message_odometry; ArduPilot 4.6-dev GCS_Common.cpp,
+    handle_odometry; mavlink common.xml (pymavlink 2.4.50).
+    """
+    velocity = told.velocity if kind == ARDUPILOT or told.measured_velocity else _UNKNOWN
+    message = codec.dialect.MAVLink_odometry_message(
+        max(round(told.time_s * 1e6), 0),
+        LOCAL_FRD,
+        BODY_FRD,
+        *told.position,
+        told.attitude,
+        *velocity,
+        *_UNKNOWN,
+        _covariance(told.noise_m, told.noise_rad),
+        _covariance(told.noise_m_s, math.nan),
+        told.resets & 0xFF,
+        VISION,
+        BEST_QUALITY,
+    )
+    return codec.pack(message)
+
+
+def _covariance(first: float, second: float) -> list[float]:
+    """The upper triangle of a 6 x 6 matrix: squares of ``first`` three times, then of ``second``, on its diagonal."""
+    triangle = [0.0] * 21
+    for place, sigma in zip(_DIAGONAL, (first,) * 3 + (second,) * 3, strict=True):
+        triangle[place] = sigma * sigma
+    return triangle
