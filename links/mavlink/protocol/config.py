@@ -18,7 +18,7 @@ FORWARD_SHARE = 0.3
 
 
 class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Our poses to the autopilot's own estimator, as ODOMETRY (links/mavlink/protocol/odometry.py)."""
+    """Our poses to the autopilot's own estimator, as ODOMETRY (links/mavlink/protocol/odometry_codec.py)."""
 
     enabled: bool = False
     """Whether to send them; docs/how-to/forward-poses.md says what the autopilot must be told."""
