@@ -268,6 +268,9 @@ def _import(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=path, nargs="+", metavar="FILE")
     parser.add_argument("--map", required=True, metavar="MAP", help="a mapping that comes along, or a file: the how-to")
     parser.add_argument("--out", type=path, required=True, metavar="FLIGHT.mcap", help="the recording to write")
+    parser.add_argument(
+        "--body", default="", metavar="NAME", help="the vehicle, where a tracker's file has several bodies"
+    )
     parser.set_defaults(command="import-flight")  # `import` is no name of a function
 
 

@@ -622,7 +622,17 @@ def test_what_stands_on_the_floor_before_and_after_does_not_fly() -> None:
 
 
 def test_every_mapping_that_comes_along_is_one() -> None:
-    names = ["ardupilot-bin", "ardupilot-tlog", "nanobench", "neural-fly", "px4-ulog"]
+    names = [
+        "ardupilot-bin",
+        "ardupilot-tlog",
+        "motive",
+        "nanobench",
+        "neural-fly",
+        "px4-ulog",
+        "qtm",
+        "ros2-pose",
+        "tum",
+    ]
     assert list(shipped_texts("mappings")) == names
     for name in names:
         assert load_mapping(name).title

@@ -8,20 +8,17 @@ quaternions and time base; nothing is guessed. Tables are what the form of the f
 ULog its topics, of an ArduPilot .bin its message types, of a recording of ours its channels.
 """
 
-import csv
-import gzip
 import json
 import math
 import os
 import struct
 import zlib
-from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -30,9 +27,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.analysis.evidence.shadow import FASTEST_RAD_S, read_recording
+from groundstation.analysis.evidence.text_tables import (
+    Column,
+    CsvLayout,
+    Table,
+    read_csv_table,
+    read_motive_tables,
+    read_qtm_tables,
+)
 from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, shipped_texts
 from groundstation.core.geometry import Body, Frames, Quat, World, axes, so3
-from groundstation.core.messages import Pose
+from groundstation.core.messages import Pose, notice
 from groundstation.machine import open_private
 from groundstation.recording import (
     CHANNELS,
@@ -45,8 +50,6 @@ from groundstation.recording import (
 )
 from groundstation.runtime import Exit, __version__
 
-Column: TypeAlias = NDArray[np.float64]
-Table: TypeAlias = Mapping[str, Column]
 Tables: TypeAlias = Mapping[str, Table]
 Three = tuple[str, str, str]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -134,11 +137,15 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     title: str
     """What is read with it, and where that comes from."""
-    format: Literal["csv", "ulog", "bin", "tlog", "mcap"]
+    format: Literal["csv", "motive", "qtm", "ulog", "bin", "tlog", "mcap"]
     source: Literal["motion capture", "autopilot"]
     """What the poses are of."""
     time: str = "t"
     time_unit: TimeUnit = "s"
+    time_ns: str = ""
+    """Column of nanoseconds that count beside ``time``, as in a stamp of ROS."""
+    csv: CsvLayout = CsvLayout()
+    """How the text is laid out, where the form is CSV."""
     world: World = "ned"
     """Axes of positions, as in ``pose.world``."""
     body: Body = "frd"
@@ -177,17 +184,25 @@ def load_mapping(name: str) -> FlightMapping:
         raise ConfigError(f"--map: {error.key}", error.problem, name) from None
 
 
-def read_tables(form: str, paths: Sequence[Path], notes: Counter[str]) -> Tables:
-    """All tables of ``paths``, which are of one ``form`` (:attr:`FlightMapping.format`, but tlog).
+def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[str]) -> Tables:
+    """All tables of ``paths``, which are of one form (:attr:`FlightMapping.format`, but tlog).
 
     What was not used of them is counted in ``notes``.
 
     Raises:
         ConfigError: a file can't be read or is of another form.
     """
+    form = mapping.format
+    parts = (*mapping.pose, *mapping.command, *mapping.reference, *mapping.truth, *mapping.state)
+    times = list(dict.fromkeys([mapping.time, *filter(None, (part.time for part in parts))]))
     read: dict[str, Callable[[Path], Iterator[tuple[str, Table]]]] = {
-        "csv": lambda path: _csv_tables(path, notes), "ulog": _ulog_tables, "bin": _bin_tables, "mcap": _mcap_tables,
-    }  # fmt: skip
+        "csv": lambda path: read_csv_table(path, mapping.csv, times, notes),
+        "motive": read_motive_tables,
+        "qtm": read_qtm_tables,
+        "ulog": _ulog_tables,
+        "bin": _bin_tables,
+        "mcap": _mcap_tables,
+    }
     tables: dict[str, Table] = {}
     for path in paths:
         try:
@@ -201,63 +216,6 @@ def read_tables(form: str, paths: Sequence[Path], notes: Counter[str]) -> Tables
         except (ValueError, TypeError, KeyError, IndexError, zlib.error) as error:
             raise ConfigError("FILE", f"is no {form} file, or damaged: {error}", str(path)) from None
     return tables
-
-
-def _csv_tables(path: Path, notes: Counter[str]) -> Iterator[tuple[str, Table]]:
-    """One table, by the file's name; a cell that is a list ("[1, 2]") becomes columns NAME.0, NAME.1.
-
-    Lines before the head that begin with # are no part of it, unless numbers follow: then the last of them is the head.
-    What parts the cells is a comma, unless the head has more
-    semicolons (numbers then may have decimal commas) or tabs.
-    """
-    values: dict[str, array[float]] = {}
-    with path.open("rb") as raw:
-        packed = raw.read(2) == b"\x1f\x8b"
-    with (gzip.open if packed else open)(path, "rt", encoding="utf-8-sig", newline="") as text:
-        above, first = "", next(text, "")
-        while first.startswith("#") or (first and not first.strip()):
-            above, first = first.lstrip("#"), next(text, "")
-        part = max(",;\t", key=first.count)
-        head, under = (
-            [name.strip() for name in next(csv.reader([some], delimiter=part), [])] for some in (first, above)
-        )
-        numbers = len(under) == len(head) > 1 and not any(map(math.isnan, (x for _, x in _cells("", head[0]))))
-        head, begun = (under, [first]) if numbers else (head, [])
-        if len(twice := {name for name in head if name and head.count(name) > 1}) > 0:
-            raise ValueError(f"several columns are called {min(twice)}")
-        for row in csv.reader(chain(begun, text), delimiter=part):
-            if any(cell.strip() for cell in row[len(head) :]) or len(row) < len(head):
-                notes["rows with another number of cells than the head"] += bool(row)
-                continue  # among them a last row that was cut off
-            for name, cell in zip(head, row, strict=False):
-                said = cell.strip().replace(",", ".") if part == ";" and "[" not in cell else cell.strip()
-                for key, value in _cells(name, said):
-                    if key not in values:
-                        values[key] = array("d")  # a flight may have a million rows
-                    values[key].append(value)
-    longest = max(map(len, values.values()), default=0)
-    yield (
-        path.name,
-        {name: np.array(column) for name, column in values.items() if len(column) == longest}
-        or {name: np.array([]) for name in head},
-    )
-
-
-def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
-    if cell.startswith("["):
-        parts: list[tuple[str, Any]] = [(name, json.loads(cell))]
-        for key, part in parts:
-            if isinstance(part, list) and len(part) == 1:
-                parts.append((key, part[0]))
-            elif isinstance(part, list):
-                parts += [(f"{key}.{index}", item) for index, item in enumerate(part)]
-            else:
-                yield key, math.nan if part is None else float(part)
-        return
-    try:
-        yield name, float(cell)
-    except ValueError:
-        yield name, math.nan
 
 
 @contextmanager
@@ -405,8 +363,10 @@ class ImportedFlight:
         return sum(name == topic for _, name, _ in self.messages)
 
 
-def import_command(paths: Sequence[Path], map_name: str, out: Path) -> Exit:
+def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = "") -> Exit:
     """Do it, say what was found and what is missing, and return 0.
+
+    ``body`` names the vehicle, where the file of a tracker holds several bodies.
 
     Raises:
         ConfigError: the mapping or a file can't be read, holds no poses, or ``out`` is there already.
@@ -414,7 +374,7 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path) -> Exit:
     if out.exists():
         raise ConfigError("--out", f"{out} is there already")
     mapping = load_mapping(map_name)
-    flight = read_flight(mapping, paths)
+    flight = read_flight(mapping, paths, body)
     with refuse_io("--out", f"cannot write {out}"):
         write_flight(flight, mapping, map_name, paths, out)
     told = {MEASURED: "poses", SETPOINT: "commands", REFERENCE: "of the reference", TRUTH: "true"}
@@ -528,16 +488,36 @@ def find_leaps(time: Column, place: Column) -> tuple[NDArray[np.bool_], list[int
     return gone, moved
 
 
-def read_flight(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight:
-    """The flight in the files ``paths``.
+def choose_body(tables: Tables, body: str, path: Path) -> Tables:
+    """The table of the ``body``; empty: of the only one.
+
+    Raises:
+        ConfigError: there are several, or none of that name.
+    """
+    names = ", ".join(tables)
+    if body and body not in tables:
+        raise ConfigError("--body", f"expected one of the bodies in it, {names}; got {body!r}", str(path))
+    if not body and len(tables) > 1:
+        raise ConfigError("FILE", notice("import.bodies", count=len(tables), names=names), str(path))
+    return {name: table for name, table in tables.items() if body in ("", name)}
+
+
+def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -> ImportedFlight:
+    """The flight in the files ``paths``, of the ``body`` where a tracker's file holds several.
 
     Raises:
         ConfigError: a file can't be read, or there are no poses.
     """
+    is_tracker = mapping.format in ("motive", "qtm")
+    if body and not is_tracker:
+        raise ConfigError("--body", f"only files of Motive and QTM hold several bodies, not {mapping.format}")
     if mapping.format == "tlog":
         return _read_tlog(mapping, paths)
     notes = Counter[str]()
-    reader = _MappingReader(mapping, read_tables(mapping.format, paths, notes), notes)
+    tables = read_tables(mapping, paths, notes)
+    if is_tracker:
+        tables = choose_body(tables, body, paths[0])
+    reader = _MappingReader(mapping, tables, notes)
     poses = reader.first(mapping.pose, reader.motion)
     if poses is None:
         raise ConfigError(
@@ -818,7 +798,8 @@ class _MappingReader:
 
     def _rows(self, part: MappedTable, names: Sequence[str]) -> tuple[Table | None, Any]:
         time = part.time or self._mapping.time
-        table = find_table(self._tables, part.table, [time, *names, *part.where])
+        fraction = filter(None, [self._mapping.time_ns])
+        table = find_table(self._tables, part.table, [time, *fraction, *names, *part.where])
         if table is None:
             return None, None
         rows = np.ones(len(table[time]), dtype=bool)
@@ -829,6 +810,8 @@ class _MappingReader:
     def _time(self, part: MappedTable, table: Table) -> Column:
         name = part.time or self._mapping.time
         time: Column = table[name if name in table else self._mapping.time] * UNITS[self._mapping.time_unit]
+        if self._mapping.time_ns:
+            time = time + 1e-9 * table[self._mapping.time_ns]
         far = np.abs(time) >= LATEST_S
         return time if far.mean() > 0.5 else np.where(far, np.nan, time)  # all of them: of another unit
 

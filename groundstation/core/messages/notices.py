@@ -33,6 +33,24 @@ class NoticeTemplate(msgspec.Struct, frozen=True):
 
 _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
+        "import.no_head",
+        "no head line found: none of the first {rows} lines has a column {names}",
+        "check time in the mapping; where the file has no head, write head_rows = 0 in [csv], and columns by number: "
+        '"1" is the first{hint}',
+    ),
+    NoticeTemplate(
+        "import.same_names",
+        "several columns are called {name}",
+        "where the lines above tell them apart, say how many lines the head has, head_rows in [csv]{hint}",
+    ),
+    NoticeTemplate(
+        "import.no_body",
+        "it holds no rigid body with position and rotation (found: {found})",
+        "export rigid bodies from the tracker's program",
+    ),
+    NoticeTemplate("import.stated", "{key} is {found}, expected {wanted}", "export the file anew"),
+    NoticeTemplate("import.bodies", "it holds {count} bodies, {names}", "name the vehicle, --body NAME"),
+    NoticeTemplate(
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
     NoticeTemplate("pose.dropping", "poses are dropped: {why}"),

@@ -362,7 +362,7 @@ def import_flight(args: argparse.Namespace) -> Exit:
     """A flight that others recorded, as a recording."""
     from groundstation.analysis.evidence import import_command
 
-    return import_command(args.files, args.map, args.out)
+    return import_command(args.files, args.map, args.out, args.body)
 
 
 def evidence(args: argparse.Namespace) -> Exit:

@@ -1,0 +1,243 @@
+"""What trackers' programs export as text: Motive, QTM, ROS, TUM, and CSV of any layout."""
+
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from groundstation.analysis.evidence import import_command
+from groundstation.analysis.evidence.imports import load_mapping, read_flight
+from groundstation.analysis.evidence.text_tables import (
+    CsvLayout,
+    read_csv_table,
+    read_motive_tables,
+    read_qtm_tables,
+)
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Quat, so3
+from groundstation.recording import MeasuredMessage, Recording
+
+ROWS = 300
+TURN = math.radians(20.0)
+
+
+def place(n: int) -> tuple[float, float, float]:
+    """North, west, up [m] of a circle."""
+    return math.cos(0.01 * n), math.sin(0.01 * n), 1.0 + 0.001 * n
+
+
+def motive(*, unit: str = "Meters", scale: float = 1.0, parent: bool = False, more: str = "", **stated: str) -> str:
+    """Bodies ``quad`` and ``wand``, one marker, Y up; quad is turned about up, and not seen in row 7."""
+    keys = {
+        "Format Version": "1.23", "Take Name": "Take, 1", "Capture Frame Rate": "100.000000",
+        "Rotation Type": "Quaternion", "Length Units": unit, "Coordinate Space": "Global", **stated,
+    }  # fmt: skip
+    head = ",".join(f'{key},"{value}"' if "," in value else f"{key},{value}" for key, value in keys.items())
+    types = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 3 + ["Rigid Body"] * 7
+    names = ["quad"] * 8 + ["quad:Marker 001"] * 3 + ["wand"] * 7
+    kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"] + ["Position"] * 3
+    kinds += ["Rotation"] * 4 + ["Position"] * 3
+    axes = [*"XYZW", *"XYZ", "", *"XYZ", *"XYZW", *"XYZ"]
+    lines = [head, "", f",Type,{','.join(types)}", f",Name,{','.join(names)}", f",ID,{','.join(['1'] * 18)}"]
+    lines += [f",Parent,{','.join([''] * 18)}"] if parent else []
+    lines += [f",,{','.join(kinds)}", f"Frame,Time (Seconds),{','.join(axes)}{more}"]
+    for n in range(ROWS):
+        north, west, up = place(n)
+        x, y, z = scale * north, scale * up, -scale * west
+        quad = [0.0, math.sin(TURN / 2), 0.0, math.cos(TURN / 2), x, y, z, 0.0001]
+        cells = [""] * 11 if n == 7 else [f"{value:.6f}" for value in (*quad, x, y, z)]
+        wand = [f"{value:.6f}" for value in (0.0, 0.0, 0.0, 1.0, scale * (1.0 + 0.001 * n), 0.0, 0.0)]
+        lines.append(",".join([str(n), f"{0.01 * n:.6f}", *cells, *wand]))
+    return "\n".join(lines) + "\n"
+
+
+def qtm(*, bodies: tuple[str, ...] = ("quad",), time: bool = True, included: str = "6D") -> str:
+    """Turned about up and rolled by 10°; not seen in row 7."""
+    head = [
+        f"NO_OF_FRAMES\t{ROWS}", "NO_OF_CAMERAS\t8", f"NO_OF_BODIES\t{len(bodies)}", "FREQUENCY\t100",
+        "DESCRIPTION\t--", "TIME_STAMP\t2026-11-02, 17:47:17\t22107.99", f"DATA_INCLUDED\t{included}",
+        "BODY_NAMES\t" + "\t".join(bodies),
+    ]  # fmt: skip
+    columns = ["Frame", *(["Time"] if time else [])]
+    for body in bodies:
+        columns += [f"{body} X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{k}]" for k in range(9))]
+    lines = [*head, "\t".join(columns)]
+    matrix = np.array(so3.matrix(QTM_TURN)).T.ravel().tolist()
+    for n in range(ROWS):
+        cells = [str(n + 1), *([f"{0.01 * n:.5f}"] if time else [])]
+        for k in range(len(bodies)):
+            values = [*(1e3 * part + k for part in place(n)), 10.0, 0.0, 20.0, 0.5, *matrix]
+            cells += [f"{value:.5f}" for value in (values if n != 7 else [0.0] * 16)]
+        lines.append("\t".join(cells))
+    return "\n".join(lines) + "\n"
+
+
+QTM_TURN: Quat = so3.multiply(so3.from_euler_zyx(0.0, 0.0, TURN), so3.from_euler_zyx(math.radians(10.0), 0.0, 0.0))
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(text, "utf-8")
+    return path
+
+
+def poses(folder: Path, path: Path, mapping: str, body: str = "") -> list[Any]:
+    out = folder / "flight.mcap"
+    assert import_command([path], mapping, out, body) == 0
+    return [msgspec.convert(entry.value(), MeasuredMessage) for entry in Recording(out).entries(("/measured",))]
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("Meters", 1.0), ("Centimeters", 100.0), ("Millimeters", 1000.0)])
+@pytest.mark.parametrize("parent", [False, True])
+def test_motives_export_is_read_in_its_own_unit(unit: str, scale: float, parent: bool, tmp_path: Path) -> None:
+    path = write(tmp_path, "take.csv", "\ufeff" + motive(unit=unit, scale=scale, parent=parent, more=","))
+    got = poses(tmp_path, path, "motive", "quad")
+    assert len(got) == ROWS - 1
+    for n in (0, 100, 250):
+        north, west, up = place(n if n < 7 else n + 1)
+        at = got[n].position_ned
+        assert (at.x, at.y, at.z) == pytest.approx((north, -west, -up), abs=2e-6)
+    q = got[0].attitude
+    # A turn to the left about Motive's up.
+    assert (q.w, q.x, q.y, q.z) == pytest.approx((math.cos(TURN / 2), 0.0, 0.0, -math.sin(TURN / 2)), abs=1e-6)
+
+
+def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
+    path = write(tmp_path, "take.csv", motive())
+    with pytest.raises(ConfigError, match="holds 2 bodies, quad, wand: name the vehicle, --body NAME"):
+        poses(tmp_path, path, "motive")
+    with pytest.raises(ConfigError, match="expected one of the bodies in it, quad, wand; got 'Quad'"):
+        poses(tmp_path, path, "motive", "Quad")
+    assert len(poses(tmp_path, path, "motive", "wand")) == ROWS
+    with pytest.raises(ConfigError, match="only files of Motive and QTM"):
+        read_flight(load_mapping("nanobench"), [path], "quad")
+
+
+@pytest.mark.parametrize(
+    ("stated", "says"),
+    [
+        ({"unit": "Feet"}, "Length Units is Feet, expected Meters, Centimeters or Millimeters"),
+        ({"Rotation Type": "XYZ"}, "Rotation Type is XYZ, expected Quaternion"),
+        ({"Coordinate Space": "Local"}, "Coordinate Space is Local, expected Global"),
+    ],
+)
+def test_what_motive_states_and_is_not_read_is_refused(stated: dict[str, str], says: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=says):
+        list(read_motive_tables(write(tmp_path, "take.csv", motive(**stated))))
+
+
+def test_an_export_of_markers_alone_has_no_body(tmp_path: Path) -> None:
+    text = motive().replace("Rigid Body Marker", "Marker").replace("Rigid Body", "Bone")
+    with pytest.raises(ConfigError, match=r"no rigid body with position and rotation \(found: Bone, Marker\)"):
+        list(read_motive_tables(write(tmp_path, "take.csv", text)))
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "Format Version,1.23\n\n1,2\n"])
+def test_what_motive_did_not_write_is_named(text: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is no motive file, or damaged"):
+        read_flight(load_mapping("motive"), [write(tmp_path, "take.csv", text)])
+
+
+@pytest.mark.parametrize("bodies", [("quad",), ("wand", "quad"), ("quad", "wand")])
+@pytest.mark.parametrize("time", [True, False])
+def test_qtms_export_is_read(bodies: tuple[str, ...], time: bool, tmp_path: Path) -> None:
+    path = write(tmp_path, "run.tsv", qtm(bodies=bodies, time=time).replace("\n", "\r\n"))
+    got = poses(tmp_path, path, "qtm", "quad" if len(bodies) > 1 else "")
+    assert len(got) == ROWS - 1
+    off_m = 1e-3 * bodies.index("quad")
+    for n in (0, 100, 250):
+        north, west, up = place(n if n < 7 else n + 1)
+        at = got[n].position_ned
+        assert (at.x, at.y, at.z) == pytest.approx((north + off_m, -west - off_m, -up - off_m), abs=2e-6)
+    assert got[-1].time_s - got[0].time_s == pytest.approx(0.01 * (ROWS - 1), abs=1e-6)
+    w, x, y, z = QTM_TURN
+    q = got[0].attitude
+    assert (q.w, q.x, q.y, q.z) == pytest.approx((w, x, -y, -z), abs=1e-4)
+
+
+def test_a_row_of_qtms_own_is_read_with_the_roll_that_it_states(tmp_path: Path) -> None:
+    """Written by QTM: a roll of -0.65630° beside its matrix."""
+    row = "1 0.00000 -194.91974 2.24150 0.99661 -0.65630 0.09391 0.05772 4.98536 1.00000 0.00099 -0.00165 -0.00101"
+    row += " 0.99993 -0.01145 0.00164 0.01145 0.99993"
+    head = qtm().partition("\n1\t")[0]
+    ((_, table),) = read_qtm_tables(write(tmp_path, "one.tsv", f"{head}\n" + row.replace(" ", "\t") + "\n"))
+    turned = so3.from_euler_zyx(math.radians(-0.65630), math.radians(0.09391), math.radians(0.05772))
+    assert tuple(table[key][0] for key in ("qw", "qx", "qy", "qz")) == pytest.approx(turned, abs=2e-5)
+    assert [table[key][0] for key in "xyz"] == pytest.approx([-0.19491974, 0.0022415, 0.00099661], abs=1e-9)
+
+
+def test_qtms_other_exports_are_refused_with_what_they_hold(tmp_path: Path) -> None:
+    path = write(tmp_path, "markers.tsv", qtm(included="3D"))
+    with pytest.raises(ConfigError, match="DATA_INCLUDED is 3D, expected 6D"):
+        read_flight(load_mapping("qtm"), [path])
+
+
+def test_ros_2_and_tum_have_no_head(tmp_path: Path) -> None:
+    begun_ns = 1_700_000_000_990_000_000
+    stamps = [begun_ns + 10_000_000 * n for n in range(ROWS)]
+    ros = "".join(
+        f"{t // 10**9},{t % 10**9},map,{','.join(f'{p:.9f}' for p in place(n))},0.0,0.0,0.0,1.0\n"
+        for n, t in enumerate(stamps)
+    )
+    tum = "".join(
+        f"{t // 10**9}.{t % 10**9:09d} {' '.join(f'{p:.9f}' for p in place(n))} 0 0 0 1\n" for n, t in enumerate(stamps)
+    )
+    seen = []
+    for name, text in (("ros2-pose", ros), ("tum", tum), ("tum", "# timestamp tx ty tz qx qy qz qw\n" + tum)):
+        got = poses(tmp_path, write(tmp_path, "p.csv", text), name)
+        (tmp_path / "flight.mcap").unlink()
+        assert len(got) == ROWS
+        assert got[-1].time_s - got[0].time_s == pytest.approx(0.01 * (ROWS - 1), abs=1e-6)
+        seen.append([(one.position_ned.x, one.position_ned.y, one.position_ned.z) for one in got])
+    assert seen[0] == seen[1] == seen[2]
+    x, y, z = place(0)
+    assert seen[0][0] == pytest.approx((y, x, -z))
+
+
+def columns(folder: Path, text: str, time: str = "t", **layout: Any) -> dict[str, Any]:
+    path = write(folder, "any.csv", text)
+    ((_, table),) = read_csv_table(path, CsvLayout(**layout), [time], Counter())
+    return {name: column.tolist() for name, column in table.items()}
+
+
+def test_the_head_is_found_below_lines_of_other_things(tmp_path: Path) -> None:
+    text = "Rig,A,,\nDate;3 May\n\nt,x,y\n0,1,2\n1,3,4\n"
+    assert columns(tmp_path, text) == {"t": [0.0, 1.0], "x": [1.0, 3.0], "y": [2.0, 4.0]}
+
+
+def test_a_head_of_several_lines_tells_columns_apart(tmp_path: Path) -> None:
+    text = "rig A\n,quad,quad,wand,wand\nt,x,y,x,y\n0,1,2,3,4\n1,5,6,7,8\n"
+    table = columns(tmp_path, text, head_rows=2)
+    assert table["t"] == [0.0, 1.0]
+    assert (table["quad x"], table["wand y"]) == ([1.0, 5.0], [4.0, 8.0])
+    with pytest.raises(ConfigError, match="several columns are called x: where the lines above tell them apart"):
+        columns(tmp_path, text)
+
+
+def test_columns_by_number_and_lines_to_skip(tmp_path: Path) -> None:
+    text = "t,of,another,thing\n0;1,5;map\n1;2,5;map\n"
+    table = columns(tmp_path, text, "1", head_rows=0, skip_rows=1)
+    assert (table["1"], table["2"]) == ([0.0, 1.0], [1.5, 2.5])
+
+
+def test_empty_names_at_the_end_of_a_head_are_no_columns(tmp_path: Path) -> None:
+    assert columns(tmp_path, "t,x,,\n0,1,,\n1,2,,\n") == {"t": [0.0, 1.0], "x": [1.0, 2.0]}
+
+
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("0.0,1,2\n0.1,1,2\n", ""),
+        ("0.0,0.0,map\n0.1,0.0,map\n", ""),
+        (motive(), "--map motive"),
+        (qtm(), "--map qtm"),
+    ],
+)
+def test_a_file_without_a_head_says_so(text: str, hint: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no head line found") as told:
+        columns(tmp_path, text)
+    assert hint in str(told.value)
