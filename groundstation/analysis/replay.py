@@ -550,8 +550,12 @@ class _Replay:
         match switch.what, len(values):
             case "stand", 0:
                 pilot.stand()
-            case "doubt", 0:
-                pilot.doubt()
+            case "pause", 1:
+                pilot.pause_response(bool(values[0]))
+            case "agreement", 1:
+                pilot.set_autopilot_agreement(None if values[0] < 0.0 else bool(values[0]))
+            case "autopilot_attitude", 5:
+                pilot.take_autopilot_attitude(values[0], (values[1], values[2], values[3], values[4]))
             case "touch", 1:
                 pilot.touch(bool(values[0]))
             case "listen", 1:
@@ -560,8 +564,9 @@ class _Replay:
                 pilot.lift(*values)
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
-            case "ease", 2:
-                pilot.ease(bool(values[0]), asks=bool(values[1]))
+            case "ease", 2 | 3:  # two in recordings of 0.1
+                calmly, asks, *lands = map(bool, values)
+                pilot.ease(calmly, asks=asks, lands=any(lands))
             case "surrender", 1:
                 self._end = partial(pilot.surrender, hold_s=values[0])
             case "let_go", 1:

@@ -7,7 +7,17 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
-RETIRED_KEYS: dict[str, str] = {}
+_BY_GATE = "The pose gate and the response tests do its work (docs/explanation/trust.md)."
+RETIRED_KEYS: dict[str, str] = {
+    "guards.divergence_m": _BY_GATE,
+    "guards.divergence_s": _BY_GATE,
+    "guards.tilt_error_deg": "Use guards.oscillation_deg.",
+    "guards.tilt_error_s": "Use guards.oscillation_s.",
+    "guards.sway_deg": "Use guards.oscillation_deg.",
+    "guards.sway_s": "Use guards.oscillation_s.",
+    "guards.heave": "guards.oscillation_deg does its work.",
+    "guards.heave_s": "guards.oscillation_s does its work.",
+}
 """Dotted key (``guards.tilt_share``), or a section with all its keys (``pilot``), to one sentence of advice."""
 
 

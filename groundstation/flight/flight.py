@@ -48,7 +48,7 @@ from groundstation.core.messages import (
     TickRecord,
 )
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GROUND, Event, State
-from groundstation.core.safety import Charge, LiveGains, Obedience, PoseEvidence, PoseLatency, Witness
+from groundstation.core.safety import MONITORS, Failure, LiveGains, Monitors, PoseHealth, PoseLatency, Witness
 from groundstation.core.vehicle import Vehicle
 from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.mission_executive import LAST_CHANCE_S, MissionExecutive
@@ -628,12 +628,14 @@ class Flight:
         quiet: IdleSlots | None = None,
         company: Company | None = None,
         hold: HoldWatch | None = None,
+        monitors: Monitors = MONITORS,
     ) -> None:
         """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
 
         ``subscribers`` hear all that happens; wires are opened on ``network``, where that is not the usual one.
         ``others`` are vehicles to keep away from, as ``source`` sees them. ``quiet`` hears of each command that left.
         ``company`` checks what is beside it before it is armed; ``hold`` watches what the operator must hold.
+        ``monitors`` makes what may end the flight.
         """
         self._config = config
         self._link = link
@@ -644,8 +646,9 @@ class Flight:
         self._due = FrameLateness(link)
         flight = config.flight
         self._pilot = Pilot(
-            config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._hear_pilot, self._now
-        )
+            config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._hear_pilot, self._now,
+            monitors.health,
+        )  # fmt: skip
         self._suspicious = False
         self._witness = Witness()
         self._latency = PoseLatency()
@@ -658,9 +661,12 @@ class Flight:
             self._say,
             self._enter,
             others,
-            doubts=self._doubts,
-            arrival=(lambda now_s: IN_TIME) if (autopilot := link.autopilot) is None else autopilot.arrival,
-            on_conviction=self.distrust,
+            lands_by_own_position=(
+                (lambda now_s: False) if (autopilot := link.autopilot) is None else autopilot.could_land_by_itself
+            ),
+            arrival=(lambda now_s: IN_TIME) if autopilot is None else autopilot.arrival,
+            on_failure=self.distrust,
+            monitors=monitors,
         )
         self._commands = CommandLoop(
             link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._on_command, self._say
@@ -704,19 +710,14 @@ class Flight:
         return None if self._progress.tick is None else self._progress.tick.time_s
 
     @property
-    def monitor(self) -> Obedience:
-        """What holds the poses against the commands."""
-        return self._pilot.monitor
+    def health(self) -> PoseHealth:
+        """Health of the poses."""
+        return self._pilot.health
 
     @property
-    def evidence(self) -> PoseEvidence:
-        """What speaks against the poses at present, as shares of what convicts."""
-        return self._pilot.evidence
-
-    @property
-    def charge(self) -> Charge | None:
-        """What its poses are charged with, where that has ended it."""
-        return self._progress.charge
+    def failure(self) -> Failure | None:
+        """Why its poses have ended it; None where they have not."""
+        return self._progress.failure
 
     @property
     def started_s(self) -> float | None:
@@ -797,8 +798,6 @@ class Flight:
 
     def pose_event(self, event: PoseEvent) -> None:
         """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
-        if event.kind == "strays":
-            self._pilot.doubt()
         if event.text:
             severity = Severity.WARNING if event.kind == "unsteady" else Severity.INFO
             self._say(event.text, severity)
@@ -808,24 +807,19 @@ class Flight:
         self._shutdown.distrust()
 
     def _attitude(self, told: Attitude) -> None:
-        self.witness().attitude(told)
+        witness, now_s = self.witness(), asyncio.get_running_loop().time()
+        witness.attitude(told)
         self._latency.attitude(told)
         if not self._dismissed:
             self._tell_disagreement()
-        if told.rates_rad_s is None:
-            return  # through a radio: that one stalls on the way down says nothing of our commands
-        self._progress.hear(asyncio.get_running_loop().time())
-        self._progress.attitude(told)
-
-    def _doubts(self, now_s: float) -> bool | None:
-        """Whether the autopilot's own attitude disagrees with the poses; None where it tells none.
-
-        That it agrees counts only where the mode can be asked for: what nobody takes over past us is not waited for.
-        """
-        agreement = self.witness().verdict(now_s)
-        if agreement is None:
-            return None
-        return True if agreement.doubts_s is not None else None if self._link.autopilot is None else False
+        if self.state in IN_AIR:
+            agreement = witness.verdict(now_s)
+            self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
+        if (
+            told.rates_rad_s is not None
+        ):  # through a radio: that one stalls on the way down says nothing of our commands
+            self._progress.hear(now_s)
+        self._progress.attitude(told, witness.in_poses(told), now_s)
 
     async def run(self) -> FlightOutcome:
         """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
@@ -930,7 +924,7 @@ class Flight:
         state = self.state
         if tick.seen.warning:
             self._say(f"warning: {tick.seen.warning}", Severity.WARNING, "certificate")
-        suspicious, self._suspicious = self._suspicious, self._pilot.suspicious
+        suspicious, self._suspicious = self._suspicious, self._pilot.is_suspicious
         if self._suspicious and not suspicious and self._link.autopilot is not None:
             self._link.autopilot.ask_mode()  # who has taken it over flies otherwise, too
         step, news, severity = self._live.update(

@@ -5,38 +5,33 @@ The caller owns time and wires.
 
 import math
 from collections.abc import Callable
+from enum import IntEnum
 from typing import NamedTuple
 
 import msgspec
 
 from groundstation.core import Pilot
-from groundstation.core.geometry import Vec3, third_column
-from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint
+from groundstation.core.geometry import Quat, Vec3, third_column
+from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint, notice
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.safety import (
+    MONITORS,
     NUDGE_SHARE,
-    WITNESS,
-    Charge,
-    Conviction,
-    DescentMonitor,
     Escalation,
+    Failure,
     Fence,
     GuardAction,
     GuardFinding,
     Guards,
+    HealthState,
     Hover,
+    Monitors,
     Nudge,
-    Parole,
-    Resets,
     Separation,
-    Since,
     Spool,
     SpoolUp,
     StandingPoses,
     Touchdown,
-    charge_age,
-    charge_lateness,
-    charge_place,
     limit_n,
 )
 from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stop
@@ -56,8 +51,6 @@ own estimate by so much for each m/s of its speed at most [1/s], as 0.3 m/s may 
 ASTRAY_M = 0.3
 """A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
 shoot up to where it should have been."""
-HEARTBEAT_S = 0.4
-"""By then an autopilot, which is asked as suspicion begins, has told of a mode that somebody else has chosen [s]."""
 SILENT_S, SILENTS, LOST_S = 0.15, 2.5, 3.0
 """A vehicle that tells how it turns, and has been silent for so long [s], and so many times [-] longer than usual, may
 not hear us either; for longer than the third [s], it only tells no more."""
@@ -76,6 +69,11 @@ LOOKS = 40
 """A leg is looked at in so many places before it is flown: less than a millisecond."""
 LONGER_S, LONGER = 10.0, 2.0
 """A way down may take so much [s], and so many times [-], longer than at the slowest speed that it is told."""
+AUTOPILOT_S = 0.3
+"""Age up to which the autopilot's own attitude is flown by after the poses' has failed [s]: three of its messages at
+10 Hz."""
+BLIND_DEPTH_M = 0.5
+"""Depth under the floor, by the model, at which a blind descent is over [m]: the model's height is known no better."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
@@ -314,6 +312,19 @@ class Hearing:
         return silent_s if max(SILENT_S, SILENTS * self._usual_s) < silent_s < LOST_S else 0.0
 
 
+class Means(IntEnum):
+    """Means by which a flight comes down after its poses have failed: each worse than the last."""
+
+    POSITION = 0
+    """Everything of the poses still answers: an ordinary landing."""
+    ATTITUDE = 1
+    """Only their attitude answers: a descent with speed and place from the model."""
+    AUTOPILOT = 2
+    """The autopilot's own attitude is heard: the same by that."""
+    NOTHING = 3
+    """Nothing answers, or the autopilot lands by its own position: commands end with a bring-down."""
+
+
 class MissionExecutive:
     """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
 
@@ -326,32 +337,32 @@ class MissionExecutive:
         on_state: Callable[[State, str], None],
         others: Others | None = None,
         *,
-        doubts: Callable[[float], bool | None] = lambda now_s: None,
+        lands_by_own_position: Callable[[float], bool] = lambda now_s: False,
         arrival: Callable[[float], Arrival] = lambda now_s: IN_TIME,
-        on_conviction: Callable[[], None] = lambda: None,
+        on_failure: Callable[[], None] = lambda: None,
+        monitors: Monitors = MONITORS,
     ) -> None:
         """``say`` takes text, severity and kind of a :class:`Notice`, ``on_state`` every state that begins, and why.
 
         ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
-        ``doubts`` tells whether the autopilot's own attitude disagrees with the poses at an instant [s], None where it
-        does not tell; ``arrival`` whether commands reach it at an instant [s].
-        ``on_conviction`` hears that the poses are not believed any more, before the last command leaves.
+        ``lands_by_own_position`` tells whether the autopilot can land by a position of its own at an instant [s],
+        ``arrival`` whether commands reach it then.
+        ``on_failure`` hears that the poses are not believed any more, before the last command
+        leaves. ``monitors`` makes the guards.
         """
         self._config = config
         self._pilot = pilot
         self._period_s = period_s
-        self._doubts = doubts
+        self._lands_by_own_position = lands_by_own_position
         self._arrival = arrival
         self._unheard = False
-        self._on_conviction = on_conviction
-        self._conviction = Conviction()
-        self.charge: Charge | None = None
-        """Why the poses, or the commands, have ended it; None where they have not."""
+        self._on_failure = on_failure
+        self.failure: Failure | None = None
+        """Why the poses, or the commands, have ended the flight; None where they have not."""
+        self._means = Means.POSITION
+        self._autopilot_s = -math.inf
+        self._health = HealthState.OK
         self._hearing = Hearing()
-        self._since = Since()
-        self._parole, self._resets = Parole(), Resets()
-        self._descent = DescentMonitor()
-        self._disobeys: Charge | None = None
         self._down_by_s = math.inf
         self._say = say
         self._on_state = on_state
@@ -369,9 +380,10 @@ class MissionExecutive:
         self._separation = separation = None if others is None else Separation(config.separation, others)
         if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
             floor_z_m = config.flight.floor_z_m
-            self._guards = Guards(
-                guards, fence, config.vehicle, period_s, separation, floor_z_m, config.controller.gravity
-            )
+            self._guards = monitors.guards(
+                guards, fence, config.vehicle, period_s, separation, floor_z_m, config.controller.gravity,
+                config.flight.coast_s,
+            )  # fmt: skip
         self._warned = ""
         self._escalation = Escalation(guards.lasting_s)
         self.tick: Tick | None = None
@@ -511,8 +523,8 @@ class MissionExecutive:
         if spooling is None:
             if self._comes_too_late(now_s):
                 return self._pilot.let_go(now_s, LAST_PERIODS * self._period_s()), None
-            if self._find_charge(now_s):
-                self._on_conviction()
+            if self._answer_failure(now_s):
+                self._on_failure()
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
@@ -530,8 +542,8 @@ class MissionExecutive:
 
     def left(self, now_s: float) -> None:
         """A command has left; where it was the last that poses have led to, commands end with it."""
-        if self.charge is not None:
-            self.go(Event.ABORT, self.charge.reason, now_s, fault=True)
+        if self._means is Means.NOTHING and self.failure is not None:
+            self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
 
     def _comes_too_late(self, now_s: float) -> bool:
         """Whether commands end, as they come too late; where none arrive, they are gentle, and nothing is learnt.
@@ -543,9 +555,8 @@ class MissionExecutive:
         self._pilot.listen(self._unheard)
         if not self._unheard:
             return False
-        self._pilot.monitor.forget()
         if (why := self._find_deafness(now_s)) and late_s > 0.0:
-            self.charge = Charge(f"{why}, so they end")
+            self.failure, self._means = Failure("link.late", f"{why}, so they end"), Means.NOTHING
             return True
         if why and self.state is not State.DESCENT:
             self.go(Event.DESCEND, why, now_s, fault=True)
@@ -563,88 +574,81 @@ class MissionExecutive:
             "acts by its own failsafe for set-points that stop; should it hear again, it is brought down"
         )
 
-    def _find_charge(self, now_s: float) -> bool:
-        """Whether the poses are not believed any more."""
+    def _answer_failure(self, now_s: float) -> bool:
+        """Come down by what still answers, where the poses have failed; return whether commands end."""
+        health = self._pilot.health
         if self._guards is None:
             return False
-        pose = self._pilot.newest_pose
-        assert pose is not None, "what flies has poses"
-        old = charge_age(pose.arrival_s - pose.time_s, self._config.flight.coast_s, self._since, now_s)
-        height_m = self._config.flight.floor_z_m - pose.position_ned[2]
-        self.charge = (
-            old
-            or charge_lateness(self._pilot.monitor.late_s)
-            or charge_place(height_m, self._pilot.astray_m)
-            or self._resets.charge(pose.reset_count, now_s)
-            or self._disobeys
-            or self._on_parole(pose, now_s)
-        )
-        if self.charge is not None:
-            return True
-        silent_s = self._hearing.stalls(now_s)
-        if silent_s > 0.0:
-            self._pilot.monitor.forget()  # the link stalls: who does not hear the commands can't obey them
-            if self._pilot.upset and self.state is not State.DESCENT:
-                why = f"not heard for {1e3 * silent_s:.0f} ms, and it does not do as told: the link stalls"
-                self.go(Event.DESCEND, why, now_s, fault=True)
-        evidence = self._pilot.evidence
-        doubts = self._doubts(now_s) if max(evidence) >= WITNESS else None
-        led = self._pilot.monitor.is_led(now_s)
-        charge = self._conviction.look(evidence, now_s, led=led, doubted=doubts is True)
-        # Where its own attitude agrees, a pilot may have taken over: it is asked for its mode, and that takes a moment.
-        patient = charge is not None and doubts is False and evidence.attitude == max(evidence)
-        lasts = self._since.lasts("taken", patient, now_s, HEARTBEAT_S)
-        self.charge = charge if not patient or lasts else None
-        if self._conviction.says:
-            self._say(self._conviction.says, kind="suspicion" if evidence.suspicious else "news")
-        return self.charge is not None
+        self._pilot.pause_response(self._hearing.stalls(now_s) > 0.0)
+        self._tell_health(health.state, health.reason_id)
+        if not health.has_failed:
+            return False
+        if self.failure is None:
+            self.failure = Failure(health.reason_id, notice(health.reason_id))
+        self._means = max(self._means, self._find_means(now_s))
+        reason = self.failure.reason
+        match self._means:
+            case Means.POSITION:
+                if self.state not in (State.LANDING, State.DESCENT):
+                    self.go(Event.LAND, f"{reason}: landing, as they still answer", now_s, fault=True)
+            case Means.ATTITUDE | Means.AUTOPILOT:
+                whose = "their attitude" if self._means is Means.ATTITUDE else "the autopilot's attitude"
+                if self.state is not State.DESCENT:
+                    self.go(Event.DESCEND, f"{reason}: down by {whose}", now_s, fault=True, blind=True)
+                elif not self._pilot.is_blind:
+                    self._pilot.descend(self._config.flight.descent_m_s, blind=True)
+            case Means.NOTHING:
+                self.failure = self.failure._replace(reason=f"{reason}: down on the model")
+                return True
+        return False
 
-    def _on_parole(self, pose: Pose, now_s: float) -> Charge | None:
-        """Poses that come back after so long that the descent has begun."""
-        if not self._parole.serves(pose.time_s):
-            return None
-        if self._parole.ends(self._pilot.monitor.answered):
-            self._pilot.descend(self._config.flight.descent_m_s, blind=False)
-            return None
-        return self._parole.charge(now_s)
+    def _find_means(self, now_s: float) -> Means:
+        """Best means that is left at present."""
+        health = self._pilot.health
+        if health.position_answers:
+            return Means.POSITION
+        if self._lands_by_own_position(now_s):
+            return Means.NOTHING
+        if health.attitude_answers:
+            return Means.ATTITUDE
+        return Means.AUTOPILOT if now_s - self._autopilot_s < AUTOPILOT_S else Means.NOTHING
+
+    def _tell_health(self, state: HealthState, reason_id: str) -> None:
+        """Tell the operator once that the poses are asked, and that they answer."""
+        before, self._health = self._health, state
+        if state is before or state is HealthState.FAILED:
+            return
+        suspect = state is HealthState.SUSPECT
+        self._say(notice(reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news")
 
     def observe(self, tick: Tick) -> None:
         """One command of the controller has left: is the state over?"""
         self.tick = tick
         guards = self._guards
         if guards is not None:
-            finding = guards.see(tick, self.state, self._pilot.diverged_m)
+            finding = guards.see(tick, self.state)
             if finding is None or finding.step is GuardAction.WARN:
                 self._warn("" if finding is None else f"warning: {finding.reason}")
             else:
                 self._answer(finding, tick.time_s)
-                if finding.blind and self.state is State.DESCENT and not self._pilot.blind:
-                    self._pilot.descend(self._config.flight.descent_m_s, blind=True)
-        blind = self._pilot.blind or self._hearing.stalls(tick.time_s) > 0.0
-        if guards is not None and self.state is State.DESCENT and not blind:
-            self._disobeys = self._find_disobedience(tick)
-        move = self._course.over(self.state, tick, heard=not self._unheard) or self._find_overtime(tick.time_s)
+        move = self._course.over(self.state, tick, heard=not self._unheard) or self._find_overtime(tick)
         self._pilot.touch(self.state is State.LANDING and self._course.touches)
         if move is not None and move.event is Event.ARRIVED:
             self._go_on(move, tick.time_s)
         elif move is not None:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)
 
-    def _find_overtime(self, now_s: float) -> MissionMove | None:
+    def _find_overtime(self, tick: Tick) -> MissionMove | None:
         """What ends a way down that has taken so long that the floor is not where it is believed to be."""
-        if not now_s > self._down_by_s:
+        height_m = self._config.flight.floor_z_m - tick.estimate.motion.position[2]
+        if self._pilot.is_blind and self._pilot.health.has_failed and height_m < -BLIND_DEPTH_M:
+            return MissionMove(Event.ABORT, "down by the model: commands end", fault=True)
+        if not tick.time_s > self._down_by_s:
             return None
         why = "it should long have come down, and the floor was not felt (check flight.floor_z_m)"
         if self.state is State.LANDING:
             return MissionMove(Event.DESCEND, why, fault=True)
         return MissionMove(Event.ABORT, f"{why}: commands end", fault=True)
-
-    def _find_disobedience(self, tick: Tick) -> Charge | None:
-        """Whether a failsafe descent does not do as it is told, by the poses."""
-        motion, thrust_n = tick.estimate.motion, tick.command.thrust_n
-        high = self._config.flight.floor_z_m - motion.position[2] > DISARMED_HEIGHT_M
-        share = thrust_n * tick.estimate.effectiveness / self._config.weight_n
-        return self._descent.charge(motion, share, high, tick.time_s)
 
     def link(self, status: LinkStatus, now_s: float) -> None:
         """The link has told of itself."""
@@ -660,8 +664,6 @@ class MissionExecutive:
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
         if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
             why = f"no pose for {(now_s - pose.time_s) * 1e3:.0f} ms"
-            if self.state is not State.DESCENT:
-                self._parole.begin(pose.time_s)
             self._answer(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
 
     def _warn(self, says: str) -> None:
@@ -701,8 +703,12 @@ class MissionExecutive:
         """The vehicle has told how it turns."""
         self._hearing.hear(now_s)
 
-    def attitude(self, told: Attitude) -> None:
-        """The vehicle has told how it lies and turns."""
+    def attitude(self, told: Attitude, in_poses: Quat | None, now_s: float) -> None:
+        """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
+        if in_poses is not None:
+            self._autopilot_s = now_s
+            if self._means is Means.AUTOPILOT:
+                self._pilot.take_autopilot_attitude(told.time_s, in_poses)
         if self._nudge is not None and self.state is not State.ARMING:
             self._nudge.attitude(told)
 
@@ -751,8 +757,8 @@ class MissionExecutive:
         return reference, self.tick.estimate.time_s
 
     def _follow(self, leg: Leg) -> None:
-        asks = self.state not in (State.TRACKING, State.LANDING)
-        self._pilot.ease(self.state is not State.TRACKING, asks=asks)
+        asks = self.state is not State.TRACKING
+        self._pilot.ease(self.state is not State.TRACKING, asks=asks, lands=self.state is State.LANDING)
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

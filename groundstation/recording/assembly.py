@@ -28,6 +28,7 @@ from groundstation.core.messages import (
     StatusRecord,
     Subscriber,
 )
+from groundstation.core.safety import MONITORS, Monitors
 from groundstation.flight import Company, Flight, make_ends, make_hold
 from groundstation.machine import IdleSlots, Running
 from groundstation.pose import ForwardingSource
@@ -263,13 +264,14 @@ def make_flight(
     give: Give | None = None,
     quiet: IdleSlots | None = None,
     running: Callable[[], Sequence[Running]] = tuple,
+    monitors: Monitors = MONITORS,
 ) -> Flight:
     """The parts that ``config`` names, put together; nothing is opened yet.
 
     ``subscribers`` hear all that happens; ``on_pose`` sees every pose first, also those that the gate will drop;
     ``give`` takes what is to be recorded.
     ``wires``: see :func:`make_ends`. ``quiet`` hears of each command that left.
-    ``running`` tells what else flies from this machine.
+    ``running`` tells what else flies from this machine. ``monitors`` makes what may end the flight.
 
     Raises:
         ConfigError: the poses need another link.
@@ -304,6 +306,7 @@ def make_flight(
         quiet=quiet,
         company=Company(config, bodies, running, None if hold is None else hold.hold),
         hold=hold,
+        monitors=monitors,
     )
     return flight
 

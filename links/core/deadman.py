@@ -174,6 +174,10 @@ class AutopilotLink(Protocol):
         """Whether it has been asked to land by itself since the newest arming, and does."""
         ...
 
+    def could_land_by_itself(self, now_s: float) -> bool:
+        """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our poses."""
+        ...
+
     def ask_mode(self) -> None:
         """Have it tell its mode now: what it does not do may be somebody else's doing."""
         ...

@@ -412,6 +412,12 @@ class MavlinkLink:
         config = self._config
         return config.own_position or not (config.forward.enabled or self.connection.heard_vision or self.shares_poses)
 
+    def could_land_by_itself(self, now_s: float) -> bool:
+        """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our poses."""
+        if self._config.bring_down != "auto":
+            return self._config.bring_down == "land"
+        return self._vitals.could_land(now_s) and self._knows_by_itself
+
     def distrust(self) -> None:
         """Our poses are wrong: until it is connected anew, LAND is asked of an autopilot only that knows by itself."""
         self._distrusted = True

@@ -27,5 +27,6 @@ from groundstation.core.control.attitude import (
 from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
 from groundstation.core.control.bring_down import OFF, plan_bring_down
 from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
-from groundstation.core.control.descent import ASK_THRUST_RAD_S, ASK_TONES_RAD_S, Descent, ask, ask_thrust, level
+from groundstation.core.control.descent import Descent, level
+from groundstation.core.control.excitation import ExcitationTones, ToneMotion
 from groundstation.core.control.model_descent import plan_model_descent

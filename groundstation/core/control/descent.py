@@ -1,10 +1,10 @@
 """Failsafe descent: level and down by attitude and speed alone. No position, no adaptation, no reference. Sans-IO.
 
-The push that takes the velocity to (0, 0, sink), tilted a little at most; the attitude follows it by its sine error.
-It holds no place: what is left of the wind's estimate, it drifts with. An estimate that is wrong must not make it
-climb: an integral of the sinking speed's error outweighs it. Blind, it asks the speed for nothing either: it levels
-into the wind it knew and pushes a little less than what hovers, and with time ever less; and it asks the poses
-whether they are this vehicle's, by turning it to and fro by two degrees: in calm air nothing else would tell soon.
+The push that takes the velocity to (0, 0, sink), tilted a little at most; the attitude follows it
+by its sine error. It holds no place: it drifts with the error of the wind's estimate. An estimate
+that is wrong must not make it climb: an integral of the sinking speed's error outweighs it. Blind,
+the speed is the model's, leaning into the wind that was known; down it pushes a little less than
+what hovers, and with time ever less.
 """
 
 import math
@@ -19,14 +19,14 @@ SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
-LEAN = math.radians(20.0)
-"""Largest tilt that it asks for [rad]."""
-WIND_LIMIT_M_S2 = 4.0
-"""Of an estimated disturbance no more is believed, on each axis."""
+LEAN = math.radians(35.0)
+"""Largest tilt that it asks for [rad]: a wind of 6.9 m/s² is leant into."""
+WIND_LIMIT_M_S2 = 6.0
+"""Largest disturbance across that is believed, on each axis [m/s²]: a gust front of 5 and its overshoot."""
+WIND_DOWN_M_S2 = 4.0
+"""Largest disturbance down that is believed [m/s²]: rotors that give seven tenths look like 4.2."""
 MOST = 0.24
 """Largest acceleration upwards that it asks for, as a share of gravity: poses that are late or wrong ask for more."""
-DOUBTED_MOST = 0.18
-"""The same where something speaks against the poses [-]."""
 INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
 """Acceleration per integral of the sinking speed's error [1/s²], and its largest: more than any wind believed."""
 HEAVIER_M_S2 = 3.0
@@ -46,25 +46,7 @@ BLIND_RISES_M_S, BLIND_BRAKE_M_S2 = 2.0, 2.0
 BLIND_SINKS_M_S, BLIND_LIFT_M_S2 = 0.7, 1.8
 """... or to sink by so much faster than told [m/s], and that by so much [m/s²]."""
 BLIND_WIND_M_S2 = 1.5
-"""Of an estimated disturbance so much is believed when blind, on each axis."""
-
-
-ASK_RAD_S, ASK_TONES_RAD_S = 0.27, (10.5, 14.0, 18.5)
-"""A question to the poses: the axis that it leans about circles at once so fast, each by so much [rad/s]. Slower ones
-would carry it away; together they repeat after no time by which poses are late."""
-ASK_SHARE, ASK_THRUST_RAD_S = 0.04, 12.0
-"""Its thrust swings by such a share [-] so fast [rad/s]."""
-
-
-def ask(time_s: float) -> tuple[float, float]:
-    """Roll and pitch rates [rad/s] to which a body that obeys must answer: it turns to and fro by two degrees."""
-    phases = [tone * time_s for tone in ASK_TONES_RAD_S]
-    return ASK_RAD_S * sum(map(math.cos, phases)), ASK_RAD_S * sum(map(math.sin, phases))
-
-
-def ask_thrust(time_s: float) -> float:
-    """By what thrust is multiplied to ask whether the height answers [-]."""
-    return 1.0 + ASK_SHARE * math.cos(ASK_THRUST_RAD_S * time_s)
+"""Largest disturbance down that is believed when blind [m/s²]."""
 
 
 def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
@@ -100,20 +82,19 @@ class Descent:
         """What it is pushed by on average [m/s², NED]; blind, what it was as this began."""
         self.blind = False
         """True where speed is not to be believed."""
-        self.doubted = False
-        """True where something speaks against the poses."""
         self._integral = self._blind_s = 0.0
         self._rises = max(-BLIND_SINKS_M_S, min(rises_m_s, BLIND_RISES_M_S))
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command."""
         motion, g = estimate.motion, self._gravity
-        most = BLIND_WIND_M_S2 if self.blind else WIND_LIMIT_M_S2
         (a, b, c), k, m = self.wind, interval_s / (interval_s + WIND_S), interval_s / (interval_s + HEAVIER_S)
         x, y, z = estimate.disturbance
         if not self.blind:
             self.wind = a, b, c = a + k * (x - a), b + k * (y - b), c + m * (z - c)
-        x, y, z = (max(-most, min(most, d)) for d in (a, b, c if self.blind else max(c - LIGHTER_M_S2, z)))
+        down = BLIND_WIND_M_S2 if self.blind else WIND_DOWN_M_S2
+        x, y = (max(-WIND_LIMIT_M_S2, min(WIND_LIMIT_M_S2, d)) for d in (a, b))
+        z = max(-down, min(c if self.blind else max(c - LIGHTER_M_S2, z), down))
         if self.blind:
             self._blind_s += interval_s
             pull = BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0)
@@ -121,7 +102,8 @@ class Descent:
             if self._rises < 0.0:
                 brake = max(4.0 * self._rises, -BLIND_LIFT_M_S2)
             self._rises -= brake * interval_s
-            wanted: Vec3 = (0.0, 0.0, pull + brake)
+            u, v, _ = motion.velocity  # the model's, which takes no position from the poses
+            wanted: Vec3 = (-SPEED_GAIN * u, -SPEED_GAIN * v, pull + brake)
         else:
             (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
             k, limit = SPEED_GAIN, INTEGRAL_LIMIT_M_S2
@@ -131,20 +113,16 @@ class Descent:
         along, _ = push(wanted, (x, y, z), g, LEAN)
         roll, pitch = _lean(motion.attitude, along)
         upright = third_column(motion.attitude)[2]
-        also = ask(self._blind_s) if self.blind else (0.0, 0.0)
-        effectiveness, strongest = estimate.effectiveness, MOST
-        if self.doubted:
-            effectiveness, strongest = self._effectiveness, DOUBTED_MOST
-        mass = self._vehicle.mass_kg / effectiveness
-        believed = BLIND_WIND_M_S2 if self.blind or self.doubted else HEAVIER_M_S2
+        mass = self._vehicle.mass_kg / (self._effectiveness if self.blind else estimate.effectiveness)
+        believed = BLIND_WIND_M_S2 if self.blind else HEAVIER_M_S2
         heavier = max(-believed, min(self.wind[2], believed))
         # A leaning vehicle lifts less, one far over nothing that helps.
-        lift = min(length(along) / max(upright, 0.7), (1.0 + strongest) * (g + heavier)) if upright > 0.3 else 0.0
+        lift = min(length(along) / max(upright, 0.7), (1.0 + MOST) * (g + heavier)) if upright > 0.3 else 0.0
         return make_decision(
             self._vehicle,
             estimate,
             reference,
             mass * lift,
-            (roll + also[0], pitch + also[1], 0.0),
+            (roll, pitch, 0.0),
             wanted=wanted,
         )

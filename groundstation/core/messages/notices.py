@@ -31,6 +31,8 @@ class NoticeTemplate(msgspec.Struct, frozen=True):
         return f"{sentence}: {self.remedy.format(**values)}" if self.remedy else sentence
 
 
+_WARN = Severity.WARNING
+
 _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "import.no_head",
@@ -74,6 +76,106 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "where a key does nothing, press the second one, which the footer names",
         Severity.WARNING,
     ),
+    # Poses that do not answer what was commanded (docs/explanation/trust.md).
+    NoticeTemplate("pose.suspect", "the poses are asked by small motions whether they answer"),
+    NoticeTemplate("pose.answers", "the poses answer again"),
+    NoticeTemplate(
+        "pose.attitude_no_answer",
+        "the attitude of the poses does not answer the commanded turns",
+        "check the object's name, its axes (`groundstation carry`) and the latency of the tracker",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "pose.late",
+        "the poses follow the commands 0.1 s or more later than configured, whatever their stamps say",
+        "check the latency of the tracker and the link (`groundstation identify`)",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "pose.position_no_answer",
+        "the position of the poses does not answer the commanded motion, or something holds the vehicle",
+        "check the object's name and markers",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "pose.position_mirrored",
+        "the position moves against, or not with, the commanded accelerations",
+        "check pose.axes with `groundstation carry`",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "pose.stopped_dead",
+        "the position stopped dead while the vehicle moved on, or something caught the vehicle",
+        "check the tracker",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "pose.yaw_unasked",
+        "the poses turn about the vertical by more than 14 deg/s, and no command asks for that",
+        "check the object's markers",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "pose.height_behind",
+        "the height stays behind the thrust just off the floor",
+        "check the object's name and the floor's height",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "pose.autopilot_disagrees",
+        "the attitude of the poses disagrees with the autopilot's own",
+        "check that the tracked object is this vehicle, and its axes",
+        _WARN,
+    ),
+    # Guards: one sentence for each row of core/safety/guards.py.
+    NoticeTemplate("guard.tilt", "tilt {tilt_deg:.0f}°, limit {limit_deg:g}°", "", _WARN),
+    NoticeTemplate(
+        "guard.oscillation",
+        "tilt {off_deg:.0f}° beside the wanted one, again and again, limit {limit_deg:g}°",
+        "check lags, delays and the latency of the poses (`groundstation identify`)",
+        _WARN,
+    ),
+    NoticeTemplate("guard.error", "{error_m:.2f} m from where it should be, limit {limit_m:g} m", "", _WARN),
+    NoticeTemplate("guard.speed", "{speed_m_s:.1f} m/s beside the wanted speed, limit {limit_m_s:g} m/s", "", _WARN),
+    NoticeTemplate(
+        "guard.thrust", "thrust at its limit for {lasts_s:g} s", "check battery, load and vehicle.thrust_max_n", _WARN
+    ),
+    NoticeTemplate("guard.rate", "a body rate at its limit for {lasts_s:g} s of the last 2 s", "", _WARN),
+    NoticeTemplate(
+        "guard.weak",
+        "thrust is {found:.0f} % of what is commanded, limit {limit:.0f} %",
+        "check battery, propellers and vehicle.mass_kg",
+        _WARN,
+    ),
+    NoticeTemplate("guard.fence", "{outside_m:.2f} m outside the fence", "", _WARN),
+    NoticeTemplate("guard.braking", "{room_m:.2f} m before the fence at {speed_m_s:.1f} m/s", "braking", _WARN),
+    NoticeTemplate("guard.separation", "{distance_m:.2f} m from {name}, limit {limit_m:g} m", "", _WARN),
+    NoticeTemplate("guard.approach", "{distance_m:.2f} m from {name} and nearing", "braking", _WARN),
+    NoticeTemplate("guard.unseen", "the cameras have not seen {names} for more than {limit_s:g} s", "", _WARN),
+    NoticeTemplate(
+        "guard.pose_age",
+        "pose age {age_ms:.0f} ms on arrival, limit {limit_ms:.0f} ms",
+        "check the tracker's network",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "guard.pose_resets",
+        "{count} resets of the estimate behind the poses within 5 s, limit {limit}",
+        "check the source of the poses",
+        _WARN,
+    ),
+    NoticeTemplate(
+        "guard.under_floor", "the poses show it {depth_m:.2f} m under the floor, limit {limit_m:g} m", "", _WARN
+    ),
+    NoticeTemplate(
+        "guard.overruns",
+        "{count} of the last 100 frames were late, limit {limit}",
+        "this computer is too slow",
+        _WARN,
+    ),
+    NoticeTemplate("guard.round_trip", "round trip {rtt_ms:.0f} ms, limit {limit_ms:.0f} ms", "check the radio", _WARN),
+    NoticeTemplate("guard.charge", "battery at {charge:.0f} %, limit {limit:.0f} %", "", _WARN),
+    NoticeTemplate("guard.voltage", "battery at {voltage_v:.2f} V, limit {limit_v:.2f} V", "", _WARN),
 )
 
 NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}

@@ -1,25 +1,21 @@
-"""What refuses or ends a flight: guards, geofence, separation, evidence against the poses, take-off and touchdown."""
+"""What refuses or ends a flight: guards, geofence, separation, health of the poses, take-off and touchdown."""
 
 from groundstation.core.safety.geofence import Fence, FenceConfig, Separation, SeparationConfig
 from groundstation.core.safety.guards import (
-    WITNESS,
-    Charge,
-    Conviction,
-    DescentMonitor,
+    GUARDS,
     Escalation,
+    Guard,
     GuardAction,
     GuardFinding,
     Guards,
     GuardsConfig,
-    Parole,
-    Resets,
     Since,
-    charge_age,
-    charge_lateness,
-    charge_place,
 )
+from groundstation.core.safety.health import SUSPECT_ERROR_M, Failure, HealthState, PoseHealth
+from groundstation.core.safety.latency import PoseLatency, ResponseLatency
 from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
-from groundstation.core.safety.obedience import NODE_S, STILL_SUSPECTS, Obedience, PoseEvidence, ResponseLatency
+from groundstation.core.safety.monitors import MONITORS, Monitors
+from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.core.safety.takeoff import (
     NUDGE_SHARE,
     WANDERING_M,
@@ -32,4 +28,4 @@ from groundstation.core.safety.takeoff import (
     usual_limit_n,
 )
 from groundstation.core.safety.touchdown import CERTAIN_S, Hover, LandingConfig, Touchdown
-from groundstation.core.safety.witness import ASKEW_DEG, Agreement, PoseLatency, Witness
+from groundstation.core.safety.witness import ASKEW_DEG, Agreement, Witness

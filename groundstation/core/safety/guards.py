@@ -1,38 +1,28 @@
-"""Guards: limits that are looked at with every command, and end a flight early, as conviction does. Sans-IO.
+"""Guards: one table of limits that end a flight early, looked at with every command. Sans-IO.
 
-Of the flight itself: its error, its speed, its lean, the poses and the link that it needs. Of what is around it: the
-geofence, and other vehicles that the cameras see, or should. Of its own swinging: poses that come late and commands
-that get lost make the height swing as well as the lean. Up in the air the lean shows it in time; near the floor the
-next trough of the thrust is a fall.
-
-Beyond a limit follows one step of hold → land → failsafe descent after the other: what lasts on after its answer is
-answered by the next, unless no landing could end it, as an empty battery.
-
-Evidence against the poses leads to two things. *Suspicion*: nothing is learnt from the poses, the last trim is held,
-and the operator is told. *Conviction*: the poses are not believed again in this flight; it ends with a descent on the
-model, from what was believed before. Where the attitude obeys and only the position stands, or where something moves
-the vehicle, it may be a tether, a net or a hand: the flight ends in the same way, and nobody is convicted.
+Beyond a limit follows one step of hold → land → failsafe descent. What lasts on after its answer is
+answered by the next step, up to the last one of its row: no landing ends an empty battery.
+``GUARDS`` is the table; `groundstation check` and docs/reference/guards.md are made from it.
 """
 
 import math
 from collections.abc import Callable
 from enum import IntEnum
-from typing import Annotated, Literal, NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 
 from groundstation.core.geometry import angle_deg, third_column
-from groundstation.core.messages import Estimate
+from groundstation.core.messages import Estimate, Pose, notice
 from groundstation.core.mission import State
-from groundstation.core.safety.geofence import Fence, Separation
-from groundstation.core.safety.obedience import STILL_SUSPECTS, PoseEvidence
+from groundstation.core.safety.geofence import Fence, Near, Separation
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import GRAVITY, Motion, Vehicle
+from groundstation.core.vehicle import GRAVITY, Vehicle
 from links.core import Command, LinkStatus
 
 
 class GuardAction(IntEnum):
-    """What may follow, in the order of escalation."""
+    """Steps that may follow, in the order of escalation."""
 
     WARN = 0
     HOLD = 1
@@ -48,21 +38,42 @@ class GuardFinding(NamedTuple):
     blind: bool = False
     """True where the estimate of the speed is not to be believed."""
     most: GuardAction = GuardAction.DESCEND
-    """The last step that follows where it lasts on: what does not go away by landing is no reason to land worse."""
+    """Last step that follows where it lasts on."""
 
 
 class Since:
-    """Since when each of several conditions has been so, by name. Times are on the event loop's clock [s]."""
+    """Time for which each of several conditions has held, by name. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
         self._since: dict[str, float] = {}
 
     def lasts(self, name: str, so: bool, now_s: float, for_s: float) -> bool:
-        """Whether it is ``so`` and has been at every look for at least ``for_s`` [s]."""
+        """Whether the condition holds and has held at every look for at least ``for_s`` [s]."""
         if not so:
             self._since.pop(name, None)
             return False
         return now_s - self._since.setdefault(name, now_s) >= for_s - 1e-9
+
+
+LONGEST_STEP_S = 0.1
+"""Longest time between two commands that counts for a share [s]: a pause is no oscillation."""
+
+
+class RecentTime:
+    """Time for which a condition held of late, breaks included: older time is forgotten exponentially."""
+
+    def __init__(self, memory_s: float) -> None:
+        """``memory_s``: time constant of forgetting [s]."""
+        self._memory_s = memory_s
+        self._at_s, self._held_s = -math.inf, 0.0
+
+    def add(self, so: bool, now_s: float) -> float:
+        """Take one look; return the time for which it held of late [s]."""
+        elapsed, self._at_s = now_s - self._at_s, now_s
+        self._held_s *= math.exp(-elapsed / self._memory_s)
+        if so:
+            self._held_s += min(elapsed, LONGEST_STEP_S)
+        return self._held_s
 
 
 class Escalation:
@@ -74,143 +85,19 @@ class Escalation:
         self._at_s = -math.inf
 
     def answer(self, finding: GuardFinding, now_s: float) -> GuardFinding | None:
-        """What to do now about ``finding``; None where the last answer is still at work."""
+        """Return what to do now about ``finding``; None where the last answer is still at work."""
         if finding.step > self._step:
             answer = finding
         elif self._step < finding.most and now_s - self._at_s > self._lasting:
-            answer = GuardFinding(GuardAction(self._step + 1), f"{finding.reason}, still", finding.blind, finding.most)
+            answer = finding._replace(step=GuardAction(self._step + 1), reason=f"{finding.reason}, still")
         else:
             return None
         self._step, self._at_s = answer.step, now_s
         return answer
 
     def reset(self) -> None:
-        """The operator has sent it on: begin anew."""
+        """Begin anew: the operator has sent it on."""
         self._step, self._at_s = GuardAction.WARN, -math.inf
-
-
-SWAY_FADES_S = 1.0
-"""Time that it leant far off is forgotten so fast [s]."""
-SWAY_LONGEST_S = 0.1
-"""No two commands count as farther apart [s]."""
-
-
-class AttitudeOscillationMonitor:
-    """For how long one flight leant far off of late. Times are on the event loop's clock [s]."""
-
-    def __init__(self, fades_s: float = SWAY_FADES_S) -> None:
-        """Nothing seen; it is forgotten within ``fades_s`` [s]."""
-        self._fades_s = fades_s
-        self._at_s = -math.inf
-        self._far_s = 0.0
-
-    def see(self, now_s: float, far: bool) -> float:
-        """Take one more command; ``far`` where it leans far off, on whichever side.
-
-        Returns for how long of about the last second it did [s].
-        """
-        elapsed, self._at_s = now_s - self._at_s, now_s
-        self._far_s *= math.exp(-elapsed / self._fades_s)
-        if far:
-            self._far_s += min(elapsed, SWAY_LONGEST_S)
-        return self._far_s
-
-
-SURE_S = 0.06
-"""What the cameras tell of others must last so long [s]: one pose alone may be another body's."""
-
-
-class ProximityMonitor:
-    """One flight's distance to its geofence and to other vehicles. Times are on the event loop's clock [s]."""
-
-    def __init__(self, fence: Fence | None, separation: Separation | None) -> None:
-        """``separation`` is from other vehicles."""
-        self._fence = fence
-        self._separation = separation
-        self._since = Since()
-
-    def outside(self, motion: Motion) -> GuardFinding | None:
-        """Beyond the fence, or too fast before it."""
-        if self._fence is None:
-            return None
-        room = self._fence.room_m(motion.position)
-        if room < 0.0:
-            return GuardFinding(GuardAction.LAND, f"{-room:.2f} m outside the fence")
-        if self._fence.braking_room_m(motion.position, motion.velocity) < 0.0:
-            speed = math.hypot(*motion.velocity)
-            return GuardFinding(GuardAction.HOLD, f"{room:.2f} m before the fence at {speed:.1f} m/s: braking")
-        return None
-
-    def near(self, motion: Motion, now_s: float) -> GuardFinding | None:
-        """Too near to another vehicle: it brakes in time, and lands where that was not enough.
-
-        Down upon another would be worse than to stay: the one that is lower lands.
-        """
-        separation = self._separation
-        if separation is None:
-            return None
-        near = separation.nearest(motion.position, motion.velocity, now_s)
-        limit = separation.config.distance_m
-        if self._since.lasts("too near", near is not None and not near.distance_m >= limit, now_s, SURE_S):
-            assert near is not None, "somebody is near"
-            step = GuardAction.HOLD if near.beneath else GuardAction.LAND
-            return GuardFinding(step, f"{near.distance_m:.2f} m from {near.name}, limit {limit:g} m", most=step)
-        if self._since.lasts("nearing", near is not None and not near.room_m >= 0.0, now_s, SURE_S):
-            assert near is not None, "somebody comes nearer"
-            return GuardFinding(
-                GuardAction.HOLD,
-                f"{near.distance_m:.2f} m from {near.name} and nearing: braking",
-                most=GuardAction.LAND,
-            )
-        return None
-
-    def unseen(self, now_s: float) -> GuardFinding | None:
-        """Where the cameras do not see another vehicle, nobody knows how near it is."""
-        if self._separation is None:
-            return None
-        config, names = self._separation.config, self._separation.unknown(now_s)
-        lasts = self._since.lasts("unseen", bool(names), now_s, config.unknown_s)
-        if not names:
-            return None
-        says = f"the cameras have not seen {', '.join(names)} for more than {config.stale_s:g} s"
-        step = (
-            {"warn": GuardAction.WARN, "hold": GuardAction.HOLD, "land": GuardAction.LAND}[config.unknown]
-            if lasts
-            else GuardAction.WARN
-        )
-        return GuardFinding(step, says, most=step)
-
-
-MEAN_S = 1.5
-"""Over which the thrust is averaged [s]."""
-FADES_S = 1.0
-"""Time that it was far off is forgotten so fast [s]."""
-LONGEST_S = 0.1
-"""No two commands count as farther apart [s]."""
-
-
-class ThrustOscillationMonitor:
-    """For how long one flight's thrust swung of late. Times are on the event loop's clock [s]."""
-
-    def __init__(self) -> None:
-        self._at_s = -math.inf
-        self._mean_n = self._low_s = self._high_s = 0.0
-
-    def see(self, now_s: float, thrust_n: float, share: float) -> float:
-        """Take one more command; far off is more than ``share`` of the mean, and never where that is infinite.
-
-        Returns for how long of about the last second it was far below or far above, whichever was shorter [s].
-        """
-        since_s = now_s - self._at_s
-        elapsed, fades = min(since_s, LONGEST_S), math.exp(-since_s / FADES_S)
-        if self._at_s == -math.inf:
-            self._mean_n = thrust_n
-        self._at_s = now_s
-        self._mean_n += (thrust_n - self._mean_n) * elapsed / (elapsed + MEAN_S)
-        off_n, far_n = thrust_n - self._mean_n, share * self._mean_n
-        self._low_s = fades * self._low_s + (elapsed if off_n < -far_n else 0.0)
-        self._high_s = fades * self._high_s + (elapsed if off_n > far_n else 0.0)
-        return min(self._low_s, self._high_s)
 
 
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
@@ -218,447 +105,358 @@ Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 
 
 class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Limits in flight. Config section ``[guards]``; docs/explanation/guards.md has what follows beyond each."""
+    """Limits in flight. Config section ``[guards]``; docs/reference/guards.md has what follows beyond each."""
 
     level_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.75)] = 0.25
     """How long it descends on the model after ``flight.coast_s`` without a pose; then the link brings it down [s]."""
-    divergence_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.10
-    """Poses that stay farther than this from what the model expects: the estimate has diverged [m]."""
-    divergence_s: Seconds = 0.15
-    """For how long [s]."""
-    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 50.0
-    """Farthest that it may lean [deg]."""
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 60.0
+    """Largest tilt [deg]."""
     tilt_s: Seconds = 0.1
-    """For how long it may lean farther [s]."""
-    tilt_error_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 30.0
-    """Farthest from the direction that the reference and the estimated wind ask for [deg]."""
-    tilt_error_s: Seconds = 0.3
-    """For how long it may be farther from it [s]."""
-    sway_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 15.0
-    """The same of one that swings, as poses that are older than they say or many lost frames make it [deg]."""
-    sway_s: Share = 0.3
-    """For how long of about the last second it may be farther [s]."""
-    heave: Share = 0.2
-    """Share of its mean by which the thrust of a landing may swing, down and up: the same faults near the floor [-]."""
-    heave_s: Share = 0.05
-    """For how long of about the last second it may be farther down, and farther up [s]."""
-    error_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 0.5
-    """Farthest from the reference [m]."""
+    """How long it may tilt farther [s]."""
+    oscillation_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 30.0
+    """Largest angle between the tilt and what reference and wind ask for [deg]; a hard push comes to 25."""
+    oscillation_s: Share = 0.3
+    """How long of about the last second it may be farther off [s]."""
+    error_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 1.0
+    """Largest distance from the reference [m]."""
     error_s: Seconds = 0.3
-    """For how long it may be farther from it [s]."""
+    """How long it may be farther from it [s]."""
+    speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] = 2.5
+    """Largest speed beside the reference's [m/s]."""
+    speed_s: Seconds = 0.1
+    """How long it may be faster [s]."""
     thrust_limit_s: Seconds = 1.0
     """How long the thrust may be at its upper limit [s]."""
     rate_limit_s: Seconds = 1.0
-    """How long a body rate may be at its limit without a break, or as large a share of about the last 2 s [s]."""
+    """How long of about the last 2 s a body rate may be at its limit [s]."""
+    effectiveness: Share = 0.7
+    """Least thrust scale [-]: all that is known of a battery without telemetry."""
+    pose_age: Share = 0.6
+    """Largest age of poses on arrival, as a share of ``flight.coast_s`` [-]: by older ones no loop is stable."""
+    pose_resets: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 4
+    """Largest number of resets of the estimate behind the poses within 5 s."""
+    overruns: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
+    """So many frames that were late by more than one and a half periods, within the last 100, land it."""
+    rtt_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.2
+    """Longest round trip to the vehicle and back, where the link knows it [s]."""
     battery_share: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.2
     """Charge below which it lands, where the vehicle tells [-]."""
     battery_v: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
     """Voltage below which it lands, where the vehicle tells [V]."""
-    effectiveness: Share = 0.7
-    """λ̂, thrust over told thrust, below which it lands [-]: all that is known of a battery without telemetry."""
-    rtt_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.2
-    """Longest round trip to the vehicle and back, where the link knows it [s]."""
-    overruns: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
-    """So many frames that were late by more than one and a half periods, within the last 100, land it."""
     lasting_s: Seconds = 2.0
     """What lasts so long after its answer is answered by the next step [s]."""
 
 
 class GuardInput(Protocol):
-    """What the guards look at of one command; see :class:`groundstation.core.messages.snapshot.Tick`."""
+    """One command, as the guards look at it; see :class:`groundstation.core.messages.snapshot.Tick`."""
 
     @property
     def time_s(self) -> float:
-        """When it was computed."""
+        """Instant at which it was computed."""
+        ...
+
+    @property
+    def pose(self) -> Pose:
+        """Newest pose that it rests on."""
         ...
 
     @property
     def estimate(self) -> Estimate:
-        """What it rests on."""
+        """Estimate that it rests on."""
         ...
 
     @property
     def reference(self) -> Reference:
-        """Where the vehicle should be."""
+        """Motion that is wanted."""
         ...
 
     @property
     def command(self) -> Command:
-        """What leaves."""
+        """Command that leaves."""
         ...
 
 
-HEAVE_M, HEAVE_OFF_M = (0.05, 0.5), 0.3
-"""Swings count between these heights: above, what the landing began with dies away; below, the floor pushes too [m].
-So far from the reference it is on its way back, and thrust does what it must [m]."""
-RATE_FADES_S = 2.0
-"""Time that a rate was at its limit is forgotten so fast [s]: a limit cycle has breaks."""
 FRAMES = 100
-"""Over so many frames are late ones counted."""
+"""Number of frames among which late ones are counted."""
+LATE_PERIODS = 2.5
+"""Periods after the last frame from which on a frame is late [-]."""
+RESETS_S = 5.0
+"""Time within which resets of the estimate behind the poses are counted [s]."""
+UNDER_FLOOR_M = 0.5
+"""Depth under the floor that no pose shows [m]: PX4's own height was off by .65 m once in 40 landings."""
+AT_LIMIT = 0.999
+"""Share of a limit from which on a command is at it [-]: rounding."""
+SURE_S = 0.06
+"""Time that a distance to others must last [s]: a single pose may be another body's."""
+LONG_S = 1.0
+"""Time that slow quantities (battery, round trip, thrust scale) must last [s]: single readings jump."""
+RATE_MEMORY_S = 2.0
+"""Time constant by which time at a rate limit is forgotten [s]: a limit cycle has breaks."""
+OSCILLATION_MEMORY_S = 1.0
+"""Time constant by which time far off the wanted tilt is forgotten [s]."""
+
+
+class GuardView:
+    """One flight as the guards see it: the newest command, and what is counted over several."""
+
+    def __init__(
+        self, config: GuardsConfig, fence: Fence | None, separation: Separation | None, vehicle: Vehicle,
+        period_s: Callable[[], float], floor_z_m: float, gravity: float, coast_s: float,
+    ) -> None:  # fmt: skip
+        """Take the limits and the vehicle; see :class:`Guards`."""
+        self.config, self.fence, self.separation, self.vehicle = config, fence, separation, vehicle
+        self.period_s, self.floor_z_m, self.gravity, self.coast_s = period_s, floor_z_m, gravity, coast_s
+        self.tick: GuardInput
+        """Newest command."""
+        self.link: LinkStatus | None = None
+        """Newest state of the link."""
+        self.is_guided = True
+        """Whether a reference is followed: a failsafe descent has none."""
+        self.late_frames = 0
+        """Late frames among the last ``FRAMES``."""
+        self.resets = 0
+        """Resets of the estimate behind the poses within ``RESETS_S``."""
+        self._late: list[int] = []
+        self._frames, self._left_s = 0, math.inf
+        self._reset_count: int | None = None
+        self._reset_s: list[float] = []
+
+    def take(self, tick: GuardInput, *, is_guided: bool) -> None:
+        """Take one more command."""
+        self.tick, self.is_guided = tick, is_guided
+        now_s, left_s = tick.time_s, self._left_s
+        self._left_s, self._frames = now_s, self._frames + 1
+        if now_s - left_s > LATE_PERIODS * self.period_s():
+            self._late.append(self._frames)
+        self._late = [frame for frame in self._late if frame > self._frames - FRAMES]
+        self.late_frames = len(self._late)
+        count = tick.pose.reset_count
+        if self._reset_count not in (None, count):
+            self._reset_s = [at for at in self._reset_s if now_s - at < RESETS_S] + [now_s]
+        self._reset_count, self.resets = count, len(self._reset_s)
+
+    @property
+    def tilt_error_deg(self) -> float:
+        """Angle between the body's z axis and the push that reference, drag and disturbance ask for [deg]."""
+        estimate, k = self.tick.estimate, self.vehicle.drag_per_s
+        a, d, v = self.tick.reference.acceleration_ned, estimate.disturbance, estimate.motion.velocity
+        x, y, z = (d[i] - k * v[i] - a[i] + (self.gravity if i == 2 else 0.0) for i in range(3))
+        p, q, r = third_column(estimate.motion.attitude)
+        return angle_deg((x * p + y * q + z * r) / max(math.sqrt(x * x + y * y + z * z), 1e-6))
+
+    def nearest(self) -> Near | None:
+        """Other vehicle that leaves least room; None where none is kept away from, or none was seen."""
+        if self.separation is None:
+            return None
+        motion = self.tick.estimate.motion
+        return self.separation.nearest(motion.position, motion.velocity, self.tick.time_s)
+
+
+Numbers = dict[str, object]
+"""Numbers of a sentence, by their names in it."""
+
+
+def _tilt(v: GuardView) -> Numbers | None:
+    tilt = angle_deg(third_column(v.tick.estimate.motion.attitude)[2])
+    return None if tilt <= v.config.tilt_deg else {"tilt_deg": tilt, "limit_deg": v.config.tilt_deg}
+
+
+def _oscillation(v: GuardView) -> Numbers | None:
+    off, limit = v.tilt_error_deg, v.config.oscillation_deg
+    return None if not v.is_guided or off <= limit else {"off_deg": off, "limit_deg": limit}
+
+
+def _error(v: GuardView) -> Numbers | None:
+    off = math.dist(v.tick.estimate.motion.position, v.tick.reference.position_ned)
+    return None if not v.is_guided or off <= v.config.error_m else {"error_m": off, "limit_m": v.config.error_m}
+
+
+def _speed(v: GuardView) -> Numbers | None:
+    off = math.dist(v.tick.estimate.motion.velocity, v.tick.reference.velocity_ned)
+    beyond = v.is_guided and not off <= v.config.speed_m_s
+    return {"speed_m_s": off, "limit_m_s": v.config.speed_m_s} if beyond else None
+
+
+def _thrust(v: GuardView) -> Numbers | None:
+    at_limit = v.is_guided and v.tick.command.thrust_n >= AT_LIMIT * v.vehicle.thrust_max_n
+    return {"lasts_s": v.config.thrust_limit_s} if at_limit else None
+
+
+def _rate(v: GuardView) -> Numbers | None:
+    pairs = zip(v.tick.command.rates_rad_s, v.vehicle.rate_limits_deg_s, strict=True)
+    at_limit = v.is_guided and any(abs(rate) >= AT_LIMIT * math.radians(limit) for rate, limit in pairs)
+    return {"lasts_s": v.config.rate_limit_s} if at_limit else None
+
+
+def _weak(v: GuardView) -> Numbers | None:
+    found, limit = v.tick.estimate.effectiveness, v.config.effectiveness
+    return None if not v.is_guided or found >= limit else {"found": 100.0 * found, "limit": 100.0 * limit}
+
+
+def _fence(v: GuardView) -> Numbers | None:
+    room = math.inf if v.fence is None else v.fence.room_m(v.tick.estimate.motion.position)
+    return {"outside_m": -room} if room < 0.0 else None
+
+
+def _braking(v: GuardView) -> Numbers | None:
+    motion = v.tick.estimate.motion
+    if v.fence is None or v.fence.braking_room_m(motion.position, motion.velocity) >= 0.0:
+        return None
+    return {"room_m": v.fence.room_m(motion.position), "speed_m_s": math.hypot(*motion.velocity)}
+
+
+def _separation(v: GuardView) -> Numbers | None:
+    near = v.nearest()
+    if near is None or v.separation is None or near.distance_m >= v.separation.config.distance_m:
+        return None
+    return {"distance_m": near.distance_m, "name": near.name, "limit_m": v.separation.config.distance_m}
+
+
+def _approach(v: GuardView) -> Numbers | None:
+    near = v.nearest()
+    return None if near is None or near.room_m >= 0.0 else {"distance_m": near.distance_m, "name": near.name}
+
+
+def _unseen(v: GuardView) -> Numbers | None:
+    names = () if v.separation is None else v.separation.unknown(v.tick.time_s)
+    if not names or v.separation is None:
+        return None
+    return {"names": ", ".join(names), "limit_s": v.separation.config.stale_s}
+
+
+def _pose_age(v: GuardView) -> Numbers | None:
+    age, limit = v.tick.pose.arrival_s - v.tick.pose.time_s, v.config.pose_age * v.coast_s
+    return None if age <= limit else {"age_ms": 1e3 * age, "limit_ms": 1e3 * limit}
+
+
+def _pose_resets(v: GuardView) -> Numbers | None:
+    return None if v.resets <= v.config.pose_resets else {"count": v.resets, "limit": v.config.pose_resets}
+
+
+def _under_floor(v: GuardView) -> Numbers | None:
+    depth = v.tick.pose.position_ned[2] - v.floor_z_m
+    return None if depth <= UNDER_FLOOR_M else {"depth_m": depth, "limit_m": UNDER_FLOOR_M}
+
+
+def _overruns(v: GuardView) -> Numbers | None:
+    return None if v.late_frames < v.config.overruns else {"count": v.late_frames, "limit": v.config.overruns}
+
+
+def _round_trip(v: GuardView) -> Numbers | None:
+    rtt, limit = 0.0 if v.link is None else v.link.rtt_s or 0.0, v.config.rtt_s
+    return None if rtt <= limit else {"rtt_ms": 1e3 * rtt, "limit_ms": 1e3 * limit}
+
+
+def _charge(v: GuardView) -> Numbers | None:
+    share, limit = None if v.link is None else v.link.battery_share, v.config.battery_share
+    return {"charge": 100.0 * share, "limit": 100.0 * limit} if share is not None and share < limit else None
+
+
+def _voltage(v: GuardView) -> Numbers | None:
+    volts, limit = None if v.link is None else v.link.battery_v, v.config.battery_v
+    low = limit is not None and volts is not None and volts < limit
+    return {"voltage_v": volts, "limit_v": limit} if low else None
+
+
+class Guard(NamedTuple):
+    """One row of the table."""
+
+    id: str
+    """Id of its sentence, ``guard.`` and its name."""
+    says: str
+    """Limit, in words."""
+    key: str
+    """Configuration key of the limit."""
+    lasts: str | float
+    """Time that it must be passed for [s]: a key of ``[guards]``, or the time itself."""
+    step: GuardAction
+    """Step that follows."""
+    most: GuardAction
+    """Last step that follows where it lasts on."""
+    find: Callable[[GuardView], Numbers | None]
+    """Numbers of the sentence where the limit is passed, else None."""
+    memory_s: float = 0.0
+    """Where breaks count too: time constant by which passed time is forgotten [s]."""
+
+
+HOLD, LAND, DESCEND = GuardAction.HOLD, GuardAction.LAND, GuardAction.DESCEND
+OSC, RATE = OSCILLATION_MEMORY_S, RATE_MEMORY_S
+GUARDS: tuple[Guard, ...] = (
+    Guard("guard.tilt", "largest tilt", "guards.tilt_deg", "tilt_s", DESCEND, DESCEND, _tilt),
+    Guard("guard.oscillation", "tilt beside the wanted one, again and again", "guards.oscillation_deg",
+          "oscillation_s", DESCEND, DESCEND, _oscillation, OSC),
+    Guard("guard.error", "largest position error", "guards.error_m", "error_s", LAND, DESCEND, _error),
+    Guard("guard.speed", "largest speed beside the reference", "guards.speed_m_s", "speed_s", LAND, DESCEND, _speed),
+    Guard("guard.thrust", "thrust at its limit", "vehicle.thrust_max_n", "thrust_limit_s", LAND, DESCEND, _thrust),
+    Guard("guard.rate", "a body rate at its limit", "vehicle.rate_limits_deg_s", "rate_limit_s", LAND, DESCEND,
+          _rate, RATE),
+    Guard("guard.weak", "least thrust scale", "guards.effectiveness", LONG_S, LAND, LAND, _weak),
+    Guard("guard.fence", "outside the fence", "fence", 0.0, LAND, DESCEND, _fence),
+    Guard("guard.braking", "too fast before the fence", "fence.braking_m_s2", 0.0, HOLD, DESCEND, _braking),
+    Guard("guard.separation", "distance to another vehicle", "separation.distance_m", SURE_S, LAND, LAND, _separation),
+    Guard("guard.approach", "too fast towards another vehicle", "separation.braking_m_s2", SURE_S, HOLD, LAND,
+          _approach),
+    Guard("guard.unseen", "another vehicle unseen", "separation.stale_s", 0.0, HOLD, HOLD, _unseen),
+    Guard("guard.pose_age", "age of poses on arrival", "guards.pose_age", 0.3, LAND, LAND, _pose_age),
+    Guard("guard.pose_resets", "resets behind the poses", "guards.pose_resets", 0.0, LAND, DESCEND, _pose_resets),
+    Guard("guard.under_floor", "a pose under the floor", "flight.floor_z_m", SURE_S, DESCEND, DESCEND, _under_floor),
+    Guard("guard.overruns", "late frames of the last 100", "guards.overruns", 0.0, LAND, DESCEND, _overruns),
+    Guard("guard.round_trip", "round trip of the link", "guards.rtt_s", LONG_S, LAND, LAND, _round_trip),
+    Guard("guard.charge", "least charge of the battery", "guards.battery_share", LONG_S, LAND, LAND, _charge),
+    Guard("guard.voltage", "least voltage of the battery", "guards.battery_v", LONG_S, LAND, LAND, _voltage),
+)  # fmt: skip
+"""Limits that end a flight early."""
+UNSEEN_STEPS = {"warn": GuardAction.WARN, "hold": GuardAction.HOLD, "land": GuardAction.LAND}
+"""Step that ``separation.unknown`` asks for, after ``separation.unknown_s``; before that it is a warning."""
+OF_LINK = ("guard.round_trip", "guard.charge", "guard.voltage")
+"""Rows that look at the link, not at the commands."""
 
 
 class Guards:
     """One flight's limits. Times are on the event loop's clock [s]."""
 
     def __init__(
-        self,
-        config: GuardsConfig,
-        fence: Fence | None,
-        vehicle: Vehicle,
-        period_s: Callable[[], float],
-        separation: Separation | None = None,
-        floor_z_m: float = 0.0,
-        gravity: float = GRAVITY,
-    ) -> None:
-        """``period_s`` tells the link's time between two commands [s]; ``separation`` is from other vehicles.
+        self, config: GuardsConfig, fence: Fence | None, vehicle: Vehicle, period_s: Callable[[], float],
+        separation: Separation | None = None, floor_z_m: float = 0.0, gravity: float = GRAVITY,
+        coast_s: float = math.inf,
+    ) -> None:  # fmt: skip
+        """Take the limits; ``period_s`` tells the link's time between two commands [s], asked with each command.
 
-        It is asked with each command: a bridge's is known only once it is connected.
-        ``floor_z_m`` is where its pose is when it stands on the floor [m, NED], ``gravity`` the controller's [m/s²].
+        ``separation`` is from other vehicles; ``floor_z_m`` is the position of a vehicle on the floor [m, NED],
+        ``gravity`` the controller's [m/s²], ``coast_s`` how long commands may rest on one pose [s].
         """
-        self._config = config
-        self._around = ProximityMonitor(fence, separation)
-        self._thrust_max, self._drag = vehicle.thrust_max_n, vehicle.drag_per_s
-        self._rates = tuple(math.radians(limit) for limit in vehicle.rate_limits_deg_s)
-        self._period_s = period_s
-        self._gravity = gravity
+        self._view = GuardView(config, fence, separation, vehicle, period_s, floor_z_m, gravity, coast_s)
         self._since = Since()
-        self._late: list[int] = []
-        self._frames = 0
-        self._left_s: float | None = None
-        self._sway, self._heave, self._floor = AttitudeOscillationMonitor(), ThrustOscillationMonitor(), floor_z_m
-        self._fast = AttitudeOscillationMonitor(RATE_FADES_S)
+        self._recent = {guard.id: RecentTime(guard.memory_s) for guard in GUARDS if guard.memory_s > 0.0}
 
-    def see(self, tick: GuardInput, state: State, diverged_m: float) -> GuardFinding | None:
-        """The gravest of what one command shows; ``diverged_m`` is how far the newest pose was from the model's."""
-        around, motion = self._around, tick.estimate.motion
-        found = [
-            self._divergence(tick, diverged_m),
-            self._tilt(tick),
-            around.outside(motion),
-            around.near(motion, tick.time_s),
-            around.unseen(tick.time_s),
-            self._overrun(tick.time_s),
-        ]
-        if state is not State.DESCENT:  # it has no reference, and its thrust and rates are what they are
-            found += [
-                self._tilt_error(tick), self._error(tick), self._thrust(tick), self._rate(tick), self._weak(tick),
-                self._heaves(tick, state),
-            ]  # fmt: skip
+    def see(self, tick: GuardInput, state: State) -> GuardFinding | None:
+        """Gravest finding of one command."""
+        self._view.take(tick, is_guided=state is not State.DESCENT)
+        found = [self._look(guard, tick.time_s) for guard in GUARDS if guard.id not in OF_LINK]
         return max((one for one in found if one is not None), key=lambda one: one.step, default=None)
 
     def link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
-        """What the link tells."""
-        c = self._config
-        if self._since.lasts("rtt", status.rtt_s is not None and status.rtt_s > c.rtt_s, now_s, 1.0):
-            return _lands(f"round trip of {1e3 * (status.rtt_s or 0.0):.0f} ms, limit {1e3 * c.rtt_s:.0f} ms")
-        share, volts = status.battery_share, status.battery_v
-        if self._since.lasts("charge", share is not None and share < c.battery_share, now_s, 1.0):
-            return _lands(f"battery at {100.0 * (share or 0.0):.0f} %, limit {100.0 * c.battery_share:.0f} %")
-        low = c.battery_v is not None and volts is not None and volts < c.battery_v
-        if self._since.lasts("volts", low, now_s, 1.0):
-            return _lands(f"battery at {volts:.2f} V, limit {c.battery_v:.2f} V")
-        return None
+        """First finding of what the link tells."""
+        self._view.link = status
+        found = (self._look(guard, now_s) for guard in GUARDS if guard.id in OF_LINK)
+        return next((one for one in found if one is not None), None)
 
-    def _divergence(self, tick: GuardInput, diverged_m: float) -> GuardFinding | None:
-        c = self._config
-        if self._since.lasts("divergence", not diverged_m <= c.divergence_m, tick.time_s, c.divergence_s):
-            return GuardFinding(
-                GuardAction.DESCEND, f"the estimate has diverged: poses are {diverged_m:.2f} m from it", blind=True
-            )
-        return None
-
-    def _tilt(self, tick: GuardInput) -> GuardFinding | None:
-        c = self._config
-        tilt = angle_deg(third_column(tick.estimate.motion.attitude)[2])
-        if self._since.lasts("tilt", not tilt <= c.tilt_deg, tick.time_s, c.tilt_s):
-            return GuardFinding(GuardAction.DESCEND, f"it leans by {tilt:.0f}°, limit {c.tilt_deg:g}°")
-        return None
-
-    def _overrun(self, now_s: float) -> GuardFinding | None:
-        left, self._left_s = self._left_s, now_s
-        self._frames += 1
-        if left is not None and now_s - left > 2.5 * self._period_s():
-            self._late.append(self._frames)
-        while self._late and self._late[0] <= self._frames - FRAMES:
-            self._late.pop(0)
-        if len(self._late) < self._config.overruns:
+    def _look(self, guard: Guard, now_s: float) -> GuardFinding | None:
+        numbers = guard.find(self._view)
+        for_s = float(getattr(self._view.config, guard.lasts)) if isinstance(guard.lasts, str) else guard.lasts
+        if guard.memory_s > 0.0:
+            held_s = self._recent[guard.id].add(numbers is not None, now_s)
+            # A condition without a break has then been forgotten in part.
+            is_over = held_s >= -guard.memory_s * math.expm1(-for_s / guard.memory_s) - 1e-9
+        else:
+            is_over = self._since.lasts(guard.id, numbers is not None, now_s, for_s)
+        step, most = guard.step, guard.most
+        if guard.id == "guard.unseen" and self._view.separation is not None:
+            config = self._view.separation.config
+            lasts = self._since.lasts("unseen long", numbers is not None, now_s, config.unknown_s)
+            step = most = UNSEEN_STEPS[config.unknown] if lasts else GuardAction.WARN
+        if numbers is None:
             return None
-        return GuardFinding(
-            GuardAction.LAND, f"{len(self._late)} of the last {FRAMES} frames were late: this computer is too slow"
-        )
-
-    def _tilt_error(self, tick: GuardInput) -> GuardFinding | None:
-        c = self._config
-        a, d, p = tick.reference.acceleration_ned, tick.estimate.disturbance, tick.estimate.motion.velocity
-        k = self._drag
-        x, y, z = d[0] - k * p[0] - a[0], d[1] - k * p[1] - a[1], self._gravity + d[2] - k * p[2] - a[2]
-        u, v, w = third_column(tick.estimate.motion.attitude)
-        cosine = (x * u + y * v + z * w) / max(math.sqrt(x * x + y * y + z * z), 1e-6)
-        error = angle_deg(cosine)
-        if self._sway.see(tick.time_s, not error <= c.sway_deg) > c.sway_s:
-            return GuardFinding(
-                GuardAction.DESCEND, f"it swings, {c.sway_deg:g}° and more away from where it should lean"
-            )
-        if self._since.lasts("tilt error", not error <= c.tilt_error_deg, tick.time_s, c.tilt_error_s):
-            return GuardFinding(
-                GuardAction.LAND, f"it leans {error:.0f}° away from where it should, limit {c.tilt_error_deg:g}°"
-            )
-        return None
-
-    def _heaves(self, tick: GuardInput, state: State) -> GuardFinding | None:
-        """Whether a landing's thrust swings: near the floor a swing ends in a fall before it shows in how it leans."""
-        c = self._config
-        place = tick.estimate.motion.position
-        low = HEAVE_M[0] < self._floor - place[2] < HEAVE_M[1]
-        there = math.dist(place, tick.reference.position_ned) < HEAVE_OFF_M
-        share = c.heave if state is State.LANDING and low and there else math.inf
-        if self._heave.see(tick.time_s, tick.command.thrust_n, share) > c.heave_s:
-            return GuardFinding(
-                GuardAction.DESCEND, f"its thrust swings by {100.0 * c.heave:.0f} % and more, down and up"
-            )
-        return None
-
-    def _error(self, tick: GuardInput) -> GuardFinding | None:
-        c = self._config
-        error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
-        if self._since.lasts("error", not error <= c.error_m, tick.time_s, c.error_s):
-            return GuardFinding(GuardAction.LAND, f"{error:.2f} m from where it should be, limit {c.error_m:g} m")
-        return None
-
-    def _thrust(self, tick: GuardInput) -> GuardFinding | None:
-        c = self._config
-        at_limit = tick.command.thrust_n >= 0.999 * self._thrust_max
-        if self._since.lasts("thrust", at_limit, tick.time_s, c.thrust_limit_s):
-            return GuardFinding(GuardAction.LAND, f"thrust at its limit for {c.thrust_limit_s:g} s")
-        return None
-
-    def _rate(self, tick: GuardInput) -> GuardFinding | None:
-        c = self._config
-        rates = tick.command.rates_rad_s
-        at_limit = any(abs(rate) >= 0.999 * limit for rate, limit in zip(rates, self._rates, strict=True))
-        most_s = -RATE_FADES_S * math.expm1(-c.rate_limit_s / RATE_FADES_S)  # what is left of one without a break
-        if self._fast.see(tick.time_s, at_limit) >= most_s - 1e-9 and at_limit:
-            return GuardFinding(
-                GuardAction.LAND, f"a body rate at its limit for {c.rate_limit_s:g} s, or again and again"
-            )
-        return None
-
-    def _weak(self, tick: GuardInput) -> GuardFinding | None:
-        c, found = self._config, tick.estimate.effectiveness
-        if self._since.lasts("weak", not found >= c.effectiveness, tick.time_s, 1.0):
-            return _lands(f"thrust is {100.0 * found:.0f} % of what is told, limit {100.0 * c.effectiveness:.0f} %")
-        return None
-
-
-def _lands(reason: str) -> GuardFinding:
-    """It lands, and nothing worse follows: no landing ends this."""
-    return GuardFinding(GuardAction.LAND, reason, most=GuardAction.LAND)
-
-
-HELD_S = 1.0
-"""How long the suspicion that the position stands may last, before it ends the flight [s]."""
-WITNESS = 0.5
-"""Share of the evidence that convicts where the autopilot's own attitude disagrees with the poses, too [-]."""
-
-ANSWERED, PAROLE_S = 3.0, 0.8
-"""Poses that came back after the descent had begun are believed as to speed once so much speaks for them (see
-obedience.py), and not at all where that takes longer than so long [s]."""
-OLD_SHARE, OLD_S = 0.6, 0.3
-"""Poses older than this share of ``flight.coast_s`` for so long [s] are too old to fly by."""
-
-UNDER_M = 0.3
-"""No pose is so far under the floor [m]."""
-RESETS, RESETS_S = 4, 5.0
-"""More resets of an estimate within so long [s] are no corrections of one that flies."""
-
-
-class Charge(NamedTuple):
-    """Why a flight ends because of its poses, or of commands that nobody could fly by."""
-
-    says: str
-    accuses: Literal["", "suspicion", "convicted"] = ""
-    """``convicted``: the poses lie; ``suspicion``: they do, or the vehicle is held; empty: none can be flown by."""
-
-    @property
-    def reason(self) -> str:
-        """The sentence for the operator."""
-        return f"{self.accuses}: {self.says}" if self.accuses else self.says
-
-
-class Conviction:
-    """One flight's. Times are on the event loop's clock [s]."""
-
-    def __init__(self) -> None:
-        self.says = ""
-        """The newest line for the operator; empty where there is no news."""
-        self._suspected = False
-        self._still_since_s: float | None = None
-
-    def look(self, evidence: PoseEvidence, now_s: float, *, led: bool = False, doubted: bool = False) -> Charge | None:
-        """What follows from ``evidence``.
-
-        ``led`` where something else than commands moves it; ``doubted`` where the autopilot's own attitude disagrees
-        with the poses.
-        """
-        self.says = ""
-        suspect = evidence.suspicious
-        if suspect != self._suspected:
-            self._suspected = suspect
-            share = 100.0 * max(evidence)
-            self.says = (
-                f"suspicion: {_accusation(evidence)} ({share:.0f} % of what convicts); nothing is learnt from them"
-                if suspect
-                else "the suspicion has gone: the poses show what the commands do"
-            )
-        least = WITNESS if doubted else 1.0
-        if max(evidence.attitude, evidence.axes, evidence.heading) >= least:
-            if led and not doubted:
-                return Charge(f"{LED}: down on the model", "suspicion")
-            also = ", and the autopilot's own attitude says so, too" if doubted else ""
-            return Charge(f"{_accusation(evidence)}{also}: down on the model", "convicted")
-        if evidence.push >= 1.0:
-            return Charge(f"{_accusation(evidence)}: down on the model", "suspicion")
-        if evidence.still < STILL_SUSPECTS:
-            self._still_since_s = None
-        elif self._still_since_s is None:
-            self._still_since_s = now_s
-        elif evidence.still >= 1.0 or now_s - self._still_since_s >= HELD_S - 1e-9:
-            return Charge(f"{_accusation(evidence)}: down on the model", "suspicion")
-        return None
-
-
-LED = "something else than the commands moves it (a hand, or it is another body)"
-
-
-def charge_lateness(late_s: float) -> Charge | None:
-    """What follows from poses that follow the commands so much later than they say [s]; None where they do not."""
-    if late_s == 0.0:
-        return None
-    why = (
-        f"what the poses show follows the commands {1e3 * late_s:.0f} ms later than told "
-        "(poses older than they say, or commands that get lost)"
-    )
-    return Charge(f"{why}: down on the model", "convicted")
-
-
-def charge_age(age_s: float, coast_s: float, since: Since, now_s: float) -> Charge | None:
-    """What follows from poses so old that no loop is stable by them, though no command has passed its deadline.
-
-    They are ``age_s`` old as they come, and commands may rest on one for ``coast_s`` [s]; None where they are not.
-    """
-    limit_s = OLD_SHARE * coast_s
-    if not since.lasts("old", age_s > limit_s, now_s, OLD_S):
-        return None
-    return Charge(
-        f"the poses are {1e3 * age_s:.0f} ms old as they come, limit {1e3 * limit_s:.0f} ms "
-        f"({OLD_SHARE:g} of flight.coast_s): down on the model"
-    )
-
-
-def charge_place(height_m: float, astray_m: float) -> Charge | None:
-    """What follows from a pose so high above the floor, of a source that may have wandered so far [m]."""
-    if height_m > -UNDER_M - astray_m:
-        return None
-    why = f"the poses show it {-height_m:.2f} m under the floor"
-    return Charge(f"{why}: down on the model")
-
-
-class Resets:
-    """How often the source of the poses began anew of late: each time nothing before counts against it any more."""
-
-    def __init__(self) -> None:
-        self._count: int | None = None
-        self._at_s: list[float] = []
-
-    def charge(self, count: int, now_s: float) -> Charge | None:
-        """What follows from its newest ``count``."""
-        if self._count is not None and count != self._count:
-            self._at_s = [at for at in self._at_s if now_s - at < RESETS_S] + [now_s]
-        self._count = count
-        if len(self._at_s) <= RESETS:
-            return None
-        why = f"the estimate behind the poses was reset {len(self._at_s)} times within {RESETS_S:g} s"
-        return Charge(f"{why}: down on the model")
-
-
-class Parole:
-    """Poses that come back after the descent has begun for want of them: are they this vehicle's, and new?"""
-
-    def __init__(self) -> None:
-        self._missing_s: float | None = None
-        self._begun_s: float | None = None
-
-    def begin(self, pose_s: float) -> None:
-        """The newest pose, of ``pose_s`` [s], is so old that the descent begins."""
-        self._missing_s, self._begun_s = pose_s, None
-
-    def serves(self, pose_s: float) -> bool:
-        """Whether poses have come back, the newest of ``pose_s`` [s], that have not proven themselves."""
-        return self._missing_s is not None and pose_s > self._missing_s
-
-    def ends(self, answered: float) -> bool:
-        """Whether so much speaks for them that they are believed from now on."""
-        if answered > ANSWERED:
-            self._missing_s = None
-        return self._missing_s is None
-
-    def charge(self, now_s: float) -> Charge | None:
-        """What follows where it lasts."""
-        self._begun_s = now_s if self._begun_s is None else self._begun_s
-        if now_s - self._begun_s < PAROLE_S - 1e-9:
-            return None
-        return Charge("the poses that came back do not show what the commands do: down on the model")
-
-
-FASTER_M_S, ASIDE_M_S = 1.5, 2.1
-"""A failsafe descent levels out: who gets faster across by the first [m/s], and than the second [m/s], does not."""
-SINKS_M_S, STAYS_S, RISES_M_S, RISES_S, LIFTS_LESS = 0.12, 0.7, 0.6, 0.3, 0.93
-"""With so much less than what hovers [-] it sinks: who moves neither up nor down by the first [m/s] for so long [s], or
-by the third [m/s] more upwards than before for the fourth [s], does not."""
-
-
-class DescentMonitor:
-    """Does the vehicle do what a failsafe descent tells it? Times are on the event loop's clock [s]."""
-
-    def __init__(self) -> None:
-        self._slowest, self._sank = math.inf, -math.inf
-        self._since = Since()
-
-    def charge(self, motion: Motion, share: float, high: bool, now_s: float) -> Charge | None:
-        """What follows from its ``motion`` as the poses show it; on the floor, where it is not ``high``, nothing.
-
-        ``share`` is its thrust as a share of what hovers by the estimate [-].
-        """
-        u, v, w = motion.velocity
-        aside = math.hypot(u, v)
-        self._slowest = slowest = min(self._slowest, aside)
-        away = aside > ASIDE_M_S and aside > slowest + FASTER_M_S
-        if self._since.lasts("away", away, now_s, SURE_S):
-            return Charge(f"told to level out it gets faster, {aside:.1f} m/s now: down on the model")
-        self._sank = sank = max(self._sank, w)
-        rises = high and w < min(sank - RISES_M_S, -SINKS_M_S) and share < LIFTS_LESS
-        if self._since.lasts("rises", rises, now_s, RISES_S):
-            return Charge(f"thrust does not carry it, and the poses rise at {-w:.1f} m/s: down on the model")
-        stays = high and abs(w) < SINKS_M_S and share < LIFTS_LESS
-        if self._since.lasts("stays", stays, now_s, STAYS_S):
-            return Charge("thrust does not carry it, and the poses show no sinking: down on the model")
-        return None
-
-
-def _accusation(evidence: PoseEvidence) -> str:
-    largest = max(evidence)
-    if evidence.attitude == largest:
-        return (
-            "the poses do not turn as the commands turn the vehicle (another body, a picture that stands, "
-            "or axes that are set up wrongly: see groundstation carry)"
-        )
-    if evidence.heading == largest:
-        return "the poses turn about the vertical, and no command asks for that"
-    if evidence.axes == largest:
-        return "the poses move as a mirrored or turned image of the vehicle (check pose.axes with groundstation carry)"
-    if evidence.push == largest:
-        return (
-            "the position does not show what pushes the vehicle (it lies along an axis, or comes late, "
-            "or something holds the vehicle)"
-        )
-    return "the position stands while the vehicle is pushed (something holds it, or the position is not its own)"
+        if guard.id == "guard.separation" and (near := self._view.nearest()) is not None and near.beneath:
+            step = most = GuardAction.HOLD  # the one that is lower lands: down upon another would be worse
+        return GuardFinding(step, notice(guard.id, **numbers), most=most) if is_over else None

@@ -342,6 +342,7 @@ def test_any_data_give_a_valid_configuration_or_one_line_of_complaint(data: dict
         assert math.isfinite(config.vehicle.mass_kg)
 
 
+@pytest.mark.filterwarnings("ignore::groundstation.config.RetiredKeyWarning")
 @given(st.text())
 def test_any_override_text_is_taken_or_refused_as_a_configuration_error(text: str) -> None:
     for override in (text, f"vehicle.mass_kg={text}", f"{text}=1", f"link.address={text}"):

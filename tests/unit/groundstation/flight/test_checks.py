@@ -139,7 +139,7 @@ def test_each_check_has_its_verdict_and_a_sentence(name: str, given: dict[str, A
     assert len(found.says) > 8
 
 
-AGREES = Agreement(share=0.2, tilt_deg=0.3, askew_deg=1.2, turning=0.2, doubts_s=None, alike=(), unlike=())
+AGREES = Agreement(alarm=0.2, tilt_deg=0.3, askew_deg=1.2, agrees=True, doubts_s=None, alike=(), unlike=())
 WITNESSED: list[tuple[Agreement | None, Verdict, str]] = [
     (AGREES, Verdict.PASS, "1.2° apart"),
     (AGREES._replace(alike=("roll", "pitch")), Verdict.PASS, "roll, pitch went the same way"),

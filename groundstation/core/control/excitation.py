@@ -1,0 +1,142 @@
+"""Excitation tones: small known motions beside the law, by which the poses show that they answer. Sans-IO.
+
+In a hold and in a landing the law moves the vehicle so little that a frozen pose looks like a good
+hold. The tones move it by known amounts: roll and pitch rate circle at three frequencies, thrust
+swings at a fourth. They are above the loop's bandwidth (4 to 6 rad/s), so that wind and law leave
+them alone, and they are scaled by the vehicle's lag, so that every vehicle makes the same tilt.
+Their motion follows from the commands through lag and delay in closed form. It is taken out of the
+state that the law sees: otherwise the law would brake it, and the answer would mix with the wind's.
+"""
+
+import cmath
+import math
+from typing import NamedTuple
+
+from groundstation.core.geometry import Quat, Vec3, rotate
+from groundstation.core.messages import Estimate
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
+
+TILT_TONES_RAD_S = (10.5, 14.0, 18.5)
+"""Frequencies of the tones in roll and pitch [rad/s]: between the loop (6) and the lag of the smallest vehicle. No two
+are multiples of one another, so that no latency below 1 s hides all of them."""
+TILT_RATE_RAD_S = 0.19
+"""Body rate of each tone, after the lag [rad/s]: 1.0, .8 and .6 degrees of tilt, 1.8 mm RMS of way, from the limit of
+3 mm RMS in a hold."""
+THRUST_TONE_RAD_S = 12.0
+"""Frequency of the tone in thrust [rad/s]; as for the tilt."""
+THRUST_SHARE = 0.03
+"""Amplitude of the tone in thrust, after the lag, as a share of the thrust [-]: 2 mm of height."""
+FADE_IN_S = 0.5
+"""Time in which the tones come and go [s]: a step would be a jerk."""
+
+
+class ToneMotion(NamedTuple):
+    """Motion that the tones make of the vehicle at one instant."""
+
+    position: Vec3
+    """[m, NED]."""
+    velocity: Vec3
+    """[m/s, NED]."""
+    tilt: tuple[float, float]
+    """Roll and pitch [rad]."""
+    rates: tuple[float, float]
+    """Roll and pitch rate [rad/s]."""
+    thrust_share: float
+    """Thrust of the tone as a share of the thrust without [-]."""
+
+
+NO_MOTION = ToneMotion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0.0)
+"""The motion without tones."""
+
+
+class ExcitationTones:
+    """Tones of one flight. Times are on the event loop's clock [s]."""
+
+    def __init__(self, vehicle: Vehicle, gravity: float) -> None:
+        """Scale the tones for ``vehicle`` as configured; ``gravity`` is g [m/s²]."""
+        self._gravity = gravity
+        self._rate_delay = vehicle.command_delay_s + vehicle.rate_delay_s + 0.5 * vehicle.frame_period_s
+        self._thrust_delay = vehicle.command_delay_s + vehicle.thrust_delay_s + 0.5 * vehicle.frame_period_s
+        lag = vehicle.rate_lag_s
+        self._rate_scale = math.hypot(1.0, TILT_TONES_RAD_S[1] * lag)
+        self._thrust_scale = math.hypot(1.0, THRUST_TONE_RAD_S * vehicle.thrust_lag_s)
+        self._tilts = [
+            (w, self._rate_scale * TILT_RATE_RAD_S / (1j * w * (1.0 + 1j * w * lag))) for w in TILT_TONES_RAD_S
+        ]
+        lift_lag = 1.0 + 1j * THRUST_TONE_RAD_S * vehicle.thrust_lag_s
+        self._lift = -gravity * THRUST_SHARE * self._thrust_scale / lift_lag
+        self._since_s, self._level, self._target = -math.inf, 0.0, 0.0
+
+    def switch(self, time_s: float, *, on: bool) -> None:
+        """Fade the tones in or out from ``time_s`` on."""
+        target = 1.0 if on else 0.0
+        if target != self._target:
+            self._level = self.share(time_s)
+            self._since_s, self._target = time_s, target
+
+    def share(self, time_s: float) -> float:
+        """Share of their full amplitude at ``time_s`` [-]."""
+        done = min(max((time_s - self._since_s) / FADE_IN_S, 0.0), 1.0)
+        return self._level + (self._target - self._level) * done
+
+    def add_to(self, drive: ActuatorCommand, time_s: float) -> ActuatorCommand:
+        """Return ``drive`` with the tones of a command that leaves at ``time_s``; limits are not applied."""
+        share = self.share(time_s)
+        if share == 0.0:
+            return drive
+        thrust, (roll, pitch, yaw) = drive
+        k = share * self._rate_scale * TILT_RATE_RAD_S
+        phases = [w * time_s for w in TILT_TONES_RAD_S]
+        swing = share * self._thrust_scale * THRUST_SHARE * math.cos(THRUST_TONE_RAD_S * time_s)
+        rates = (roll + k * sum(map(math.cos, phases)), pitch + k * sum(map(math.sin, phases)), yaw)
+        return ActuatorCommand(thrust * (1.0 + swing), rates)
+
+    def motion(self, time_s: float, yaw_rad: float) -> ToneMotion:
+        """Motion that the tones make at ``time_s`` of a vehicle that heads along ``yaw_rad``, once they have settled.
+
+        Roll is the real part and pitch the imaginary part of one rotating number: north + i east =
+        i g (roll + i pitch).
+        """
+        share = self.share(time_s)
+        if share == 0.0:
+            return NO_MOTION
+        g = self._gravity
+        place = speed = tilt = rate = 0j
+        for w, amplitude in self._tilts:
+            now = amplitude * cmath.exp(1j * w * (time_s - self._rate_delay))
+            tilt, rate = tilt + now, rate + 1j * w * now
+            place, speed = place - 1j * g * now / (w * w), speed + g * now / w
+        heading, w = share * cmath.exp(1j * yaw_rad), THRUST_TONE_RAD_S
+        place, speed, tilt, rate = heading * place, heading * speed, share * tilt, share * rate
+        lift = share * self._lift * cmath.exp(1j * w * (time_s - self._thrust_delay))
+        return ToneMotion(
+            (place.real, place.imag, -lift.real / (w * w)),
+            (speed.real, speed.imag, (lift / (1j * w)).real),
+            (tilt.real, tilt.imag),
+            (rate.real, rate.imag),
+            -lift.real / g,
+        )
+
+    def take_out(self, estimate: Estimate, yaw_rad: float) -> Estimate:
+        """Return ``estimate`` as it would be without the tones."""
+        if self.share(estimate.time_s) == 0.0:
+            return estimate
+        tone, motion = self.motion(estimate.time_s, yaw_rad), estimate.motion
+        without = Motion(
+            _less(motion.position, tone.position),
+            _less(motion.velocity, tone.velocity),
+            _turned_back(motion.attitude, tone.tilt),
+            motion.thrust / (1.0 + tone.thrust_share),
+            _less(motion.rates, (*tone.rates, 0.0)),
+        )
+        return estimate._replace(motion=without)
+
+
+def _less(a: Vec3, b: Vec3) -> Vec3:
+    """Return a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _turned_back(attitude: Quat, tilt: tuple[float, float]) -> Quat:
+    """Return ``attitude`` less a small tilt about the body's axes [rad]."""
+    return rotate(attitude, (-tilt[0], -tilt[1], 0.0))

@@ -1,0 +1,425 @@
+"""Pose health: are the poses this vehicle's, and new? One state from few tests. Sans-IO.
+
+A pose is believed as long as it answers what we command. The tests, each derived in docs/explanation/trust.md:
+
+- response of attitude, place and height to the commands (:mod:`groundstation.core.safety.pose_response`);
+- a picture that stopped dead: along a direction the place stands, though the model moves;
+- a turn about the vertical that no command asked for;
+- a height that stays behind the thrust, just off the floor.
+
+``SUSPECT`` asks: the pilot flies excitation tones until the answer is known. It changes nothing else. ``FAILED`` is
+final: the mission comes down by what still answers.
+"""
+
+import math
+from collections import deque
+from enum import IntEnum
+from typing import NamedTuple
+
+from groundstation.core.geometry import Vec3, conjugate, multiply, rotation_vector
+from groundstation.core.messages import Pose
+from groundstation.core.safety.pose_response import (
+    BLOCK_S,
+    BLOCKS,
+    LATE_S,
+    LEAST_TURN_RAD,
+    LEAST_WAY_M,
+    PASS_RAD_S,
+    TURN_MEMORY_S,
+    WAY_MEMORY_S,
+    HighPass,
+    LatenessMonitor,
+    LineResponse,
+    PlaneResponse,
+)
+from groundstation.core.vehicle import ActuatorResponse, Motion
+
+
+class HealthState(IntEnum):
+    """Trust in the poses."""
+
+    OK = 0
+    SUSPECT = 1
+    FAILED = 2
+
+
+class Failure(NamedTuple):
+    """Why a flight ends because of its poses, or of commands that nobody could fly by."""
+
+    id: str
+    """Id of the sentence."""
+    reason: str
+    """Sentence for the operator."""
+
+
+SUSPECT_ALARM = 0.5
+"""Share of an alarm from which on the poses are asked by tones [-]: half the standard errors that convict."""
+SHORTEST_S = BLOCKS[0] * BLOCK_S
+"""Length of the shortest window, which may hold the beginning of a fault unseen [s]."""
+CALM_ALARM = 0.25
+"""Share of an alarm below which the poses are above suspicion [-]: the estimate of that time may be returned to."""
+SUSPECT_ERROR_M = 0.1
+"""Tracking error from which on the poses are asked [m]: a pose that stands on a figure comes to that within .3 s, and
+steady flight in `storm` does not."""
+ASK_S = 1.0
+"""Longest time of one question [s]."""
+GAP_S = 0.26
+"""Interval of poses after which all tests begin anew [s]: flight.coast_s, after which the model is not believed."""
+SETTLE_S = 1.5 / PASS_RAD_S
+"""Time until the high pass has forgotten how it began well enough [s]: the speed that it begins
+with is known to .1 m/s."""
+
+STOPPED_S = 0.15
+"""Time for which a moving vehicle's place must stand to be called stopped dead [s]: wind that
+reverses a motion holds it within 2 mm for a shorter time."""
+STOP_S = 2.0 * STOPPED_S
+"""Time after which a place that stands is at rest, and no stop [s]: the model would drift from it."""
+STOPPED_M_S = 0.15
+"""Speed of the model beside a place that stands [m/s]: slower, noise and wind explain it."""
+STANDS_NOISES = 5.0
+"""Noise of a place that stands, in standard deviations of one pose [-]: of the difference of two, 3.5 sigma."""
+STANDS_M_S = 0.01
+"""Slower drift of a place still counts as standing [m/s]."""
+
+YAW_RAD_S = 0.25
+"""Turn about the vertical beyond all that was asked that fails [rad/s]: 14 degrees a second, averaged."""
+YAW_MEMORY_S = 0.7
+"""Time constant of that average [s]."""
+YAW_LATE_S = 0.55
+"""Delay of an autopilot's yaw behind its command [s], at most: PX4 and ArduPilot took .35 s (`autopilots`)."""
+
+CLIMB_M = 0.25
+"""Height up to which the height is compared with the thrust directly [m]: the state at lift-off is known."""
+BEHIND_M = 0.06
+"""Height by which it may stay behind its thrust there, beside noise [m]: the error of the hover thrust at lift-off."""
+BEHIND_M_S2 = 1.2
+"""The same that grows with the time squared [m/s²]: ground effect and vertical wind."""
+
+HORIZONTAL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+DIAGONAL = math.sqrt(0.5)
+STOP_DIRECTIONS: tuple[Vec3, ...] = (
+    *HORIZONTAL,
+    (DIAGONAL, DIAGONAL, 0.0),
+    (-DIAGONAL, DIAGONAL, 0.0),
+    (0.0, 0.0, 1.0),
+)
+"""Directions along which a place may stand while it moves across them, NED."""
+
+
+class Stand(NamedTuple):
+    """One direction: the place at which it stands, and the model's motion since then."""
+
+    since_s: float
+    place_m: float
+    disturbance_m_s2: float
+    """Disturbance at that time: what is learnt later may be the lie itself."""
+    way_m: float
+    """Way of the model since then [m]."""
+    speed_m_s: float
+    """Speed of the model now [m/s]."""
+
+
+class StopDetector:
+    """Detects a place that stopped dead while the model moves on."""
+
+    def __init__(self) -> None:
+        self._stands: list[Stand] = []
+
+    def see(
+        self, pose: Pose, before: Motion, push: Vec3, disturbance: Vec3, dt_s: float, noise_m: float
+    ) -> float | None:
+        """Take one pose; return since when a direction has stood against the model [s], None where none does.
+
+        Args:
+            pose: the newest one.
+            before: motion at the pose before it, which a stop has not touched yet.
+            push: mean acceleration since then by commands and gravity [m/s², NED].
+            disturbance: the estimate's before the pose [m/s², NED].
+            dt_s: time since then [s].
+            noise_m: noise of positions, 1 sigma per axis [m].
+        """
+        stopped_s, now = None, list[Stand]()
+        for i, direction in enumerate(STOP_DIRECTIONS):
+            place, pushed = _dot(direction, pose.position_ned), _dot(direction, push)
+            stand = self._stands[i] if self._stands else None
+            if stand is None or not self._stands_at(stand, pose.time_s, place, noise_m):
+                other = _dot(direction, disturbance)
+                speed = _dot(direction, before.velocity) + dt_s * (pushed + other)
+                now.append(Stand(pose.time_s, place, other, 0.0, speed))
+                continue
+            pushed += stand.disturbance_m_s2
+            way = stand.way_m + dt_s * (stand.speed_m_s + 0.5 * dt_s * pushed)
+            speed = stand.speed_m_s + dt_s * pushed
+            now.append(stand._replace(way_m=way, speed_m_s=speed))
+            lasts_s = pose.time_s - stand.since_s
+            moves = abs(way) > STANDS_NOISES * noise_m + STOPPED_M_S * lasts_s and abs(speed) > STOPPED_M_S
+            if moves and lasts_s >= STOPPED_S:
+                stopped_s = stand.since_s
+        self._stands = now
+        return stopped_s
+
+    def _stands_at(self, stand: Stand, time_s: float, place_m: float, noise_m: float) -> bool:
+        lasts_s = time_s - stand.since_s
+        room_m = STANDS_NOISES * noise_m + STANDS_M_S * lasts_s
+        return lasts_s <= STOP_S and abs(place_m - stand.place_m) <= room_m
+
+
+class YawMonitor:
+    """Averages the turn about the vertical beyond all that was asked of late."""
+
+    def __init__(self) -> None:
+        self._asked: deque[tuple[float, float]] = deque()
+        self._rate = 0.0
+
+    def see(self, time_s: float, seen_rad_s: float, asked_rad_s: float, dt_s: float) -> float:
+        """Take one pose; return the averaged rate [rad/s]."""
+        asked = self._asked
+        asked.append((time_s, asked_rad_s))
+        while asked[0][0] < time_s - YAW_LATE_S:
+            asked.popleft()
+        rates = [rate for _, rate in asked]
+        low, high = min(rates), max(rates)
+        beyond = min(seen_rad_s - low, 0.0) + max(seen_rad_s - high, 0.0)
+        self._rate += min(dt_s / YAW_MEMORY_S, 1.0) * (beyond - self._rate)
+        return abs(self._rate)
+
+
+class ClimbMonitor:
+    """Compares the height just off the floor with the thrust."""
+
+    def __init__(self, hover_share: float, climb_m_s: float, gravity: float) -> None:
+        """``hover_share``: the thrust that hovers as a share of the weight as configured."""
+        self._share, self._speed, self._gravity = hover_share, climb_m_s, gravity
+        self._seen_m = self._expected_m = self._since_s = 0.0
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has climbed out of the range of this test."""
+        return self._seen_m > CLIMB_M
+
+    def see(self, rise_m: float, impulse_m_s: float, reach_m: float, dt_s: float, noise_m: float) -> bool:
+        """Take one pose; return whether the height is behind its thrust.
+
+        Args:
+            rise_m: height gained since the pose before [m].
+            impulse_m_s: speed downwards that the thrust has given since, below 0 [m/s], and
+            reach_m: the way of that [m]; both for the mass as configured.
+            dt_s: time since then [s].
+            noise_m: noise of positions, 1 sigma per axis [m].
+        """
+        share, g = self._share, self._gravity
+        self._seen_m += rise_m
+        self._expected_m += dt_s * self._speed - reach_m / share - 0.5 * g * dt_s * dt_s
+        self._speed -= impulse_m_s / share + g * dt_s
+        self._since_s += dt_s
+        room = BEHIND_M + 3.0 * noise_m + 0.5 * BEHIND_M_S2 * self._since_s**2
+        return self._expected_m - self._seen_m > room
+
+
+class PoseHealth:
+    """Health of one flight's poses. Times are on the event loop's clock [s]."""
+
+    def __init__(self, mass_kg: float, gravity: float) -> None:
+        """Begin before the flight; mass [kg] as configured, g [m/s²]."""
+        self._per_newton, self._gravity = -1.0 / mass_kg, gravity
+        self.state = HealthState.OK
+        self.reason_id = ""
+        """Id of the sentence that says why the poses failed or are suspected; empty while they are not."""
+        self.attitude_alarm = self.position_alarm = self.alarm = 0.0
+        """Evidence against attitude, position, and the larger of all, as shares of what convicts [-]."""
+        self.calm_s = -math.inf
+        """Newest instant at which the poses were above suspicion [s]."""
+        self.believed_until_s = -math.inf
+        """Instant up to which the estimate is believed, should the poses fail now [s]."""
+        self.windows = 0
+        """Evaluations so far."""
+        self.autopilot_agrees: bool | None = None
+        """Whether the autopilot's own attitude agrees with the poses; None where it does not tell."""
+        self.turn: Vec3 = (0.0, 0.0, 0.0)
+        """Turn by the modelled rates since the pose before, body axes [rad]."""
+        self._climb: ClimbMonitor | None = None
+        self._reset_count = 0
+        self._asked_s = -math.inf
+        self._hover_share = 1.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the poses so far: the vehicle is let go, or its commands did not arrive."""
+        self._turns = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, judges_own=False)
+        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True)
+        self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
+        self._turn_pass, self._place_pass = HighPass(2, 4), HighPass(3, 9)
+        self._stops, self._yaw, self._lateness = StopDetector(), YawMonitor(), LatenessMonitor()
+        self._last: Pose | None = None
+        self._speed: Vec3 = (0.0, 0.0, 0.0)
+        self._past_turns: deque[tuple[float, float, float]] = deque()
+        self._settled_s = self._block_s = 0.0
+        self._yaw_alarm = 0.0
+        self._is_known = False
+        self.attitude_alarm = self.position_alarm = self.alarm = 0.0
+
+    def lift_off(self, hover_share: float, climb_m_s: float) -> None:
+        """Take the state at lift-off: thrust that hovers as a share of the weight, and speed upwards [m/s]."""
+        self.restart()
+        self._hover_share = hover_share
+        self._climb = ClimbMonitor(hover_share, climb_m_s, self._gravity)
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether the poses are not believed any more."""
+        return self.state is HealthState.FAILED
+
+    @property
+    def asks(self) -> bool:
+        """Whether the poses are to be asked by tones."""
+        return self.state is HealthState.SUSPECT
+
+    @property
+    def attitude_answers(self) -> bool:
+        """Whether nothing speaks against the attitude."""
+        return self.attitude_alarm < SUSPECT_ALARM and self.reason_id not in LATE_REASONS
+
+    @property
+    def position_answers(self) -> bool:
+        """Whether nothing speaks against place and heading."""
+        return self.attitude_answers and self.position_alarm < SUSPECT_ALARM
+
+    def see(
+        self,
+        pose: Pose,
+        before: Motion,
+        given: ActuatorResponse,
+        asked_m: Vec3,
+        disturbance: Vec3,
+        effectiveness: float,
+        noise_m: float,
+        *,
+        counts: bool,
+    ) -> None:
+        """Take one believed pose.
+
+        Args:
+            pose: the newest one.
+            before: motion at the pose before it.
+            given: what the commands have made of that motion since.
+            asked_m: way of the reference and of the tones since then [m, NED].
+            disturbance: estimated disturbance at the pose before [m/s², NED].
+            effectiveness: estimated thrust scale [-].
+            noise_m: noise of positions as measured, 1 sigma per axis [m].
+            counts: False near the floor, which holds the vehicle.
+        """
+        turn = rotation_vector(multiply(conjugate(before.attitude), given[0]))
+        self.turn = turn
+        last, self._last = self._last, pose
+        dt = 0.0 if last is None else pose.time_s - last.time_s
+        moved, self._reset_count = pose.reset_count != self._reset_count, pose.reset_count
+        if last is None or not 0.0 < dt <= GAP_S or moved or not counts:
+            self.restart()
+            self._last, self._speed, self.turn = pose, before.velocity, turn
+            return
+        seen = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
+        self._see_turn(pose.time_s, seen, turn, dt)
+        self._see_place(pose, last, given, asked_m, dt, noise_m)
+        per_kg = effectiveness * self._per_newton / dt
+        x, y, z = (per_kg * impulse for impulse in given[3])
+        push = (x, y, z + self._gravity)
+        since_s = self._stops.see(pose, before, push, disturbance, dt, noise_m)
+        if since_s is not None:
+            self._fail("pose.stopped_dead", since_s - dt, position=True)
+        self._block_s += dt
+        if self._block_s >= BLOCK_S - 1e-6:
+            self._block_s -= BLOCK_S
+            self._look(pose.time_s, noise_m)
+
+    def _see_turn(self, time_s: float, seen: Vec3, turn: Vec3, dt: float) -> None:
+        roll, pitch, model_roll, model_pitch = self._turn_pass.step([*seen[:2], *turn[:2]], dt)
+        past = self._past_turns
+        past.append((time_s, model_roll, model_pitch))
+        while len(past) > 1 and past[1][0] <= time_s - LATE_S:
+            past.popleft()
+        off = (roll - model_roll, pitch - model_pitch)
+        self._turns.add(off, (model_roll, model_pitch), past[0][1:], dt)
+        self._lateness.add(time_s, (roll, pitch), (model_roll, model_pitch), dt)
+        self._yaw_alarm = self._yaw.see(time_s, seen[2] / dt, turn[2] / dt, dt) / YAW_RAD_S
+
+    def _see_place(
+        self, pose: Pose, last: Pose, given: ActuatorResponse, asked_m: Vec3, dt: float, noise_m: float
+    ) -> None:
+        # A thrust scale that is configured wrong shows in the thrust that hovers; the model's push is scaled by it.
+        m, g = self._per_newton / self._hover_share, self._gravity
+        (_, _, _, impulse, reach), (u, v, w) = given, self._speed
+        push = (m * impulse[0], m * impulse[1], m * impulse[2] + g * dt)
+        way = (m * reach[0], m * reach[1], m * reach[2] + 0.5 * g * dt * dt)
+        model = (dt * u + way[0], dt * v + way[1], dt * w + way[2])
+        self._speed = (u + push[0], v + push[1], w + push[2])
+        seen = [p - q for p, q in zip(pose.position_ned, last.position_ned, strict=True)]
+        if self._climb is not None:
+            per_n = self._per_newton
+            behind = self._climb.see(-seen[2], per_n * impulse[2], per_n * reach[2], dt, noise_m)
+            self._climb = None if self._climb.is_over else self._climb
+            if behind:
+                self._fail("pose.height_behind", -math.inf, position=True)
+        y = self._place_pass.step([*seen, *model, *asked_m], dt)
+        self._settled_s += dt
+        if self._settled_s > SETTLE_S:
+            (ex, ey, ez), u3 = (y[i] - y[i + 3] for i in range(3)), y[6:]
+            vx, vy, vz = (y[i + 3] - y[i + 6] for i in range(3))
+            self._places.add((ex, ey), (u3[0], u3[1]), (vx, vy), dt)
+            self._heights.add(ez, u3[2], vz, dt)
+
+    def _look(self, now_s: float, noise_m: float) -> None:
+        """Evaluate all windows that end now."""
+        self.windows += 1
+        turns = self._turns.look(LEAST_TURN_RAD)
+        places, heights = self._places.look(noise_m), self._heights.look(noise_m)
+        self.attitude_alarm = 0.0 if self.autopilot_agrees else turns.asked
+        answers, images = max(places.asked, heights.asked), max(places.own, heights.own)
+        self.position_alarm = max(answers, images, self._yaw_alarm)
+        self.alarm = max(self.attitude_alarm, self.position_alarm)
+        self._is_known = turns.is_known and places.is_known
+        if self.alarm < CALM_ALARM and not self.has_failed:
+            self.calm_s = now_s
+            self.believed_until_s = now_s - SHORTEST_S
+        before_s = self.believed_until_s
+        if self._lateness.late_s > 0.0 and not self.autopilot_agrees:
+            self._fail("pose.late", before_s, attitude=True)
+        elif self.attitude_alarm >= 1.0:
+            self._fail("pose.attitude_no_answer", before_s, attitude=True)
+        elif self.attitude_alarm >= SUSPECT_ALARM and self.autopilot_agrees is False:
+            self._fail("pose.autopilot_disagrees", before_s, attitude=True)
+        elif self._yaw_alarm >= 1.0:
+            self._fail("pose.yaw_unasked", before_s, position=True)
+        elif images >= 1.0:
+            self._fail("pose.position_mirrored", before_s, position=True)
+        elif answers >= 1.0:
+            self._fail("pose.position_no_answer", before_s, position=True)
+        elif self.alarm >= SUSPECT_ALARM:
+            self.suspect(now_s)
+        if self.state is HealthState.SUSPECT and self._is_answered(now_s):
+            self.state, self.reason_id = HealthState.OK, ""
+
+    def suspect(self, now_s: float) -> None:
+        """Ask the poses by tones, for ``ASK_S`` at most."""
+        if self.state is HealthState.OK:
+            self.state, self.reason_id, self._asked_s = HealthState.SUSPECT, "pose.suspect", now_s
+
+    def _is_answered(self, now_s: float) -> bool:
+        known = self._is_known and self.alarm < SUSPECT_ALARM
+        return known or now_s - self._asked_s >= ASK_S
+
+    def _fail(self, reason_id: str, since_s: float, *, attitude: bool = False, position: bool = False) -> None:
+        """Believe the poses no more in this flight, nor what they showed after ``since_s`` [s]."""
+        self.attitude_alarm = max(self.attitude_alarm, float(attitude))
+        self.position_alarm = max(self.position_alarm, float(position or attitude))
+        self.alarm = max(self.attitude_alarm, self.position_alarm)
+        if self.state is not HealthState.FAILED:
+            self.state, self.reason_id = HealthState.FAILED, reason_id
+            self.believed_until_s = min(self.believed_until_s, since_s)
+
+
+LATE_REASONS = ("pose.late",)
+"""Failures after which the attitude is not flown by either: a loop on late poses is unstable."""
+
+
+def _dot(a: Vec3, b: Vec3) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

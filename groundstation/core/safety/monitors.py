@@ -1,0 +1,20 @@
+"""Monitors of one flight, handed in: health of the poses and guards. A study flies with others of its own. Sans-IO."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from groundstation.core.safety.guards import Guards
+from groundstation.core.safety.health import PoseHealth
+
+
+class Monitors(NamedTuple):
+    """Factories of what may end a flight."""
+
+    health: Callable[[float, float], PoseHealth] = PoseHealth
+    """Makes the monitor of the poses from mass [kg] and g [m/s²]."""
+    guards: Callable[..., Guards] = Guards
+    """Makes the guards; for the arguments see :class:`groundstation.core.safety.guards.Guards`."""
+
+
+MONITORS = Monitors()
+"""The monitors of every flight that is no study."""

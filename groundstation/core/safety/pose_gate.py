@@ -1,0 +1,108 @@
+"""Pose gate: can the vehicle have come from the last poses to this one? Sans-IO.
+
+Two believed poses give place and speed. From one pose to the next the model adds what the commands
+do, and no hand, gust or cable adds more than ``PUSH_M_S2``. After a rejected pose nothing is known
+but the model: poses are believed again where they fit its place and its speed. A rejected pose is
+no pose: after ``flight.coast_s`` the descent begins.
+"""
+
+import math
+from collections import deque
+
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Pose
+from groundstation.core.vehicle import Motion
+
+PUSH_M_S2 = 10.0
+"""Largest acceleration that no command explains [m/s²]: 1 g, more than any hand gives a vehicle that it lets fly."""
+NOISES = 5.0
+"""Standard deviations of the poses' noise that pass [-]: one in 2 million by chance."""
+DRIFT_M_S2 = 1.0
+"""Error of the model's acceleration while no pose is believed [m/s²]: gusts of `storm`, one sigma."""
+BASE_S = 0.018
+"""Least time over which a speed is taken from two poses [s]: at 50 Hz that is one interval; faster poses are too noisy
+one by one."""
+REJOIN_BASE_S = 3.0 * BASE_S
+"""The same after a rejected pose [s]."""
+REJOIN_M = 0.003
+"""Distance from the model's place that is granted beside noise and drift [m]: the estimate's own error in `storm`."""
+REJOIN_M_S = 0.05
+"""Difference from the model's speed that is granted beside noise and drift [m/s]: as above."""
+KEPT = 60
+"""Poses that are kept [-]: .25 s at 240 Hz."""
+
+
+class PoseGate:
+    """Gate of one flight."""
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Believe the next pose, whatever it shows."""
+        self._believed: deque[Pose] = deque(maxlen=KEPT)
+        self._rejected: deque[Pose] = deque(maxlen=KEPT)
+
+    @property
+    def is_shut(self) -> bool:
+        """Whether the newest pose was rejected."""
+        return bool(self._rejected)
+
+    def accepts(self, pose: Pose, now: Motion, ahead: Motion, noise_m: float) -> bool:
+        """Whether ``pose`` is believed.
+
+        Args:
+            pose: the newest one.
+            now: the model's motion at the last believed pose.
+            ahead: the same at the instant of ``pose``.
+            noise_m: noise of the positions, 1 sigma per axis [m].
+        """
+        believed = self._believed
+        if not believed or pose.reset_count != believed[-1].reset_count:
+            self.restart()
+            self._believed.append(pose)
+            return True
+        if self._rejected:
+            return self._rejoins(pose, ahead, noise_m)
+        if self._is_reachable(pose, now, ahead, noise_m):
+            believed.append(pose)
+            return True
+        self._rejected.append(pose)
+        return False
+
+    def _is_reachable(self, pose: Pose, now: Motion, ahead: Motion, noise_m: float) -> bool:
+        last = self._believed[-1]
+        base = _newest_before(self._believed, last.time_s - BASE_S)
+        if base is None:
+            return True
+        dt, h = pose.time_s - last.time_s, last.time_s - base.time_s
+        k, half = dt / h, 0.5 * (dt + h)
+        expected = [
+            p + k * (p - q) + half * (u - v)
+            for p, q, u, v in zip(last.position_ned, base.position_ned, ahead.velocity, now.velocity, strict=True)
+        ]
+        noise = NOISES * noise_m * math.sqrt(1.0 + (1.0 + k) ** 2 + k * k)
+        return math.dist(pose.position_ned, expected) <= noise + PUSH_M_S2 * dt * half
+
+    def _rejoins(self, pose: Pose, ahead: Motion, noise_m: float) -> bool:
+        base = _newest_before(self._rejected, pose.time_s - REJOIN_BASE_S)
+        self._rejected.append(pose)
+        if base is None:
+            return False
+        since_s, h = pose.time_s - self._believed[-1].time_s, pose.time_s - base.time_s
+        speed: Vec3 = tuple(  # type: ignore[assignment]  # of three
+            (p - q) / h for p, q in zip(pose.position_ned, base.position_ned, strict=True)
+        )
+        noise = NOISES * noise_m
+        place_m = 2.0 * noise + REJOIN_M + 0.5 * DRIFT_M_S2 * since_s * since_s
+        speed_m_s = 1.5 * noise / h + REJOIN_M_S + DRIFT_M_S2 * since_s
+        if math.dist(pose.position_ned, ahead.position) > place_m or math.dist(speed, ahead.velocity) > speed_m_s:
+            return False
+        self._believed.clear()
+        self._believed.extend(self._rejected)
+        self._rejected.clear()
+        return True
+
+
+def _newest_before(poses: deque[Pose], time_s: float) -> Pose | None:
+    return next((pose for pose in reversed(poses) if pose.time_s <= time_s), None)

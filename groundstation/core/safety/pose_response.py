@@ -1,0 +1,318 @@
+"""Pose response: how much of the commanded motion do the poses show? A regression with an instrument. Sans-IO.
+
+Along each direction three signals go through the same high pass, which removes trims, steady wind and slow bias:
+
+- u, the motion that was asked for: by the reference and by the excitation tones;
+- v, the motion that the commands make beyond that: what the law does by itself, its answer to wind included;
+- e, what the poses show less what the commands make of the vehicle, u + v.
+
+Over windows that end now, e is regressed on both, e = D_u u + D_v v + r. Wind moves the vehicle and the law follows, so
+v depends on the wind; u does not, and with v regressed out, the wind is left in r and only widens the error of D_u. So
+1 + D_u is the answer to what was asked: 1 for true poses, 0 for a pose that stands, -1 for a mirrored one.
+
+1 + D_v is the answer to what the law does by itself. Under wind alone a true pose moves by -v/L, L
+the loop's gain, whose phase lies between -90 and -270 degrees: Re(-1/L) >= 0, so 1 + D_v is never
+negative. It is near 0 only where the law cancels the wind wholly, and that has a bound: the motion
+that the strongest steady swing of wind would have made.
+
+For the attitude u is the turn by all modelled rates, as wind hardly turns a vehicle, and v is the same turn a moment
+ago: a late answer is explained by v, and 1 + D_u falls to 0. docs/explanation/trust.md has the derivation.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+PASS_RAD_S = 6.0
+"""Corner of the high pass [rad/s]: below the tones (10 to 18), above the loop (4 to 6) in which wind is answered."""
+BLOCK_S = 0.05
+"""Time between two evaluations [s]."""
+BLOCKS = (8, 12, 24, 48)
+"""Windows of the regression in blocks, .4 to 2.4 s: an unstable image doubles in .2 s, tones over
+noise need seconds."""
+STANDARD_ERRORS = 5.0
+"""Standard errors by which an answer must lie beyond its limit to be accused [-]: one in 3 million a look."""
+LEAST_ANSWER = 0.5
+"""Least answer to what was asked that is accepted [-]: scales and lags configured wrong by half."""
+MOST_ANSWER = 1.5
+"""Largest answer to what was asked that is accepted [-]; as above."""
+MOST_CROSS_ANSWER = math.sin(math.radians(35.0))
+"""Largest answer across the direction that was asked [-]: axes turned by 35 degrees."""
+MOST_ERROR = 0.15
+"""Largest standard error of an answer that says anything [-]."""
+CANCELLED_M = 0.010
+"""Way that the strongest swing of wind would have made, high-passed [m]: 2.5 m/s² once in 5 s, wholly cancelled."""
+LEAST_OWN_ANSWER = -0.35
+"""Least answer to the law's own motion that noise and wind explain in any case [-]: 0 in theory, less with a delay."""
+LEAST_WAY_M = 0.0002
+"""Residual that is granted at least, for positions [m]: a gust of .1 m/s² within the pass."""
+LEAST_TURN_RAD = 0.0025
+"""The same for attitudes [rad]: attitude noise of a tracker at 1 m."""
+WAY_MEMORY_S = 1.0 / PASS_RAD_S
+"""Correlation time of the residual that wind leaves in positions [s]: what the high pass lets through."""
+TURN_MEMORY_S = 0.1
+"""Correlation time of the residual of attitudes [s]."""
+NOISE_MEMORY_S = 0.02
+"""Correlation time of the poses' own noise [s], at most."""
+LATE_S = 0.1
+"""Delay of the second regressor of attitudes [s]."""
+LATENESSES_S = (0.1, 0.2, 0.3, 0.4)
+"""Latencies that are tried on the attitude [s]: half the first is a lag configured wrong; after the last,
+flight.coast_s ends a flight by itself."""
+LATE_MEMORY_S = 1.0
+"""Time constant of that comparison [s]: ten independent samples."""
+LATE_BETTER = 4.0
+"""Ratio by which a latency must explain the turns better than none [-]: for true poses it is below .1, and 1 where the
+latency is off by 50 ms."""
+
+Pair = tuple[float, float]
+Triple = tuple[float, float, float]
+
+
+class HighPass:
+    """(s / (s + w))^n of signals given by their increments; exact for signals that move steadily between samples."""
+
+    def __init__(self, order: int, size: int) -> None:
+        """``order`` stages for ``size`` signals."""
+        self._stages = [[0.0] * size for _ in range(order)]
+
+    def step(self, increments: list[float], dt_s: float) -> list[float]:
+        """Return the filtered signals after ``increments`` within ``dt_s``."""
+        keep = math.exp(-PASS_RAD_S * dt_s)
+        gain = (1.0 - keep) / (PASS_RAD_S * dt_s)
+        for stage in self._stages:
+            for i, increment in enumerate(increments):
+                now = keep * stage[i] + gain * increment
+                increments[i], stage[i] = now - stage[i], now
+        return self._stages[-1]
+
+
+class Answer(NamedTuple):
+    """One direction's regression over one window."""
+
+    asked: float
+    """1 + D_u: answer to what was asked [-]."""
+    asked_error: float
+    """Its standard error [-]."""
+    own: float
+    """1 + D_v: answer to what the law does by itself [-]."""
+    own_error: float
+    """Its standard error [-]."""
+    own_rms: float
+    """RMS of v [m or rad]."""
+
+
+class Sums(NamedTuple):
+    """Integrals over one window of one direction's products."""
+
+    uu: float
+    uv: float
+    vv: float
+    eu: float
+    ev: float
+    ee: float
+    time_s: float
+
+
+FEWEST_SAMPLES = 3.5
+"""Independent samples below which a window says nothing [-]: two are spent on D_u and D_v."""
+RIDGE = 1e-10
+"""Excitation below which nothing was excited [m² s]."""
+
+
+def regress(sums: Sums, memory_s: float, least: float, noise: float) -> Answer | None:
+    """Answer of one window; None where it is too short, or nothing was excited.
+
+    Args:
+        sums: integrals of the products over the window.
+        memory_s: correlation time of the residual [s]: the window holds about time_s / memory_s independent samples.
+        least: residual that is granted at least.
+        noise: white noise of e, 1 sigma.
+    """
+    uu, uv, vv, eu, ev, ee, time_s = sums
+    uu, vv = uu + RIDGE, vv + RIDGE
+    samples = time_s / memory_s
+    det = uu * vv - uv * uv
+    # With so little excitation the noise alone leaves a larger error than says anything.
+    if samples < FEWEST_SAMPLES or noise * noise * NOISE_MEMORY_S * min(uu, vv) > MOST_ERROR**2 * det:
+        return None
+    asked, own = (eu * vv - ev * uv) / det, (ev * uu - eu * uv) / det
+    # Few samples know little of their own scatter: 3 samples' worth of the granted residual as a prior, and a wider
+    # interval, as Student's distribution has it.
+    residual = max(ee - asked * eu - own * ev, 0.0) + 3.0 * memory_s * least * least
+    residual /= time_s - 2.0 * memory_s
+    wider = 1.0 + 2.0 / (samples - 2.0)
+    variance = max(residual - noise * noise, 0.0) * memory_s + noise * noise * NOISE_MEMORY_S
+    k = wider * math.sqrt(variance / det)
+    return Answer(1.0 + asked, k * math.sqrt(vv), 1.0 + own, k * math.sqrt(uu), math.sqrt(vv / time_s))
+
+
+def excess(answer: float, error: float, least: float, most: float) -> float:
+    """How far an answer lies beyond its limits, in shares of ``STANDARD_ERRORS`` [-]; 0 where it says nothing."""
+    if error > MOST_ERROR:
+        return 0.0
+    return max(least - answer, answer - most, 0.0) / (STANDARD_ERRORS * error)
+
+
+class Alarm(NamedTuple):
+    """Largest excesses over all directions and windows, as shares of what convicts [-]."""
+
+    asked: float
+    """By answers to what was asked."""
+    own: float
+    """By answers to the law's own motion."""
+    is_known: bool
+    """Whether the newest answers are known well enough to say that the poses answer."""
+
+
+NO_ALARM = Alarm(0.0, 0.0, False)
+"""A window that says nothing."""
+
+
+def combine(alarms: Iterable[Alarm]) -> Alarm:
+    """Largest alarms of several windows; known where one of them is."""
+    asked, own, known = zip(*alarms, strict=True)
+    return Alarm(max(asked), max(own), any(known))
+
+
+def judge(along: Answer | None, across: Answer | None = None) -> Alarm:
+    """Alarm of one direction in one window: of the answer along it, and of that across."""
+    if along is None:
+        return NO_ALARM
+    asked = excess(along.asked, along.asked_error, LEAST_ANSWER, MOST_ANSWER)
+    least = max(LEAST_ANSWER - CANCELLED_M / along.own_rms, LEAST_OWN_ANSWER)
+    own = excess(along.own, along.own_error, least, math.inf)
+    if across is not None:
+        asked = max(asked, excess(abs(across.asked - 1.0), across.asked_error, 0.0, MOST_CROSS_ANSWER))
+    return Alarm(asked, own, along.asked_error <= MOST_ERROR)
+
+
+class _Windows:
+    """Running integrals, their values at the ends of the past blocks, and the newest alarm of each window.
+
+    Longer windows are looked at less often.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.now = [0.0] * count
+        self._kept: deque[list[float]] = deque([list(self.now)], maxlen=BLOCKS[-1] + 1)
+        self._alarms = [NO_ALARM] * len(BLOCKS)
+        self._count = 0
+
+    def look(self, judge_window: Callable[[list[float]], Alarm]) -> Alarm:
+        """Close a block; return the largest alarms of all windows, those that end now judged by ``judge_window``."""
+        self._kept.append(list(self.now))
+        self._count += 1
+        for i, blocks in enumerate(BLOCKS):
+            if blocks < len(self._kept) and self._count % (blocks // BLOCKS[0]) == 0:
+                begun = self._kept[-blocks - 1]
+                self._alarms[i] = judge_window([a - b for a, b in zip(self.now, begun, strict=True)])
+        return combine(self._alarms)
+
+
+class LineResponse:
+    """Response along one line: the height."""
+
+    def __init__(self, memory_s: float, least: float) -> None:
+        """Begin without a sample; for the arguments see :func:`regress`."""
+        self._memory, self._least = memory_s, least
+        self._windows = _Windows(7)
+
+    def add(self, e: float, u: float, v: float, dt_s: float) -> None:
+        """Take one sample of the filtered signals."""
+        x, y, sums = u * dt_s, v * dt_s, self._windows.now
+        for i, product in enumerate((u * x, u * y, v * y, e * x, e * y, e * e * dt_s, dt_s)):
+            sums[i] += product
+
+    def look(self, noise: float) -> Alarm:
+        """Alarm at the end of a block; ``noise`` is the white noise of e, 1 sigma [m]."""
+        return self._windows.look(lambda sums: judge(regress(Sums(*sums), self._memory, self._least, noise)))
+
+
+class LatenessMonitor:
+    """Compares the turns as seen with the model's of some time ago: do they come late, whatever their stamps say?"""
+
+    def __init__(self) -> None:
+        self._past: deque[tuple[float, float, float]] = deque()
+        self._off = [0.0] * (1 + len(LATENESSES_S))
+        self._time_s = 0.0
+
+    def add(self, time_s: float, seen: Pair, model: Pair, dt_s: float) -> None:
+        """Take one sample of the filtered turns, roll and pitch of each [rad]."""
+        past = self._past
+        past.append((time_s, *model))
+        while past[0][0] < time_s - LATENESSES_S[-1] - dt_s:
+            past.popleft()
+        keep = math.exp(-dt_s / LATE_MEMORY_S)
+        self._time_s += dt_s
+        for i, late_s in enumerate((0.0, *LATENESSES_S)):
+            _, x, y = next(one for one in reversed(past) if one[0] <= time_s - late_s + 0.5 * dt_s or one is past[0])
+            self._off[i] = keep * self._off[i] + dt_s * ((seen[0] - x) ** 2 + (seen[1] - y) ** 2)
+
+    @property
+    def late_s(self) -> float:
+        """Latency that explains the turns [s]; 0 where none does better than none."""
+        now, *later = self._off
+        noise = 2.0 * LEAST_TURN_RAD**2 * min(self._time_s, LATE_MEMORY_S)
+        if self._time_s < LATE_MEMORY_S or now < LATE_BETTER * (min(later) + noise):
+            return 0.0
+        return LATENESSES_S[later.index(min(later))]
+
+
+DIAGONAL = math.sqrt(0.5)
+DIRECTIONS: tuple[Pair, ...] = ((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DIAGONAL))
+"""Directions of a plane that are looked at: no direction is farther than 22.5 degrees from one of them."""
+
+
+class PlaneResponse:
+    """Response along every direction of a plane, and across it: roll and pitch, or north and east."""
+
+    def __init__(self, memory_s: float, least: float, *, judges_own: bool) -> None:
+        """Begin without a sample; ``judges_own``: whether the answer to v is judged. See :func:`regress`."""
+        self._memory, self._least, self._judges_own = memory_s, least, judges_own
+        self._windows = _Windows(22)
+
+    def add(self, e: Pair, u: Pair, v: Pair, dt_s: float) -> None:
+        """Take one sample of the filtered signals, x and y of each."""
+        (ex, ey), (ux, uy), (vx, vy), sums = e, u, v, self._windows.now
+        p, q, r, s, a, b = ux * dt_s, uy * dt_s, vx * dt_s, vy * dt_s, ex * dt_s, ey * dt_s
+        products = (
+            ux * p, ux * q, uy * q, ux * r, ux * s, uy * r, uy * s, vx * r, vx * s, vy * s,
+            ex * p, ex * q, ey * p, ey * q, ex * r, ex * s, ey * r, ey * s, ex * a, ex * b, ey * b, dt_s,
+        )  # fmt: skip
+        for i, product in enumerate(products):
+            sums[i] += product
+
+    def look(self, noise: float) -> Alarm:
+        """Alarm at the end of a block; ``noise`` is the white noise of e, 1 sigma per axis."""
+        return self._windows.look(lambda sums: self._look_around(sums, noise))
+
+    def _look_around(self, sums: list[float], noise: float) -> Alarm:
+        """Largest alarms of all directions; known where all of them are."""
+        alarms = list[Alarm]()
+        for direction in DIRECTIONS:
+            along, across = _project(direction, sums)
+            memory, least = self._memory, self._least
+            answers = regress(along, memory, least, noise), regress(across, memory, least, noise)
+            alarms.append(judge(*answers))
+        asked, own, known = zip(*alarms, strict=True)
+        return Alarm(max(asked), max(own) if self._judges_own else 0.0, all(known))
+
+
+def _project(direction: Pair, sums: list[float]) -> tuple[Sums, Sums]:
+    """Sums of e along a direction, and of e across it, both on u and v along it."""
+    a, b = direction
+    (
+        uxx, uxy, uyy, uvxx, uvxy, uvyx, uvyy, vxx, vxy, vyy,
+        exux, exuy, eyux, eyuy, exvx, exvy, eyvx, eyvy, exx, exy, eyy, time_s,
+    ) = sums  # fmt: skip
+    aa, ab, bb = a * a, a * b, b * b
+    uu = aa * uxx + 2.0 * ab * uxy + bb * uyy
+    vv = aa * vxx + 2.0 * ab * vxy + bb * vyy
+    uv = aa * uvxx + ab * (uvxy + uvyx) + bb * uvyy
+    exu, eyu, exv, eyv = a * exux + b * exuy, a * eyux + b * eyuy, a * exvx + b * exvy, a * eyvx + b * eyvy
+    ee = aa * exx + 2.0 * ab * exy + bb * eyy
+    ee_across = aa * eyy - 2.0 * ab * exy + bb * exx
+    along = Sums(uu, uv, vv, a * exu + b * eyu, a * exv + b * eyv, ee, time_s)
+    return along, Sums(uu, uv, vv, a * eyu - b * exu, a * eyv - b * exv, ee_across, time_s)
