@@ -38,8 +38,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to what stands above what
     from groundstation.analysis.recordings import FlightData as FlightData
     from groundstation.analysis.recordings import load as load
-    from groundstation.config.loader import ConfigError as ConfigError
-    from groundstation.config.loader import UserCodeFault as UserCodeFault
+    from groundstation.config.errors import ConfigError as ConfigError
+    from groundstation.config.user_code import UserCodeFault as UserCodeFault
     from groundstation.core.control.attitude import clamp_command as clamp_command
     from groundstation.core.control.attitude import half_angle_error as half_angle_error
     from groundstation.core.control.attitude import make_decision as make_decision
@@ -72,8 +72,8 @@ if TYPE_CHECKING:  # what stands in sim is handed on, too: the one exception to 
 _MODULES = {
     "FlightData": "groundstation.analysis.recordings",
     "load": "groundstation.analysis.recordings",
-    "ConfigError": "groundstation.config.loader",
-    "UserCodeFault": "groundstation.config.loader",
+    "ConfigError": "groundstation.config.errors",
+    "UserCodeFault": "groundstation.config.user_code",
     "clamp_command": "groundstation.core.control.attitude",
     "half_angle_error": "groundstation.core.control.attitude",
     "make_decision": "groundstation.core.control.attitude",

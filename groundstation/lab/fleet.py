@@ -19,12 +19,26 @@ MOST = 64
 class FleetFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a fleet file says, but for the sections of each vehicle."""
 
-    config: str
-    """The configuration that all vehicles share; relative to the fleet file."""
-    relay_port: Annotated[int, msgspec.Meta(ge=1024, le=65000)] = 51101
-    """Loopback UDP port to which the first vehicle's copy of the poses goes; the others' follow it."""
-    vehicles: Annotated[tuple[dict[str, Any], ...], msgspec.Meta(min_length=1, max_length=MOST)]
-    """For each its ``name``, its ``object`` in the capture system where that is another, and what else differs."""
+    config: Annotated[
+        str, msgspec.Meta(description="The configuration that all vehicles share; relative to the fleet file.")
+    ]
+    relay_port: Annotated[
+        int,
+        msgspec.Meta(
+            ge=1024,
+            le=65000,
+            description="Loopback UDP port to which the first vehicle's copy of the poses goes; the others' follow it.",
+        ),
+    ] = 51101
+    vehicles: Annotated[
+        tuple[dict[str, Any], ...],
+        msgspec.Meta(
+            min_length=1,
+            max_length=MOST,
+            description="For each its `name`, its `object` in the capture system where that is "
+            "another, and what else differs.",
+        ),
+    ]
 
 
 class _Who(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -17,14 +17,21 @@ RECORDING = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-{NAME}\.mcap")
 class RecordingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The flight recorder: one MCAP file a flight."""
 
-    enabled: bool = True
-    """Record every flight."""
-    folder: str = ""
-    """Folder of the recordings; empty means ``$XDG_STATE_HOME/groundstation/flights``, or else in ~/.local/state."""
-    keep_gb: Annotated[float, msgspec.Meta(gt=0.0)] | None = 20.0
-    """The oldest recordings go once all take more than this [GB]."""
-    keep_days: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
-    """Recordings older than this go [days]."""
+    enabled: Annotated[bool, msgspec.Meta(description="Record every flight.")] = True
+    folder: Annotated[
+        str,
+        msgspec.Meta(
+            description="Folder of the recordings; empty means "
+            "`$XDG_STATE_HOME/groundstation/flights`, or else in ~/.local/state."
+        ),
+    ] = ""
+    keep_gb: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0)] | None,
+        msgspec.Meta(description="The oldest recordings go once all take more than this [GB]."),
+    ] = 20.0
+    keep_days: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0)] | None, msgspec.Meta(description="Recordings older than this go [days].")
+    ] = None
 
 
 def folder_of(config: RecordingConfig) -> Path:

@@ -31,10 +31,22 @@ SERVICES = Path("/run/groundstation")
 class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The socket that screens and requests attach to."""
 
-    path: str = ""
-    """Path of the UNIX socket; empty means ``$XDG_RUNTIME_DIR/groundstation/VEHICLE.sock``, or else in /tmp."""
-    rate_hz: Annotated[float, msgspec.Meta(ge=1.0, le=50.0)] = 5.0
-    """Most snapshots a second to each client [1/s]; screens call it silence when none comes for 1.5 s."""
+    path: Annotated[
+        str,
+        msgspec.Meta(
+            description="Path of the UNIX socket; empty means "
+            "`$XDG_RUNTIME_DIR/groundstation/VEHICLE.sock`, or else in /tmp."
+        ),
+    ] = ""
+    rate_hz: Annotated[
+        float,
+        msgspec.Meta(
+            ge=1.0,
+            le=50.0,
+            description="Most snapshots a second to each client [1/s]; screens call it silence when "
+            "none comes for 1.5 s.",
+        ),
+    ] = 5.0
 
 
 SOCKET_PATH_BYTES = 107

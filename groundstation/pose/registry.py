@@ -125,16 +125,15 @@ class CsvConfig(PoseKind, frozen=True, kw_only=True, tag="csv"):
     """Recorded poses: a CSV file t,x,y,z,qw,qx,qy,qz, or the folder of a run."""
 
     recorded: ClassVar[bool] = True
-    path: str
-    """The file, or the folder that ``--out`` of a run has written."""
-    speed: Speed = 1.0
-    """Pace: 1 as recorded, 2 twice as fast, "max" as fast as possible."""
-    world: World = "ned"
-    """Axes of the file's positions; a run's folder has ``ned``."""
-    body: Body = "frd"
-    """Axes of the body; a run's folder has ``frd``."""
-    alignment: Alignment = Alignment()
-    """How these axes lie against ours, beyond their names."""
+    path: Annotated[str, msgspec.Meta(description="The file, or the folder that `--out` of a run has written.")]
+    speed: Annotated[
+        Speed, msgspec.Meta(description='Pace: 1 as recorded, 2 twice as fast, "max" as fast as possible.')
+    ] = 1.0
+    world: Annotated[World, msgspec.Meta(description="Axes of the file's positions; a run's folder has `ned`.")] = "ned"
+    body: Annotated[Body, msgspec.Meta(description="Axes of the body; a run's folder has `frd`.")] = "frd"
+    alignment: Annotated[
+        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
+    ] = Alignment()
 
     @property
     def real(self) -> None:
@@ -182,14 +181,21 @@ class TlogConfig(PoseKind, frozen=True, kw_only=True, tag="tlog"):
     """A .tlog file of a flight on PX4 or ArduPilot."""
 
     recorded: ClassVar[bool] = True
-    path: str
-    """The file."""
-    system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
-    """MAVLink system of the vehicle whose poses are played."""
-    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.01
-    """Time from the instant that the autopilot stamps to the earliest arrival in the log [s]."""
-    speed: Speed = 1.0
-    """Pace: 1 as recorded, 2 twice as fast, "max" as fast as possible."""
+    path: Annotated[str, msgspec.Meta(description="The file.")]
+    system_id: Annotated[
+        int, msgspec.Meta(ge=1, le=255, description="MAVLink system of the vehicle whose poses are played.")
+    ] = 1
+    latency_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=1.0,
+            description="Time from the instant that the autopilot stamps to the earliest arrival in the log [s].",
+        ),
+    ] = 0.01
+    speed: Annotated[
+        Speed, msgspec.Meta(description='Pace: 1 as recorded, 2 twice as fast, "max" as fast as possible.')
+    ] = 1.0
 
     @property
     def real(self) -> None:

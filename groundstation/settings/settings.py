@@ -41,16 +41,23 @@ FOLDER = "rehearsals"
 class RehearsalConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where a rehearsal takes place; ``--rehearse`` writes it. Config section ``[rehearsal]``."""
 
-    host: Annotated[str, msgspec.Meta(pattern=r"\A127\.(6[4-9]|[7-9]\d|1[01]\d|12[0-7])(\.\d{1,3}){2}\Z")]
-    """Host on the loopback network that every address is turned to."""
-    ports: str
-    """Folder of the pseudo-terminals that stand for serial ports."""
-    vehicle: str
-    """The name of the vehicle that is rehearsed."""
-    name: Annotated[str, msgspec.Meta(pattern=rf"\A{REHEARSAL}(-[A-Za-z0-9_.-]+)?\Z", max_length=VEHICLE_LETTERS)] = (
-        REHEARSAL
-    )
-    """What the vehicle is called meanwhile: ``rehearsal``; in a fleet ``rehearsal-`` and its own name."""
+    host: Annotated[
+        str,
+        msgspec.Meta(
+            pattern=r"\A127\.(6[4-9]|[7-9]\d|1[01]\d|12[0-7])(\.\d{1,3}){2}\Z",
+            description="Host on the loopback network that every address is turned to.",
+        ),
+    ]
+    ports: Annotated[str, msgspec.Meta(description="Folder of the pseudo-terminals that stand for serial ports.")]
+    vehicle: Annotated[str, msgspec.Meta(description="The name of the vehicle that is rehearsed.")]
+    name: Annotated[
+        str,
+        msgspec.Meta(
+            pattern=rf"\A{REHEARSAL}(-[A-Za-z0-9_.-]+)?\Z",
+            max_length=VEHICLE_LETTERS,
+            description="What the vehicle is called meanwhile: `rehearsal`; in a fleet `rehearsal-` and its own name.",
+        ),
+    ] = REHEARSAL
 
     @property
     def serial(self) -> str:
@@ -261,16 +268,25 @@ PORT, PORT_TLS = 1883, 8883
 class TlsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Encryption, and who the broker proves to be."""
 
-    enabled: bool = False
-    """Speak TLS."""
-    ca_file: str = ""
-    """PEM file of the authority that has signed the broker's certificate; empty for those that the system trusts."""
-    cert_file: str = ""
-    """PEM file of our own certificate, where the broker asks for one; empty for none."""
-    key_file: str = ""
-    """PEM file of its private key, mode 0600."""
-    verify: bool = True
-    """Check the broker's certificate and name. Without it anybody may pose as the broker: a warning at each start."""
+    enabled: Annotated[bool, msgspec.Meta(description="Speak TLS.")] = False
+    ca_file: Annotated[
+        str,
+        msgspec.Meta(
+            description="PEM file of the authority that has signed the broker's certificate; empty "
+            "for those that the system trusts."
+        ),
+    ] = ""
+    cert_file: Annotated[
+        str, msgspec.Meta(description="PEM file of our own certificate, where the broker asks for one; empty for none.")
+    ] = ""
+    key_file: Annotated[str, msgspec.Meta(description="PEM file of its private key, mode 0600.")] = ""
+    verify: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Check the broker's certificate and name. Without it anybody may pose as "
+            "the broker: a warning at each start."
+        ),
+    ] = True
 
     def __post_init__(self) -> None:
         if bool(self.cert_file) != bool(self.key_file):
@@ -282,21 +298,27 @@ class TlsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 class ClientConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One client that may ask by MQTT."""
 
-    key_file: str
-    """File with the key that it shares with us, mode 0600; `groundstation mqtt make-key FILE` makes one."""
-    may: Annotated[tuple[RemoteAsk, ...], msgspec.Meta(min_length=1)]
-    """What it may ask."""
+    key_file: Annotated[
+        str,
+        msgspec.Meta(
+            description="File with the key that it shares with us, mode 0600; `groundstation mqtt "
+            "make-key FILE` makes one."
+        ),
+    ]
+    may: Annotated[tuple[RemoteAsk, ...], msgspec.Meta(min_length=1, description="What it may ask.")]
 
 
 class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Requests by MQTT."""
 
-    enabled: bool = False
-    """Take any at all."""
-    authority: Literal["ask", "move"] = "ask"
-    """``move``: a client may ask to go to points of its own choice, where ``goto`` stands in its ``may``."""
-    clients: dict[str, ClientConfig] = {}
-    """Who may ask, by name."""
+    enabled: Annotated[bool, msgspec.Meta(description="Take any at all.")] = False
+    authority: Annotated[
+        Literal["ask", "move"],
+        msgspec.Meta(
+            description="`move`: a client may ask to go to points of its own choice, where `goto` stands in its `may`."
+        ),
+    ] = "ask"
+    clients: Annotated[dict[str, ClientConfig], msgspec.Meta(description="Who may ask, by name.")] = {}
 
     def __post_init__(self) -> None:
         if self.enabled and not self.clients:
@@ -311,25 +333,33 @@ class RequestsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class MqttConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The broker to publish to."""
 
-    enabled: bool = False
-    """Publish at all."""
-    host: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"
-    """Name or address of the broker, as in its certificate."""
-    port: Annotated[int, msgspec.Meta(ge=1, le=65535)] | None = None
-    """TCP port of the broker; without it 8883 with TLS, 1883 without."""
+    enabled: Annotated[bool, msgspec.Meta(description="Publish at all.")] = False
+    host: Annotated[
+        str, msgspec.Meta(min_length=1, description="Name or address of the broker, as in its certificate.")
+    ] = "127.0.0.1"
+    port: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=65535)] | None,
+        msgspec.Meta(description="TCP port of the broker; without it 8883 with TLS, 1883 without."),
+    ] = None
     tls: TlsConfig = TlsConfig()
-    insecure: bool = False
-    """Speak to another machine without TLS: whoever is on the network reads everything, passwords too."""
-    username: str = ""
-    """Name to log in with; empty for none."""
-    password_file: str = ""
-    """File whose first line is the password, mode 0600; empty for none."""
-    prefix: Annotated[str, msgspec.Meta(pattern=rf"\A{NAME}(/{NAME})*\Z", max_length=64)] = "groundstation"
-    """First part of every topic."""
-    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] = 5.0
-    """Most snapshots a second [1/s]."""
-    health_period_s: Annotated[float, msgspec.Meta(ge=0.1, le=3600.0)] = 5.0
-    """Time between two words about the connection itself [s]."""
+    insecure: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Speak to another machine without TLS: whoever is on the network reads "
+            "everything, passwords too."
+        ),
+    ] = False
+    username: Annotated[str, msgspec.Meta(description="Name to log in with; empty for none.")] = ""
+    password_file: Annotated[
+        str, msgspec.Meta(description="File whose first line is the password, mode 0600; empty for none.")
+    ] = ""
+    prefix: Annotated[
+        str, msgspec.Meta(pattern=rf"\A{NAME}(/{NAME})*\Z", max_length=64, description="First part of every topic.")
+    ] = "groundstation"
+    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=50.0, description="Most snapshots a second [1/s].")] = 5.0
+    health_period_s: Annotated[
+        float, msgspec.Meta(ge=0.1, le=3600.0, description="Time between two words about the connection itself [s].")
+    ] = 5.0
     requests: RequestsConfig = RequestsConfig()
 
     def __post_init__(self) -> None:
@@ -354,18 +384,39 @@ _CHANNEL = re.compile(r"rc:([1-9]|1[0-8])")
 class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The operator's own dead man: let go, or lost, it lands. Config section ``[operator]``."""
 
-    hold: str = ""
-    """What is held to fly: a key, button or axis as evtest(1) names it (``BTN_TR``, ``KEY_B``, ``ABS_RZ``), or
-    ``rc:1`` to ``rc:18``, a channel of the transmitter as the autopilot hears it (link.kind mavlink). Empty: none."""
-    device: str = ""
-    """The input device that has it: its path (/dev/input/by-id/…-event-joystick), or a part of its name. Empty: the
-    only one that has it."""
-    above: Annotated[float, msgspec.Meta(ge=0.2, le=0.95)] = 0.75
-    """An axis or a channel is held from this share of its travel on [-], and let go 0.1 below it; a stick that rests in
-    the middle is at 0.5, and a channel goes from 1000 to 2000 µs."""
-    grab: bool = False
-    """Keep what the device sends from everybody else, as for a pedal that types letters. Never for the keyboard in
-    use: its Ctrl-C would reach nobody."""
+    hold: Annotated[
+        str,
+        msgspec.Meta(
+            description="What is held to fly: a key, button or axis as evtest(1) names it "
+            "(`BTN_TR`, `KEY_B`, `ABS_RZ`), or `rc:1` to `rc:18`, a channel of the "
+            "transmitter as the autopilot hears it (link.kind mavlink). Empty: none."
+        ),
+    ] = ""
+    device: Annotated[
+        str,
+        msgspec.Meta(
+            description="The input device that has it: its path "
+            "(/dev/input/by-id/…-event-joystick), or a part of its name. Empty: the "
+            "only one that has it."
+        ),
+    ] = ""
+    above: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.2,
+            le=0.95,
+            description="An axis or a channel is held from this share of its travel on [-], and let "
+            "go 0.1 below it; a stick that rests in the middle is at 0.5, and a channel "
+            "goes from 1000 to 2000 µs.",
+        ),
+    ] = 0.75
+    grab: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Keep what the device sends from everybody else, as for a pedal that types "
+            "letters. Never for the keyboard in use: its Ctrl-C would reach nobody."
+        ),
+    ] = False
 
     def ensure_named(self) -> None:
         """Check what the types cannot.
@@ -396,22 +447,45 @@ LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
 class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a flight begins, rests on its poses, and ends."""
 
-    start: Literal["floor", "air"] = "floor"
-    """``floor``: take off, hold, then fly onto the trajectory. ``air``: only for a simulated vehicle that is held in
-    the air until it obeys; it follows the trajectory at once."""
-    duration_s: Annotated[float, msgspec.Meta(gt=0.0)] | None = None
-    """Fly back and land after this time on the trajectory [s]; without it, only when told to."""
-    coast_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.25
-    """How long commands may rest on one pose [s]. After it comes the descent on the model (``guards.level_s``), where
-    it took off from the floor, then the link's bring-down, and then nothing leaves."""
-    pose_wait_s: Annotated[float, msgspec.Meta(gt=0.0)] = 5.0
-    """How long to wait for the first pose [s]."""
-    idle_thrust: Annotated[float, msgspec.Meta(ge=0.0, le=0.9)] = 0.0
-    """Thrust streamed until the vehicle is armed, as a share of its weight [-]."""
-    descent_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.4
-    """Fastest speed of the landing [m/s]."""
-    floor_z_m: float = 0.0
-    """Where the vehicle's pose is when it stands on the floor [m, NED: down is positive]; landing aims at it."""
+    start: Annotated[
+        Literal["floor", "air"],
+        msgspec.Meta(
+            description="`floor`: take off, hold, then fly onto the trajectory. `air`: only for a "
+            "simulated vehicle that is held in the air until it obeys; it follows the "
+            "trajectory at once."
+        ),
+    ] = "floor"
+    duration_s: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0)] | None,
+        msgspec.Meta(
+            description="Fly back and land after this time on the trajectory [s]; without it, only when told to."
+        ),
+    ] = None
+    coast_s: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=1.0,
+            description="How long commands may rest on one pose [s]. After it comes the descent on "
+            "the model (`guards.level_s`), where it took off from the floor, then the "
+            "link's bring-down, and then nothing leaves.",
+        ),
+    ] = 0.25
+    pose_wait_s: Annotated[float, msgspec.Meta(gt=0.0, description="How long to wait for the first pose [s].")] = 5.0
+    idle_thrust: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0, le=0.9, description="Thrust streamed until the vehicle is armed, as a share of its weight [-]."
+        ),
+    ] = 0.0
+    descent_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0, description="Fastest speed of the landing [m/s].")] = 0.4
+    floor_z_m: Annotated[
+        float,
+        msgspec.Meta(
+            description="Where the vehicle's pose is when it stands on the floor [m, NED: down is "
+            "positive]; landing aims at it."
+        ),
+    ] = 0.0
 
 
 class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -428,15 +502,22 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     flight: FlightConfig = FlightConfig()
     landing: LandingConfig = LandingConfig()
     guards: GuardsConfig = GuardsConfig()
-    fence: FenceConfig | None = None
-    """The room to stay in; a real flight needs one, and ``limits.max_speed_m_s``."""
+    fence: Annotated[
+        FenceConfig | None,
+        msgspec.Meta(description="The room to stay in; a real flight needs one, and `limits.max_speed_m_s`."),
+    ] = None
     separation: SeparationConfig = SeparationConfig()
     operator: OperatorConfig = OperatorConfig()
     status: StatusConfig = StatusConfig()
     mqtt: MqttConfig = MqttConfig()
     recording: RecordingConfig = RecordingConfig()
-    rehearsal: RehearsalConfig | None = None
-    """Where everything is simulated instead; ``--rehearse`` alone writes it, and no address may lead elsewhere."""
+    rehearsal: Annotated[
+        RehearsalConfig | None,
+        msgspec.Meta(
+            description="Where everything is simulated instead; `--rehearse` alone writes it, and "
+            "no address may lead elsewhere."
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
         """Check what the sections cannot.

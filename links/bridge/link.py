@@ -261,12 +261,17 @@ def _there(says: str) -> str:
 class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
     """`groundstation rf-bridge` on another computer, which has the module. That one knows port, codec and channels."""
 
-    remote: str = "127.0.0.1:14600"
-    """Its address."""
-    key_file: str = "bridge.key"
-    """File with the key that both computers share, mode 0600; `groundstation rf-bridge --make-key FILE` makes one."""
-    connect_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=60.0)] = 5.0
-    """How long to wait for the bridge [s]."""
+    remote: Annotated[str, msgspec.Meta(description="Its address.")] = "127.0.0.1:14600"
+    key_file: Annotated[
+        str,
+        msgspec.Meta(
+            description="File with the key that both computers share, mode 0600; `groundstation "
+            "rf-bridge --make-key FILE` makes one."
+        ),
+    ] = "bridge.key"
+    connect_timeout_s: Annotated[
+        float, msgspec.Meta(gt=0.0, le=60.0, description="How long to wait for the bridge [s].")
+    ] = 5.0
 
     def __post_init__(self) -> None:
         parse_address(self.remote, "remote")

@@ -10,7 +10,7 @@ import asyncio
 import os
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -162,10 +162,16 @@ Nonce = Callable[[int], bytes]
 class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Where the bridge listens, and the module that it has."""
 
-    listen: str
-    """Our address for stations, such as ``192.168.1.20:14600``; ``0.0.0.0:14600`` hears on every network."""
-    key_file: str = "bridge.key"
-    """File with the key that both computers share, mode 0600."""
+    listen: Annotated[
+        str,
+        msgspec.Meta(
+            description="Our address for stations, such as `192.168.1.20:14600`; `0.0.0.0:14600` "
+            "hears on every network."
+        ),
+    ]
+    key_file: Annotated[str, msgspec.Meta(description="File with the key that both computers share, mode 0600.")] = (
+        "bridge.key"
+    )
     link: RfConfig = DsmLinkConfig()
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ the autopilot's log (PX4: MPC_THR_HOVER; ArduPilot: MOT_THST_HOVER), while data 
 import math
 from collections.abc import Callable
 from enum import StrEnum
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Annotated, ClassVar, NamedTuple, Protocol
 
 import msgspec
 
@@ -92,62 +92,129 @@ class LinkMisuse(LinkError):
 class LinkStatus(msgspec.Struct, frozen=True):
     """What a link can tell about itself, for screens and telemetry."""
 
-    state: str
-    """One of ``closed``, ``connecting``, ``connected``, ``armed``, ``lost``."""
-    sent: int
-    """Commands that left."""
-    expired: int
-    """Commands withheld: their deadline had passed, or a bring-down had begun and nobody has armed since."""
-    received: int
-    """Messages received and understood."""
-    dropped: dict[str, int]
-    """Bytes or messages received and dropped, counted by reason."""
-    text: str
-    """The newest words of the other end (MAVLink STATUSTEXT), or an empty string."""
-    phase: str = "over"
-    """What may leave (see deadman.py): ``waiting``, ``fresh``, ``bring_down`` or ``over``."""
-    rtt_s: float | None = None
-    """Shortest of the newest round trips to the other end and back [s]; None where it is not known."""
-    offset_s: float | None = None
-    """The other end's clock less the event loop's [s]; None where it is not known."""
-    taken: str = ""
-    """The mode that somebody else has put the autopilot in since we armed it: nothing leaves any more; else empty."""
-    battery_v: float | None = None
-    """Voltage of the vehicle's battery [V]; None where it does not tell."""
-    battery_share: float | None = None
-    """Its charge [-]; None where it does not tell."""
-    ready: bool | None = None
-    """Whether the vehicle's own pre-arm checks pass; None where it does not tell."""
-    mode: str = ""
-    """The mode that the vehicle's autopilot was in when it was heard last; empty where it does not tell."""
-    unfit: str = ""
-    """Why :meth:`CommandLink.arm` would be refused, as :meth:`CommandLink.examine` found; empty where it found nothing.
-    """
-    firmware: str = ""
-    """What the vehicle's autopilot runs, as it tells itself; empty where it does not tell."""
-    slept_s: float = 0.0
-    """How long the computer that sends has slept since the arming [s]: nothing more leaves, see links/io/wires.py."""
-    late_octaves: tuple[int, ...] = ()
-    """Frames by how late they left, where a pacer lets them go and tells: entry k counts those late by less than 2**k
-    µs and not by less than 2**(k-1); of all frames since it began."""
-    period_s: float = 0.0
-    """Time between two frames [s]; 0 where commands follow the poses, or where that is not known yet."""
-    hears_vehicle: bool = True
-    """Whether ``connected`` and ``armed`` are the vehicle's own words; False where nothing comes back from it, and they
-    only say what was sent."""
-    warning: str = ""
-    """What an operator should know of how frames leave, before arming and in flight; empty where nothing is wrong."""
-    angles_rad: tuple[float, ...] = ()
-    """Roll, pitch and yaw as the vehicle itself believes, its north its own [rad]; empty where it does not tell."""
-    uplink_share: float | None = None
-    """Share of our frames that its receiver gets [-]; None where it does not tell."""
-    uplink_dbm: int | None = None
-    """Power that it gets of them [dBm]."""
-    uplink_snr_db: int | None = None
-    """The same over the noise [dB]."""
-    unmet: str = ""
-    """Why what was owed to the vehicle since its arming, the newest command or its bring-down, does not leave from
-    here, and who has to act; empty where it leaves or has left."""
+    state: Annotated[str, msgspec.Meta(description="One of `closed`, `connecting`, `connected`, `armed`, `lost`.")]
+    sent: Annotated[int, msgspec.Meta(description="Commands that left.")]
+    expired: Annotated[
+        int,
+        msgspec.Meta(
+            description="Commands withheld: their deadline had passed, or a bring-down had begun "
+            "and nobody has armed since."
+        ),
+    ]
+    received: Annotated[int, msgspec.Meta(description="Messages received and understood.")]
+    dropped: Annotated[
+        dict[str, int], msgspec.Meta(description="Bytes or messages received and dropped, counted by reason.")
+    ]
+    text: Annotated[
+        str, msgspec.Meta(description="The newest words of the other end (MAVLink STATUSTEXT), or an empty string.")
+    ]
+    phase: Annotated[
+        str, msgspec.Meta(description="What may leave (see deadman.py): `waiting`, `fresh`, `bring_down` or `over`.")
+    ] = "over"
+    rtt_s: Annotated[
+        float | None,
+        msgspec.Meta(
+            description="Shortest of the newest round trips to the other end and back [s]; None where it is not known."
+        ),
+    ] = None
+    offset_s: Annotated[
+        float | None,
+        msgspec.Meta(description="The other end's clock less the event loop's [s]; None where it is not known."),
+    ] = None
+    taken: Annotated[
+        str,
+        msgspec.Meta(
+            description="The mode that somebody else has put the autopilot in since we armed it: "
+            "nothing leaves any more; else empty."
+        ),
+    ] = ""
+    battery_v: Annotated[
+        float | None, msgspec.Meta(description="Voltage of the vehicle's battery [V]; None where it does not tell.")
+    ] = None
+    battery_share: Annotated[float | None, msgspec.Meta(description="Its charge [-]; None where it does not tell.")] = (
+        None
+    )
+    ready: Annotated[
+        bool | None,
+        msgspec.Meta(description="Whether the vehicle's own pre-arm checks pass; None where it does not tell."),
+    ] = None
+    mode: Annotated[
+        str,
+        msgspec.Meta(
+            description="The mode that the vehicle's autopilot was in when it was heard last; empty "
+            "where it does not tell."
+        ),
+    ] = ""
+    unfit: Annotated[
+        str,
+        msgspec.Meta(
+            description="Why `CommandLink.arm` would be refused, as `CommandLink.examine` found; "
+            "empty where it found nothing."
+        ),
+    ] = ""
+    firmware: Annotated[
+        str,
+        msgspec.Meta(
+            description="What the vehicle's autopilot runs, as it tells itself; empty where it does not tell."
+        ),
+    ] = ""
+    slept_s: Annotated[
+        float,
+        msgspec.Meta(
+            description="How long the computer that sends has slept since the arming [s]: nothing "
+            "more leaves, see links/io/wires.py."
+        ),
+    ] = 0.0
+    late_octaves: Annotated[
+        tuple[int, ...],
+        msgspec.Meta(
+            description="Frames by how late they left, where a pacer lets them go and tells: entry "
+            "k counts those late by less than 2**k µs and not by less than 2**(k-1); of "
+            "all frames since it began."
+        ),
+    ] = ()
+    period_s: Annotated[
+        float,
+        msgspec.Meta(
+            description="Time between two frames [s]; 0 where commands follow the poses, or where "
+            "that is not known yet."
+        ),
+    ] = 0.0
+    hears_vehicle: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Whether `connected` and `armed` are the vehicle's own words; False where "
+            "nothing comes back from it, and they only say what was sent."
+        ),
+    ] = True
+    warning: Annotated[
+        str,
+        msgspec.Meta(
+            description="What an operator should know of how frames leave, before arming and in "
+            "flight; empty where nothing is wrong."
+        ),
+    ] = ""
+    angles_rad: Annotated[
+        tuple[float, ...],
+        msgspec.Meta(
+            description="Roll, pitch and yaw as the vehicle itself believes, its north its own "
+            "[rad]; empty where it does not tell."
+        ),
+    ] = ()
+    uplink_share: Annotated[
+        float | None,
+        msgspec.Meta(description="Share of our frames that its receiver gets [-]; None where it does not tell."),
+    ] = None
+    uplink_dbm: Annotated[int | None, msgspec.Meta(description="Power that it gets of them [dBm].")] = None
+    uplink_snr_db: Annotated[int | None, msgspec.Meta(description="The same over the noise [dB].")] = None
+    unmet: Annotated[
+        str,
+        msgspec.Meta(
+            description="Why what was owed to the vehicle since its arming, the newest command or "
+            "its bring-down, does not leave from here, and who has to act; empty where "
+            "it leaves or has left."
+        ),
+    ] = ""
 
 
 class Arrival(NamedTuple):

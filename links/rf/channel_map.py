@@ -19,15 +19,25 @@ Rates = tuple[float, float, float]
 class Throttle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The channel of the thrust."""
 
-    channel: Channel
-    """Its number."""
-    low: Position = -1.0
-    """Position for no thrust; also what leaves while disarmed."""
-    high: Position = 1.0
-    """Position for the vehicle's full thrust; below ``low`` where the receiver wants the channel reversed."""
-    curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None = None
-    """f of thrust = f u² + (1 - f) u, from the position's share u of the throw to the motors' thrust, in place of
-    vehicle.thrust_curve; 0 where the flight controller straightens the curve."""
+    channel: Annotated[Channel, msgspec.Meta(description="Its number.")]
+    low: Annotated[
+        Position, msgspec.Meta(description="Position for no thrust; also what leaves while disarmed.")
+    ] = -1.0
+    high: Annotated[
+        Position,
+        msgspec.Meta(
+            description="Position for the vehicle's full thrust; below `low` where the receiver "
+            "wants the channel reversed."
+        ),
+    ] = 1.0
+    curve: Annotated[
+        Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None,
+        msgspec.Meta(
+            description="f of thrust = f u² + (1 - f) u, from the position's share u of the throw "
+            "to the motors' thrust, in place of vehicle.thrust_curve; 0 where the "
+            "flight controller straightens the curve."
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
         if self.low == self.high:
@@ -37,27 +47,31 @@ class Throttle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 class Stick(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The channel of one body rate."""
 
-    channel: Channel
-    """Its number."""
-    full_rate_deg_s: Annotated[float, msgspec.Meta(gt=0.0)] = 200.0
-    """Body rate at full stick, as it is set on board [deg/s]; no faster one can be sent."""
-    reverse: bool = False
-    """Whether a positive rate (right roll, nose up, clockwise from above) takes a lower position."""
-    trim: Position = 0.0
-    """Position at which the vehicle does not turn."""
-    failsafe: Position | None = None
-    """Position while disarmed; without it: ``trim``."""
+    channel: Annotated[Channel, msgspec.Meta(description="Its number.")]
+    full_rate_deg_s: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0, description="Body rate at full stick, as it is set on board [deg/s]; no faster one can be sent."
+        ),
+    ] = 200.0
+    reverse: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Whether a positive rate (right roll, nose up, clockwise from above) takes a lower position."
+        ),
+    ] = False
+    trim: Annotated[Position, msgspec.Meta(description="Position at which the vehicle does not turn.")] = 0.0
+    failsafe: Annotated[Position | None, msgspec.Meta(description="Position while disarmed; without it: `trim`.")] = (
+        None
+    )
 
 
 class ArmSwitch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The channel that arms the flight controller."""
 
-    channel: Channel
-    """Its number."""
-    armed: Position = 1.0
-    """Position that arms."""
-    disarmed: Position = -1.0
-    """Position that disarms."""
+    channel: Annotated[Channel, msgspec.Meta(description="Its number.")]
+    armed: Annotated[Position, msgspec.Meta(description="Position that arms.")] = 1.0
+    disarmed: Annotated[Position, msgspec.Meta(description="Position that disarms.")] = -1.0
 
     def __post_init__(self) -> None:
         if self.armed == self.disarmed:
@@ -67,21 +81,16 @@ class ArmSwitch(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 class Fixed(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A channel that always stays where it is, such as a flight mode."""
 
-    channel: Channel
-    """Its number."""
-    position: Position
-    """Where it stays."""
+    channel: Annotated[Channel, msgspec.Meta(description="Its number.")]
+    position: Annotated[Position, msgspec.Meta(description="Where it stays.")]
 
 
 class Copy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A channel that follows the throttle between two limits, as on the MLP4DSM transmitter."""
 
-    channel: Channel
-    """Its number."""
-    low: Position = -1.0
-    """Its lowest position."""
-    high: Position = 1.0
-    """Its highest position."""
+    channel: Annotated[Channel, msgspec.Meta(description="Its number.")]
+    low: Annotated[Position, msgspec.Meta(description="Its lowest position.")] = -1.0
+    high: Annotated[Position, msgspec.Meta(description="Its highest position.")] = 1.0
 
 
 class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -91,12 +100,15 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     roll: Stick = Stick(channel=2)
     pitch: Stick = Stick(channel=3)
     yaw: Stick = Stick(channel=4, full_rate_deg_s=300.0)
-    arm: ArmSwitch | None = None
-    """The channel that arms; without it, whatever the vehicle itself does."""
-    throttle_copy: Copy | None = None
-    """A channel that follows the throttle."""
-    fixed: tuple[Fixed, ...] = ()
-    """Channels that stay where they are; every channel that nobody names stays at 0."""
+    arm: Annotated[
+        ArmSwitch | None,
+        msgspec.Meta(description="The channel that arms; without it, whatever the vehicle itself does."),
+    ] = None
+    throttle_copy: Annotated[Copy | None, msgspec.Meta(description="A channel that follows the throttle.")] = None
+    fixed: Annotated[
+        tuple[Fixed, ...],
+        msgspec.Meta(description="Channels that stay where they are; every channel that nobody names stays at 0."),
+    ] = ()
 
     def __post_init__(self) -> None:
         numbers = self.channels

@@ -115,26 +115,64 @@ class Manner(msgspec.Struct, frozen=True, kw_only=True):
 class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
     """What every serial RF link can be told."""
 
-    port: str = "/dev/ttyUSB0"
-    """The serial port of the module."""
-    simulated: bool = False
-    """A simulator is at the other end of the port, such as `groundstation-sim serve`: neither fence nor speed limit is
-    asked for. Believed only of a pseudo-terminal; but some lead on to a module (socat, ser2net), so nobody can tell."""
-    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000)] = 115200
-    """Its speed [bit/s]."""
-    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1)] = 0.0225
-    """Time between two frames [s]."""
+    port: Annotated[str, msgspec.Meta(description="The serial port of the module.")] = "/dev/ttyUSB0"
+    simulated: Annotated[
+        bool,
+        msgspec.Meta(
+            description="A simulator is at the other end of the port, such as `groundstation-sim "
+            "serve`: neither fence nor speed limit is asked for. Believed only of a "
+            "pseudo-terminal; but some lead on to a module (socat, ser2net), so nobody "
+            "can tell."
+        ),
+    ] = False
+    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000, description="Its speed [bit/s].")] = 115200
+    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1, description="Time between two frames [s].")] = 0.0225
     map: ChannelMap = ChannelMap()
-    arm_low_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.5
-    """How long arming first shows a disarmed transmitter with its throttle down [s]: flight controllers want that."""
-    arm_high_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 1.0
-    """How long it then holds the arm channel up with the throttle down before it counts as armed [s]."""
-    disarm_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.5
-    """How long disarm frames must have left before the vehicle counts as disarmed [s]: nothing comes back to tell."""
-    lead_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.02)] = 0.005
-    """How long before its frame leaves a command is asked for [s]. One that comes later waits for the next frame."""
-    fifo_priority: Annotated[int, msgspec.Meta(ge=0, le=90)] = 50
-    """Real-time priority (SCHED_FIFO) of the process that paces the frames, where allowed; 0 for none."""
+    arm_low_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=10.0,
+            description="How long arming first shows a disarmed transmitter with its throttle down "
+            "[s]: flight controllers want that.",
+        ),
+    ] = 0.5
+    arm_high_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=10.0,
+            description="How long it then holds the arm channel up with the throttle down before it "
+            "counts as armed [s].",
+        ),
+    ] = 1.0
+    disarm_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=10.0,
+            description="How long disarm frames must have left before the vehicle counts as "
+            "disarmed [s]: nothing comes back to tell.",
+        ),
+    ] = 0.5
+    lead_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=0.02,
+            description="How long before its frame leaves a command is asked for [s]. One that "
+            "comes later waits for the next frame.",
+        ),
+    ] = 0.005
+    fifo_priority: Annotated[
+        int,
+        msgspec.Meta(
+            ge=0,
+            le=90,
+            description="Real-time priority (SCHED_FIFO) of the process that paces the frames, "
+            "where allowed; 0 for none.",
+        ),
+    ] = 50
 
     def codec(self) -> RfCodec:
         """The codec that this configures."""

@@ -54,16 +54,18 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=_DSM_LARGEST)]
 class DsmLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="dsm"):
     """A DSM2/DSMX module on a serial port. Its polarity is set at the adapter, not here."""
 
-    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000)] = 125000
-    """Its speed [bit/s]."""
-    protocol: Literal["rtf", "dsm2", "dsmx"] = "dsmx"
-    """What the module shall speak on the air; ``rtf`` for the module of a ready-to-fly transmitter."""
-    model_id: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0
-    """Receivers obey the model that they were bound to."""
-    low: Count = 96
-    """Count of position -1; 86 as the MLP4DSM transmitter."""
-    high: Count = 928
-    """Count of position 1; 938 as the MLP4DSM transmitter."""
+    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000, description="Its speed [bit/s].")] = 125000
+    protocol: Annotated[
+        Literal["rtf", "dsm2", "dsmx"],
+        msgspec.Meta(
+            description="What the module shall speak on the air; `rtf` for the module of a ready-to-fly transmitter."
+        ),
+    ] = "dsmx"
+    model_id: Annotated[
+        int, msgspec.Meta(ge=0, le=255, description="Receivers obey the model that they were bound to.")
+    ] = 0
+    low: Annotated[Count, msgspec.Meta(description="Count of position -1; 86 as the MLP4DSM transmitter.")] = 96
+    high: Annotated[Count, msgspec.Meta(description="Count of position 1; 938 as the MLP4DSM transmitter.")] = 928
 
     def __post_init__(self) -> None:
         if self.low >= self.high:
@@ -168,19 +170,37 @@ ORDER = ChannelMap(
 class CrsfLinkConfig(RfLinkConfig, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="crsf"):
     """An ExpressLRS or TBS Crossfire transmitter module on a serial port."""
 
-    baud: Annotated[int, msgspec.Meta(ge=1200, le=6_000_000)] = 400000
-    """Its speed [bit/s]; an ExpressLRS module finds it out."""
-    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1)] = 0.004
-    """Time between two frames [s]."""
+    baud: Annotated[
+        int, msgspec.Meta(ge=1200, le=6_000_000, description="Its speed [bit/s]; an ExpressLRS module finds it out.")
+    ] = 400000
+    period_s: Annotated[float, msgspec.Meta(ge=0.001, le=0.1, description="Time between two frames [s].")] = 0.004
     map: ChannelMap = ORDER
-    lead_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.02)] = 0.002
-    """How long before its frame leaves a command is asked for [s]. One that comes later waits for the next frame."""
-    attitude_pitch: Literal["nose_down", "nose_up"] = "nose_down"
-    """Which way pitch counts up in the attitude that comes back: as in Betaflight, or as in ArduPilot."""
-    address: Literal["module", "sync"] = "module"
-    """First byte of a frame of channels: 0xEE or 0xC8."""
-    model_id: Annotated[int, msgspec.Meta(ge=0, le=63)] | None = None
-    """Model that the module is told when the port opens; ExpressLRS then obeys only a receiver of that model."""
+    lead_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=0.02,
+            description="How long before its frame leaves a command is asked for [s]. One that "
+            "comes later waits for the next frame.",
+        ),
+    ] = 0.002
+    attitude_pitch: Annotated[
+        Literal["nose_down", "nose_up"],
+        msgspec.Meta(
+            description="Which way pitch counts up in the attitude that comes back: as in "
+            "Betaflight, or as in ArduPilot."
+        ),
+    ] = "nose_down"
+    address: Annotated[
+        Literal["module", "sync"], msgspec.Meta(description="First byte of a frame of channels: 0xEE or 0xC8.")
+    ] = "module"
+    model_id: Annotated[
+        Annotated[int, msgspec.Meta(ge=0, le=63)] | None,
+        msgspec.Meta(
+            description="Model that the module is told when the port opens; ExpressLRS then obeys "
+            "only a receiver of that model."
+        ),
+    ] = None
 
     def codec(self) -> "CrsfCodec":
         """The codec that this configures."""

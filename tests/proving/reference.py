@@ -23,7 +23,7 @@ from msgspec import inspect as mi
 import groundstation
 from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
-from groundstation.config import describe_type, refuse_io, structs
+from groundstation.config import describe_type, field_descriptions, refuse_io, structs
 from groundstation.interfaces.mqtt import write_schemas
 from groundstation.machine import fill_markers
 from groundstation.recording import CHANNELS
@@ -181,12 +181,14 @@ ROLE = re.compile(r":\w+:`~?([^`]+)`")
 
 
 def remarks(cls: type[Any]) -> dict[str, str]:
-    """Field → the docstring below it, as one line; a base class's where that only points there."""
+    """Field → its description, or the docstring below it, as one line; a base class's where that only points there."""
     found: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if base.__module__.split(".")[0] not in ("builtins", "msgspec"):
             own = _below(base.__module__, base.__name__)
             found.update({field: text for field, text in own.items() if field not in found or text[:4] != "See "})
+    if issubclass(cls, msgspec.Struct):
+        found |= {key: one_line(text) for key, text in field_descriptions(cls).items()}
     return found
 
 
@@ -383,15 +385,23 @@ def _result(cls: type[Any], level: int = 2) -> str:
 BAR = r"\|"
 
 
+class Plain(ast.NodeTransformer):
+    """Types without what ``Annotated`` adds."""
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+        """The first of what stands in ``Annotated[…]``."""
+        if ast.unparse(node.value) == "Annotated" and isinstance(node.slice, ast.Tuple):
+            return self.generic_visit(node.slice.elts[0])
+        return self.generic_visit(node)
+
+
 def _fields(cls: type[Any], level: int) -> str:
     """The class, and a table of its fields."""
     said = remarks(cls)
     (node,) = (one for one in _tree(cls.__module__).body if getattr(one, "name", "") == cls.__name__)
     fields = [one for one in ast.walk(node) if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name)]
-    types = {ast.unparse(one.target): ast.unparse(one.annotation).strip("'") for one in fields}
-    types = {
-        name: re.sub(r"Annotated\[(\w+), .*\]", r"\1", kind) for name, kind in types.items() if "ClassVar" not in kind
-    }
+    types = {ast.unparse(one.target): ast.unparse(Plain().visit(one.annotation)).strip("'") for one in fields}
+    types = {name: kind for name, kind in types.items() if "ClassVar" not in kind}
     rows = [f"| `{name}` | {kind.replace('|', BAR)} | {said[name]} |" for name, kind in types.items() if name in said]
     table = "\n".join(["", "", "| field | type | |", "|---|---|---|", *rows]) if rows else ""
     return f"{'#' * level} `{cls.__name__}`\n\n{one_line(cls.__doc__ or '')}{table}"

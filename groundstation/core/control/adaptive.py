@@ -21,7 +21,7 @@ where V only swings, though it must fall. Lasting excess is a warning that names
 
 import math
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 
@@ -46,15 +46,30 @@ from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, lead, n
 class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="adaptive"):
     """The law's gains, and those of the blocks around it that make it fly with lag and delay."""
 
-    actuator_compensation: bool = True
-    """Feed the law the thrust the rotors give now (modelled), and invert the lags of thrust and rates."""
-    composite: Composite = "provable"
-    """Second witness of the disturbance, beside the tracking error: the observer's own d̂, through the projection
-    (provable); the observer's innovations added to b̂, which then drives it (raw); or none, as the paper has it."""
-    kappa: NonNegative = 28.0
-    """κ: pull of b̂ towards d̂ [1/s per kb], provable form only. The proof needs kb² κ < 4 k3 (the smaller k3)."""
-    k_omega: Positive = 14.0
-    """How fast a body-rate error shall decay [1/s]."""
+    actuator_compensation: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Feed the law the thrust the rotors give now (modelled), and invert the "
+            "lags of thrust and rates."
+        ),
+    ] = True
+    composite: Annotated[
+        Composite,
+        msgspec.Meta(
+            description="Second witness of the disturbance, beside the tracking error: the "
+            "observer's own d̂, through the projection (provable); the observer's "
+            "innovations added to b̂, which then drives it (raw); or none, as the paper "
+            "has it."
+        ),
+    ] = "provable"
+    kappa: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="κ: pull of b̂ towards d̂ [1/s per kb], provable form only. The proof needs "
+            "kb² κ < 4 k3 (the smaller k3)."
+        ),
+    ] = 28.0
+    k_omega: Annotated[Positive, msgspec.Meta(description="How fast a body-rate error shall decay [1/s].")] = 14.0
 
 
 class Uncompensated(
@@ -63,25 +78,20 @@ class Uncompensated(
     """The printed law: the same keys with the paper's gains, and every block around it off unless it is switched on."""
 
     k3: Positive = 4.0
-    """See :class:`Law`."""
     k3_down: Positive = 4.0
-    """See :class:`Law`."""
     kb: NonNegative = 1.0
-    """See :class:`Law`."""
     sigma_slope: Positive = 3.0
-    """See :class:`Law`."""
     rho_slope: Positive = 1.0
-    """See :class:`Law`."""
-    kappa: NonNegative = 7.0
-    """See :class:`Gains`; with these gains the proof allows less than 16."""
+    kappa: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="κ, provable form: pull of b̂ towards d̂ [1/s per kb]; here the proof allows less than 16."
+        ),
+    ] = 7.0
     actuator_compensation: bool = False
-    """See :class:`Gains`."""
     delay_prediction: bool = False
-    """See :class:`Gains`."""
     observer: Literal["model", "backward_euler"] = "backward_euler"
-    """See :class:`Gains`."""
     composite: Composite = "off"
-    """See :class:`Gains`."""
 
 
 CALM = {"k2": 1.75, "k3_down": 6.0, "sigma_slope": 3.0, "rho_slope": 1.0}

@@ -38,35 +38,50 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
     It stands on :class:`Estimation` only because a struct has one base; the law reads ``gravity`` of it.
     """
 
-    k2: Positive = 2.0
-    """Gain on ρ(z2) [m/s²]; paper: 2. Off the figure, and on it for 5 s after poses were suspect, at most 1.75."""
-    k3: Positive = 5.0
-    """Gain on z3 [1/s]; paper: 4."""
-    k3_down: Positive = 14.0
-    """The same for the vertical axis [1/s], where only thrust acts; paper: 4. Off the figure, as k2, at most 6."""
-    kb: NonNegative = 0.4
-    """Adaptation gain [1/s² per m/s² of V's gradient]; paper: 1; 0 switches adaptation off."""
-    k_yaw: NonNegative = 1.0
-    """Heading gain [1/s]."""
-    sigma_bound: Positive = 1.5
-    """M: bound of σ [m/s]; paper: 1.5."""
-    sigma_slope: Positive = 4.5
-    """r: slope of σ at 0 [1/s]; paper: 3. Off the figure, as k2, at most 3."""
-    rho_bound: Positive = 1.0
-    """Bound of ρ [-]."""
-    rho_slope: Positive = 3.0
-    """Slope of ρ at 0 [s/m]. Off the figure, as k2, at most 1."""
-    velocity_scale: Positive = 1.0
-    """c: how fast Ω grows beyond M [m/s]."""
-    b_bound: Positive = 5.0
-    """B: largest disturbance to adapt to [m/s²]. It must cover thrust-scale errors (0.2 g = 2 m/s²) too. Left so, it is
-    what `vehicle.wind_share` gives, where that is more."""
-    epsilon: Positive = 0.5
-    """ε: b̂ stays within B + ε [m/s²]."""
-    delta: Positive = 0.1
-    """δ: smooths the projection [m²/s⁴]."""
-    projection_order: Annotated[int, msgspec.Meta(ge=1, le=6)] = 1
-    """n: the projection is n times continuously differentiable."""
+    k2: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="Gain on ρ(z2) [m/s²]; paper: 2. Off the figure, and on it for 5 s after "
+            "poses were suspect, at most 1.75."
+        ),
+    ] = 2.0
+    k3: Annotated[Positive, msgspec.Meta(description="Gain on z3 [1/s]; paper: 4.")] = 5.0
+    k3_down: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="The same for the vertical axis [1/s], where only thrust acts; paper: 4. "
+            "Off the figure, as k2, at most 6."
+        ),
+    ] = 14.0
+    kb: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="Adaptation gain [1/s² per m/s² of V's gradient]; paper: 1; 0 switches adaptation off."
+        ),
+    ] = 0.4
+    k_yaw: Annotated[NonNegative, msgspec.Meta(description="Heading gain [1/s].")] = 1.0
+    sigma_bound: Annotated[Positive, msgspec.Meta(description="M: bound of σ [m/s]; paper: 1.5.")] = 1.5
+    sigma_slope: Annotated[
+        Positive, msgspec.Meta(description="r: slope of σ at 0 [1/s]; paper: 3. Off the figure, as k2, at most 3.")
+    ] = 4.5
+    rho_bound: Annotated[Positive, msgspec.Meta(description="Bound of ρ [-].")] = 1.0
+    rho_slope: Annotated[
+        Positive, msgspec.Meta(description="Slope of ρ at 0 [s/m]. Off the figure, as k2, at most 1.")
+    ] = 3.0
+    velocity_scale: Annotated[Positive, msgspec.Meta(description="c: how fast Ω grows beyond M [m/s].")] = 1.0
+    b_bound: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="B: largest disturbance to adapt to [m/s²]. It must cover thrust-scale "
+            "errors (0.2 g = 2 m/s²) too. Left so, it is what `vehicle.wind_share` "
+            "gives, where that is more."
+        ),
+    ] = 5.0
+    epsilon: Annotated[Positive, msgspec.Meta(description="ε: b̂ stays within B + ε [m/s²].")] = 0.5
+    delta: Annotated[Positive, msgspec.Meta(description="δ: smooths the projection [m²/s⁴].")] = 0.1
+    projection_order: Annotated[
+        int, msgspec.Meta(ge=1, le=6, description="n: the projection is n times continuously differentiable.")
+    ] = 1
 
     @cached_property
     def shape(self) -> "Shape":

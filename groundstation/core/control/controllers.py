@@ -50,18 +50,28 @@ from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead
 class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Keys that every baseline has."""
 
-    k_yaw: NonNegative = 1.0
-    """Heading gain [1/s], as ours."""
-    tilt_limit_deg: Annotated[float, msgspec.Meta(gt=0.0, le=80.0)] = 45.0
-    """Largest tilt to ask for [deg]; PX4's default."""
-    actuator_compensation: bool = False
-    """Invert the lags of thrust and body rates, as ours does; off, as the baselines are published.
-
-    docs/decisions/0006-baselines.md says what happens with it, and has the gains for it."""
-    k_omega: Positive = 14.0
-    """With it: how fast an error of thrust or body rate shall decay [1/s], as ours."""
-    rate_feedforward: NonNegative = 0.03
-    """With it: time constant of the filter on the derivative of what is wanted [s], as ours."""
+    k_yaw: Annotated[NonNegative, msgspec.Meta(description="Heading gain [1/s], as ours.")] = 1.0
+    tilt_limit_deg: Annotated[
+        float, msgspec.Meta(gt=0.0, le=80.0, description="Largest tilt to ask for [deg]; PX4's default.")
+    ] = 45.0
+    actuator_compensation: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Invert the lags of thrust and body rates, as ours does; off, as the "
+            "baselines are published. docs/decisions/0006-baselines.md says what "
+            "happens with it, and has the gains for it."
+        ),
+    ] = False
+    k_omega: Annotated[
+        Positive,
+        msgspec.Meta(description="With it: how fast an error of thrust or body rate shall decay [1/s], as ours."),
+    ] = 14.0
+    rate_feedforward: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="With it: time constant of the filter on the derivative of what is wanted [s], as ours."
+        ),
+    ] = 0.03
 
 
 class InnerLoop:
@@ -143,18 +153,19 @@ class BaselineController(Generic[GainsType]):
 class Geometric(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="geometric"):
     """Gains, found by a search: docs/decisions/0006-baselines.md."""
 
-    k_position: Positive = 9.46
-    """k_x / m [1/s²]."""
-    k_velocity: Positive = 5.81
-    """k_v / m [1/s]."""
-    k_integral: NonNegative = 9.74
-    """k_i / m [1/s²]."""
-    coupling: Positive = 1.85
-    """c1: share of the position error in the integral of e_v + c1 e_x [1/s]."""
-    integral_bound: Positive = 5.0
-    """σ: largest acceleration of the integral term, per axis [m/s²]; as b_bound of ours."""
-    k_attitude: Positive = 16.1
-    """k_R over k_Ω: body rate per attitude error [1/s]."""
+    k_position: Annotated[Positive, msgspec.Meta(description="k_x / m [1/s²].")] = 9.46
+    k_velocity: Annotated[Positive, msgspec.Meta(description="k_v / m [1/s].")] = 5.81
+    k_integral: Annotated[NonNegative, msgspec.Meta(description="k_i / m [1/s²].")] = 9.74
+    coupling: Annotated[
+        Positive, msgspec.Meta(description="c1: share of the position error in the integral of e_v + c1 e_x [1/s].")
+    ] = 1.85
+    integral_bound: Annotated[
+        Positive,
+        msgspec.Meta(description="σ: largest acceleration of the integral term, per axis [m/s²]; as b_bound of ours."),
+    ] = 5.0
+    k_attitude: Annotated[Positive, msgspec.Meta(description="k_R over k_Ω: body rate per attitude error [1/s].")] = (
+        16.1
+    )
 
     def build(self, vehicle: Vehicle) -> "GeometricController":
         """The controller."""
@@ -244,17 +255,24 @@ def track_on_se3(
 class L1(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="l1"):
     """Gains: those of the geometric law, and two of the adaptation."""
 
-    k_position: Positive = 9.46
-    """k_x / m [1/s²]."""
-    k_velocity: Positive = 5.81
-    """k_v / m [1/s]."""
-    predictor_pole: Positive = 1.0
-    """-A_s: how fast the predictor forgets its error [1/s]. At commands every T_s it leaves A_s T_s / 2 of a steady
-    disturbance uncompensated."""
-    bandwidth_rad_s: Positive = 8.0
-    """ω_c of the low-pass filter C(s) between what is found and what is counteracted [rad/s]."""
-    k_attitude: Positive = 16.1
-    """k_R over k_Ω: body rate per attitude error [1/s]."""
+    k_position: Annotated[Positive, msgspec.Meta(description="k_x / m [1/s²].")] = 9.46
+    k_velocity: Annotated[Positive, msgspec.Meta(description="k_v / m [1/s].")] = 5.81
+    predictor_pole: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="-A_s: how fast the predictor forgets its error [1/s]. At commands every "
+            "T_s it leaves A_s T_s / 2 of a steady disturbance uncompensated."
+        ),
+    ] = 1.0
+    bandwidth_rad_s: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="ω_c of the low-pass filter C(s) between what is found and what is counteracted [rad/s]."
+        ),
+    ] = 8.0
+    k_attitude: Annotated[Positive, msgspec.Meta(description="k_R over k_Ω: body rate per attitude error [1/s].")] = (
+        16.1
+    )
 
     def build(self, vehicle: Vehicle) -> "L1Controller":
         """The controller."""
@@ -313,20 +331,27 @@ class L1Controller(BaselineController[L1]):
 class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="pid"):
     """Gains, found by a search: docs/decisions/0006-baselines.md. In brackets: PX4's name."""
 
-    p_position: Positive = 2.32
-    """Velocity per position error [1/s] (MPC_XY_P)."""
-    p_velocity: Positive = 4.69
-    """Acceleration per velocity error [1/s] (MPC_XY_VEL_P_ACC)."""
-    i_velocity: NonNegative = 6.83
-    """Acceleration per integral of the velocity error [1/s²] (MPC_XY_VEL_I_ACC)."""
-    d_velocity: NonNegative = 0.0164
-    """Acceleration against acceleration [-] (MPC_XY_VEL_D_ACC)."""
-    speed_limit_m_s: Positive = 12.0
-    """Largest speed to ask for [m/s] (MPC_XY_VEL_MAX)."""
-    integral_bound: Positive = 5.0
-    """Largest acceleration of the integral, per axis [m/s²]; PX4 has g, upwards only."""
-    p_attitude: Positive = 20.0
-    """Body rate per attitude error [1/s] (MC_ROLL_P, MC_PITCH_P)."""
+    p_position: Annotated[Positive, msgspec.Meta(description="Velocity per position error [1/s] (MPC_XY_P).")] = 2.32
+    p_velocity: Annotated[
+        Positive, msgspec.Meta(description="Acceleration per velocity error [1/s] (MPC_XY_VEL_P_ACC).")
+    ] = 4.69
+    i_velocity: Annotated[
+        NonNegative,
+        msgspec.Meta(description="Acceleration per integral of the velocity error [1/s²] (MPC_XY_VEL_I_ACC)."),
+    ] = 6.83
+    d_velocity: Annotated[
+        NonNegative, msgspec.Meta(description="Acceleration against acceleration [-] (MPC_XY_VEL_D_ACC).")
+    ] = 0.0164
+    speed_limit_m_s: Annotated[
+        Positive, msgspec.Meta(description="Largest speed to ask for [m/s] (MPC_XY_VEL_MAX).")
+    ] = 12.0
+    integral_bound: Annotated[
+        Positive,
+        msgspec.Meta(description="Largest acceleration of the integral, per axis [m/s²]; PX4 has g, upwards only."),
+    ] = 5.0
+    p_attitude: Annotated[
+        Positive, msgspec.Meta(description="Body rate per attitude error [1/s] (MC_ROLL_P, MC_PITCH_P).")
+    ] = 20.0
 
     def build(self, vehicle: Vehicle) -> "PidController":
         """The controller."""
@@ -393,16 +418,14 @@ class PidController(BaselineController[Pid]):
 class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="indi"):
     """Gains, found by a search: docs/decisions/0006-baselines.md."""
 
-    k_position: Positive = 17.8
-    """K_x [1/s²]."""
-    k_velocity: Positive = 6.36
-    """K_v [1/s]."""
-    k_acceleration: NonNegative = 0.95
-    """K_a [-]."""
-    filter_s: NonNegative = 0.0041
-    """Time constant of the low-pass filter on acceleration and thrust vector [s]."""
-    k_attitude: Positive = 18.3
-    """Body rate per attitude error [1/s]."""
+    k_position: Annotated[Positive, msgspec.Meta(description="K_x [1/s²].")] = 17.8
+    k_velocity: Annotated[Positive, msgspec.Meta(description="K_v [1/s].")] = 6.36
+    k_acceleration: Annotated[NonNegative, msgspec.Meta(description="K_a [-].")] = 0.95
+    filter_s: Annotated[
+        NonNegative,
+        msgspec.Meta(description="Time constant of the low-pass filter on acceleration and thrust vector [s]."),
+    ] = 0.0041
+    k_attitude: Annotated[Positive, msgspec.Meta(description="Body rate per attitude error [1/s].")] = 18.3
 
     def build(self, vehicle: Vehicle) -> "IndiController":
         """The controller."""
@@ -482,11 +505,18 @@ class Custom(
 ):
     """A factory and its options. Written shorter: ``kind = "package.module:factory"``, options beside it."""
 
-    factory: Annotated[str, msgspec.Meta(pattern=FACTORY)]
-    """Where the controller comes from: ``package.module:factory``, called as factory(vehicle, options) or with as much
-    of it as it needs; or a function decide(estimate, reference, interval_s) itself."""
-    options: dict[str, Option] = msgspec.field(default_factory=dict)
-    """What the factory gets beside the vehicle."""
+    factory: Annotated[
+        str,
+        msgspec.Meta(
+            pattern=FACTORY,
+            description="Where the controller comes from: `package.module:factory`, called as "
+            "factory(vehicle, options) or with as much of it as it needs; or a function "
+            "decide(estimate, reference, interval_s) itself.",
+        ),
+    ]
+    options: Annotated[dict[str, Option], msgspec.Meta(description="What the factory gets beside the vehicle.")] = (
+        msgspec.field(default_factory=dict)
+    )
 
     @property
     def kind(self) -> str:

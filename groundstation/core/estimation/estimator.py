@@ -435,40 +435,92 @@ Composite: TypeAlias = Literal["provable", "raw", "off"]
 class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Gains and switches of observer and predictor. Defaults: docs/explanation/law.md."""
 
-    gravity: Positive = GRAVITY
-    """g [m/s²]."""
-    delay_prediction: bool = True
-    """Roll the estimate forward from the pose's time stamp to the instant the command acts."""
-    observer: Literal["model", "backward_euler"] = "model"
-    """Velocity from a model-based observer, or from the paper's backward difference of positions."""
-    attitude_gain: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
-    """How much of a pose's attitude is believed against the model's [-]; 1 takes the measurement."""
-    pose_noise_m: Positive = 0.0003
-    """Position noise to begin with, 1σ per axis [m]; then measured in flight."""
-    pose_jitter_s: NonNegative | None = None
-    """How far the stamps of poses are off by chance, 1σ: noise along the velocity [s]. Not told, it is measured in
-    flight; 0 takes them as they are."""
-    velocity_noise_m_s: Positive = 0.02
-    """Velocity noise of a source that measures velocity, 1σ per axis, beside its bias [m/s]."""
-    velocity_bias_m_s: NonNegative = 0.05
-    """How far on average such a velocity may be off that of its own positions, which is then believed, at most and per
-    axis [m/s]; ArduCopter's, with a simulated GPS, is off by 0.016. 0 takes it as it is."""
-    position_wander: NonNegative = 0.2
-    """How the position of such a source wanders against its velocity [m/√s]; PX4 on simulated GPS: 0.18."""
-    pose_wander: NonNegative = 0.0
-    """How the positions of a source without velocity wander beside their white noise [m/√s]; 0: neighbours err apart.
-    `groundstation evidence` finds 0.0005 and 0.0006 of a Vicon whose errors last some 20 ms."""
-    acceleration_noise: Positive = 0.01
-    """What the model's acceleration may do from one instant to the next [m/s² per √Hz]."""
-    wind_noise: Positive = 0.1
-    """How the disturbance may jump [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s has 0.18."""
-    wind_rate_noise: Positive = 1.2
-    """How its rate may jump [m/s⁴ per √Hz]: larger follows gusts faster and takes more noise for wind."""
+    gravity: Annotated[Positive, msgspec.Meta(description="g [m/s²].")] = GRAVITY
+    delay_prediction: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Roll the estimate forward from the pose's time stamp to the instant the command acts."
+        ),
+    ] = True
+    observer: Annotated[
+        Literal["model", "backward_euler"],
+        msgspec.Meta(
+            description="Velocity from a model-based observer, or from the paper's backward difference of positions."
+        ),
+    ] = "model"
+    attitude_gain: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=1.0,
+            description="How much of a pose's attitude is believed against the model's [-]; 1 takes the measurement.",
+        ),
+    ] = 1.0
+    pose_noise_m: Annotated[
+        Positive, msgspec.Meta(description="Position noise to begin with, 1σ per axis [m]; then measured in flight.")
+    ] = 0.0003
+    pose_jitter_s: Annotated[
+        NonNegative | None,
+        msgspec.Meta(
+            description="How far the stamps of poses are off by chance, 1σ: noise along the "
+            "velocity [s]. Not told, it is measured in flight; 0 takes them as they "
+            "are."
+        ),
+    ] = None
+    velocity_noise_m_s: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="Velocity noise of a source that measures velocity, 1σ per axis, beside its bias [m/s]."
+        ),
+    ] = 0.02
+    velocity_bias_m_s: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="How far on average such a velocity may be off that of its own positions, "
+            "which is then believed, at most and per axis [m/s]; ArduCopter's, with a "
+            "simulated GPS, is off by 0.016. 0 takes it as it is."
+        ),
+    ] = 0.05
+    position_wander: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="How the position of such a source wanders against its velocity [m/√s]; PX4 "
+            "on simulated GPS: 0.18."
+        ),
+    ] = 0.2
+    pose_wander: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="How the positions of a source without velocity wander beside their white "
+            "noise [m/√s]; 0: neighbours err apart. `groundstation evidence` finds "
+            "0.0005 and 0.0006 of a Vicon whose errors last some 20 ms."
+        ),
+    ] = 0.0
+    acceleration_noise: Annotated[
+        Positive,
+        msgspec.Meta(description="What the model's acceleration may do from one instant to the next [m/s² per √Hz]."),
+    ] = 0.01
+    wind_noise: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="How the disturbance may jump [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s has 0.18."
+        ),
+    ] = 0.1
+    wind_rate_noise: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="How its rate may jump [m/s⁴ per √Hz]: larger follows gusts faster and "
+            "takes more noise for wind."
+        ),
+    ] = 1.2
 
-    effectiveness_deviation: NonNegative = 0.15
-    """How well thrust over mass is known before the flight, 1σ [-]; 0 leaves all to the disturbance."""
-    effectiveness_walk: NonNegative = 0.005
-    """How it may wander in flight [1/√s]."""
+    effectiveness_deviation: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="How well thrust over mass is known before the flight, 1σ [-]; 0 leaves all to the disturbance."
+        ),
+    ] = 0.15
+    effectiveness_walk: Annotated[NonNegative, msgspec.Meta(description="How it may wander in flight [1/√s].")] = 0.005
 
     @property
     def kind(self) -> str:

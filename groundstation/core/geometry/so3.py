@@ -281,16 +281,33 @@ _Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a source's axes lie against ours, beyond their names; all zero where the names say it all."""
 
-    lab_rotation_deg: tuple[_Degrees, _Degrees, _Degrees] = (0.0, 0.0, 0.0)
-    """Roll, pitch and yaw of the lab's axes against our world [deg]. Yaw alone: how far the lab's north lies east of
-    ours. Turned as a vehicle is: yaw first, then pitch, then roll, about north, east and down as ``world`` has them."""
-    lab_origin_m: tuple[_Metres, _Metres, _Metres] = (0.0, 0.0, 0.0)
-    """Where the lab's origin is in our world [m, north east down]."""
-    body_rotation_deg: tuple[_Degrees, _Degrees, _Degrees] = (0.0, 0.0, 0.0)
-    """Roll, pitch and yaw of the tracked body's axes on the vehicle [deg]. Yaw alone: how far the body's forward lies
-    to the right of the nose."""
-    centre_of_mass_m: tuple[_Metres, _Metres, _Metres] = (0.0, 0.0, 0.0)
-    """From the point that is tracked to the vehicle's centre of mass [m, forward right down on the vehicle]."""
+    lab_rotation_deg: Annotated[
+        tuple[_Degrees, _Degrees, _Degrees],
+        msgspec.Meta(
+            description="Roll, pitch and yaw of the lab's axes against our world [deg]. Yaw alone: "
+            "how far the lab's north lies east of ours. Turned as a vehicle is: yaw "
+            "first, then pitch, then roll, about north, east and down as `world` has "
+            "them."
+        ),
+    ] = (0.0, 0.0, 0.0)
+    lab_origin_m: Annotated[
+        tuple[_Metres, _Metres, _Metres],
+        msgspec.Meta(description="Where the lab's origin is in our world [m, north east down]."),
+    ] = (0.0, 0.0, 0.0)
+    body_rotation_deg: Annotated[
+        tuple[_Degrees, _Degrees, _Degrees],
+        msgspec.Meta(
+            description="Roll, pitch and yaw of the tracked body's axes on the vehicle [deg]. Yaw "
+            "alone: how far the body's forward lies to the right of the nose."
+        ),
+    ] = (0.0, 0.0, 0.0)
+    centre_of_mass_m: Annotated[
+        tuple[_Metres, _Metres, _Metres],
+        msgspec.Meta(
+            description="From the point that is tracked to the vehicle's centre of mass [m, forward "
+            "right down on the vehicle]."
+        ),
+    ] = (0.0, 0.0, 0.0)
 
 
 class Axes(Protocol):

@@ -65,12 +65,9 @@ class Verdict(StrEnum):
 class Check(msgspec.Struct, frozen=True):
     """One check."""
 
-    name: str
-    """What was looked at."""
-    verdict: Verdict
-    """How it is."""
-    says: str
-    """A sentence: what was found, and what to do where it is not well."""
+    name: Annotated[str, msgspec.Meta(description="What was looked at.")]
+    verdict: Annotated[Verdict, msgspec.Meta(description="How it is.")]
+    says: Annotated[str, msgspec.Meta(description="A sentence: what was found, and what to do where it is not well.")]
 
 
 class Severity(StrEnum):
@@ -86,19 +83,19 @@ NoticeKind: TypeAlias = Literal["state", "course", "certificate", "latency", "su
 class Notice(msgspec.Struct, frozen=True):
     """What the operator is told of a flight, once."""
 
-    time_s: float
-    """On the event loop's clock [s]."""
-    state: str
-    """Mission state (see mission.py)."""
-    text: str
-    """A sentence; of a ``state`` that begins, why."""
-    kind: NoticeKind = "news"
-    """``state``: the mission is in another one; ``course``: it flies elsewhere in the same; ``certificate``: V or the
-    disturbance estimate is beyond what the theory promises; ``latency``: the vehicle is seen to move later or earlier
-    than was told; ``suspicion``: one of the poses begins; ``news``: all else.
-    """
-    severity: Severity = Severity.INFO
-    """How grave it is."""
+    time_s: Annotated[float, msgspec.Meta(description="On the event loop's clock [s].")]
+    state: Annotated[str, msgspec.Meta(description="Mission state (see mission.py).")]
+    text: Annotated[str, msgspec.Meta(description="A sentence; of a `state` that begins, why.")]
+    kind: Annotated[
+        NoticeKind,
+        msgspec.Meta(
+            description="`state`: the mission is in another one; `course`: it flies elsewhere in "
+            "the same; `certificate`: V or the disturbance estimate is beyond what the "
+            "theory promises; `latency`: the vehicle is seen to move later or earlier "
+            "than was told; `suspicion`: one of the poses begins; `news`: all else."
+        ),
+    ] = "news"
+    severity: Annotated[Severity, msgspec.Meta(description="How grave it is.")] = Severity.INFO
 
     @property
     def says(self) -> str:
@@ -122,125 +119,139 @@ class Say(Protocol):
 class Diagnostics(msgspec.Struct, frozen=True, gc=False):
     """What the control law says about itself at one step (symbols of the paper, see control/backstepping.py)."""
 
-    z1: Vec3
-    """Position error p - pd [m], NED."""
-    z2: Vec3
-    """Second backstepping error [m/s], NED."""
-    z3: Vec3
-    """Third backstepping error [m/s²], NED."""
-    u_star: Vec3
-    """Virtual control u* [m/s²], NED."""
-    b_hat: Vec3
-    """Disturbance estimate [m/s²], NED."""
-    b_hat_dot: Vec3
-    """Its rate as the law used it [m/s³], NED."""
-    disturbance: Vec3
-    """The observer's own disturbance estimate d̂ [m/s²], NED; b̂ where composite adaptation is off."""
-    v_terms: Vec3
-    """Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½|z3|²: all of V but its b̃ term."""
-    w_terms: Vec3
-    """σᵀσ, k2 z2ᵀρ(z2), k3|z3|²: all of W."""
-    v_known: float
-    """The sum of ``v_terms``."""
-    w: float
-    """The sum of ``w_terms``: V falls at least this fast on the ideal plant, with the paper's adaptation."""
-    certificate: str
-    """Which bound on V holds for the law that flies: ``paper``, ``composite`` or ``none``, and why not."""
-    thrust_rate: float = 0.0
-    """Ṫ as the law wants it [N/s]."""
-    rates_wanted: Vec3 = (0.0, 0.0, 0.0)
-    """Body rates as the law wants them [rad/s, FRD], before lags and limits."""
+    z1: Annotated[Vec3, msgspec.Meta(description="Position error p - pd [m], NED.")]
+    z2: Annotated[Vec3, msgspec.Meta(description="Second backstepping error [m/s], NED.")]
+    z3: Annotated[Vec3, msgspec.Meta(description="Third backstepping error [m/s²], NED.")]
+    u_star: Annotated[Vec3, msgspec.Meta(description="Virtual control u* [m/s²], NED.")]
+    b_hat: Annotated[Vec3, msgspec.Meta(description="Disturbance estimate [m/s²], NED.")]
+    b_hat_dot: Annotated[Vec3, msgspec.Meta(description="Its rate as the law used it [m/s³], NED.")]
+    disturbance: Annotated[
+        Vec3,
+        msgspec.Meta(
+            description="The observer's own disturbance estimate d̂ [m/s²], NED; b̂ where composite adaptation is off."
+        ),
+    ]
+    v_terms: Annotated[Vec3, msgspec.Meta(description="Σ φ(z1), ½|Ω(x2) + Ω(σ)|², ½|z3|²: all of V but its b̃ term.")]
+    w_terms: Annotated[Vec3, msgspec.Meta(description="σᵀσ, k2 z2ᵀρ(z2), k3|z3|²: all of W.")]
+    v_known: Annotated[float, msgspec.Meta(description="The sum of `v_terms`.")]
+    w: Annotated[
+        float,
+        msgspec.Meta(
+            description="The sum of `w_terms`: V falls at least this fast on the ideal plant, with "
+            "the paper's adaptation."
+        ),
+    ]
+    certificate: Annotated[
+        str,
+        msgspec.Meta(
+            description="Which bound on V holds for the law that flies: `paper`, `composite` or `none`, and why not."
+        ),
+    ]
+    thrust_rate: Annotated[float, msgspec.Meta(description="Ṫ as the law wants it [N/s].")] = 0.0
+    rates_wanted: Annotated[
+        Vec3, msgspec.Meta(description="Body rates as the law wants them [rad/s, FRD], before lags and limits.")
+    ] = (0.0, 0.0, 0.0)
 
 
 class Certificate(msgspec.Struct, frozen=True):
     """V against its bound since the first command (docs/explanation/law.md, section 5.9)."""
 
-    state: str
-    """``holds``, ``violated``, ``suspended`` (a command is at its limit, adaptation stops) or ``none``."""
-    bound: str
-    """Which bound it is, or why there is none."""
-    v: float
-    """V_m: V with what the observer knows of the wind in the place of the truth [m²/s²]."""
-    excess: float
-    """How far it is above its bound [m²/s²]."""
-    violated_fraction: float
-    """Share of the time with a lasting violation [-]."""
-    suspended_fraction: float
-    """Share of the time with adaptation suspended [-]."""
-    b_hat_fraction: float | None
-    """|b̂|/(B + ε) [-]; None without adaptation."""
+    state: Annotated[
+        str,
+        msgspec.Meta(
+            description="`holds`, `violated`, `suspended` (a command is at its limit, adaptation stops) or `none`."
+        ),
+    ]
+    bound: Annotated[str, msgspec.Meta(description="Which bound it is, or why there is none.")]
+    v: Annotated[
+        float,
+        msgspec.Meta(description="V_m: V with what the observer knows of the wind in the place of the truth [m²/s²]."),
+    ]
+    excess: Annotated[float, msgspec.Meta(description="How far it is above its bound [m²/s²].")]
+    violated_fraction: Annotated[float, msgspec.Meta(description="Share of the time with a lasting violation [-].")]
+    suspended_fraction: Annotated[float, msgspec.Meta(description="Share of the time with adaptation suspended [-].")]
+    b_hat_fraction: Annotated[float | None, msgspec.Meta(description="|b̂|/(B + ε) [-]; None without adaptation.")]
 
 
 class Snapshot(msgspec.Struct, frozen=True):
     """A flight as it was when one command was computed."""
 
-    vehicle: str
-    """Name of the vehicle, from the config."""
-    state: str
-    """Mission state (see mission.py)."""
-    reason: str
-    """Why it is in that state, as a sentence for the operator; may be empty."""
-    time_s: float
-    """Event loop's clock when the command was computed [s]."""
-    flight_time_s: float
-    """Time since the reference started [s]; 0 before."""
-    pose_id: int
-    """Newest pose used; -1 before the first."""
-    pose_age_s: float
-    """Time since that pose was true [s]."""
-    pose_rate_hz: float
-    """Poses per second over the last second."""
-    poses_dropped: dict[str, int]
-    """Pose datagrams dropped, by reason."""
-    position_ned: Vec3
-    """Estimate at the acting instant [m]."""
-    velocity_ned: Vec3
-    """[m/s]"""
-    attitude: Quat
-    """Body FRD to world NED, w first."""
-    reference_ned: Vec3
-    """Where it should be [m]."""
-    error_m: float
-    """Distance between estimate and reference [m]."""
-    rms_m: float
-    """Root mean square of that distance over the steady part (:class:`SteadyError`) [m]; 0 before it."""
-    thrust_n: float
-    """Commanded thrust [N]."""
-    thrust_max_n: float
-    """Its upper limit [N]."""
-    rates_rad_s: Vec3
-    """Commanded body rates [rad/s]."""
-    saturated: bool
-    """True where any of the four was clamped."""
-    diagnostics: Diagnostics | None
-    """The control law's own view; None while no law runs."""
-    link: LinkStatus
-    """The command link."""
-    events: tuple[Notice, ...] = ()
-    """What the operator was told last (at most 20), oldest first."""
-    rate_limits_rad_s: Vec3 | None = None
-    """Largest body rates that are commanded [rad/s], where known."""
-    thrust_effectiveness: float = 1.0
-    """λ̂: true thrust over told thrust, as the estimator finds it [-]."""
-    certificate: Certificate | None = None
-    """V against its bound; None before the second command."""
-    pose_latency_s: float = 0.0
-    """From the instant of a pose to its arrival here, averaged over some fifty poses [s]."""
-    pose_latency_max_s: float = 0.0
-    """The longest of the flight [s]."""
-    pose_gaps: int = 0
-    """How often poses were missing."""
-    pose_clock_steps: int = 0
-    """How often the source's clock leapt ahead or began anew."""
-    checks: tuple[Check, ...] = ()
-    """The pre-flight checks as they were made last; empty before the first, and once the vehicle flies."""
-    late_us: tuple[int, int, int] | None = None
-    """How late commands left after their frame, or where they follow poses, after their pose came: not later than this
-    were 50 %, 99 % and 99.9 % of them [µs]; None before the first."""
-    late_octaves: tuple[int, ...] = ()
-    """Entry k: how many left later by less than 2**k µs, and not by less than 2**(k-1)."""
-    gains: dict[str, float] = {}
-    """The gains that may be changed in flight, by their keys in the configuration, as they are now."""
+    vehicle: Annotated[str, msgspec.Meta(description="Name of the vehicle, from the config.")]
+    state: Annotated[str, msgspec.Meta(description="Mission state (see mission.py).")]
+    reason: Annotated[
+        str, msgspec.Meta(description="Why it is in that state, as a sentence for the operator; may be empty.")
+    ]
+    time_s: Annotated[float, msgspec.Meta(description="Event loop's clock when the command was computed [s].")]
+    flight_time_s: Annotated[float, msgspec.Meta(description="Time since the reference started [s]; 0 before.")]
+    pose_id: Annotated[int, msgspec.Meta(description="Newest pose used; -1 before the first.")]
+    pose_age_s: Annotated[float, msgspec.Meta(description="Time since that pose was true [s].")]
+    pose_rate_hz: Annotated[float, msgspec.Meta(description="Poses per second over the last second.")]
+    poses_dropped: Annotated[dict[str, int], msgspec.Meta(description="Pose datagrams dropped, by reason.")]
+    position_ned: Annotated[Vec3, msgspec.Meta(description="Estimate at the acting instant [m].")]
+    velocity_ned: Annotated[Vec3, msgspec.Meta(description="[m/s]")]
+    attitude: Annotated[Quat, msgspec.Meta(description="Body FRD to world NED, w first.")]
+    reference_ned: Annotated[Vec3, msgspec.Meta(description="Where it should be [m].")]
+    error_m: Annotated[float, msgspec.Meta(description="Distance between estimate and reference [m].")]
+    rms_m: Annotated[
+        float,
+        msgspec.Meta(
+            description="Root mean square of that distance over the steady part (`SteadyError`) [m]; 0 before it."
+        ),
+    ]
+    thrust_n: Annotated[float, msgspec.Meta(description="Commanded thrust [N].")]
+    thrust_max_n: Annotated[float, msgspec.Meta(description="Its upper limit [N].")]
+    rates_rad_s: Annotated[Vec3, msgspec.Meta(description="Commanded body rates [rad/s].")]
+    saturated: Annotated[bool, msgspec.Meta(description="True where any of the four was clamped.")]
+    diagnostics: Annotated[
+        Diagnostics | None, msgspec.Meta(description="The control law's own view; None while no law runs.")
+    ]
+    link: Annotated[LinkStatus, msgspec.Meta(description="The command link.")]
+    events: Annotated[
+        tuple[Notice, ...], msgspec.Meta(description="What the operator was told last (at most 20), oldest first.")
+    ] = ()
+    rate_limits_rad_s: Annotated[
+        Vec3 | None, msgspec.Meta(description="Largest body rates that are commanded [rad/s], where known.")
+    ] = None
+    thrust_effectiveness: Annotated[
+        float, msgspec.Meta(description="λ̂: true thrust over told thrust, as the estimator finds it [-].")
+    ] = 1.0
+    certificate: Annotated[
+        Certificate | None, msgspec.Meta(description="V against its bound; None before the second command.")
+    ] = None
+    pose_latency_s: Annotated[
+        float,
+        msgspec.Meta(description="From the instant of a pose to its arrival here, averaged over some fifty poses [s]."),
+    ] = 0.0
+    pose_latency_max_s: Annotated[float, msgspec.Meta(description="The longest of the flight [s].")] = 0.0
+    pose_gaps: Annotated[int, msgspec.Meta(description="How often poses were missing.")] = 0
+    pose_clock_steps: Annotated[
+        int, msgspec.Meta(description="How often the source's clock leapt ahead or began anew.")
+    ] = 0
+    checks: Annotated[
+        tuple[Check, ...],
+        msgspec.Meta(
+            description="The pre-flight checks as they were made last; empty before the first, and "
+            "once the vehicle flies."
+        ),
+    ] = ()
+    late_us: Annotated[
+        tuple[int, int, int] | None,
+        msgspec.Meta(
+            description="How late commands left after their frame, or where they follow poses, "
+            "after their pose came: not later than this were 50 %, 99 % and 99.9 % of "
+            "them [µs]; None before the first."
+        ),
+    ] = None
+    late_octaves: Annotated[
+        tuple[int, ...],
+        msgspec.Meta(description="Entry k: how many left later by less than 2**k µs, and not by less than 2**(k-1)."),
+    ] = ()
+    gains: Annotated[
+        dict[str, float],
+        msgspec.Meta(
+            description="The gains that may be changed in flight, by their keys in the configuration, as they are now."
+        ),
+    ] = {}
 
 
 class Ask(StrEnum):
@@ -277,14 +288,13 @@ _Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """A point to fly to. On the wire ``[north, east, down]`` or ``[north, east, down, yaw]``."""
 
-    north_m: _Metres
-    """World NED [m], as the next two."""
-    east_m: _Metres
-    """Eastwards."""
-    down_m: _Metres
-    """1 m up is -1."""
-    yaw_deg: Annotated[float, msgspec.Meta(ge=-TURN_DEG, le=TURN_DEG)] | None = None
-    """Heading there, from north towards east; None: as it was."""
+    north_m: Annotated[_Metres, msgspec.Meta(description="World NED [m], as the next two.")]
+    east_m: Annotated[_Metres, msgspec.Meta(description="Eastwards.")]
+    down_m: Annotated[_Metres, msgspec.Meta(description="1 m up is -1.")]
+    yaw_deg: Annotated[
+        Annotated[float, msgspec.Meta(ge=-TURN_DEG, le=TURN_DEG)] | None,
+        msgspec.Meta(description="Heading there, from north towards east; None: as it was."),
+    ] = None
 
     def __post_init__(self) -> None:
         most = dict.fromkeys(("north_m", "east_m", "down_m"), FARTHEST_M)

@@ -15,21 +15,28 @@ Corner = tuple[Metres, Metres]
 class _Fence(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
     """What every fence has."""
 
-    height_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
-    """Greatest height above the floor, ``flight.floor_z_m`` [m]."""
-    braking_m_s2: Annotated[float, msgspec.Meta(ge=0.1, le=20.0)] = 1.0
-    """Deceleration that is counted on towards the fence [m/s²]; ``takeoff.transit_m_s2`` is what a hold brakes with."""
-    reaction_s: Annotated[float, msgspec.Meta(ge=0.0, le=2.0)] = 0.3
-    """Time that passes before it brakes [s]."""
+    height_m: Annotated[
+        float, msgspec.Meta(gt=0.0, le=1000.0, description="Greatest height above the floor, `flight.floor_z_m` [m].")
+    ]
+    braking_m_s2: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.1,
+            le=20.0,
+            description="Deceleration that is counted on towards the fence [m/s²]; "
+            "`takeoff.transit_m_s2` is what a hold brakes with.",
+        ),
+    ] = 1.0
+    reaction_s: Annotated[float, msgspec.Meta(ge=0.0, le=2.0, description="Time that passes before it brakes [s].")] = (
+        0.3
+    )
 
 
 class BoxFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="box"):
     """A box along north and east."""
 
-    north_m: Corner
-    """From south to north [m, NED]."""
-    east_m: Corner
-    """From west to east [m, NED]."""
+    north_m: Annotated[Corner, msgspec.Meta(description="From south to north [m, NED].")]
+    east_m: Annotated[Corner, msgspec.Meta(description="From west to east [m, NED].")]
 
     def __post_init__(self) -> None:
         if not (self.north_m[0] < self.north_m[1] and self.east_m[0] < self.east_m[1]):
@@ -44,8 +51,14 @@ class BoxFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
 class ConvexFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="convex"):
     """An upright prism over a convex polygon."""
 
-    corners_m: Annotated[tuple[Corner, ...], msgspec.Meta(min_length=3, max_length=64)]
-    """Its corners, north and east [m, NED], clockwise or not, one after the other."""
+    corners_m: Annotated[
+        tuple[Corner, ...],
+        msgspec.Meta(
+            min_length=3,
+            max_length=64,
+            description="Its corners, north and east [m, NED], clockwise or not, one after the other.",
+        ),
+    ]
 
     def __post_init__(self) -> None:
         turns = [_turn(*three) for three in zip(self._from(0), self._from(1), self._from(2), strict=True)]
@@ -117,20 +130,39 @@ AHEAD_S = 0.5
 class SeparationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Other vehicles in the same room. Config section ``[separation]``; a fleet file fills in ``others`` itself."""
 
-    others: Annotated[tuple[str, ...], msgspec.Meta(max_length=64)] = ()
-    """Names of their objects in the capture system. None: nobody is kept away from."""
-    distance_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 0.6
-    """Least distance between the vehicles' centres [m]."""
-    braking_m_s2: Annotated[float, msgspec.Meta(ge=0.1, le=20.0)] = 1.0
-    """Deceleration that is counted on, of both [m/s²]; ``takeoff.transit_m_s2`` is what a hold brakes with."""
-    reaction_s: Annotated[float, msgspec.Meta(ge=0.0, le=2.0)] = 0.3
-    """Time that passes before both brake [s]."""
-    stale_s: Annotated[float, msgspec.Meta(ge=0.05, le=5.0)] = 0.3
-    """Where another has not been seen for so long, nobody knows where it is [s]: a warning."""
-    unknown: Literal["warn", "hold", "land"] = "hold"
-    """What follows where that lasts."""
-    unknown_s: Annotated[float, msgspec.Meta(ge=0.0, le=60.0)] = 1.0
-    """For how long [s]."""
+    others: Annotated[
+        tuple[str, ...],
+        msgspec.Meta(
+            max_length=64, description="Names of their objects in the capture system. None: nobody is kept away from."
+        ),
+    ] = ()
+    distance_m: Annotated[
+        float, msgspec.Meta(gt=0.0, le=100.0, description="Least distance between the vehicles' centres [m].")
+    ] = 0.6
+    braking_m_s2: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.1,
+            le=20.0,
+            description="Deceleration that is counted on, of both [m/s²]; `takeoff.transit_m_s2` is "
+            "what a hold brakes with.",
+        ),
+    ] = 1.0
+    reaction_s: Annotated[
+        float, msgspec.Meta(ge=0.0, le=2.0, description="Time that passes before both brake [s].")
+    ] = 0.3
+    stale_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.05,
+            le=5.0,
+            description="Where another has not been seen for so long, nobody knows where it is [s]: a warning.",
+        ),
+    ] = 0.3
+    unknown: Annotated[Literal["warn", "hold", "land"], msgspec.Meta(description="What follows where that lasts.")] = (
+        "hold"
+    )
+    unknown_s: Annotated[float, msgspec.Meta(ge=0.0, le=60.0, description="For how long [s].")] = 1.0
 
 
 class Near(NamedTuple):

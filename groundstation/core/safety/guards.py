@@ -107,44 +107,84 @@ Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Limits in flight. Config section ``[guards]``; docs/reference/guards.md has what follows beyond each."""
 
-    level_s: Annotated[float, msgspec.Meta(ge=0.0, le=0.75)] = 0.25
-    """How long it descends on the model after ``flight.coast_s`` without a pose; then the link brings it down [s]."""
-    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 60.0
-    """Largest tilt [deg]."""
-    tilt_s: Seconds = 0.1
-    """How long it may tilt farther [s]."""
-    oscillation_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 30.0
-    """Largest angle between the tilt and what reference and wind ask for [deg]; a hard push comes to 25."""
-    oscillation_s: Share = 0.3
-    """How long of about the last second it may be farther off [s]."""
-    error_m: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 1.0
-    """Largest distance from the reference [m]."""
-    error_s: Seconds = 0.3
-    """How long it may be farther from it [s]."""
-    speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] = 2.5
-    """Largest speed beside the reference's [m/s]."""
-    speed_s: Seconds = 0.1
-    """How long it may be faster [s]."""
-    thrust_limit_s: Seconds = 1.0
-    """How long the thrust may be at its upper limit [s]."""
-    rate_limit_s: Seconds = 1.0
-    """How long of about the last 2 s a body rate may be at its limit [s]."""
-    effectiveness: Share = 0.7
-    """Least thrust scale [-]: all that is known of a battery without telemetry."""
-    pose_age: Share = 0.6
-    """Largest age of poses on arrival, as a share of ``flight.coast_s`` [-]: by older ones no loop is stable."""
-    pose_resets: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 4
-    """Largest number of resets of the estimate behind the poses within 5 s."""
-    overruns: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
-    """So many frames that were late by more than one and a half periods, within the last 100, land it."""
-    rtt_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.2
-    """Longest round trip to the vehicle and back, where the link knows it [s]."""
-    battery_share: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.2
-    """Charge below which it lands, where the vehicle tells [-]."""
-    battery_v: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
-    """Voltage below which it lands, where the vehicle tells [V]."""
-    lasting_s: Seconds = 2.0
-    """What lasts so long after its answer is answered by the next step [s]."""
+    level_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=0.75,
+            description="How long it descends on the model after `flight.coast_s` without a pose; "
+            "then the link brings it down [s].",
+        ),
+    ] = 0.25
+    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0, description="Largest tilt [deg].")] = 60.0
+    tilt_s: Annotated[Seconds, msgspec.Meta(description="How long it may tilt farther [s].")] = 0.1
+    oscillation_deg: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=90.0,
+            description="Largest angle between the tilt and what reference and wind ask for [deg]; "
+            "a hard push comes to 25.",
+        ),
+    ] = 30.0
+    oscillation_s: Annotated[
+        Share, msgspec.Meta(description="How long of about the last second it may be farther off [s].")
+    ] = 0.3
+    error_m: Annotated[
+        float, msgspec.Meta(gt=0.0, le=100.0, description="Largest distance from the reference [m].")
+    ] = 1.0
+    error_s: Annotated[Seconds, msgspec.Meta(description="How long it may be farther from it [s].")] = 0.3
+    speed_m_s: Annotated[
+        float, msgspec.Meta(gt=0.0, le=50.0, description="Largest speed beside the reference's [m/s].")
+    ] = 2.5
+    speed_s: Annotated[Seconds, msgspec.Meta(description="How long it may be faster [s].")] = 0.1
+    thrust_limit_s: Annotated[
+        Seconds, msgspec.Meta(description="How long the thrust may be at its upper limit [s].")
+    ] = 1.0
+    rate_limit_s: Annotated[
+        Seconds, msgspec.Meta(description="How long of about the last 2 s a body rate may be at its limit [s].")
+    ] = 1.0
+    effectiveness: Annotated[
+        Share, msgspec.Meta(description="Least thrust scale [-]: all that is known of a battery without telemetry.")
+    ] = 0.7
+    pose_age: Annotated[
+        Share,
+        msgspec.Meta(
+            description="Largest age of poses on arrival, as a share of `flight.coast_s` [-]: by "
+            "older ones no loop is stable."
+        ),
+    ] = 0.6
+    pose_resets: Annotated[
+        int,
+        msgspec.Meta(
+            ge=1, le=1000, description="Largest number of resets of the estimate behind the poses within 5 s."
+        ),
+    ] = 4
+    overruns: Annotated[
+        int,
+        msgspec.Meta(
+            ge=1,
+            le=1000,
+            description="So many frames that were late by more than one and a half periods, within "
+            "the last 100, land it.",
+        ),
+    ] = 5
+    rtt_s: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0, le=5.0, description="Longest round trip to the vehicle and back, where the link knows it [s]."
+        ),
+    ] = 0.2
+    battery_share: Annotated[
+        float, msgspec.Meta(ge=0.0, le=1.0, description="Charge below which it lands, where the vehicle tells [-].")
+    ] = 0.2
+    battery_v: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None,
+        msgspec.Meta(description="Voltage below which it lands, where the vehicle tells [V]."),
+    ] = None
+    lasting_s: Annotated[
+        Seconds, msgspec.Meta(description="What lasts so long after its answer is answered by the next step [s].")
+    ] = 2.0
 
 
 class GuardInput(Protocol):

@@ -274,24 +274,59 @@ share on [s]."""
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the vehicle leaves the floor. Config section ``[takeoff]``."""
 
-    height_m: Annotated[float, msgspec.Meta(ge=0.2, le=20.0)] = 1.0
-    """Height above the floor at which it holds before and after the trajectory [m]."""
-    spool_s: Annotated[float, msgspec.Meta(ge=0.2, le=10.0)] = 1.0
-    """Time in which the rotors are brought up to 60 % of the weight [s]."""
-    thrust_limit: Annotated[float, msgspec.Meta(ge=1.0, le=2.0)] | None = None
-    """Largest thrust before it has left the floor, as a share of its weight [-]. Without it: 1.3, or 1.1 of
-    vehicle.hover_n where that was measured; a larger one lets a vehicle that is not seen jump higher."""
-    climb_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0)] = 0.5
-    """Fastest speed of the climb [m/s]."""
-    hold_s: Annotated[float, msgspec.Meta(ge=1.0, le=600.0)] = 3.0
-    """How long it holds, measuring its hover thrust, before it goes on to the trajectory [s]."""
-    transit_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 0.5
-    """Fastest speed of the ways onto the trajectory and back [m/s]; where it begins faster, it is met at its own."""
-    transit_m_s2: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 1.0
-    """Largest acceleration of these ways, of stopping, and up to 2 of the climb [m/s²]."""
-    nudge: bool = False
-    """Once it is armed, 0.3 of the weight for 0.3 s: do the poses tremble as its gyros do? If not, the motors go off.
-    For vehicles whose markers visibly tremble on the floor; left out on ArduPilot, which takes off by any thrust."""
+    height_m: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.2, le=20.0, description="Height above the floor at which it holds before and after the trajectory [m]."
+        ),
+    ] = 1.0
+    spool_s: Annotated[
+        float,
+        msgspec.Meta(ge=0.2, le=10.0, description="Time in which the rotors are brought up to 60 % of the weight [s]."),
+    ] = 1.0
+    thrust_limit: Annotated[
+        Annotated[float, msgspec.Meta(ge=1.0, le=2.0)] | None,
+        msgspec.Meta(
+            description="Largest thrust before it has left the floor, as a share of its weight [-]. "
+            "Without it: 1.3, or 1.1 of vehicle.hover_n where that was measured; a "
+            "larger one lets a vehicle that is not seen jump higher."
+        ),
+    ] = None
+    climb_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0, description="Fastest speed of the climb [m/s].")] = 0.5
+    hold_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=1.0,
+            le=600.0,
+            description="How long it holds, measuring its hover thrust, before it goes on to the trajectory [s].",
+        ),
+    ] = 3.0
+    transit_m_s: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=20.0,
+            description="Fastest speed of the ways onto the trajectory and back [m/s]; where it "
+            "begins faster, it is met at its own.",
+        ),
+    ] = 0.5
+    transit_m_s2: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=20.0,
+            description="Largest acceleration of these ways, of stopping, and up to 2 of the climb [m/s²].",
+        ),
+    ] = 1.0
+    nudge: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Once it is armed, 0.3 of the weight for 0.3 s: do the poses tremble as its "
+            "gyros do? If not, the motors go off. For vehicles whose markers visibly "
+            "tremble on the floor; left out on ArduPilot, which takes off by any "
+            "thrust."
+        ),
+    ] = False
 
 
 class ThrustLimitConfig(Protocol):

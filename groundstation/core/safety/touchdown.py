@@ -48,10 +48,15 @@ GAP_S = 0.3
 class LandingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the vehicle comes down. Config section ``[landing]``."""
 
-    approach_m: Annotated[float, msgspec.Meta(ge=0.05, le=2.0)] = 0.25
-    """From this height above the floor on it sinks at ``touchdown_m_s`` [m]."""
-    touchdown_m_s: Annotated[float, msgspec.Meta(ge=0.05, le=0.5)] = 0.25
-    """Speed of the last part, until it touches down [m/s]."""
+    approach_m: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.05, le=2.0, description="From this height above the floor on it sinks at `touchdown_m_s` [m]."
+        ),
+    ] = 0.25
+    touchdown_m_s: Annotated[
+        float, msgspec.Meta(ge=0.05, le=0.5, description="Speed of the last part, until it touches down [m/s].")
+    ] = 0.25
 
 
 class Hover:

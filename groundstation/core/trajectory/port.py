@@ -426,10 +426,10 @@ def _at(part: Coefficients, x: float, h: float) -> tuple[float, float, float, fl
 class HoldConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="hold"):
     """A point to stay at."""
 
-    position_ned: Point = (0.0, 0.0, -1.0)
-    """The point [m], world NED; 1 m up is -1 in the third place."""
-    yaw_deg: Degrees = 0.0
-    """Heading [deg], from north towards east."""
+    position_ned: Annotated[
+        Point, msgspec.Meta(description="The point [m], world NED; 1 m up is -1 in the third place.")
+    ] = (0.0, 0.0, -1.0)
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east.")] = 0.0
 
     def build(self) -> "Hold":
         """The trajectory of this config."""
@@ -469,16 +469,13 @@ class TransitConfig(
 ):
     """A straight way between two points, as fast as two limits allow, and a hold at its end."""
 
-    start_ned: Point
-    """Where it starts [m], world NED."""
-    end_ned: Point
-    """Where it ends and stays [m], world NED."""
-    max_speed_m_s: Speed = 0.5
-    """Never faster than this [m/s]."""
-    max_acceleration_m_s2: Acceleration = 1.0
-    """Never more acceleration than this [m/s²]."""
-    yaw_deg: Degrees = 0.0
-    """Heading [deg], from north towards east; it stays."""
+    start_ned: Annotated[Point, msgspec.Meta(description="Where it starts [m], world NED.")]
+    end_ned: Annotated[Point, msgspec.Meta(description="Where it ends and stays [m], world NED.")]
+    max_speed_m_s: Annotated[Speed, msgspec.Meta(description="Never faster than this [m/s].")] = 0.5
+    max_acceleration_m_s2: Annotated[
+        Acceleration, msgspec.Meta(description="Never more acceleration than this [m/s²].")
+    ] = 1.0
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east; it stays.")] = 0.0
 
     def build(self) -> "Transit":
         """The trajectory of this config."""

@@ -53,11 +53,18 @@ class OwnTrajectoryConfig(
 ):
     """A factory and its options. Written shorter: ``kind = "package.module:factory"``, options beside it."""
 
-    factory: Annotated[str, msgspec.Meta(pattern=FACTORY)]
-    """Where the trajectory comes from: ``package.module:factory``, called as factory(options) or factory(), whose
-    result has at(time_s) -> Reference; or a function of the time [s] that returns the Reference itself."""
-    options: dict[str, Option] = msgspec.field(default_factory=dict)
-    """What the factory gets."""
+    factory: Annotated[
+        str,
+        msgspec.Meta(
+            pattern=FACTORY,
+            description="Where the trajectory comes from: `package.module:factory`, called as "
+            "factory(options) or factory(), whose result has at(time_s) -> Reference; "
+            "or a function of the time [s] that returns the Reference itself.",
+        ),
+    ]
+    options: Annotated[dict[str, Option], msgspec.Meta(description="What the factory gets.")] = msgspec.field(
+        default_factory=dict
+    )
 
     def build(self) -> Trajectory:
         """The user's trajectory.
@@ -208,14 +215,30 @@ class Tilted:
 class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Keys of every closed curve. Without them it is level, at full speed from the start, and never ends."""
 
-    laps: Annotated[int, msgspec.Meta(ge=1, le=100_000)] | None = None
-    """Whole turns to fly, then it rests where it began; needs ``ramp_s``. Without it, it never ends."""
-    ramp_s: Ramp = 0.0
-    """From rest to full speed in this time, and back to rest at the end [s]; 0: at full speed at once."""
-    tilt_deg: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0
-    """Turns the figure out of the level plane, about its middle [deg]; 90 is upright."""
-    uphill_deg: Degrees = 0.0
-    """Bearing of the side that ``tilt_deg`` raises [deg], from north towards east."""
+    laps: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=100_000)] | None,
+        msgspec.Meta(
+            description="Whole turns to fly, then it rests where it began; needs `ramp_s`. Without it, it never ends."
+        ),
+    ] = None
+    ramp_s: Annotated[
+        Ramp,
+        msgspec.Meta(
+            description="From rest to full speed in this time, and back to rest at the end [s]; 0: "
+            "at full speed at once."
+        ),
+    ] = 0.0
+    tilt_deg: Annotated[
+        float,
+        msgspec.Meta(
+            ge=-90.0,
+            le=90.0,
+            description="Turns the figure out of the level plane, about its middle [deg]; 90 is upright.",
+        ),
+    ] = 0.0
+    uphill_deg: Annotated[
+        Degrees, msgspec.Meta(description="Bearing of the side that `tilt_deg` raises [deg], from north towards east.")
+    ] = 0.0
 
     def __post_init__(self) -> None:
         if self.laps is not None and self.ramp_s == 0.0:
@@ -243,20 +266,22 @@ class Laps(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class CircleConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="circle"):
     """A circle at constant speed, level unless it is tilted."""
 
-    radius_m: Length = 1.0
-    """Radius [m]."""
-    speed_m_s: Speed = 0.5
-    """Speed along the circle [m/s]."""
-    altitude_m: Coordinate = 1.0
-    """Height above ``centre_ned`` [m]."""
-    centre_ned: Point = (0.0, 0.0, 0.0)
-    """The point below the middle of the circle [m], world NED."""
-    start_deg: Degrees = 0.0
-    """Where on the circle it starts: bearing from the centre [deg], from north towards east."""
-    clockwise: bool = True
-    """Turn from north towards east (seen from above), or the other way."""
-    yaw_deg: Degrees = 0.0
-    """Heading [deg], from north towards east; it stays."""
+    radius_m: Annotated[Length, msgspec.Meta(description="Radius [m].")] = 1.0
+    speed_m_s: Annotated[Speed, msgspec.Meta(description="Speed along the circle [m/s].")] = 0.5
+    altitude_m: Annotated[Coordinate, msgspec.Meta(description="Height above `centre_ned` [m].")] = 1.0
+    centre_ned: Annotated[
+        Point, msgspec.Meta(description="The point below the middle of the circle [m], world NED.")
+    ] = (0.0, 0.0, 0.0)
+    start_deg: Annotated[
+        Degrees,
+        msgspec.Meta(
+            description="Where on the circle it starts: bearing from the centre [deg], from north towards east."
+        ),
+    ] = 0.0
+    clockwise: Annotated[
+        bool, msgspec.Meta(description="Turn from north towards east (seen from above), or the other way.")
+    ] = True
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east; it stays.")] = 0.0
 
     @property
     def lap_s(self) -> float:
@@ -337,18 +362,21 @@ _QUARTER: float = math.pi / 2.0 * 2 ** len(_RATIOS) / _FACTOR
 class LemniscateConfig(Laps, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="lemniscate"):
     """A figure of eight at constant speed, level unless it is tilted."""
 
-    scale_m: Length = 1.0
-    """From the crossing to the far end of a lobe [m]."""
-    speed_m_s: Speed = 0.5
-    """Speed along the curve [m/s]."""
-    altitude_m: Coordinate = 1.0
-    """Height above ``centre_ned`` [m]."""
-    rotation_deg: Degrees = -45.0
-    """Turns the figure about down [deg], from north towards east; at 0 its lobes lie east and west."""
-    centre_ned: Point = (0.0, 0.0, 0.0)
-    """The point below the crossing [m], world NED."""
-    yaw_deg: Degrees = 0.0
-    """Heading [deg], from north towards east; it stays."""
+    scale_m: Annotated[Length, msgspec.Meta(description="From the crossing to the far end of a lobe [m].")] = 1.0
+    speed_m_s: Annotated[Speed, msgspec.Meta(description="Speed along the curve [m/s].")] = 0.5
+    altitude_m: Annotated[Coordinate, msgspec.Meta(description="Height above `centre_ned` [m].")] = 1.0
+    rotation_deg: Annotated[
+        Degrees,
+        msgspec.Meta(
+            description="Turns the figure about down [deg], from north towards east; at 0 its lobes lie east and west."
+        ),
+    ] = -45.0
+    centre_ned: Annotated[Point, msgspec.Meta(description="The point below the crossing [m], world NED.")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading [deg], from north towards east; it stays.")] = 0.0
 
     @property
     def lap_s(self) -> float:
@@ -458,24 +486,41 @@ class ExcitationConfig(
 ):
     """Motions of many frequencies about a point, to identify the vehicle from their recording."""
 
-    position_ned: Point = (0.0, 0.0, -1.0)
-    """The point about which it moves [m], world NED; 1 m up is -1 in the third place."""
-    acceleration_m_s2: Acceleration = 3.0
-    """Largest acceleration [m/s²]; at the frequencies below it keeps within 0.2 m of the point on each axis."""
-    lowest_hz: Frequency = 0.4
-    """Slowest sine [Hz]; gusts are slower, and take more room."""
-    highest_hz: Frequency = 1.6
-    """Fastest sine [Hz]; lags are best seen at 1/(2 pi lag), where body rates allow it."""
-    yaw_swing_deg: Annotated[float, msgspec.Meta(ge=0.0, le=90.0)] = 10.0
-    """How far the heading swings to either side [deg]; 0 leaves the lag of the yaw rate unknown."""
-    yaw_deg: Degrees = 0.0
-    """Heading in the middle [deg], from north towards east."""
-    period_s: Annotated[float, msgspec.Meta(ge=5.0, le=100.0)] = 20.0
-    """After this time it begins anew [s]."""
-    laps: Annotated[int, msgspec.Meta(ge=1, le=20)] = 3
-    """How many periods are flown."""
-    ramp_s: Annotated[float, msgspec.Meta(ge=1.0, le=5.0)] = 2.0
-    """From rest to full speed in this time, and back to rest at the end [s]."""
+    position_ned: Annotated[
+        Point,
+        msgspec.Meta(description="The point about which it moves [m], world NED; 1 m up is -1 in the third place."),
+    ] = (0.0, 0.0, -1.0)
+    acceleration_m_s2: Annotated[
+        Acceleration,
+        msgspec.Meta(
+            description="Largest acceleration [m/s²]; at the frequencies below it keeps within 0.2 "
+            "m of the point on each axis."
+        ),
+    ] = 3.0
+    lowest_hz: Annotated[
+        Frequency, msgspec.Meta(description="Slowest sine [Hz]; gusts are slower, and take more room.")
+    ] = 0.4
+    highest_hz: Annotated[
+        Frequency,
+        msgspec.Meta(description="Fastest sine [Hz]; lags are best seen at 1/(2 pi lag), where body rates allow it."),
+    ] = 1.6
+    yaw_swing_deg: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=90.0,
+            description="How far the heading swings to either side [deg]; 0 leaves the lag of the yaw rate unknown.",
+        ),
+    ] = 10.0
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading in the middle [deg], from north towards east.")] = 0.0
+    period_s: Annotated[float, msgspec.Meta(ge=5.0, le=100.0, description="After this time it begins anew [s].")] = 20.0
+    laps: Annotated[int, msgspec.Meta(ge=1, le=20, description="How many periods are flown.")] = 3
+    ramp_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=1.0, le=5.0, description="From rest to full speed in this time, and back to rest at the end [s]."
+        ),
+    ] = 2.0
 
     def __post_init__(self) -> None:
         if math.floor(self.highest_hz * self.period_s) - math.ceil(self.lowest_hz * self.period_s) < 7:

@@ -429,24 +429,46 @@ class WaypointsConfig(
 ):
     """A course through points, from rest to rest."""
 
-    file: str | None = None
-    """CSV of the waypoints, beside the configuration; they then stand here."""
-    points_ned: Annotated[tuple[Point, ...], msgspec.Meta(min_length=2, max_length=MAX_POINTS)]
-    """The points [m], world NED; 1 m up is -1 in the third place."""
-    times_s: tuple[Moment, ...] | None = None
-    """When to be at each [s], from the first on; without them the limits below say."""
-    yaws_deg: tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None = None
-    """Heading at each [deg], from north towards east; it turns the shorter way."""
-    yaw_deg: Degrees = 0.0
-    """Heading where ``yaws_deg`` is not given [deg]; it stays."""
-    method: Literal["minimum_snap", "quintic"] = "minimum_snap"
-    """Polynomials of degree 7 and least snap, or of degree 5 and least jerk."""
-    max_speed_m_s: Speed = 0.5
-    """Never faster than this, where no times are given [m/s]."""
-    max_acceleration_m_s2: Acceleration = 1.0
-    """Never more acceleration than this, where no times are given [m/s²]."""
-    laps: Annotated[int, msgspec.Meta(ge=1, le=MAX_POINTS)] = 1
-    """How often the course is flown without a stop; for more than once it must end where it began."""
+    file: Annotated[
+        str | None, msgspec.Meta(description="CSV of the waypoints, beside the configuration; they then stand here.")
+    ] = None
+    points_ned: Annotated[
+        tuple[Point, ...],
+        msgspec.Meta(
+            min_length=2,
+            max_length=MAX_POINTS,
+            description="The points [m], world NED; 1 m up is -1 in the third place.",
+        ),
+    ]
+    times_s: Annotated[
+        tuple[Moment, ...] | None,
+        msgspec.Meta(description="When to be at each [s], from the first on; without them the limits below say."),
+    ] = None
+    yaws_deg: Annotated[
+        tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None,
+        msgspec.Meta(description="Heading at each [deg], from north towards east; it turns the shorter way."),
+    ] = None
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading where `yaws_deg` is not given [deg]; it stays.")] = (
+        0.0
+    )
+    method: Annotated[
+        Literal["minimum_snap", "quintic"],
+        msgspec.Meta(description="Polynomials of degree 7 and least snap, or of degree 5 and least jerk."),
+    ] = "minimum_snap"
+    max_speed_m_s: Annotated[
+        Speed, msgspec.Meta(description="Never faster than this, where no times are given [m/s].")
+    ] = 0.5
+    max_acceleration_m_s2: Annotated[
+        Acceleration, msgspec.Meta(description="Never more acceleration than this, where no times are given [m/s²].")
+    ] = 1.0
+    laps: Annotated[
+        int,
+        msgspec.Meta(
+            ge=1,
+            le=MAX_POINTS,
+            description="How often the course is flown without a stop; for more than once it must end where it began.",
+        ),
+    ] = 1
 
     def __post_init__(self) -> None:
         if self.file is not None:
@@ -531,20 +553,33 @@ class SamplesConfig(
     the ends.
     """
 
-    file: str | None = None
-    """CSV of the samples, beside the configuration; they then stand here."""
-    times_s: Annotated[tuple[Moment, ...], msgspec.Meta(min_length=2, max_length=MAX_SAMPLES)]
-    """When each was [s], from the first on."""
-    points_ned: tuple[Point, ...]
-    """The positions [m], world NED; 1 m up is -1 in the third place."""
-    velocities_ned: tuple[Point, ...] | None = None
-    """The velocities [m/s], world NED, where they are known."""
-    yaws_deg: tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None = None
-    """The headings [deg], from north towards east; it turns the shorter way."""
-    yaw_deg: Degrees = 0.0
-    """Heading where ``yaws_deg`` is not given [deg]; it stays."""
-    ramp_s: Ramp = 0.0
-    """From rest to the samples' own speed in this time, and back at the end [s]; 0: as they begin and end."""
+    file: Annotated[
+        str | None, msgspec.Meta(description="CSV of the samples, beside the configuration; they then stand here.")
+    ] = None
+    times_s: Annotated[
+        tuple[Moment, ...],
+        msgspec.Meta(min_length=2, max_length=MAX_SAMPLES, description="When each was [s], from the first on."),
+    ]
+    points_ned: Annotated[
+        tuple[Point, ...], msgspec.Meta(description="The positions [m], world NED; 1 m up is -1 in the third place.")
+    ]
+    velocities_ned: Annotated[
+        tuple[Point, ...] | None, msgspec.Meta(description="The velocities [m/s], world NED, where they are known.")
+    ] = None
+    yaws_deg: Annotated[
+        tuple[Annotated[float, msgspec.Meta(ge=-36000.0, le=36000.0)], ...] | None,
+        msgspec.Meta(description="The headings [deg], from north towards east; it turns the shorter way."),
+    ] = None
+    yaw_deg: Annotated[Degrees, msgspec.Meta(description="Heading where `yaws_deg` is not given [deg]; it stays.")] = (
+        0.0
+    )
+    ramp_s: Annotated[
+        Ramp,
+        msgspec.Meta(
+            description="From rest to the samples' own speed in this time, and back at the end [s]; "
+            "0: as they begin and end."
+        ),
+    ] = 0.0
 
     def __post_init__(self) -> None:
         if self.file is not None:

@@ -18,7 +18,7 @@ from groundstation.config import (
     VEHICLE_LETTERS,
     FromFile,
     Problem,
-    complete,
+    convert,
     dotted_key,
     name_pattern,
     parse_toml,
@@ -41,51 +41,113 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """Mass, limits and lags. Defaults: the paper's Blade mQX."""
 
     PRESETS: ClassVar[str] = "vehicles"
-    preset: str | None = None
-    """Vehicle that comes along to start from, see `groundstation vehicles`; its keys then stand here."""
-    file: str | None = None
-    """Vehicle file to start from, beside the configuration; its keys then stand here."""
-    name: Annotated[str, msgspec.Meta(pattern=name_pattern(VEHICLE_LETTERS))] = "mqx"
-    """What the operator calls it; asked for before arming."""
-    mass_kg: Positive = 0.080
-    """With battery and markers [kg]."""
-    thrust_max_n: Positive = 1.37
-    """Largest thrust to command [N]; without hover_thrust also what the full signal (1) gives."""
-    thrust_min_n: Positive = 0.02
-    """Least thrust to command in the air [N]; the law needs T > 0."""
-    thrust_curve: Share = 0.0
-    """f of thrust = f u² + (1 - f) u, from the signal u (0..1) to the share of full thrust [-]. 0 is straight: right
-    where the autopilot straightens the motors' curve itself."""
-    hover_thrust: Inside | None = None
-    """Signal (0..1) that carries the vehicle, as the autopilot shows it (PX4: MPC_THR_HOVER) [-]; it says how many
-    newtons the full signal gives."""
-    rate_limits_deg_s: tuple[Positive, Positive, Positive] = (200.0, 200.0, 300.0)
-    """Largest commanded roll, pitch and yaw rate [deg/s]."""
-    thrust_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
-    """Time constant from commanded to actual thrust [s]."""
-    rate_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
-    """Time constant from commanded to actual body rates [s]."""
-    command_delay_s: NonNegative = 0.0
-    """From a command leaving us to the actuators seeing it [s]."""
-    thrust_delay_s: NonNegative = 0.0
-    """From the actuators seeing a command to thrust beginning to follow it, with its lag [s]."""
-    rate_delay_s: NonNegative = 0.0
-    """The same for body rates [s]: rotors and the autopilot's rate loop answer like a lag behind a delay."""
-    drag_per_s: NonNegative = 0.0
-    """Linear drag: deceleration per speed [1/s]; 0 leaves it to what is found out as wind."""
-    frame_period_s: Positive = 0.0225
-    """How long a command is held: the period of command frames [s]."""
-    size_m: Positive = 0.3
-    """Its largest extent, propellers included [m]: another tracked body that is nearer before arming is too near, or
-    one body under two names."""
-    hover_range: tuple[Positive, Positive] = (0.7, 1.45)
-    """Least and largest thrust at which it may hover, as a share of its weight [-]; outside, it lands again."""
-    wind_share: Share = 0.0
-    """Share of the thrust beyond its weight that wind may take [-]: so far the controller adapts (`controller.b_bound`,
-    where that is left at its default and less)."""
-    hover_n: Positive | None = None
-    """Thrust that hovers, where it was measured (`groundstation identify` does) [N]: take-off then goes
-    to 1.1 of it and no further, in the place of 1.3 of the weight."""
+    preset: Annotated[
+        str | None,
+        msgspec.Meta(
+            description="Vehicle that comes along to start from, see `groundstation vehicles`; its "
+            "keys then stand here."
+        ),
+    ] = None
+    file: Annotated[
+        str | None,
+        msgspec.Meta(description="Vehicle file to start from, beside the configuration; its keys then stand here."),
+    ] = None
+    name: Annotated[
+        str,
+        msgspec.Meta(
+            pattern=name_pattern(VEHICLE_LETTERS), description="What the operator calls it; asked for before arming."
+        ),
+    ] = "mqx"
+    mass_kg: Annotated[Positive, msgspec.Meta(description="With battery and markers [kg].")] = 0.080
+    thrust_max_n: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="Largest thrust to command [N]; without hover_thrust also what the full signal (1) gives."
+        ),
+    ] = 1.37
+    thrust_min_n: Annotated[
+        Positive, msgspec.Meta(description="Least thrust to command in the air [N]; the law needs T > 0.")
+    ] = 0.02
+    thrust_curve: Annotated[
+        Share,
+        msgspec.Meta(
+            description="f of thrust = f u² + (1 - f) u, from the signal u (0..1) to the share of "
+            "full thrust [-]. 0 is straight: right where the autopilot straightens the "
+            "motors' curve itself."
+        ),
+    ] = 0.0
+    hover_thrust: Annotated[
+        Inside | None,
+        msgspec.Meta(
+            description="Signal (0..1) that carries the vehicle, as the autopilot shows it (PX4: "
+            "MPC_THR_HOVER) [-]; it says how many newtons the full signal gives."
+        ),
+    ] = None
+    rate_limits_deg_s: Annotated[
+        tuple[Positive, Positive, Positive],
+        msgspec.Meta(description="Largest commanded roll, pitch and yaw rate [deg/s]."),
+    ] = (200.0, 200.0, 300.0)
+    thrust_lag_s: Annotated[
+        NonNegative, msgspec.Meta(description="Time constant from commanded to actual thrust [s].")
+    ] = 1.0 / (2.0 * math.pi * 1.5)
+    rate_lag_s: Annotated[
+        NonNegative, msgspec.Meta(description="Time constant from commanded to actual body rates [s].")
+    ] = 1.0 / (2.0 * math.pi * 1.5)
+    command_delay_s: Annotated[
+        NonNegative, msgspec.Meta(description="From a command leaving us to the actuators seeing it [s].")
+    ] = 0.0
+    thrust_delay_s: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="From the actuators seeing a command to thrust beginning to follow it, with its lag [s]."
+        ),
+    ] = 0.0
+    rate_delay_s: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="The same for body rates [s]: rotors and the autopilot's rate loop answer "
+            "like a lag behind a delay."
+        ),
+    ] = 0.0
+    drag_per_s: Annotated[
+        NonNegative,
+        msgspec.Meta(
+            description="Linear drag: deceleration per speed [1/s]; 0 leaves it to what is found out as wind."
+        ),
+    ] = 0.0
+    frame_period_s: Annotated[
+        Positive, msgspec.Meta(description="How long a command is held: the period of command frames [s].")
+    ] = 0.0225
+    size_m: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="Its largest extent, propellers included [m]: another tracked body that is "
+            "nearer before arming is too near, or one body under two names."
+        ),
+    ] = 0.3
+    hover_range: Annotated[
+        tuple[Positive, Positive],
+        msgspec.Meta(
+            description="Least and largest thrust at which it may hover, as a share of its weight "
+            "[-]; outside, it lands again."
+        ),
+    ] = (0.7, 1.45)
+    wind_share: Annotated[
+        Share,
+        msgspec.Meta(
+            description="Share of the thrust beyond its weight that wind may take [-]: so far the "
+            "controller adapts (`controller.b_bound`, where that is left at its default "
+            "and less)."
+        ),
+    ] = 0.0
+    hover_n: Annotated[
+        Positive | None,
+        msgspec.Meta(
+            description="Thrust that hovers, where it was measured (`groundstation identify` does) "
+            "[N]: take-off then goes to 1.1 of it and no further, in the place of 1.3 "
+            "of the weight."
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
         """Only the reader of configurations follows ``preset`` and ``file``.
@@ -132,7 +194,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
                 if not isinstance(base, str) or base not in known:
                     raise ValueError(f"preset: expected one of {list(known)}, got {base!r}")
                 told = {**parse_toml(known[base]), **told}
-            told = complete(cls, told)
+            convert(cls, told)
         except Problem as problem:
             raise ValueError(f"{dotted_key(problem.path)}: {problem.text}") from None
         missing = [key for key in cls.__struct_fields__ if key not in {*told, *_OPTIONAL}]
@@ -151,14 +213,29 @@ _OPTIONAL = (
 class LimitsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Bounds on the planned flight; a trajectory that would leave them is refused before take-off."""
 
-    max_speed_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] | None = None
-    """Fastest the reference may go [m/s]."""
-    max_acceleration_m_s2: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] | None = None
-    """Largest acceleration of the reference [m/s²]."""
-    max_tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=80.0)] = 45.0
-    """Farthest the vehicle may lean to follow the reference in still air [deg]."""
-    reserve: Annotated[float, msgspec.Meta(ge=0.0, le=0.4)] = 0.1
-    """Share of the vehicle's thrust range, at either end, and of its body rates kept for wind and errors [-]."""
+    max_speed_m_s: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0, le=50.0)] | None,
+        msgspec.Meta(description="Fastest the reference may go [m/s]."),
+    ] = None
+    max_acceleration_m_s2: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] | None,
+        msgspec.Meta(description="Largest acceleration of the reference [m/s²]."),
+    ] = None
+    max_tilt_deg: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0, le=80.0, description="Farthest the vehicle may lean to follow the reference in still air [deg]."
+        ),
+    ] = 45.0
+    reserve: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=0.4,
+            description="Share of the vehicle's thrust range, at either end, and of its body rates "
+            "kept for wind and errors [-].",
+        ),
+    ] = 0.1
 
 
 new = tuple.__new__

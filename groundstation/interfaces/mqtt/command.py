@@ -15,7 +15,6 @@ from groundstation.config import (
     ConfigError,
     describe_name,
     describe_pattern,
-    field_notes,
     is_name,
     refuse_io,
 )
@@ -278,12 +277,8 @@ def topics_table() -> str:
 def _schema(topic: Topic) -> dict[str, Any]:
     assert topic.message is not None, "the caller has looked"
     (_,), components = msgspec.json.schema_components([topic.message], ref_template="#/$defs/{name}")
-    structs = _structs(msgspec.inspect.type_info(topic.message))
-    for name, component in components.items():
-        notes = field_notes(structs[name]) if name in structs else {}  # an enum has none
-        for key, field in component.get("properties", {}).items():
-            if key in notes:
-                field["description"] = notes[key]
+    for component in components.values():
+        for field in component.get("properties", {}).values():
             if "pattern" in field:  # JSON Schema writes regular expressions as ECMA-262, where ^ and $ mean the ends
                 field["pattern"] = f"^{describe_pattern(field['pattern'])}$"
     made = _with_null(components)
@@ -294,18 +289,6 @@ def _schema(topic: Topic) -> dict[str, Any]:
         **root,
         **({"$defs": made} if made else {}),
     }
-
-
-def _structs(info: msgspec.inspect.Type) -> dict[str, type[msgspec.Struct]]:
-    """All structs in a type, by name."""
-    found: dict[str, type[msgspec.Struct]] = {}
-    if isinstance(info, msgspec.inspect.StructType):
-        found[info.cls.__name__] = info.cls
-    inner = [getattr(info, name) for name in ("type", "item_type", "value_type") if hasattr(info, name)]
-    inner += [one for name in ("types", "item_types") for one in getattr(info, name, ())]
-    for one in (*inner, *(field.type for field in getattr(info, "fields", ()))):
-        found |= _structs(one)
-    return found
 
 
 def _with_null(schema: Any) -> Any:

@@ -25,55 +25,60 @@ Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 class EventMessage(msgspec.Struct, frozen=True):
     """One event of a flight."""
 
-    number: int
-    """Grows by one from event to event of one station; one that comes twice has the same."""
-    time_s: float
-    """When, on the station's clock, which ``time_s`` of a snapshot is on too [s]."""
-    text: str
-    """What happened, for the operator."""
+    number: Annotated[
+        int,
+        msgspec.Meta(description="Grows by one from event to event of one station; one that comes twice has the same."),
+    ]
+    time_s: Annotated[
+        float, msgspec.Meta(description="When, on the station's clock, which `time_s` of a snapshot is on too [s].")
+    ]
+    text: Annotated[str, msgspec.Meta(description="What happened, for the operator.")]
 
 
 class HealthMessage(msgspec.Struct, frozen=True):
     """How the station's telemetry itself is doing."""
 
-    groundstation: str
-    """The program's version."""
-    connections: int
-    """How often it has connected to the broker."""
-    snapshots: int
-    """How many it has published."""
-    events_lost: int
-    """Events that nobody got: more than 100 waited for the broker."""
-    requests: dict[str, int]
-    """Requests by what became of them: ``done``, ``not_possible``, and those dropped, by reason."""
+    groundstation: Annotated[str, msgspec.Meta(description="The program's version.")]
+    connections: Annotated[int, msgspec.Meta(description="How often it has connected to the broker.")]
+    snapshots: Annotated[int, msgspec.Meta(description="How many it has published.")]
+    events_lost: Annotated[
+        int, msgspec.Meta(description="Events that nobody got: more than 100 waited for the broker.")
+    ]
+    requests: Annotated[
+        dict[str, int],
+        msgspec.Meta(
+            description="Requests by what became of them: `done`, `not_possible`, and those dropped, by reason."
+        ),
+    ]
 
 
 class SessionMessage(msgspec.Struct, frozen=True):
     """What a request must name."""
 
-    session: Session
-    """Random; another one after every start of the station."""
+    session: Annotated[Session, msgspec.Meta(description="Random; another one after every start of the station.")]
 
 
 class SealedRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One request."""
 
-    session: Session
-    """The station's, as retained in ``request/session``."""
-    client: Client
-    """Who asks: a name in the station's configuration."""
-    id: Number
-    """Greater than that of any request before it of this client in this session."""
-    ask: RemoteAsk
-    """What."""
-    expires_ms: Number
-    """When it must no longer be obeyed, by the wall clock [ms since 1970]: at most 10 s from now."""
-    points: Waypoints = ()
-    """Where to, for ``goto``, which the station's ``mqtt.requests.authority`` must allow."""
-    why: Annotated[str, msgspec.Meta(max_length=200)] = ""
-    """Why, in words."""
-    mac: Seal
-    """The seal on it."""
+    session: Annotated[Session, msgspec.Meta(description="The station's, as retained in `request/session`.")]
+    client: Annotated[Client, msgspec.Meta(description="Who asks: a name in the station's configuration.")]
+    id: Annotated[
+        Number, msgspec.Meta(description="Greater than that of any request before it of this client in this session.")
+    ]
+    ask: Annotated[RemoteAsk, msgspec.Meta(description="What.")]
+    expires_ms: Annotated[
+        Number,
+        msgspec.Meta(
+            description="When it must no longer be obeyed, by the wall clock [ms since 1970]: at most 10 s from now."
+        ),
+    ]
+    points: Annotated[
+        Waypoints,
+        msgspec.Meta(description="Where to, for `goto`, which the station's `mqtt.requests.authority` must allow."),
+    ] = ()
+    why: Annotated[str, msgspec.Meta(max_length=200, description="Why, in words.")] = ""
+    mac: Annotated[Seal, msgspec.Meta(description="The seal on it.")]
 
     def __post_init__(self) -> None:
         ensure_points(self.ask, self.points)
@@ -82,18 +87,12 @@ class SealedRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class SealedAnswer(msgspec.Struct, frozen=True, kw_only=True):
     """What became of a request that was sealed, new and in time; any other is not answered."""
 
-    session: Session
-    """Of the request."""
-    client: Client
-    """Who has asked."""
-    id: Number
-    """Of the request."""
-    done: bool
-    """Whether the station does it."""
-    says: str
-    """What it does now, or why not."""
-    mac: Seal
-    """The seal on it, by the same key."""
+    session: Annotated[Session, msgspec.Meta(description="Of the request.")]
+    client: Annotated[Client, msgspec.Meta(description="Who has asked.")]
+    id: Annotated[Number, msgspec.Meta(description="Of the request.")]
+    done: Annotated[bool, msgspec.Meta(description="Whether the station does it.")]
+    says: Annotated[str, msgspec.Meta(description="What it does now, or why not.")]
+    mac: Annotated[Seal, msgspec.Meta(description="The seal on it, by the same key.")]
 
 
 class Topic(msgspec.Struct, frozen=True):

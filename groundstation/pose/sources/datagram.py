@@ -112,20 +112,37 @@ class JsonConfig(ListensAt, frozen=True, kw_only=True, tag="json"):
     is_relayed: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
     stamp_field: ClassVar[str] = "t"
-    name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)] = "quad"
-    """Name of the vehicle's body."""
-    listen: str = "127.0.0.1:51002"
-    """Address that the tracker sends to, host:port of this machine."""
-    world: World = "nwu"
-    """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
-    body: Body = "flu"
-    """Axes of the body: ``flu`` is x forward, y left, z up."""
-    alignment: Alignment = Alignment()
-    """How these axes lie against ours, beyond their names."""
-    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
-    """Shortest time from the instant that the tracker stamps to the arrival here [s]."""
-    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 50.0
-    """Frames per second [1/s], for a tracker that numbers its frames and has no clock; found by itself if wrong."""
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME, description="Name of the vehicle's body.")] = (
+        "quad"
+    )
+    listen: Annotated[
+        str, msgspec.Meta(description="Address that the tracker sends to, host:port of this machine.")
+    ] = "127.0.0.1:51002"
+    world: Annotated[
+        World,
+        msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
+    ] = "nwu"
+    body: Annotated[Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")] = "flu"
+    alignment: Annotated[
+        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
+    ] = Alignment()
+    latency_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=1.0,
+            description="Shortest time from the instant that the tracker stamps to the arrival here [s].",
+        ),
+    ] = 0.02
+    rate_hz: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=1000.0,
+            description="Frames per second [1/s], for a tracker that numbers its frames and has no "
+            "clock; found by itself if wrong.",
+        ),
+    ] = 50.0
 
     def build(self, others: Others | None = None) -> DatagramSource:
         """The source of this config; ``others`` are further bodies to look for."""

@@ -503,22 +503,47 @@ UNANNOUNCED = 1 << 32
 class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a pose may look like beside those before it; far beyond what the vehicle does, well below mix-ups."""
 
-    jump_m: Positive = 0.15
-    """How far a pose may be from where the ones before were heading [m], beside what ``acceleration_m_s2`` allows."""
-    acceleration_m_s2: Positive = 30.0
-    """Largest acceleration that is believed [m/s²]."""
-    speed_m_s: Positive = 20.0
-    """Fastest speed that is believed [m/s]."""
-    rate_deg_s: Positive = 1000.0
-    """Fastest turn that is believed [deg/s]."""
-    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=180.0)] = 120.0
-    """Largest angle between the vehicle's vertical and the world's [deg]; 180 allows all."""
-    frozen_s: Positive = 0.1
-    """A pose that has been the same to the last bit for this long is no longer measured [s]."""
-    drop_frozen: bool = True
-    """Whether that counts; off for simulations without noise, and for trackers that round to the millimetre."""
-    settle_s: Annotated[float, msgspec.Meta(ge=1.0, le=60.0)] = 1.5
-    """A place that does not fit is believed after the poses have agreed on it for this long [s]."""
+    jump_m: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="How far a pose may be from where the ones before were heading [m], beside "
+            "what `acceleration_m_s2` allows."
+        ),
+    ] = 0.15
+    acceleration_m_s2: Annotated[
+        Positive, msgspec.Meta(description="Largest acceleration that is believed [m/s²].")
+    ] = 30.0
+    speed_m_s: Annotated[Positive, msgspec.Meta(description="Fastest speed that is believed [m/s].")] = 20.0
+    rate_deg_s: Annotated[Positive, msgspec.Meta(description="Fastest turn that is believed [deg/s].")] = 1000.0
+    tilt_deg: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=180.0,
+            description="Largest angle between the vehicle's vertical and the world's [deg]; 180 allows all.",
+        ),
+    ] = 120.0
+    frozen_s: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="A pose that has been the same to the last bit for this long is no longer measured [s]."
+        ),
+    ] = 0.1
+    drop_frozen: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Whether that counts; off for simulations without noise, and for trackers "
+            "that round to the millimetre."
+        ),
+    ] = True
+    settle_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=1.0,
+            le=60.0,
+            description="A place that does not fit is believed after the poses have agreed on it for this long [s].",
+        ),
+    ] = 1.5
 
 
 class Gate:

@@ -35,23 +35,43 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
 
     shows_others: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
-    backend: Literal["vrpn", "vicon", "optitrack", "qualisys", "mock"] = "vrpn"
-    """What it speaks; ``vicon`` is the DataStream (TCP 801). ``mock`` makes bodies up, and never flies a vehicle."""
-    hostname: Annotated[str, msgspec.Meta(min_length=1)] = "127.0.0.1"
-    """Name or address of the tracking computer."""
-    options: dict[str, str] = msgspec.field(default_factory=dict)
-    """What else the back end is told, by libmotioncapture's own names, such as ``frequency`` of ``mock``."""
-    name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)] = "quad"
-    """Name of the vehicle's body."""
-    world: World = "nwu"
-    """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
-    body: Body = "flu"
-    """Axes of the body: ``flu`` is x forward, y left, z up."""
-    alignment: Alignment = Alignment()
-    """How these axes lie against ours, beyond their names."""
-    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
-    """From the cameras' exposure until the library hands the frame over [s]: nobody tells it, and what waits on its way
-    there counts as new."""
+    backend: Annotated[
+        Literal["vrpn", "vicon", "optitrack", "qualisys", "mock"],
+        msgspec.Meta(
+            description="What it speaks; `vicon` is the DataStream (TCP 801). `mock` makes bodies "
+            "up, and never flies a vehicle."
+        ),
+    ] = "vrpn"
+    hostname: Annotated[str, msgspec.Meta(min_length=1, description="Name or address of the tracking computer.")] = (
+        "127.0.0.1"
+    )
+    options: Annotated[
+        dict[str, str],
+        msgspec.Meta(
+            description="What else the back end is told, by libmotioncapture's own names, such as "
+            "`frequency` of `mock`."
+        ),
+    ] = msgspec.field(default_factory=dict)
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME, description="Name of the vehicle's body.")] = (
+        "quad"
+    )
+    world: Annotated[
+        World,
+        msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
+    ] = "nwu"
+    body: Annotated[Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")] = "flu"
+    alignment: Annotated[
+        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
+    ] = Alignment()
+    latency_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=1.0,
+            description="From the cameras' exposure until the library hands the frame over [s]: "
+            "nobody tells it, and what waits on its way there counts as new.",
+        ),
+    ] = 0.02
 
     @property
     def real(self) -> str | None:

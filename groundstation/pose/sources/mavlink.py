@@ -23,10 +23,22 @@ class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
 
     by_autopilot: ClassVar[bool] = True
     shares_link: ClassVar[bool] = True
-    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.01
-    """Time from the instant that the autopilot stamps to the earliest arrival here [s]."""
-    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 100.0
-    """Poses per second to ask for [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250."""
+    latency_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=1.0,
+            description="Time from the instant that the autopilot stamps to the earliest arrival here [s].",
+        ),
+    ] = 0.01
+    rate_hz: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=1000.0,
+            description="Poses per second to ask for [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250.",
+        ),
+    ] = 100.0
 
     @property
     def real(self) -> None:
@@ -89,18 +101,26 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     shares_link: ClassVar[bool] = True
     stamp_field: ClassVar[str] = "usec"
     stamp_unit_s: ClassVar[float] = 1e-6
-    listen: str = "127.0.0.1:14551"
-    """Address that the bridge sends to, host:port of this machine."""
-    system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
-    """MAVLink system of the bridge; without it, whoever sends such messages is believed."""
-    world: World = "ned"
-    """Axes of position and angles; by the message's definition ``ned``."""
-    body: Body = "frd"
-    """Axes of the body; by the message's definition ``frd``."""
-    alignment: Alignment = Alignment()
-    """How these axes lie against ours, beyond their names."""
-    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
-    """Shortest time from the instant that the bridge stamps to the arrival here [s]."""
+    listen: Annotated[str, msgspec.Meta(description="Address that the bridge sends to, host:port of this machine.")] = (
+        "127.0.0.1:14551"
+    )
+    system_id: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=255)] | None,
+        msgspec.Meta(description="MAVLink system of the bridge; without it, whoever sends such messages is believed."),
+    ] = None
+    world: Annotated[
+        World, msgspec.Meta(description="Axes of position and angles; by the message's definition `ned`.")
+    ] = "ned"
+    body: Annotated[Body, msgspec.Meta(description="Axes of the body; by the message's definition `frd`.")] = "frd"
+    alignment: Annotated[
+        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
+    ] = Alignment()
+    latency_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0, le=1.0, description="Shortest time from the instant that the bridge stamps to the arrival here [s]."
+        ),
+    ] = 0.02
 
     def build(self, others: Others | None = None) -> DatagramSource:
         """The source of this config; it shows no ``others``."""

@@ -26,28 +26,43 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
     address_key: ClassVar[str] = "server"
     latency_key: ClassVar[str] = "network_s"
     stamp_field: ClassVar[str] = "Motive's transmit time, by the clock frequency that it tells,"
-    name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
-    """Name of the vehicle's rigid body in Motive."""
-    id: int | None = None
-    """Its streaming id; without it the server is asked for the name."""
-    server: str = "127.0.0.1:1510"
-    """Command address of the machine that runs Motive, IPv4:port."""
-    interface: str = "127.0.0.1"
-    """This machine's own IPv4 address in that network."""
-    multicast: bool = False
-    """How Motive is set to transmit; without multicast it sends to us alone."""
-    group: str = "239.255.42.99"
-    """Multicast group, where ``multicast`` is set."""
-    data_port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 1511
-    """UDP port of the multicast stream."""
-    world: World = "nue"
-    """Axes of the lab frame: ``nue`` for Motive's up axis Y, ``nwu`` for its up axis Z."""
-    body: Body = "fur"
-    """Axes of the rigid body, made with its nose along x: ``fur`` where up is Y, ``flu`` where up is Z."""
-    alignment: Alignment = Alignment()
-    """How these axes lie against ours, beyond their names."""
-    network_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0003
-    """Shortest time of a frame on its way here [s]; Motive itself tells how old it was as it left."""
+    name: Annotated[
+        str, msgspec.Meta(min_length=1, max_length=256, description="Name of the vehicle's rigid body in Motive.")
+    ] = "quad"
+    id: Annotated[
+        int | None, msgspec.Meta(description="Its streaming id; without it the server is asked for the name.")
+    ] = None
+    server: Annotated[str, msgspec.Meta(description="Command address of the machine that runs Motive, IPv4:port.")] = (
+        "127.0.0.1:1510"
+    )
+    interface: Annotated[str, msgspec.Meta(description="This machine's own IPv4 address in that network.")] = (
+        "127.0.0.1"
+    )
+    multicast: Annotated[
+        bool, msgspec.Meta(description="How Motive is set to transmit; without multicast it sends to us alone.")
+    ] = False
+    group: Annotated[str, msgspec.Meta(description="Multicast group, where `multicast` is set.")] = "239.255.42.99"
+    data_port: Annotated[int, msgspec.Meta(ge=1, le=65535, description="UDP port of the multicast stream.")] = 1511
+    world: Annotated[
+        World, msgspec.Meta(description="Axes of the lab frame: `nue` for Motive's up axis Y, `nwu` for its up axis Z.")
+    ] = "nue"
+    body: Annotated[
+        Body,
+        msgspec.Meta(
+            description="Axes of the rigid body, made with its nose along x: `fur` where up is Y, `flu` where up is Z."
+        ),
+    ] = "fur"
+    alignment: Annotated[
+        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
+    ] = Alignment()
+    network_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=1.0,
+            description="Shortest time of a frame on its way here [s]; Motive itself tells how old it was as it left.",
+        ),
+    ] = 0.0003
 
     def __post_init__(self) -> None:
         host, _ = parse_address(self.server, "server")

@@ -36,18 +36,24 @@ class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
     address_key: ClassVar[str] = "server"
     stamp_field: ClassVar[str] = "QTM's time stamp"
     stamp_unit_s: ClassVar[float] = 1e-6
-    name: Annotated[str, msgspec.Meta(min_length=1, max_length=256)] = "quad"
-    """Name of the vehicle's 6DOF body in QTM."""
-    server: str = "127.0.0.1:22223"
-    """QTM's little-endian RT port, host:port."""
-    world: World = "nwu"
-    """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
-    body: Body = "flu"
-    """Axes of the body: ``flu`` is x forward, y left, z up."""
-    alignment: Alignment = Alignment()
-    """How these axes lie against ours, beyond their names."""
-    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.015
-    """Shortest time from the instant that QTM stamps to the arrival here [s]."""
+    name: Annotated[
+        str, msgspec.Meta(min_length=1, max_length=256, description="Name of the vehicle's 6DOF body in QTM.")
+    ] = "quad"
+    server: Annotated[str, msgspec.Meta(description="QTM's little-endian RT port, host:port.")] = "127.0.0.1:22223"
+    world: Annotated[
+        World,
+        msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
+    ] = "nwu"
+    body: Annotated[Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")] = "flu"
+    alignment: Annotated[
+        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
+    ] = Alignment()
+    latency_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0, le=1.0, description="Shortest time from the instant that QTM stamps to the arrival here [s]."
+        ),
+    ] = 0.015
 
     def __post_init__(self) -> None:
         parse_address(self.server, "server")

@@ -17,24 +17,45 @@ class ViconConfig(ListensAt, frozen=True, kw_only=True, tag="vicon"):
     shows_others: ClassVar[bool] = True
     is_relayed: ClassVar[bool] = True
     body_key: ClassVar[str] = "object"
-    object: str = "quad"
-    """Name of the vehicle's object in Tracker."""
-    listen: str = "127.0.0.1:51001"
-    """Address that Tracker sends to, host:port of this machine."""
-    world: World = "nwu"
-    """Axes of the lab frame; ``nwu`` is the usual z-up frame, its x axis taken as north."""
-    body: Body = "flu"
-    """Axes of the object: ``flu`` is x forward, y left, z up."""
-    alignment: Alignment = Alignment()
-    """How these axes lie against ours, beyond their names."""
-    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
-    """Shortest time from the cameras' exposure to the arrival here [s]; the datagram does not tell. What arrives later
-    than the frame numbers promise counts as that much older."""
-    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 50.0
-    """Frames per second that the cameras take [1/s]; where it is wrong, the true rate is found within three seconds."""
-    drop_frozen: bool = True
-    """Drop a pose that equals the one before to the last bit: nothing was measured, as when the object is hidden.
-    Only a simulation without noise turns this off."""
+    object: Annotated[str, msgspec.Meta(description="Name of the vehicle's object in Tracker.")] = "quad"
+    listen: Annotated[str, msgspec.Meta(description="Address that Tracker sends to, host:port of this machine.")] = (
+        "127.0.0.1:51001"
+    )
+    world: Annotated[
+        World,
+        msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
+    ] = "nwu"
+    body: Annotated[Body, msgspec.Meta(description="Axes of the object: `flu` is x forward, y left, z up.")] = "flu"
+    alignment: Annotated[
+        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
+    ] = Alignment()
+    latency_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0,
+            le=1.0,
+            description="Shortest time from the cameras' exposure to the arrival here [s]; the "
+            "datagram does not tell. What arrives later than the frame numbers promise "
+            "counts as that much older.",
+        ),
+    ] = 0.02
+    rate_hz: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=1000.0,
+            description="Frames per second that the cameras take [1/s]; where it is wrong, the true "
+            "rate is found within three seconds.",
+        ),
+    ] = 50.0
+    drop_frozen: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Drop a pose that equals the one before to the last bit: nothing was "
+            "measured, as when the object is hidden. Only a simulation without noise "
+            "turns this off."
+        ),
+    ] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

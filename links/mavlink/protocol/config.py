@@ -20,69 +20,145 @@ FORWARD_SHARE = 0.3
 class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Our poses to the autopilot's own estimator, as ODOMETRY (links/mavlink/protocol/odometry_codec.py)."""
 
-    enabled: bool = False
-    """Whether to send them; docs/how-to/forward-poses.md says what the autopilot must be told."""
-    rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=200.0)] = 40.0
-    """At most so many a second [1/s]; autopilots want 30 to 50."""
-    noise_m: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 0.005
-    """1σ of the position per axis that the autopilot is told [m]."""
-    noise_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0)] = 0.5
-    """1σ of the attitude per axis that the autopilot is told [deg]."""
-    oldest_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.1
-    """A pose that is older as it would leave does not [s]."""
+    enabled: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Whether to send them; docs/how-to/forward-poses.md says what the autopilot must be told."
+        ),
+    ] = False
+    rate_hz: Annotated[
+        float, msgspec.Meta(gt=0.0, le=200.0, description="At most so many a second [1/s]; autopilots want 30 to 50.")
+    ] = 40.0
+    noise_m: Annotated[
+        float, msgspec.Meta(gt=0.0, le=10.0, description="1σ of the position per axis that the autopilot is told [m].")
+    ] = 0.005
+    noise_deg: Annotated[
+        float,
+        msgspec.Meta(gt=0.0, le=90.0, description="1σ of the attitude per axis that the autopilot is told [deg]."),
+    ] = 0.5
+    oldest_s: Annotated[
+        float, msgspec.Meta(gt=0.0, le=1.0, description="A pose that is older as it would leave does not [s].")
+    ] = 0.1
 
 
 class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     """MAVLink 2 over UDP, TCP or a serial port, to PX4 (OFFBOARD) or ArduPilot Copter (GUIDED)."""
 
     has_autopilot: ClassVar[bool] = True
-    listen: str | None = None
-    """Address of this machine that the autopilot sends to, host:port (UDP). Without any other: 127.0.0.1:14540."""
-    remote: str | None = None
-    """Address of an autopilot that waits for us to speak first, host:port (UDP)."""
-    tcp: str | None = None
-    """Address of a simulator or radio that accepts TCP connections, host:port."""
-    serial: str | None = None
-    """Serial port, such as /dev/serial/by-id/usb-…, whose name stays the same when it is plugged in again."""
-    baud: Annotated[int, msgspec.Meta(ge=9600, le=4_000_000)] = 921600
-    """Speed of the serial port [bit/s]; over USB it does not matter."""
-    system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 245
-    """Our own MAVLink system."""
-    component_id: Annotated[int, msgspec.Meta(ge=1, le=255)] = 190
-    """Our own MAVLink component; 190 is a ground station."""
-    target_system: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
-    """MAVLink system of the vehicle; every other one is ignored."""
-    target_component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
-    """MAVLink component of its autopilot; every other one is ignored."""
-    period_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.25)] = 0.0225
-    """Time between two commands [s]. PX4 gives up OFFBOARD below two a second."""
-    pace: Literal["poses", "period"] = "poses"
-    """``poses``: a command leaves as soon as a pose has come, at most two in ``period_s``, and one and a half periods
-    after the last one where no pose comes. ``period``: a command leaves every ``period_s``, as a radio's frames do."""
-    bring_down: Literal["auto", "rates", "land"] = "auto"
-    """What is sent when commands stop in the air: ``rates`` levels, sinks and stops the motors within 2 s; ``land``
-    asks for mode LAND meanwhile, and goes on with rates until it is accepted; ``auto`` does so where the autopilot
-    says at that moment that it knows its own position, height and speed."""
-    own_position: bool = False
-    """Whether the autopilot knows its position by something else than our tracker, such as GPS or optical flow. Where
-    our poses have been found to be wrong, ``auto`` asks for mode LAND only with that, or where nothing says that the
-    autopilot gets poses: no ``forward``, no vision message heard, ``pose.kind`` neither mavlink nor vision."""
-    connect_timeout_s: Annotated[float, msgspec.Meta(gt=0.0, le=600.0)] = 10.0
-    """How long to wait for the autopilot's first HEARTBEAT [s]."""
-    heartbeat_timeout_s: Annotated[float, msgspec.Meta(ge=1.5, le=60.0)] = 3.0
-    """The autopilot counts as lost after this long without its HEARTBEAT, sent once a second [s]."""
-    thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None = None
-    """f of thrust = f u² + (1 - f) u, from what we send (u) to what the motors give, in place of
-    vehicle.thrust_curve. 0 where the autopilot straightens the curve itself: PX4 with THR_MDL_FAC set, ArduPilot with
-    MOT_THST_EXPO set."""
-    ardupilot_mode: Literal["GUIDED", "GUIDED_NOGPS"] = "GUIDED"
-    """Mode that follows our commands on ArduPilot: GUIDED wants a position estimate of its own, GUIDED_NOGPS none."""
-    signing_key_file: str | None = None
-    """File with the 32 bytes of a MAVLink 2 signing key (raw, hex or base64), mode 0600. With it we sign what we send
-    and believe nothing that is not signed."""
+    listen: Annotated[
+        str | None,
+        msgspec.Meta(
+            description="Address of this machine that the autopilot sends to, host:port (UDP). "
+            "Without any other: 127.0.0.1:14540."
+        ),
+    ] = None
+    remote: Annotated[
+        str | None,
+        msgspec.Meta(description="Address of an autopilot that waits for us to speak first, host:port (UDP)."),
+    ] = None
+    tcp: Annotated[
+        str | None, msgspec.Meta(description="Address of a simulator or radio that accepts TCP connections, host:port.")
+    ] = None
+    serial: Annotated[
+        str | None,
+        msgspec.Meta(
+            description="Serial port, such as /dev/serial/by-id/usb-…, whose name stays the same "
+            "when it is plugged in again."
+        ),
+    ] = None
+    baud: Annotated[
+        int,
+        msgspec.Meta(
+            ge=9600, le=4_000_000, description="Speed of the serial port [bit/s]; over USB it does not matter."
+        ),
+    ] = 921600
+    system_id: Annotated[int, msgspec.Meta(ge=1, le=255, description="Our own MAVLink system.")] = 245
+    component_id: Annotated[
+        int, msgspec.Meta(ge=1, le=255, description="Our own MAVLink component; 190 is a ground station.")
+    ] = 190
+    target_system: Annotated[
+        int, msgspec.Meta(ge=1, le=255, description="MAVLink system of the vehicle; every other one is ignored.")
+    ] = 1
+    target_component: Annotated[
+        int, msgspec.Meta(ge=1, le=255, description="MAVLink component of its autopilot; every other one is ignored.")
+    ] = 1
+    period_s: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0, le=0.25, description="Time between two commands [s]. PX4 gives up OFFBOARD below two a second."
+        ),
+    ] = 0.0225
+    pace: Annotated[
+        Literal["poses", "period"],
+        msgspec.Meta(
+            description="`poses`: a command leaves as soon as a pose has come, at most two in "
+            "`period_s`, and one and a half periods after the last one where no pose "
+            "comes. `period`: a command leaves every `period_s`, as a radio's frames "
+            "do."
+        ),
+    ] = "poses"
+    bring_down: Annotated[
+        Literal["auto", "rates", "land"],
+        msgspec.Meta(
+            description="What is sent when commands stop in the air: `rates` levels, sinks and "
+            "stops the motors within 2 s; `land` asks for mode LAND meanwhile, and goes "
+            "on with rates until it is accepted; `auto` does so where the autopilot "
+            "says at that moment that it knows its own position, height and speed."
+        ),
+    ] = "auto"
+    own_position: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Whether the autopilot knows its position by something else than our "
+            "tracker, such as GPS or optical flow. Where our poses have been found to "
+            "be wrong, `auto` asks for mode LAND only with that, or where nothing says "
+            "that the autopilot gets poses: no `forward`, no vision message heard, "
+            "`pose.kind` neither mavlink nor vision."
+        ),
+    ] = False
+    connect_timeout_s: Annotated[
+        float, msgspec.Meta(gt=0.0, le=600.0, description="How long to wait for the autopilot's first HEARTBEAT [s].")
+    ] = 10.0
+    heartbeat_timeout_s: Annotated[
+        float,
+        msgspec.Meta(
+            ge=1.5,
+            le=60.0,
+            description="The autopilot counts as lost after this long without its HEARTBEAT, sent once a second [s].",
+        ),
+    ] = 3.0
+    thrust_curve: Annotated[
+        Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] | None,
+        msgspec.Meta(
+            description="f of thrust = f u² + (1 - f) u, from what we send (u) to what the motors "
+            "give, in place of vehicle.thrust_curve. 0 where the autopilot straightens "
+            "the curve itself: PX4 with THR_MDL_FAC set, ArduPilot with MOT_THST_EXPO "
+            "set."
+        ),
+    ] = None
+    ardupilot_mode: Annotated[
+        Literal["GUIDED", "GUIDED_NOGPS"],
+        msgspec.Meta(
+            description="Mode that follows our commands on ArduPilot: GUIDED wants a position "
+            "estimate of its own, GUIDED_NOGPS none."
+        ),
+    ] = "GUIDED"
+    signing_key_file: Annotated[
+        str | None,
+        msgspec.Meta(
+            description="File with the 32 bytes of a MAVLink 2 signing key (raw, hex or base64), "
+            "mode 0600. With it we sign what we send and believe nothing that is not "
+            "signed."
+        ),
+    ] = None
     forward: ForwardConfig = ForwardConfig()
-    quiet: bool = True
-    """Stop the autopilot's default telemetry that nobody here reads; false where others share this connection."""
+    quiet: Annotated[
+        bool,
+        msgspec.Meta(
+            description="Stop the autopilot's default telemetry that nobody here reads; false where "
+            "others share this connection."
+        ),
+    ] = True
 
     def __post_init__(self) -> None:
         ways = {"listen": self.listen, "remote": self.remote, "tcp": self.tcp, "serial": self.serial}

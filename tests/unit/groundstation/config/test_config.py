@@ -20,8 +20,7 @@ Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 
 class Udp(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="udp"):
-    address: str = "127.0.0.1:1"
-    """Where to send [host:port]. The rest is detail."""
+    address: Annotated[str, msgspec.Meta(description="Where to send [host:port]. The rest is detail.")] = "127.0.0.1:1"
     rate_hz: Annotated[float, msgspec.Meta(ge=10, le=500)] = 100.0
 
 
@@ -36,8 +35,7 @@ class Radio(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 class Vehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     name: Annotated[str, msgspec.Meta(pattern="^[a-z]+$")] = "mqx"
-    mass_kg: Positive = 0.08
-    """With battery [kg]."""
+    mass_kg: Annotated[Positive, msgspec.Meta(description="With battery [kg].")] = 0.08
     limits_deg_s: tuple[Positive, Positive, Positive] = (200.0, 200.0, 300.0)
     arms: int = 4
     lag_s: Positive | None = None

@@ -1,0 +1,65 @@
+"""Errors of a configuration: which key is wrong and why, in one line for the operator."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import msgspec
+
+KeyPath = tuple[str, ...]
+
+
+class ConfigError(Exception):
+    """A bad configuration, as one line for the operator: ``source: key: problem``."""
+
+    def __init__(self, key: str, problem: str, source: str = "") -> None:
+        """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the override)."""
+        super().__init__(": ".join(part for part in (source, key, problem) if part))
+        self.key = key
+        self.problem = problem
+        self.source = source
+
+
+class ArgumentError(ConfigError):
+    """A bad argument of a function, by its name in Python; whoever runs a program gave it as ``option``."""
+
+    def __init__(self, option: str, problem: str) -> None:
+        super().__init__("overrides" if option == "--set" else option.removeprefix("--"), problem)
+        self.option = option
+
+
+class Problem(Exception):
+    """A key that is wrong, and why."""
+
+    def __init__(self, path: KeyPath, text: str) -> None:
+        super().__init__(text)
+        self.path = path
+        self.text = text
+
+
+def dotted_key(path: KeyPath) -> str:
+    """The path as an operator writes it."""
+    return ".".join(path)
+
+
+def element_path(path: KeyPath, index: int) -> KeyPath:
+    """The path of an element of the array at ``path``."""
+    return (*path[:-1], f"{path[-1]}[{index}]")
+
+
+@contextmanager
+def refuse_io(key: str, doing: str, source: str = "") -> Iterator[None]:
+    """Tell the operator by ``key`` why what is done here, such as ``cannot write FILE``, is not possible.
+
+    Raises:
+        ConfigError: in the place of an OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(key, f"{doing}: {error.strerror or error}", source) from None
+
+
+def locate(error: msgspec.ValidationError) -> tuple[str, str]:
+    """The dotted key that ``error`` is about (empty: the whole), and what is wrong there."""
+    text, _, where = str(error).partition(" - at `$")
+    return where.rstrip("`").lstrip("."), text

@@ -1,0 +1,170 @@
+"""Sections of a configuration that may stand in a file of their own, and the files that come along.
+
+The path of such a file (a vehicle, a preset, a CSV) is relative to the configuration's: it is read once, so that what
+was checked is what flies.
+"""
+
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import msgspec
+from msgspec import inspect as mi
+
+from groundstation.config.errors import ConfigError, KeyPath, Problem, refuse_io
+from groundstation.config.schema import default_of, find_struct, inspect_struct
+
+PACKAGE = "groundstation"
+"""Where the presets stand."""
+
+
+class FromFile:
+    """Beside a struct that is a section of a configuration: its keys may stand in a file, which its key ``file`` names.
+
+    Such a struct has the optional key ``file``, and ``preset`` if it has :attr:`PRESETS`. Both are gone once read.
+    """
+
+    __slots__ = ()
+    PRESETS: ClassVar[str] = ""
+    """Folder of this package with files that come along, one a preset; empty where there are none."""
+
+    @classmethod
+    def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
+        """The section as written, ``table``, completed from the text of its file.
+
+        Raises:
+            ValueError: what is wrong with the text, and in which line or key; without the file's name.
+        """
+        raise NotImplementedError
+
+
+def with_files(root: type[msgspec.Struct], data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """``data`` with each section that names a ``preset`` or a ``file`` completed from it.
+
+    Args:
+        root: the configuration's type; its fields are the sections.
+        data: what was written.
+        folder: what the names of files are relative to.
+
+    Raises:
+        Problem: a file can't be read, or its text is wrong; the path is that of the key that names it.
+    """
+    info = inspect_struct(root)
+    assert isinstance(info, mi.StructType)
+    changed = dict(data)
+    for field in info.fields:
+        table = data.get(field.encode_name)
+        if isinstance(table, dict):
+            struct = find_struct(field.type, table, default_of(field))
+            if struct is not None and issubclass(struct.cls, FromFile):
+                changed[field.encode_name] = _read_section(struct.cls, table, folder, (field.encode_name,))
+    return changed
+
+
+def resolve_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """``data`` with the name of each key, password or certificate (``…_file = "name"``) as it is seen from ``folder``.
+
+    The names become absolute, so that the configuration in force means the same wherever it is read again.
+    """
+    changed: dict[str, Any] = {}
+    for key, value in data.items():
+        if isinstance(value, dict):
+            changed[key] = resolve_files(value, folder)
+        elif key.endswith("_file") and isinstance(value, str) and value:
+            changed[key] = str(folder.absolute() / value)
+        else:
+            changed[key] = value
+    return changed
+
+
+def presets(kind: type[FromFile]) -> dict[str, str]:
+    """The text of each preset of ``kind``, by name, in the order of their names."""
+    return shipped_texts(kind.PRESETS) if kind.PRESETS else {}
+
+
+def _read_section(kind: type[FromFile], table: dict[str, Any], folder: Path, path: KeyPath) -> dict[str, Any]:
+    preset, file = table.get("preset"), table.get("file")
+    rest = {key: value for key, value in table.items() if key not in ("preset", "file")}
+    if kind.PRESETS and isinstance(preset, str):
+        if file is not None:
+            raise Problem((*path, "file"), "preset and file exclude each other; a file may name a preset itself")
+        known = presets(kind)
+        if preset not in known:
+            raise Problem((*path, "preset"), f"expected one of {list(known)}, got {preset!r}")
+        return _with_text(kind, rest, known[preset], preset, (*path, "preset"))
+    if isinstance(file, str):
+        return _with_text(kind, rest, _read_text(folder / file, (*path, "file")), file, (*path, "file"))
+    return table
+
+
+def _with_text(kind: type[FromFile], table: dict[str, Any], text: str, name: str, path: KeyPath) -> dict[str, Any]:
+    try:
+        return kind.with_text(table, text)
+    except ValueError as error:
+        raise Problem(path, f"{name}: {error}") from None
+
+
+def _read_text(file: Path, path: KeyPath) -> str:
+    try:
+        return file.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise Problem(path, f"cannot read {file}: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise Problem(path, f"{file} is not UTF-8 text (byte {error.start})") from None
+    except ValueError as error:  # a name that no file can have
+        raise Problem(path, f"cannot read {str(file)!r}: {error}") from None
+
+
+def _folder(name: str) -> Traversable:
+    """A folder of files that come along."""
+    return resources.files(PACKAGE) / name
+
+
+def shipped_texts(folder: str) -> dict[str, str]:
+    """The text of each TOML file in a folder that comes along, by name and in the order of their names."""
+    files = sorted(_folder(folder).iterdir(), key=lambda file: file.name.removesuffix(".toml"))
+    return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
+
+
+def example_texts() -> dict[str, str]:
+    """The configurations that come along, by name."""
+    return shipped_texts("examples")
+
+
+def list_examples() -> str:
+    """A line each: its name, and what it says first of itself."""
+    texts = example_texts()
+    width = max(map(len, texts))
+    return "\n".join(f"{name:{width}}  {text.splitlines()[0].removeprefix('# ')}" for name, text in texts.items())
+
+
+def example_text(name: str) -> str:
+    """The configuration of that name, with its notes.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    texts = example_texts()
+    if name not in texts:
+        raise ConfigError("config new", f"expected one of {list(texts)}, got {name!r}")
+    return texts[name]
+
+
+def copy_examples(folder: Path) -> None:
+    """Write all of them, and the files beside them, into the new ``folder``.
+
+    Raises:
+        ConfigError: it exists, or can't be written.
+    """
+    with refuse_io("--all", f"cannot write {folder}"):
+        _copy(_folder("examples"), folder)
+
+
+def _copy(source: Traversable, target: Path) -> None:
+    if source.is_dir():
+        target.mkdir()
+        for each in source.iterdir():
+            _copy(each, target / each.name)
+    else:
+        target.write_bytes(source.read_bytes())

@@ -1,0 +1,121 @@
+"""TOML: text into tables, and a configuration back into text, each key with its note."""
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import tomli_w
+
+from groundstation.config.errors import ConfigError
+from groundstation.config.schema import field_descriptions
+
+DEEPEST = 16
+"""Tables and arrays stand within each other no deeper than this; ours need 5."""
+TOO_DEEP = f"no configuration: its tables or arrays stand more than {DEEPEST} deep within each other"
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """What the TOML ``text`` says.
+
+    Raises:
+        ValueError: it is no TOML, or nested deeper than any configuration is.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"not valid TOML: {error}") from None
+    except RecursionError:
+        raise ValueError(TOO_DEEP) from None
+    inside: list[Any] = [data]
+    for _ in range(DEEPEST):
+        inside = [one for item in inside for one in (item.values() if isinstance(item, dict) else item)]
+        inside = [one for one in inside if isinstance(one, dict | list)]
+        if not inside:
+            return data
+    raise ValueError(TOO_DEEP)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What the TOML file ``path`` says.
+
+    Raises:
+        ConfigError: it can't be read, or is not TOML.
+    """
+    try:
+        return parse_toml(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError("", f"not UTF-8 text (byte {error.start})", str(path)) from None
+    except ValueError as error:
+        raise ConfigError("", str(error), str(path)) from None
+
+
+def dump(config: msgspec.Struct) -> str:
+    """The configuration in force as TOML, each key with the first sentence of its docstring; loads back to the same.
+
+    A key that is None has no TOML form and appears as a comment.
+    """
+    return "\n".join(_table(config, ())).lstrip("\n") + "\n"
+
+
+def _table(table: msgspec.Struct | dict[str, Any], path: tuple[str, ...]) -> Iterator[str]:
+    """The lines of one table: its own keys first, then its sub-tables, as TOML's order demands."""
+    notes = field_descriptions(type(table)) if isinstance(table, msgspec.Struct) else {}
+    entries = dict(_entries(table))
+    if path:
+        yield f"\n[{'.'.join(map(_key, path))}]"
+    for key, value in entries.items():
+        if _is_table(value):
+            continue
+        line = f"# {_key(key)} is not set" if value is None else f"{_key(key)} = {write_value(value)}"
+        note = _first_sentence(notes.get(key, ""))
+        yield f"{line}{'. ' if value is None else '  # '}{note}" if note else line
+    for key, value in entries.items():
+        if _is_table(value):
+            yield from _table(value, (*path, key))
+
+
+def _entries(table: msgspec.Struct | dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    if isinstance(table, dict):
+        yield from table.items()
+        return
+    settings = table.__struct_config__
+    if settings.tag_field is not None:
+        yield settings.tag_field, settings.tag
+    for key, name in _keys_and_names(type(table)):
+        yield key, getattr(table, name)
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, msgspec.Struct | dict)
+
+
+def write_value(value: Any) -> str:
+    """``value`` as TOML, on one line."""
+    if _is_table(value):
+        items = ", ".join(f"{_key(key)} = {write_value(item)}" for key, item in _entries(value) if item is not None)
+        return f"{{ {items} }}" if items else "{}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(write_value, value))}]"
+    if type(value) in (int, float):
+        return str(value)
+    return tomli_w.dumps({"v": msgspec.to_builtins(value)}).removeprefix("v = ").rstrip("\n")
+
+
+def _key(key: str) -> str:
+    if key.isidentifier() and key.isascii():  # all of ours, of which a configuration has hundreds
+        return key
+    return tomli_w.dumps({key: 0}).removesuffix(" = 0\n")
+
+
+def _keys_and_names(struct: type[msgspec.Struct]) -> Iterator[tuple[str, str]]:
+    """Of each field, as it is written and as it is called here; msgspec.structs.fields() looks at all types, too."""
+    return zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True)
+
+
+def _first_sentence(text: str) -> str:
+    end = text.find(". ")
+    return text if end < 0 else text[: end + 1]

@@ -1,0 +1,171 @@
+"""Code of the user's own that a configuration names: ``kind = "package.module:factory"``.
+
+An object that Python already has is lent to a flight under such a name (:func:`lend`). What goes wrong in it is told in
+one sentence, with the user's own frames behind it (:class:`UserCodeFault`).
+"""
+
+import copy
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+from groundstation.config.errors import ArgumentError, ConfigError
+from groundstation.config.schema import FACTORY
+
+Option = bool | int | float | str | list[bool | int | float | str]
+"""What an option may be; NaN and infinity are refused as everywhere."""
+_LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class UserCodeFault(Exception):
+    """Code of the user's own failed, or answered with what must not leave; its cause has the user's frames."""
+
+    def __init__(self, what: str, error: BaseException | None = None) -> None:
+        """``what`` failed with ``error``, which was caught by whoever called the user's code; or did what is told."""
+        super().__init__(what if error is None else f"{what} failed: {describe_error(error)}")
+        if error is not None:
+            _strip_caller(error)
+            self.__cause__ = error
+
+
+def _strip_caller(error: BaseException) -> None:
+    """Leave ``error`` the frames of the user's code alone, without that of whoever called it and caught it."""
+    error.__traceback__ = error.__traceback__ and error.__traceback__.tb_next
+
+
+def _strip_import(error: BaseException) -> None:
+    """Leave ``error`` the frames of the module that was imported, if it was found, without those of the import."""
+    frames = error.__traceback__ and error.__traceback__.tb_next
+    while frames and frames.tb_frame.f_globals.get("__name__", "").startswith("importlib"):
+        frames = frames.tb_next
+    error.__traceback__ = frames
+
+
+def without_frames(work: Callable[P, R]) -> Callable[P, R]:
+    """``work``, whose refusals show whoever called it their own frames and names, and none of those between."""
+
+    @wraps(work)
+    def plain(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return work(*args, **kwargs)
+        except ConfigError as fault:
+            given = fault.key.startswith("--")
+            raise (
+                ArgumentError(fault.key, fault.problem) if given else fault.with_traceback(None)
+            ) from fault.__cause__
+        except (KeyboardInterrupt, UserCodeFault) as fault:
+            fault.__suppress_context__ = True  # its cause is the user's own
+            raise fault.with_traceback(None)  # noqa: B904
+
+    return plain
+
+
+def coroutine_hint(answer: object) -> str:
+    """What to say behind the kind of an ``answer`` where it is a coroutine, which is then over; else nothing."""
+    if not inspect.iscoroutine(answer):
+        return ""
+    answer.close()  # Python would complain that nobody has awaited it
+    return " (write `def`, not `async def`)"
+
+
+def several(names: Any) -> list[Any]:
+    """The ``names`` in a list, also where it is but one that somebody gave without brackets."""
+    return list(names) if isinstance(names, Iterable) and not isinstance(names, str) else [names]
+
+
+def describe_error(error: BaseException) -> str:
+    """Its kind and its words."""
+    return f"{type(error).__name__}: {error}"
+
+
+@contextmanager
+def lend(objects: Mapping[str, object]) -> Iterator[None]:
+    """Have each name (``module:name``) mean that object within this context, and in what is started in it."""
+    token = _LENT.set({**_LENT.get({}), **objects})
+    try:
+        yield
+    finally:
+        _LENT.reset(token)
+
+
+def name_object(thing: object) -> str:
+    """A name for ``thing`` as :func:`lend` and configurations take it: its module's and its own, if it has them."""
+    named = thing if inspect.isclass(thing) or inspect.isroutine(thing) else type(thing)
+    module, name = getattr(named, "__module__", None) or "python", getattr(named, "__name__", "given")
+    text = f"{module}:{re.sub(r'[^A-Za-z0-9_]', '_', name)}"
+    return text if re.match(FACTORY, text) else "python:given"
+
+
+def find_object(key: str, factory: str) -> Any:
+    """What ``factory`` names: what was lent under it, or else what its module has.
+
+    Raises:
+        ConfigError: it can't be imported, or is not there; by ``key``.
+    """
+    lent = _LENT.get({})
+    if factory in lent:
+        return lent[factory]
+    module_name, _, name = factory.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever the user's module raises, sys.exit too, the operator must hear of it
+        _strip_import(error)
+        hint = " (is it installed, or its folder on PYTHONPATH?)" if isinstance(error, ModuleNotFoundError) else ""
+        raise ConfigError(key, f"can't import {module_name}: {describe_error(error)}{hint}") from error
+    if not hasattr(module, name):
+        raise ConfigError(key, f"{module_name} has no attribute {name!r}")
+    return getattr(module, name)
+
+
+def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter] | None:
+    try:
+        return list(inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):
+        return None
+
+
+def needed_names(function: Callable[..., Any], options: Mapping[str, Any]) -> list[str] | None:
+    """The names of the arguments that ``function`` needs beside ``options``; None where it does not tell."""
+    parameters = _parameters(function)
+    if parameters is None or any(one.kind is one.VAR_POSITIONAL for one in parameters):
+        return None
+    places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    return [
+        one.name for one in parameters if one.kind in places and one.default is one.empty and one.name not in options
+    ]
+
+
+def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], options: Mapping[str, Any]) -> Any:
+    """What the user's ``found`` makes; an object that is one already is copied, so that each flight begins anew.
+
+    A factory is given as much of ``told`` as it needs, then the options as one dict where it needs more, or by name.
+
+    Raises:
+        ConfigError: it can't be called so, or fails; by ``key``.
+    """
+    if not callable(found):
+        return copy.deepcopy(found)
+    needed = needed_names(found, options)
+    arguments: tuple[Any, ...] = (*told, dict(options))
+    named: dict[str, Any] = {}
+    as_dict = any(one.name == "options" and one.kind is not one.VAR_KEYWORD for one in _parameters(found) or ())
+    if needed is not None and len(needed) <= len(told) and not as_dict:
+        arguments, named = told[: len(needed)], dict(options)
+    try:
+        return found(*arguments, **named)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # as above
+        _strip_caller(error)
+        raise ConfigError(key, f"{factory} failed: {describe_error(error)}") from error
