@@ -125,9 +125,8 @@ def _alarms(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
     parser.add_argument("--workers", type=count, metavar="N", help="processes at once (default: one a core)")
     parser.add_argument(
-        "--curve", action="store_true", help="by threshold: how soon a picture that stands is seen, and false alarms"
+        "--floors", action="store_true", help="paper and adverse with delay, thrust, lag or noise that is told wrong"
     )
-    parser.add_argument("--write", type=path, metavar="FILE.md", help="put that table between the file's markers")
     parser.add_argument("--capture", type=path, metavar="FILE.tlog", help="of a recorded flight on rates and thrust")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
 

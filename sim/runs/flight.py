@@ -17,6 +17,7 @@ from groundstation.core.control import Law
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, Severity, Tick
 from groundstation.core.mission import State
+from groundstation.core.safety import MONITORS, Monitors
 from groundstation.core.trajectory import Trajectory
 from groundstation.flight import Flight, FlightOutcome
 from groundstation.machine import sleep_until
@@ -261,11 +262,12 @@ async def fly_mission(
     on_event: Callable[[Notice], None] | None = None,
     script: Script | None = None,
     give: Give | None = None,
+    monitors: Monitors = MONITORS,
 ) -> MissionResult:
     """Fly ``config``, which says how long the figure is flown, in ``world``, from its floor; see :func:`from_floor`.
 
     ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something; ``give`` takes
-    what is to be recorded.
+    what is to be recorded; ``monitors`` makes what may end the flight.
     """
     begun_s, loop = time.perf_counter(), asyncio.get_running_loop()
     track, states, upright = TrueTrack(), list[StateEntry](), 1.0
@@ -302,6 +304,7 @@ async def fly_mission(
         subscribers=(hear,),
         wires=stage.wires,
         give=give,
+        monitors=monitors,
     )
     limit = LIMIT_S + (config.flight.duration_s or 0.0)
     (outcome,), ended_s = await run_missions(stage.run(), [flight], limit, script and script(flight, stage))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.safety import Charge
+from groundstation.core.safety import Failure
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Quadrotor, Wind
 from tests.proving.faults import (
@@ -59,7 +59,7 @@ def verdict(
     thrust: Thrust | None = None,
     touchdown_m_s: float | None = None,
     land_s: float | None = None,
-    charge: Charge | None = None,
+    failure: Failure | None = None,
     exemption: Exemption = Exemption.NONE,
     state: str = "hold",
 ) -> Row:
@@ -67,7 +67,7 @@ def verdict(
     return judge(
         "made up", fault, state, moved(lambda t: (0.0, 0.0, -1.0)) if truth is None else truth, answers,
         wrong="", exemption=exemption, begun_s=0.0, drift_m=0.0, touchdown_m_s=touchdown_m_s, thrust=thrust,
-        land_s=land_s, charge=charge,
+        land_s=land_s, failure=failure,
     )  # fmt: skip
 
 
@@ -194,12 +194,12 @@ def test_who_flies_on_with_false_poses_stays_near_the_course() -> None:
     assert verdict(FALSE, coming_down, state="descent").safe
 
 
-def test_true_poses_of_a_vehicle_that_obeys_must_not_be_convicted() -> None:
+def test_true_poses_of_a_vehicle_that_obeys_must_not_fail() -> None:
     pushed = TRUE._replace(obeys=True)
-    lies, held = Charge("they do not obey", "convicted"), Charge("they stand", "suspicion")
-    assert verdict(pushed, None, ANSWER, charge=lies).why == "true poses were convicted: convicted: they do not obey"
-    assert verdict(pushed, None, ANSWER, charge=held).safe
-    assert verdict(TRUE, None, ANSWER, charge=lies).safe
+    failed, late = Failure("pose.stopped_dead", "it stopped"), Failure("link.late", "late")
+    assert verdict(pushed, None, ANSWER, failure=failed).why == "true poses failed: it stopped"
+    assert verdict(pushed, None, ANSWER, failure=late).safe
+    assert verdict(TRUE, None, ANSWER, failure=failed).safe
 
 
 def test_the_answer_is_counted_from_the_strike() -> None:

@@ -53,7 +53,7 @@ from tests.proving.faults.judge import (
     exemption_of,
     judge,
 )
-from tests.proving.faults.monitors import UNGUARDED, take_over
+from tests.proving.faults.monitors import UNGUARDED, DeckMonitors
 
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
@@ -195,7 +195,8 @@ async def fly_here(
             return
         # What false poses led to is no course any more: it may run away with them.
         nonlocal blind
-        blind = blind or (moves.struck and flight._pilot.blind)
+        pilot = flight._pilot
+        blind = blind or (moves.struck and pilot.is_blind and not pilot.health.has_failed)
         misled = fault.poses is not Poses.TRUE and bool(moves.answers)
         ended = moves.state in (State.DESCENT, State.ABORTED, State.DISARMING)
         truth.tick(event.tick, follows=not misled and not ended)
@@ -224,7 +225,15 @@ async def fly_here(
     stage.plant.advance(begun_s)
     if stage.mocap is not None:
         stage.mocap.through(meddle)
-    flight = make_flight(config, confirm=confirm, subscribers=(watch,), wires=stage.wires, give=give)
+    monitors = DeckMonitors()
+    flight = make_flight(
+        config,
+        confirm=confirm,
+        subscribers=(watch,),
+        wires=stage.wires,
+        give=give,
+        monitors=monitors.factories(),
+    )
     scene = Scene(flight, stage, meddlers[0] if meddlers else None, seed)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     striking = asyncio.ensure_future(_strike(scene, state, moves, truth))
@@ -239,7 +248,7 @@ async def fly_here(
         name, watch_as = split()
         fault = find_fault(name, state, fault.link)
     forced_s = stream(seed, f"doubt {name}").random() * FORCED_WITHIN_S
-    take_over(flight, watch_as, struck_s + float(forced_s))
+    monitors.go_on(flight._pilot, watch_as, struck_s + float(forced_s))
     exemption = exemption_of(fault, state)
     autopilot = _Autopilot(note_open_loop)
     going_on = asyncio.ensure_future(_break(scene, fault))
@@ -283,7 +292,7 @@ async def fly_here(
         touchdown_m_s=stage.plant.hardest_m_s,
         thrust=pushing,
         land_s=autopilot.land_s,
-        charge=flight.charge,
+        failure=flight.failure,
         scenario=scenario,
         blind=blind,
     )  # fmt: skip

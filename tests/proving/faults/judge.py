@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import IdleRecord, Tick, TickRecord
 from groundstation.core.mission import State
-from groundstation.core.safety import Charge
+from groundstation.core.safety import Failure
 from groundstation.recording import Record
 from groundstation.settings import Config
 from links.core import Command, Segment, signal
@@ -37,6 +37,7 @@ from tests.proving.faults.fault import (
     Poses,
     name_of,
 )
+from tests.proving.faults.monitors import FAILED, NOT_BY_ATTITUDE
 
 OFF_FLOOR_M = 0.02
 """Higher than this above the floor it flies [m]."""
@@ -298,8 +299,8 @@ OPEN_LOOP = "open loop"
 """End of a flight whose commands follow no pose."""
 AUTOPILOT_LANDS = "autopilot lands"
 """Answer of an autopilot whose set-points have stopped: its own failsafe."""
-OPEN_LOOP_ALLOWED = ()
-"""Forced doubts after which nothing is left to fly in closed loop by."""
+LANDS_ITSELF = "autopilot's LAND"
+"""End of a flight whose autopilot lands by its own position."""
 Answer = tuple[float, str, str]
 """When, what and why."""
 
@@ -399,17 +400,30 @@ def judge(
     touchdown_m_s: float | None,
     thrust: Thrust | None = None,
     land_s: float | None = None,
-    charge: Charge | None = None,
+    failure: Failure | None = None,
     scenario: str = "paper",
     how: str = "",
     blind: bool = False,
 ) -> Row:
-    """The row, safe where nothing is wrong: neither what the caller found nor how it moved.
+    """Return the row, safe where nothing is wrong: what the caller found, and how it moved.
 
-    ``answers`` are what ``fault`` led to, the first one first, in a flight that began at ``begun_s`` [s];
-    ``exemption`` is what can't be asked of it, ``land_s`` when its autopilot took over landing, where it was asked to,
-    ``thrust`` what the commands pushed with, where that was seen, ``charge`` what its poses were charged with in the
-    end, ``how`` it was flown, and ``blind`` whether it came down without poses.
+    Args:
+        name: the case.
+        fault: what struck it.
+        state: where it was struck.
+        truth: how it moved.
+        answers: what the fault led to, the first one first.
+        wrong: what the caller found; empty where nothing is wrong.
+        exemption: what can't be asked of it.
+        begun_s: when the flight began [s].
+        drift_m: from where it was struck to where it rests, sideways [m].
+        touchdown_m_s: hardest touchdown, where it left the floor [m/s].
+        thrust: what the commands pushed with, where that was seen.
+        land_s: when its autopilot took over landing, where it was asked to [s].
+        failure: why its poses failed, where they did.
+        scenario: what was flown.
+        how: how it was flown, for people.
+        blind: whether it came down without poses.
     """
     measured = measure_motion(fault, state, truth, exemption)
     known = fault.kind is Kind.KNOWN_LIMIT
@@ -417,13 +431,14 @@ def judge(
         measured.append(_measure_touchdown(fault, state, truth, touchdown_m_s))
     if thrust is not None and not known:
         measured += _measure_lift(fault, thrust)
-    found = [
-        wrong,
-        *(one.says for one in measured if not one.share <= 1.0),
-        "" if thrust is None or known else _judge_push(fault, thrust, land_s),
-        _flew_on(fault, truth, answers, exemption),
-        _find_conviction(fault, charge),
-    ]
+    found = [wrong]
+    if fault.kind is not Kind.HONEST:  # judged beside the same flight without guards
+        found += [
+            *(one.says for one in measured if not one.share <= 1.0),
+            "" if thrust is None or known else _judge_push(fault, thrust, land_s),
+            _flew_on(fault, truth, answers, exemption),
+            _find_false_alarm(fault, failure),
+        ]
     wrong = next((one for one in found if one), "")
     said = answers[0][2] if answers else ""
     answer_ms = round(1e3 * (answers[0][0] - truth.struck_s), 1) if answers else None
@@ -448,7 +463,7 @@ def judge(
         tilt_deg=round(truth.tilt_deg, 1),
         over_hover_s=0.0 if thrust is None else round(thrust.over_s, 3),
         exemption=str(exemption),
-        ended=name_end(answers, blind=blind),
+        ended=name_end(answers, blind=blind, lands=land_s is not None),
         worst=round(max(one.share for one in measured), 3),
         safe=not wrong,
         why=wrong or "; ".join(part for part in (said, how) if part),
@@ -464,11 +479,16 @@ ENDS = {
 """How a flight ends that an answer leads to; the first one counts that is among the answers."""
 
 
-def name_end(answers: Sequence[Answer], *, blind: bool) -> str:
-    """Return how a flight ends that answered so; ``blind`` where it came down without poses."""
+def name_end(answers: Sequence[Answer], *, blind: bool, lands: bool) -> str:
+    """Return how a flight ends that answered so.
+
+    ``blind`` where it came down without poses, ``lands`` where its autopilot landed it as it was asked to.
+    """
     states = [after for _, after, _ in answers]
     if not states:
         return "flies on"
+    if lands and str(State.ABORTED) in states:
+        return LANDS_ITSELF
     if blind or AUTOPILOT_LANDS in states:
         return OPEN_LOOP
     return next((end for state, end in ENDS.items() if str(state) in states), states[-1])
@@ -479,9 +499,10 @@ def judge_honest(row: Row, unguarded: Row, *, must_fly_on: bool) -> Row:
     fast = GUARDED_SHARE * unguarded.fastest_m_s + GUARDED_M_S
     far = GUARDED_SHARE * unguarded.far_m + GUARDED_M
     wrong = ""
-    if row.struck_s is None:
+    blind = row.forced.removeprefix(FAILED) in NOT_BY_ATTITUDE
+    if not row.safe:
         wrong = row.why
-    elif row.ended == OPEN_LOOP and row.forced not in OPEN_LOOP_ALLOWED:
+    elif row.ended == OPEN_LOOP and not blind:
         wrong = f"true poses, and it came down in open loop: {row.why}"
     elif must_fly_on and row.ended != "flies on":
         wrong = f"it does not fly on: {row.why}"
@@ -544,10 +565,10 @@ def _flew_on(fault: Fault, truth: Truth, answers: Sequence[Answer], exemption: E
     return "" if truth.off_m <= COURSE_M or not truth.led else f"it flew on {truth.off_m:.2f} m off its course"
 
 
-def _find_conviction(fault: Fault, charge: Charge | None) -> str:
-    """A false answer, where poses are true and the vehicle obeys."""
-    convicted = fault.obeys and charge is not None and charge.accuses == "convicted"
-    return f"true poses were convicted: {charge.reason}" if charge is not None and convicted else ""
+def _find_false_alarm(fault: Fault, failure: Failure | None) -> str:
+    """Find whether true poses of a vehicle that obeys have failed."""
+    is_false = fault.obeys and failure is not None and failure.id.startswith("pose.")
+    return f"true poses failed: {failure.reason}" if failure is not None and is_false else ""
 
 
 SET_POINT = b"\x52\x00\x00"

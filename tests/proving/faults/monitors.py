@@ -1,22 +1,32 @@
-"""Monitors that a flight of the deck goes on with: the real one, none, or one that is forced to doubt.
+"""Monitors that a flight of the deck goes on with: the real ones, none, or one that is forced to doubt.
 
-A flight comes to its strike with the real monitor and guards; the copies of it differ from there on.
+A flight comes to its strike with the real monitor and guards; its copies differ from there on.
 """
 
+import math
 from typing import Any
 
 from groundstation.config import ConfigError
 from groundstation.core import Pilot
-from groundstation.core.estimation import ModelEstimator
-from groundstation.core.safety import PoseEvidence
-from groundstation.flight import Flight
+from groundstation.core.messages import NOTICES, Pose
+from groundstation.core.safety import (
+    GuardFinding,
+    Guards,
+    HealthState,
+    Monitors,
+    PoseGate,
+    PoseHealth,
+)
+from links.core import LinkStatus
 
 UNGUARDED = "off"
 """Neither monitor nor guards."""
 SUSPECT = "suspect"
-"""Poses that are suspect without a reason."""
+"""Poses that are suspect."""
 FAILED = "failed:"
-"""Poses that have failed, for the reason that follows."""
+"""Poses that have failed, for the reason whose id follows."""
+NOT_BY_ATTITUDE = ("pose.attitude_no_answer", "pose.autopilot_disagrees", "pose.late")
+"""Reasons after which the attitude of the poses is not flown by, either."""
 
 
 def check_forced(doubt: str) -> None:
@@ -25,25 +35,104 @@ def check_forced(doubt: str) -> None:
     Raises:
         ConfigError: it can't.
     """
-    if doubt:
-        raise ConfigError("--forced", "this monitor can't be forced to doubt")
+    reasons = [reason for reason in NOTICES if reason.startswith("pose.")]
+    known = ["", SUSPECT, *(f"{FAILED}{reason}" for reason in reasons)]
+    if doubt not in known:
+        raise ConfigError("--forced", f"expected one of {known[1:]}, got {doubt!r}")
 
 
-def take_over(flight: Flight, watch: str, from_s: float) -> None:
-    """Have ``flight`` go on with the monitor called ``watch``; a forced doubt begins at ``from_s``."""
-    if watch != UNGUARDED:
-        return
+class DeckHealth(PoseHealth):
+    """Pose health that may be switched off, or forced to doubt, in flight."""
 
-    def see_nothing(_: Pilot) -> PoseEvidence:
-        return PoseEvidence(0.0, 0.0, 0.0, 0.0)
+    def __init__(self, mass_kg: float, gravity: float) -> None:
+        """Begin as the real one."""
+        super().__init__(mass_kg, gravity)
+        self._is_off = False
+        self._doubt = ""
+        self._doubt_s = math.inf
 
-    def do_nothing(*_: Any, **__: Any) -> None:
-        return
+    def switch_off(self) -> None:
+        """Doubt nothing from now on."""
+        self._is_off = True
+        self._believe()
 
-    for part in vars(flight).values():
-        if hasattr(part, "_guards"):
-            part._guards = None
-    # This process flies nothing else.
-    setattr(Pilot, "evidence", property(see_nothing))  # noqa: B010
-    setattr(Pilot, "doubt", do_nothing)  # noqa: B010
-    setattr(ModelEstimator, "hold", do_nothing)  # noqa: B010
+    def force(self, doubt: str, from_s: float) -> None:
+        """Doubt the first pose after ``from_s`` [s] as ``doubt`` says."""
+        self._doubt, self._doubt_s = doubt, from_s
+
+    def see(self, pose: Pose, *args: Any, **kwargs: Any) -> None:
+        """Take one pose, as the real one does."""
+        super().see(pose, *args, **kwargs)
+        if self._is_off:
+            self._believe()
+        elif pose.time_s >= self._doubt_s:
+            self._doubt_s = math.inf
+            reason = self._doubt.removeprefix(FAILED)
+            if self._doubt == SUSPECT:
+                self.suspect(pose.time_s)
+            else:
+                by_attitude = reason in NOT_BY_ATTITUDE
+                self._fail(reason, pose.time_s, attitude=by_attitude, position=True)
+
+    def suspect(self, now_s: float) -> None:
+        """Ask the poses, unless switched off."""
+        if not self._is_off:
+            super().suspect(now_s)
+
+    def _believe(self) -> None:
+        self.state, self.reason_id = HealthState.OK, ""
+        self.attitude_alarm = self.position_alarm = self.alarm = 0.0
+
+
+class DeckGuards(Guards):
+    """Guards that may be switched off in flight."""
+
+    is_off = False
+
+    def see(self, *args: Any, **kwargs: Any) -> GuardFinding | None:
+        """Return what the real ones find."""
+        return None if self.is_off else super().see(*args, **kwargs)
+
+    def link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
+        """Return what the real ones find."""
+        return None if self.is_off else super().link(status, now_s)
+
+
+class OpenGate(PoseGate):
+    """Gate that rejects nothing."""
+
+    def accepts(self, *args: Any, **kwargs: Any) -> bool:
+        """Return True."""
+        return True
+
+
+class DeckMonitors:
+    """Monitors of one flight, and how it goes on with them."""
+
+    def __init__(self) -> None:
+        self._health: DeckHealth | None = None
+        self._guards: DeckGuards | None = None
+
+    def factories(self) -> Monitors:
+        """Return what :func:`groundstation.recording.make_flight` takes."""
+        return Monitors(health=self._make_health, guards=self._make_guards)
+
+    def go_on(self, pilot: Pilot, watch: str, from_s: float) -> None:
+        """Go on as ``watch`` says; a forced doubt begins at ``from_s`` [s]."""
+        health = self._health
+        assert health is not None, "the flight is made"
+        if watch == UNGUARDED:
+            health.switch_off()
+            pilot._gate = OpenGate()
+            if self._guards is not None:
+                self._guards.is_off = True
+        elif watch:
+            health.force(watch, from_s)
+
+    def _make_health(self, mass_kg: float, gravity: float) -> PoseHealth:
+        self._health = DeckHealth(mass_kg, gravity)
+        return self._health
+
+    def _make_guards(self, *args: Any, **kwargs: Any) -> Guards:
+        self._guards = DeckGuards(*args, **kwargs)
+        return self._guards
