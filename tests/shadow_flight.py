@@ -11,7 +11,7 @@ from links.mavlink.protocol import ARM_DISARM, MavlinkCodec
 
 GRAVITY = 9.81
 START_US = 1_790_000_000_000_000
-VEHICLE, GROUND = MavlinkCodec(1, 1), MavlinkCodec(255, 190)
+VEHICLE = MavlinkCodec(1, 1)
 D = VEHICLE.dialect
 NOTHING = [0.0] * 21
 
@@ -33,6 +33,10 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the pose at a time is sent."""
     moved: Callable[[float], tuple[float, int]] = lambda t: (0.0, 0)
     """By how much the source moved its north [m], and its reset counter, at a time."""
+    ground: tuple[int, int] = (255, 190)
+    """System and component of the station that steers it."""
+    bridge: tuple[int, int] | None = None
+    """System and component of a motion-capture bridge, whose ODOMETRY is 3 m aside."""
     armed: bool = True
     says_ground: bool = True
     """Whether it says so when it stands on the ground."""
@@ -60,13 +64,19 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
 
     def tlog(self) -> bytes:
         """The file."""
+        return b"".join(struct.pack(">Q", START_US + us) + frame for us, frame in self.frames())
+
+    def frames(self) -> list[tuple[int, bytes]]:
+        """Each with its log time since the start [µs]."""
+        ground = MavlinkCodec(*self.ground)
+        bridge = None if self.bridge is None else MavlinkCodec(*self.bridge)
         end = self.duration_s + 3.0
         events: list[tuple[int, bytes]] = []
         for second in range(int(end) + 1):
             mode = 128 if self.armed and second else 0
             events.append((1_000_000 * second, VEHICLE.pack(D.MAVLink_heartbeat_message(2, 12, mode, 0, 4, 3))))
         if self.armed:
-            events.append((200_000, GROUND.command(1, 1, ARM_DISARM, 1.0)))
+            events.append((200_000, ground.command(1, 1, ARM_DISARM, 1.0)))
             events.append((210_000, VEHICLE.pack(D.MAVLink_command_ack_message(ARM_DISARM, 0))))
         for tenth in range(int(10 * end)):
             aground = self.says_ground and not 10 <= tenth < 10 * (1.0 + self.duration_s)
@@ -74,30 +84,32 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
             events.append((100_000 * tenth, VEHICLE.pack(state)))
         for k in range(round(end / self.sent_period_s)):
             t = k * self.sent_period_s
-            events.append((round(1e6 * t), self._set_point(t)))
+            events.append((round(1e6 * t), self._set_point(t, ground)))
         for k in range(round(end / self.pose_period_s)):
             t = k * self.pose_period_s
             if self.poses(t):
-                events.append((round(1e6 * t) + 10_000, self._odometry(t)))
+                events.append((round(1e6 * t) + 10_000, self._odometry(t, VEHICLE)))
+            if bridge is not None:
+                events.append((round(1e6 * t) + 11_000, self._odometry(t, bridge, 3.0)))
         events.sort(key=lambda event: event[0])
-        return b"".join(struct.pack(">Q", START_US + us) + frame for us, frame in events)
+        return events
 
-    def _set_point(self, t: float) -> bytes:
+    def _set_point(self, t: float, ground: MavlinkCodec) -> bytes:
         *_, before, share = self.motion(t)
         after = self.motion(t + 1e-4)[2]
         turn = so3.rotation_vector(so3.multiply(so3.conjugate(before), after))
         rates = (1e4 * turn[0], 1e4 * turn[1], 1e4 * turn[2])
         if max(map(abs, rates)) > 10.0:  # take-off and landing are at once
             rates = (0.0, 0.0, 0.0)
-        return GROUND.attitude_target(t, 1, 1, share, rates)
+        return ground.attitude_target(t, 1, 1, share, rates)
 
-    def _odometry(self, t: float) -> bytes:
+    def _odometry(self, t: float, sender: MavlinkCodec, aside_m: float = 0.0) -> bytes:
         (x, y, z), velocity, attitude, _ = self.motion(t)
         moved, counter = self.moved(t)
         v = [a + b for a, b in zip(velocity, self.velocity_error, strict=True)]
         stamp = self.stamp_us(round(1e6 * t))
-        return VEHICLE.pack(
+        return sender.pack(
             D.MAVLink_odometry_message(
-                stamp, 1, 1, x + moved, y, z, attitude, *v, 0.0, 0.0, 0.0, NOTHING, NOTHING, counter, 8, 0
+                stamp, 1, 1, x + moved, y + aside_m, z, attitude, *v, 0.0, 0.0, 0.0, NOTHING, NOTHING, counter, 8, 0
             )
         )

@@ -12,7 +12,8 @@ A .tlog has every MAVLink frame of a flight, both ways, each behind the time tha
     8 bytes   microseconds since 1970, big-endian
     n bytes   the frame (links/mavlink/protocol/codec.py)
 
-Who sent a frame tells its direction: the vehicle's system, or a ground station's.
+System and component of its sender tell a frame's direction. The system alone does not: a companion
+computer and a motion-capture bridge often have the vehicle's own.
 Source: MAVProxy, Mission Planner and QGroundControl all write this form.
 """
 
@@ -24,7 +25,9 @@ from typing import NamedTuple
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
-from links.mavlink.protocol import MavlinkCodec, Message, frame_end
+from groundstation.core.messages import notice
+from groundstation.pose.sources import POSE_MESSAGES
+from links.mavlink.protocol import GROUND_STATION, INVALID, MavlinkCodec, Message, frame_end
 
 CSV_COLUMNS = "t,x,y,z,qw,qx,qy,qz,arrival"
 LONGEST_ROW = 1000
@@ -75,6 +78,28 @@ def read_csv(lines: Iterable[str], dropped: Counter[str]) -> Iterator[CsvRow]:
 
 
 _STAMP_BYTES = 8
+AUTOPILOT_COMPONENT = 1
+"""MAV_COMP_ID_AUTOPILOT1, of common.xml."""
+RECORDS_SHARE = 0.5
+"""A file of which less than this share is records is no .tlog [-]."""
+HARMLESS_SHARE = 0.9
+"""A file of which more than this share is records is one: of a raw MAVLink stream half looks so [-]."""
+
+
+class Sender(NamedTuple):
+    """Sender of a MAVLink message."""
+
+    system: int
+    component: int
+
+    def __str__(self) -> str:
+        return f"system {self.system}, component {self.component}"
+
+    def is_addressed(self, message: Message) -> bool:
+        """Whether ``message`` is meant for it; 0 stands for all."""
+        system = getattr(message, "target_system", None)
+        component = getattr(message, "target_component", None)
+        return system in (0, self.system) and component in (0, self.component)
 
 
 class TlogRecord(NamedTuple):
@@ -83,7 +108,11 @@ class TlogRecord(NamedTuple):
     time_s: float
     """When it was logged [s since 1970]."""
     message: Message
-    """``message.get_srcSystem()`` tells who sent it."""
+
+    @property
+    def sender(self) -> Sender:
+        """Who sent it."""
+        return Sender(self.message.get_srcSystem(), self.message.get_srcComponent())
 
 
 class TlogReader:
@@ -92,6 +121,24 @@ class TlogReader:
     def __init__(self, data: bytes) -> None:
         self._data = data
         self._codec = MavlinkCodec(255, 190)
+        self._used = 0
+
+    def find_fault(self) -> str:
+        """Return why these bytes are no .tlog; empty where most of them are records.
+
+        To be called after an iteration.
+        """
+        size = len(self._data)
+        if self._used >= HARMLESS_SHARE * size:
+            return ""
+        stream = MavlinkCodec(255, 190)
+        frames = len(stream.feed(self._data))
+        # Time stamps would be 8 such bytes a frame.
+        if frames and stream.dropped["garbage"] < frames:
+            return notice("tlog.no_stamps", frames=frames)
+        if self._used >= RECORDS_SHARE * size:
+            return ""
+        return notice("tlog.garbage", garbage=size - self._used, size=size, limit=1.0 - RECORDS_SHARE)
 
     @property
     def dropped(self) -> Counter[str]:
@@ -101,6 +148,7 @@ class TlogReader:
     def __iter__(self) -> Iterator[TlogRecord]:
         data, codec = self._data, self._codec
         codec.dropped.clear()
+        self._used = 0
         start, size = 0, len(data)
         lost = False  # behind damage, until a checksum holds again: stamps are full of bytes that look like frames
         while start < size:
@@ -108,9 +156,11 @@ class TlogReader:
             end = frame_end(data, begin) if begin < size else size + 1
             if end > size and not lost:
                 codec.dropped["truncated"] += 1
+                self._used += size - start
                 return
             message, fault = codec.decode(data[begin:end]) if 0 < end <= size else (None, "")
             if message is not None:
+                self._used += end - start
                 yield TlogRecord(int.from_bytes(data[start:begin], "big") * 1e-6, message)
                 lost = False
             elif fault != "unknown" or lost:
@@ -119,4 +169,31 @@ class TlogReader:
                 lost = True
                 start += 1
                 continue
+            else:
+                self._used += end - start
             start = end
+
+
+def is_autopilot(heartbeat: Message) -> bool:
+    """Whether its sender is an autopilot, rather than a ground station, a companion or a camera."""
+    return heartbeat.type != GROUND_STATION and heartbeat.autopilot != INVALID
+
+
+def find_autopilots(records: Iterable[TlogRecord]) -> list[Sender]:
+    """Return the autopilots among the senders, by their heartbeats.
+
+    In a recording without such heartbeats they are the senders with an autopilot's component id.
+    """
+    heartbeats = {one.sender for one in records if one.message.get_type() == "HEARTBEAT" and is_autopilot(one.message)}
+    return sorted(heartbeats or {one.sender for one in records if one.sender.component == AUTOPILOT_COMPONENT})
+
+
+def describe_senders(records: Iterable[TlogRecord]) -> str:
+    """Return who has sent messages of which poses can be made, for the operator."""
+    senders: dict[str, set[Sender]] = {}
+    for record in records:
+        name = record.message.get_type()
+        if name in POSE_MESSAGES:
+            senders.setdefault(name, set()).add(record.sender)
+    found = (f"{name} of {' and of '.join(map(str, sorted(some)))}" for name, some in sorted(senders.items()))
+    return "; ".join(found) or "none of them"

@@ -15,9 +15,18 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, SourceError
+from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, SourceError, notice
 from groundstation.machine import sleep_until
-from groundstation.pose.recorded_codec import CSV_COLUMNS, CsvRow, TlogReader, TlogRecord, read_csv
+from groundstation.pose.recorded_codec import (
+    CSV_COLUMNS,
+    CsvRow,
+    Sender,
+    TlogReader,
+    TlogRecord,
+    describe_senders,
+    find_autopilots,
+    read_csv,
+)
 from groundstation.pose.sources import (
     Intake,
     JsonConfig,
@@ -185,6 +194,14 @@ class TlogConfig(PoseKind, frozen=True, kw_only=True, tag="tlog"):
     system_id: Annotated[
         int, msgspec.Meta(ge=1, le=255, description="MAVLink system of the vehicle whose poses are played.")
     ] = 1
+    component_id: Annotated[
+        int | None,
+        msgspec.Meta(
+            ge=1,
+            le=255,
+            description="MAVLink component whose poses are played; without it the autopilot's, by its heartbeats.",
+        ),
+    ] = None
     latency_s: Annotated[
         float,
         msgspec.Meta(
@@ -233,19 +250,24 @@ class TlogSource(RecordedSource):
         )
 
     def _read(self) -> tuple[list[TlogRecord], PoseDecoder]:
-        path, system = Path(self._config.path), self._config.system_id
+        path, system, component = Path(self._config.path), self._config.system_id, self._config.component_id
         self._reader = TlogReader(read_recording(path))
         everything = list(self._reader)
-        records = [record for record in everything if record.message.get_srcSystem() == system]
+        fault = self._reader.find_fault()
+        if fault:
+            raise SourceError(f"pose.path: {path}: {fault}")
+        wanted = {Sender(system, component)} if component else set(find_autopilots(everything))
+        records = [one for one in everything if one.sender in wanted and one.sender.system == system]
         decoder = pose_decoder(records, self._config.latency_s)
         if decoder is None:
-            found = self._reader.dropped + Counter(
-                f"messages of system {record.message.get_srcSystem()}" for record in everything
+            found = self._reader.dropped + Counter(f"messages of {one.sender}" for one in everything)
+            expected = notice(
+                "tlog.no_poses_of",
+                of="the autopilot" if component is None else f"component {component}",
+                system=system,
+                found=describe_senders(everything),
             )
-            wanted = "ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION"
-            raise report_no_poses(
-                path, found, f"expected {wanted} of system {system}: check pose.system_id, or record them"
-            )
+            raise report_no_poses(path, found, expected)
         return records, decoder
 
 

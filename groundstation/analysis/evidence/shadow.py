@@ -25,16 +25,25 @@ from groundstation.config import ConfigError, from_dict, load, refuse_io
 from groundstation.core.control import Adaptive, make_controller
 from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import Vec3, so3, third_column
-from groundstation.core.messages import Controller, Estimate, Pose
+from groundstation.core.messages import Controller, Estimate, Pose, notice
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
-from groundstation.pose import TlogConfig, TlogReader, TlogRecord, pose_decoder
+from groundstation.pose import (
+    Sender,
+    TlogConfig,
+    TlogReader,
+    TlogRecord,
+    describe_senders,
+    find_autopilots,
+    is_autopilot,
+    pose_decoder,
+)
 from groundstation.pose.sources import MavlinkPoseConfig, PoseDecoder
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import thrust
 from links.mavlink import MavlinkLinkConfig
-from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, GROUND_STATION, INVALID, PX4, Message
+from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 """What to call them, by HEARTBEAT.autopilot."""
@@ -100,17 +109,32 @@ def read_recording(path: Path, latency_s: float, system: int) -> RecordedVehicle
         raise ConfigError("", "the recording is empty", str(path))
     reader, leaps = TlogReader(data), Counter[str]()
     records = list(in_order(reader, leaps))
-    if not records:
-        raise ConfigError("", "no MAVLink message in it: is it a .tlog?", str(path))
-    for vehicle in (system, *sorted({record.message.get_srcSystem() for record in records})):
-        own = [record for record in records if record.message.get_srcSystem() == vehicle]
+    fault = reader.find_fault() or _find_time_fault(records, leaps)
+    if fault:
+        raise ConfigError("", fault, str(path))
+    vehicles = find_autopilots(records)
+    vehicles.sort(key=lambda vehicle: (vehicle.system != system, vehicle))
+    for vehicle in vehicles:
+        own = [record for record in records if record.sender == vehicle]
         decoder = pose_decoder(own, latency_s)
         if decoder is not None:
             recording = _of_vehicle(records, vehicle, decoder)
             if recording.poses:
                 dropped = Counter(recording.dropped) + leaps + reader.dropped
                 return recording._replace(dropped=dict(dropped))
-    raise ConfigError("", "no poses in it: record ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION", str(path))
+    raise ConfigError("", notice("tlog.no_poses", found=describe_senders(records)), str(path))
+
+
+def _find_time_fault(records: Sequence[TlogRecord], dropped: Counter[str]) -> str:
+    """Return why the log times tell no flight; empty where they do."""
+    if not records:
+        return notice("tlog.no_message")
+    leaps = dropped["log_time"]
+    if leaps > len(records):
+        return notice("tlog.times", leaps=leaps, records=leaps + len(records), limit_s=LEAP_S)
+    if len(records) > 1 and records[-1].time_s == records[0].time_s:
+        return notice("tlog.one_time", records=len(records))
+    return ""
 
 
 def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[TlogRecord]:
@@ -138,16 +162,17 @@ def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[T
         yield TlogRecord(last_s, record.message)
 
 
-def _of_vehicle(records: list[TlogRecord], system: int, decoder: PoseDecoder) -> RecordedVehicle:
+def _of_vehicle(records: list[TlogRecord], vehicle: Sender, decoder: PoseDecoder) -> RecordedVehicle:
     poses: list[RecordedPose] = []
     sent: list[SentSetPoint] = []
     others: Counter[str] = Counter()
     autopilot = "unknown autopilot"
     asked = armed = told = on_ground = False
-    for time_s, message in records:
+    for record in records:
+        time_s, message = record
         name = message.get_type()
-        if message.get_srcSystem() != system:
-            if getattr(message, "target_system", None) not in (system, 0):
+        if record.sender != vehicle:
+            if not vehicle.is_addressed(message):
                 continue
             if name == "COMMAND_LONG" and message.command == ARM_DISARM:
                 asked = message.param1 == 1.0
@@ -157,7 +182,7 @@ def _of_vehicle(records: list[TlogRecord], system: int, decoder: PoseDecoder) ->
                     sent.append(SentSetPoint(time_s, message.thrust, rates))
                 else:
                     others["other_set_point"] += 1
-        elif name == "HEARTBEAT" and message.type != GROUND_STATION and message.autopilot != INVALID:
+        elif name == "HEARTBEAT" and is_autopilot(message):
             autopilot = AUTOPILOTS.get(message.autopilot, f"autopilot of type {message.autopilot}")
             armed, told = bool(message.base_mode & ARMED), True
         elif name == "COMMAND_ACK" and message.command == ARM_DISARM and message.result == 0:
@@ -698,7 +723,7 @@ def _stream(facts: ShadowFacts) -> Iterator[ShadowCheck]:
         f"the longest time without a pose is {gaps.longest_s:.3f} s; "
         f"after {gaps.limit_s:.2f} s commands stop (flight.coast_s)",
     )
-    old = sum(facts.dropped.get(reason, 0) for reason in ("duplicate", "out_of_order", "not_newer"))
+    old = sum(facts.dropped.get(reason, 0) for reason in ("duplicate", "same_stamp", "out_of_order", "not_newer"))
     yield ShadowCheck(
         "stamps",
         "bad" if old > BAD_STAMPS * facts.poses else "care" if old else "fine",

@@ -176,6 +176,41 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("guard.round_trip", "round trip {rtt_ms:.0f} ms, limit {limit_ms:.0f} ms", "check the radio", _WARN),
     NoticeTemplate("guard.charge", "battery at {charge:.0f} %, limit {limit:.0f} %", "", _WARN),
     NoticeTemplate("guard.voltage", "battery at {voltage_v:.2f} V, limit {limit_v:.2f} V", "", _WARN),
+    NoticeTemplate(
+        "tlog.no_message",
+        "no MAVLink message in it: is it a .tlog?",
+    ),
+    NoticeTemplate(
+        "tlog.no_stamps",
+        "{frames} MAVLink frames follow each other without time stamps, so nothing tells when they came",
+        "record a .tlog, which has 8 bytes of time before each frame, as MAVProxy, Mission Planner, QGroundControl "
+        "and this program write it",
+    ),
+    NoticeTemplate(
+        "tlog.garbage",
+        "{garbage} of {size} bytes are no MAVLink record, limit {limit:.0%}",
+        "is it a .tlog? It must be whole, and not compressed",
+    ),
+    NoticeTemplate(
+        "tlog.times",
+        "{leaps} of {records} log times leap by more than {limit_s:g} s, limit 50%",
+        "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
+    ),
+    NoticeTemplate(
+        "tlog.one_time",
+        "all {records} records have the same log time, so nothing tells when they came",
+        "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
+    ),
+    NoticeTemplate(
+        "tlog.no_poses",
+        "no poses of an autopilot in it (pose messages: {found})",
+        "record its ODOMETRY, or its LOCAL_POSITION_NED and ATTITUDE_QUATERNION",
+    ),
+    NoticeTemplate(
+        "tlog.no_poses_of",
+        "expected ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION, of {of} of system {system}, got {found}",
+        "check pose.system_id and pose.component_id, or record them",
+    ),
 )
 
 NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}

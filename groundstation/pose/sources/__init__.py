@@ -19,6 +19,7 @@ from groundstation.pose.sources.json_codec import JsonReader
 from groundstation.pose.sources.libmotioncapture import LibmotioncaptureConfig
 from groundstation.pose.sources.mavlink import MavlinkPoseConfig, MavlinkPoseSource, VisionConfig
 from groundstation.pose.sources.mavlink_codec import (
+    POSE_MESSAGES,
     LocalPositionDecoder,
     OdometryDecoder,
     PoseDecoder,

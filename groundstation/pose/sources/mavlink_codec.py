@@ -123,6 +123,10 @@ class LocalPositionDecoder(PoseDecoder):
         return self._intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)
 
 
+POSE_MESSAGES = frozenset((*OdometryDecoder.messages, *LocalPositionDecoder.messages))
+"""Messages of which an autopilot's poses are made."""
+
+
 def decoder_for(autopilot: int, latency_s: float, *, recorded: bool = False) -> PoseDecoder:
     """The decoder that fits what an autopilot (HEARTBEAT.autopilot) sends; for the rest, see the decoders."""
     kind = LocalPositionDecoder if autopilot == ARDUPILOT else OdometryDecoder
@@ -156,18 +160,21 @@ def encode_vision(codec: MavlinkCodec, vision: VisionEstimate, resets: int = 0) 
 class VisionReader:
     """Implements :class:`groundstation.pose.sources.intake.DatagramReader`."""
 
-    def __init__(self, intake: Intake, system_id: int | None = None) -> None:
-        """Read the messages of MAVLink system ``system_id``; None: whoever sends any."""
+    def __init__(self, intake: Intake, system_id: int | None = None, component_id: int | None = None) -> None:
+        """Read the messages of that MAVLink system and component; None: of any."""
         self._codec = MavlinkCodec(255, 190)
         self._codec.dropped = intake.dropped  # one account for both
         self._intake = intake
-        self._system = system_id
+        self._system, self._component = system_id, component_id
         self.sender: object = "a bridge"
         """The address of the next datagram: each sender's bytes are one stream."""
 
     @property
     def status(self) -> PoseStatus:
-        """Counters as they are now; other_message and other_system beside the codec's and the intake's reasons."""
+        """Counters as they are now.
+
+        Beside the reasons of codec and intake: other_message, other_system, other_component.
+        """
         return self._intake.status
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
@@ -178,6 +185,8 @@ class VisionReader:
                 self._intake.drop("other_message")
             elif self._system not in (None, m.get_srcSystem()):
                 self._intake.drop("other_system")
+            elif self._component not in (None, m.get_srcComponent()):
+                self._intake.drop("other_component")
             elif not -1e3 < m.roll + m.pitch + m.yaw < 1e3:  # nan too
                 self._intake.drop("not_finite")
             else:

@@ -113,7 +113,7 @@ def test_stamps_that_repeat_or_run_back_are_counted_and_judged(tmp_path: Path) -
     assert found.dropped == {"out_of_order": 109}
     assert levels(found)["stamps"] == "bad"
     again = replayed(Flight(stamp_us=lambda us: us - 20_000 if us == 4_000_000 else us), tmp_path)
-    assert again.dropped == {"duplicate": 1}
+    assert again.dropped == {"same_stamp": 1}
     assert levels(again)["stamps"] == "care"
 
 
@@ -236,7 +236,7 @@ def test_a_file_that_is_no_recording_is_named_with_what_is_wrong(
 def test_a_recording_without_poses_says_what_to_record(tmp_path: Path) -> None:
     file = tmp_path / "flight.tlog"
     file.write_bytes(Flight(poses=lambda t: False).tlog())
-    with pytest.raises(ConfigError, match="record ODOMETRY"):
+    with pytest.raises(ConfigError, match="record its ODOMETRY"):
         report(file)
 
 

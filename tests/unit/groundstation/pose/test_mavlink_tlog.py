@@ -25,12 +25,12 @@ def tlog(*records: tuple[int, bytes]) -> bytes:
     return b"".join(struct.pack(">Q", START_US + us) + frame for us, frame in records)
 
 
-def odometry(time_us: int, x: float) -> bytes:
+def odometry(time_us: int, x: float, sender: MavlinkCodec = CODEC) -> bytes:
     nothing = [0.0] * 21
     message = D.MAVLink_odometry_message(
         time_us, 1, 1, x, 0.0, -1.0, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, nothing, nothing, 0, 8, 0
     )
-    return CODEC.pack(message)
+    return sender.pack(message)
 
 
 def test_every_record_comes_with_its_time_and_its_sender() -> None:
@@ -133,6 +133,20 @@ def test_only_the_vehicle_that_is_asked_for_makes_poses(tmp_path: pathlib.Path) 
     path.write_bytes(tlog((0, odometry(0, 0.0))))
     with pytest.raises(SourceError, match=r"flight\.tlog holds no poses .* of system 1.*check pose\.system_id"):
         play(path, until_s=1.0, system_id=2)
+
+
+def test_only_the_autopilot_makes_poses_or_the_component_that_is_asked_for(tmp_path: pathlib.Path) -> None:
+    bridge = MavlinkCodec(1, 197)
+    path = tmp_path / "flight.tlog"
+    both = [(20_000 * n, odometry(20_000 * n, 1.0)) for n in range(50)]
+    both += [(us + 9_000, odometry(us + 9_000, 5.0, bridge)) for us, _ in both]
+    path.write_bytes(tlog(*sorted(both)))
+    for component_id, x in ((None, 1.0), (1, 1.0), (197, 5.0)):
+        delivered, _ = play(path, until_s=2.0, component_id=component_id)
+        assert {pose.position_ned[0] for _, pose in delivered} == {x}
+        assert len(delivered) == 50
+    with pytest.raises(SourceError, match=r"component 3 of system 1, got ODOMETRY of system 1, component 1 and of"):
+        play(path, until_s=1.0, component_id=3)
 
 
 def test_a_missing_recording_is_named(tmp_path: pathlib.Path) -> None:

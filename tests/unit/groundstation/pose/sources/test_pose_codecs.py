@@ -335,6 +335,16 @@ def test_another_system_is_not_believed_where_one_is_named() -> None:
     assert reader.status.dropped == {"other_system": 1}
 
 
+def test_another_component_is_not_believed_where_one_is_named() -> None:
+    datagram = TABLES["vision"].rows[0].datagram
+    (message,) = MavlinkCodec(255, 190).feed_datagram(datagram)
+    own = message.get_srcComponent()
+    assert len(VisionReader(Intake(0.0), component_id=own).read(datagram, 1.0)) == 1
+    reader = VisionReader(Intake(0.0), component_id=own % 255 + 1)
+    assert not reader.read(datagram, 1.0)
+    assert reader.status.dropped == {"other_component": 1}
+
+
 def test_a_bridges_reset_changes_the_count() -> None:
     reader = VisionReader(Intake(0.0))
     (pose,) = reader.read(TABLES["vision"].rows[1].datagram, 1.0)
