@@ -176,7 +176,7 @@ class TlogReader:
 
 def is_autopilot(heartbeat: Message) -> bool:
     """Whether its sender is an autopilot, rather than a ground station, a companion or a camera."""
-    return heartbeat.type != GROUND_STATION and heartbeat.autopilot != INVALID
+    return bool(heartbeat.type != GROUND_STATION and heartbeat.autopilot != INVALID)
 
 
 def find_autopilots(records: Iterable[TlogRecord]) -> list[Sender]:

@@ -11,12 +11,13 @@ import msgspec
 import pytest
 
 from groundstation.core.geometry import Quat, Vec3, so3
+from links.mavlink.protocol import MavlinkCodec
 from sim.__main__ import main
 from tests import shadow_flight
 from tests.proving import alarms as alarms_command
 from tests.proving.alarms import FLOORS, Alarms, Watch, WatchedFlight, plan_floors, watch_all
 from tests.proving.alarms import watch_capture as recorded_flights
-from tests.shadow_flight import GRAVITY, NOTHING, VEHICLE, D
+from tests.shadow_flight import GRAVITY, NOTHING, D
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -137,9 +138,9 @@ class Hop(shadow_flight.Flight, frozen=True):
 class Held(Hop, frozen=True):
     """Its poses stand from four seconds on; the set-points go on as if nothing were."""
 
-    def _odometry(self, t: float) -> bytes:
+    def _odometry(self, t: float, sender: MavlinkCodec, aside_m: float = 0.0) -> bytes:
         (x, y, z), _, attitude, _ = self.motion(min(t, 4.0))
-        return VEHICLE.pack(
+        return sender.pack(
             D.MAVLink_odometry_message(round(1e6 * t), 1, 1, x, y, z, attitude, *(6 * [0.0]), NOTHING, NOTHING, 0, 8, 0)
         )
 

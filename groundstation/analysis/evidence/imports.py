@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
 import numpy as np
@@ -58,7 +58,33 @@ UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "m/s": 1.0,
     "rad": 1.0, "deg": math.pi / 180.0, "rad/s": 1.0, "deg/s": math.pi / 180.0,
 }  # fmt: skip
+KINDS = {
+    "s": "time", "ms": "time", "us": "time", "ns": "time", "m": "length", "cm": "length", "mm": "length",
+    "m/s": "speed", "rad": "angle", "deg": "angle", "rad/s": "rate", "deg/s": "rate",
+}  # fmt: skip
+"""Kind of each unit: what a file states must be of the kind that a mapping expects."""
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
+
+
+class StatedUnit(NamedTuple):
+    """Unit of a column as the file itself states it."""
+
+    label: str
+    """Unit without its multiplier, such as ``m`` or ``deg/s``."""
+    multiplier: float
+    """Value in this unit, of 1 in the file."""
+
+
+class StatedTable(dict[str, Column]):
+    """Columns by name, with the units that the file states for them."""
+
+    def __init__(self, columns: Mapping[str, Column], units: Mapping[str, StatedUnit]) -> None:
+        super().__init__(columns)
+        self.units = units
+
+
+class UnclearUnit(Exception):
+    """The file states another unit than can be read here, or none where one is needed."""
 
 
 class MappedTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -68,8 +94,8 @@ class MappedTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Which table, by a pattern (``*`` and ``?``); of several the first that holds the columns."""
     time: str | None = None
     """Column of the time; without it that of the mapping."""
-    where: dict[str, float] = {}
-    """Only rows in which these columns have these values."""
+    where: dict[str, float | tuple[float, ...]] = {}
+    """Only rows in which these columns have this value, or one of these."""
 
 
 class MappedMotion(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -88,6 +114,10 @@ class MappedMotion(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields
     angle_unit: Literal["rad", "deg"] = "rad"
     resets: str = ""
     """Column that counts when the source has moved its own origin."""
+    position_signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of the position's axes, where the source counts one the other way than ``world`` says."""
+    stated: bool = False
+    """True: read only where the file itself states ``position_unit`` for it, as FMTU of a .bin does."""
 
 
 class MappedCommand(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -257,6 +287,7 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
 
     rows: dict[str, list[list[float]]] = {}
     names: dict[str, list[str]] = {}
+    units = _BinUnits()
     with _silence():  # it prints each byte that it can't use
         with path.open("rb") as file:  # which is no folder
             if not file.read(1):
@@ -266,15 +297,60 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
         except Exception as error:  # noqa: BLE001  # as such it is raised where a format is damaged
             raise ValueError(error) from None
         while (message := log.recv_msg()) is not None:
+            units.take(message)
             fields = [(name, value) for name, value in message.to_dict().items() if isinstance(value, int | float)]
             kind = message.get_type()
             known = names.setdefault(kind, [name for name, _ in fields])
             if known == [name for name, _ in fields]:
                 rows.setdefault(kind, []).append([float(value) for _, value in fields])
+        formats = {each.name: each for each in log.formats.values()}
         log.data_map.close()
         log.filehandle.close()
     for kind, some in rows.items():
-        yield kind, dict(zip(names[kind], np.array(some).T, strict=True))
+        columns = dict(zip(names[kind], np.array(some).T, strict=True))
+        yield kind, StatedTable(columns, units.of(formats[kind]))
+
+
+BIN_UNITS = {
+    "s": "s", "d": "deg", "h": "deg", "r": "rad", "k": "deg/s", "E": "rad/s", "m": "m", "n": "m/s",
+}  # fmt: skip
+"""Units of a .bin by their letters, where it has no message UNIT (AP_Logger/LogStructure.h)."""
+BIN_LABELS = {"degheading": "deg"}
+"""Labels of its messages UNIT that are called otherwise here."""
+BIN_MULTIPLIERS = {"2": 1e2, "1": 1e1, "0": 1.0, "A": 1e-1, "B": 1e-2, "C": 1e-3, "D": 1e-4, "E": 1e-5, "F": 1e-6}
+"""Multipliers by their letters, where it has no message MULT; "-" and "?" state none."""
+
+
+class _BinUnits:
+    """Units as a .bin states them, by its messages FMTU, UNIT and MULT."""
+
+    def __init__(self) -> None:
+        self._labels = dict(BIN_UNITS)
+        self._multipliers = dict(BIN_MULTIPLIERS)
+        self._letters: dict[int, tuple[str, str]] = {}
+
+    def take(self, message: Any) -> None:
+        """Read a message, where it is about units."""
+        match message.get_type():
+            case "FMTU":
+                self._letters[message.FmtType] = message.UnitIds, message.MultIds
+            case "UNIT":
+                self._labels[chr(message.Id)] = BIN_LABELS.get(message.Label, message.Label)
+            case "MULT" if chr(message.Id) not in "-?":
+                self._multipliers[chr(message.Id)] = message.Mult
+
+    def of(self, form: Any) -> dict[str, StatedUnit]:
+        """Return the units of the columns of a message type, by its DFFormat."""
+        stated: dict[str, StatedUnit] = {}
+        units, multipliers = self._letters.get(form.type, ("", ""))
+        for name, unit, multiplier, own in zip(form.columns, units, multipliers, form.msg_mults, strict=False):
+            if unit not in self._labels:
+                continue
+            # A column such as "c", hundredths in 16 bits, has been multiplied by the reader.
+            factor = self._multipliers.get(multiplier) if own is None else 1.0
+            if factor:
+                stated[name] = StatedUnit(self._labels[unit], factor)
+        return stated
 
 
 def _mcap_tables(path: Path) -> Iterator[tuple[str, Table]]:
@@ -562,17 +638,36 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -
     since[:1] = [0.0] * len(since[:1])  # the first tells of what was before, too
     states = [(at, STATE, ImportedState(at, bool(may))) for at, may in zip(since, flies, strict=True)]
     flight.messages[:0] = states  # before the poses of the same instant
+    known_s, known_down = time[rest[~gone]], place[rest[~gone], 2]
     for topic, parts, what in ((REFERENCE, mapping.reference, "reference"), (TRUTH, mapping.truth, "truth")):
+        reader.unclear.clear()
         found = reader.first(parts, reader.motion)
         known = reader.cut(found)
         if known is None:
-            flight.missing.append(f"no {what} in it{OF_ANOTHER_CLOCK if found else ''}")
+            why = f": {reader.unclear[-1]}" if reader.unclear and not found else OF_ANOTHER_CLOCK if found else ""
+            flight.missing.append(f"no {what} in it{why}")
             continue
         time, place, _, velocity, _ = known
+        if any(part.stated for part in parts) and is_upside_down(known_s, known_down, time, place[:, 2]):
+            flight.missing.append(f"no {what} in it: {notice('import.upside_down', what=what)}")
+            continue
         for k, at in enumerate((time - flight.begun_s).tolist()):
             moving = msgspec.UNSET if velocity is None else Vector3(*_three(velocity[k]))
             flight.messages.append((at, topic, ImportedMotion(at, Vector3(*_three(place[k])), moving)))
     return flight
+
+
+CLEAR_M = 0.5
+"""Heights that differ by less than this between both signs tell nothing of the sign [m]."""
+
+
+def is_upside_down(known_s: Column, known_down: Column, time_s: Column, down: Column) -> bool:
+    """Return whether heights ``down`` (M,) follow the vehicle's ``known_down`` (N,) [m] only with the other sign."""
+    if len(time_s) == 0:
+        return False
+    flown = np.interp(time_s, known_s, known_down)
+    as_told, turned = float(np.median(np.abs(down - flown))), float(np.median(np.abs(-down - flown)))
+    return as_told - turned > CLEAR_M and turned < 0.5 * as_told
 
 
 def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
@@ -686,6 +781,8 @@ class _MappingReader:
         self._tables = tables
         self._frames = Frames(mapping.world, mapping.body)
         self.notes = notes
+        self.unclear: list[str] = []
+        """What was not read because its unit is unclear, as sentences."""
         self.part = 0, 1
         """Which of how many parts is read, where the poses' clock is set back."""
 
@@ -697,7 +794,15 @@ class _MappingReader:
 
     def first(self, parts: Sequence[Any], read: Callable[[Any], Any]) -> Any:
         """What the first of ``parts`` gives that the tables hold; None where they hold none."""
-        return next((found for part in parts if (found := read(part)) is not None), None)
+        for part in parts:
+            try:
+                found = read(part)
+            except UnclearUnit as error:
+                self.unclear.append(str(error))
+                continue
+            if found is not None:
+                return found
+        return None
 
     def lacks(self, parts: Sequence[MappedMotion]) -> str:
         """What stands in the way of the one of ``parts`` that lacks the least, as a sentence."""
@@ -713,6 +818,8 @@ class _MappingReader:
         fewest, name = min(missing, key=lambda one: len(one[0]), default=(None, ""))
         if fewest is None:
             return f"it has no such table (found: {_few(sorted(self._tables))})"
+        if self.unclear:
+            return self.unclear[-1]
         if fewest:
             return f"no column {', '.join(fewest)} (found in {name}: {_few(self._tables[name])})"
         return f"no row of numbers (found: {name})"
@@ -729,7 +836,8 @@ class _MappingReader:
         if table is None:
             return None
         time = self._time(part, table)[rows]
-        place = np.stack([table[name][rows] for name in part.position], axis=1) * UNITS[part.position_unit]
+        place = np.stack([table[name][rows] for name in part.position], axis=1)
+        place *= self._scale(part, table, part.position, part.position_unit) * np.array(part.position_signs)
         place[~np.isfinite(place)] = np.nan
         place = np.stack(self._frames.place(tuple(place.T)), axis=1)
         velocity = None
@@ -775,10 +883,8 @@ class _MappingReader:
             signal = signal * (hover * part.thrust_full / level)
         rates = attitude = None
         if part.rates is not None:
-            turn = [
-                sign * table[name][rows] * UNITS[part.rate_unit]
-                for sign, name in zip(part.signs, part.rates, strict=True)
-            ]
+            scale = self._scale(part, table, part.rates, part.rate_unit)
+            turn = [sign * table[name][rows] * scale for sign, name in zip(part.signs, part.rates, strict=True)]
             rates = np.stack(turn, axis=1) @ np.array(axes(self._mapping.body))
         if part.attitude:
             attitude = self._attitudes(part, table, rows)
@@ -804,7 +910,7 @@ class _MappingReader:
             return None, None
         rows = np.ones(len(table[time]), dtype=bool)
         for name, value in part.where.items():
-            rows &= table[name] == value
+            rows &= np.isin(table[name], value)
         return (table, rows) if rows.any() else (None, None)
 
     def _time(self, part: MappedTable, table: Table) -> Column:
@@ -815,12 +921,35 @@ class _MappingReader:
         far = np.abs(time) >= LATEST_S
         return time if far.mean() > 0.5 else np.where(far, np.nan, time)  # all of them: of another unit
 
+    def _scale(self, part: MappedTable, table: Table, names: Sequence[str], unit: str) -> float:
+        """Return what 1 in the columns ``names`` is in SI units, by the file, or else by the mapping's ``unit``.
+
+        Raises:
+            UnclearUnit: the file states a unit of another kind or several units, or not the one that ``part`` needs.
+        """
+        known = table.units if isinstance(table, StatedTable) else {}
+        stated = {known.get(name) for name in names}
+        must = isinstance(part, MappedMotion) and part.stated
+        if stated == {None} and not must:
+            return UNITS[unit]
+        (first, *others) = stated
+        scale = None if others or first is None else first.multiplier * UNITS.get(first.label, math.nan)
+        same_kind = first is not None and KINDS.get(first.label) == KINDS[unit]
+        if scale is None or not same_kind or (must and not math.isclose(scale, UNITS[unit], rel_tol=1e-6)):
+            told = [f"{one.multiplier:g} {one.label}" if one else "none" for one in stated]
+            raise UnclearUnit(
+                notice(
+                    "import.unit", table=part.table, columns=", ".join(names), stated=" and ".join(told), expected=unit
+                )
+            )
+        return scale
+
     def _attitudes(self, part: MappedMotion | MappedCommand, table: Table, rows: Any) -> Column:
         """Body FRD to world NED, (N, 4); NaN where there is none."""
         given = np.stack([table[name][rows] for name in part.attitude], axis=1)
         if given.shape[1] == 3:
             signs = np.array(part.signs if isinstance(part, MappedCommand) else (1.0, 1.0, 1.0))
-            angles = (given * signs * UNITS[part.angle_unit]).tolist()
+            angles = (given * signs * self._scale(part, table, part.attitude, part.angle_unit)).tolist()
             given = np.array([so3.from_euler_zyx(roll, pitch, yaw) for roll, pitch, yaw in angles])
         elif part.order == "xyzw":
             given = given[:, [3, 0, 1, 2]]

@@ -211,6 +211,15 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "expected ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION, of {of} of system {system}, got {found}",
         "check pose.system_id and pose.component_id, or record them",
     ),
+    NoticeTemplate(
+        "import.unit",
+        "the unit of {columns} in {table} is unclear: the file states {stated}, the mapping expects {expected}",
+    ),
+    NoticeTemplate(
+        "import.upside_down",
+        "the heights of the {what} fit the flight only with the other sign, so the file does not tell whether they "
+        "count up or down",
+    ),
 )
 
 NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.evidence.imports import import_command
-from groundstation.analysis.shadow import RecordedVehicle, read_recording
+from groundstation.analysis.evidence.shadow import RecordedVehicle, read_recording
 from groundstation.config import ConfigError
 from links.mavlink.protocol import MavlinkCodec
 from tests.shadow_flight import START_US, D, Flight

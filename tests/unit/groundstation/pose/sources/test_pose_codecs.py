@@ -337,7 +337,7 @@ def test_another_system_is_not_believed_where_one_is_named() -> None:
 
 def test_another_component_is_not_believed_where_one_is_named() -> None:
     datagram = TABLES["vision"].rows[0].datagram
-    (message,) = MavlinkCodec(255, 190).feed_datagram(datagram)
+    (message,) = MavlinkCodec(255, 190).feed(datagram)
     own = message.get_srcComponent()
     assert len(VisionReader(Intake(0.0), component_id=own).read(datagram, 1.0)) == 1
     reader = VisionReader(Intake(0.0), component_id=own % 255 + 1)
