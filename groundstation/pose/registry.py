@@ -195,11 +195,9 @@ class TlogConfig(PoseKind, frozen=True, kw_only=True, tag="tlog"):
         int, msgspec.Meta(ge=1, le=255, description="MAVLink system of the vehicle whose poses are played.")
     ] = 1
     component_id: Annotated[
-        int | None,
+        Annotated[int, msgspec.Meta(ge=1, le=255)] | None,
         msgspec.Meta(
-            ge=1,
-            le=255,
-            description="MAVLink component whose poses are played; without it the autopilot's, by its heartbeats.",
+            description="MAVLink component whose poses are played; without it the autopilot's, by its heartbeats."
         ),
     ] = None
     latency_s: Annotated[

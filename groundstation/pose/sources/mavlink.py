@@ -101,13 +101,16 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     shares_link: ClassVar[bool] = True
     stamp_field: ClassVar[str] = "usec"
     stamp_unit_s: ClassVar[float] = 1e-6
-<<<<<<< HEAD
     listen: Annotated[str, msgspec.Meta(description="Address that the bridge sends to, host:port of this machine.")] = (
         "127.0.0.1:14551"
     )
     system_id: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=255)] | None,
         msgspec.Meta(description="MAVLink system of the bridge; without it, whoever sends such messages is believed."),
+    ] = None
+    component_id: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=255)] | None,
+        msgspec.Meta(description="MAVLink component of the bridge; without it, any of that system."),
     ] = None
     world: Annotated[
         World, msgspec.Meta(description="Axes of position and angles; by the message's definition `ned`.")
@@ -122,22 +125,6 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
             ge=0.0, le=1.0, description="Shortest time from the instant that the bridge stamps to the arrival here [s]."
         ),
     ] = 0.02
-=======
-    listen: str = "127.0.0.1:14551"
-    """Address that the bridge sends to, host:port of this machine."""
-    system_id: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
-    """MAVLink system of the bridge; without it, whoever sends such messages is believed."""
-    component_id: Annotated[int, msgspec.Meta(ge=1, le=255)] | None = None
-    """MAVLink component of the bridge; without it, any of that system."""
-    world: World = "ned"
-    """Axes of position and angles; by the message's definition ``ned``."""
-    body: Body = "frd"
-    """Axes of the body; by the message's definition ``frd``."""
-    alignment: Alignment = Alignment()
-    """How these axes lie against ours, beyond their names."""
-    latency_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
-    """Shortest time from the instant that the bridge stamps to the arrival here [s]."""
->>>>>>> 32e38619 (A .tlog is read by system and component, and MAVLink without time stamps or mostly garbage is refused with the reason)
 
     def build(self, others: Others | None = None) -> DatagramSource:
         """The source of this config; it shows no ``others``."""
