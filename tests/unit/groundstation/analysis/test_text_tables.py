@@ -125,7 +125,7 @@ def test_several_bodies_ask_for_a_name(tmp_path: Path) -> None:
         ({"Coordinate Space": "Local"}, "Coordinate Space is Local, expected Global"),
     ],
 )
-def test_what_motive_states_and_is_not_read_is_refused(stated: dict[str, str], says: str, tmp_path: Path) -> None:
+def test_what_motive_states_and_is_not_read_is_refused(stated: dict[str, Any], says: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=says):
         list(read_motive_tables(write(tmp_path, "take.csv", motive(**stated))))
 
