@@ -76,7 +76,42 @@ def examine_trajectory(config: Config) -> FeasibilityReport:
 
 def explain_refusal(config: Config, report: FeasibilityReport) -> str | None:
     """Why the trajectory must not fly, with the time, the limit and what to do; None if it may."""
+    odd = report.inconsistency
+    if odd is not None and odd.name == "period":
+        return notice("trajectory.period", at_s=odd.time_s, span_s=odd.declared, far_m=odd.found)
+    if odd is not None:
+        return notice(
+            "trajectory.derivative",
+            at_s=odd.time_s,
+            name=odd.name,
+            declared=odd.declared,
+            found=odd.found,
+            unit=odd.unit,
+            of=odd.of,
+        )
     return explain_infeasibility(report, getattr(config.trajectory, "speed_m_s", None))
+
+
+def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[float, float]:
+    """Return what is left of the fence after braking, where it is least [m], and when that is [s]."""
+    least_m, at_s = math.inf, 0.0
+    for i in range(int(lasts_s / STEP_S) + 2):
+        time_s = min(i * STEP_S, lasts_s)
+        at = way.at(time_s)
+        room_m = fence.braking_room_m(at.position_ned, at.velocity_ned)
+        if room_m < least_m:
+            least_m, at_s = room_m, time_s
+    return least_m, at_s
+
+
+def explain_fence(config: Config) -> str | None:
+    """Why the trajectory does not fit into the fence; None where it does, or there is none."""
+    if config.fence is None:
+        return None
+    trajectory = config.trajectory.build()
+    fence = Fence(config.fence, config.flight.floor_z_m)
+    room_m, at_s = least_braking_room(fence, trajectory, trajectory.joints_s[-1])
+    return None if room_m > 0.0 else notice("trajectory.fence", at_s=at_s, short_m=-room_m)
 
 
 def ensure_flyable(config: Config) -> FeasibilityReport:
@@ -161,7 +196,7 @@ def describe_trajectory(config: Config, report: FeasibilityReport) -> str:
         f"{'':24}{'needs':>16}{'at':>12}{'limit':>18}",
         *(_line(demand) for demand in report.demands),
     ]
-    why = explain_refusal(config, report)
+    why = explain_refusal(config, report) or explain_fence(config)
     return "\n".join([*lines, "PASS" if why is None else f"FAIL: {why}"])
 
 
@@ -550,11 +585,9 @@ class Checks:
         ways.append(("trajectory", self._trajectory, self._trajectory.joints_s[-1]))
         least, where = self._fence.room_m(above), "hold after take-off"
         for name, way, lasts_s in ways:
-            for i in range(int(lasts_s / STEP_S) + 2):
-                at = way.at(min(i * STEP_S, lasts_s))
-                room = self._fence.braking_room_m(at.position_ned, at.velocity_ned)
-                if room < least:
-                    least, where = room, f"{name}, {min(i * STEP_S, lasts_s):.1f} s after its start"
+            room, at_s = least_braking_room(self._fence, way, lasts_s)
+            if room < least:
+                least, where = room, f"{name}, {at_s:.1f} s after its start"
         if least <= 0.0:
             return Check("ways in the fence", Verdict.FAIL, f"the {where}, could not be braked within the fence")
         return Check("ways in the fence", Verdict.PASS, f"{least:.2f} m are left after braking from the {where}")

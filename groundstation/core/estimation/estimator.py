@@ -425,8 +425,16 @@ def update_effectiveness(
     return new(Effectiveness, after), now - value
 
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
+"""A gain, a bound or a noise in SI units; more is a slip of the decimal point."""
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
+"""The same, or zero."""
+Gravity = Annotated[float, msgspec.Meta(gt=0.0, le=30.0)]
+"""An acceleration of free fall [m/s²]; Jupiter has 25."""
+PoseNoise = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+"""A noise of positions [m]; more is in millimetres."""
+Jitter = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+"""A noise of stamps [s]; more is in milliseconds."""
 
 Composite: TypeAlias = Literal["provable", "raw", "off"]
 """What innovations correct beside the motion: the observer's own d̂, a controller's b̂, or nothing."""
@@ -435,7 +443,7 @@ Composite: TypeAlias = Literal["provable", "raw", "off"]
 class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Gains and switches of observer and predictor. Defaults: docs/explanation/law.md."""
 
-    gravity: Annotated[Positive, msgspec.Meta(description="g [m/s²].")] = GRAVITY
+    gravity: Annotated[Gravity, msgspec.Meta(description="g [m/s²].")] = GRAVITY
     delay_prediction: Annotated[
         bool,
         msgspec.Meta(
@@ -457,10 +465,10 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         ),
     ] = 1.0
     pose_noise_m: Annotated[
-        Positive, msgspec.Meta(description="Position noise to begin with, 1σ per axis [m]; then measured in flight.")
+        PoseNoise, msgspec.Meta(description="Position noise to begin with, 1σ per axis [m]; then measured in flight.")
     ] = 0.0003
     pose_jitter_s: Annotated[
-        NonNegative | None,
+        Jitter | None,
         msgspec.Meta(
             description="How far the stamps of poses are off by chance, 1σ: noise along the "
             "velocity [s]. Not told, it is measured in flight; 0 takes them as they "

@@ -69,6 +69,24 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "{field} is expected in {unit}{looks_like}",
         Severity.WARNING,
     ),
+    NoticeTemplate(
+        "trajectory.derivative",
+        "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} is {found:.3g} {unit}",
+        "correct the {name} that it returns: limits and fence are checked by it",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "trajectory.fence",
+        "at {at_s:.2f} s it could not be braked within the fence, by {short_m:.2f} m",
+        "move it, slow it down, or correct [fence]",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "trajectory.period",
+        "at {at_s:.1f} s it is {far_m:.2f} m outside of where it was in its first {span_s:.3g} s",
+        "correct its period_s or joints_s, or give it a duration_s",
+        Severity.WARNING,
+    ),
     NoticeTemplate("pose.none", "no poses: {why}"),
     NoticeTemplate(
         "tui.multiplexer",

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, arrays
-from groundstation.core.trajectory.port import Trajectory
+from groundstation.core.trajectory.port import Reference, Trajectory
 from groundstation.core.vehicle import LimitsConfig, Vehicle
 
 
@@ -174,6 +174,37 @@ FEWEST, MOST = 8, 1000
 """... but within these numbers: its formulas are smooth, and the shortest may be the hardest to fly."""
 
 
+DIFFERENCE_S = 0.005
+"""Derivatives are compared with the differences over at most this time [s]."""
+FURTHER_S = 60.0
+"""So much of a trajectory without end is looked at beyond its first turn [s]."""
+FURTHER_LOOKS = 200
+BOX_SPARE_M = 0.05
+"""How far it may go beyond the box of its first turn [m]."""
+JUMP_M = 0.01
+"""A step of the position that is smaller is rounding [m]."""
+
+
+class Inconsistency(msgspec.Struct, frozen=True, kw_only=True):
+    """A figure of a trajectory that does not follow from another."""
+
+    time_s: float
+    """When [s after the start of the trajectory]."""
+    name: str
+    """What is declared: velocity, acceleration, jerk, yaw rate or period."""
+    declared: float
+    """Its length as declared, in ``unit``."""
+    found: float
+    """The length that follows from what it is the derivative of, in ``unit``."""
+    unit: str
+
+    @property
+    def of(self) -> str:
+        """What the declared figure is the derivative of."""
+        parents = {"acceleration": "velocity", "jerk": "acceleration", "yaw rate": "yaw"}
+        return parents.get(self.name, "position")
+
+
 class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
     """A trajectory looked at from its start to its end, or for one turn."""
 
@@ -190,11 +221,13 @@ class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
     demands: tuple[Demand, ...]
     share: float | None
     """Share of its own speed at which it keeps the limits [-], the floor aside; None where slower is no help."""
+    inconsistency: Inconsistency | None = None
+    """Where it declares derivatives that its positions do not have; None where it does not."""
 
     @property
     def ok(self) -> bool:
-        """Whether it keeps all limits."""
-        return all(demand.ok for demand in self.demands)
+        """Whether it keeps all limits, and is what it declares."""
+        return self.inconsistency is None and all(demand.ok for demand in self.demands)
 
     @property
     def acceleration_m_s2(self) -> float:
@@ -240,7 +273,81 @@ def check_feasibility(
         highest_ned=(max(places[0]), max(places[1]), lowest),
         demands=(above, *wanted),
         share=1.0 if all(demand.ok for demand in wanted) else _share(times, motions, vehicle, limits, gravity),
+        inconsistency=find_inconsistency(trajectory, times, seen),
     )
+
+
+def find_inconsistency(
+    trajectory: Trajectory, times: Sequence[float], seen: Sequence[Reference]
+) -> Inconsistency | None:
+    """Compare what ``trajectory`` declares with the differences of its positions, ``seen`` at ``times`` [s].
+
+    Each derivative is compared with the difference quotient of what it is the derivative of, over a
+    few milliseconds after each instant. A single instant that differs may be one at which a formula
+    takes over from another; two in a row are not. A trajectory without end must stay where it was in
+    its first turn.
+    """
+    before: Inconsistency | None = None
+    for k, (start_s, end_s) in enumerate(zip(times, times[1:], strict=False)):
+        span_s = 0.5 * min(end_s - start_s, 2.0 * DIFFERENCE_S)
+        if span_s <= 0.0:
+            continue
+        jump = _find_jump(start_s, end_s, seen[k], seen[k + 1])
+        if jump is not None:
+            return jump
+        found = _compare(start_s, span_s, seen[k], trajectory.at(start_s + span_s))
+        if found is not None and before is not None:
+            return before
+        before = found
+    return _find_drift(trajectory, times[-1], seen)
+
+
+def _find_jump(start_s: float, end_s: float, a: Reference, b: Reference) -> Inconsistency | None:
+    """Find a step of the position from one look to the next that its velocity does not make."""
+    lasts_s = end_s - start_s
+    speed = max(math.hypot(*a.velocity_ned), math.hypot(*b.velocity_ned))
+    hardest = max(math.hypot(*a.acceleration_ned), math.hypot(*b.acceleration_ned), 1.0)
+    far = math.dist(a.position_ned, b.position_ned)
+    if far <= JUMP_M + 1.1 * lasts_s * (speed + lasts_s * hardest):
+        return None
+    return Inconsistency(time_s=start_s, name="velocity", declared=speed, found=far / lasts_s, unit="m/s")
+
+
+def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Inconsistency | None:
+    """Compare derivatives between two looks ``span_s`` apart [s]; None where they agree."""
+    tables = (
+        ("velocity", "m/s", 0.05, a.position_ned, b.position_ned, a.velocity_ned, b.velocity_ned),
+        ("acceleration", "m/s²", 0.3, a.velocity_ned, b.velocity_ned, a.acceleration_ned, b.acceleration_ned),
+        ("jerk", "m/s³", 5.0, a.acceleration_ned, b.acceleration_ned, a.jerk_ned, b.jerk_ned),
+    )
+    for name, unit, spare, first, last, one, other in tables:
+        found = [(y - x) / span_s for x, y in zip(first, last, strict=True)]
+        declared = [0.5 * (x + y) for x, y in zip(one, other, strict=True)]
+        length = math.hypot(*declared)
+        if not math.dist(found, declared) <= spare + 0.1 * max(length, math.hypot(*found)):
+            return Inconsistency(time_s=time_s, name=name, declared=length, found=math.hypot(*found), unit=unit)
+    turned = math.remainder(b.yaw_rad - a.yaw_rad, math.tau) / span_s
+    rate = 0.5 * (a.yaw_rate_rad_s + b.yaw_rate_rad_s)
+    if abs(turned - rate) <= 0.1 + 0.1 * max(abs(turned), abs(rate)):
+        return None
+    return Inconsistency(time_s=time_s, name="yaw rate", declared=rate, found=turned, unit="rad/s")
+
+
+def _find_drift(trajectory: Trajectory, span_s: float, seen: Sequence[Reference]) -> Inconsistency | None:
+    """Find a trajectory without end that leaves the box of its first turn, ``span_s`` long [s]."""
+    if trajectory.duration_s is not None or span_s >= FURTHER_S or span_s <= 0.0:
+        return None
+    places = list(zip(*(one.position_ned for one in seen), strict=True))
+    for k in range(1, FURTHER_LOOKS + 1):
+        time_s = span_s + k * (FURTHER_S - span_s) / FURTHER_LOOKS
+        beyond = [
+            max(min(axis) - at, at - max(axis), 0.0)
+            for at, axis in zip(trajectory.position_at(time_s), places, strict=True)
+        ]
+        if not math.hypot(*beyond) <= BOX_SPARE_M:
+            far = math.hypot(*beyond)
+            return Inconsistency(time_s=time_s, name="period", declared=span_s, found=far, unit="m")
+    return None
 
 
 def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = None) -> str | None:

@@ -26,8 +26,24 @@ from groundstation.config import (
 )
 from groundstation.core.geometry import Ops, Quat, Real, Vec3, rotate
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Mass = Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
+"""A mass [kg]; heavier is one in grams."""
+Thrust = Annotated[float, msgspec.Meta(gt=0.0, le=5000.0)]
+"""A thrust [N], of at most five times the weight of the heaviest vehicle."""
+Lag = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+"""A time constant of an actuator [s]; a longer one is in milliseconds."""
+Delay = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
+"""A dead time of an actuator [s]; a longer one is in milliseconds."""
+Drag = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
+"""Linear drag [1/s]: of 10, thrust of twice the weight makes no more than 2 m/s."""
+FramePeriod = Annotated[float, msgspec.Meta(gt=0.0, le=0.25)]
+"""A period of commands [s]; a longer one is in milliseconds."""
+Size = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
+"""An extent [m]; more is in millimetres."""
+RateLimit = Annotated[float, msgspec.Meta(gt=0.0, le=1e5)]
+"""A body rate [deg/s]; 100000 is no limit at all."""
+WeightShare = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
+"""A thrust as a share of the weight [-]."""
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 
@@ -58,15 +74,15 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             pattern=name_pattern(VEHICLE_LETTERS), description="What the operator calls it; asked for before arming."
         ),
     ] = "mqx"
-    mass_kg: Annotated[Positive, msgspec.Meta(description="With battery and markers [kg].")] = 0.080
+    mass_kg: Annotated[Mass, msgspec.Meta(description="With battery and markers [kg].")] = 0.080
     thrust_max_n: Annotated[
-        Positive,
+        Thrust,
         msgspec.Meta(
             description="Largest thrust to command [N]; without hover_thrust also what the full signal (1) gives."
         ),
     ] = 1.37
     thrust_min_n: Annotated[
-        Positive, msgspec.Meta(description="Least thrust to command in the air [N]; the law needs T > 0.")
+        Thrust, msgspec.Meta(description="Least thrust to command in the air [N]; the law needs T > 0.")
     ] = 0.02
     thrust_curve: Annotated[
         Share,
@@ -84,49 +100,49 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         ),
     ] = None
     rate_limits_deg_s: Annotated[
-        tuple[Positive, Positive, Positive],
+        tuple[RateLimit, RateLimit, RateLimit],
         msgspec.Meta(description="Largest commanded roll, pitch and yaw rate [deg/s]."),
     ] = (200.0, 200.0, 300.0)
-    thrust_lag_s: Annotated[
-        NonNegative, msgspec.Meta(description="Time constant from commanded to actual thrust [s].")
-    ] = 1.0 / (2.0 * math.pi * 1.5)
-    rate_lag_s: Annotated[
-        NonNegative, msgspec.Meta(description="Time constant from commanded to actual body rates [s].")
-    ] = 1.0 / (2.0 * math.pi * 1.5)
+    thrust_lag_s: Annotated[Lag, msgspec.Meta(description="Time constant from commanded to actual thrust [s].")] = (
+        1.0 / (2.0 * math.pi * 1.5)
+    )
+    rate_lag_s: Annotated[Lag, msgspec.Meta(description="Time constant from commanded to actual body rates [s].")] = (
+        1.0 / (2.0 * math.pi * 1.5)
+    )
     command_delay_s: Annotated[
-        NonNegative, msgspec.Meta(description="From a command leaving us to the actuators seeing it [s].")
+        Delay, msgspec.Meta(description="From a command leaving us to the actuators seeing it [s].")
     ] = 0.0
     thrust_delay_s: Annotated[
-        NonNegative,
+        Delay,
         msgspec.Meta(
             description="From the actuators seeing a command to thrust beginning to follow it, with its lag [s]."
         ),
     ] = 0.0
     rate_delay_s: Annotated[
-        NonNegative,
+        Delay,
         msgspec.Meta(
             description="The same for body rates [s]: rotors and the autopilot's rate loop answer "
             "like a lag behind a delay."
         ),
     ] = 0.0
     drag_per_s: Annotated[
-        NonNegative,
+        Drag,
         msgspec.Meta(
             description="Linear drag: deceleration per speed [1/s]; 0 leaves it to what is found out as wind."
         ),
     ] = 0.0
     frame_period_s: Annotated[
-        Positive, msgspec.Meta(description="How long a command is held: the period of command frames [s].")
+        FramePeriod, msgspec.Meta(description="How long a command is held: the period of command frames [s].")
     ] = 0.0225
     size_m: Annotated[
-        Positive,
+        Size,
         msgspec.Meta(
             description="Its largest extent, propellers included [m]: another tracked body that is "
             "nearer before arming is too near, or one body under two names."
         ),
     ] = 0.3
     hover_range: Annotated[
-        tuple[Positive, Positive],
+        tuple[WeightShare, WeightShare],
         msgspec.Meta(
             description="Least and largest thrust at which it may hover, as a share of its weight "
             "[-]; outside, it lands again."
@@ -141,7 +157,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         ),
     ] = 0.0
     hover_n: Annotated[
-        Positive | None,
+        Thrust | None,
         msgspec.Meta(
             description="Thrust that hovers, where it was measured (`groundstation identify` does) "
             "[N]: take-off then goes to 1.1 of it and no further, in the place of 1.3 "

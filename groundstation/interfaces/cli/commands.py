@@ -406,22 +406,28 @@ def carry(args: argparse.Namespace) -> Exit:
 
 def trajectory(args: argparse.Namespace) -> Exit:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
-    from groundstation.flight import describe_trajectory, examine_trajectory, explain_refusal
+    from groundstation.flight import (
+        describe_trajectory,
+        examine_trajectory,
+        explain_fence,
+        explain_refusal,
+    )
 
     config = load(args.config, Config, args.overrides)
     report = examine_trajectory(config)
+    refusal = explain_refusal(config, report) or explain_fence(config)
     if args.json:
         facts = {
             "kind": config.trajectory.__struct_config__.tag,
             "vehicle": config.vehicle.name,
-            "pass": report.ok,
-            "refusal": explain_refusal(config, report),
+            "pass": refusal is None,
+            "refusal": refusal,
             **msgspec.to_builtins(report),
         }
         print(json.dumps(facts))
     else:
         print(describe_trajectory(config, report))
-    return Exit.DONE if report.ok else Exit.FAILED
+    return Exit.DONE if refusal is None else Exit.FAILED
 
 
 def check(args: argparse.Namespace) -> Exit:

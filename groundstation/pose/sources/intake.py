@@ -484,8 +484,6 @@ class FrameCount:
         return number
 
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-
 BASE_S = 0.05
 """Speed is measured over at least this time [s]: from pose to pose it would be mostly noise and jitter."""
 TURN_DEG = 15.0
@@ -504,17 +502,24 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """What a pose may look like beside those before it; far beyond what the vehicle does, well below mix-ups."""
 
     jump_m: Annotated[
-        Positive,
+        Annotated[float, msgspec.Meta(gt=0.0, le=10.0)],
         msgspec.Meta(
             description="How far a pose may be from where the ones before were heading [m], beside "
             "what `acceleration_m_s2` allows."
         ),
     ] = 0.15
     acceleration_m_s2: Annotated[
-        Positive, msgspec.Meta(description="Largest acceleration that is believed [m/s²].")
+        Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)],
+        msgspec.Meta(description="Largest acceleration that is believed [m/s²]."),
     ] = 30.0
-    speed_m_s: Annotated[Positive, msgspec.Meta(description="Fastest speed that is believed [m/s].")] = 20.0
-    rate_deg_s: Annotated[Positive, msgspec.Meta(description="Fastest turn that is believed [deg/s].")] = 1000.0
+    speed_m_s: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0, le=100.0)],
+        msgspec.Meta(description="Fastest speed that is believed [m/s]."),
+    ] = 20.0
+    rate_deg_s: Annotated[
+        Annotated[float, msgspec.Meta(gt=0.0, le=20000.0)],
+        msgspec.Meta(description="Fastest turn that is believed [deg/s]."),
+    ] = 1000.0
     tilt_deg: Annotated[
         float,
         msgspec.Meta(
@@ -524,7 +529,7 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         ),
     ] = 120.0
     frozen_s: Annotated[
-        Positive,
+        Annotated[float, msgspec.Meta(gt=0.0, le=60.0)],
         msgspec.Meta(
             description="A pose that has been the same to the last bit for this long is no longer measured [s]."
         ),

@@ -1,0 +1,187 @@
+"""What a trajectory declares is held against its positions."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.geometry import Vec3
+from groundstation.core.trajectory import FeasibilityReport, Reference, check_feasibility
+from groundstation.core.vehicle import LimitsConfig, Vehicle
+from groundstation.flight import describe_trajectory, examine_trajectory, explain_fence, explain_refusal
+from groundstation.settings import Config
+
+RADIUS_M = 2.0
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Curve:
+    """A circle at a speed, of which something is changed."""
+
+    duration_s: float | None = None
+
+    def __init__(self, change: Callable[[Reference, float], Reference], speed_m_s: float = 1.5) -> None:
+        self._change = change
+        self._rad_s = speed_m_s / RADIUS_M
+        self.joints_s: Sequence[float] = (0.0, math.tau / self._rad_s)
+
+    def at(self, time_s: float) -> Reference:
+        w = self._rad_s
+        c, s = RADIUS_M * math.cos(w * time_s), RADIUS_M * math.sin(w * time_s)
+        exact = Reference(
+            (c, s, -1.5), (-w * s, w * c, 0.0), (-w * w * c, -w * w * s, 0.0), (w**3 * s, -(w**3) * c, 0.0),
+            yaw_rad=w * time_s, yaw_rate_rad_s=w,
+        )  # fmt: skip
+        return self._change(exact, time_s)
+
+    def position_at(self, time_s: float) -> Vec3:
+        return self.at(time_s).position_ned
+
+
+def replace(**changes: Any) -> Callable[[Reference, float], Reference]:
+    return lambda exact, time_s: msgspec.structs.replace(exact, **changes)
+
+
+def scaled(name: str, share: float) -> Callable[[Reference, float], Reference]:
+    def change(exact: Reference, time_s: float) -> Reference:
+        x, y, z = getattr(exact, name)
+        return msgspec.structs.replace(exact, **{name: (share * x, share * y, share * z)})
+
+    return change
+
+
+def report(curve: Curve) -> FeasibilityReport:
+    return check_feasibility(curve, Vehicle(), LimitsConfig(), gravity=9.81, floor_z_m=1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (replace(velocity_ned=ZERO), "velocity"),
+        (scaled("velocity_ned", 0.8), "velocity"),
+        (scaled("velocity_ned", -1.0), "velocity"),
+        (replace(acceleration_ned=ZERO), "acceleration"),
+        (scaled("acceleration_ned", 2.0), "acceleration"),
+        (replace(yaw_rate_rad_s=0.0), "yaw rate"),
+        (lambda exact, t: msgspec.structs.replace(exact, velocity_ned=ZERO) if 3.0 < t < 3.5 else exact, "velocity"),
+    ],
+    ids=["at rest", "too slow", "backwards", "no acceleration", "twice", "no turn", "for half a second"],
+)
+def test_derivatives_that_positions_do_not_have_are_found(
+    change: Callable[[Reference, float], Reference], name: str
+) -> None:
+    odd = report(Curve(change)).inconsistency
+    assert odd is not None
+    assert odd.name == name
+    assert not report(Curve(change)).ok
+
+
+@pytest.mark.parametrize("speed_m_s", [0.2, 1.5, 6.0])
+def test_exact_derivatives_are_found_to_be_so(speed_m_s: float) -> None:
+    assert report(Curve(lambda exact, t: exact, speed_m_s)).inconsistency is None
+
+
+def test_a_fast_circle_at_rest_by_its_own_word_is_told_with_both_speeds() -> None:
+    config = from_dict({"trajectory": {"kind": f"{__name__}:lie"}}, Config)
+    told = explain_refusal(config, examine_trajectory(config))
+    assert told is not None
+    assert "its velocity is declared as 0 m/s, and by its position is 15 m/s" in told
+
+
+def lie(options: dict[str, Any]) -> Curve:
+    return Curve(replace(velocity_ned=ZERO, acceleration_ned=ZERO, jerk_ned=ZERO), 15.0)
+
+
+def test_a_jump_between_two_looks_is_found() -> None:
+    curve = Curve(lambda exact, t: exact)
+
+    def jumping(exact: Reference, t: float) -> Reference:
+        x, y, z = exact.position_ned
+        return msgspec.structs.replace(exact, position_ned=(x + (0.5 if t > 4.0033 else 0.0), y, z))
+
+    assert report(curve).inconsistency is None
+    odd = report(Curve(jumping)).inconsistency
+    assert odd is not None
+    assert odd.time_s == pytest.approx(4.0, abs=0.02)
+
+
+def test_a_formula_that_takes_over_without_being_named_is_no_lie() -> None:
+    def bent(exact: Reference, t: float) -> Reference:
+        """From one moment on it goes on straight, with a step of its acceleration."""
+        at = 4.0033
+        if t <= at:
+            return exact
+        end = Curve(lambda exact, t: exact).at(at)
+        x, y, z = (p + (t - at) * v for p, v in zip(end.position_ned, end.velocity_ned, strict=True))
+        return Reference((x, y, z), end.velocity_ned, yaw_rad=end.yaw_rad)
+
+    curve = Curve(bent)
+    curve.duration_s = curve.joints_s[-1]
+    assert report(curve).inconsistency is None
+
+
+def test_a_turn_that_is_told_too_short_is_found() -> None:
+    curve = Curve(lambda exact, t: exact)
+    curve.joints_s = (0.0, 2.0)
+    odd = report(curve).inconsistency
+    assert odd is not None
+    assert odd.name == "period"
+    assert odd.found > 0.05
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "span_s"),
+    [
+        ({"kind": "lemniscate"}, None),
+        ({"kind": "lemniscate", "ramp_s": 2.0, "laps": 3}, None),
+        ({"kind": "circle"}, None),
+        ({"kind": "hold"}, None),
+        ({"kind": "excitation"}, None),
+        ({"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1], [1, 1, -1.5], [0, 0, -1]]}, None),
+        ({"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1]], "times_s": [0, 4]}, None),
+    ],
+)
+def test_every_kind_that_comes_along_is_what_it_declares(trajectory: dict[str, Any], span_s: None) -> None:
+    config = from_dict({"trajectory": trajectory}, Config)
+    assert examine_trajectory(config).inconsistency is None
+
+
+def test_the_fence_counts_too() -> None:
+    box = {"kind": "box", "north_m": [-3.0, 3.0], "east_m": [-3.0, 3.0], "height_m": 4.0}
+    for half_m, fits in ((3.0, True), (1.0, False)):
+        box |= {"north_m": [-half_m, half_m], "east_m": [-half_m, half_m]}
+        config = from_dict({"trajectory": {"kind": "circle"}, "fence": box}, Config)
+        told = explain_fence(config)
+        assert (told is None) == fits
+        assert fits or "could not be braked within the fence" in str(told)
+        assert ("PASS" in describe_trajectory(config, examine_trajectory(config))) == fits
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("thrust_lag_s", 50.0), ("rate_lag_s", 106.0), ("command_delay_s", 5.0), ("thrust_delay_s", 13.0),
+        ("rate_delay_s", 13.0), ("frame_period_s", 22.5), ("size_m", 300.0), ("mass_kg", 800.0),
+        ("thrust_max_n", 13700.0), ("thrust_min_n", 13700.0), ("drag_per_s", 998.0), ("hover_n", 7848.0),
+        ("hover_range", [70.0, 145.0]),
+    ],
+)  # fmt: skip
+def test_a_figure_in_another_unit_is_refused_by_its_range(key: str, value: Any) -> None:
+    with pytest.raises(ConfigError, match=rf"vehicle\.{key}"):
+        from_dict({"vehicle": {key: value}}, Config)
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("controller", "gravity", 981.0), ("controller", "pose_noise_m", 3.0), ("controller", "pose_jitter_s", 2.0),
+        ("controller", "wind_noise", 1e9), ("gate", "jump_m", 150.0), ("gate", "speed_m_s", 20000.0),
+        ("gate", "frozen_s", 100.0), ("gate", "rate_deg_s", 1e6), ("gate", "acceleration_m_s2", 30000.0),
+    ],
+)  # fmt: skip
+def test_so_is_one_of_the_other_sections(section: str, key: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=rf"{section}\.{key}"):
+        from_dict({section: {key: value}}, Config)
