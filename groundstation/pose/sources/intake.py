@@ -502,23 +502,25 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """What a pose may look like beside those before it; far beyond what the vehicle does, well below mix-ups."""
 
     jump_m: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=10.0)],
+        float,
         msgspec.Meta(
+            gt=0.0,
+            le=10.0,
             description="How far a pose may be from where the ones before were heading [m], beside "
-            "what `acceleration_m_s2` allows."
+            "what `acceleration_m_s2` allows.",
         ),
     ] = 0.15
     acceleration_m_s2: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)],
-        msgspec.Meta(description="Largest acceleration that is believed [m/s²]."),
+        float,
+        msgspec.Meta(gt=0.0, le=1000.0, description="Largest acceleration that is believed [m/s²]."),
     ] = 30.0
     speed_m_s: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=100.0)],
-        msgspec.Meta(description="Fastest speed that is believed [m/s]."),
+        float,
+        msgspec.Meta(gt=0.0, le=100.0, description="Fastest speed that is believed [m/s]."),
     ] = 20.0
     rate_deg_s: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=20000.0)],
-        msgspec.Meta(description="Fastest turn that is believed [deg/s]."),
+        float,
+        msgspec.Meta(gt=0.0, le=20000.0, description="Fastest turn that is believed [deg/s]."),
     ] = 1000.0
     tilt_deg: Annotated[
         float,
@@ -529,9 +531,11 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         ),
     ] = 120.0
     frozen_s: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0, le=60.0)],
+        float,
         msgspec.Meta(
-            description="A pose that has been the same to the last bit for this long is no longer measured [s]."
+            gt=0.0,
+            le=60.0,
+            description="A pose that has been the same to the last bit for this long is no longer measured [s].",
         ),
     ] = 0.1
     drop_frozen: Annotated[
