@@ -205,7 +205,8 @@ class CommandLoop:
         """
         loop, progress = asyncio.get_running_loop(), self._progress
         looking = asyncio.ensure_future(self._look())
-        self._warned.add(self._link.status.warning)  # pre-flight has told of it
+        status = self._link.status
+        self._warned |= {status.warning, status.conflict}  # pre-flight has told of them
         try:
             await self._link.arm(lambda: self._pilot.idle(loop.time(), self._idle_n))
             progress.firmware = self._link.status.firmware
@@ -270,10 +271,11 @@ class CommandLoop:
 
     def _warn(self) -> None:
         """Tell what the link warns of in flight, each thing once."""
-        warning = self._link.status.warning
-        if warning not in self._warned:
-            self._warned.add(warning)
-            self._say(f"warning: {warning}", Severity.WARNING)
+        status = self._link.status
+        for warning in (status.conflict, status.warning):
+            if warning not in self._warned:
+                self._warned.add(warning)
+                self._say(f"warning: {warning}", Severity.WARNING)
 
     def _why_refused(self, now: float, command: Command, last: tuple[float, Command] | None) -> str:
         """Why the link did not take ``command``; ``last`` is when the one before left, and it."""

@@ -425,7 +425,7 @@ class Checks:
         if len(poses) < 2:
             why = explain_drops(source.dropped) or "check the source"
             nothing = Check("poses", Verdict.FAIL, notice("pose.none", why=why))
-            return [nothing, self._arm(link), *self._still]
+            return [nothing, self._arm(link), self._frames(link), *self._still]
         place = standing.place_ned
         return [
             self._rate(poses, source),
@@ -627,12 +627,12 @@ class Checks:
         return Check("ready to arm", Verdict.PASS, f"connected, and disarmed{said}")
 
     def _frames(self, link: LinkStatus) -> Check:
-        if self._config.link.has_autopilot:
-            if link.warning:
-                return Check("frames", Verdict.FAIL, link.warning)
-            return Check("frames", Verdict.OFF, "commands leave as this program sends them")
+        if link.conflict:
+            return Check("frames", Verdict.FAIL, link.conflict)
         if link.warning:
             return Check("frames", Verdict.WARN, link.warning)
+        if self._config.link.has_autopilot:
+            return Check("frames", Verdict.OFF, "commands leave as this program sends them")
         return Check("frames", Verdict.PASS, "the pacer and its stand-by have what they need")
 
     def _failsafe(self) -> Check:
@@ -873,7 +873,9 @@ class PrearmSequence:
             await self._stand()
             return self._check()[1]
         except (FlightEnded, LinkError, OSError) as error:
-            return [Check("connection", Verdict.FAIL, str(error))]
+            conflict = self._link.status.conflict
+            found = [Check("connection", Verdict.FAIL, str(error))]
+            return [*found, Check("frames", Verdict.FAIL, conflict)] if conflict else found
 
     async def _stand(self) -> None:
         """Look at the vehicle as it stands for a moment."""

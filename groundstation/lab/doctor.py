@@ -273,10 +273,11 @@ class MavlinkVisit:
         """Read everything that the table asks about, and judge it.
 
         Raises:
-            LinkError: the autopilot went away.
+            LinkError: the autopilot went away, or two of them answer.
         """
         table = self.advice
         self.parameters |= await self.read(name for advice in table for name in advice.names)
+        self._refuse_two()
         if not self.parameters:
             raise LinkLost("the autopilot is heard but tells none of its parameters: check that it hears us")
         return [judge(advice, self.parameters) for advice in table]
@@ -291,7 +292,7 @@ class MavlinkVisit:
         """Set one parameter, read it back, and return it.
 
         Raises:
-            LinkRejected: the vehicle is armed, or the autopilot keeps another value.
+            LinkRejected: the vehicle is armed, two answer, or the autopilot keeps another value.
             LinkLost: it does not answer.
             ValueError: such a parameter can't have this value.
         """
@@ -299,6 +300,7 @@ class MavlinkVisit:
         write = Write(autopilot, AutopilotParameter(parameter.name, value, parameter.kind))
         if await self._is_armed():
             raise LinkRejected("the vehicle is armed: parameters are changed only while its motors are off")
+        self._refuse_two()
         await self._connection.see_through(Handshake([write]))
         found = await self.read([parameter.name])
         if parameter.name not in found:
@@ -308,6 +310,11 @@ class MavlinkVisit:
             raise LinkRejected(f"{parameter.name} was set to {value:g} but reads back as {show(now.value)}")
         self.parameters[now.name] = now
         return now
+
+    def _refuse_two(self) -> None:
+        """Stop where a second autopilot would obey too, or instead; raises LinkRejected."""
+        if conflict := self._connection.conflict:
+            raise LinkRejected(conflict)
 
     async def _is_armed(self) -> bool:
         """What the next heartbeat says; the one before may be old."""

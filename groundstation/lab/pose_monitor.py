@@ -452,6 +452,8 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
                 await asyncio.sleep(LOOK_S)
                 if connection is not None and connection.state != "connected":
                     raise CarryRefused(_state(connection))
+                if connection is not None and connection.conflict:
+                    raise CarryRefused(connection.conflict)
                 if loop.time() > give_up_s:
                     dropped = ears.source.status.dropped
                     seen = f"; poses are dropped: {dropped}" if dropped else ""

@@ -194,6 +194,13 @@ class LinkStatus(msgspec.Struct, frozen=True):
             "flight; empty where nothing is wrong."
         ),
     ] = ""
+    conflict: Annotated[
+        str,
+        msgspec.Meta(
+            description="Who else answers as the vehicle or steers it, so that it must not be armed; "
+            "empty where nobody does."
+        ),
+    ] = ""
     angles_rad: Annotated[
         tuple[float, ...],
         msgspec.Meta(

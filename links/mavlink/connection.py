@@ -28,6 +28,7 @@ from links.io import NETWORK, Datagrams, parse_address, read_key, waiting
 from links.mavlink.protocol import (
     GROUND_STATION,
     INVALID,
+    REQUEST_MESSAGE,
     TICKS_PER_S,
     AutopilotAddress,
     Handshake,
@@ -36,6 +37,7 @@ from links.mavlink.protocol import (
     MavlinkLinkConfig,
     Message,
     Signer,
+    TargetSenders,
     Timesync,
     Trip,
     Words,
@@ -490,6 +492,8 @@ class Contact:
         self._next_beat: asyncio.TimerHandle | None = None
         self.heard = HeartbeatMonitor(self._config.heartbeat_timeout_s)
         """What its heartbeats say."""
+        self.senders = TargetSenders(self._config.target_system, self._name_address)
+        """From which addresses they come."""
         self.timesync = Timesync()
         """Its clock against ours."""
 
@@ -591,6 +595,7 @@ class Contact:
         now = self._loop.time()
         if known is not None and source != known and (self._keeper.owes() or not self.heard.is_silent(now)):
             self._dropped["other_address"] += 1
+            self._overhear(data, source, now)
             return
         for message in self.codec.feed(data, source if wire.datagrams else None):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
@@ -599,13 +604,46 @@ class Contact:
                 self._note_rival(message, now)
                 continue
             if message.get_type() == "HEARTBEAT":
-                if message.type == GROUND_STATION or message.autopilot == INVALID:
-                    self._dropped["other_system"] += 1  # a station, a companion or a camera with the same numbers
+                if not _is_of_vehicle(message):
+                    self._dropped["other_system"] += 1
                     continue
                 self._heartbeat(message, source, now)
             # others have sent no heartbeat yet
             if self.heard.kind is not None and self.heard.address in (None, source):
                 self._publish(message, now)
+
+    def _overhear(self, data: bytes, source: Any, now_s: float) -> None:
+        """Another address than the vehicle's: used for nothing, but it may be a second vehicle."""
+        for message in self.codec.feed(data, source, used=False):
+            if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
+                continue
+            if message.get_type() == "AUTOPILOT_VERSION":
+                self.senders.identify(source, message)
+            elif message.get_type() == "HEARTBEAT" and _is_of_vehicle(message):
+                self.senders.beat(source, now_s)
+                for address in (source, self.heard.address):
+                    self._ask_identity(address)
+
+    def _ask_identity(self, address: Any) -> None:
+        """Ask the autopilot at ``address`` for its hardware id, unless it has told."""
+        if not self.senders.is_known(address):
+            number = float(self.codec.message_number("AUTOPILOT_VERSION"))
+            self._line.leave(self.codec.command(*self._target, REQUEST_MESSAGE, number), address)
+
+    def _name_address(self, address: Any) -> str:
+        """``address`` as the operator writes it; where the wire has none, its own."""
+        if address is None:
+            return self._config.endpoint
+        host, port = address[:2]
+        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+    def conflict(self, now_s: float) -> str:
+        """Why nobody knows which autopilot would obey; empty where one does."""
+        return self.senders.conflict(self.heard.address, now_s) if self.heard.kind is not None else ""
+
+    def second_path(self, now_s: float) -> str:
+        """That the autopilot is heard by a second way; empty where it is not."""
+        return self.senders.second_path(self.heard.address, now_s)
 
     def _note_rival(self, message: Message, now_s: float) -> None:
         """Somebody else who steers our autopilot; what has our own numbers may be an echo, while we steer."""
@@ -626,6 +664,8 @@ class Contact:
             self.words.hear(message)
         elif name == "TIMESYNC" and message.tc1 == 0:  # a question, not an answer
             self.leave(self.codec.timesync_reply(message, now_s))
+        elif name == "AUTOPILOT_VERSION":
+            self.senders.identify(self.heard.address, message)
         elif name == "TIMESYNC":
             self.timesync.take_answer(message.tc1, message.ts1, now_s)
         for subscriber in self._subscribers:
@@ -636,9 +676,14 @@ class Contact:
         if wire is None:
             return
         is_first = self.heard.kind is None
-        if self.heard.beat(message, now_s):
+        news = self.heard.beat(message, now_s)
+        if news and not wire.speaks_first:
+            if source != self.heard.address:
+                self.senders.forget(self.heard.address)
+            self.heard.address = source
+        self.senders.beat(self.heard.address, now_s)
+        if news:
             if not wire.speaks_first:
-                self.heard.address = source
                 self.leave(self.codec.heartbeat())
             self._ask_the_time(now_s)
             self._first_beat.set()
@@ -646,7 +691,13 @@ class Contact:
                 self._keeper.resume()
                 self.heard.believe_armed(None)
                 self.timesync = Timesync()
+                self._ask_identity(self.heard.address)
         self.heard.take_armed(message, now_s)
+
+
+def _is_of_vehicle(heartbeat: Message) -> bool:
+    """False for a station, a companion or a camera with the vehicle's numbers."""
+    return bool(heartbeat.type != GROUND_STATION and heartbeat.autopilot != INVALID)
 
 
 POLL_S = 0.05
@@ -802,6 +853,20 @@ class MavlinkConnection:
     def rival(self) -> str:
         """Who else steers the autopilot, and by what, as heard here of late; empty where nobody is heard to."""
         return "" if self._loop is None else self._contact.rival(self._loop.time())
+
+    @property
+    def conflict(self) -> str:
+        """Why nobody knows which autopilot would obey; empty where one does."""
+        return "" if self._loop is None else self._contact.conflict(self._loop.time())
+
+    @property
+    def second_path(self) -> str:
+        """That the autopilot is heard by a second way; empty where it is not."""
+        return "" if self._loop is None else self._contact.second_path(self._loop.time())
+
+    def examined(self) -> None:
+        """The autopilot that is heard now was found fit to be armed."""
+        self._contact.senders.examine(self._contact.heard.address)
 
     @property
     def read(self) -> int:

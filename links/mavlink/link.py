@@ -274,7 +274,8 @@ class MavlinkLink:
             angles_rad=self._angles,
             unfit=self._unfit,
             firmware=self._firmware,
-            warning=f"{rival}, to this vehicle, too: it would follow both by turns. End that program" if rival else "",
+            warning=connection.second_path,
+            conflict=connection.conflict or _tell_rival(rival),
         )
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
@@ -306,6 +307,7 @@ class MavlinkLink:
         version = ReadVersion(autopilot)
         await self._ask(Handshake([version]))
         self._firmware, self._unfit = version.firmware, ""
+        self.connection.examined()
         try:
             await self._ask(fitness(autopilot))
         except LinkRejected as error:
@@ -319,6 +321,8 @@ class MavlinkLink:
         """
 
         def stream(now_s: float) -> None:
+            if conflict := self.connection.conflict:
+                raise LinkError(f"arming was abandoned: {conflict}")
             if not self._send(idle(), now_s):
                 why = "the idle command had expired, as its pose is too old"
                 if self._slept_s:
@@ -515,6 +519,10 @@ class MavlinkLink:
         self._obeys = False
         self._busy = "on a link that is not connected"
         self.connection.close()
+
+
+def _tell_rival(rival: str) -> str:
+    return f"{rival}, to this vehicle, too: it would follow both by turns. End that program" if rival else ""
 
 
 def _over(task: "asyncio.Task[None] | None") -> bool:

@@ -545,6 +545,8 @@ class SimulatedAutopilot(Dialect):
         """False while its estimator knows no position yet, as for some 40 s after a boot: it tells none."""
         self.external = ExternalPoses(self.kind)
         """The poses that it is sent."""
+        self.uid = 0
+        """Id of its hardware in AUTOPILOT_VERSION; 0: it tells none."""
         self._knows = own_estimate
         self._airframe = airframe
         self._lose = lose
@@ -721,7 +723,8 @@ class SimulatedAutopilot(Dialect):
 
     def _version(self) -> Message:
         d, none = self.codec.dialect, bytes(8)
-        return d.MAVLink_autopilot_version_message(0, FIRMWARE, 0, 0, 0, list(COMMIT), list(none), list(none), 0, 0, 0)
+        commits = list(COMMIT), list(none), list(none)
+        return d.MAVLink_autopilot_version_message(0, FIRMWARE, 0, 0, 0, *commits, 0, 0, self.uid)
 
     def _sys_status(self, now_s: float) -> Message:
         d, battery = self.codec.dialect, self.battery

@@ -31,6 +31,9 @@ from sim.radio import PtyWire
 from sim.runs.stage import FleetStage, Stage
 from sim.world import World
 
+_PID_BITS = 22
+"""Linux numbers processes below 2²² (PID_MAX_LIMIT): above is room for a vehicle's number in its hardware id."""
+
 
 @contextlib.asynccontextmanager
 async def _alone(room: RehearsalConfig | None, *ends: str) -> AsyncIterator[None]:
@@ -118,6 +121,8 @@ async def serve(
         )  # fmt: skip
         if track is not None:
             track.stage = stage
+        if link.has_autopilot:
+            stage.autopilot.uid = os.getpid()  # two simulators are two vehicles
         more = ""
         if second is not None:
             stage.peer.open_second = speak_to(parse_address(second))
@@ -211,6 +216,8 @@ async def serve_fleet(
             says = "expected mavlink by UDP or TCP: of a fleet nothing else is simulated"
             raise ConfigError("link.kind", says, lab.vehicle.name)
     stage = FleetStage(worlds, labs, seed, lambda _number, _time_s, _place: None, autopilot=autopilot)
+    for number, one in enumerate(stage.stages):
+        one.autopilot.uid = os.getpid() + (number << _PID_BITS)
     ends = ", ".join(f"{lab.vehicle.name} to udp {lab.link.endpoint}" for lab in labs)
     wires = dict.fromkeys(end for lab in labs for end in _describe_wires(lab))
     async with _alone(labs[0].rehearsal, *wires), _broker(labs[0]) as broker:

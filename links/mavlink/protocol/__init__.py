@@ -45,6 +45,7 @@ from links.mavlink.protocol.procedures import (
     landing_disarmed,
     make_mode_request,
 )
+from links.mavlink.protocol.senders import TargetSenders
 from links.mavlink.protocol.signing import TICKS_PER_S, Signer
 from links.mavlink.protocol.timesync import (
     ATTITUDE_HZ,

@@ -129,18 +129,19 @@ class MavlinkCodec:
 
     # ---- what arrives
 
-    def feed(self, data: bytes, source: object = None) -> list[Message]:
+    def feed(self, data: bytes, source: object = None, *, used: bool = True) -> list[Message]:
         """The messages that ``data`` brings to an end: the next bytes of a stream, cut anywhere.
 
         With a ``source``, ``data`` is a datagram of that address, whose bytes are a stream of their
         own. What was unfinished there is truncated if this datagram begins with a whole frame.
+        Messages of an address that is not ``used`` are not counted, and their stamps not kept.
         """
         unfinished = self._unfinished.pop(source, b"")
         if unfinished and source is not None and self._begins_with_frame(data):
             is_whole = frame_end(unfinished, 0) == len(unfinished)
             self.dropped["unknown" if is_whole else "truncated"] += 1
             unfinished = b""
-        messages, rest = self._read(unfinished + data)
+        messages, rest = self._read(unfinished + data, used=used)
         if rest:
             self._unfinished[source] = rest  # never more than one frame: at most 293 bytes
             if len(self._unfinished) > MOST_SENDERS:
@@ -160,7 +161,7 @@ class MavlinkCodec:
         message = self._decode_frame(data[:end])
         return message is not None and not self._is_unknown(message)
 
-    def _read(self, data: bytes) -> tuple[list[Message], bytes]:
+    def _read(self, data: bytes, *, used: bool) -> tuple[list[Message], bytes]:
         """The messages in ``data``, and the beginning of a frame that has not come to its end."""
         messages: list[Message] = []
         start, size = 0, len(data)
@@ -185,7 +186,7 @@ class MavlinkCodec:
                 self.dropped["bad_crc"] += 1
                 start += 1
                 continue
-            if not self._refuse(message, data[start:end]):
+            if not self._refuse(message, data[start:end], used=used):
                 messages.append(message)
             start = end
         return messages, data[start:]
@@ -196,18 +197,18 @@ class MavlinkCodec:
         if message is None:
             self.dropped["bad_crc"] += 1
             return None, "bad_crc"
-        fault = self._refuse(message, frame)
+        fault = self._refuse(message, frame, used=True)
         return (None, fault) if fault else (message, "")
 
-    def _refuse(self, message: Message, frame: bytes) -> str:
+    def _refuse(self, message: Message, frame: bytes, *, used: bool) -> str:
         """Why ``message``, whose ``frame`` is right, is not used; empty where it is; counted."""
-        fault = "" if self._signer is None else self._signer.refuse(frame)
+        fault = "" if self._signer is None else self._signer.refuse(frame, keep=used)
         if not fault and self._is_unknown(message):
             fault = "unknown"
         if fault:
             self.dropped[fault] += 1
         else:
-            self.received += 1
+            self.received += used
         return fault
 
     def _is_unknown(self, message: Message) -> bool:

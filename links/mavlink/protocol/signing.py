@@ -56,11 +56,12 @@ class Signer:
         self.stamp = max(self.stamp + 1, self._clock())
         return self.stamp
 
-    def refuse(self, frame: bytes) -> str:
+    def refuse(self, frame: bytes, *, keep: bool = True) -> str:
         """Why ``frame``, whose checksum is right, is refused: unsigned, bad_signature, replayed.
 
         Empty where it is accepted; its time stamp then can't be used again. Senders are told apart
         by link id, system and component, not by address: a copy from another port is refused too.
+        With ``keep`` false nothing is remembered: the frame comes from an address that is not used.
         """
         if frame[0] != _V2 or not frame[2] & SIGNED:
             is_radio = frame[0] == _V2 and int.from_bytes(frame[7:10], "little") == _RADIO_STATUS
@@ -73,6 +74,7 @@ class Signer:
             newest = max(self.stamp, self._clock()) - MINUTE - 1
         if stamp <= newest:
             return "replayed"
-        self._newest[sender] = stamp
-        self.stamp = max(self.stamp, stamp)
+        if keep:
+            self._newest[sender] = stamp
+            self.stamp = max(self.stamp, stamp)
         return ""

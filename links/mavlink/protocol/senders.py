@@ -1,0 +1,134 @@
+"""Senders of the vehicle's heartbeat: from which addresses, and whether one autopilot is behind them. Sans-IO.
+
+MAVLink addresses a vehicle by its system id, which is 1 on every autopilot as it is sold: two vehicles
+in one network, or on one radio, answer to the same commands. What tells them apart is the hardware's own
+id in AUTOPILOT_VERSION (uid2, or uid where that is empty).
+Source: mavlink.io/en/messages/common.html, 148 AUTOPILOT_VERSION.
+"""
+
+from typing import Any
+
+from links.mavlink.protocol.codec import Message
+
+BOTH_S = 3.0
+"""Two senders count while both sent a heartbeat within this time [s]: three periods of HEARTBEAT."""
+MOST_OTHERS = 16
+"""So many other addresses are remembered; of one more, the one that was silent longest is forgotten."""
+
+
+def hardware_id(version: Message) -> str:
+    """The id of the autopilot's hardware in an AUTOPILOT_VERSION, in hexadecimal; empty where it has none."""
+    long_id = bytes(getattr(version, "uid2", ()))
+    if any(long_id):
+        return long_id.rstrip(b"\0").hex()
+    return f"{version.uid:x}" if version.uid else ""
+
+
+class _Sender:
+    """One address that sends the vehicle's heartbeat."""
+
+    def __init__(self) -> None:
+        self.heard_s = 0.0
+        self.has_answered = False
+        self.ids: set[str] = set()
+
+
+class TargetSenders:
+    """Who sends as the vehicle. Times are on the event loop's clock [s]."""
+
+    def __init__(self, system: int, describe: Any) -> None:
+        """``system`` is the vehicle's; ``describe(address)`` names an address for the operator."""
+        self._system = system
+        self._describe = describe
+        self._senders: dict[Any, _Sender] = {}
+        self._examined: tuple[Any, set[str]] | None = None
+        """Address and hardware ids of the autopilot when it was examined."""
+
+    def beat(self, address: Any, now_s: float) -> None:
+        """A heartbeat of the vehicle came from ``address``; after a silence it may be another one's."""
+        sender = self._senders.setdefault(address, _Sender())
+        if sender.heard_s and now_s - sender.heard_s > BOTH_S:
+            sender.ids.clear()
+            sender.has_answered = False
+        sender.heard_s = now_s
+        if len(self._senders) > MOST_OTHERS + 1:
+            del self._senders[min(self._senders, key=lambda one: self._senders[one].heard_s)]
+
+    def forget(self, address: Any) -> None:
+        """Another address is used now: what came from this one before shows no second autopilot."""
+        self._senders.pop(address, None)
+
+    def identify(self, address: Any, version: Message) -> None:
+        """An AUTOPILOT_VERSION of the vehicle came from ``address``."""
+        sender = self._senders.get(address)
+        if sender is not None:
+            sender.has_answered = True
+            if found := hardware_id(version):
+                sender.ids.add(found)
+
+    def examine(self, used: Any) -> None:
+        """The autopilot at ``used`` was found fit to be armed; another one was not."""
+        self._examined = used, set(self._ids(used))
+
+    def is_known(self, address: Any) -> bool:
+        """Whether the autopilot at ``address`` has told who it is, or that it has no id."""
+        sender = self._senders.get(address)
+        return sender is not None and sender.has_answered
+
+    def others(self, used: Any, now_s: float) -> list[Any]:
+        """Addresses beside ``used`` from which the vehicle's heartbeat came of late."""
+        return [
+            address for address, sender in self._senders.items() if address != used and now_s - sender.heard_s <= BOTH_S
+        ]
+
+    def conflict(self, used: Any, now_s: float) -> str:
+        """Why nobody knows which autopilot would obey what is sent to ``used``; empty where one does."""
+        used_ids = self._ids(used)
+        if len(used_ids) > 1:
+            return (
+                f"{len(used_ids)} autopilots with MAVLink system id {self._system} answer from "
+                f"{self._describe(used)} (hardware ids {', '.join(sorted(used_ids))}): all would obey. "
+                "Switch off all but one, or give each its own system id (MAV_SYS_ID or SYSID_THISMAV)"
+            )
+        if self._examined is not None and self._is_replaced(used, *self._examined):
+            return (
+                f"the autopilot at {self._describe(used)}{self._tell_id(used)} is not the one that was "
+                f"checked at {self._describe(self._examined[0])}: check the vehicle again"
+            )
+        for other in self.others(used, now_s):
+            if not self._is_same(used, other):
+                return (
+                    f"two autopilots with MAVLink system id {self._system} are heard: one at "
+                    f"{self._describe(used)}{self._tell_id(used)}, to which commands go, and one at "
+                    f"{self._describe(other)}{self._tell_id(other)}. Switch one off, or give each its own "
+                    "system id (MAV_SYS_ID or SYSID_THISMAV) and port"
+                )
+        return ""
+
+    def second_path(self, used: Any, now_s: float) -> str:
+        """That the same autopilot is heard by a second way; empty where it is not."""
+        for other in self.others(used, now_s):
+            if self._is_same(used, other):
+                return (
+                    f"the autopilot is heard from two addresses, {self._describe(used)} and "
+                    f"{self._describe(other)}: only the first is used. End the second path"
+                )
+        return ""
+
+    def _ids(self, address: Any) -> set[str]:
+        sender = self._senders.get(address)
+        return sender.ids if sender is not None else set()
+
+    def _is_replaced(self, used: Any, examined: Any, examined_ids: set[str]) -> bool:
+        used_ids = self._ids(used)
+        if used == examined and not (used_ids and examined_ids):
+            return False  # one of them told no id
+        return used_ids != examined_ids or not used_ids
+
+    def _is_same(self, one: Any, other: Any) -> bool:
+        ids = self._ids(one)
+        return len(ids) == 1 and ids == self._ids(other)
+
+    def _tell_id(self, address: Any) -> str:
+        ids = self._ids(address)
+        return f" (hardware id {', '.join(sorted(ids))})" if ids else " (which tells no hardware id)"

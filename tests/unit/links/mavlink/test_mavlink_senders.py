@@ -1,0 +1,285 @@
+"""Who sends as the vehicle: two autopilots with one system id, and one autopilot by two ways."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from links.core import LinkError
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol import (
+    ARM_DISARM,
+    PX4,
+    REQUEST_MESSAGE,
+    MavlinkCodec,
+    Signer,
+    TargetSenders,
+    load_dialect,
+)
+from links.mavlink.protocol.senders import BOTH_S, MOST_OTHERS, hardware_id
+from tests.loops import in_virtual_time
+from tests.unit.links.mavlink.test_mavlink_link import Endpoint, accept, command
+
+D = load_dialect()
+HERE, THERE, ELSEWHERE = ("10.0.0.5", 14550), ("10.0.0.9", 14550), ("10.0.0.5", 14551)
+
+
+def version(uid: int = 0, uid2: bytes = bytes(18)) -> Any:
+    none = bytes(8)
+    return D.MAVLink_autopilot_version_message(0, 0, 0, 0, 0, none, none, none, 0, 0, uid, uid2)
+
+
+def senders() -> TargetSenders:
+    return TargetSenders(1, lambda address: f"{address[0]}:{address[1]}")
+
+
+def test_the_long_hardware_id_counts_before_the_short_one() -> None:
+    assert hardware_id(version(0xBEEF)) == "beef"
+    assert hardware_id(version(0xBEEF, b"\x12\x34" + bytes(16))) == "1234"
+    assert hardware_id(version()) == ""
+
+
+def test_one_sender_is_no_conflict() -> None:
+    seen = senders()
+    seen.beat(HERE, 1.0)
+    assert (seen.conflict(HERE, 1.0), seen.second_path(HERE, 1.0)) == ("", "")
+
+
+@pytest.mark.parametrize(("first", "second"), [(1, 2), (1, 0), (0, 2), (0, 0), (1, None), (None, None)])
+def test_two_addresses_conflict_unless_both_tell_the_same_hardware_id(first: int | None, second: int | None) -> None:
+    seen = senders()
+    for address, uid in ((HERE, first), (THERE, second)):
+        seen.beat(address, 1.0)
+        if uid is not None:
+            seen.identify(address, version(uid))
+    assert "10.0.0.5:14550" in (conflict := seen.conflict(HERE, 1.0))
+    assert "10.0.0.9:14550" in conflict
+    assert seen.second_path(HERE, 1.0) == ""
+
+
+def test_the_same_hardware_id_at_two_addresses_is_a_second_path() -> None:
+    seen = senders()
+    for address in (HERE, ELSEWHERE):
+        seen.beat(address, 1.0)
+        seen.identify(address, version(7))
+    assert seen.conflict(HERE, 1.0) == ""
+    assert "10.0.0.5:14550 and 10.0.0.5:14551: only the first is used" in seen.second_path(HERE, 1.0)
+
+
+def test_a_second_sender_counts_until_it_has_been_silent_for_three_seconds() -> None:
+    seen = senders()
+    seen.beat(HERE, 1.0)
+    seen.beat(THERE, 1.0)
+    seen.beat(HERE, 4.0)
+    assert seen.conflict(HERE, 1.0 + BOTH_S)
+    assert seen.conflict(HERE, 1.1 + BOTH_S) == ""
+
+
+def test_two_hardware_ids_at_one_address_conflict_until_a_silence() -> None:
+    seen = senders()
+    seen.beat(HERE, 1.0)
+    seen.identify(HERE, version(0xA1))
+    seen.identify(HERE, version(0xB2))
+    assert "2 autopilots with MAVLink system id 1 answer from 10.0.0.5:14550 (hardware ids a1, b2)" in (
+        seen.conflict(HERE, 1.0)
+    )
+    seen.beat(HERE, 1.1 + BOTH_S)
+    assert seen.conflict(HERE, 1.1 + BOTH_S) == ""
+
+
+def test_another_autopilot_than_the_one_that_was_examined_conflicts() -> None:
+    seen = senders()
+    seen.beat(HERE, 1.0)
+    seen.identify(HERE, version(7))
+    seen.examine(HERE)
+    seen.beat(THERE, 9.0)
+    assert "10.0.0.9:14550 (which tells no hardware id) is not the one that was checked at 10.0.0.5:14550" in (
+        seen.conflict(THERE, 9.0)
+    )
+    seen.identify(THERE, version(7))
+    assert seen.conflict(THERE, 9.0) == ""
+    seen.beat(HERE, 20.0)  # after a silence, from the same address
+    assert seen.conflict(HERE, 20.0) == ""
+    seen.identify(HERE, version(8))
+    assert "not the one that was checked" in seen.conflict(HERE, 20.0)
+
+
+def test_so_many_senders_are_remembered_and_no_more() -> None:
+    seen = senders()
+    for port in range(100):
+        seen.beat(("10.0.0.7", port), 1.0 + 0.001 * port)
+    assert len(seen.others(HERE, 1.1)) == MOST_OTHERS + 1
+
+
+# ---- on a link
+
+
+def tells(uid: int, frames: Callable[[Any], list[Any]] = accept) -> Callable[[Any], list[Any]]:
+    """Answers as ``frames`` do, and tells the hardware id ``uid`` where it is asked for."""
+
+    def answer(message: Any) -> list[Any]:
+        asked = message.get_type() == "COMMAND_LONG" and message.command == REQUEST_MESSAGE and message.param1 == 148.0
+        return [*([version(uid)] if asked else []), *frames(message)]
+
+    return answer
+
+
+async def second_vehicle(uid: int, kind: int = PX4) -> Endpoint:
+    """Another autopilot with the same system id, which sends its heartbeat to the same port."""
+    other = await Endpoint(kind=kind).open()
+    other.answer = tells(uid)
+    return other
+
+
+def scene(
+    play: Callable[[MavlinkLink, Endpoint, Endpoint], Awaitable[None]], *, uids: tuple[int, int] = (1, 2)
+) -> None:
+    """Play with a link that is connected to one autopilot; another one may begin to beat."""
+
+    async def main() -> None:
+        vehicle, other = await second_vehicle(uids[0]), await second_vehicle(uids[1])
+        link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
+        beating = asyncio.create_task(vehicle.beating())
+        try:
+            await link.connect()
+            await play(link, vehicle, other)
+        finally:
+            beating.cancel()
+            await link.close()
+
+    in_virtual_time(main())
+
+
+def port_of(end: Endpoint) -> str:
+    host, port = end.transport.get_extra_info("sockname")[:2]
+    return f"{host}:{port}"
+
+
+def test_with_a_second_vehicle_on_the_port_nothing_is_armed_and_both_addresses_are_named() -> None:
+    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
+        beating = asyncio.create_task(other.beating())
+        await asyncio.sleep(0.1)
+        for end in (vehicle, other):
+            assert port_of(end) in link.status.conflict
+        with pytest.raises(LinkError, match="arming was abandoned: two autopilots with MAVLink system id 1"):
+            await link.arm(lambda: command(0.0))
+        for end in (vehicle, other):
+            assert [m for m in end.of("COMMAND_LONG") if m.command == ARM_DISARM] == []
+        assert other.of("SET_ATTITUDE_TARGET") == []
+        beating.cancel()
+        await asyncio.sleep(BOTH_S + 1.1)
+        assert link.status.conflict == ""
+        await link.arm(lambda: command(0.0))
+        assert other.of("SET_ATTITUDE_TARGET") == []
+
+    scene(play)
+
+
+def test_one_autopilot_by_two_ways_is_warned_of_and_armed_by_the_first() -> None:
+    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
+        beating = asyncio.create_task(other.beating())
+        await asyncio.sleep(0.1)
+        assert link.status.conflict == ""
+        assert f"{port_of(vehicle)} and {port_of(other)}: only the first is used" in link.status.warning
+        await link.arm(lambda: command(0.0))
+        assert other.of("SET_ATTITUDE_TARGET") == []
+        beating.cancel()
+
+    scene(play, uids=(7, 7))
+
+
+def test_a_second_vehicle_that_appears_in_flight_is_told_and_gets_no_command() -> None:
+    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
+        await link.arm(lambda: command(0.0))
+        other.beat()
+        await asyncio.sleep(0.1)
+        assert port_of(other) in link.status.conflict
+        assert link.send(command())
+        await asyncio.sleep(0.1)
+        assert other.of("SET_ATTITUDE_TARGET") == []
+
+    scene(play)
+
+
+def test_two_vehicles_behind_one_radio_are_told_apart_by_their_hardware_ids() -> None:
+    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
+        vehicle.answer = lambda message: [*tells(1)(message), *tells(2, lambda _: [])(message)]
+        await link.examine()
+        await asyncio.sleep(0.1)
+        assert "2 autopilots with MAVLink system id 1 answer from" in link.status.conflict
+
+    scene(play)
+
+
+def test_a_vehicle_that_takes_the_place_of_the_examined_one_is_not_armed() -> None:
+    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
+        await link.examine()
+        vehicle.transport.abort()
+        await asyncio.sleep(5.0)
+        beating = asyncio.create_task(other.beating())
+        await asyncio.sleep(1.0)
+        assert link.status.state == "connected"
+        with pytest.raises(LinkError, match="is not the one that was checked"):
+            await link.arm(lambda: command(0.0))
+        await link.examine()
+        await link.arm(lambda: command(0.0))
+        beating.cancel()
+
+    async def main() -> None:
+        vehicle, other = await second_vehicle(1), await second_vehicle(2)
+        link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
+        beating = asyncio.create_task(vehicle.beating())
+        beating.add_done_callback(lambda task: task.cancelled() or task.exception())
+        try:
+            await link.connect()
+            await play(link, vehicle, other)
+        finally:
+            beating.cancel()
+            await link.close()
+
+    in_virtual_time(main())
+
+
+def test_signed_frames_that_are_replayed_from_another_port_are_refused_and_no_second_vehicle(tmp_path: Path) -> None:
+    key = bytes(range(32))
+    path = tmp_path / "key"
+    path.write_bytes(key)
+    path.chmod(0o600)
+
+    async def main() -> None:
+        link = MavlinkLink(MavlinkLinkConfig(quiet=False, signing_key_file=str(path)), thrust_max_n=2.0)
+        vehicle, thief = await Endpoint().open(), await Endpoint().open()
+        vehicle.codec = MavlinkCodec(1, 1)
+        first = 400_000_000_000_00
+        loop = asyncio.get_running_loop()
+        vehicle.codec.signer = Signer(key, lambda: first + int(loop.time() * 1e5))
+        vehicle.answer = accept
+        caught: list[bytes] = []
+
+        async def beat() -> None:
+            while True:
+                frame = vehicle.codec.pack(D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3))
+                caught.append(frame)
+                vehicle.transport.sendto(frame, vehicle.remote)
+                await asyncio.sleep(1.0)
+
+        beating = asyncio.create_task(beat())
+        await link.connect()
+        await asyncio.sleep(2.0)
+        stolen = caught.copy()
+        for frame in stolen:
+            thief.transport.sendto(frame, thief.remote)
+            thief.transport.sendto(frame[:-6] + bytes(6), thief.remote)
+        await asyncio.sleep(0.5)
+        assert link.status.conflict == ""
+        assert link.status.dropped["replayed"] == len(stolen)
+        assert link.status.dropped["bad_signature"] == len(stolen)
+        received = link.status.received
+        await asyncio.sleep(1.0)
+        assert link.status.received > received, "the vehicle itself is still heard"
+        beating.cancel()
+        await link.close()
+
+    in_virtual_time(main())
