@@ -28,6 +28,7 @@ from groundstation.core.messages import (
     EndRecord,
     FlightEvent,
     IdleRecord,
+    LinkDropWatch,
     Notice,
     NoticeKind,
     Others,
@@ -46,6 +47,8 @@ from groundstation.core.messages import (
     Subscriber,
     Tick,
     TickRecord,
+    find_pose_drops,
+    notice,
 )
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GROUND, Event, State
 from groundstation.core.safety import MONITORS, Failure, LiveGains, Monitors, PoseHealth, PoseLatency, Witness
@@ -55,6 +58,7 @@ from groundstation.flight.mission_executive import LAST_CHANCE_S, MissionExecuti
 from groundstation.flight.prearm import Company, FlightEnded, PrearmSequence
 from groundstation.machine import IdleSlots, to_the_end
 from groundstation.pose import make_source
+from groundstation.pose.sources import describe_drop
 from groundstation.settings import Config
 from links import make_link
 from links.core import IN_TIME, Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase
@@ -183,6 +187,8 @@ class CommandLoop:
         self._on_tick = on_tick
         self._say = say
         self._warned = {""}
+        self.drops: LinkDropWatch | None = None
+        """Of the link, from the arming on."""
         """What the link warns of that the operator knows."""
         self._pacing = Pacing(link)
         self._stalls = StallDetector()
@@ -207,6 +213,7 @@ class CommandLoop:
         looking = asyncio.ensure_future(self._look())
         status = self._link.status
         self._warned |= {status.warning, status.conflict}  # pre-flight has told of them
+        self.drops = LinkDropWatch(status)
         try:
             await self._link.arm(lambda: self._pilot.idle(loop.time(), self._idle_n))
             progress.firmware = self._link.status.firmware
@@ -276,6 +283,8 @@ class CommandLoop:
             if warning not in self._warned:
                 self._warned.add(warning)
                 self._say(f"warning: {warning}", Severity.WARNING)
+        for news in self.drops.find_news(status) if self.drops is not None else ():
+            self._say(f"warning: {news}", Severity.WARNING)
 
     def _why_refused(self, now: float, command: Command, last: tuple[float, Command] | None) -> str:
         """Why the link did not take ``command``; ``last`` is when the one before left, and it."""
@@ -848,8 +857,21 @@ class Flight:
                 await to_the_end(self._shutdown.close())
             finally:
                 watching.cancel()
+                self._tell_drops()
                 self._tell(EndRecord(loop.time(), self.state, progress.reason))
         return FlightOutcome(self.state, progress.reason, progress.fault)
+
+    def _tell_drops(self) -> None:
+        """Tell what of messages and poses was lost in the flight, where that was much."""
+        watch, found = self._commands.drops, find_pose_drops(self._source.status)
+        if watch is None:
+            return
+        lost = watch.summarize(self._link.status)
+        if found is not None:
+            reason, count, total = found
+            lost.append(notice("pose.dropped", count=count, total=total, why=describe_drop(reason)))
+        for says in lost:
+            self._say(notice("link.flown", says=says), Severity.WARNING)
 
     async def _fly(self) -> None:
         await self._prearm.depart(self._pose)

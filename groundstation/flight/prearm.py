@@ -30,6 +30,8 @@ from groundstation.core.messages import (
     Say,
     Severity,
     Verdict,
+    find_link_drops,
+    find_pose_drops,
     notice,
 )
 from groundstation.core.mission import Event
@@ -443,6 +445,8 @@ class Checks:
             self._round_trip(link),
             self._arm(link),
             self._frames(link),
+            self._link_drops(link),
+            self._pose_drops(source),
             self._failsafe(),
             *self._still,
             self._ways(place),
@@ -634,6 +638,20 @@ class Checks:
         if self._config.link.has_autopilot:
             return Check("frames", Verdict.OFF, "commands leave as this program sends them")
         return Check("frames", Verdict.PASS, "the pacer and its stand-by have what they need")
+
+    def _link_drops(self, link: LinkStatus) -> Check:
+        name, drops = "link drops", find_link_drops(link)
+        if drops:
+            return Check(name, Verdict.WARN, "; ".join(drop.says for drop in drops))
+        return Check(name, Verdict.PASS, notice("link.few_dropped", total=link.received))
+
+    def _pose_drops(self, source: PoseStatus) -> Check:
+        name, found = "pose drops", find_pose_drops(source)
+        if found is None:
+            return Check(name, Verdict.PASS, notice("pose.few_dropped", total=source.accepted))
+        reason, count, total = found
+        says = notice("pose.dropped", count=count, total=total, why=describe_drop(reason))
+        return Check(name, Verdict.WARN, says)
 
     def _failsafe(self) -> Check:
         """What nobody can see from here: whether the other end stops by itself when we fall silent."""

@@ -201,6 +201,12 @@ class LinkStatus(msgspec.Struct, frozen=True):
             "empty where nobody does."
         ),
     ] = ""
+    other_addresses: Annotated[
+        tuple[str, ...],
+        msgspec.Meta(
+            description="From where else something came to our port, a few of them; see `other_address` in `dropped`."
+        ),
+    ] = ()
     angles_rad: Annotated[
         tuple[float, ...],
         msgspec.Meta(

@@ -402,6 +402,8 @@ SET_POINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSIT
 """Messages by which somebody steers an autopilot."""
 RIVAL_S = 3.0
 """Who has sent none for so long steers it no more [s]."""
+NAMED_ADDRESSES = 4
+"""So many other addresses are named to the operator."""
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
 
@@ -480,6 +482,8 @@ class Contact:
         """Whether somebody else was heard who tells an autopilot its position."""
         self.read = 0
         """How often the wire has brought something."""
+        self.other_addresses: tuple[str, ...] = ()
+        """From where else something came to our port, a few of them."""
         self._rival, self._rival_s = "", -math.inf
         self._first_beat = asyncio.Event()
         self._dropped: Counter[str] = Counter()
@@ -614,6 +618,9 @@ class Contact:
 
     def _overhear(self, data: bytes, source: Any, now_s: float) -> None:
         """Another address than the vehicle's: used for nothing, but it may be a second vehicle."""
+        name = self._name_address(source)
+        if name not in self.other_addresses:
+            self.other_addresses = (*self.other_addresses, name)[:NAMED_ADDRESSES]
         for message in self.codec.feed(data, source, used=False):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
                 continue
@@ -863,6 +870,11 @@ class MavlinkConnection:
     def second_path(self) -> str:
         """That the autopilot is heard by a second way; empty where it is not."""
         return "" if self._loop is None else self._contact.second_path(self._loop.time())
+
+    @property
+    def other_addresses(self) -> tuple[str, ...]:
+        """From where else something came to our port, a few of them."""
+        return self._contact.other_addresses
 
     def examined(self) -> None:
         """The autopilot that is heard now was found fit to be armed."""

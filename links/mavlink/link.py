@@ -275,6 +275,7 @@ class MavlinkLink:
             unfit=self._unfit,
             firmware=self._firmware,
             warning=connection.second_path,
+            other_addresses=connection.other_addresses,
             conflict=connection.conflict or _tell_rival(rival),
         )
 

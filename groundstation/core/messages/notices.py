@@ -88,6 +88,85 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         Severity.WARNING,
     ),
     NoticeTemplate("pose.none", "no poses: {why}"),
+    NoticeTemplate("pose.few_dropped", "fewer than 1 % were dropped, {total} accepted"),
+    NoticeTemplate("pose.dropped", "{count} of {total} poses were dropped, limit 1 %: {why}"),
+    NoticeTemplate("link.few_dropped", "fewer than 1 % of {total} messages were lost, and none is a stranger's"),
+    NoticeTemplate(
+        "link.truncated",
+        "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) came in pieces of which some were lost",
+        "a bridge or radio cuts frames over datagrams: have it send whole frames, lower the autopilot's stream rates, "
+        "check the signal",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.bad_crc",
+        "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) had a wrong checksum",
+        "check baud rate, wiring and signal",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.unsigned",
+        "{count} MAVLink messages came without a signature and were ignored",
+        "give their sender the key of link.signing_key_file, or switch it off",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.bad_signature",
+        "{count} MAVLink messages were signed with another key and were ignored",
+        "compare the autopilot's key with link.signing_key_file; if they are the same, somebody forges messages",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.replayed",
+        "{count} signed MAVLink messages had time stamps that were used before and were ignored",
+        "somebody replays messages, or two senders sign with one system and link id: switch off all but the vehicle",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.other_address",
+        "{count} datagrams came from another address than the vehicle's ({addresses}) and were ignored",
+        "find out who else sends to this port, and give it another one",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.congested",
+        "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not leave, "
+        "as the network had no room",
+        "check the network's load and signal",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.full",
+        "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not leave, "
+        "as older ones still waited",
+        "raise the baud rate or link.period_s, check the signal",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.undeliverable",
+        "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) were given back by the network",
+        "check that the vehicle's address is reachable and its program runs",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.bad_seal",
+        "{count} datagrams to the radio bridge were sealed with another key and were ignored",
+        "compare the keys of station and bridge; if they are the same, somebody forges datagrams",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.replayed_or_late",
+        "{count} of {total} datagrams of the radio bridge ({percent:.1f} %, limit 1 %) came late or twice",
+        "check the network between the two computers",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.other_session",
+        "{count} datagrams of the radio bridge belonged to another session and were ignored",
+        "see that only one station uses this bridge",
+        Severity.WARNING,
+    ),
+    NoticeTemplate("link.flown", "during the flight {says}"),
     NoticeTemplate(
         "tui.multiplexer",
         "{taker} takes some keys itself, as delivered Ctrl-A (screen) or Ctrl-B (tmux)",

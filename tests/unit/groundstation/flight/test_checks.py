@@ -47,10 +47,11 @@ def check(
     noise_m: float = 0.0005,
     now_s: float = 1.03,
     witness: Agreement | None = None,
+    source: PoseStatus | None = None,
     **link: Any,
 ) -> Check:
     checks = Checks(from_dict({**BASE, **(config or {})}, Config))
-    seen = checks(stands or standing(), noise_m, msgspec.structs.replace(LINK, **link), now_s, witness)
+    seen = checks(stands or standing(), noise_m, msgspec.structs.replace(LINK, **link), now_s, witness, source=source)
     return next(one for one in seen if one.name == name)
 
 
@@ -114,6 +115,15 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("frames", {"warning": "the autopilot is heard from two addresses"}, Verdict.WARN),
     ("frames", {"config": {"link": {"kind": "dsm"}}}, Verdict.PASS),
     ("frames", {"config": {"link": {"kind": "dsm"}}, "warning": "no real-time priority"}, Verdict.WARN),
+    ("link drops", {}, Verdict.PASS),
+    ("link drops", {"received": 1000, "dropped": {"truncated": 10, "other_system": 500}}, Verdict.PASS),
+    ("link drops", {"received": 1000, "dropped": {"truncated": 40}}, Verdict.WARN),
+    ("link drops", {"received": 1000, "dropped": {"bad_signature": 1}}, Verdict.WARN),
+    ("link drops", {"sent": 100, "dropped": {"full": 3}}, Verdict.WARN),
+    ("link drops", {"dropped": {"other_address": 1}, "other_addresses": ("192.168.1.7:14550",)}, Verdict.WARN),
+    ("pose drops", {}, Verdict.PASS),
+    ("pose drops", {"source": PoseStatus(accepted=990, dropped={"jump": 9, "other_message": 500})}, Verdict.PASS),
+    ("pose drops", {"source": PoseStatus(accepted=900, dropped={"jump": 100})}, Verdict.WARN),
     ("failsafe", {}, Verdict.OFF),
     ("failsafe", {"config": {"link": {"kind": "dsm"}}}, Verdict.WARN),
     ("thrust bound", {}, Verdict.OFF),

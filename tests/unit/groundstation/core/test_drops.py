@@ -1,0 +1,65 @@
+"""Which dropped messages a person must see: links/… count them, groundstation/core/messages/drops.py chooses."""
+
+import ast
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from groundstation.core.messages import NOTICES, LinkDropWatch, PoseStatus, find_link_drops, find_pose_drops
+from groundstation.core.messages.drops import LINK_DROPS
+from links.core import LinkStatus
+
+ROOT = Path(__file__).parents[4]
+LINK = LinkStatus(state="armed", sent=1000, expired=0, received=1000, dropped={}, text="")
+NOBODY_NEEDS = {"other_system", "unknown", "garbage", "no_peer"}
+"""See the module's text."""
+
+
+def with_drops(**dropped: int) -> LinkStatus:
+    return msgspec.structs.replace(LINK, dropped=dropped)
+
+
+def test_every_reason_that_a_mavlink_link_counts_is_told_or_needs_nobody() -> None:
+    counted = set()
+    for path in (ROOT / "links" / "mavlink").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            match node:
+                case ast.Subscript(ast.Attribute(attr="dropped" | "_dropped"), ast.Constant(reason)):
+                    counted.add(reason)
+    assert {"truncated", "bad_crc", "other_address", "other_system"} <= counted
+    assert counted <= LINK_DROPS.keys() | NOBODY_NEEDS
+
+
+@pytest.mark.parametrize("reason", LINK_DROPS)
+def test_every_reason_has_a_sentence_and_says_what_to_do(reason: str) -> None:
+    assert NOTICES[f"link.{reason}"].remedy
+
+
+def test_losses_below_one_in_a_hundred_are_not_told() -> None:
+    assert find_link_drops(with_drops(truncated=10)) == []
+    (drop,) = find_link_drops(with_drops(truncated=11))
+    assert "11 of 1011 MAVLink frames (1.1 %, limit 1 %) came in pieces of which some were lost" in drop.says
+    assert "have it send whole frames" in drop.says
+
+
+def test_what_never_happens_on_a_good_link_is_told_from_the_first_on() -> None:
+    link = msgspec.structs.replace(with_drops(other_address=1, replayed=1), other_addresses=("10.0.0.9:14550",))
+    assert {drop.reason for drop in find_link_drops(link)} == {"other_address", "replayed"}
+    assert any("(10.0.0.9:14550)" in drop.says for drop in find_link_drops(link))
+
+
+def test_in_flight_a_reason_is_told_once_and_again_when_it_is_tenfold() -> None:
+    watch = LinkDropWatch(with_drops(bad_signature=5))
+    assert watch.find_news(with_drops(bad_signature=5)) == []
+    assert len(watch.find_news(with_drops(bad_signature=6))) == 1
+    assert watch.find_news(with_drops(bad_signature=14)) == []
+    assert len(watch.find_news(with_drops(bad_signature=15))) == 1
+    (says,) = watch.summarize(with_drops(bad_signature=15))
+    assert says.startswith("10 MAVLink messages were signed with another key")
+
+
+def test_poses_are_told_of_by_their_commonest_reason_and_what_else_is_said_on_the_port_is_no_loss() -> None:
+    assert find_pose_drops(PoseStatus(accepted=10, dropped={"other_message": 500, "jump": 2})) is None
+    found = find_pose_drops(PoseStatus(accepted=100, dropped={"other_message": 500, "jump": 8, "late": 4}))
+    assert found == ("jump", 8, 112)
