@@ -84,7 +84,7 @@ def test_what_is_shown_needs_the_file_no_more(tmp_path: Path) -> None:
 
 
 REFUSED = [
-    (FULL.replace("0.5", "-0.5"), "vehicle.file: mine.toml: mass_kg: expected a number > 0, got -0.5"),
+    (FULL.replace("0.5", "-0.5"), "vehicle.file: mine.toml: mass_kg: expected a number > 0 and <= 100, got -0.5"),
     (FULL + "masskg = 1\n", "vehicle.file: mine.toml: masskg: unknown key; did you mean mass_kg?"),
     (FULL + "x = = 1\n", "vehicle.file: mine.toml: not valid TOML: Invalid value (at line 9, column 5)"),
     ("mass_kg = 1\n", "vehicle.file: mine.toml: missing: name, thrust_max_n, thrust_min_n, rate_limits_deg_s,"),
