@@ -30,7 +30,6 @@ from groundstation.machine import RecordingConfig, folder_of, is_being_written, 
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import (
     CHANNELS,
-    MeasuredMessage,
     ReferenceMessage,
     TruthMessage,
     Vector3,
@@ -178,7 +177,7 @@ def write_poses(recording: "Recording", target: Path) -> int:
         file.write(CSV_COLUMNS + "\n")
         for entry in recording.entries(("/measured",)):
             count += 1
-            seen = msgspec.json.decode(entry.data, type=MeasuredMessage)
+            seen = entry.message()
             p, q = seen.position_ned, seen.attitude
             file.write(encode_csv(CsvRow(seen.time_s, seen.arrival_s, (p.x, p.y, p.z), (q.w, q.x, q.y, q.z))))
     return count
@@ -228,11 +227,11 @@ class TruthTrack:
             if entry.topic == "/truth":
                 raise ConfigError("--truth", f"{recording.path} has its own: it was simulated in virtual time")
             if entry.topic == "/mission":
-                self._state = entry.value()["state"]
+                self._state = entry.message().state
             elif entry.topic == "/command":
-                self._flight_time_s = entry.value()["flight_time_s"]
+                self._flight_time_s = entry.message().flight_time_s
             elif entry.topic == "/reference":
-                told = self._beside(msgspec.json.decode(entry.data, type=ReferenceMessage))
+                told = self._beside(entry.message())
                 yield entry._replace(topic="/truth", data=msgspec.json.encode(told))
 
     def errors(self) -> dict[str, str]:
@@ -279,20 +278,19 @@ def rewrite(
     With a ``scene``, what viewers draw is made of it and stands beside the messages on ``topics``; with a ``truth``,
     that, too.
     """
-    from groundstation.recording import McapWriter
+    from groundstation.recording import add_channel, begin_mcap
 
     count = 0
     with open(target, "wb", opener=open_private) as file:  # Path.open has no opener
-        writer = McapWriter(file, "groundstation export")
-        writer.add_metadata("about", recording.about)
+        writer = begin_mcap(file, "groundstation export", recording.about)
         kept = [topic for topic in CHANNELS if not topics or topic in topics]
         channels = scene.channels(kept) if scene else describe_channels(kept)
-        ids = {form[0]: writer.add_channel(*form) for form in channels}
+        ids = {form[0]: add_channel(writer, form) for form in channels}
         wanted = () if scene else topics
         for entry in recording.entries(wanted) if truth is None else truth.entries(recording):
             for topic, data in scene.messages(entry) if scene else ((entry.topic, entry.data),):
                 if topic in ids:
-                    writer.add_message(ids[topic], entry.stamp_ns, data)
+                    writer.add_message(ids[topic], entry.stamp_ns, data, entry.stamp_ns)
                     count += 1
         if recording.result:
             writer.add_metadata("result", recording.result | ({} if truth is None else truth.errors()))

@@ -461,7 +461,7 @@ class _Replay:
 
     def take(self, entry: Entry, entries: list[Entry], index: int) -> None:
         """What happened next; ``entries`` and ``index`` for a look at what it led to."""
-        match msgspec.json.decode(entry.data, type=ch.CHANNELS[entry.topic][1]):
+        match entry.message():
             case ch.RawReceived() as received:
                 self._receive(received, entries, index)
             case ch.ReferenceMessage() as reference:
@@ -599,7 +599,8 @@ def _arrival_s(entries: list[Entry], index: int) -> float | None:
     for following in range(index + 1, len(entries)):
         entry = entries[following]
         if entry.topic == "/measured":
-            return msgspec.json.decode(entry.data, type=ch.MeasuredMessage).arrival_s
+            arrival_s: float = entry.message().arrival_s
+            return arrival_s
         if entry.topic == "/raw/received":
             break
     return None

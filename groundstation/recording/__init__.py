@@ -16,6 +16,7 @@ from groundstation.recording.channels import (
     ReferenceMessage,
     TruthMessage,
     Vector3,
+    channel_form,
     describe_channels,
     quaternion,
     read_command,
@@ -23,15 +24,15 @@ from groundstation.recording.channels import (
     read_reference,
     schema,
 )
+from groundstation.recording.headline import FlightHeadline
 from groundstation.recording.process import END_S, RecorderProcess
 from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline, refuse_recordings
 from groundstation.recording.records import (
     About,
-    FlightHeadline,
     LineRecord,
     ReceivedRecord,
     Record,
     SentRecord,
     TruthRecord,
 )
-from groundstation.recording.writer import FlightLog, McapWriter, about_texts
+from groundstation.recording.writer import FlightLog, about_texts, add_channel, begin_mcap

@@ -355,11 +355,14 @@ ChannelForm = tuple[str, str, bytes, str, str]
 """Topic; name, text and encoding of its schema; encoding of its messages."""
 
 
+def channel_form(topic: str, name: str, message: type[msgspec.Struct]) -> ChannelForm:
+    """The form of a channel whose messages are ``message`` in JSON, with a schema called ``name``."""
+    return topic, name, schema(name, message), "jsonschema", "json"
+
+
 def describe_channels(topics: Iterable[str]) -> Iterator[ChannelForm]:
-    """How a recording writes ``topics``."""
-    for topic in topics:
-        name, message = CHANNELS[topic]
-        yield topic, name, schema(name, message), "jsonschema", "json"
+    """The forms of the channels on ``topics`` in a recording."""
+    return (channel_form(topic, *CHANNELS[topic]) for topic in topics)
 
 
 def schema(name: str, message: type[msgspec.Struct]) -> bytes:

@@ -5,25 +5,23 @@ import struct
 import zlib
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 import msgspec
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Metadata
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Metadata
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 
 from groundstation.config import ConfigError
 from groundstation.machine import is_being_written
-from groundstation.recording.records import MAGIC, FlightHeadline, HeadlineCounter
+from groundstation.recording.channels import CHANNELS
+from groundstation.recording.headline import TOPICS, FlightHeadline, HeadlineCounter
+from groundstation.recording.records import MAGIC
 
 _RECORD = struct.Struct("<BQ")
 """How each begins: its kind, and how many bytes follow."""
-_MESSAGE = struct.Struct("<HIQQ")
-"""How a message begins: its channel, its number, and two times."""
 _FOOTER = struct.Struct("<BQQQI")
 """The last record: its kind, its length, where the index begins, where its offsets do, and a sum."""
 _DATA_END = struct.Struct("<BQI")
@@ -67,9 +65,13 @@ class Entry(NamedTuple):
     """JSON."""
 
     def value(self) -> dict[str, Any]:
-        """What it says, as in groundstation/recording/channels.py."""
+        """Decode it as nested dictionaries, for tables."""
         found: dict[str, Any] = msgspec.json.decode(self.data)
         return found
+
+    def message(self) -> Any:
+        """Decode it as the message type of its channel (groundstation/recording/channels.py)."""
+        return msgspec.json.decode(self.data, type=CHANNELS[self.topic][1])
 
 
 class Recording:
@@ -120,8 +122,8 @@ class Recording:
     def headline(self) -> FlightHeadline:
         """The figures of the flight: as written at its end, or else counted up to the damage."""
         count = HeadlineCounter()
-        for entry in self.entries(("/command", "/errors", "/measured", "/mission", "/lost")):
-            count.read(entry.topic, entry.value())
+        for entry in self.entries(TOPICS):
+            count.add(entry.message())
         headline = from_texts(self.result) if self.result else count.headline()
         if not self.trouble:
             return headline
@@ -193,28 +195,14 @@ def _ends_early(file: BinaryIO) -> bool:
 
 
 def _messages(chunk: Chunk, topics: Collection[str], names: dict[int, str]) -> Iterator[Entry]:
-    """What a chunk holds on ``topics``; ``names`` keeps the channels. mcap's own way makes a call of every integer.
-
-    All of it is looked through before the first is given: of a damaged chunk nothing is.
-    """
-    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    data = stream.read(size)
-    found = []
-    at = 0
-    while at < size:
-        kind, length = _RECORD.unpack_from(data, at)
-        at += _RECORD.size
-        if kind == Opcode.MESSAGE:
-            channel, _, stamp_ns, _ = _MESSAGE.unpack_from(data, at)
-            name = names.get(channel)
-            if name is not None:
-                found.append(Entry(name, stamp_ns, data[at + _MESSAGE.size : at + length]))
-        elif kind == Opcode.CHANNEL:
-            record = Channel.read(ReadDataStream(BytesIO(data[at : at + length])))
-            if record.message_encoding == "json" and (not topics or record.topic in topics):  # others are for viewers
-                names[record.id] = record.topic
-        at += length
-    yield from found
+    """The messages of a chunk on ``topics``; ``names`` keeps the channels. A damaged chunk gives none."""
+    for record in breakup_chunk(chunk, validate_crc=True):
+        match record:
+            case Channel(id=number, topic=topic, message_encoding="json"):  # others are for viewers
+                if not topics or topic in topics:
+                    names[number] = topic
+            case Message(channel_id=number) if number in names:
+                yield Entry(names[number], record.log_time, record.data)
 
 
 def quick_headline(path: Path) -> tuple[dict[str, str], FlightHeadline, bool]:

@@ -263,9 +263,6 @@ def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | Non
     return thrust_bound(config.controller, acceleration_sup=asked.acceleration_m_s2, v_start=v_start).bound
 
 
-AT_ONCE = 500
-"""So many records are written one after the other, which takes less time than to write each as it comes. A simulation
-that is killed loses them: some 2 s of flight, which took it some 50 ms."""
 RECORDING, FRAMES = "flight.mcap", "frames.txt"
 
 
@@ -291,16 +288,13 @@ class RunFolder:
             self._frames = None if config.link.has_autopilot else _open(path / FRAMES)
         self._poses.write(CSV_COLUMNS + "\n")
         self._world = world
-        self._waiting: list[Record] = []
         self._last_s = 0.0
         self._state = "idle"
         self._ended = False
 
     def give(self, record: Record) -> None:
         """Take one record of the flight."""
-        self._waiting.append(record)
-        if len(self._waiting) >= AT_ONCE:
-            self._write()
+        self._log.write(record)
         if type(record) is TickRecord:
             self._last_s = record.tick.time_s
         elif type(record) is LineRecord:
@@ -308,14 +302,8 @@ class RunFolder:
         elif type(record) is EndRecord:
             self._ended = True
 
-    def _write(self) -> None:
-        """Write what waits; what can't be written is left out, and raises in the end."""
-        waiting, self._waiting = self._waiting, []
-        self._log.write(*waiting)
-
     def abandon(self) -> None:
         """The simulation ends in an error: keep all that was given, of which the last is what one looks for."""
-        self._write()
         self._log.flush()
         self._log.leave()
         self._close_texts()
@@ -339,11 +327,7 @@ class RunFolder:
     def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""
         if not self._ended:  # the simulation has, in the air: that is no end of a mission
-            self._waiting.append(EndRecord(self._last_s, self._state, facts["why"]))
-        try:
-            self._write()
-        except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
-            _warn(f"WARNING: a part of this flight can't be recorded: {error}")
+            self._log.write(EndRecord(self._last_s, self._state, facts["why"]))
         rms_cm, max_cm = facts.get("rms_cm"), facts.get("max_cm")
         self._log.close(*(None if value is None else 0.01 * value for value in (rms_cm, max_cm)))
         self._close_texts()

@@ -41,12 +41,13 @@ from groundstation.core.messages import Pose, notice
 from groundstation.machine import open_private
 from groundstation.recording import (
     CHANNELS,
-    McapWriter,
     MeasuredMessage,
     Quaternion,
     Vector3,
+    add_channel,
+    begin_mcap,
+    channel_form,
     quaternion,
-    schema,
 )
 from groundstation.runtime import Exit, __version__
 
@@ -738,11 +739,11 @@ def write_flight(
     }
     stamp_ns = max(0, round(flight.begun_s * 1e9))
     with open(out, "wb", opener=open_private) as file:  # Path.open has no opener
-        writer = McapWriter(file, "groundstation import")
-        writer.add_metadata("about", about)
-        ids = {topic: writer.add_channel(topic, name, schema(name, kind)) for topic, (name, kind) in IMPORTED.items()}
+        writer = begin_mcap(file, "groundstation import", about)
+        ids = {topic: add_channel(writer, channel_form(topic, *kind)) for topic, kind in IMPORTED.items()}
         for at, topic, message in sorted(flight.messages, key=lambda one: one[0]):
-            writer.add_message(ids[topic], max(0, stamp_ns + round(at * 1e9)), msgspec.json.encode(message))
+            at_ns = max(0, stamp_ns + round(at * 1e9))
+            writer.add_message(ids[topic], at_ns, msgspec.json.encode(message), at_ns)
         writer.finish()
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from groundstation.analysis import logs_command
+<<<<<<< HEAD:tests/unit/groundstation/machine/test_flights_folder.py
 from groundstation.machine import (
     RecordingConfig,
     folder_of,
@@ -19,6 +20,11 @@ from groundstation.machine import (
     tidy,
 )
 from groundstation.recording.records import HeadlineCounter
+=======
+from groundstation.recording.channels import MissionMessage
+from groundstation.recording.headline import HeadlineCounter
+from groundstation.runtime import RecordingConfig, folder_of, free_name, is_being_written, list_recordings, tidy
+>>>>>>> 4d06a2f8 (Recordings are written and read by the mcap package: one encoder, one decoder, chunks closed every 0.2 s):tests/unit/groundstation/runtime/test_flights_folder.py
 
 NOW = 1_800_000_000.0
 DAY = 86400.0
@@ -127,7 +133,7 @@ def test_why_a_flight_ended_is_what_led_to_its_last_state_and_not_what_was_told_
         ("landed", "landed and disarmed"),
         ("landed", "tui 7 has gone, and held control: nobody does now"),
     ):
-        count.read("/mission", {"state": state, "text": text})
+        count.add(MissionMessage(0.0, state, text))
     assert (count.headline().state, count.headline().reason) == ("landed", "landed and disarmed")
     count.end_flight("landed", "flown to the end")
     assert count.headline().reason == "flown to the end"
