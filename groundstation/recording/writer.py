@@ -11,12 +11,10 @@ import os
 import platform
 import subprocess
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
-from mcap.writer import Writer
 
 from groundstation.core.messages import EndRecord, Say, Severity
 from groundstation.recording.channels import CHANNELS, ChannelForm, MessageMaker, address, describe_channels
@@ -38,16 +36,21 @@ from groundstation.recording.records import (
 from groundstation.runtime import __version__
 from links.mavlink.protocol import MOST_SENDERS, frame_end
 
+if TYPE_CHECKING:
+    from mcap.writer import Writer
 
-def begin_mcap(output: Any, library: str, about: dict[str, str]) -> Writer:
+
+def begin_mcap(output: Any, library: str, about: dict[str, str]) -> "Writer":
     """Begin an MCAP file in ``output``, which has write, tell and flush; ``library`` names us."""
+    from mcap.writer import Writer
+
     writer = Writer(output, enable_data_crcs=True)
     writer.start(library=library)
     writer.add_metadata("about", about)
     return writer
 
 
-def add_channel(writer: Writer, form: ChannelForm) -> int:
+def add_channel(writer: "Writer", form: ChannelForm) -> int:
     """Add a channel with its schema to the file; return its number."""
     topic, schema_name, schema, schema_encoding, encoding = form
     return writer.register_channel(topic, encoding, writer.register_schema(schema_name, schema_encoding, schema))
@@ -314,6 +317,8 @@ def about_texts(about: About) -> dict[str, str]:
 
 
 def _name_version(package: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return f"{package} {version(package)}"
     except PackageNotFoundError:

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from groundstation.analysis import logs_command
-<<<<<<< HEAD:tests/unit/groundstation/machine/test_flights_folder.py
 from groundstation.machine import (
     RecordingConfig,
     folder_of,
@@ -19,12 +18,8 @@ from groundstation.machine import (
     list_recordings,
     tidy,
 )
-from groundstation.recording.records import HeadlineCounter
-=======
 from groundstation.recording.channels import MissionMessage
 from groundstation.recording.headline import HeadlineCounter
-from groundstation.runtime import RecordingConfig, folder_of, free_name, is_being_written, list_recordings, tidy
->>>>>>> 4d06a2f8 (Recordings are written and read by the mcap package: one encoder, one decoder, chunks closed every 0.2 s):tests/unit/groundstation/runtime/test_flights_folder.py
 
 NOW = 1_800_000_000.0
 DAY = 86400.0
