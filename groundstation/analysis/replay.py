@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.config import ConfigError
 from groundstation.core import Pilot
 from groundstation.core.control import Custom
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import GAIN, Pose
+from groundstation.core.messages import GAIN, Pose, notice
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import make_ends
@@ -33,6 +33,7 @@ from groundstation.recording import (
     Recording,
     about_texts,
     read_command,
+    read_config,
     read_pose,
     read_reference,
     refuse_recordings,
@@ -72,7 +73,7 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
     """
     with refuse_recordings():
         recording = Recording(path)
-        config = _config(recording, overrides)
+        config, left_out = read_config(recording, overrides)
         if not trust_modules and not {"controller.kind", "controller.factory"} & set(map(_key, overrides)):
             _ensure_own(config, path)
         result = fly_again(recording, config)
@@ -92,6 +93,7 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
         "whole": recording.whole,
         "damaged_at": recording.damaged_at,
         "overrides": list(overrides),
+        "settings_left_out": left_out,
         "without_effect": [override for override in overrides if _key(override).partition(".")[0] not in FLOWN_AGAIN],
         "changes": {
             name: _change([(p.recorded[i], p.replayed[i]) for p in result.commands]) for i, name in enumerate(NAMES)
@@ -100,14 +102,6 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
         "recorded_by": {key: recording.about.get(key, "") for key in ("version", "git", "python")},
         "replayed_by": {key: own[key] for key in ("version", "git", "python")},
     }
-
-
-def _config(recording: Recording, overrides: Sequence[str]) -> Config:
-    try:
-        told = parse_toml(recording.about.get("config", ""))
-    except ValueError as error:
-        raise ConfigError("", f"the configuration in it is {error}", str(recording.path)) from None
-    return from_dict(told, Config, overrides, source=str(recording.path))
 
 
 def _key(override: str) -> str:
@@ -177,11 +171,22 @@ def text_of(facts: dict[str, Any]) -> str:
                 f"{name:20}{c['recorded_mean']:>15.4f}{c['replayed_mean']:>12.4f}{c['rms']:>12.4f}{c['max']:>12.4f}"
             )
         lines.append(f"{'at a limit':20}{'':>15}{100.0 * facts['saturated_fraction']:>10.1f} %")
-    if not facts["identical"] and not facts["overrides"] and facts["recorded_by"] != facts["replayed_by"]:
-        lines.append(
-            f"recorded by {_name_program(facts['recorded_by'])}, replayed by {_name_program(facts['replayed_by'])}"
-        )
+    if facts["recorded_by"] != facts["replayed_by"]:
+        lines.append(_describe_versions(facts))
+    if facts["settings_left_out"]:
+        lines.append(notice("replay.settings", settings=", ".join(facts["settings_left_out"])))
     return "\n".join(lines)
+
+
+def _describe_versions(facts: dict[str, Any]) -> str:
+    largest = [0.0 if facts["changes"][name] is None else facts["changes"][name]["max"] for name in NAMES]
+    return notice(
+        "replay.versions",
+        recorded=_name_program(facts["recorded_by"]),
+        replayed=_name_program(facts["replayed_by"]),
+        thrust_n=largest[0],
+        rate_rad_s=max(largest[1:]),
+    )
 
 
 def _name_program(program: dict[str, str]) -> str:

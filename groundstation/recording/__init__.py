@@ -24,6 +24,7 @@ from groundstation.recording.channels import (
     read_reference,
     schema,
 )
+from groundstation.recording.flown_config import read_config
 from groundstation.recording.headline import FlightHeadline
 from groundstation.recording.process import END_S, RecorderProcess
 from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline, refuse_recordings

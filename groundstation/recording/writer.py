@@ -21,13 +21,7 @@ from groundstation.recording.channels import CHANNELS, ChannelForm, MessageMaker
 from groundstation.recording.headline import HeadlineCounter
 from groundstation.recording.records import (
     About,
-<<<<<<< HEAD
-    HeadlineCounter,
-    LineRecord,
-    LossRecord,
     Peer,
-=======
->>>>>>> 9c9fab32 (Recordings are written and read by the mcap package: one encoder, one decoder, chunks closed every 0.2 s)
     ReceivedRecord,
     Record,
     SentRecord,
@@ -186,9 +180,11 @@ class TlogCutter:
         return bytes(found)
 
 
-FLUSH_S = 0.2
-"""A chunk is closed and written after this time [s]. With the 0.03 s that records wait in the flight's process, a crash
-loses less than 0.25 s."""
+FLUSH_S = 0.15
+"""A chunk is closed and written after this time [s].
+
+With the 0.03 s that records wait in the flight's process, and the time that a busy machine takes, a
+crash loses less than 0.25 s (tests/e2e/test_recorder_process.py kills recorders at random)."""
 PACKAGES = ("mcap", "msgspec", "numpy", "pymavlink", "zstandard")
 """Whose versions are noted beside ours."""
 
@@ -266,26 +262,12 @@ class FlightLog:
     def _note(self, record: Record) -> None:
         """Write the bytes of a MAVLink wire to the .tlog; note the end of the flight."""
         match record:
-<<<<<<< HEAD
-            case TickRecord(tick):
-                error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
-                self._count.count_command(tick.flight_time_s, error)
-            case PoseRecord():
-                self._count.count_pose()
-            case WireRecord(_, wire, _, local, remote):
-                if self._mavlink and self._mavlink in (address(local), address(remote)):
-                    self._cutters[wire] = TlogCutter(), TlogCutter()
-            case LineRecord(_, state, text):
-                self._count.enter_state(state, text)
-=======
             case ReceivedRecord() | SentRecord():
                 if record.wire in self._cutters:
                     self._frames(record)
-            case WireRecord(_, wire, kind, local, remote):
+            case WireRecord(_, wire, _, local, remote):
                 if self._mavlink and self._mavlink in (address(local), address(remote)):
-                    datagrams = kind == "udp"
-                    self._cutters[wire] = TlogCutter(datagrams=datagrams), TlogCutter(datagrams=datagrams)
->>>>>>> 9c9fab32 (Recordings are written and read by the mcap package: one encoder, one decoder, chunks closed every 0.2 s)
+                    self._cutters[wire] = TlogCutter(), TlogCutter()
             case EndRecord(_, state, reason):
                 self._count.end_flight(state, reason)
 

@@ -14,10 +14,11 @@ import numpy as np
 
 from groundstation.analysis import FlightData, load
 from groundstation.analysis.report import FlightColumns
-from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.config import ConfigError
 from groundstation.core.control import Custom
 from groundstation.core.messages import STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
+from groundstation.recording import read_config
 from groundstation.settings import Config
 from sim.batch import fly_batch, require_batchable
 from sim.runs import fly
@@ -165,7 +166,7 @@ def error_budget(flight: FlightData | FlightColumns | Path | str) -> ErrorBudget
     if duration_s < LEAST_S:
         return ErrorBudget(of=f"No error budget: it flew less than {LEAST_S:g} s on the trajectory.")
     try:
-        config = from_dict(parse_toml(about["config"]), Config, [], source=str(flown.path))
+        config = read_config(flown.recording).config
         if isinstance(config.controller, Custom) or isinstance(config.trajectory, OwnTrajectoryConfig):
             return ErrorBudget(of="No error budget: no code that a recording names is run, and its own is needed.")
         world, config = _stage(about, config, flown)

@@ -44,7 +44,7 @@ from groundstation.analysis.evidence.shadow import (
     thrust_shares,
 )
 from groundstation.analysis.identify import LEAST_S, FlightStretch, StretchTooShort, find_stretch, identify
-from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.config import ConfigError, from_dict
 from groundstation.core.estimation import (
     JITTER_SHOWS,
     PP,
@@ -59,7 +59,7 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import GRAVITY, ActuatorCommand
 from groundstation.machine import replace_between_markers, split_at_markers
-from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_pose
+from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_config, read_pose
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import signal
@@ -227,7 +227,7 @@ def load_flight(path: Path) -> EvidenceFlight:
         ours = "imported" not in recording.about
         may_fly, config = not ours, None
         if ours:
-            config = from_dict(parse_toml(recording.about.get("config", "")), Config)
+            config = read_config(recording).config
         for entry in recording.entries((MEASURED, SETPOINT, STATE, "/command", "/idle")):
             if entry.topic == MEASURED:
                 poses.append(read_pose(msgspec.json.decode(entry.data, type=MeasuredMessage)))

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.config import ConfigError
 from groundstation.core.messages import Pose
 from groundstation.core.mission import State
 from groundstation.core.safety import PoseLatency
-from groundstation.recording import Recording
+from groundstation.recording import Recording, read_config
 from groundstation.settings import Config
 from links.mavlink.protocol import LONGEST_S, MavlinkCodec, Trip, attitude_of
 
@@ -107,7 +107,7 @@ def read_stretch(path: Path) -> FlightStretch:
             f"{path} holds {length_s:.1f} s of unbroken flight on its trajectory, and {LEAST_S:g} s are the least: "
             "fly trajectory.kind = 'excitation'"
         )
-    config = _config(recording.about.get("config", ""), path)
+    config = _config(recording)
     parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
     late = None if config.pose.by_autopilot else vehicle.find_lateness()
     return FlightStretch(path, recording, config, *parts, late)
@@ -176,8 +176,9 @@ def find_stretch(sent_s: Column, poses: Column) -> slice:
     return best
 
 
-def _config(text: str, path: Path) -> Config:
+def _config(recording: Recording) -> Config:
     try:
-        return from_dict(parse_toml(text), Config)
-    except (ValueError, ConfigError) as error:
+        return read_config(recording).config
+    except ConfigError as error:
+        path = recording.path
         raise StretchTooShort(f"{path} was flown with a configuration that this version cannot read: {error}") from None

@@ -168,6 +168,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("link.flown", "during the flight {says}"),
     NoticeTemplate(
+        "replay.versions",
+        "recorded by {recorded}, replayed by {replayed}: "
+        "the largest difference is {thrust_n:.2g} N of thrust and {rate_rad_s:.2g} rad/s of body rate",
+    ),
+    NoticeTemplate("replay.settings", "settings of the recording that this version leaves out: {settings}"),
+    NoticeTemplate(
         "tui.multiplexer",
         "{taker} takes some keys itself, as delivered Ctrl-A (screen) or Ctrl-B (tmux)",
         "where a key does nothing, press the second one, which the footer names",

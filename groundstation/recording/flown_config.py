@@ -1,0 +1,45 @@
+"""Configuration that a flight was flown with, read from its recording, also of another version."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.recording.reader import Recording
+from groundstation.settings import Config
+
+
+class FlownConfig(NamedTuple):
+    """The configuration in a recording."""
+
+    config: Config
+    left_out: list[str]
+    """Settings that this version does not know, or not with such values; they are left out."""
+
+
+def read_config(recording: Recording, overrides: Sequence[str] = ()) -> FlownConfig:
+    """Read the configuration in ``recording`` and apply ``overrides`` to it.
+
+    Raises:
+        ConfigError: it is no TOML, a value in a list is refused, or an override is bad.
+    """
+    try:
+        settings = parse_toml(recording.about.get("config", ""))
+    except ValueError as error:
+        raise ConfigError("", f"the configuration in it is {error}", str(recording.path)) from None
+    left_out: list[str] = []
+    while True:
+        try:
+            return FlownConfig(from_dict(settings, Config, overrides, source=str(recording.path)), left_out)
+        except ConfigError as error:
+            if not _remove(settings, error.key):
+                raise
+            left_out.append(error.key)
+
+
+def _remove(settings: dict[str, Any], key: str) -> bool:
+    """Remove the dotted ``key``; return whether it was there."""
+    *tables, name = key.split(".")
+    table: Any = settings
+    for part in tables:
+        table = table.get(part) if isinstance(table, dict) else None
+    return isinstance(table, dict) and table.pop(name, None) is not None

@@ -1,0 +1,90 @@
+"""Recordings of an older version (tests/golden/recordings) open, report, identify, export and replay."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from groundstation.__main__ import main
+from groundstation.analysis.replay import replay_facts, text_of
+from groundstation.recording import Recording, quick_headline, read_config
+
+FOLDER = Path(__file__).parents[1] / "golden" / "recordings"
+EXPECTED: dict[str, dict[str, Any]] = json.loads((FOLDER / "expected.json").read_text())
+OLD_COMMIT = "936caf1489ad"
+
+
+def call(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """What ``groundstation WORDS --json`` prints."""
+    monkeypatch.setattr("sys.argv", ["groundstation", *words, "--json"])
+    assert main() == 0
+    answer: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return answer
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_an_old_recording_opens_with_the_headline_that_its_own_version_gave(name: str) -> None:
+    path = FOLDER / f"{name}.mcap"
+    about, headline, whole = quick_headline(path)
+    assert whole
+    assert about["git"].startswith(OLD_COMMIT)
+    assert msgspec.to_builtins(headline) == EXPECTED[name]["headline"]
+    counted = Recording(path).headline()
+    assert (counted.commands, counted.poses) == (headline.commands, headline.poses)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_an_old_recording_reports_the_figures_that_its_own_version_gave(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (flight,) = call(["report", str(FOLDER / f"{name}.mcap")], monkeypatch, capsys)["flights"]
+    for key, value in EXPECTED[name]["report"].items():
+        assert flight[key] == value, key
+
+
+def test_an_old_recording_identifies_the_vehicle_that_its_own_version_found(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = call(["identify", str(FOLDER / "excitation.mcap")], monkeypatch, capsys)["parameters"]
+    for key, value in EXPECTED["excitation"]["identify"].items():
+        assert found[key]["value"] == (None if value is None else pytest.approx(value, rel=0.02, abs=2e-4)), key
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_an_old_recording_exports_the_tables_that_its_own_version_wrote(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["groundstation", "export", str(FOLDER / f"{name}.mcap"), "--out", str(tmp_path / "tables")]
+    monkeypatch.setattr("sys.argv", words)
+    assert main() == 0
+    digests = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in (tmp_path / "tables").iterdir()}
+    assert digests == EXPECTED[name]["csv_sha256"]
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_the_replay_of_an_old_recording_tells_both_versions_and_the_largest_difference(name: str) -> None:
+    facts = replay_facts(FOLDER / f"{name}.mcap")
+    figures = EXPECTED[name]["headline"]
+    assert (facts["commands"], facts["poses"]) == (figures["commands"], figures["poses"])
+    assert facts["recorded_by"]["git"].startswith(OLD_COMMIT)
+    # Poses come of the same bytes, and commands of the same poses: the law may have changed a little.
+    assert facts["differing"]["pose"] == 0
+    assert facts["changes"]["thrust_n"]["rms"] < 0.05 * facts["changes"]["thrust_n"]["recorded_mean"]
+    text = text_of(facts)
+    assert f"recorded by version {facts['recorded_by']['version']} ({OLD_COMMIT})" in text
+    assert f"replayed by version {facts['replayed_by']['version']}" in text
+    assert f"the largest difference is {facts['changes']['thrust_n']['max']:.2g} N of thrust" in text
+
+
+def test_settings_that_this_version_does_not_know_are_left_out_and_named() -> None:
+    recording = Recording(FOLDER / "radio.mcap")
+    known = read_config(recording)
+    old = recording.about["config"].replace("[vehicle]", "[lost_section]\nkey = 1\n\n[vehicle]\nlost_key = 2", 1)
+    recording.about["config"] = old.replace("coast_s =", "coast_s = -1 #", 1)
+    config, left_out = read_config(recording, ["vehicle.mass_kg=0.5"])
+    assert set(left_out) - set(known.left_out) == {"lost_section", "vehicle.lost_key", "flight.coast_s"}
+    assert config.vehicle.mass_kg == 0.5
+    assert config.pose == known.config.pose
