@@ -69,7 +69,9 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
 
 
 @pytest.mark.parametrize("batches", [1, 5])
-def test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_quarter_of_a_second(tmp_path: Path, batches: int) -> None:
+def test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_quarter_of_a_second(
+    tmp_path: Path, batches: int
+) -> None:
     luck = random.Random(7)
     lost_s, late_s = [], 0.0
     for batch in range(batches):
