@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from groundstation.config import ConfigError, from_dict, parse_toml
+from groundstation.config import RETIRED_KEYS, ConfigError, from_dict, parse_toml
 from groundstation.recording.reader import Recording
 from groundstation.settings import Config
 
@@ -26,7 +26,7 @@ def read_config(recording: Recording, overrides: Sequence[str] = ()) -> FlownCon
         settings = parse_toml(recording.about.get("config", ""))
     except ValueError as error:
         raise ConfigError("", f"the configuration in it is {error}", str(recording.path)) from None
-    left_out: list[str] = []
+    left_out = [key for key in RETIRED_KEYS if _remove(settings, key)]
     while True:
         try:
             return FlownConfig(from_dict(settings, Config, overrides, source=str(recording.path)), left_out)

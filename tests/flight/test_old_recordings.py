@@ -70,9 +70,9 @@ def test_the_replay_of_an_old_recording_tells_both_versions_and_the_largest_diff
     figures = EXPECTED[name]["headline"]
     assert (facts["commands"], facts["poses"]) == (figures["commands"], figures["poses"])
     assert facts["recorded_by"]["git"].startswith(OLD_COMMIT)
-    # Poses come of the same bytes, and commands of the same poses: the law may have changed a little.
+    # Poses come of the same bytes, and commands of the same poses; what limits them may have changed.
     assert facts["differing"]["pose"] == 0
-    assert facts["changes"]["thrust_n"]["rms"] < 0.05 * facts["changes"]["thrust_n"]["recorded_mean"]
+    assert facts["changes"]["thrust_n"]["rms"] < 0.2 * facts["changes"]["thrust_n"]["recorded_mean"]
     text = text_of(facts)
     assert f"recorded by version {facts['recorded_by']['version']} ({OLD_COMMIT})" in text
     assert f"replayed by version {facts['replayed_by']['version']}" in text
