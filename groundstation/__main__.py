@@ -171,8 +171,11 @@ def _mqtt(parser: argparse.ArgumentParser) -> None:
     schemas.add_argument("--write", type=path, metavar="DIR", help="write one file each instead")
 
 
+RECORDING_HELP = "a file, or a name that `logs` lists (default: the newest)"
+
+
 def _replay(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=path, metavar="LOG.mcap|FILE.tlog")
+    parser.add_argument("file", type=path, nargs="?", metavar="LOG.mcap|FILE.tlog", help=RECORDING_HELP)
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE")
     parser.add_argument("--config", type=path, metavar="FILE.toml")
     _json_argument(parser, "the report")
@@ -192,7 +195,7 @@ def _logs(parser: argparse.ArgumentParser) -> None:
 
 
 def _export(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=path, metavar="LOG.mcap")
+    parser.add_argument("file", type=path, nargs="?", metavar="LOG.mcap", help=RECORDING_HELP)
     parser.add_argument(
         "--format",
         choices=["csv", "npz", "mat", "parquet", "rrd", "foxglove", "mcap", "poses"],
@@ -214,7 +217,9 @@ def _export(parser: argparse.ArgumentParser) -> None:
 
 
 def _view(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=path, metavar="LOG.mcap", help="also one that is being recorded now")
+    parser.add_argument(
+        "log", type=path, nargs="?", metavar="LOG.mcap", help=f"also one that is being recorded now; {RECORDING_HELP}"
+    )
     parser.add_argument("--in", dest="viewer", choices=VIEWERS, default=VIEWERS[0], help="default: rerun")
     parser.add_argument(
         "--listen", metavar="HOST:PORT",
@@ -245,7 +250,9 @@ def _error_budget(flown: "FlightColumns") -> "ErrorBudget":
 
 def _report(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(error_budget=_error_budget)
-    parser.add_argument("files", type=path, nargs="+", metavar="LOG.mcap", help="a recording, or more to compare")
+    parser.add_argument(
+        "files", type=path, nargs="*", metavar="LOG.mcap", help=f"one or more to compare; {RECORDING_HELP}"
+    )
     parser.add_argument(
         "--out", type=path, metavar="DIR", help="folder of page and figures (default: beside the first)"
     )
@@ -258,7 +265,10 @@ def _report(parser: argparse.ArgumentParser) -> None:
 
 
 def _identify(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=path, metavar="LOG.mcap", help="best of trajectory.kind = 'excitation'")
+    parser.add_argument(
+        "file", type=path, nargs="?", metavar="LOG.mcap",
+        help=f"best of trajectory.kind = 'excitation'; {RECORDING_HELP}",
+    )  # fmt: skip
     parser.add_argument("--out", type=path, metavar="FILE.toml", help="write a vehicle file, for vehicle.file")
     parser.add_argument("--page", type=path, metavar="DIR", help="write a page with the fits, and its figures")
     _json_argument(parser, "the table")
@@ -275,7 +285,9 @@ def _import(parser: argparse.ArgumentParser) -> None:
 
 
 def _evidence(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", type=path, nargs="+", metavar="FLIGHT.mcap", help="imported, or our own")
+    parser.add_argument(
+        "files", type=path, nargs="*", metavar="FLIGHT.mcap", help=f"imported, or our own; {RECORDING_HELP}"
+    )
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put tables between the file's markers")
     parser.add_argument("--part", default="flights", metavar="NAME", help="the markers' name (default flights)")
     _json_argument(parser, "the table")

@@ -26,7 +26,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import SteadyError
-from groundstation.machine import RecordingConfig, folder_of, is_being_written, open_private, tidy
+from groundstation.machine import RecordingConfig, folder_of, is_being_written, list_flights, open_private, tidy
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import (
     CHANNELS,
@@ -311,15 +311,17 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
         config = msgspec.structs.replace(config, folder=str(args.folder))
     folder = folder_of(config)
     removed = tidy(config, args.now_s) if args.tidy else []
-    found = sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))  # each simulated flight's folder, too
-    flights = [describe_recording(path, folder) for path in found]
+    flights = [describe_recording(path, folder) for path in list_flights(folder)]
     if args.json:
         print(json.dumps({"folder": str(folder), "flights": flights, "removed": [path.name for path in removed]}))
         return Exit.DONE
     for path in removed:
         print(f"removed {path.name}")
     print(f"{folder}: {len(flights)} flight{'' if len(flights) == 1 else 's'}")
-    for line in _table([_row(flight) for flight in flights]):
+    rows = [_row(flight) for flight in flights]
+    if folder != folder_of(RecordingConfig()):  # other commands find the names of that folder alone
+        rows = [[str(folder / name), *cells] for name, *cells in rows]
+    for line in _table(rows):
         print(line)
     return Exit.DONE
 

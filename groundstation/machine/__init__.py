@@ -8,6 +8,7 @@ from groundstation.machine.recordings import (
     folder_of,
     free_name,
     is_being_written,
+    list_flights,
     list_recordings,
     make_folder,
     open_private,

@@ -43,6 +43,11 @@ def folder_of(config: RecordingConfig) -> Path:
     return base / "groundstation" / "flights"
 
 
+def list_flights(folder: Path) -> list[Path]:
+    """Return every recording in ``folder``, by name; each simulated flight has a folder of its own in it."""
+    return sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))
+
+
 def make_folder(config: RecordingConfig) -> Path:
     """Where its recordings are, made where it is missing, for its owner alone: they show who flew what, and how.
 

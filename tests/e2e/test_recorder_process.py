@@ -233,6 +233,7 @@ def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(
         assert run.returncode == 0, out
         path = the_recording(room.recordings)
         assert f"recording to {path}" in out
+        assert out.rstrip().endswith(f"(2.5 s were flown); recorded in {path}"), out
         recording = Recording(path)
         topics = [entry.topic for entry in recording.entries()]
         assert recording.whole

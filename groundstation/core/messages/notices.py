@@ -323,6 +323,22 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "the heights of the {what} fit the flight only with the other sign, so the file does not tell whether they "
         "count up or down",
     ),
+    NoticeTemplate(
+        "recording.figures",
+        "error {rms_cm:.2f} cm RMS, {max_cm:.2f} cm at most, from {from_s:g} s on of {flown_s:.1f} s on the "
+        "trajectory; recorded in {path}",
+    ),
+    NoticeTemplate(
+        "recording.short",
+        "no error figures, which begin after {from_s:g} s on the trajectory ({flown_s:.1f} s were flown); recorded in "
+        "{path}",
+    ),
+    NoticeTemplate(
+        "recording.none",
+        "no flight is recorded in {folder}",
+        "name a recording, or fly one",
+    ),
+    NoticeTemplate("recording.newest", "the newest recording: {path}"),
 )
 
 NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}

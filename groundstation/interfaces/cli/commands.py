@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config import ConfigError, dump, keys_of, load
-from groundstation.core.messages import FARTHEST_M, MOST_POINTS, TURN_DEG, Ask, Request, Waypoint
+from groundstation.core.messages import FARTHEST_M, MOST_POINTS, TURN_DEG, Ask, Request, Waypoint, notice
 from groundstation.core.mission import FINAL, TABLE, Event, State
 from groundstation.runtime import Exit, LazyParser, path
 from groundstation.settings import Config
@@ -72,6 +72,25 @@ def fly(args: argparse.Namespace) -> int:
     return fly_command(
         config, confirmation(config, args.arm), _mark_lines(say) if args.rehearse else say, args.view or ""
     )
+
+
+def _find_recording(name: Path | None) -> Path:
+    """Return the recording ``name``, which may be as ``groundstation logs`` lists it; without one the newest.
+
+    Raises:
+        ConfigError: nothing is recorded.
+    """
+    from groundstation.machine import RecordingConfig, folder_of, list_flights
+
+    folder = folder_of(RecordingConfig())
+    if name is not None:
+        listed = folder / name
+        return listed if not name.exists() and listed.exists() else name
+    newest = max(list_flights(folder), key=lambda path: path.stat().st_mtime, default=None)
+    if newest is None:
+        raise ConfigError("LOG", notice("recording.none", folder=folder))
+    print(notice("recording.newest", path=newest), file=sys.stderr)
+    return newest
 
 
 def _mark_lines(say: Say) -> Say:
@@ -177,6 +196,8 @@ def tui(args: argparse.Namespace) -> int:
         if not asyncio.run(_is_flown(REHEARSAL)):
             return fly(args)
         args.vehicle = REHEARSAL
+    if args.log is not None:
+        args.log = _find_recording(args.log)
     return tui_command(args)
 
 
@@ -273,6 +294,7 @@ def mqtt(args: argparse.Namespace) -> Exit:
 
 def replay(args: argparse.Namespace) -> Exit:
     """Run estimator and controller over a recording: exactly as in flight over our own, in shadow over a .tlog."""
+    args.file = _find_recording(args.file)
     if args.file.suffix == ".mcap":
         from groundstation.analysis import replay_command
 
@@ -325,14 +347,14 @@ def export(args: argparse.Namespace) -> Exit:
     """Channels of a recording as CSV, or a whole file from one that was cut off."""
     from groundstation.analysis import export_command
 
-    return export_command(args.file, args.format, args.channel, args.out, args.truth)
+    return export_command(_find_recording(args.file), args.format, args.channel, args.out, args.truth)
 
 
 def view(args: argparse.Namespace) -> Exit:
     """A recording in Rerun or Foxglove."""
     from groundstation.analysis import view_command
 
-    return view_command(args.log, args.viewer, args.listen)
+    return view_command(_find_recording(args.log), args.viewer, args.listen)
 
 
 def report(args: argparse.Namespace) -> Exit:
@@ -341,7 +363,7 @@ def report(args: argparse.Namespace) -> Exit:
     from groundstation.analysis.report import report_command
 
     return report_command(
-        args.files,
+        [_find_recording(name) for name in args.files or [None]],
         args.out,
         find_outside,
         lambda flown: msgspec.to_builtins(args.error_budget(flown)),
@@ -355,7 +377,7 @@ def identify(args: argparse.Namespace) -> Exit:
     """What a recorded flight tells of its vehicle."""
     from groundstation.analysis.identify import identify_command
 
-    return identify_command(args.file, args.out, args.page, as_json=args.json)
+    return identify_command(_find_recording(args.file), args.out, args.page, as_json=args.json)
 
 
 def import_flight(args: argparse.Namespace) -> Exit:
@@ -369,7 +391,9 @@ def evidence(args: argparse.Namespace) -> Exit:
     """What recorded flights say of our estimator."""
     from groundstation.analysis.evidence import evidence_command
 
-    return evidence_command(args.files, args.write, args.part, as_json=args.json)
+    return evidence_command(
+        [_find_recording(name) for name in args.files or [None]], args.write, args.part, as_json=args.json
+    )
 
 
 def config(args: argparse.Namespace) -> Exit:

@@ -1,0 +1,96 @@
+"""Recordings by the names that ``groundstation logs`` lists, and the newest one."""
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from groundstation.__main__ import main
+from groundstation.core.messages import STEADY_S
+from groundstation.machine import RecordingConfig, folder_of
+from groundstation.recording import quick_headline
+from groundstation.recording.__main__ import _tell_figures
+from tests.recordings import recorded
+
+Run = Callable[..., tuple[int, str, str]]
+OLD, NEW = "20270101-120000-mqx.mcap", "20270101-110000-mqx.mcap"
+"""The newest is the one that was written last, whatever its name says."""
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.chdir(tmp_path)
+    folder = folder_of(RecordingConfig())
+    (folder / "simulated").mkdir(parents=True)
+    return folder
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
+    def run(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["groundstation", *words])
+        code = main()
+        captured = capfd.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def put(path: Path, age_s: float) -> None:
+    data, stamp = recorded()[0].read_bytes(), 1.8e9 - age_s
+    path.write_bytes(data)
+    os.utime(path, (stamp, stamp))
+
+
+@pytest.mark.parametrize("command", ["replay", "report", "identify", "export", "evidence"])
+@pytest.mark.parametrize("name", [OLD, f"simulated/{OLD}"])
+def test_every_name_that_logs_lists_is_accepted_and_without_one_the_newest_is_taken(
+    folder: Path, run: Run, command: str, name: str
+) -> None:
+    put(folder / name, 100.0)
+    (listed,) = json.loads(run("logs", "--json")[1])["flights"]
+    assert listed["file"] == name
+    code, out, err = run(command, name)
+    assert "No such file" not in err and Path(name).stem in out + err
+    put(folder / NEW, 0.0)
+    again, _, told = run(command)
+    assert again == code
+    assert told.startswith(f"the newest recording: {folder / NEW}\n")
+
+
+def test_a_file_that_is_there_comes_before_one_that_logs_lists(folder: Path, run: Run) -> None:
+    put(folder / OLD, 0.0)
+    Path(OLD).write_bytes(b"no recording")
+    code, _, err = run("replay", OLD)
+    assert code != 0 and str(folder) not in err
+
+
+@pytest.mark.parametrize("command", ["replay", "report", "identify", "export", "view"])
+def test_without_any_recording_it_is_said_where_they_would_be(folder: Path, run: Run, command: str) -> None:
+    code, _, err = run(command)
+    assert code == 2
+    assert f"no flight is recorded in {folder}" in err
+
+
+def test_of_another_folder_logs_lists_names_that_other_commands_find(folder: Path, run: Run, tmp_path: Path) -> None:
+    (tmp_path / "usb").mkdir()
+    put(tmp_path / "usb" / OLD, 0.0)
+    _, out, _ = run("logs", "usb")
+    name = out.splitlines()[-1].split()[0]
+    assert run("replay", name)[0] == 0
+
+
+def test_a_flight_ends_with_its_error_figures_and_the_path(capfd: pytest.CaptureFixture[str]) -> None:
+    path, _, _ = recorded()
+    headline = quick_headline(path)[1]
+    _tell_figures(path)
+    (told, severity) = json.loads(capfd.readouterr().out)
+    assert told.endswith(f"recorded in {path}") and severity == "info"
+    if headline.rms_m is None or headline.max_m is None:
+        assert told.startswith(f"no error figures, which begin after {STEADY_S:g} s on the trajectory")
+    else:
+        assert told.startswith(f"error {100.0 * headline.rms_m:.2f} cm RMS, {100.0 * headline.max_m:.2f} cm at most")
