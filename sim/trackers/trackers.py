@@ -270,6 +270,8 @@ def _circling(number: int, when: float) -> tuple[Vec3, Quat]:
     return position, so3.from_euler_zyx(0.0, 0.0, math.remainder(angle, math.tau))
 
 
+NEWEST_MINOR = 25
+"""The simulated QTM speaks versions 1.8 to 1.25 of the protocol, as QTM of 2024 does."""
 MOST_UNREAD = 1 << 18
 """A client that leaves more than this unread gets no frames until it has caught up [bytes]."""
 
@@ -340,7 +342,10 @@ class Client(asyncio.Protocol):
     def _answer(self, command: str) -> None:
         match command.split():
             case ["version", version]:
-                self._say(qtm.COMMAND, f"Version set to {version}")
+                if int(version.rpartition(".")[2]) <= NEWEST_MINOR:
+                    self._say(qtm.COMMAND, f"Version set to {version}")
+                else:
+                    self._say(qtm.ERROR, "Version NOT supported")
             case ["getparameters", *_]:
                 self._say(qtm.XML, qtm.parameters_xml(self._server.names))
             case ["streamframes", "stop"]:

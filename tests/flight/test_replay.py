@@ -14,6 +14,9 @@ from groundstation.analysis import replay_command
 from groundstation.analysis.replay import replay_facts
 from groundstation.recording import CHANNELS, Entry, Recording
 from groundstation.recording.reader import MAGIC
+from sim.runs import RECORDING, fly
+from sim.runs.simulation import RunFolder
+from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
 
 
@@ -58,6 +61,20 @@ def test_a_simulated_flight_is_flown_again_to_the_last_bit(
     assert facts["poses"] > 300
     assert facts["idle_commands"] > 10
     assert facts["differing"] == {"pose": 0, "idle": 0, "command": 0}
+
+
+def test_a_flight_by_an_older_qtm_is_flown_again_to_the_last_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sim.trackers.trackers.NEWEST_MINOR", 22)
+    world, config = prepare(SCENARIOS["paper"], [], source="qualisys")
+    run = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
+    flown = fly(world, config, seed=0, duration_s=2.0, give=run.give)
+    run.close({"completed": flown.completed, "why": flown.why})
+    assert sum(1 for _ in Recording(tmp_path / RECORDING).entries(("/raw/opened",))) == 5  # four for QTM
+    facts = replay_facts(tmp_path / RECORDING)
+    assert facts["identical"] is True
+    assert facts["poses"] > 100
 
 
 def test_another_gain_shows_what_it_would_have_changed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -168,6 +168,11 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("link.flown", "during the flight {says}"),
     NoticeTemplate(
+        "qualisys.too_old",
+        "QTM at {server} speaks no version of its real-time protocol from {newest} down to {oldest}",
+        "update QTM; QTM 2018.1, which speaks 1.18, is new enough",
+    ),
+    NoticeTemplate(
         "replay.versions",
         "recorded by {recorded}, replayed by {replayed}: "
         "the largest difference is {thrust_n:.2g} N of thrust and {rate_rad_s:.2g} rad/s of body rate",

@@ -64,6 +64,21 @@ class Framer:
         return packets
 
 
+def is_sane(packet: bytes) -> bool:
+    """Whether the components of a data packet have a size and end within it; other packets are taken as they are."""
+    if _HEADER.unpack_from(packet)[1] != DATA:
+        return True
+    _, _, components = _DATA.unpack_from(packet, _HEADER.size)
+    at = _HEADER.size + _DATA.size
+    while components and at + _HEADER.size <= len(packet):
+        size, _ = _HEADER.unpack_from(packet, at)
+        if size < _HEADER.size:
+            return False
+        at += size
+        components -= 1
+    return components == 0 and at <= len(packet)
+
+
 def packet(kind: int, content: bytes) -> bytes:
     """One packet."""
     return _HEADER.pack(_HEADER.size + len(content), kind) + content

@@ -1,7 +1,8 @@
-"""One connection to QTM by qtm-rt, with a guard before it. Imports qtm-rt: to be imported only where it is used.
+"""One connection to QTM by qtm-rt's QTMProtocol on our transport, with a guard before it.
 
-qtm-rt trusts its server: a packet size of 0 keeps it busy for ever, a large one fills the memory, an unknown type
-raises inside the event loop. So packets are cut and checked before qtm-rt sees them.
+qtm-rt trusts its server: a size of 0, of a packet or of a component, keeps it busy for ever, a large one
+fills the memory, an unknown type raises inside the event loop. So packets are cut and checked before
+qtm-rt sees them. The module imports qtm-rt: it is imported only where Qualisys is used.
 """
 
 import asyncio
@@ -12,12 +13,13 @@ from typing import Any
 from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
-from groundstation.core.messages import SourceError
-from groundstation.pose.sources.qualisys_codec import Framer
+from groundstation.core.messages import SourceError, notice
+from groundstation.pose.sources.qualisys_codec import Framer, is_sane
 from links.io import NETWORK
 from links.text import printable
 
-PROTOCOL_VERSION = "1.25"
+VERSIONS = tuple(f"1.{minor}" for minor in range(25, 7, -1))
+"""Versions of the protocol, the newest first. 6D data are the same in all; qtm-rt speaks none before 1.8."""
 KNOCK_S = 0.2
 """How long to wait before a refused connection is tried again [s]."""
 
@@ -45,6 +47,8 @@ class QtmConnection(asyncio.Protocol):
         """Take the next bytes (called by the event loop)."""
         for packet in self._framer.feed(data):
             try:
+                if not is_sane(packet):
+                    raise ValueError("components of no size, or beyond the packet")
                 self._qtm.data_received(packet)
             except (struct.error, ValueError, TypeError):
                 self._end("malformed")  # which qtm-rt keeps, and would stumble over again
@@ -87,14 +91,19 @@ class QtmConnection(asyncio.Protocol):
         )
         await self._request(request, "stream; is a measurement or a preview running?")
 
-    async def agree(self) -> None:
-        """Settle on the protocol's version.
+    async def agree(self, version: str) -> bool:
+        """Ask for ``version`` of the protocol; return whether QTM speaks it.
 
         Raises:
-            SourceError: no answer, or a refusal.
+            SourceError: no answer.
         """
-        version = asyncio.wait_for(self._qtm.set_version(PROTOCOL_VERSION), self._timeout)
-        await self._request(version, f"speak version {PROTOCOL_VERSION} of its protocol")
+        try:
+            await asyncio.wait_for(self._qtm.set_version(version), self._timeout)
+        except TimeoutError:
+            raise SourceError(f"QTM did not speak version {version} of its protocol") from None
+        except QRTCommandException:
+            return False
+        return True
 
     async def _request(self, request: Any, what: str) -> Any:
         try:
@@ -115,11 +124,26 @@ async def _knock(factory: Callable[[], QtmConnection], host: str, port: int) -> 
 
 
 async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], None]) -> QtmConnection:
-    """A connection to the QTM at ``host``:``port``, which has agreed on the protocol; ``drop``: see the class.
+    """Connect to the QTM at ``host``:``port`` and agree on the newest version that it speaks.
+
+    QTM may refuse one version a connection: each is tried on a new one. ``drop``: see the class.
 
     Raises:
-        SourceError: it can't be reached, or does not speak as QTM does.
+        SourceError: it can't be reached, or speaks none of the versions.
     """
+    for version in VERSIONS:
+        connection = await _open(host, port, timeout_s, drop)
+        try:
+            if await connection.agree(version):
+                return connection
+        except BaseException:
+            connection.close()
+            raise
+        connection.close()
+    raise SourceError(notice("qualisys.too_old", server=f"{host}:{port}", newest=VERSIONS[0], oldest=VERSIONS[-1]))
+
+
+async def _open(host: str, port: int, timeout_s: float, drop: Callable[[str], None]) -> QtmConnection:
     try:
         async with asyncio.timeout(timeout_s):
             _, connection = await _knock(lambda: QtmConnection(timeout_s, drop), host, port)
@@ -128,9 +152,4 @@ async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], 
             f"cannot reach QTM at {host}:{port} ({error.strerror or str(error) or 'no answer'}); check that it runs, "
             "the address, and that its RT output is on (little-endian port, mostly 22223)",
         ) from error
-    try:
-        await connection.agree()
-    except BaseException:
-        connection.close()
-        raise
     return connection

@@ -1,6 +1,7 @@
 """Qualisys through qtm-rt: lost connections, broken streams, bodies that change, refusals. TCP in memory or real."""
 
 import asyncio
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +14,7 @@ from groundstation.pose.sources import qualisys_codec as qtm
 from groundstation.pose.sources.qualisys import QualisysSource
 from links.io import parse_address
 from sim.trackers import QtmServer, TrackedBody
+from sim.trackers.trackers import Client
 from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
 
 
@@ -89,7 +91,20 @@ def test_bytes_that_would_stop_qtm_rt_for_ever_end_the_connection_instead(garbag
     scene(play)
 
 
-@pytest.mark.parametrize("packet", [qtm.packet(qtm.DATA, b"short"), qtm.packet(qtm.EVENT, b"\x63")])
+ENDLESS = struct.pack("<qII", 0, 0, 0xFFFFFFFF) + struct.pack("<II", 0, 5)
+"""Four thousand million components of no size: qtm-rt would count them for minutes."""
+BEYOND = struct.pack("<qII", 0, 0, 1) + struct.pack("<II", 1 << 20, 5)
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        qtm.packet(qtm.DATA, b"short"),
+        qtm.packet(qtm.EVENT, b"\x63"),
+        qtm.packet(qtm.DATA, ENDLESS),
+        qtm.packet(qtm.DATA, BEYOND),
+    ],
+)
 def test_a_packet_that_qtm_rt_cant_read_ends_the_connection_and_not_the_flight(packet: bytes) -> None:
     async def play(room: Room) -> None:
         await room.more()
@@ -156,7 +171,8 @@ class Mute(asyncio.Protocol):
 
 
 @pytest.mark.parametrize(
-    ("refusal", "words"), [("", "QTM did not speak version"), ("Version not supported", "QTM refused to speak version")]
+    ("refusal", "words"),
+    [("", "QTM did not speak version"), ("Version NOT supported", "no version .* from 1.25 down to 1.8: update QTM")],
 )
 def test_a_server_that_does_not_speak_as_qtm_does_is_told_of(refusal: str, words: str) -> None:
     async def main() -> None:
@@ -169,6 +185,30 @@ def test_a_server_that_does_not_speak_as_qtm_does_is_told_of(refusal: str, words
         await source.close()
 
     in_virtual_time(main())
+
+
+@pytest.mark.parametrize("run", BOTH_LOOPS)
+@pytest.mark.parametrize("minor", [8, 18, 22, 24])
+def test_an_older_qtm_is_asked_for_older_versions_on_a_new_connection_each(
+    minor: int, run: Callable[[Any], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sim.trackers.trackers.NEWEST_MINOR", minor)
+    connections = 0
+    begun = Client.connection_made
+
+    def count(client: Client, transport: asyncio.BaseTransport) -> None:
+        nonlocal connections
+        connections += 1
+        begun(client, transport)
+
+    monkeypatch.setattr(Client, "connection_made", count)
+
+    async def play(room: Room) -> None:
+        assert (await room.more()).position_ned == (0.0, 0.0, -1.0)
+        assert connections == 1 + 25 - minor
+        assert len(room.server.clients) == 1
+
+    scene(play, run)
 
 
 def test_without_a_measurement_the_operator_is_asked_for_one() -> None:
