@@ -26,7 +26,15 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.messages import SteadyError
-from groundstation.machine import RecordingConfig, folder_of, is_being_written, list_flights, open_private, tidy
+from groundstation.machine import (
+    RecordingConfig,
+    folder_of,
+    is_being_written,
+    list_flights,
+    open_private,
+    open_whole,
+    tidy,
+)
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import (
     CHANNELS,
@@ -135,10 +143,7 @@ def _write_csv_folder(recording: "Recording", topics: Collection[str], folder: P
     """A folder with a file for each channel that holds anything: nobody reads a table without a column."""
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        files = {
-            topic: stack.enter_context((folder / _file_name(topic)).open("w", encoding="utf-8", newline=""))
-            for topic in topics
-        }
+        files = {topic: stack.enter_context(open_whole(folder / _file_name(topic))) for topic in topics}
         rows = write_csv(recording, files)
     for topic, count in rows.items():
         if not count:
@@ -173,7 +178,7 @@ def write_csv(recording: "Recording", files: Mapping[str, TextIO]) -> dict[str, 
 def write_poses(recording: "Recording", target: Path) -> int:
     """Write the poses as they came, in the columns that `pose.kind = "csv"` plays; the number of poses."""
     count = 0
-    with target.open("w", encoding="utf-8") as file:
+    with open_whole(target) as file:
         file.write(CSV_COLUMNS + "\n")
         for entry in recording.entries(("/measured",)):
             count += 1

@@ -20,8 +20,10 @@ def parse_toml(text: str) -> dict[str, Any]:
     """What the TOML ``text`` says.
 
     Raises:
-        ValueError: it is no TOML, or nested deeper than any configuration is.
+        ValueError: it is empty, no TOML, or nested deeper than any configuration is.
     """
+    if not text.strip():
+        raise ValueError("empty: what wrote it may not have finished")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -56,9 +58,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 def dump(config: msgspec.Struct) -> str:
     """The configuration in force as TOML, each key with the first sentence of its docstring; loads back to the same.
 
-    A key that is None has no TOML form and appears as a comment.
+    A key that is None has no TOML form and appears as a comment. A path that the locale could not decode is UTF-8 here.
     """
-    return "\n".join(_table(config, ())).lstrip("\n") + "\n"
+    text = "\n".join(_table(config, ())).lstrip("\n") + "\n"
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def _table(table: msgspec.Struct | dict[str, Any], path: tuple[str, ...]) -> Iterator[str]:

@@ -40,6 +40,7 @@ from groundstation.lab.pose_stream import (
     Sample,
     solve_axes,
 )
+from groundstation.machine import write_whole
 from groundstation.pose import check_stamp_rate, make_source
 from groundstation.pose.sources import GatedSource, describe_drop, describe_unsteady_clock
 from groundstation.runtime import Exit, raw_stream
@@ -316,7 +317,7 @@ def write_keys(path: Path, tables: Mapping[str, Mapping[str, Value]], expected: 
             raise ConfigError(
                 "", f"is written in a way that can't be changed here; put this into it: {by_hand}", str(path)
             )
-        kept.write_text(before, "utf-8")
+        write_whole(kept, before)
         new.replace(path)
     except OSError as error:
         raise ConfigError("", f"can't be written ({error.strerror}); put this into it: {by_hand}", str(path)) from None

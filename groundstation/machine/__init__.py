@@ -2,6 +2,7 @@
 
 from groundstation.machine.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wall_ms
 from groundstation.machine.document import fill_markers, replace_between_markers, split_at_markers
+from groundstation.machine.files import open_whole, write_whole
 from groundstation.machine.outlets import Latest, NonBlockingWriter
 from groundstation.machine.recordings import (
     RecordingConfig,

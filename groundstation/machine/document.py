@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from groundstation.config import ConfigError, refuse_io
+from groundstation.machine.files import write_whole
 
 
 def split_at_markers(path: Path, name: str = "figures") -> tuple[str, str]:
@@ -36,7 +37,7 @@ def replace_between_markers(path: Path, text: str, name: str = "figures") -> Non
     """
     page = fill_markers(path, {name: text})
     with refuse_io("--write", f"cannot write {path}"):
-        path.write_text(page, "utf-8")
+        write_whole(path, page)
 
 
 def _read(path: Path) -> str:

@@ -8,6 +8,7 @@ Of a broadcast value the newest counts, without a queue: a slow reader misses va
 """
 
 import asyncio
+import locale
 import os
 import select
 import stat
@@ -24,8 +25,9 @@ class NonBlockingWriter:
     """A file descriptor, written to without waiting."""
 
     def __init__(self, number: int) -> None:
-        """Write to ``number``, which stays as it is for whoever shares it."""
+        """Write to ``number``, which stays as it is for whoever shares it, in the encoding of this locale."""
         self._number = _own(number)
+        self._encoding = locale.getencoding()
         self._rest = b""
         self.lost = 0
         """Lines lost since the last one that was taken."""
@@ -39,7 +41,7 @@ class NonBlockingWriter:
 
     def write(self, text: str) -> bool:
         """Write ``text`` as one line; False where it is not taken at once."""
-        line = printable(text.rstrip("\n")).encode(errors="replace")[: LINE_MAX_BYTES - 1] + b"\n"
+        line = printable(text.rstrip("\n")).encode(self._encoding, "replace")[: LINE_MAX_BYTES - 1] + b"\n"
         try:
             if self._rest:
                 self._rest = self._rest[self._write_now(self._rest) :]

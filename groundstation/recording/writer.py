@@ -315,7 +315,9 @@ def git_commit() -> str:
     # Not `git describe --dirty`, which takes three times as long: it looks through all commits for a name.
     command = ["git", "-C", str(folder), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
     try:
-        done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=5.0)  # noqa: S603  # our own words, no shell
+        done = subprocess.run(  # noqa: S603  # our own words, no shell
+            command, capture_output=True, check=False, encoding="utf-8", errors="replace", timeout=5.0
+        )
     except (OSError, subprocess.TimeoutExpired):
         return ""
     told = [line for line in done.stdout.splitlines() if line.startswith("# branch.oid ")]

@@ -115,6 +115,8 @@ def raw_stream(stream: "TextIO") -> "TextIO":
 @contextlib.contextmanager
 def _guard_output() -> Iterator[None]:
     """Guard standard output and standard error: what is printed may come from a vehicle, a broker, or a recording."""
+    if isinstance(sys.stdin, io.TextIOWrapper):
+        sys.stdin.reconfigure(errors="replace")  # a letter that is none is no answer, and ends nothing
     before = sys.stdout, sys.stderr
     for stream in before:
         if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in ("utf-8", "utf8"):

@@ -143,7 +143,7 @@ def compile_lockstep() -> Path:
     with tempfile.TemporaryDirectory(dir=made.parent) as folder:
         built = Path(folder) / made.name
         command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(built), str(source), "-ldl", "-lpthread"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  # our own source
+        done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace", check=False)  # noqa: S603  # our own source
         if done.returncode:
             raise ConfigError("--autopilot", f"gcc refuses {source}: {done.stderr.strip()[:500]}")
         built.rename(made)  # at once, should another one compile it too

@@ -15,7 +15,7 @@ import msgspec
 from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
-from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.machine import replace_between_markers, split_at_markers, write_whole
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from sim.cli.console import ProgressBar
@@ -209,7 +209,7 @@ def _command() -> str:
 
 def _write(path: Path, content: str) -> None:
     with refuse_io("--out", f"cannot write {path}"):
-        path.write_text(content, "utf-8")
+        write_whole(path, content)
 
 
 def _nothing(args: argparse.Namespace, trials: list[TuningTrial]) -> Exit:

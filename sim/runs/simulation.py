@@ -24,6 +24,7 @@ from groundstation.config import ConfigError, dump, lend, name_object, refuse_io
 from groundstation.core.messages import EndRecord, Pose, Severity, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import ensure_flyable
+from groundstation.machine import write_whole
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import FlightLog, LineRecord, Record, about
 from groundstation.runtime import rare_collections
@@ -279,7 +280,7 @@ class RunFolder:
         told = about(config, clock="virtual", scenario=scenario, seed=seed, sim=dump(world))
         with refuse_io("--out", f"cannot write {path}"):
             path.mkdir(parents=True, exist_ok=True)
-            (path / "config.toml").write_text(told.config)
+            write_whole(path / "config.toml", told.config)
             for name in (RECORDING, "flight.tlog", FRAMES):
                 (path / name).unlink(missing_ok=True)
             # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
@@ -332,7 +333,7 @@ class RunFolder:
         self._log.close(*(None if value is None else 0.01 * value for value in (rms_cm, max_cm)))
         self._close_texts()
         result = {**facts, "sim": msgspec.to_builtins(self._world)}
-        (self.path / "summary.json").write_text(json.dumps(result, indent=2) + "\n")
+        write_whole(self.path / "summary.json", json.dumps(result, indent=2) + "\n")
 
 
 def _warn(line: str, _: Severity = Severity.WARNING) -> None:

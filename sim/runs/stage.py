@@ -17,7 +17,7 @@ import tomli_w
 
 from groundstation.config import ConfigError, dump
 from groundstation.core.geometry import Vec3
-from groundstation.machine import sleep_until
+from groundstation.machine import sleep_until, write_whole
 from groundstation.settings import Config
 from links.bridge import BridgeLinkConfig
 from links.core import signal
@@ -341,7 +341,7 @@ def lay_out(folder: Path, world: World, config: Config, count: int, ports: Seque
     if pose.address_key:
         where = {pose.address_key: f"127.0.0.1:{pose_port}"}
         config = msgspec.structs.replace(config, pose=msgspec.structs.replace(pose, **where))
-    (folder / "lab.toml").write_text(dump(config), "utf-8")
+    write_whole(folder / "lab.toml", dump(config))
     north, east, down = getattr(config.trajectory, key)
     across = math.ceil(math.sqrt(count))
     worlds, vehicles = [], list[dict[str, Any]]()
@@ -357,5 +357,5 @@ def lay_out(folder: Path, world: World, config: Config, count: int, ports: Seque
             }
         )
     file = folder / "fleet.toml"
-    file.write_text(tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}), "utf-8")
+    write_whole(file, tomli_w.dumps({"config": "lab.toml", "relay_port": relay_port, "vehicles": vehicles}))
     return file, worlds

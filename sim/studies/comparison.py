@@ -26,7 +26,7 @@ from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend, refuse_io, several, without_frames
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S, Tick
-from groundstation.machine import replace_between_markers
+from groundstation.machine import open_whole, replace_between_markers
 from groundstation.runtime import require_package
 from sim.runs import LONGEST_S, TrueTrack, Workers, fly, lend_name, run_beside
 from sim.scenarios import SCENARIOS, by_side, overridden, prepare
@@ -862,7 +862,7 @@ def write_trials(path: Path, trials: dict[str, list[TuningTrial]]) -> None:
     Raises:
         ConfigError: the file can't be written.
     """
-    with refuse_io("--table", f"cannot write {path}"), path.open("w", encoding="utf-8", newline="") as file:
+    with refuse_io("--table", f"cannot write {path}"), open_whole(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for law, found in trials.items():

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from groundstation.analysis.identify import identify, read_stretch
 from groundstation.config import ConfigError, presets, refuse_io
 from groundstation.core.vehicle import Vehicle
+from groundstation.machine import write_whole
 from sim.runs import RECORDING, simulate
 
 
@@ -115,5 +116,5 @@ def remake_all(folder: Path | None) -> list[str]:
         if folder is not None:
             path = folder / f"{flown.vehicle}.toml"
             with refuse_io("--write", f"cannot write {path}"):
-                path.write_text(text, "utf-8")
+                write_whole(path, text)
     return lines

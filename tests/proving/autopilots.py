@@ -157,7 +157,7 @@ class TruthReceiver(asyncio.DatagramProtocol):
 @asynccontextmanager
 async def boot(built: Built, number: int, folder: Path) -> AsyncIterator[TruthReceiver]:
     """The ``number``-th autopilot of this machine, in a ``folder`` of its own, once it knows where it is."""
-    (folder / "ours.parm").write_text("".join(f"{name} {value}\n" for name, value in PARAMETERS.items()))
+    (folder / "ours.parm").write_text("".join(f"{name} {value}\n" for name, value in PARAMETERS.items()), "utf-8")
     truth, port = TruthReceiver(), built.truth_port + built.ports * number
     hears = asyncio.create_task(truth.hear_px4(port) if built.name == "PX4" else truth.hear_ardupilot(port))
     with (folder / "firmware.log").open("wb") as log:

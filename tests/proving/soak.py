@@ -46,7 +46,7 @@ def look() -> dict[str, int]:
     """What the interpreter holds now, after a full collection."""
     gc.collect()
     statm = Path("/proc/self/statm")
-    resident = int(statm.read_text().split()[1]) * PAGE_BYTES if statm.exists() else 0
+    resident = int(statm.read_text(encoding="utf-8").split()[1]) * PAGE_BYTES if statm.exists() else 0
     return {"objects": len(gc.get_objects()), "blocks": sys.getallocatedblocks(), "resident_bytes": resident}
 
 

@@ -252,7 +252,7 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
 @contextmanager
 def _silence() -> Iterator[None]:
     """What a library prints, in Python or in C, goes nowhere."""
-    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
         kept = os.dup(2)
         os.dup2(nowhere.fileno(), 2)
         try:

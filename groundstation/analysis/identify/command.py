@@ -48,6 +48,7 @@ from groundstation.analysis.report import (
 from groundstation.config import ConfigError, from_dict, refuse_io
 from groundstation.core.geometry import so3
 from groundstation.core.trajectory import ExcitationConfig
+from groundstation.machine import write_whole
 from groundstation.recording import refuse_recordings
 from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config
@@ -672,7 +673,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
             raise ConfigError("--out", f"nothing to write: thrust, lags and delay are {FLY}")
         text = file_text(found)
         with refuse_io("--out", f"cannot write {out}"):
-            out.write_text(text, "utf-8")
+            write_whole(out, text)
     shown = None
     if page is not None:
         try:
@@ -796,7 +797,7 @@ def write_page(folder: Path, found: IdentifiedVehicle, figures: Sequence[tuple[R
     parts.append(f"<table>{''.join(rows)}</table>")
     parts += [frame_picture(one.name, one.title, one.caption, path) for one, path in figures]
     page = folder / PAGE
-    page.write_text(document(title, parts), "utf-8")
+    write_whole(page, document(title, parts))
     return page
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from groundstation.analysis.report.figures import ReportFigure, flight_letters
 from groundstation.config import ConfigError
 from groundstation.core.messages import SATURATION_FROM_S, STEADY_S
+from groundstation.machine import open_whole, write_whole
 from groundstation.recording import refuse_recordings
 from groundstation.runtime import Exit, require_package
 
@@ -77,7 +78,7 @@ def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts
     parts += ["<h2>What flew</h2>", _table(["", *names], _program(facts))]
     parts += [_config(name, one) for name, one in zip(names, facts, strict=True)]
     page = folder / PAGE
-    page.write_text(document(title, parts), "utf-8")
+    write_whole(page, document(title, parts))
     return page
 
 
@@ -370,7 +371,7 @@ def _write(form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: S
     if form in ("csv", "tex"):
         rows = result_table(_short_names(facts), facts)
         path = folder / f"results.{form}"
-        with path.open("w", encoding="utf-8", newline="") as file:
+        with open_whole(path) as file:
             if form == "csv":
                 csv.writer(file, lineterminator="\n").writerows(rows)
             else:

@@ -33,7 +33,7 @@ from groundstation.interfaces.mqtt.messages import (
     properties,
 )
 from groundstation.interfaces.mqtt.requests import Place, open_answer, seal_request
-from groundstation.machine import replace_between_markers, wall_ms
+from groundstation.machine import replace_between_markers, wall_ms, write_whole
 from groundstation.runtime import Exit
 from links.io import read_key
 
@@ -257,7 +257,7 @@ def write_schemas(folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, schema in schemas().items():
-        (folder / name).write_text(schema_text(schema), "utf-8")
+        write_whole(folder / name, schema_text(schema))
         paths.append(folder / name)
     return paths
 

@@ -25,7 +25,7 @@ from groundstation.flight import ensure_flyable, ensure_guarded, ensure_held, en
 from groundstation.interfaces.api import ask_station, snapshots
 from groundstation.interfaces.mqtt import ensure_mqtt
 from groundstation.lab import FleetPlan, Member, Relay, read_fleet, run_relay
-from groundstation.machine import ApiError, socket_path
+from groundstation.machine import ApiError, socket_path, write_whole
 from groundstation.runtime import Exit
 from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure_served
 from links.io import open_child
@@ -139,7 +139,7 @@ class Supervisor:
 
     async def _start_core(self, member: Member, folder: Path, held: int) -> asyncio.subprocess.Process:
         file = folder / f"{member.name}.toml"
-        file.write_text(dump(member.core), "utf-8")  # what was checked is what flies
+        write_whole(file, dump(member.core))  # what was checked is what flies
         once = ["--once"] if member.name in self._arm else []
         words = ["groundstation.interfaces.service.fleet_core", str(os.getpid()), "daemon", str(file), *once]
         return await _python(words, keeps=(held,))

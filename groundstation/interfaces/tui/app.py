@@ -90,6 +90,7 @@ from groundstation.machine import (
     open_private,
     served_sockets,
     socket_path,
+    write_whole,
 )
 from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.runtime import Exit
@@ -968,7 +969,7 @@ def _show_recording(log: Path, theme: str, at: float | None, picture: Path | Non
     playback.paused = True
     columns, rows = _size(size)
     with refuse_io("--screenshot", f"cannot write {picture}"):
-        picture.write_text(shoot(dashboard, (columns, rows)), "utf-8")
+        write_whole(picture, shoot(dashboard, (columns, rows)))
     print(f"written: {picture}")
     return Exit.DONE
 

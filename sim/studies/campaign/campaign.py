@@ -29,6 +29,7 @@ import numpy as np
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import STEADY_S
+from groundstation.machine import write_whole
 from groundstation.settings import Config
 from sim.batch import fly_batch, require_batchable
 from sim.runs import Workers, fly
@@ -113,8 +114,8 @@ class Folder:
                 _refuse_others(path, about, json.loads(text))
             else:
                 # First what the flights share: rows never stand without it.
-                about.write_text(text, encoding="utf-8")
-                self._csv.write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+                write_whole(about, text)
+                write_whole(self._csv, ",".join(COLUMNS) + "\n")
             self.rows = self._read()
         except OSError as error:
             raise ConfigError("--out", f"cannot use {path}: {error.strerror}") from None

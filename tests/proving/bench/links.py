@@ -161,7 +161,7 @@ async def fly_latency(
         echo = await _process("tests.proving.bench.echo", stdout=asyncio.subprocess.PIPE)
         config = await _config(rate_hz, folder)
         path = folder / "flight.toml"
-        path.write_text(dump(config))
+        path.write_text(dump(config), "utf-8")
         daemon = await _process("groundstation", "daemon", str(path), "--arm", config.vehicle.name)
         try:
             assert echo.stdout is not None

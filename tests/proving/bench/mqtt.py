@@ -42,7 +42,9 @@ def run(program: str, stations: int, seconds: float, settle_s: float = SETTLE_S)
     with tempfile.TemporaryDirectory(prefix="gs-") as folder:
         port = asyncio.run(_free_port())
         config = Path(folder) / "mosquitto.conf"
-        config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\nset_tcp_nodelay true\n")
+        config.write_text(
+            f"listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\nset_tcp_nodelay true\n", "utf-8"
+        )
         broker = subprocess.Popen([program, "-c", config], stderr=subprocess.DEVNULL)  # noqa: S603  # the broker
         try:
             facts = asyncio.run(_play(port, stations, seconds, settle_s))

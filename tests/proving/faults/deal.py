@@ -317,7 +317,7 @@ class LiveScene:
         """The number of the process that runs ``module``, below the station or the bridge."""
         parents = [process.pid for process in (self.station, self.bridge) if process is not None]
         for parent in parents:  # grows by the children of each
-            for child in map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text().split()):
+            for child in map(int, Path(f"/proc/{parent}/task/{parent}/children").read_text(encoding="utf-8").split()):
                 if module.encode() in Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0"):
                     return child
                 parents.append(child)
@@ -560,7 +560,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
     }[fault.link]
     world, config = prepare(SCENARIOS["paper"], told, link=fault.link)
     world, config = from_floor(world, config, FIGURE_S)
-    (folder / "config.toml").write_text(dump(config))
+    (folder / "config.toml").write_text(dump(config), "utf-8")
     truth, moves = Truth(world.floor_z_m), Moves(loop.time)
     rf = module(config, world) if radio else None
     # A bridge is a process of its own here: what the stage plays is the module behind it.
@@ -632,7 +632,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
 async def _bridge(folder: Path, config: BridgeConfig) -> asyncio.subprocess.Process:
     """A bridge in a process of its own."""
     make_key(Path(config.key_file))
-    (folder / "bridge.toml").write_text(dump(config))
+    (folder / "bridge.toml").write_text(dump(config), "utf-8")
     return await asyncio.create_subprocess_exec(
         *make_child_command("groundstation", "rf-bridge", str(folder / "bridge.toml")),
         stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL,

@@ -78,7 +78,7 @@ def write_csv(path: Path, rows: Sequence[Row]) -> None:
     Raises:
         ConfigError: the file can't be written.
     """
-    with refuse_io("--csv", f"cannot write {path}"), path.open("w", newline="") as file:
+    with refuse_io("--csv", f"cannot write {path}"), path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, Row.__struct_fields__)
         writer.writeheader()
         writer.writerows(msgspec.to_builtins(row) for row in rows)

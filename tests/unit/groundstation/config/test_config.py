@@ -258,6 +258,11 @@ def test_a_toml_mistake_is_told_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         load(path, Root)
     assert str(caught.value) == f"{path}: not valid TOML: Invalid value (at line 2, column 11)"
+    path.write_text("\n")
+    with pytest.raises(ConfigError, match=r"lab\.toml: empty: what wrote it may not have finished"):
+        load(path, Root)
+    path.write_text("# all as it is by default\n")
+    assert load(path, Root) == Root()
     path.write_bytes(b"\xef\xbb\xbfwait = 3")  # as Notepad writes it
     assert load(path, Root).wait == 3
     path.write_bytes(b"name = '\xff'")

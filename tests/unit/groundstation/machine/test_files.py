@@ -1,0 +1,103 @@
+"""Text files: UTF-8 whatever the locale is, written whole or not at all; and no output ends a program."""
+
+import ast
+import os
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from groundstation.machine import open_whole, write_whole
+
+ROOT = Path(__file__).parents[4]
+ASCII_LOCALE = {"PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "LC_ALL": "C"}
+"""The locale of a machine that has none, with what Python does about it switched off."""
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_text_is_there_as_a_whole_or_what_was_there_before(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    write_whole(path, "² before\n")
+    path.chmod(0o640)
+    with pytest.raises(ZeroDivisionError), open_whole(path) as file:
+        file.write("half of")
+        1 / 0  # noqa: B018
+    assert path.read_bytes() == "² before\n".encode()
+    write_whole(path, "after\r\n")
+    assert path.read_bytes() == b"after\r\n"
+    assert path.stat().st_mode & 0o777 == 0o640
+    assert names_in(tmp_path) == ["lab.toml"]
+
+
+def test_a_link_stays_a_link_and_a_pipe_is_written_to(tmp_path: Path) -> None:
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "link").symlink_to("real")
+    write_whole(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+    write_whole(Path(os.devnull), "nobody reads this")
+    assert Path(os.devnull).is_char_device()
+
+
+def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError):
+        write_whole(tmp_path, "text")
+    with pytest.raises(FileNotFoundError):
+        write_whole(tmp_path / "nowhere" / "a", "text")
+    assert names_in(tmp_path) == []
+
+
+def run(*command: str, folder: Path, locale: dict[str, str] = ASCII_LOCALE) -> subprocess.CompletedProcess[bytes]:
+    program = Path(sys.executable).with_name(command[0])
+    env = {**os.environ, **locale}
+    return subprocess.run([program, *command[1:]], cwd=folder, env=env, capture_output=True, check=False)
+
+
+def test_a_flight_in_a_locale_without_utf_8_leaves_the_same_files(tmp_path: Path) -> None:
+    """Also where the folder's own name is no ASCII, as what stands in a configuration by its path."""
+    folder = tmp_path / "Mü"
+    folder.mkdir()
+    (folder / "lab.toml").write_text('[mqtt]\nusername = "a"\npassword_file = "pass"\n', "utf-8")
+    command = ("groundstation-sim", "fly", "--duration", "1", "--config", "lab.toml", "--out")
+    plain, utf_8 = run(*command, "c", folder=folder), run(*command, "u", folder=folder, locale={"PYTHONUTF8": "1"})
+    assert plain.returncode == utf_8.returncode == 0, plain.stderr.decode()
+    assert names_in(folder / "c") == names_in(folder / "u")
+    texts = [(folder / out / "config.toml").read_text("utf-8") for out in ("c", "u")]
+    assert texts[0] == texts[1]
+    assert tomllib.loads(texts[0])["mqtt"]["password_file"] == str(folder / "pass")
+    shown = run("groundstation", "report", "c/flight.mcap", folder=folder)
+    assert shown.returncode == 0, shown.stderr.decode()
+
+
+@pytest.mark.parametrize(
+    "command", ["groundstation config new", "groundstation vehicles", "groundstation-sim scenarios paper"]
+)
+def test_letters_that_the_terminal_does_not_have_are_replaced(command: str, tmp_path: Path) -> None:
+    done = run(*command.split(), folder=tmp_path)
+    assert done.returncode == 0, done.stderr.decode()
+    assert done.stdout.isascii()
+
+
+def calls_without_encoding(path: Path) -> Iterator[str]:
+    """Text files that are opened in whatever encoding the locale has."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if not isinstance(node, ast.Call) or any(word.arg == "encoding" for word in node.keywords):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if name in ("run", "Popen", "check_output") and any(word.arg == "text" for word in node.keywords):
+            yield f"{path}:{node.lineno}"
+        if (name == "read_text" and not node.args) or (name == "write_text" and len(node.args) < 2):
+            yield f"{path}:{node.lineno}"
+
+
+def test_every_text_file_of_the_project_names_its_encoding() -> None:
+    modules = [
+        file for top in ("groundstation", "links", "sim", "tests/proving") for file in (ROOT / top).rglob("*.py")
+    ]
+    assert [place for module in modules for place in calls_without_encoding(module)] == []
