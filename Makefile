@@ -4,7 +4,7 @@ SCENARIO ?= paper
 WORKERS ?= 2
 # Tests in real time wait for most of their time.
 WAITERS ?= 3
-BROKER_HOST ?= localhost
+BROKER_HOST ?=
 # Folders whose tests `make test` runs.
 TESTS ?= tests
 
@@ -100,7 +100,7 @@ soak: setup ## long runs: minutes to hours
 	$(BIN)/python -m pytest -n $(WORKERS) --timeout 0 --hypothesis-profile big tests/property
 
 bench: setup ## measure this machine beside other simulators, which are half a gigabyte to install; WHAT=command: only that
-	@$(BIN)/uv sync --quiet --frozen --python $(BIN)/python --group peers
+	@$(BIN)/uv sync --quiet --frozen --inexact --python $(BIN)/python --group peers
 	@$(BIN)/groundstation-sim bench $(WHAT) --peers
 
 evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" are recordings of others that you have imported
@@ -126,12 +126,13 @@ docs: setup ## the documents as a site, in build/site
 release: test ## build this version, check it in a clean environment, date the changelog, tag; publishes nothing
 	@PYTHON=$(PYTHON) bash .ci/release
 
-broker: ## run an MQTT broker with TLS and passwords; made in runs/broker, for BROKER_HOST, the first time
-	@test -d runs/broker || { mkdir -p runs && sh examples/broker/set-up.sh runs/broker $(BROKER_HOST); }
+broker: ## run an MQTT broker with TLS and passwords, made in runs/broker; BROKER_HOST=NAME: by that name
+	@mkdir -p runs && PATH="$$PATH:/usr/sbin" sh examples/broker/set-up.sh runs/broker $(BROKER_HOST)
 	@PATH="$$PATH:/usr/sbin" mosquitto -c runs/broker/mosquitto.conf
 
 setup: .venv/.synced ## prepare .venv from the lock
 
+# What somebody has added by hand, an extra for example, stays (--inexact); after `make clean` .venv is the lock's again.
 # uv trusts whom the machine trusts, as pip does: a proxy may have a certificate of its own. Where there is no list, its own.
 .venv/.synced: pyproject.toml uv.lock .ci/uv.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
@@ -142,7 +143,7 @@ setup: .venv/.synced ## prepare .venv from the lock
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r .ci/uv.txt
 	@test -w "$${HOME:-/}" || export UV_NO_CACHE=1; \
 	! $(BIN)/python -c 'import ssl; ssl.create_default_context().get_ca_certs()[0]' 2>/dev/null || export UV_SYSTEM_CERTS=1; \
-	$(BIN)/uv sync --quiet --frozen --python $(BIN)/python
+	$(BIN)/uv sync --quiet --frozen --inexact --python $(BIN)/python
 	@touch $@
 
 # Else each worker would compile all of them beside the others.

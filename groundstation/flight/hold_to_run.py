@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from groundstation.config import ConfigError
+from groundstation.core.messages import notice
 from groundstation.core.mission import HoldToRun, InputLost
+from groundstation.runtime import describe_install
 from groundstation.settings import OperatorConfig
 from links.core import CommandLink
 from links.mavlink import MavlinkConnection, MavlinkLink
@@ -70,7 +72,9 @@ def open_device(config: OperatorConfig) -> DeviceInput:
     try:
         from evdev import ecodes
     except ImportError:
-        raise ConfigError("operator.hold", "needs evdev: pip install 'quadrotor-groundstation[operator]'") from None
+        command = describe_install("operator")
+        says = notice("package.missing", what="a held key", package="evdev", command=command)
+        raise ConfigError("operator.hold", says) from None
     code = ecodes.ecodes.get(config.hold)
     if code is None:
         raise ConfigError("operator.hold", f"no key, button or axis has this name (see evtest), got {config.hold!r}")

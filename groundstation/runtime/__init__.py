@@ -13,4 +13,5 @@ from groundstation.runtime.entry import (
     run,
     viewer,
 )
+from groundstation.runtime.packages import describe_install
 from groundstation.runtime.version import __version__

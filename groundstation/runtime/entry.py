@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from enum import IntEnum
 from functools import cached_property, partial
 
+from groundstation.runtime.packages import describe_install
 from groundstation.runtime.version import __version__
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
@@ -254,8 +255,8 @@ def require_package(package: str, key: str, extra: str, more: str = "") -> None:
     try:
         importlib.import_module(package)
     except ImportError:
-        says = f"needs {package}, which is not installed: pip install 'quadrotor-groundstation[{extra}]'{more}"
-        raise ConfigError(key, says) from None
+        says = f"needs {package}, which is not installed: {describe_install(extra)}"
+        raise ConfigError(key, says + more) from None
 
 
 AddArguments = Callable[[argparse.ArgumentParser], None]

@@ -16,7 +16,7 @@ from groundstation.config import ConfigError, refuse_io
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S
 from groundstation.machine import replace_between_markers, split_at_markers, write_whole
-from groundstation.runtime import Exit
+from groundstation.runtime import Exit, describe_install
 from groundstation.settings import Config
 from sim.cli.console import ProgressBar
 from sim.studies.tune import (
@@ -134,9 +134,7 @@ def need_optuna() -> None:
     try:
         import optuna as _  # noqa: F401  # only whether it is there
     except ImportError:
-        raise ConfigError(
-            "tune", "needs optuna, which is not installed: pip install 'quadrotor-groundstation[tune]'"
-        ) from None
+        raise ConfigError("tune", f"needs optuna, which is not installed: {describe_install('tune')}") from None
 
 
 def journal_of(out: Path | None) -> Path | None:

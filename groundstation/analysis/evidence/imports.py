@@ -49,7 +49,7 @@ from groundstation.recording import (
     channel_form,
     quaternion,
 )
-from groundstation.runtime import Exit, __version__
+from groundstation.runtime import Exit, __version__, describe_install
 
 Tables: TypeAlias = Mapping[str, Table]
 Three = tuple[str, str, str]
@@ -267,9 +267,8 @@ def _ulog_tables(path: Path) -> Iterator[tuple[str, Table]]:
         from pyulog import ULog
         from pyulog.exceptions import ULogException
     except ImportError:
-        raise ConfigError(
-            "FILE", "a ULog needs pyulog: pip install 'quadrotor-groundstation[ulog]'", str(path)
-        ) from None
+        says = notice("package.missing", what="a ULog", package="pyulog", command=describe_install("ulog"))
+        raise ConfigError("FILE", says, str(path)) from None
     try:
         with path.open("rb") as file, _silence():  # it prints what it finds damaged
             if file.read(4) != b"ULog":

@@ -344,6 +344,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "name a recording, or fly one",
     ),
     NoticeTemplate("recording.newest", "the newest recording: {path}"),
+    NoticeTemplate("package.missing", "{what} needs {package}, which is not installed", "{command}"),
 )
 
 NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}

@@ -93,7 +93,7 @@ from groundstation.machine import (
     write_whole,
 )
 from groundstation.recording import Entry, Recording, refuse_recordings
-from groundstation.runtime import Exit
+from groundstation.runtime import Exit, describe_install
 from groundstation.settings import Config, is_rehearsal
 from links.core import Lateness, LinkStatus
 from links.io import make_child_command, start_child
@@ -922,7 +922,9 @@ def _in_browser(args: argparse.Namespace) -> Exit:
     try:
         from groundstation.interfaces.tui.browser import serve
     except ImportError:
-        raise ConfigError("--browser", "needs textual-serve: pip install 'quadrotor-groundstation[browser]'") from None
+        command = describe_install("browser")
+        says = notice("package.missing", what="the page", package="textual-serve", command=command)
+        raise ConfigError("--browser", says) from None
     if args.log is not None:
         with refuse_recordings():
             Tape(args.log)  # here it is told; in a page nobody would read it

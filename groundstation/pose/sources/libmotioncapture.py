@@ -15,10 +15,11 @@ from typing import Annotated, ClassVar, Literal
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
+from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
 from groundstation.machine import cancel_task
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
+from groundstation.runtime import describe_install
 from links.io import is_loopback, open_child
 
 CONNECT_S = 5.0
@@ -31,7 +32,7 @@ LINE_BYTES = 1 << 16
 
 
 class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotioncapture"):
-    """VRPN, Vicon DataStream and others; needs ``pip install 'quadrotor-groundstation[motioncapture]'``."""
+    """VRPN, Vicon DataStream and others; needs the extra ``motioncapture``."""
 
     shows_others: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
@@ -119,8 +120,12 @@ class LibmotioncaptureSource:
         """Start the child; ``deliver`` is called on the event loop for each pose."""
         if find_spec("motioncapture") is None:
             raise SourceError(
-                "poses by libmotioncapture need motioncapture, which is not installed: "
-                "pip install 'quadrotor-groundstation[motioncapture]'"
+                notice(
+                    "package.missing",
+                    what='pose.kind = "libmotioncapture"',
+                    package="motioncapture",
+                    command=describe_install("motioncapture"),
+                )
             )
         self._deliver = deliver
         if not await self._open():

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
+from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
 from groundstation.machine import cancel_task
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
+from groundstation.runtime import describe_install
 from links.io import beyond, parse_address
 from links.text import printable
 
@@ -29,7 +30,7 @@ AGAIN_S = 1.0
 
 
 class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
-    """Qualisys Track Manager over TCP; needs ``pip install 'quadrotor-groundstation[qualisys]'``."""
+    """Qualisys Track Manager over TCP; needs the extra ``qualisys``."""
 
     shows_others: ClassVar[bool] = True
     body_key: ClassVar[str] = "name"
@@ -95,8 +96,12 @@ class QualisysSource:
             connection = await self._open()
         except ModuleNotFoundError:
             raise SourceError(
-                "poses from Qualisys need qtm-rt, which is not installed: "
-                "pip install 'quadrotor-groundstation[qualisys]'"
+                notice(
+                    "package.missing",
+                    what='pose.kind = "qualisys"',
+                    package="qtm-rt",
+                    command=describe_install("qualisys"),
+                )
             ) from None
         self._task = asyncio.create_task(self._stay(connection))
 

@@ -30,6 +30,7 @@ from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import STEADY_S
 from groundstation.machine import write_whole
+from groundstation.runtime import describe_install
 from groundstation.settings import Config
 from sim.batch import fly_batch, require_batchable
 from sim.runs import Workers, fly
@@ -393,7 +394,7 @@ class Cluster:
         except ImportError:
             raise ConfigError(
                 "--cluster",
-                "needs dask.distributed, which is not installed: pip install 'quadrotor-groundstation[cluster]'",
+                f"needs dask.distributed, which is not installed: {describe_install('cluster')}",
             ) from None
         self._address = address
         for name in ("client", "core", "utils"):

@@ -1,0 +1,41 @@
+"""The command that installs an optional package: from where the program itself came."""
+
+import json
+import shlex
+import sys
+from importlib.metadata import PackageNotFoundError
+from types import SimpleNamespace
+
+import pytest
+
+from groundstation.runtime import packages
+
+
+@pytest.mark.parametrize("origin, what", [
+    ({"url": "file:///home/lab/a%20clone", "dir_info": {"editable": True}}, ["-e", "/home/lab/a clone[tune]"]),
+    ({"url": "file:///home/lab/clone", "dir_info": {}}, ["/home/lab/clone[tune]"]),
+    ({"url": "file:///tmp/quadrotor_groundstation-0.1.0-py3-none-any.whl", "archive_info": {}},
+     ["/tmp/quadrotor_groundstation-0.1.0-py3-none-any.whl[tune]"]),
+    (None, ["quadrotor-groundstation[tune]"]),  # from an index: the name is known there
+])  # fmt: skip
+def test_an_extra_is_installed_from_where_the_program_came(
+    monkeypatch: pytest.MonkeyPatch, origin: dict[str, object] | None, what: list[str]
+) -> None:
+    text = None if origin is None else json.dumps(origin)
+    monkeypatch.setattr("importlib.metadata.distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
+    assert shlex.split(packages.describe_install("tune")) == [sys.executable, "-m", "pip", "install", *what]
+
+
+def test_a_program_that_runs_from_its_sources_names_their_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("importlib.metadata.distribution", missing)
+    command = shlex.split(packages.describe_install("view"))
+    folder = command[-1].removesuffix("[view]")
+    assert command[-2:] == ["-e", f"{folder}[view]"]
+    assert (packages.SOURCES / "pyproject.toml").is_file() and folder == str(packages.SOURCES)
+
+
+def test_this_very_environment_is_the_one_that_is_added_to() -> None:
+    assert packages.describe_install("tune").startswith(f"{shlex.quote(sys.executable)} -m pip install ")
