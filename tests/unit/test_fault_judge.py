@@ -150,9 +150,13 @@ def test_it_may_lean_by_sixty_degrees() -> None:
 )
 def test_how_hard_it_may_meet_the_floor_depends_on_who_brings_it_down(link: str, poses: Poses, most_m_s: float) -> None:
     fault = Fault("made up", link=link, poses=poses)
-    assert verdict(fault, touchdown_m_s=most_m_s - 0.01).safe
-    assert "it met the floor" in verdict(fault, touchdown_m_s=most_m_s + 0.01).why
-    assert verdict(fault, touchdown_m_s=most_m_s + 0.01, exemption=Exemption.WEAK).safe
+    assert verdict(fault, None, ANSWER, touchdown_m_s=most_m_s - 0.01).safe
+    hard = verdict(fault, None, ANSWER, touchdown_m_s=most_m_s + 0.01)
+    assert "it met the floor" in hard.why
+    weak = Exemption.WEAK
+    assert verdict(fault, None, ANSWER, touchdown_m_s=most_m_s + 0.01, exemption=weak).safe
+    believed = verdict(fault, touchdown_m_s=1.01)
+    assert "it met the floor" in believed.why
 
 
 def test_after_the_answer_no_command_pushes_with_more_than_a_quarter_above_hovering() -> None:

@@ -161,7 +161,7 @@ async def fly_here(
         figure_s = HONEST_FIGURE_S
     world, config = from_floor(world, config, figure_s)
     over: asyncio.Future[None] = loop.create_future()
-    blind = False
+    blind, aborted_m = False, math.inf
 
     def decide() -> None:
         if not over.done():
@@ -185,12 +185,14 @@ async def fly_here(
     def watch(event: FlightEvent) -> None:
         if isinstance(event, Notice) and event.kind == "state":
             moves.enter(State(event.state), event.text)
+            if moves.answers and event.state == State.ABORTED:
+                nonlocal aborted_m
+                aborted_m = min(aborted_m, height_m())
             if moves.answers and event.state in opens:
                 note_open_loop(loop.time())
             if moves.answers and pushing.decided_s == math.inf:
                 pushing.decided_s = loop.time()
-                place = stage.plant.truth(loop.time()).position_ned
-                pushing.decided_height_m = world.floor_z_m - place[2]
+                pushing.decided_height_m = height_m()
         if not isinstance(event, CommandSent):
             return
         # What false poses led to is no course any more: it may run away with them.
@@ -209,6 +211,9 @@ async def fly_here(
             keep(record)
         if scene.recorder_raises:
             raise OSError("the recorder is gone")
+
+    def height_m() -> float:
+        return world.floor_z_m - stage.plant.truth(loop.time()).position_ned[2]
 
     def note_open_loop(time_s: float) -> None:
         pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
@@ -295,6 +300,7 @@ async def fly_here(
         failure=flight.failure,
         scenario=scenario,
         blind=blind,
+        aborted_m=aborted_m,
     )  # fmt: skip
     return replace(row, seed=seed, forced="" if watch_as == UNGUARDED else watch_as)
 

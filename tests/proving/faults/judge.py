@@ -211,9 +211,9 @@ SPOOL_M = 0.8
 SPOOL_M_S = 3.0
 """Fastest touchdown from there [m/s]."""
 TOUCHDOWN_M_S = 1.0
-"""Fastest touchdown where an attitude loop flies, or poses are true [m/s]."""
+"""Fastest touchdown where the height is believed, or an autopilot flies [m/s]."""
 RATES_TOUCHDOWN_M_S = 2.5
-"""Fastest touchdown where body rates alone bring it down, without any pose [m/s]."""
+"""Fastest touchdown behind a radio where the height is not believed any more [m/s]."""
 TILT_DEG = 60.0
 """Farthest lean [deg]."""
 MOST_SHARE = 1.25
@@ -254,7 +254,7 @@ LIMITS = (
     ),
     ("leans", f"{TILT_DEG:g}°"),
     (
-        "meets the floor; on body rates alone without poses; without a lift-off that was seen",
+        "meets the floor; behind a radio where the height failed; without a lift-off that was seen",
         f"{TOUCHDOWN_M_S:g}; {RATES_TOUCHDOWN_M_S:g}; {SPOOL_M_S:g} m/s",
     ),
     (
@@ -299,6 +299,12 @@ OPEN_LOOP = "open loop"
 """End of a flight whose commands follow no pose."""
 AUTOPILOT_LANDS = "autopilot lands"
 """Answer of an autopilot whose set-points have stopped: its own failsafe."""
+NO_HEIGHT = (str(State.ABORTED), str(State.DESCENT), "pacer brings down")
+"""Answers after which the height of the poses is not believed any more."""
+DOWN_M = 0.15
+"""Height below which commands that end leave the vehicle on the floor [m]: .15 m of fall are 1.7 m/s."""
+ON_FLOOR = "on the floor"
+"""End of a flight whose commands end on the floor, or had not left it."""
 LANDS_ITSELF = "autopilot's LAND"
 """End of a flight whose autopilot lands by its own position."""
 Answer = tuple[float, str, str]
@@ -404,6 +410,7 @@ def judge(
     scenario: str = "paper",
     how: str = "",
     blind: bool = False,
+    aborted_m: float = math.inf,
 ) -> Row:
     """Return the row, safe where nothing is wrong: what the caller found, and how it moved.
 
@@ -424,11 +431,12 @@ def judge(
         scenario: what was flown.
         how: how it was flown, for people.
         blind: whether it came down without poses.
+        aborted_m: height above the floor at which commands ended [m].
     """
     measured = measure_motion(fault, state, truth, exemption)
     known = fault.kind is Kind.KNOWN_LIMIT
     if exemption not in FALLS and touchdown_m_s is not None and not known:
-        measured.append(_measure_touchdown(fault, state, truth, touchdown_m_s))
+        measured.append(_measure_touchdown(fault, state, truth, answers, touchdown_m_s))
     if thrust is not None and not known:
         measured += _measure_lift(fault, thrust)
     found = [wrong]
@@ -463,7 +471,7 @@ def judge(
         tilt_deg=round(truth.tilt_deg, 1),
         over_hover_s=0.0 if thrust is None else round(thrust.over_s, 3),
         exemption=str(exemption),
-        ended=name_end(answers, blind=blind, lands=land_s is not None),
+        ended=name_end(answers, blind=blind, lands=land_s is not None, aborted_m=aborted_m),
         worst=round(max(one.share for one in measured), 3),
         safe=not wrong,
         why=wrong or "; ".join(part for part in (said, how) if part),
@@ -479,19 +487,25 @@ ENDS = {
 """How a flight ends that an answer leads to; the first one counts that is among the answers."""
 
 
-def name_end(answers: Sequence[Answer], *, blind: bool, lands: bool) -> str:
+def name_end(answers: Sequence[Answer], *, blind: bool, lands: bool, aborted_m: float = math.inf) -> str:
     """Return how a flight ends that answered so.
 
-    ``blind`` where it came down without poses, ``lands`` where its autopilot landed it as it was asked to.
+    Args:
+        answers: what the fault led to.
+        blind: whether it came down without poses.
+        lands: whether its autopilot landed it as it was asked to.
+        aborted_m: height above the floor at which commands ended [m].
     """
     states = [after for _, after, _ in answers]
     if not states:
         return "flies on"
-    if lands and str(State.ABORTED) in states:
+    if aborted_m < DOWN_M:
+        states = [state for state in states if state != State.ABORTED]
+    if lands and State.ABORTED in states:
         return LANDS_ITSELF
     if blind or AUTOPILOT_LANDS in states:
         return OPEN_LOOP
-    return next((end for state, end in ENDS.items() if str(state) in states), states[-1])
+    return next((end for state, end in ENDS.items() if state in states), (states or [ON_FLOOR])[-1])
 
 
 def judge_honest(row: Row, unguarded: Row, *, must_fly_on: bool) -> Row:
@@ -525,13 +539,15 @@ def _unseen(state: str, truth: Truth) -> bool:
     return not MOMENTS[state].flying and not truth.led
 
 
-def _measure_touchdown(fault: Fault, state: str, truth: Truth, touchdown_m_s: float) -> Measure:
-    """Return the touchdown; without poses and an attitude loop body rates alone bring it down."""
-    by_rates = fault.link != "mavlink" and fault.poses is not Poses.TRUE
+def _measure_touchdown(
+    fault: Fault, state: str, truth: Truth, answers: Sequence[Answer], touchdown_m_s: float
+) -> Measure:
+    """Return the touchdown; harder where neither height nor an autopilot's attitude loop is left."""
+    doubted = any(after in NO_HEIGHT for _, after, _ in answers)
     most = TOUCHDOWN_M_S
     if _unseen(state, truth):
         most = SPOOL_M_S
-    elif by_rates:
+    elif fault.link != "mavlink" and fault.poses is not Poses.TRUE and doubted:
         most = RATES_TOUCHDOWN_M_S
     return Measure(touchdown_m_s / most, f"it met the floor at {touchdown_m_s:.2f} m/s")
 

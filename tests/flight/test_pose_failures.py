@@ -1,0 +1,121 @@
+"""Poses that fail, in whole flights: no command rests on them afterwards, and a replay is the same to the bit."""
+
+import asyncio
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from groundstation.analysis.replay import replay_facts
+from groundstation.core.messages import IdleRecord, SwitchRecord, TickRecord
+from groundstation.core.mission import FINAL
+from groundstation.recording import LineRecord, Record, SentRecord
+from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
+from sim.runs import RECORDING, fly_mission, from_floor
+from sim.runs.simulation import RunFolder
+from sim.scenarios import SCENARIOS, prepare
+from sim.time import VirtualTimeLoop
+from tests.proving.faults import Row, fly_here
+from tests.proving.faults.cell import FIGURE_S, NEAR
+from tests.proving.faults.faults import find_fault
+
+FORWARDS = "link.forward.enabled=true"
+
+
+class Cell(NamedTuple):
+    """One cell of the deck, with all that was recorded of it."""
+
+    row: Row
+    records: tuple[Record, ...]
+
+    @property
+    def ended_s(self) -> float:
+        """When commands ended [s]."""
+        return next(
+            one.time_s for one in self.records if isinstance(one, LineRecord) and one.state in FINAL and one.text
+        )
+
+
+@cache
+def flown(case: str, state: str, link: str, *overrides: str) -> Cell:
+    """Return one cell in ``paper``, flown once however many tests look at it."""
+    records: list[Record] = []
+    fault, overrides = find_fault(case, state, link), (*NEAR, *overrides)
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        flight = fly_here(case, fault, state, seed=0, scenario="paper", overrides=overrides, keep=records.append)
+        row = runner.run(flight)
+    return Cell(row, tuple(records))
+
+
+def written(cell: Cell, folder: Path) -> Path:
+    """Return the recording of a cell."""
+    case = ": ".join(filter(None, (cell.row.fault, cell.row.variant)))
+    fault = find_fault(case, cell.row.state, cell.row.link)
+    asked = [*fault.overrides, *NEAR]
+    world, config = prepare(SCENARIOS["paper"], asked, source=fault.source, link=fault.link)
+    world, config = from_floor(world, config, FIGURE_S)
+    run = RunFolder(folder, config, world, scenario="paper", seed=0)
+    for record in cell.records:
+        run.give(record)
+    run.close({"why": cell.row.why})
+    return folder / RECORDING
+
+
+def test_after_the_last_command_only_its_bring_down_is_left() -> None:
+    cell = flown("attitude frozen", "tracking", "mavlink")
+    kinds = TickRecord | IdleRecord | SwitchRecord
+    after = [one for one in cell.records if isinstance(one, kinds)]
+    switches = [i for i, one in enumerate(after) if isinstance(one, SwitchRecord)]
+    last = next(i for i in switches if getattr(after[i], "what", "") == "surrender")
+    (command,) = after[last + 1 :]
+    assert isinstance(command, IdleRecord)
+    assert command.command.bring_down, "down on the model"
+
+
+@pytest.mark.parametrize(
+    ("case", "link"),
+    [("frozen", "mavlink"), ("frozen", "dsm"), ("late: 200 ms, fresh stamps", "mavlink")],
+)
+def test_a_flight_whose_poses_fail_is_flown_again_to_the_last_bit(case: str, link: str, tmp_path: Path) -> None:
+    cell = flown(case, "hold", link)
+    assert cell.row.answer_ms is not None, "the poses failed"
+    facts = replay_facts(written(cell, tmp_path))
+    assert facts["first_difference"] is None
+    assert facts["identical"] is True
+    assert facts["differing"] == {"pose": 0, "idle": 0, "command": 0}
+    ticks = sum(isinstance(one, TickRecord) for one in cell.records)
+    assert facts["commands"] == ticks > 100
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+@pytest.mark.parametrize("link", ["mavlink", "dsm"])
+def test_a_wind_across_that_turns_in_five_seconds_is_no_mirrored_picture(link: str, seed: int) -> None:
+    wind = ["sim.wind_gust=[2.0, 0.0, 0.0]", "sim.wind_gust_hz=0.2"]
+    world, config = from_floor(*prepare(SCENARIOS["paper"], wind, link=link), FIGURE_S)
+    assert fly_mission(world, config, seed=seed).landed
+
+
+@pytest.mark.parametrize(("speed_m_s", "acceleration_m_s2"), [(3.0, 10.0), (5.0, 6.0)])
+def test_a_climb_that_is_told_to_be_hard_asks_for_no_more_thrust_than_it_may_have(
+    speed_m_s: float, acceleration_m_s2: float
+) -> None:
+    hard = [
+        f"takeoff.climb_m_s={speed_m_s}",
+        f"takeoff.transit_m_s2={acceleration_m_s2}",
+        "takeoff.height_m=2.5",
+    ]
+    world, config = from_floor(*prepare(SCENARIOS["paper"], hard), 1.0)
+    assert fly_mission(world, config, seed=0).landed
+
+
+def test_poses_that_fail_are_forwarded_no_more_and_no_land_rests_on_them() -> None:
+    cell = flown("attitude frozen", "tracking", "mavlink", FORWARDS)
+    codec = MavlinkCodec(1, 1)
+    left = [
+        (one.time_s, message) for one in cell.records if isinstance(one, SentRecord) for message in codec.feed(one.data)
+    ]
+    forwarded_s = [time_s for time_s, message in left if message.get_type() == "ODOMETRY"]
+    assert cell.ended_s - 0.05 < forwarded_s[-1] <= cell.ended_s
+    modes = (time_s for time_s, one in left if getattr(one, "command", None) == DO_SET_MODE)
+    assert max(modes) < cell.ended_s, "its position may come from those poses"
