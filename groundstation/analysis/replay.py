@@ -253,7 +253,8 @@ class TapeNetwork(Network):
         self, factory: Callable[[], Any], local: Any = None, remote: Any = None, *, reuse_port: bool | None = None
     ) -> tuple[Any, Any]:
         """A datagram endpoint."""
-        return self._loop.open(("udp", _address(local), _address(remote)), factory, local)
+        # The port from which a remote address is spoken to is not what tells wires apart.
+        return self._loop.open(("udp", "" if remote else _address(local), _address(remote)), factory, local)
 
     async def open_stream(self, factory: Callable[[], Any], host: str, port: int) -> tuple[Any, Any]:
         """A connection."""
@@ -511,7 +512,7 @@ class _Replay:
             self._connecting = self._loop.create_task(self._connect())
             self._connecting.add_done_callback(lambda task: task.cancelled() or task.exception())
         self._loop.settle()
-        protocol = self._loop.protocol((opened.kind, opened.local, opened.remote))
+        protocol = self._loop.protocol((opened.kind, "" if opened.remote else opened.local, opened.remote))
         self._wires[opened.wire] = protocol
         if protocol is None:
             self._deaf.append(f"{opened.kind} {opened.local or opened.remote}")

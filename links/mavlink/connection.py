@@ -20,11 +20,12 @@ import struct
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Mapping
 from datetime import UTC, datetime
+from errno import EADDRINUSE
 from pathlib import Path
 from typing import Any, Protocol
 
 from links.core import IN_TIME, Arrival, LinkError, LinkLost, LinkMisuse
-from links.io import NETWORK, Datagrams, parse_address, read_key, waiting
+from links.io import NETWORK, Datagrams, name_holder, parse_address, read_key, waiting
 from links.mavlink.protocol import (
     GROUND_STATION,
     INVALID,
@@ -106,7 +107,7 @@ async def open_udp(config: MavlinkLinkConfig, ear: TransportListener) -> UdpTran
     """Open ``listen`` or ``remote``; raises OSError."""
     address = parse_address(config.endpoint)
     first = config.remote is not None
-    local, remote = (None, address) if first else (address, None)
+    local, remote = (config.local_address, address) if first else (address, None)
     _, wire = await NETWORK.get().open_datagram(lambda: UdpTransport(ear, speaks_first=first), local, remote)
     return wire
 
@@ -289,6 +290,21 @@ def opener(config: MavlinkLinkConfig) -> Opener:
     return open_udp
 
 
+def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> str:
+    """Why the wire can't be opened, and what to do."""
+    says = f"cannot open {config.endpoint} for MAVLink ({_describe(error)})"
+    if config.way in ("tcp", "serial"):
+        return f"{says}: check that it is there, that you may open it, and that no other program has it"
+    port = config.local_address[1] if config.way == "remote" else parse_address(config.endpoint)[1]
+    holder = name_holder(port) if error.errno == EADDRINUSE else ""
+    held = f"{holder} holds" if holder else "stop the program that holds"
+    if config.way == "remote":
+        end = "end it, or give another port in link.local_port" if holder else "or give another in link.local_port"
+        return f"{says}: {held} UDP port {port} of this machine, from which it is spoken to; {end}"
+    end = "end it, or give another address of this machine" if holder else "or give an address of this machine"
+    return f"{says}: {held} this port{'; ' if holder else ', '}{end}"
+
+
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
 """Before opening a lost wire again [s]; each pause is twice the one before."""
 
@@ -330,13 +346,7 @@ class ReconnectingTransport:
         try:
             wire = await opener(config)(config, self)
         except OSError as error:
-            raise LinkLost(
-                f"cannot open {config.endpoint} for MAVLink ({_describe(error)}): stop the program that "
-                "holds this port, or give an address of this machine"
-                if config.tcp is None and config.serial is None
-                else f"cannot open {config.endpoint} for MAVLink ({_describe(error)}): check that it is there, "
-                "that you may open it, and that no other program has it"
-            ) from error
+            raise LinkLost(_explain_failure(config, error)) from error
         if self._loop is None:
             wire.cut()
             raise LinkError("the link was closed before it was open")
@@ -416,6 +426,20 @@ HOLE_S = 0.15
 TOO_LATE_S, LASTS_S = 0.5, 0.15
 """Answers come so much later than usual [s], and that for so long: what we send arrives too late."""
 
+DROPS = {
+    "garbage": "bytes that are no MAVLink",
+    "truncated": "frames of which a part got lost",
+    "bad_crc": "frames with a wrong checksum",
+    "unknown": "messages that nobody here knows",
+    "unsigned": "messages without a signature, which link.signing_key_file asks for",
+    "bad_signature": "messages signed with another key than link.signing_key_file",
+    "replayed": "signed messages with old time stamps",
+    "other_system": "messages of other systems",
+    "other_address": "datagrams from other addresses",
+    "undeliverable": "messages given back by the network",
+}
+"""What a reason means where nothing of use has come."""
+
 Subscriber = Callable[[Message, float], None]
 
 
@@ -482,6 +506,8 @@ class Contact:
         """Whether somebody else was heard who tells an autopilot its position."""
         self.read = 0
         """How often the wire has brought something."""
+        self._instead: dict[str, None] = {}
+        """Other systems that were heard, by number and address."""
         self.other_addresses: tuple[str, ...] = ()
         """From where else something came to our port, a few of them."""
         self._rival, self._rival_s = "", -math.inf
@@ -546,12 +572,20 @@ class Contact:
 
     def _silence(self) -> str:
         config = self._config
-        dropped = ", ".join(f"{count} {reason}" for reason, count in self.dropped.items())
-        what = f"got only: {dropped}" if dropped else "nothing came at all"
-        return (
+        dropped = [f"{count} {DROPS.get(reason, reason)}" for reason, count in self.dropped.items()]
+        instead = [f"heard instead: {', '.join(self._instead)}"] if self._instead else []
+        what = f"got only: {', '.join(dropped + instead)}" if dropped else "nothing came at all"
+        says = (
             f"no HEARTBEAT of MAVLink system {config.target_system}, component {config.target_component} on "
             f"{config.endpoint} within {config.connect_timeout_s:g} s ({what}): check that the autopilot runs, that "
             "it sends to this address, and its system id (MAV_SYS_ID or SYSID_THISMAV)"
+        )
+        if config.remote is None or dropped:
+            return says
+        return (
+            f"{says}. PX4 answers only the first port that it heard since it started, and this program speaks from "
+            f"port {config.local_address[1]}: if another program or port spoke to it before, restart the autopilot, "
+            "or give that port in link.local_port"
         )
 
     def close(self) -> None:
@@ -604,6 +638,7 @@ class Contact:
         for message in self.codec.feed(data, source if wire.datagrams else None):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
                 self._dropped["other_system"] += 1
+                self._note_system(message, source)
                 self.heard_vision = self.heard_vision or message.get_type() in VISION
                 self._note_rival(message, now)
                 continue
@@ -651,6 +686,12 @@ class Contact:
     def second_path(self, now_s: float) -> str:
         """That the autopilot is heard by a second way; empty where it is not."""
         return self.senders.second_path(self.heard.address, now_s)
+
+    def _note_system(self, message: Message, source: Any) -> None:
+        """Another system is heard here: its number may be the one that the vehicle really has."""
+        if message.get_type() == "HEARTBEAT" and len(self._instead) < NAMED_ADDRESSES:
+            who = f"system {message.get_srcSystem()}, component {message.get_srcComponent()}"
+            self._instead[f"{who} at {self._name_address(source)}"] = None
 
     def _note_rival(self, message: Message, now_s: float) -> None:
         """Somebody else who steers our autopilot; what has our own numbers may be an echo, while we steer."""

@@ -8,6 +8,7 @@ Poses from a home-made tracker that sends JSON (json_codec.py has the schema).
 import asyncio
 import socket
 from collections.abc import Callable
+from errno import EADDRINUSE
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import msgspec
@@ -16,7 +17,7 @@ from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
 from groundstation.pose.sources.intake import DatagramReader, Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
-from links.io import NETWORK, beyond, parse_address
+from links.io import NETWORK, beyond, name_holder, parse_address
 
 
 class DatagramSource(asyncio.DatagramProtocol):
@@ -63,9 +64,11 @@ class DatagramSource(asyncio.DatagramProtocol):
 
 def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
     """``error`` in words for the operator: what was to come where, and what to do."""
+    holder = name_holder(parse_address(address)[1]) if error.errno == EADDRINUSE else ""
+    held = f"{holder} holds this port: end it" if holder else "stop the program that holds this port"
     return SourceError(
         f"cannot listen for {what} on {address} ({error.strerror or error}); "
-        "stop the program that holds this port, or give an address of this machine",
+        f"{held}, or give an address of this machine",
     )
 
 

@@ -1,16 +1,19 @@
 """What a MAVLink link can be told."""
 
 from typing import Annotated, ClassVar, Literal
+from zlib import crc32
 
 import msgspec
 
 from links.core import LinkKind
-from links.io import beyond, parse_address
+from links.io import beyond, is_loopback, parse_address
 
 DEFAULT_LISTEN = "127.0.0.1:14540"
 """Where PX4 sends what it has for an offboard computer."""
 
 
+LOCAL_PORTS = range(20_000, 30_000)
+"""Ports from which ``remote`` is spoken to: free for users, and below those that Linux gives away (32768)."""
 ODOMETRY_BYTES = 258
 """Longest frame that forwarding sends."""
 FORWARD_SHARE = 0.3
@@ -55,6 +58,14 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     remote: Annotated[
         str | None,
         msgspec.Meta(description="Address of an autopilot that waits for us to speak first, host:port (UDP)."),
+    ] = None
+    local_port: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=65535)] | None,
+        msgspec.Meta(
+            description="Port of this machine from which `remote` is spoken to (UDP). Without it, one from "
+            "20000 to 29999 that follows from `remote` and `target_system`, so it is the same each time: PX4 "
+            "answers the first port that it hears, until it restarts."
+        ),
     ] = None
     tcp: Annotated[
         str | None, msgspec.Meta(description="Address of a simulator or radio that accepts TCP connections, host:port.")
@@ -165,6 +176,8 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
         given = [name for name, way in ways.items() if way is not None]
         if len(given) > 1:
             raise ValueError(f"{' and '.join(given)} exclude each other: leave only one of them")
+        if self.local_port is not None and self.remote is None:
+            raise ValueError("local_port is the port from which `remote` is spoken to: give remote, or leave it out")
         if self.bring_down == "land" and self.ardupilot_mode == "GUIDED_NOGPS":
             raise ValueError(
                 "bring_down = 'land' needs a position estimate on board, and ardupilot_mode = 'GUIDED_NOGPS' says that "
@@ -200,6 +213,16 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     def destination(self) -> str:
         """Where commands go: several vehicles may be behind one address."""
         return f"{super().destination} system {self.target_system}"
+
+    @property
+    def local_address(self) -> tuple[str, int]:
+        """Host and port of this machine from which ``remote`` is spoken to, the same in every run."""
+        host, _ = parse_address(self.endpoint)
+        ours = ("::1" if ":" in host else "127.0.0.1") if is_loopback(host) else "::" if ":" in host else "0.0.0.0"  # noqa: S104
+        if self.local_port is not None:
+            return ours, self.local_port
+        chosen = crc32(self.destination.encode()) % len(LOCAL_PORTS)
+        return ours, LOCAL_PORTS[chosen]
 
     @property
     def follows_poses(self) -> bool:

@@ -1,0 +1,42 @@
+"""Port holder: which program of this machine has a UDP port open. Linux only, and only where that may be seen.
+
+Source: proc(5): /proc/net/udp lists local ports (hexadecimal) with the inode of their socket; a process
+holds a socket where one of its /proc/PID/fd leads to that inode.
+"""
+
+from contextlib import suppress
+from pathlib import Path
+
+_TABLES = ("/proc/net/udp", "/proc/net/udp6")
+_ADDRESS_COLUMN = 1
+"""Column of a table with the local address, HEX:HEXPORT."""
+_INODE_COLUMN = 9
+"""Column of a table with the socket's inode."""
+LONGEST_COMMAND = 80
+"""So much of a program's command line is shown [characters]."""
+
+
+def name_holder(port: int) -> str:
+    """The program that holds the UDP ``port``, such as ``groundstation fly (process 1234)``; else empty."""
+    inodes = _find_inodes(port)
+    if not inodes:
+        return ""
+    sockets = {f"socket:[{inode}]" for inode in inodes}
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended, or is another user's
+            if any(str(one.readlink()) in sockets for one in (process / "fd").iterdir()):
+                words = (process / "cmdline").read_bytes().decode(errors="replace").split("\0")
+                command = " ".join(Path(word).name if word.startswith("/") else word for word in words)
+                return f"{command.strip()[:LONGEST_COMMAND]} (process {process.name})"
+    return "a program of another user"
+
+
+def _find_inodes(port: int) -> set[str]:
+    found = set()
+    for table in _TABLES:
+        with suppress(OSError):
+            for line in Path(table).read_text("ascii").splitlines()[1:]:
+                columns = line.split()
+                if int(columns[_ADDRESS_COLUMN].rpartition(":")[2], 16) == port:
+                    found.add(columns[_INODE_COLUMN])
+    return found

@@ -1,0 +1,99 @@
+"""The port from which link.remote is spoken to: PX4 answers the first one that it hears, until it restarts."""
+
+import asyncio
+import errno
+import os
+from typing import Any
+
+import pytest
+
+from groundstation.pose.sources import cannot_listen
+from links.core import LinkLost
+from links.io import name_holder
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
+from links.mavlink.protocol.config import LOCAL_PORTS
+from tests.loops import in_virtual_time
+from tests.unit.links.mavlink.test_mavlink_link import Endpoint
+
+REMOTE = "127.0.0.1:14580"
+
+
+def port(remote: str = REMOTE, **keys: Any) -> int:
+    return MavlinkLinkConfig(remote=remote, **keys).local_address[1]
+
+
+def test_the_port_is_the_same_each_time_and_another_for_another_vehicle_or_address() -> None:
+    assert port() == port() == port(baud=9600, period_s=0.1)
+    assert port() in LOCAL_PORTS
+    others = {port("127.0.0.1:14581"), port("10.0.0.9:14580"), port(target_system=2)}
+    assert len(others | {port()}) == 4
+    assert (min(LOCAL_PORTS), max(LOCAL_PORTS)) == (20_000, 29_999)
+
+
+def test_the_operator_s_port_counts_before_it() -> None:
+    assert port(local_port=14600) == 14600
+    with pytest.raises(ValueError, match="local_port is the port from which `remote` is spoken to"):
+        MavlinkLinkConfig(local_port=14600)
+
+
+@pytest.mark.parametrize(
+    ("remote", "host"),
+    [
+        ("127.0.0.1:14580", "127.0.0.1"),
+        ("localhost:14580", "127.0.0.1"),
+        ("[::1]:14580", "::1"),
+        ("192.168.1.20:14580", "0.0.0.0"),
+        ("[fd00::20]:14580", "::"),
+    ],
+)
+def test_on_loopback_nobody_else_reaches_it(remote: str, host: str) -> None:
+    assert MavlinkLinkConfig(remote=remote).local_address[0] == host
+
+
+def test_the_vehicle_hears_every_run_from_the_same_port() -> None:
+    async def main() -> None:
+        vehicle = await Endpoint().open(local=("127.0.0.1", 14580))
+        vehicle.answer = lambda m: [vehicle.codec.dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)]
+        heard = []
+        for _ in range(2):
+            link = MavlinkLink(MavlinkLinkConfig(remote=REMOTE, quiet=False), thrust_max_n=2.0)
+            await link.connect()
+            heard.append(vehicle.remote)
+            await link.close()
+        assert heard == [("127.0.0.1", port())] * 2
+
+    in_virtual_time(main())
+
+
+def test_where_nothing_comes_the_first_port_is_named_as_a_cause() -> None:
+    async def main() -> None:
+        link = MavlinkLink(MavlinkLinkConfig(remote=REMOTE, connect_timeout_s=1.0), thrust_max_n=2.0)
+        with pytest.raises(LinkLost, match=rf"the first port that it heard.*from port {port()}: .*link\.local_port"):
+            await link.connect()
+        there = MavlinkLink(MavlinkLinkConfig(connect_timeout_s=1.0), thrust_max_n=2.0)
+        with pytest.raises(LinkLost, match="nothing came at all") as refused:
+            await there.connect()
+        assert "local_port" not in str(refused.value)
+
+    in_virtual_time(main())
+
+
+def test_a_port_that_is_taken_is_told_with_its_holder() -> None:
+    async def main() -> int:
+        taken, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+            asyncio.DatagramProtocol, local_addr=("127.0.0.1", 0)
+        )
+        number: int = taken.get_extra_info("sockname")[1]
+        holder = rf"\(process {os.getpid()}\) holds"
+        link = MavlinkLink(MavlinkLinkConfig(remote=REMOTE, local_port=number), thrust_max_n=2.0)
+        with pytest.raises(LinkLost, match=rf"{holder} UDP port {number} of this machine.*link\.local_port"):
+            await link.connect()
+        listening = MavlinkLink(MavlinkLinkConfig(listen=f"127.0.0.1:{number}"), thrust_max_n=2.0)
+        with pytest.raises(LinkLost, match=rf"{holder} this port; end it"):
+            await listening.connect()
+        in_use = OSError(errno.EADDRINUSE, "Address already in use")
+        assert f"(process {os.getpid()}) holds" in str(cannot_listen("poses", f"127.0.0.1:{number}", in_use))
+        taken.close()
+        return number
+
+    assert name_holder(asyncio.run(main())) == ""
