@@ -246,9 +246,9 @@ class MavlinkVisit:
             LinkError: nobody is there, or it is neither PX4 nor ArduPilot.
         """
         await self._connection.open()
-        kind = self._connection.autopilot().kind
-        if kind not in TABLES:
-            raise LinkRejected(f"this is no PX4 and no ArduPilot (MAV_AUTOPILOT {kind}): nothing is known about it")
+        autopilot = self._connection.autopilot()
+        if autopilot.kind not in TABLES:
+            raise LinkRejected(f"this is no PX4 and no ArduPilot ({autopilot.kind_name}): nothing is known about it")
 
     async def close(self) -> None:
         """Disconnect."""

@@ -434,8 +434,8 @@ def builders(
 
 
 def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> list[Message]:
-    """The ``number``-th STATUSTEXT; a ``text`` that does not fit comes in numbered pieces."""
-    pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text), _TEXT_BYTES)]
+    """The ``number``-th STATUSTEXT; a ``text`` that does not fit comes in pieces, the last of them not full."""
+    pieces = [text[i : i + _TEXT_BYTES] for i in range(0, len(text) + 1, _TEXT_BYTES)] if text else []
     message = codec.dialect.MAVLink_statustext_message
     return [message(severity, piece.encode("ascii"), number & 0xFFFF, n) for n, piece in enumerate(pieces)]
 

@@ -61,7 +61,7 @@ def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_
     outcome, stage, _ = ended("ardupilot", EK3_SRC1_POSXY=0.0)
     assert outcome.state is State.ABORTED
     assert outcome.reason.startswith(
-        "ArduPilot refused to enter GUIDED (MAV_RESULT_FAILED): “Mode change to GUIDED failed: requires position”. "
+        "ArduPilot refused to enter GUIDED (it tried and failed, MAV_RESULT_FAILED): “Mode change to GUIDED failed: requires position”. "
     )
     assert stage.plant.released_s is None
     outcome, _, _ = ended("ardupilot", "link.ardupilot_mode=GUIDED_NOGPS", EK3_SRC1_POSXY=0.0)

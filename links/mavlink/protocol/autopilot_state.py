@@ -110,28 +110,71 @@ _WARNING = 4
 """MAV_SEVERITY_WARNING; lower is graver."""
 
 
+GAP = "[…]"
+"""Mark in a text of the autopilot where a part of it was lost."""
+PART_LETTERS = 50
+"""Length of every part of a long text but its last (common.xml, 253 STATUSTEXT)."""
+REMEMBERED_TEXTS = 20
+"""Texts of the autopilot that are kept, and that parts may still come to."""
+QUOTED_TEXTS = 3
+"""Texts that are quoted where it refuses something."""
+
+
+class StatusText:
+    """One text, in parts that may come in any order or get lost."""
+
+    def __init__(self, sender: tuple[int, int], number: int, severity: int) -> None:
+        """``sender`` is its system and component; ``number`` is STATUSTEXT.id, 0 of a text of one part."""
+        self._whose = sender, number, severity
+        self._parts: dict[int, str] = {}
+        self.severity = severity
+
+    def takes(self, sender: tuple[int, int], number: int, severity: int, part: int) -> bool:
+        """Whether ``part`` (STATUSTEXT.chunk_seq) belongs to this text."""
+        return number != 0 and self._whose == (sender, number, severity) and part not in self._parts
+
+    def add(self, part: int, text: str) -> None:
+        """Take one part."""
+        self._parts[part] = text
+
+    def show(self) -> str:
+        """The text, fit to be shown; what has not come is marked."""
+        shown, before = "", -1
+        for part, text in sorted(self._parts.items()):
+            shown += text if part == before + 1 else GAP + text
+            before = part
+        if self._whose[1] and len(self._parts[before]) >= PART_LETTERS:  # it would end with a shorter part
+            shown += GAP
+        return printable(shown.strip())
+
+
 class Words:
-    """What the autopilot said of late (STATUSTEXT), long texts put together again, and only what is fit to be shown."""
+    """Texts of an autopilot (STATUSTEXT) of late, long ones joined by sender and id."""
 
     def __init__(self) -> None:
-        self._texts: deque[tuple[int, int, str]] = deque(maxlen=20)
+        self._texts: deque[StatusText] = deque(maxlen=REMEMBERED_TEXTS)
 
     def hear(self, message: Message) -> None:
         """Take one STATUSTEXT."""
-        number, severity, text = message.id, message.severity, message.text
-        if number and message.chunk_seq and self._texts and self._texts[-1][0] == number:
-            text = self._texts.pop()[2] + text
-        self._texts.append((number, severity, text))
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        number, severity, part = message.id, message.severity, message.chunk_seq
+        for text in self._texts:
+            if text.takes(sender, number, severity, part):
+                text.add(part, message.text)
+                return
+        begun = StatusText(sender, number, severity)
+        begun.add(part if number else 0, message.text)
+        self._texts.append(begun)
 
     @property
     def newest(self) -> str:
         """The newest text, or an empty string."""
-        return printable(self._texts[-1][2].strip()) if self._texts else ""
+        return self._texts[-1].show() if self._texts else ""
 
     def complaints(self) -> str:
         """The last warnings and errors, newest last, each once; an empty string where there are none."""
-        texts = [printable(text.strip()) for _, severity, text in self._texts if severity <= _WARNING]
-        return "; ".join(f"“{text}”" for text in list(dict.fromkeys(texts))[-3:])
+        texts = [text.show() for text in self._texts if text.severity <= _WARNING]
+        return "; ".join(f"“{text}”" for text in list(dict.fromkeys(texts))[-QUOTED_TEXTS:])
 
 
 STALE_NEWS_S = 0.5

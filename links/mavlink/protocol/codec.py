@@ -57,9 +57,19 @@ _MAVLINK_VERSION = 3
 _IGNORE_ATTITUDE = 128
 """SET_ATTITUDE_TARGET.type_mask: body rates and thrust count, the attitude does not."""
 _RESULTS = {
-    0: "ACCEPTED", 1: "TEMPORARILY_REJECTED", 2: "DENIED", 3: "UNSUPPORTED", 4: "FAILED", 5: "IN_PROGRESS",
-    7: "COMMAND_LONG_ONLY", 8: "COMMAND_INT_ONLY",
-}  # fmt: skip
+    0: "accepted",
+    1: "not possible at this moment",
+    2: "not allowed in its present state, or not with these values",
+    3: "it does not have this command",
+    4: "it tried and failed",
+    5: "still under way",
+    6: "cancelled",
+    7: "it takes this only as COMMAND_LONG",
+    8: "it takes this only as COMMAND_INT",
+    9: "it does not have this frame of coordinates",
+    10: "it obeys another station",
+}
+"""MAV_RESULT in words (common.xml)."""
 
 MOST_SENDERS = 16
 """Unfinished frames are kept of so many addresses; of one more, the oldest is given up."""
@@ -285,7 +295,14 @@ class MavlinkCodec:
         """The number of the message called ``name``, such as ODOMETRY."""
         return int(getattr(self.dialect, f"MAVLINK_MSG_ID_{name}"))
 
-    def result_name(self, result: int) -> str:
-        """The name of a COMMAND_ACK.result, such as MAV_RESULT_DENIED."""
-        name = _RESULTS.get(result)
-        return f"MAV_RESULT_{name}" if name is not None else f"MAV_RESULT {result}"
+    def describe_result(self, result: int) -> str:
+        """A COMMAND_ACK.result in words, with its name."""
+        words = _RESULTS.get(result, "an answer that nobody here knows")
+        return f"{words}, {self.value_name('MAV_RESULT', result)}"
+
+    def value_name(self, enum: str, value: int) -> str:
+        """The name of a ``value`` of ``enum``, such as MAV_TYPE_QUADROTOR; where it has none, both."""
+        entry = self.dialect.enums[enum].get(value)
+        if entry is None or entry.name.endswith("_ENUM_END"):
+            return f"{enum} {value}"
+        return str(entry.name)

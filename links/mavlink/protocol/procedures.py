@@ -74,6 +74,11 @@ class AutopilotAddress(NamedTuple):
         """What to call it."""
         return {PX4: "PX4", ARDUPILOT: "ArduPilot"}.get(self.kind, "the autopilot")
 
+    @property
+    def kind_name(self) -> str:
+        """MAVLink's name of its kind."""
+        return self.codec.value_name("MAV_AUTOPILOT", self.kind)
+
 
 class HandshakeStep(Protocol):
     """One thing to be reached."""
@@ -271,7 +276,7 @@ class Exchange(Repeated):
             return super().poll(now_s)
         result, at_s = self._refused
         if now_s >= at_s + WORDS_S and self.failure is None:
-            name, because = self._autopilot.name, self._autopilot.codec.result_name(result)
+            name, because = self._autopilot.name, self._autopilot.codec.describe_result(result)
             reason = self._autopilot.words.complaints() or "it gave no reason"
             self.failure = LinkRejected(f"{name} refused to {self._what} ({because}): {reason}. {self._hint}")
         return []
@@ -445,7 +450,7 @@ class Kill:
         elif self._refused is None:
             self.failure = LinkLost(f"no answer to “motors off”, sent {self._sent} times. {KILL_HINT}")
         else:
-            name, because = self._autopilot.name, self._autopilot.codec.result_name(self._refused)
+            name, because = self._autopilot.name, self._autopilot.codec.describe_result(self._refused)
             reason = self._autopilot.words.complaints() or "it gave no reason"
             self.failure = LinkRejected(f"{name} refused to stop the motors ({because}): {reason}. {KILL_HINT}")
 
@@ -658,12 +663,13 @@ def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
     """What we insist on; raises LinkRejected, see :func:`arming`."""
     if autopilot.kind not in (PX4, ARDUPILOT):
         raise LinkRejected(
-            f"system {autopilot.system} is no PX4 and no ArduPilot (MAV_AUTOPILOT {autopilot.kind}): "
+            f"system {autopilot.system} is no PX4 and no ArduPilot ({autopilot.kind_name}): "
             "nobody tried how it takes body rates, so it is not armed"
         )
     if autopilot.vehicle not in MULTIROTORS:
+        vehicle = autopilot.codec.value_name("MAV_TYPE", autopilot.vehicle)
         raise LinkRejected(
-            f"{autopilot.name} says that its vehicle is no multirotor (MAV_TYPE {autopilot.vehicle}): it may take our "
+            f"{autopilot.name} says that its vehicle is no multirotor ({vehicle}): it may take our "
             "thrust for something else, so it is not armed. Set its frame or airframe to the multirotor that it is"
         )
     if autopilot.kind == PX4:
@@ -701,7 +707,7 @@ def landing(autopilot: AutopilotAddress) -> Handshake:
         LinkRejected: the autopilot is neither PX4 nor ArduPilot.
     """
     if autopilot.kind not in _LAND_MODE:
-        raise LinkRejected(f"nobody knows how autopilot {autopilot.kind} is told to land")
+        raise LinkRejected(f"nobody knows how {autopilot.kind_name} is told to land")
     hint = "The bring-down by rates went on instead."
     return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[autopilot.kind], hint)])
 

@@ -274,10 +274,15 @@ def test_in_a_stream_a_frame_behind_garbage_and_behind_a_false_start_is_found() 
     assert codec.dropped["garbage"] == len(b"garbage") + len(false_start) - 1 + len(BROKEN) - 1
 
 
-def test_the_name_of_a_result_is_mavlinks_own() -> None:
+def test_a_result_is_told_in_words_with_mavlinks_own_name() -> None:
     codec = MavlinkCodec(245, 190)
-    assert codec.result_name(2) == "MAV_RESULT_DENIED"
-    assert codec.result_name(77) == "MAV_RESULT 77"
+    denied = "not allowed in its present state, or not with these values, MAV_RESULT_DENIED"
+    assert codec.describe_result(2) == denied
+    assert codec.describe_result(77) == "an answer that nobody here knows, MAV_RESULT 77"
+    for result in mavlink.enums["MAV_RESULT"]:
+        words = codec.describe_result(result)
+        assert words.split(", MAV_RESULT")[0].replace(" ", "").replace(",", "").isalpha() or "COMMAND_" in words
+        assert "ENUM_END" not in words
 
 
 def test_nan_fields_survive() -> None:

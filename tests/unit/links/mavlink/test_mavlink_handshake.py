@@ -1,5 +1,6 @@
 """links/mavlink/protocol/procedures.py and its steps: what is asked when, and what the operator is told."""
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -138,10 +139,13 @@ def test_ardupilot_that_boosts_our_thrust_when_it_leans_is_not_armed() -> None:
     assert scene.commands == []
 
 
-@pytest.mark.parametrize("vehicle", [0, 1, 4, 10])
-def test_a_vehicle_that_is_no_multirotor_is_not_armed(vehicle: int) -> None:
+@pytest.mark.parametrize(
+    ("vehicle", "name"),
+    [(0, "MAV_TYPE_GENERIC"), (1, "MAV_TYPE_FIXED_WING"), (4, "MAV_TYPE_HELICOPTER"), (200, "MAV_TYPE 200")],
+)
+def test_a_vehicle_that_is_no_multirotor_is_not_armed(vehicle: int, name: str) -> None:
     autopilot = AutopilotAddress(MavlinkCodec(245, 190), Words(), 1, 1, PX4, vehicle)
-    with pytest.raises(LinkRejected, match=f"no multirotor .MAV_TYPE {vehicle}"):
+    with pytest.raises(LinkRejected, match=f"no multirotor .{name}"):
         arming(autopilot)
 
 
@@ -166,7 +170,7 @@ def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> N
     assert scene.commands == [DO_SET_MODE, ARM_DISARM]
     assert isinstance(failure, LinkRejected)
     assert str(failure) == (
-        "PX4 refused to arm (MAV_RESULT_DENIED): “Arming denied: resolve health failures first”. "
+        "PX4 refused to arm (not allowed in its present state, or not with these values, MAV_RESULT_DENIED): “Arming denied: resolve health failures first”. "
         "Clear what it names (its pre-arm checks tell more), then arm again."
     )
 
@@ -183,7 +187,10 @@ def test_words_that_come_shortly_after_the_refusal_are_quoted() -> None:
 
 def test_a_refusal_without_words_says_so() -> None:
     failure = Scene(PX4, arming, refuse(DO_SET_MODE, 3)).run().handshake.failure
-    assert "PX4 refused to enter OFFBOARD (MAV_RESULT_UNSUPPORTED): it gave no reason." in str(failure)
+    assert (
+        "PX4 refused to enter OFFBOARD (it does not have this command, MAV_RESULT_UNSUPPORTED): it gave no reason."
+        in str(failure)
+    )
 
 
 def test_chatter_is_not_quoted_as_a_reason() -> None:
@@ -193,13 +200,59 @@ def test_chatter_is_not_quoted_as_a_reason() -> None:
     assert "it gave no reason" in str(Scene(PX4, arming, answer).run().handshake.failure)
 
 
-def test_a_long_text_in_pieces_is_put_together() -> None:
-    words = Words()
-    codec = MavlinkCodec(1, 1)
-    for n, text in enumerate((b"Preflight Fail: heading estimate not stable enough", b" to arm")):
-        (message,) = codec.feed(codec.pack(D.MAVLink_statustext_message(2, text, 7, n)))
+def heard(*parts: tuple[int, int, bytes], component: int = 1, words: Words | None = None) -> Words:
+    """What is known after ``parts`` (STATUSTEXT.id, chunk_seq, text) of the system's ``component`` have come."""
+    words = Words() if words is None else words
+    codec = MavlinkCodec(1, component)
+    for number, part, text in parts:
+        (message,) = codec.feed(codec.pack(D.MAVLink_statustext_message(2, text, number, part)))
         words.hear(message)
-    assert words.newest == "Preflight Fail: heading estimate not stable enough to arm"
+    return words
+
+
+FIRST = b"Preflight Fail: heading estimate not stable enough"
+SECOND = b" to arm, as the magnetometer and the gyroscopes of"
+LAST = b" the second IMU disagree"
+WHOLE = (FIRST + SECOND + LAST).decode()
+
+
+def test_a_long_text_in_pieces_is_put_together_in_whatever_order_they_come() -> None:
+    parts = ((7, 0, FIRST), (7, 1, SECOND), (7, 2, LAST))
+    for order in itertools.permutations(parts):
+        words = heard(*order)
+        assert words.newest == WHOLE
+        assert words.complaints() == f"“{WHOLE}”"
+
+
+@pytest.mark.parametrize(
+    ("parts", "shown"),
+    [
+        (((7, 1, SECOND), (7, 2, LAST)), f"[…]{(SECOND + LAST).decode()}"),
+        (((7, 0, FIRST), (7, 2, LAST)), f"{FIRST.decode()}[…]{LAST.decode()}"),
+        (((7, 0, FIRST), (7, 1, SECOND)), f"{(FIRST + SECOND).decode()}[…]"),
+        (((7, 2, LAST),), f"[…]{LAST.decode()}"),
+    ],
+)
+def test_a_piece_that_was_lost_is_marked(parts: tuple[tuple[int, int, bytes], ...], shown: str) -> None:
+    assert heard(*parts).newest == shown
+
+
+def test_a_text_of_one_piece_is_whole_however_long_it_is() -> None:
+    assert heard((0, 0, FIRST)).newest == FIRST.decode()
+    assert heard((0, 0, b"one"), (0, 0, b"two")).complaints() == "“one”; “two”"
+
+
+def test_pieces_are_joined_by_their_sender_and_number_also_with_others_between() -> None:
+    words = heard((7, 0, FIRST))
+    heard((7, 0, b"Camera: lens dirty"), component=100, words=words)
+    heard((8, 0, b"Battery low"), (0, 0, b"Armed"), (7, 1, b" to arm"), words=words)
+    assert words.complaints() == "“Camera: lens dirty”; “Battery low”; “Armed”"
+    assert FIRST.decode() + " to arm" in [text.show() for text in words._texts]
+
+
+def test_a_number_that_is_used_again_begins_a_new_text() -> None:
+    words = heard((7, 0, b"first"), (7, 0, b"second"))
+    assert words.complaints() == "“first”; “second”"
 
 
 def test_a_temporary_refusal_is_asked_again_until_it_passes() -> None:
@@ -316,4 +369,6 @@ def test_a_stream_is_stopped_whatever_the_answer(result: int) -> None:
 def test_a_stream_that_is_refused_is_not_asked_for_again() -> None:
     scene = Scene(ARDUPILOT, lambda autopilot: stream(autopilot, "ODOMETRY", 50.0), refuse(511, 4)).run()
     assert len(scene.asked) == 1
-    assert "ArduPilot refused to send ODOMETRY at 50 Hz (MAV_RESULT_FAILED)" in str(scene.handshake.failure)
+    assert "ArduPilot refused to send ODOMETRY at 50 Hz (it tried and failed, MAV_RESULT_FAILED)" in str(
+        scene.handshake.failure
+    )

@@ -615,7 +615,7 @@ def test_a_refused_arming_is_told_in_px4s_words() -> None:
         with pytest.raises(LinkRejected) as refused:
             await link.arm(lambda: command(0.0))
         assert str(refused.value).startswith(
-            "PX4 refused to arm (MAV_RESULT_TEMPORARILY_REJECTED): "
+            "PX4 refused to arm (not possible at this moment, MAV_RESULT_TEMPORARILY_REJECTED): "
             "“Arming denied: Resolve system health failures first”."
         )
         assert not autopilot.armed
