@@ -170,7 +170,8 @@ def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> N
     assert scene.commands == [DO_SET_MODE, ARM_DISARM]
     assert isinstance(failure, LinkRejected)
     assert str(failure) == (
-        "PX4 refused to arm (not allowed in its present state, or not with these values, MAV_RESULT_DENIED): “Arming denied: resolve health failures first”. "
+        "PX4 refused to arm (not allowed in its present state, or not with these values, MAV_RESULT_DENIED): "
+        "“Arming denied: resolve health failures first”. "
         "Clear what it names (its pre-arm checks tell more), then arm again."
     )
 
