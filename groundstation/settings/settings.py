@@ -437,6 +437,9 @@ class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         return None if found is None else int(found[1])
 
 
+LEAST_B_BOUND_M_S2 = 5.0
+"""Bound of adaptation of a vehicle whose thrust trims less [m/s²]: thrust 30 % weaker than told
+looks like 4.2."""
 HOVER_TOLERANCE = 0.02
 """Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""
 
@@ -526,8 +529,9 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             ValueError: the controller would count on more thrust than the full signal gives.
         """
         law, wind = self.controller, self.vehicle.wind_bound_m_s2(self.controller.gravity)
-        if isinstance(law, Law) and law.b_bound == Law().b_bound < wind:
-            msgspec.structs.force_setattr(self, "controller", msgspec.structs.replace(law, b_bound=wind))
+        if isinstance(law, Law) and law.b_bound == Law().b_bound:
+            bound = max(wind, LEAST_B_BOUND_M_S2)
+            msgspec.structs.force_setattr(self, "controller", msgspec.structs.replace(law, b_bound=bound))
         if self.flight.coast_s + self.guards.level_s > 1.0:
             raise ValueError("guards.level_s: with flight.coast_s at most 1 s: no pose vouches for more")
         if self.pose.by_autopilot and self.forwards is not None:

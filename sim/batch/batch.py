@@ -344,6 +344,7 @@ class BatchWatch:
         dt, known, clamped = self._period, self._measure.decrease, self._clamped
         fallen = 0.5 * dt * (fall + self._fall)
         excess = self._excess + (v - self._v) + known.share * fallen - self._power * dt
+        excess = np.where(clamped, 0.0, excess)
         # The highest V since it has been above its bound.
         self._peak = np.maximum(np.where(self._excess == 0.0, 0.0, self._peak), v)
         self._excess = np.minimum(np.maximum(excess, 0.0), self._peak + known.spare)
@@ -522,6 +523,7 @@ class Fleet:
         """The newest commands of as many frames as may still act, the newest first."""
         self._commands[:, 0] = thrust
         self._gust_hz, self._wind_step_s = column("wind_gust_hz"), column("wind_step_time_s")
+        self._push_s = column("wind_push_s")
         self._mean, self._gust, self._wind_step = (
             np.array([getattr(w, key) for w in worlds], np.float64).T.copy()
             for key in ("wind_mean", "wind_gust", "wind_step")
@@ -621,7 +623,10 @@ class Fleet:
         for normals in self._new_normals(time_s):
             self._eddies = stir(self._eddies, normals)
         sine = OPS.sin(2.0 * np.pi * self._gust_hz * time_s)
-        steady = self._mean + self._gust * sine + self._wind_step * (time_s >= self._wind_step_s)
+        since = (time_s - self._wind_step_s) / np.where(self._push_s > 0.0, self._push_s, 1.0)
+        push = OPS.sin(np.pi * np.clip(since, 0.0, 1.0))
+        share = np.where(self._push_s > 0.0, push, 1.0) * (time_s >= self._wind_step_s)
+        steady = self._mean + self._gust * sine + self._wind_step * share
         return steady + np.array(compute_turbulence(self._eddies, self._turbulence))
 
     def _new_normals(self, time_s: float) -> Iterator[Any]:

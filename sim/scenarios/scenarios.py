@@ -190,7 +190,7 @@ _TOLD_GALE = Vehicle(
     drag_per_s=0.34,  # what `groundstation identify` finds on an excitation flight of it in still air
     frame_period_s=1.0 / gale.POSE_HZ,
     size_m=0.8,
-    wind_share=0.658,  # 12 m/s²
+    wind_share=0.553,  # 12 m/s²
 )
 _DOUBTED = (
     "controller.acceleration_noise=0.16",

@@ -136,6 +136,8 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """A step of the wind [m/s², NED]."""
     wind_step_time_s: NonNegative = 30.0
     """When it comes [s after release]."""
+    wind_push_s: NonNegative = 0.0
+    """Above 0 the step is a push: half a sine of this length, ``wind_step`` its peak [s]."""
     pose_rate_hz: Positive = 50.0
     """Camera frames per second [Hz]."""
     pose_latency_s: NonNegative = 0.020
@@ -256,7 +258,7 @@ def compute_turbulence(eddies: Eddies, rms: Real) -> Vec3:
 
 
 def steady(world: World, flight_time: float) -> Vec3:
-    """Mean, gust and step [m/s², NED] at ``flight_time`` [s]."""
+    """Mean, gust and step or push [m/s², NED] at ``flight_time`` [s]."""
     mx, my, mz = world.wind_mean
     if world.wind_gust != (0.0, 0.0, 0.0):
         sine = math.sin(2.0 * math.pi * world.wind_gust_hz * flight_time)
@@ -264,6 +266,9 @@ def steady(world: World, flight_time: float) -> Vec3:
         mx, my, mz = mx + gx * sine, my + gy * sine, mz + gz * sine
     if flight_time >= world.wind_step_time_s:
         sx, sy, sz = world.wind_step
+        if world.wind_push_s > 0.0:
+            share = math.sin(math.pi * min((flight_time - world.wind_step_time_s) / world.wind_push_s, 1.0))
+            sx, sy, sz = share * sx, share * sy, share * sz
         mx, my, mz = mx + sx, my + sy, mz + sz
     return (mx, my, mz)
 

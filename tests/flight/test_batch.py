@@ -100,7 +100,7 @@ TWO_LOOKS = 0.006
     ("scenario", "overrides", "violated", "suspended"),
     [
         ("adverse", (), 0.0, 0.0),  # the seeds' first moments alone
-        ("paper", (LAG_2X,), 0.5, 0.0),  # V above its bound
+        ("paper", (LAG_2X,), 0.0, 0.5),  # commands swing from limit to limit
         ("paper", ("controller.b_bound=0.5", "sim.wind_mean=[0.9, 0, 0]"), 0.5, 0.0),  # |b̂| above B
         ("paper", ("sim.thrust_gain=0.7",), 0.0, 0.1),  # thrust at its limit
     ],

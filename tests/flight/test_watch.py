@@ -61,7 +61,7 @@ def test_a_warning_is_an_event_and_has_its_share_of_the_time() -> None:
     verdict = fly(world, config, seed=0, duration_s=20.0, on_event=events.append).verdict
     assert [event.says[:24] for event in events if event.kind == "certificate"] == ["warning: Lyapunov: V has"]
     assert [event.kind for event in events if event.says.startswith("warning: ")] == ["certificate"]
-    assert verdict.certificate_violated > 0.5
+    assert verdict.certificate_suspended > 0.5  # commands swing from limit to limit
 
 
 def decrease(d: Diagnostics) -> float:

@@ -36,6 +36,7 @@ from groundstation.core.control.backstepping import (
     within,
     yaw_rate,
 )
+from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.estimation import Composite, Estimation, NonNegative, Positive
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, rotate, third_column, to_body
 from groundstation.core.messages import Certificate, CertificateReading, Decision, Diagnostics, Estimate
@@ -80,7 +81,9 @@ class Uncompensated(
     k3: Positive = 4.0
     k3_down: Positive = 4.0
     kb: NonNegative = 1.0
+    sigma_bound: Positive = 1.5
     sigma_slope: Positive = 3.0
+    rho_bound: Positive = 1.0
     rho_slope: Positive = 1.0
     kappa: Annotated[
         NonNegative,
@@ -94,7 +97,14 @@ class Uncompensated(
     composite: Composite = "off"
 
 
-CALM = {"k2": 1.75, "k3_down": 6.0, "sigma_slope": 3.0, "rho_slope": 1.0}
+CALM = {
+    "k2": 1.75,
+    "k3_down": 6.0,
+    "sigma_slope": 3.0,
+    "rho_slope": 1.0,
+    "sigma_bound": 3.0,
+    "rho_bound": 2.0,
+}
 """Off the figure these gains are so large at most: to climb, to hold and to land need no more, and what poses that lie
 or come late make of a vehicle grows with them."""
 
@@ -123,14 +133,14 @@ class Adaptive:
         self._hold = vehicle.frame_period_s
         self._thrust_lead = lead(FLOATS, self._hold, vehicle.thrust_lag_s)
         self._rate_lead = lead(FLOATS, self._hold, vehicle.rate_lag_s)
-        x, y, z = vehicle.rate_limits_deg_s
-        self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
+        self._limits = DemandLimits(ops, vehicle)
         self.b_hat: Vec3 = (0.0, 0.0, 0.0)
         self._witnessed: Vec3 | None = None
         self._jerk: Vec3 | None = None
         self._slope: Vec3 = (0.0, 0.0, 0.0)
         self._thrust_sent: Real | None = None
-        self._saturated = False
+        self._saturated: Any = False
+        self._tilt_limited: Any = False
 
     @property
     def gains(self) -> Gains:
@@ -165,17 +175,20 @@ class Adaptive:
         memory, vehicle = self.memory, self._vehicle
         before = move_back(reference, vehicle.sooner_s)
         first = self.decide(sooner, before, interval_s).drive
+        tilt_limited = self._tilt_limited
         self.memory = memory
         last, _, seen = self.decide(later, reference, interval_s)
-        thrust_first = vehicle.thrust_delay_s < vehicle.rate_delay_s
-        drive = ActuatorCommand(first.thrust, last.rates) if thrust_first else ActuatorCommand(last.thrust, first.rates)
+        if vehicle.thrust_delay_s < vehicle.rate_delay_s:
+            drive, tilt_limited = ActuatorCommand(first.thrust, last.rates), self._tilt_limited
+        else:
+            drive = ActuatorCommand(last.thrust, first.rates)
         # Halves that are not sent swing, and clamp nothing.
-        self._saturated = self._at_limit(drive)
+        self._saturated = self._limits.is_at_limit(drive) | tilt_limited
         return Decision(drive, self._saturated, seen)
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command for the instant of ``estimate``."""
-        ops, gains, vehicle = self._ops, self._gains, self._vehicle
+        ops, gains, vehicle, limits = self._ops, self._gains, self._vehicle, self._limits
         motion = estimate.motion
         b_hat, witness = self._include_witness(estimate)
         compensate = gains.actuator_compensation
@@ -189,21 +202,33 @@ class Adaptive:
         feed, jerk = reference.acceleration_ned, reference.jerk_ned
         state = (z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk)
         step = backstep(ops, gains, state, mass, drag, witness=witness, suspended=suspended)
-        # The law's rates, and the one that turns the heading.
-        k_yaw, most, yaw, yaw_dot = gains.k_yaw, self._limits[2], reference.yaw_rad, reference.yaw_rate_rad_s
-        rate_x, rate_y = step.rate_x, step.rate_y
+        # The law's rates as the tilt limit leaves them, and the one that turns the heading.
+        k_yaw, most, yaw, yaw_dot = gains.k_yaw, limits.rates[2], reference.yaw_rad, reference.yaw_rate_rad_s
+        least = limits.find_least_cosine(
+            attitude,
+            thrust,
+            estimate.effectiveness,
+            gains.gravity + estimate.disturbance[2],
+            feed[2] + step.u_star[2] + drag * velocity[2],
+        )
+        rate_x, rate_y, self._tilt_limited = limits.limit_tilt(
+            attitude, motion.rates, (step.rate_x, step.rate_y), least, gains.k_omega
+        )
         rates = wanted = (rate_x, rate_y, yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most))
         if compensate:
             thrust_command = thrust + self._thrust_lead * step.thrust_rate
             if vehicle.rate_lag_s > 0.0:
-                ahead = self._look_ahead(state, step, estimate, mass, interval_s)
-                rate_x, rate_y = turn_rates(ops, gains, ahead, mass, drag, suspended)
+                thrust_rate = limits.limit_thrust_rate(thrust, step.thrust_rate, self._thrust_lead)
+                ahead = self._look_ahead(state, step, thrust_rate, estimate, mass, interval_s)
+                rates_ahead = turn_rates(ops, gains, ahead, mass, drag, suspended)
+                rate_x, rate_y, _ = limits.limit_tilt(ahead[3], motion.rates, rates_ahead, least, gains.k_omega)
                 yaw = yaw + AHEAD_S * yaw_dot
                 third = yaw_rate(ops, ahead[3], yaw, yaw_dot, rate_y, k_yaw, most)
                 rates = self._lead(motion.rates, wanted, (rate_x, rate_y, third))
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
-        drive, self._saturated = self._clamp(thrust_command, rates)
+        drive, clamped = limits.clamp(thrust_command, rates)
+        self._saturated = clamped | self._tilt_limited
         self._thrust_sent = drive.thrust
         dot = step.b_hat_dot
         self.b_hat = within(ops, _add(b_hat, interval_s, dot), gains.b_bound + gains.epsilon)
@@ -248,7 +273,9 @@ class Adaptive:
         k = gains.kappa
         return b, (k * (p - x), k * (q - y), k * (r - z))
 
-    def _look_ahead(self, state: State, step: LawOutput, estimate: Estimate, mass: Real, interval_s: float) -> State:
+    def _look_ahead(
+        self, state: State, step: LawOutput, thrust_rate: Real, estimate: Estimate, mass: Real, interval_s: float
+    ) -> State:
         """The law's state ``AHEAD_S`` later: the vehicle along its model, the reference along its derivatives.
 
         So ω˙_d is the derivative of the law itself. A difference of successive ω_d would have each pose's innovation
@@ -268,7 +295,7 @@ class Adaptive:
             (ux + e * ex - half * jx, uy + e * ey - half * jy, uz + e * ez - half * jz),
             (vx + e * ax, vy + e * ay, vz + e * az),
             rotate(attitude, (e * wx, e * wy, e * wz)),
-            thrust + e * step.thrust_rate,
+            thrust + e * thrust_rate,
             _add(b_hat, e, step.b_hat_dot),
             (fx + e * jx, fy + e * jy, fz + e * jz),
             (jx + e * sx, jy + e * sy, jz + e * sz),
@@ -297,28 +324,6 @@ class Adaptive:
             r + n * (k * (c - r) + d * (z - c)),
         )
 
-    def _clamp(self, thrust: float, rates: Vec3) -> tuple[ActuatorCommand, bool]:
-        """A command within the vehicle's limits, and whether any of the four had to be clamped."""
-        vehicle, clamp = self._vehicle, self._ops.clamp
-        (x, y, z), (a, b, c) = rates, self._limits
-        if (
-            self._ops is FLOATS
-            and vehicle.thrust_min_n <= thrust <= vehicle.thrust_max_n
-            and -a <= x <= a
-            and -b <= y <= b
-            and -c <= z <= c
-        ):  # as nearly always
-            return new(ActuatorCommand, (thrust, rates)), False
-        inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
-        p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
-        return new(ActuatorCommand, (inside, (p, q, r))), (inside != thrust) | (p != x) | (q != y) | (r != z)
-
-    def _at_limit(self, drive: ActuatorCommand) -> bool:
-        """Whether any of the four is at one of the vehicle's limits."""
-        vehicle, (x, y, z), (a, b, c) = self._vehicle, drive.rates, self._limits
-        pinned = (drive.thrust <= vehicle.thrust_min_n) | (drive.thrust >= vehicle.thrust_max_n)
-        return pinned | (abs(x) >= a) | (abs(y) >= b) | (abs(z) >= c)
-
 
 def move_back(reference: Reference, by_s: float) -> Reference:
     """``reference`` as it was ``by_s`` [s] before, by its derivatives."""
@@ -338,7 +343,7 @@ def _add(a: Vec3, k: Real, b: Vec3) -> Vec3:
     return (a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2])
 
 
-_SUSPENDED = "none: adaptation is suspended while a command is at its limit"
+_SUSPENDED = "none: adaptation is suspended while the tilt or a command is at its limit"
 
 
 def bound_decrease(gains: Gains) -> str:
@@ -553,6 +558,10 @@ def terms(
 
 LASTING_S = 0.5
 """What lasts so long is told [s]: an outage of the poses, or a gust's front, is over by then."""
+PINNED_S = 1.0
+"""Commands at their limit for so long are told [s]: a climb of 1 m takes less."""
+SUSPENDED_MEAN_S = 1.0
+"""Time constant of the share of commands at which the bound is suspended [s]; above one half it is told."""
 REST_S = 5.0
 """What comes again sooner than this after its end is not told again [s]."""
 
@@ -562,10 +571,10 @@ HOLDS, VIOLATED, SUSPENDED, NONE = "holds", "violated", "suspended", "none"
 class Lasting:
     """A condition that is told once when it has lasted, and again only after a rest."""
 
-    __slots__ = ("_ended_s", "_told", "for_s")
+    __slots__ = ("_ended_s", "_least_s", "_told", "for_s")
 
-    def __init__(self) -> None:
-        self.for_s = 0.0
+    def __init__(self, least_s: float = LASTING_S) -> None:
+        self.for_s, self._least_s = 0.0, least_s
         self._told = False
         self._ended_s = -math.inf
 
@@ -574,7 +583,7 @@ class Lasting:
         if self.for_s == 0.0 and time_s - self._ended_s > REST_S:
             self._told = False
         self.for_s += dt
-        if self._told or self.for_s < LASTING_S:
+        if self._told or self.for_s < self._least_s:
             return False
         self._told = True
         return True
@@ -593,8 +602,10 @@ class CertificateMonitor:
         self._vehicle = vehicle
         self._least_n, self._most_n = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._noise: tuple[float, float] | None = None
-        self._rising, self._outside, self._pinned = Lasting(), Lasting(), Lasting()
+        self._rising, self._outside = Lasting(), Lasting()
+        self._pinned, self._limited = Lasting(PINNED_S), Lasting(PINNED_S)
         self._fed: dict[str, float] = {}
+        self._limited_share, self._fed_at_limit = 0.0, dict[str, float]()
         self._peak = self._fed_s = self._watched_s = self._violated_s = self._suspended_s = 0.0
         self._opening = ""
         self.regain(config)
@@ -634,8 +645,12 @@ class CertificateMonitor:
         if before is not None and 0.0 < dt < LASTING_S:
             rise, fallen = v - self._v, 0.5 * dt * (fall + self._fall)
             excess = self._excess + rise + self._known.share * fallen - self._power * dt
+            if before.saturated:  # nothing is promised: the bound begins anew from here
+                excess = 0.0
             if excess > 0.0 or self._excess > 0.0:
                 words = _both(words, self._above(excess, v, rise + fallen, dt, motion, before, decision))
+            if before.saturated or self._limited_share > 0.0:
+                words = _both(words, self._suspended(rise + fallen, dt, motion, before, decision))
             bx, by, bz = decision.diagnostics.b_hat
             b2 = bx * bx + by * by + bz * bz
             if b2 > self._bound2 or self._outside.for_s > 0.0:
@@ -669,6 +684,45 @@ class CertificateMonitor:
         if excess <= 0.0 or self._motion is None:
             return ""
         self._fed_s += dt
+        self._feed(self._fed, total, dt, motion, before, decision)
+        # While adaptation is suspended nothing is promised, so that time does not count.
+        if excess <= self._known.spare or before.saturated or not self._rising.so(self._time, dt):
+            return ""
+        largest = _largest(self._fed, self._fed_s)
+        return f"Lyapunov: V has been above its bound for {self._fed_s:.1f} s; largest term: {largest}"
+
+    def _suspended(self, total: float, dt: float, motion: Motion, before: Decision, decision: Decision) -> str:
+        """The bound is suspended at more than half of the commands, or was until now."""
+        share = self._limited_share
+        share += dt / (dt + SUSPENDED_MEAN_S) * (float(before.saturated) - share)
+        self._limited_share = share if share > 0.01 else 0.0
+        if share <= 0.5 or self._law is None:
+            self._limited.over(self._time)
+            self._fed_at_limit = {}
+            return ""
+        self._feed(self._fed_at_limit, total, dt, motion, before, decision)
+        told = self._limited.so(self._time, dt)
+        # Commands at a limit are the consequence; what else feeds V is the cause.
+        self._fed_at_limit.pop(LIMITS, None)
+        if not told or self._pinned.for_s >= LASTING_S:  # that says it, too
+            return ""
+        for_s = self._limited.for_s
+        return (
+            f"Lyapunov: the bound is suspended most of the time, with {LIMITS}; "
+            f"largest other term: {_largest(self._fed_at_limit, for_s)}"
+        )
+
+    def _feed(
+        self,
+        fed: dict[str, float],
+        total: float,
+        dt: float,
+        motion: Motion,
+        before: Decision,
+        decision: Decision,
+    ) -> None:
+        """Add to ``fed`` what V_m gained from each source within the last frame."""
+        assert self._motion is not None, "there was a command before"
         for name, energy in terms(
             self._motion,
             before.diagnostics,
@@ -680,18 +734,7 @@ class CertificateMonitor:
             mass=self._vehicle.mass_kg,
             pull=self._config.kb * self._measure.kappa,
         ).items():
-            self._fed[name] = self._fed.get(name, 0.0) + energy
-        # While adaptation is suspended nothing is promised, so that time does not count.
-        if excess <= self._known.spare or before.saturated or not self._rising.so(self._time, dt):
-            return ""
-        return f"Lyapunov: V has been above its bound for {self._fed_s:.1f} s; largest term: {self._largest()}"
-
-    def _largest(self) -> str:
-        """The largest term since V has been above its bound, and the next where it is half as large."""
-        (name, most), (other, next_) = sorted(self._fed.items(), key=lambda item: -item[1])[:2]
-        said = f"{name}, {most / self._fed_s:.2g} m²/s³"
-        # Commands at a limit are often the consequence, and what comes next is the cause.
-        return said if next_ < 0.5 * most else f"{said}; then {other}, {next_ / self._fed_s:.2g}"
+            fed[name] = fed.get(name, 0.0) + energy
 
     def _beyond(self, length: float, dt: float) -> str:
         """|b̂| is above B, or was until now."""
@@ -740,6 +783,13 @@ class CertificateMonitor:
             suspended_fraction=self._suspended_s / self._watched_s,
             b_hat_fraction=self._radius and math.hypot(*decision.diagnostics.b_hat) / self._radius,
         )
+
+
+def _largest(fed: dict[str, float], for_s: float) -> str:
+    """The largest term of ``fed`` over ``for_s`` [s], and the next where it is half as large."""
+    (name, most), (other, next_) = sorted(fed.items(), key=lambda item: -item[1])[:2]
+    said = f"{name}, {most / for_s:.2g} m²/s³"
+    return said if next_ < 0.5 * most else f"{said}; then {other}, {next_ / for_s:.2g}"
 
 
 def _both(words: str, more: str) -> str:

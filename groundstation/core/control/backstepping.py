@@ -60,11 +60,17 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
         ),
     ] = 0.4
     k_yaw: Annotated[NonNegative, msgspec.Meta(description="Heading gain [1/s].")] = 1.0
-    sigma_bound: Annotated[Positive, msgspec.Meta(description="M: bound of σ [m/s]; paper: 1.5.")] = 1.5
+    sigma_bound: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="M: bound of σ [m/s], and the speed error up to which u* is linear in it; "
+            "paper: 1.5. Off the figure, as k2, at most 3."
+        ),
+    ] = 6.0
     sigma_slope: Annotated[
         Positive, msgspec.Meta(description="r: slope of σ at 0 [1/s]; paper: 3. Off the figure, as k2, at most 3.")
     ] = 4.5
-    rho_bound: Annotated[Positive, msgspec.Meta(description="Bound of ρ [-].")] = 1.0
+    rho_bound: Annotated[Positive, msgspec.Meta(description="Bound of ρ [-]. Off the figure, as k2, at most 2.")] = 6.0
     rho_slope: Annotated[
         Positive, msgspec.Meta(description="Slope of ρ at 0 [s/m]. Off the figure, as k2, at most 1.")
     ] = 3.0
@@ -72,11 +78,11 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
     b_bound: Annotated[
         Positive,
         msgspec.Meta(
-            description="B: largest disturbance to adapt to [m/s²]. It must cover thrust-scale "
-            "errors (0.2 g = 2 m/s²) too. Left so, it is what `vehicle.wind_share` "
-            "gives, where that is more."
+            description="B: largest disturbance to adapt to [m/s²]. 14 is what the paper's vehicle "
+            "can trim sideways; left so, it is what this vehicle can: `vehicle.wind_share` of "
+            "√((T_max/m)² - g²), but at least 5."
         ),
-    ] = 5.0
+    ] = 14.0
     epsilon: Annotated[Positive, msgspec.Meta(description="ε: b̂ stays within B + ε [m/s²].")] = 0.5
     delta: Annotated[Positive, msgspec.Meta(description="δ: smooths the projection [m²/s⁴].")] = 0.1
     projection_order: Annotated[

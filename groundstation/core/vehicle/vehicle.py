@@ -151,11 +151,11 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     wind_share: Annotated[
         Share,
         msgspec.Meta(
-            description="Share of the thrust beyond its weight that wind may take [-]: so far the "
-            "controller adapts (`controller.b_bound`, where that is left at its default "
-            "and less)."
+            description="Share of the disturbance that full thrust can trim sideways, "
+            "√((T_max/m)² - g²) [-]: so far the controller adapts (`controller.b_bound`, where "
+            "that is left at its default), and to 5 m/s² at least."
         ),
-    ] = 0.0
+    ] = 1.0
     hover_n: Annotated[
         Thrust | None,
         msgspec.Meta(
@@ -182,8 +182,9 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         return self.command_delay_s + max(self.thrust_delay_s, self.rate_delay_s)
 
     def wind_bound_m_s2(self, gravity: float) -> float:
-        """The largest disturbance that ``wind_share`` leaves thrust for, at ``gravity`` [m/s²]."""
-        return self.wind_share * (self.thrust_max_n / self.mass_kg - gravity)
+        """``wind_share`` of the disturbance that full thrust can trim sideways, at ``gravity`` [m/s²]."""
+        most = self.thrust_max_n / self.mass_kg
+        return self.wind_share * math.sqrt(max(most * most - gravity * gravity, 0.0))
 
     @property
     def sooner_s(self) -> float:

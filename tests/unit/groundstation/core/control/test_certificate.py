@@ -11,7 +11,7 @@ from groundstation.core.control.adaptive import virtual_control_sup
 from groundstation.core.control.backstepping import BacksteppingAxis, axis
 from groundstation.core.geometry import FLOATS
 
-LAW = Law(sigma_slope=3.0, rho_slope=1.0)
+LAW = Law(sigma_slope=3.0, rho_slope=1.0, sigma_bound=1.5, rho_bound=1.0, b_bound=5.0)
 SUP = virtual_control_sup(LAW)
 
 

@@ -12,7 +12,7 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Motion, Vehicle, lead
 
 VEHICLE = Vehicle(drag_per_s=0.8, rate_limits_deg_s=(1e5, 1e5, 1e5))
-GAINS = Gains(composite="off")
+GAINS = Gains(composite="off", sigma_bound=1.5, rho_bound=1.0)
 PERIOD_S = VEHICLE.frame_period_s
 NOTHING: Vec3 = (0.0, 0.0, 0.0)
 WIND: Vec3 = (0.4, -0.3, 0.2)

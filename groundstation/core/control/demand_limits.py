@@ -1,0 +1,115 @@
+"""Limits on what the law demands, applied after it, vertical axis first: tilt, thrust, rates.
+
+The law knows no limits of the vehicle. A demand beyond them is cut in this order:
+
+1. Tilt. With c the cosine of the tilt, full thrust has the vertical part T_max c. It must carry
+   what the vertical axis needs, so c stays above c_min (:meth:`DemandLimits.find_least_cosine`).
+   Rates turn c by c˙ = r31 ω2 - r32 ω1. They are changed as little as possible so that c, where it
+   will be once the present rates have died down, approaches c_min and does not pass it
+   (:meth:`DemandLimits.limit_tilt`).
+2. Thrust, clamped to the vehicle's limits. The law is evaluated a moment on with the rate at which
+   thrust can still change (:meth:`DemandLimits.limit_thrust_rate`): a thrust that cannot rise must
+   not be counted on.
+3. Body rates, clamped per axis.
+
+A demand inside the limits leaves as it came, to the bit. Derivation: docs/explanation/law.md,
+section 6.4. Elementwise: floats, or arrays of shape (N,). Sans-IO.
+"""
+
+import math
+from typing import Any
+
+from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, third_column
+from groundstation.core.vehicle import ActuatorCommand, Vehicle, new
+
+RESERVE = 1.03
+"""Vertical part of the full thrust at the tilt limit, over the thrust that hovers, at rest [-]: true
+thrust may be as low as 0.62 of told on a vehicle that has 1.08 times its weight then."""
+LEAST_COSINE = math.cos(math.radians(80.0))
+"""Cosine of the largest tilt of any vehicle [-]: beyond it the heading loop loses its axis."""
+LEAST_SINE_SQUARED = 0.04
+"""Squared sine of the tilt below which a rate turns c too little to be divided by [-]: near level,
+where nothing is limited, and upside down, where the rate limits act."""
+
+
+class DemandLimits:
+    """The limits of one vehicle as told, or of N that are told the same."""
+
+    def __init__(self, ops: Ops, vehicle: Vehicle) -> None:
+        self._ops, self._vehicle = ops, vehicle
+        x, y, z = vehicle.rate_limits_deg_s
+        self.rates: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
+        """Largest body rates [rad/s]."""
+
+    def find_least_cosine(
+        self, attitude: Quat, thrust: Real, effectiveness: Real, weight: Real, vertical: Real
+    ) -> Real:
+        """c_min, the cosine of the largest tilt that leaves the vertical axis what it needs.
+
+        Args:
+            attitude: body to world.
+            thrust: T, what the rotors give now [N].
+            effectiveness: λ̂ [-].
+            weight: g + d̂_z, what pulls down where λ̂ scales the thrust [m/s²].
+            vertical: further acceleration demanded downwards, p¨d + u* + c v [m/s²].
+        """
+        clamp, vehicle = self._ops.clamp, self._vehicle
+        up = third_column(attitude)[2] * thrust / vehicle.mass_kg
+        # Only the sum is observable: what thrust as told lacks counts as weight.
+        hover = RESERVE * (weight + (1.0 - effectiveness) * up)
+        most = vehicle.thrust_max_n / vehicle.mass_kg
+        level = clamp(hover / most, LEAST_COSINE, 1.0)
+        # Climbing and falling move the limit by half of what is left to either side.
+        low, high = clamp(0.5 * level, LEAST_COSINE, 1.0), 0.5 * (level + 1.0)
+        return clamp((hover - vertical) / most, low, high)
+
+    def limit_tilt(
+        self, attitude: Quat, rates: Vec3, wanted: tuple[Real, Real], least_cosine: Real, k_omega: float
+    ) -> tuple[Real, Real, Any]:
+        """Roll and pitch rate [rad/s] that keep c above ``least_cosine``, and whether it cut them.
+
+        ``rates`` are the body rates now [rad/s]; an error of them decays with ``k_omega`` [1/s].
+        """
+        ops, (w, x, y, z), (rate_x, rate_y) = self._ops, attitude, wanted
+        r31, r32 = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
+        cosine = 1.0 - 2.0 * (x * x + y * y)
+        stopped = cosine + (r31 * rates[1] - r32 * rates[0]) / k_omega
+        approach = (stopped - least_cosine) / self._vehicle.frame_period_s
+        spare = r31 * rate_y - r32 * rate_x + approach
+        if ops is FLOATS and spare >= 0.0:
+            return rate_x, rate_y, False
+        limited = spare < 0.0
+        k = spare / ops.clamp(r31 * r31 + r32 * r32, LEAST_SINE_SQUARED, 1.0)
+        x, y = rate_x + k * r32, rate_y - k * r31
+        return ops.where(limited, x, rate_x), ops.where(limited, y, rate_y), limited
+
+    def limit_thrust_rate(self, thrust: Real, thrust_rate: Real, lead_s: float) -> Real:
+        """Ṫ [N/s] as the thrust limits leave it, where T_cmd = T + ``lead_s`` Ṫ (law.md, 6.4)."""
+        ops, vehicle = self._ops, self._vehicle
+        wanted = thrust + lead_s * thrust_rate
+        if ops is FLOATS and vehicle.thrust_min_n <= wanted <= vehicle.thrust_max_n:
+            return thrust_rate
+        inside = ops.clamp(wanted, vehicle.thrust_min_n, vehicle.thrust_max_n)
+        return ops.where(inside == wanted, thrust_rate, (inside - thrust) / lead_s)
+
+    def clamp(self, thrust: Real, rates: Vec3) -> tuple[ActuatorCommand, Any]:
+        """A command within the vehicle's limits, and whether any of the four had to be clamped."""
+        vehicle, clamp, (x, y, z), (a, b, c) = self._vehicle, self._ops.clamp, rates, self.rates
+        if (
+            self._ops is FLOATS
+            and vehicle.thrust_min_n <= thrust <= vehicle.thrust_max_n
+            and -a <= x <= a
+            and -b <= y <= b
+            and -c <= z <= c
+        ):  # as nearly always
+            return new(ActuatorCommand, (thrust, rates)), False
+        inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
+        p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
+        cut = (inside != thrust) | (p != x) | (q != y) | (r != z)
+        return new(ActuatorCommand, (inside, (p, q, r))), cut
+
+    def is_at_limit(self, drive: ActuatorCommand) -> Any:
+        """Whether any of the four is at one of the vehicle's limits."""
+        vehicle, (x, y, z), (a, b, c) = self._vehicle, drive.rates, self.rates
+        pinned = (drive.thrust <= vehicle.thrust_min_n) | (drive.thrust >= vehicle.thrust_max_n)
+        return pinned | (abs(x) >= a) | (abs(y) >= b) | (abs(z) >= c)
