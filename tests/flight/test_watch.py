@@ -59,7 +59,9 @@ def test_a_warning_is_an_event_and_has_its_share_of_the_time() -> None:
     events: list[Notice] = []
     world, config = prepare(SCENARIOS["paper"], [f"sim.thrust_lag_s={LAG_2X}"])
     verdict = fly(world, config, seed=0, duration_s=20.0, on_event=events.append).verdict
-    assert [event.says[:24] for event in events if event.kind == "certificate"] == ["warning: Lyapunov: V has"]
+    assert [event.says[:40] for event in events if event.kind == "certificate"] == [
+        "warning: Lyapunov: the bound is suspende"
+    ]
     assert [event.kind for event in events if event.says.startswith("warning: ")] == ["certificate"]
     assert verdict.certificate_suspended > 0.5  # commands swing from limit to limit
 

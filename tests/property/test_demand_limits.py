@@ -1,0 +1,123 @@
+"""Limits on the law's demands: the vertical axis keeps its reserve, nothing jumps, and inside nothing changes."""
+
+import math
+
+import numpy as np
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from groundstation.core.control.demand_limits import LEAST_COSINE, RESERVE, DemandLimits
+from groundstation.core.geometry import FLOATS, arrays, rotate, third_column
+from groundstation.core.geometry.so3 import from_euler_zyx
+from groundstation.core.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+LIMITS = DemandLimits(FLOATS, VEHICLE)
+K_OMEGA = 14.0
+MOST = VEHICLE.thrust_max_n / VEHICLE.mass_kg
+G = 9.81
+angle = st.floats(-1.5, 1.5)
+rate = st.floats(-30.0, 30.0)
+turning = st.tuples(st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), st.floats(-5.0, 5.0))
+cosine = st.floats(LEAST_COSINE, 0.999)
+
+
+@given(angle, angle, angle, rate, rate, cosine)
+def test_no_demand_whatever_takes_the_tilt_beyond_its_limit(
+    roll: float, pitch: float, yaw: float, rate_x: float, rate_y: float, least: float
+) -> None:
+    """From any attitude inside, with rates that follow as the law's rate loop has it, 0.75 s of one demand."""
+    attitude, turns = from_euler_zyx(roll, pitch, yaw), (0.0, 0.0, 0.0)
+    assume(third_column(attitude)[2] > least)
+    h, frame = 0.0005, VEHICLE.frame_period_s
+    x = y = 0.0
+    for step in range(1500):
+        if step % round(frame / h) == 0:
+            x, y, _ = LIMITS.limit_tilt(attitude, turns, (rate_x, rate_y), least, K_OMEGA)
+        p, q, _ = turns
+        turns = (p + h * K_OMEGA * (x - p), q + h * K_OMEGA * (y - q), 0.0)
+        attitude = rotate(attitude, (h * turns[0], h * turns[1], 0.0))
+        # Commands are held for a frame: by so much it may be over.
+        assert third_column(attitude)[2] > least - 0.03
+
+
+@given(st.floats(0.0, 1.37), st.floats(0.6, 1.4), st.floats(-6.0, 8.0), angle, angle)
+def test_at_rest_full_thrust_at_the_limit_carries_the_weight_and_its_reserve(
+    thrust: float, effectiveness: float, down: float, roll: float, pitch: float
+) -> None:
+    attitude = from_euler_zyx(roll, pitch, 0.3)
+    up = third_column(attitude)[2] * thrust / VEHICLE.mass_kg
+    least = LIMITS.find_least_cosine(attitude, thrust, effectiveness, G + down, 0.0)
+    hover = G + down + (1.0 - effectiveness) * up
+    if RESERVE * hover <= MOST:
+        assert MOST * least >= RESERVE * hover - 1e-9
+    else:
+        assert least == 1.0
+
+
+@given(st.floats(0.4, 0.7), st.floats(-10.0, 10.0))
+def test_a_climb_moves_the_limit_by_half_of_what_is_left_at_most(share: float, vertical: float) -> None:
+    attitude = (1.0, 0.0, 0.0, 0.0)
+    level = LIMITS.find_least_cosine(attitude, 0.8, 1.0, share * MOST, 0.0)
+    least = LIMITS.find_least_cosine(attitude, 0.8, 1.0, share * MOST, vertical)
+    assert 0.5 * level - 1e-12 <= least <= 0.5 * (1.0 + level) + 1e-12
+    assert (least - level) * vertical <= 1e-12
+
+
+@given(angle, angle, turning, rate, rate, cosine)
+def test_inside_nothing_changes_to_the_bit_and_beyond_the_change_is_the_smallest(
+    roll: float, pitch: float, turns: tuple[float, float, float], rate_x: float, rate_y: float, least: float
+) -> None:
+    attitude = from_euler_zyx(roll, pitch, -0.7)
+    x, y, limited = LIMITS.limit_tilt(attitude, turns, (rate_x, rate_y), least, K_OMEGA)
+    if not limited:
+        assert (x, y) == (rate_x, rate_y)
+        return
+    w, a, b, c = attitude
+    r31, r32 = 2.0 * (a * c - w * b), 2.0 * (b * c + w * a)
+    # Along the gradient of c alone, and by as much as brings c˙ to its bound, where the tilt is large enough.
+    assert math.isclose((x - rate_x) * r31, (y - rate_y) * -r32, abs_tol=1e-6, rel_tol=1e-6)
+    if r31 * r31 + r32 * r32 > 0.04:
+        stopped = third_column(attitude)[2] + (r31 * turns[1] - r32 * turns[0]) / K_OMEGA
+        bound = -(stopped - least) / VEHICLE.frame_period_s
+        assert math.isclose(r31 * y - r32 * x, bound, rel_tol=1e-6, abs_tol=1e-6)
+
+
+@given(angle, angle, turning, rate, rate, cosine, st.floats(-1e-4, 1e-4), st.floats(-1e-4, 1e-4))
+def test_a_small_change_of_the_demand_changes_the_outcome_little(
+    roll: float,
+    pitch: float,
+    turns: tuple[float, float, float],
+    rate_x: float,
+    rate_y: float,
+    least: float,
+    dx: float,
+    dy: float,
+) -> None:
+    attitude = from_euler_zyx(roll, pitch, 0.0)
+    x, y, _ = LIMITS.limit_tilt(attitude, turns, (rate_x, rate_y), least, K_OMEGA)
+    p, q, _ = LIMITS.limit_tilt(attitude, turns, (rate_x + dx, rate_y + dy), least, K_OMEGA)
+    assert math.hypot(p - x, q - y) <= math.hypot(dx, dy) + 1e-9
+
+
+@given(st.floats(0.02, 1.37), st.floats(-50.0, 50.0))
+def test_a_thrust_at_its_limit_has_no_rate_beyond_it(thrust: float, thrust_rate: float) -> None:
+    lead_s = 0.11
+    limited = LIMITS.limit_thrust_rate(thrust, thrust_rate, lead_s)
+    ends = thrust + lead_s * limited
+    assert VEHICLE.thrust_min_n - 1e-9 <= ends <= VEHICLE.thrust_max_n + 1e-9
+    if VEHICLE.thrust_min_n <= thrust + lead_s * thrust_rate <= VEHICLE.thrust_max_n:
+        assert limited == thrust_rate
+
+
+@given(st.lists(st.tuples(angle, angle, rate, rate, cosine), min_size=1, max_size=5))
+def test_arrays_are_limited_as_floats_are(rows: list[tuple[float, float, float, float, float]]) -> None:
+    attitudes = [from_euler_zyx(roll, pitch, 0.2) for roll, pitch, *_ in rows]
+    together = DemandLimits(arrays(), VEHICLE)
+    columns = tuple(np.array(part) for part in zip(*attitudes, strict=True))
+    x, y, least = (np.array([row[k] for row in rows]) for k in (2, 3, 4))
+    zero = np.zeros(len(rows))
+    found = together.limit_tilt(columns, (zero, zero, zero), (x, y), least, K_OMEGA)  # type: ignore[arg-type]
+    for i, attitude in enumerate(attitudes):
+        alone = LIMITS.limit_tilt(attitude, (0.0, 0.0, 0.0), (x[i], y[i]), least[i], K_OMEGA)
+        assert [part[i] for part in found] == list(alone)
