@@ -1,6 +1,7 @@
 """Limits on the law's demands: the vertical axis keeps its reserve, nothing jumps, and inside nothing changes."""
 
 import math
+from typing import Any
 
 import numpy as np
 from hypothesis import assume, given
@@ -22,7 +23,7 @@ turning = st.tuples(st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), st.floats(-5.0, 
 cosine = st.floats(LEAST_COSINE, 0.999)
 
 
-@given(angle, angle, angle, rate, rate, cosine)
+@given(angle, angle, angle, st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), cosine)
 def test_no_demand_whatever_takes_the_tilt_beyond_its_limit(
     roll: float, pitch: float, yaw: float, rate_x: float, rate_y: float, least: float
 ) -> None:
@@ -113,11 +114,11 @@ def test_a_thrust_at_its_limit_has_no_rate_beyond_it(thrust: float, thrust_rate:
 @given(st.lists(st.tuples(angle, angle, rate, rate, cosine), min_size=1, max_size=5))
 def test_arrays_are_limited_as_floats_are(rows: list[tuple[float, float, float, float, float]]) -> None:
     attitudes = [from_euler_zyx(roll, pitch, 0.2) for roll, pitch, *_ in rows]
-    together = DemandLimits(arrays(), VEHICLE)
+    together: Any = DemandLimits(arrays(), VEHICLE)
     columns = tuple(np.array(part) for part in zip(*attitudes, strict=True))
     x, y, least = (np.array([row[k] for row in rows]) for k in (2, 3, 4))
     zero = np.zeros(len(rows))
-    found = together.limit_tilt(columns, (zero, zero, zero), (x, y), least, K_OMEGA)  # type: ignore[arg-type]
+    found = together.limit_tilt(columns, (zero, zero, zero), (x, y), least, K_OMEGA)
     for i, attitude in enumerate(attitudes):
         alone = LIMITS.limit_tilt(attitude, (0.0, 0.0, 0.0), (x[i], y[i]), least[i], K_OMEGA)
         assert [part[i] for part in found] == list(alone)
