@@ -33,7 +33,9 @@ from groundstation.config.sections import (
 )
 from groundstation.config.toml_text import dump, parse_toml, read_toml, write_value
 from groundstation.config.user_code import (
+    STEP_WATCH,
     Option,
+    StepWatch,
     UserCodeFault,
     call_factory,
     coroutine_hint,

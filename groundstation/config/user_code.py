@@ -22,6 +22,27 @@ Option = bool | int | float | str | list[bool | int | float | str]
 _LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
 
 
+class StepWatch:
+    """Watches how long steps of the user's code take; this one does not: in virtual time no step takes any."""
+
+    slow = ""
+    """The slowest step that was too slow, for the operator; empty where none was."""
+
+    def find_recent(self) -> str:
+        """Return the newest step that was too slow, where it was within a second; else nothing."""
+        return ""
+
+    def begin(self, what: str) -> None:
+        """The step of ``what`` begins."""
+
+    def end(self) -> None:
+        """It has returned, or failed."""
+
+
+STEP_WATCH: "ContextVar[StepWatch]" = ContextVar("step_watch", default=StepWatch())  # noqa: B039  # it keeps nothing
+"""What watches the steps of the user's code in this context."""
+
+
 P = ParamSpec("P")
 R = TypeVar("R")
 

@@ -24,3 +24,4 @@ from groundstation.flight.prearm import (
     place,
     save,
 )
+from groundstation.flight.step_timer import StepTimeout, StepTimer

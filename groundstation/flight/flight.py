@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from groundstation.config import STEP_WATCH
 from groundstation.core import Pilot
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
@@ -255,6 +256,7 @@ class CommandLoop:
             now = loop.time()
             self._stalls.look(now)
             command, tick = progress.command(now)
+            self._tell_slow_step()
             if now >= look:
                 look += LINK_LOOK_S
                 self._ensure_armed(now)
@@ -286,11 +288,21 @@ class CommandLoop:
         for news in self.drops.find_news(status) if self.drops is not None else ():
             self._say(f"warning: {news}", Severity.WARNING)
 
+    def _tell_slow_step(self) -> None:
+        """Tell that code of the user's own was slow, again where it is slower by half."""
+        slow = STEP_WATCH.get().slow
+        if slow and slow not in self._warned:
+            self._warned.add(slow)
+            self._say(f"warning: {slow}", Severity.WARNING)
+
     def _why_refused(self, now: float, command: Command, last: tuple[float, Command] | None) -> str:
         """Why the link did not take ``command``; ``last`` is when the one before left, and it."""
         status = self._link.status
         if status.phase == "fresh":
             return f"the link takes no newer command, and plays its bring-down: {status.text}"
+        slow = STEP_WATCH.get().find_recent()
+        if slow:
+            return notice("code.slow_end", slow=slow)
         gap = 0.0 if last is None else now - last[0]
         if gap > max(STALL_S, 2.0 * self._link.period_s):
             return f"no command for {gap * 1e3:.0f} ms, as this program stood still: the link plays its bring-down"

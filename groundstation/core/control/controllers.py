@@ -19,6 +19,7 @@ import msgspec
 
 from groundstation.config import (
     FACTORY,
+    STEP_WATCH,
     ConfigError,
     OpenFactory,
     Option,
@@ -563,12 +564,17 @@ class Guarded:
         Raises:
             UserCodeFault: it failed, or what it returned is not a command of four finite numbers.
         """
+        watch, what = STEP_WATCH.get(), f"controller {self._name}"
         try:
-            decision: Any = self._controller.decide(estimate, reference, interval_s)
+            watch.begin(what)
+            try:
+                decision: Any = self._controller.decide(estimate, reference, interval_s)
+            finally:
+                watch.end()
         except KeyboardInterrupt:
             raise  # somebody stops the program
         except BaseException as error:  # sys.exit is no end of a flight either
-            raise UserCodeFault(f"controller {self._name}", error) from error
+            raise UserCodeFault(what, error) from error
         if isinstance(decision, ActuatorCommand):
             decision = self._make_whole(decision, estimate, reference)
         if not isinstance(decision, Decision):

@@ -70,6 +70,18 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         Severity.WARNING,
     ),
     NoticeTemplate(
+        "code.slow",
+        "{what} took {took_ms:.0f} ms, limit {limit_ms:.0f} ms",
+        "make its step faster",
+        Severity.WARNING,
+    ),
+    NoticeTemplate("code.hangs", "it did not return within {limit_ms:.0f} ms", severity=Severity.WARNING),
+    NoticeTemplate(
+        "code.slow_end",
+        "{slow}. No command left in time, and the link plays its bring-down",
+        severity=Severity.WARNING,
+    ),
+    NoticeTemplate(
         "trajectory.derivative",
         "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} is {found:.3g} {unit}",
         "correct the {name} that it returns: limits and fence are checked by it",

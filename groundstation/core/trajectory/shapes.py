@@ -16,6 +16,7 @@ import msgspec
 
 from groundstation.config import (
     FACTORY,
+    STEP_WATCH,
     ConfigError,
     OpenFactory,
     Option,
@@ -133,12 +134,17 @@ class OwnTrajectory:
             UserCodeFault: the user's code failed, or this is no reference of finite numbers.
         """
         rests = self.duration_s is not None and time_s >= self.duration_s
+        watch, what = STEP_WATCH.get(), f"trajectory {self._name}"
         try:
-            found = self._at(self.duration_s if rests else time_s)
+            watch.begin(what)
+            try:
+                found = self._at(self.duration_s if rests else time_s)
+            finally:
+                watch.end()
         except KeyboardInterrupt:
             raise  # somebody stops the program
         except BaseException as error:  # sys.exit is no end of a flight either
-            raise UserCodeFault(f"trajectory {self._name}", error) from error
+            raise UserCodeFault(what, error) from error
         if not isinstance(found, Reference):
             hint = " (a factory's argument must be called options)" if hasattr(found, "at") else coroutine_hint(found)
             raise UserCodeFault(f"trajectory {self._name} returned a {type(found).__name__}, not a Reference{hint}")

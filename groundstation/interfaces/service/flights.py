@@ -41,7 +41,15 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, State
 from groundstation.core.safety import CERTAIN_S
-from groundstation.flight import DISARM_WAIT_S, Flight, FlightOutcome, entry_of, examine_trajectory, make_ends
+from groundstation.flight import (
+    DISARM_WAIT_S,
+    Flight,
+    FlightOutcome,
+    StepTimer,
+    entry_of,
+    examine_trajectory,
+    make_ends,
+)
 from groundstation.interfaces.api import Core, Server
 from groundstation.machine import (
     SERVICES,
@@ -619,8 +627,9 @@ def obey(
     loop.add_signal_handler(signal.SIGTERM, press, "SIGTERM")
     loop.add_signal_handler(signal.SIGQUIT, kill)
     loop.add_signal_handler(signal.SIGHUP, hang_up)
-    for number in (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM):  # by default they end the program at once
+    for number in (signal.SIGUSR1, signal.SIGUSR2):  # by default they end the program at once
         loop.add_signal_handler(number, land, number.name)
+    StepTimer(loop.time, lambda: loop.call_soon_threadsafe(land, signal.SIGALRM.name)).start()
     loop.add_signal_handler(signal.SIGTSTP, say, "Ctrl-Z is ignored: nobody would fly the vehicle. Ctrl-C lands")
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # one in the background would be stopped as it prints
 
