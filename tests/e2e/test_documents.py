@@ -1,9 +1,10 @@
-"""The documents: every link leads somewhere, and the site is built without a warning."""
+"""The documents: every link leads somewhere, pictures are XML, and the site is built without a warning."""
 
 import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -52,6 +53,11 @@ def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
     page.write_text("# A head\n[a](page.md#a-head) [b](page.md#none) [c](none.md) [d](https://example.org)\n")
     assert broken(page) == ["page.md#a-head", "page.md#none", "none.md"]  # all of it is outside the project
     assert anchors(page.read_text()) == {"a-head"}
+
+
+@pytest.mark.parametrize("picture", sorted((ROOT / "docs").rglob("*.svg")), ids=lambda path: path.name)
+def test_a_picture_is_xml_as_strict_browsers_want_it(picture: Path) -> None:
+    assert ElementTree.parse(picture).getroot().tag == "{http://www.w3.org/2000/svg}svg"
 
 
 def test_every_page_is_in_the_site_and_it_is_built_without_a_warning(tmp_path: Path) -> None:

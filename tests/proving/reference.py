@@ -134,7 +134,7 @@ def rooms_picture() -> str:
         drawn += inner
         y = below + GAP
     return (
-        "<!-- made by `groundstation-sim reference --write docs/reference`: change the code, not this page -->\n\n"
+        "<!-- made by `groundstation-sim reference`: change the code, not this picture -->\n"
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {y:.0f}" role="img" aria-label="{TITLE}" '
         f'font-family="Helvetica, Arial, sans-serif" font-size="13">\n<title>{TITLE}</title>\n'
         f'<rect width="{WIDTH}" height="{y:.0f}" fill="#ffffff"/>\n{drawn}</svg>'
