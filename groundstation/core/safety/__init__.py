@@ -9,7 +9,6 @@ from groundstation.core.safety.guards import (
     GuardFinding,
     Guards,
     GuardsConfig,
-    Since,
 )
 from groundstation.core.safety.health import SUSPECT_ERROR_M, Failure, HealthState, PoseHealth
 from groundstation.core.safety.latency import PoseLatency, ResponseLatency
