@@ -907,7 +907,8 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         print(f"The ground station goes on as process {core.pid}; what it says is in {log}")
         return code
     told = newest is not None and newest.state in FINAL
-    ended = f"{vehicle} {newest.state}: {newest.reason}" if told and newest is not None else _last_line(log)
+    last = _last_line(log)  # of a flight that was recorded: its error figures and the path
+    ended = f"{vehicle} {newest.state}: {newest.reason}\n{last}" if told and newest is not None else last
     print(f"The ground station has ended. {ended}\nWhat it said is in {log}")
     return core.returncode
 
