@@ -12,7 +12,7 @@ import hashlib
 import math
 import os
 import sys
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -383,8 +383,11 @@ def tilt_noise_deg(poses: Sequence[Pose]) -> float:
     return math.degrees(math.sqrt(sum(step * step for step in steps) / (12.0 * max(1, len(steps)))))
 
 
-def explain_drops(dropped: Mapping[str, int]) -> str:
-    """For what reason most poses were dropped; empty where none was."""
+def explain_drops(source: PoseStatus) -> str:
+    """What the source itself advises, or for what reason most poses were dropped; empty where none was."""
+    dropped = source.dropped
+    if source.advice:
+        return source.advice
     if not any(dropped.values()):
         return ""
     reason = max(dropped, key=lambda reason: dropped[reason])
@@ -425,7 +428,7 @@ class Checks:
         poses = list(standing.poses)
         source = PoseStatus(accepted=len(poses), dropped={}) if source is None else source
         if len(poses) < 2:
-            why = explain_drops(source.dropped) or "check the source"
+            why = explain_drops(source) or "check the source"
             nothing = Check("poses", Verdict.FAIL, notice("pose.none", why=why))
             return [nothing, self._arm(link), self._frames(link), *self._still]
         place = standing.place_ned
@@ -470,7 +473,7 @@ class Checks:
             return Check("pose age", Verdict.FAIL, describe_unsteady_clock())
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
         says = f"the newest pose is {1e3 * age:.0f} ms old"
-        why = explain_drops(source.dropped) if age > fail else ""
+        why = explain_drops(source) if age > fail else ""
         return grade("pose age", age, min(WARN_AGE_S, fail), fail, f"{says}; {why}" if why else says)
 
     def _props_off(self, link: LinkStatus) -> Check:
@@ -923,7 +926,7 @@ class PrearmSequence:
             raise FlightEnded(f"no pose within {wait:g} s: {self._why_no_pose()}") from None
 
     def _why_no_pose(self) -> str:
-        pose, dropped = self._config.pose, self._source.status.dropped
+        pose = self._config.pose
         if pose.by_autopilot:
             said = f"; it said last: “{self._link.status.text}”" if self._link.status.text else ""
             return (
@@ -932,7 +935,7 @@ class PrearmSequence:
             )
         told = {pose.address_key: pose.address, pose.body_key: pose.body_name}
         keys = ", ".join(f"pose.{key} = {value}" for key, value in told.items() if key)
-        hint = explain_drops(dropped) if dropped else "nothing arrived at all; check address and port"
+        hint = explain_drops(self._source.status) or "nothing arrived at all; check address and port"
         return f"nothing of use from pose.kind = {pose.kind} ({keys}); {hint}"
 
     async def _operator(self) -> None:

@@ -227,6 +227,8 @@ def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
         lines.append(("attitude", f"roll {roll:+.1f}  pitch {pitch:+.1f}  yaw {yaw:+.1f}°"))
         lines.append(("noise at rest", _noise(seen.noise_m, seen.noise_deg)))
     lines += [("dropped", f"{count} {describe_drop(reason)}") for reason, count in seen.dropped.items()]
+    if seen.advice:
+        lines.append(("advice", seen.advice))
     if not seen.poses and not seen.dropped:
         lines.append(("", NOTHING))
     if seen.bodies:
@@ -244,7 +246,7 @@ def summary_table(title: str, seen: PoseStreamSummary) -> "Table":
     drawn.add_column(style="dim", no_wrap=True)
     drawn.add_column()
     for name, text in summary_rows(seen):
-        bad = name in ("dropped", "stamps") or (name == "age" and not seen.ok)
+        bad = name in ("dropped", "stamps", "advice") or (name == "age" and not seen.ok)
         drawn.add_row(name, Text(text, style="bold yellow" if bad else ""))
     return drawn
 

@@ -69,6 +69,8 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
     """How often the source's clock leapt ahead or began anew."""
     drift: float | None
     """How much slower than ours the source's clock runs, as a share; None of a recording."""
+    advice: str
+    """What the source has found out about why no poses come; empty where nothing."""
     stamp_fault: str
     """What is wrong with the time stamps: their unit, or their clock; empty where nothing is."""
     position_ned: Vec3 | None
@@ -150,6 +152,7 @@ class PoseStreamMonitor:
             gaps=status.gaps,
             clock_steps=status.clock_steps + status.clock_restarts,
             drift=None if self._recorded else status.drift,
+            advice=status.advice,
             stamp_fault=stamp_fault,
             position_ned=None if newest is None else newest.position_ned,
             roll_pitch_yaw_deg=None if newest is None else _degrees(euler_zyx(newest.attitude)),

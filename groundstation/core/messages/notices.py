@@ -99,6 +99,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "correct its period_s or joints_s, or give it a duration_s",
         Severity.WARNING,
     ),
+    NoticeTemplate(
+        "pose.other_server",
+        "the NatNet server answers from another address, {address}, and only the one asked is heard",
+        'write pose.server = "{address}:{port}"',
+        Severity.WARNING,
+    ),
     NoticeTemplate("pose.none", "no poses: {why}"),
     NoticeTemplate("pose.few_dropped", "fewer than 1 % were dropped, {total} accepted"),
     NoticeTemplate("pose.dropped", "{count} of {total} poses were dropped, limit 1 %: {why}"),

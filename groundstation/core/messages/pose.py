@@ -56,6 +56,8 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """Seconds that pass by the stamps in one second of ours [-]; None where it is not known."""
     unsteady_clock: bool = False
     """Whether the source's clock steps again and again: it does not tell how old a pose is."""
+    advice: str = ""
+    """What the source has found out about why no poses come, for the operator; empty where nothing."""
 
 
 class PoseEvent(msgspec.Struct, frozen=True):

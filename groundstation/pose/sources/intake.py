@@ -776,11 +776,12 @@ class Outbreaks:
         late_s: float = 0.0,
         *,
         unsteady_clock: bool = False,
+        advice: str = "",
     ) -> list[PoseEvent]:
         """What has happened since the last look: ``dropped`` by reason, and the ``newest`` pose that has passed.
 
         ``late_s`` is how much later than at their best poses come now [s]; ``unsteady_clock``:
-        whether the source's clock steps again and again.
+        whether the source's clock steps again and again; ``advice`` is the source's own.
         """
         events = self._lateness(now_s, late_s) + self._steadiness(unsteady_clock)
         for reason, count in dropped.items():
@@ -789,7 +790,8 @@ class Outbreaks:
                 continue
             if reason not in self._running:
                 self._running[reason] = _Outbreak(before, now_s if self._looked_s is None else self._looked_s)
-                text = notice("pose.dropping", why=describe_drop(reason))
+                by_source = advice if reason == "other_address" else ""
+                text = by_source or notice("pose.dropping", why=describe_drop(reason))
                 events.append(PoseEvent("dropping", reason, text))
             self._running[reason].newest_s = now_s
         self._counts, self._looked_s = dict(dropped), now_s
@@ -925,6 +927,7 @@ class GatedSource:
             self._gate.newest,
             status.late_s,
             unsteady_clock=status.unsteady_clock,
+            advice=status.advice,
         )
         for event in events:
             self._tell(event)

@@ -178,7 +178,7 @@ class NatNetSource:
         if self._deliver is None or self._loop is None:
             return
         if addr[0] != self._server[0]:
-            self._reader.other_address()
+            self._reader.take_from_other(data, str(addr[0]), self._server[1])
             return
         server = self._reader.server
         poses = self._reader.read(data, self._loop.time())

@@ -29,12 +29,13 @@ read for the layout only.
 
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, TypeAlias
 
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Pose, PoseStatus
+from groundstation.core.messages import Pose, PoseStatus, notice
 from groundstation.pose.sources.intake import Intake
 
 U32 = struct.Struct("<I")
@@ -355,6 +356,8 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
     return message(MODELDEF, b"".join(parts))
 
 
+ANSWER_BEATS = 1
+"""A server that streams says something within so many beats."""
 SILENT_BEATS = 4
 """A server that says nothing for so many beats is asked anew: it may have been started again."""
 OLDEST_S = 1.0
@@ -388,6 +391,7 @@ class NatNetReader:
         self._keep_alive = keep_alive
         self._ask_server = self._ask_bitstream = False
         self._silent_beats = 0
+        self._advice = ""
 
     @property
     def status(self) -> PoseStatus:
@@ -396,7 +400,7 @@ class NatNetReader:
         Reasons beside the intake's: truncated, oversized, wrong_version, wrong_layout, unknown_message, no_server_info,
         no_such_body, not_tracked, not_live, no_exposure_stamp, other_address.
         """
-        return self._intake.status
+        return msgspec.structs.replace(self._intake.status, advice=self._advice)
 
     def due(self) -> list[bytes]:
         """What to send to the server now; to be asked for once a beat (about half a second)."""
@@ -411,9 +415,17 @@ class NatNetReader:
             messages.append(message(KEEPALIVE))
         return messages
 
-    def other_address(self) -> None:
-        """Count a datagram that somebody else sent."""
+    def take_from_other(self, datagram: bytes, address: str, port: int) -> None:
+        """Count a datagram from another ``address`` than the server's, which has the command ``port``.
+
+        While the server itself is silent, its answer may have come from a second address of its own.
+        """
         self._intake.drop("other_address")
+        if self.server is not None and self._silent_beats <= ANSWER_BEATS:
+            return
+        with suppress(UnreadableNatNet):
+            if split(datagram)[0] in (SERVERINFO, MODELDEF, FRAMEOFDATA):
+                self._advice = notice("pose.other_server", address=address, port=port)
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
         """The pose of our body, or nothing."""
@@ -447,7 +459,7 @@ class NatNetReader:
             self._ask_names = self._id is None or (others is not None and len(self._others) < len(others.names))
         else:
             frame = decode_frame(payload, self.server.version)
-            self._silent_beats = 0
+            self._silent_beats, self._advice = 0, ""
             self._intake.mark_alive(arrival_s)
             return self._pose(frame, self.server.ticks_per_s, arrival_s)
         return None

@@ -7,8 +7,9 @@ import msgspec
 import pytest
 
 from groundstation.core.geometry import so3
-from groundstation.core.messages import Pose
-from groundstation.pose.sources import NatNetConfig, natnet_codec
+from groundstation.core.messages import Pose, PoseEvent
+from groundstation.flight.prearm import explain_drops
+from groundstation.pose.sources import GateConfig, GatedSource, NatNetConfig, natnet_codec
 from links.io import parse_address
 from sim.trackers import NatNetServer, TrackedBody
 from tests.loops import free_address, in_real_time, in_virtual_time
@@ -41,6 +42,73 @@ def test_only_the_server_is_heard() -> None:
         assert len(poses) == count
         assert source.status.dropped["other_address"] == 1
         await source.close()
+        server.close()
+
+    in_virtual_time(main())
+
+
+SECOND = "127.0.0.7"
+"""Another address of the server's machine."""
+
+
+@pytest.mark.parametrize("first", ["nothing", "its name"])
+def test_a_server_that_answers_from_a_second_address_is_named(first: str) -> None:
+    """It answers nothing from the address that was asked, or only who it is."""
+
+    async def main() -> None:
+        config = NatNetConfig(server="127.0.0.1:1510")
+        source, poses, told = config.build(), list[Pose](), list[PoseEvent]()
+        asked: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()
+
+        class Asked(asyncio.DatagramProtocol):
+            def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+                if not asked.done():
+                    asked.set_result(addr)
+
+        loop = asyncio.get_running_loop()
+        own, _ = await loop.create_datagram_endpoint(Asked, local_addr=("127.0.0.1", 1510))
+        second, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
+        gated = GatedSource(source, GateConfig(), asyncio.get_running_loop, lost_s=0.25, tell=told.append)
+        await gated.start(poses.append)
+        station = await asked
+        info = natnet_codec.encode_server_info(natnet_codec.ServerInfo("Motive", (4, 1), 10**7))
+        (own if first == "its name" else second).sendto(info, station)
+        body = natnet_codec.RigidBody(1, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+        for n in range(200):
+            frame = natnet_codec.NatNetFrame(n, (body,), 10**5 * n + 1, 10**5 * n + 2)
+            await asyncio.sleep(0.01)
+            second.sendto(natnet_codec.encode_frame(frame, (4, 1)), station)
+        advice = gated.status.advice
+        assert poses == []
+        assert f"answers from another address, {SECOND}" in advice
+        assert f'write pose.server = "{SECOND}:1510"' in advice
+        assert explain_drops(gated.status) == advice
+        if first == "nothing":
+            assert next(event.text for event in told if event.reason == "other_address") == advice
+        await gated.close()
+        own.close()
+        second.close()
+
+    in_virtual_time(main())
+
+
+def test_a_stranger_beside_a_server_that_streams_is_no_second_address_of_it() -> None:
+    async def main() -> None:
+        config = NatNetConfig(server="127.0.0.1:1510")
+        server = NatNetServer(config)
+        await server.open()
+        source, poses = config.build(), list[Pose]()
+        await source.start(poses.append)
+        await streaming(server, 0.5)
+        loop = asyncio.get_running_loop()
+        stranger, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
+        (ours,) = server._clients
+        stranger.sendto(natnet_codec.encode_server_info(natnet_codec.ServerInfo("x", (4, 1), 10**7)), ours)
+        await streaming(server, 0.5)
+        assert source.status.dropped["other_address"] == 1
+        assert source.status.advice == ""
+        await source.close()
+        stranger.close()
         server.close()
 
     in_virtual_time(main())
