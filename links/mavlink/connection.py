@@ -917,7 +917,7 @@ class MavlinkConnection:
         """From where else something came to our port, a few of them."""
         return self._contact.other_addresses
 
-    def examined(self) -> None:
+    def note_examined(self) -> None:
         """The autopilot that is heard now was found fit to be armed."""
         self._contact.senders.examine(self._contact.heard.address)
 

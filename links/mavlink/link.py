@@ -308,7 +308,7 @@ class MavlinkLink:
         version = ReadVersion(autopilot)
         await self._ask(Handshake([version]))
         self._firmware, self._unfit = version.firmware, ""
-        self.connection.examined()
+        self.connection.note_examined()
         try:
             await self._ask(fitness(autopilot))
         except LinkRejected as error:

@@ -2,8 +2,10 @@
 
 Every reason that a link counts is either here, with the share above which it is told, or needs nobody:
 ``other_system`` (stations, companions and cameras on the same network), ``unknown`` (messages of a newer
-dialect), ``garbage`` (bytes of what is counted as a bad checksum, too) and ``no_peer`` (nobody was heard
-yet). Poses are told in flight by their source, for every reason.
+dialect), ``garbage`` (bytes of what is counted as a bad checksum, too), ``no_peer`` (nobody was heard
+yet), ``bad_command`` (a bug of ours, which a test must find), and what a radio module says back, which no
+flight rests on (``not_a_frame``, ``bad_checksum``, ``cut_short``, bytes). Poses are told in flight by
+their source, for every reason.
 """
 
 from collections.abc import Mapping
@@ -42,12 +44,16 @@ LINK_DROPS: Mapping[str, DropLimit] = {
     "congested": DropLimit(LOSSY_SHARE, leaves=True),
     "full": DropLimit(LOSSY_SHARE, leaves=True),
     "undeliverable": DropLimit(LOSSY_SHARE, leaves=True),
+    "port_stuck": DropLimit(LOSSY_SHARE, leaves=True),
+    "port_lost": DropLimit(EACH),
     "bad_seal": DropLimit(EACH),
     "replayed_or_late": DropLimit(LOSSY_SHARE),
     "other_session": DropLimit(EACH),
 }
 """Reason → when it is told; its sentence is ``link.REASON`` of the notices."""
-USUAL_POSE_DROPS = frozenset({"other_message", "other_system", "unknown", "unknown_message", "no_server_info"})
+USUAL_POSE_DROPS = frozenset(
+    {"other_message", "other_system", "other_component", "unknown", "unknown_message", "no_server_info"}
+)
 """Reasons of pose sources that are no loss: what else is said on the same port."""
 
 

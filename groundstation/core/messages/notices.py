@@ -167,6 +167,18 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         Severity.WARNING,
     ),
     NoticeTemplate(
+        "link.port_stuck",
+        "{count} of {total} frames ({percent:.1f} %, limit 1 %) did not leave, as the module's port took nothing",
+        "check the module's cable and supply",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.port_lost",
+        "the module's port was lost {count} times",
+        "check the module's cable and supply",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
         "link.bad_seal",
         "{count} datagrams to the radio bridge were sealed with another key and were ignored",
         "compare the keys of station and bridge; if they are the same, somebody forges datagrams",

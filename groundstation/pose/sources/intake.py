@@ -743,6 +743,22 @@ HINTS = {
     "duplicate": "sent twice: is more than one sender on this address?",
     "other_address": "somebody else sends to this address",
     "late": "already older, when it came, than flight.coast_s lets a pose be",
+    "truncated": "its end is missing: a bridge or network cuts datagrams, or loses a part of one",
+    "oversized": "longer than the protocol allows: does something else send to this port?",
+    "garbage": "bytes that are not of this protocol: does something else send to this port?",
+    "malformed": "not of this protocol: does something else send to this port?",
+    "wrong_item": "not of this protocol: does something else send to this port?",
+    "not_json": "no JSON: does something else send to this port?",
+    "wrong_schema": "JSON without the fields of a pose: compare with docs/how-to/json-tracker.md",
+    "bad_crc": "a wrong checksum: bytes were lost or changed on the way",
+    "wrong_frame": "in a frame of coordinates that is not read here: send LOCAL_NED or LOCAL_FRD",
+    "no_attitude": "no attitude came with the position: have the autopilot send ATTITUDE_QUATERNION",
+    "no_stamp": "no time stamp in it: have the sender set it",
+    "no_exposure_stamp": "no time of exposure in it, as in a recording that is played back: go to Live",
+    "no_bodies": "no rigid bodies in it: stream 6DOF",
+    "other_bodies": "the bodies of the project have changed: their new names are being asked for",
+    "child_lost": "the program that reads the tracker has ended; it is started again",
+    "connection_lost": "the tracker has closed the connection; it is opened again",
 }
 """What a reason may mean, and what to look at."""
 LATE = (

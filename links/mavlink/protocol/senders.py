@@ -24,7 +24,7 @@ def hardware_id(version: Message) -> str:
     return f"{version.uid:x}" if version.uid else ""
 
 
-class _Sender:
+class HeardAddress:
     """One address that sends the vehicle's heartbeat."""
 
     def __init__(self) -> None:
@@ -40,13 +40,13 @@ class TargetSenders:
         """``system`` is the vehicle's; ``describe(address)`` names an address for the operator."""
         self._system = system
         self._describe = describe
-        self._senders: dict[Any, _Sender] = {}
+        self._senders: dict[Any, HeardAddress] = {}
         self._examined: tuple[Any, set[str]] | None = None
         """Address and hardware ids of the autopilot when it was examined."""
 
     def beat(self, address: Any, now_s: float) -> None:
         """A heartbeat of the vehicle came from ``address``; after a silence it may be another one's."""
-        sender = self._senders.setdefault(address, _Sender())
+        sender = self._senders.setdefault(address, HeardAddress())
         if sender.heard_s and now_s - sender.heard_s > BOTH_S:
             sender.ids.clear()
             sender.has_answered = False

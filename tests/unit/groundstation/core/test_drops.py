@@ -7,28 +7,48 @@ import msgspec
 import pytest
 
 from groundstation.core.messages import NOTICES, LinkDropWatch, PoseStatus, find_link_drops, find_pose_drops
-from groundstation.core.messages.drops import LINK_DROPS
+from groundstation.core.messages.drops import LINK_DROPS, USUAL_POSE_DROPS
+from groundstation.pose.sources.intake import HINTS
 from links.core import LinkStatus
 
 ROOT = Path(__file__).parents[4]
 LINK = LinkStatus(state="armed", sent=1000, expired=0, received=1000, dropped={}, text="")
-NOBODY_NEEDS = {"other_system", "unknown", "garbage", "no_peer"}
-"""See the module's text."""
+NOBODY_NEEDS = {
+    "other_system", "unknown", "garbage", "no_peer", "bad_command", "not_a_frame", "bad_checksum", "cut_short",
+    "not_ours", "from_this_machine", "malformed", "clock_jumped",
+}  # fmt: skip
+"""See the module's text; the last line is told by the bridge itself where it runs."""
 
 
 def with_drops(**dropped: int) -> LinkStatus:
     return msgspec.structs.replace(LINK, dropped=dropped)
 
 
-def test_every_reason_that_a_mavlink_link_counts_is_told_or_needs_nobody() -> None:
-    counted = set()
-    for path in (ROOT / "links" / "mavlink").rglob("*.py"):
+def counted_in(folder: Path) -> set[str]:
+    """The reasons that are counted there by their names."""
+    found = set()
+    for path in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             match node:
-                case ast.Subscript(ast.Attribute(attr="dropped" | "_dropped"), ast.Constant(reason)):
-                    counted.add(reason)
-    assert {"truncated", "bad_crc", "other_address", "other_system"} <= counted
+                case ast.Subscript(ast.Name("dropped"), ast.Constant(str(reason))):
+                    found.add(reason)
+                case ast.Subscript(ast.Attribute(attr="dropped" | "_dropped" | "_errors"), ast.Constant(str(reason))):
+                    found.add(reason)
+                case ast.Call(ast.Attribute(attr="drop" | "_drop"), [ast.Constant(str(reason)), *_]):
+                    found.add(reason)
+    return found
+
+
+def test_every_reason_that_a_link_counts_is_told_or_needs_nobody() -> None:
+    counted = counted_in(ROOT / "links")
+    assert {"truncated", "bad_crc", "other_address", "port_lost", "bad_seal"} <= counted
     assert counted <= LINK_DROPS.keys() | NOBODY_NEEDS
+
+
+def test_every_reason_that_a_pose_source_counts_has_its_meaning_or_is_no_loss() -> None:
+    counted = counted_in(ROOT / "groundstation" / "pose") | counted_in(ROOT / "links" / "mavlink" / "protocol")
+    assert {"jump", "late", "other_address", "truncated", "malformed", "other_bodies"} <= counted | HINTS.keys()
+    assert counted <= HINTS.keys() | USUAL_POSE_DROPS | {"unsigned", "bad_signature", "replayed"}
 
 
 @pytest.mark.parametrize("reason", LINK_DROPS)

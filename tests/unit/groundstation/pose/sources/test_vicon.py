@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import os
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
@@ -237,7 +238,7 @@ def test_a_port_in_use_is_named_with_what_to_do() -> None:
             with pytest.raises(OSError, match=r"cannot listen for Vicon poses on 127\.0\.0\.1:") as refused:
                 second = bench.config.build()
                 await second.start(lambda pose: None)
-            assert "stop the program that holds this port" in str(refused.value)
+            assert f"(process {os.getpid()}) holds this port: end it" in str(refused.value)
 
     run(main())
 

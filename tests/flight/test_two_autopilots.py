@@ -1,0 +1,94 @@
+"""A second vehicle with the same system id sends to the port of a flight: before arming, and in flight."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from groundstation.core.messages import Check, Verdict, tell_lines
+from groundstation.core.mission import State
+from groundstation.flight import FlightOutcome
+from groundstation.recording import make_flight
+from links.io import parse_address
+from links.mavlink.protocol import ARM_DISARM, PX4, MavlinkCodec
+from sim.runs import Stage
+from sim.scenarios import SCENARIOS, prepare
+from tests.loops import in_virtual_time
+
+T = TypeVar("T")
+
+
+class SecondVehicle(asyncio.DatagramProtocol):
+    """Sends the heartbeat of system 1, and notes what it is sent."""
+
+    def __init__(self) -> None:
+        self.codec = MavlinkCodec(1, 1)
+        self.heard: list[Any] = []
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        self.heard += self.codec.feed(data, addr)
+
+    async def run(self, station: tuple[str, int], begin_s: float) -> None:
+        await asyncio.sleep(begin_s)
+        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(lambda: self)
+        while True:
+            beat = self.codec.dialect.MAVLink_heartbeat_message(2, PX4, 0, 6 << 16, 3, 3)
+            transport.sendto(self.codec.pack(beat), station)
+            await asyncio.sleep(1.0)
+
+    @property
+    def commands(self) -> list[int]:
+        return [m.command for m in self.heard if m.get_type() == "COMMAND_LONG"]
+
+
+def flown(work: Callable[[Any], Any], begin_s: float, *overrides: str) -> tuple[Any, SecondVehicle, list[str]]:
+    """What ``work(flight)`` gives while a second vehicle begins to send after ``begin_s`` [s]."""
+    world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4", *overrides])
+    said: list[str] = []
+    second = SecondVehicle()
+
+    async def main() -> Any:
+        async def confirm() -> bool:
+            return True
+
+        stage = Stage(world, config, 0)
+        others = [
+            asyncio.create_task(stage.run()),
+            asyncio.create_task(second.run(parse_address(config.link.endpoint), begin_s)),
+        ]
+        flight = make_flight(config, confirm=confirm, subscribers=(tell_lines(said.append),))
+        found = await work(flight)
+        for other in others:
+            other.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
+        return found
+
+    return in_virtual_time(main()), second, said
+
+
+def test_the_check_fails_and_names_both_addresses() -> None:
+    checks: list[Check]
+    checks, second, _ = flown(lambda flight: flight.check(), 0.3)
+    (frames,) = [one for one in checks if one.name == "frames"]
+    assert frames.verdict is Verdict.FAIL
+    assert frames.says.startswith("two autopilots with MAVLink system id 1 are heard")
+    assert frames.says.count("127.0.0.1:") == 2
+    assert ARM_DISARM not in second.commands
+
+
+def test_nothing_is_armed() -> None:
+    outcome: FlightOutcome
+    outcome, second, _ = flown(lambda flight: flight.run(), 0.3)
+    assert outcome.state is State.ABORTED
+    assert "two autopilots with MAVLink system id 1 are heard" in outcome.reason
+    assert ARM_DISARM not in second.commands
+    assert [m for m in second.heard if m.get_type() == "SET_ATTITUDE_TARGET"] == []
+
+
+def test_in_flight_it_is_told_once_and_the_flight_goes_on() -> None:
+    outcome: FlightOutcome
+    outcome, second, said = flown(lambda flight: flight.run(), 4.0)
+    assert outcome.state is State.LANDED, outcome.reason
+    told = [line for line in said if "two autopilots with MAVLink system id 1 are heard" in line]
+    assert len(told) == 1
+    assert any("during the flight" in line and "another address" in line for line in said)
+    assert ARM_DISARM not in second.commands
