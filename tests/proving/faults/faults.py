@@ -8,7 +8,7 @@ Every one is flown in every state, but for these:
 - The air under the rotors matters near the floor alone: its cushion is there from the start, or sets in while coming
   down.
 - A coordinate that stands, and a position that is scaled, smoothed or late while the attitude is true, strike where
-  they are seen in time. Where they are not, and how far the vehicle went, docs/explanation/guards.md says.
+  they are seen in time.
 - Another body at rest matters with a wrong thrust or mass before lift-off alone: in the air both are known.
 - Over a radio what is false meets something else than over MAVLink in the air alone, where nobody could land the
   vehicle: not in *ready* and *arming*; and of what lies on the way down only the *descent*.
@@ -416,8 +416,7 @@ PACED = ("spool-up", "hold", "tracking", "descent")
 RADIO_STATES = ("spool-up", "lift-off", "take-off", "hold", "tracking", "descent")
 """Where a false pose over a radio meets something else than over MAVLink: nobody could land the vehicle."""
 SEEN_IN_TIME = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "descent")
-"""Where a coordinate that stands, or a position that comes late, is seen before it has led the vehicle away; guards.md
-tells of the others."""
+"""Where a coordinate that is frozen, or a position that comes late, is flown."""
 BEHIND_RADIO = ", on a vehicle behind a radio"
 
 
