@@ -407,8 +407,10 @@ class FrameLateness:
 class FlightStatistics:
     """Counts and remembers; makes a :class:`Snapshot` only when one is asked for."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, floor_z_m: float) -> None:
+        """``floor_z_m`` is where heights count from [m, NED]."""
         self._vehicle = vehicle
+        self._floor_z_m = floor_z_m
         self._arrivals: deque[float] = deque(maxlen=1000)
         self._notices: deque[Notice] = deque(maxlen=20)
         self._tick: Tick | None = None
@@ -481,6 +483,7 @@ class FlightStatistics:
             saturated=tick is not None and tick.decision.saturated,
             diagnostics=None if tick is None else tick.decision.diagnostics,
             link=link,
+            floor_z_m=self._floor_z_m,
             events=tuple(self._notices),
             rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
             thrust_effectiveness=1.0 if tick is None else tick.estimate.effectiveness,
@@ -663,7 +666,7 @@ class Flight:
         self._config = config
         self._link = link
         self._source = source
-        self._statistics = FlightStatistics(config.vehicle)
+        self._statistics = FlightStatistics(config.vehicle, config.flight.floor_z_m)
         self._subscribers = (self._statistics.hear, *subscribers)
         self._network = network
         self._due = FrameLateness(link)

@@ -194,12 +194,18 @@ def describe_trajectory(config: Config, report: FeasibilityReport) -> str:
     lines = [
         f"{config.trajectory.__struct_config__.tag} for {config.vehicle.name}: {ends}, "
         f"{report.length_m:.2f} m in {report.span_s:.2f} s{looked}, starts at {report.start_speed_m_s:.2f} m/s",
-        f"stays within north {_range(report, 0)}, east {_range(report, 1)}, down {_range(report, 2)} m",
+        f"stays within north {_range(report, 0)}, east {_range(report, 1)} m, "
+        f"{_heights(config, report)} m above the floor",
         f"{'':24}{'needs':>16}{'at':>12}{'limit':>18}",
         *(_line(demand) for demand in report.demands),
     ]
     why = explain_refusal(config, report) or explain_fence(config)
     return "\n".join([*lines, "PASS" if why is None else f"FAIL: {why}"])
+
+
+def _heights(config: Config, report: FeasibilityReport) -> str:
+    floor_z_m = config.flight.floor_z_m
+    return f"{floor_z_m - report.highest_ned[2]:.2f} to {floor_z_m - report.lowest_ned[2]:.2f}"
 
 
 def _range(report: FeasibilityReport, axis: int) -> str:

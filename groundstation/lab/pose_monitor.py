@@ -148,7 +148,7 @@ async def listen(
         LinkError: the autopilot, by which the poses would come, does not answer.
     """
     loop = asyncio.get_running_loop()
-    watcher = PoseStreamMonitor(loop.time(), recorded=config.pose.recorded)
+    watcher = PoseStreamMonitor(loop.time(), recorded=config.pose.recorded, floor_z_m=config.flight.floor_z_m)
 
     def tell(event: PoseEvent) -> None:
         watcher.event(event, loop.time())
@@ -222,7 +222,7 @@ def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
         lines.append(("stamps", seen.stamp_fault))
     if seen.position_ned is not None and seen.roll_pitch_yaw_deg is not None:
         north, east, down = seen.position_ned
-        lines.append(("place", f"north {north:+.3f}  east {east:+.3f}  up {-down:+.3f} m"))
+        lines.append(("place", f"north {north:+.3f}  east {east:+.3f}  height {seen.floor_z_m - down:+.3f} m"))
         roll, pitch, yaw = seen.roll_pitch_yaw_deg
         lines.append(("attitude", f"roll {roll:+.1f}  pitch {pitch:+.1f}  yaw {yaw:+.1f}°"))
         lines.append(("noise at rest", _noise(seen.noise_m, seen.noise_deg)))

@@ -75,6 +75,8 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
     """What is wrong with the time stamps: their unit, or their clock; empty where nothing is."""
     position_ned: Vec3 | None
     """[m]"""
+    floor_z_m: float
+    """Down coordinate of the floor, from which heights count [m]."""
     roll_pitch_yaw_deg: Vec3 | None
     at_rest: bool
     """Whether the vehicle stood still for the whole window."""
@@ -100,8 +102,12 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
 class PoseStreamMonitor:
     """Remembers what it takes to say that; times are on the event loop's clock [s]."""
 
-    def __init__(self, begun_s: float, *, recorded: bool = False) -> None:
-        """Nothing seen at ``begun_s`` [s]; ``recorded`` where a recording is played."""
+    def __init__(self, begun_s: float, *, recorded: bool = False, floor_z_m: float = 0.0) -> None:
+        """Nothing seen at ``begun_s`` [s]; ``recorded`` where a recording is played.
+
+        ``floor_z_m`` is the down coordinate of the floor [m].
+        """
+        self._floor_z_m = floor_z_m
         self._recorded = recorded
         self._begun_s = begun_s
         self._recent: deque[Pose] = deque()
@@ -154,6 +160,7 @@ class PoseStreamMonitor:
             drift=None if self._recorded else status.drift,
             advice=status.advice,
             stamp_fault=stamp_fault,
+            floor_z_m=self._floor_z_m,
             position_ned=None if newest is None else newest.position_ned,
             roll_pitch_yaw_deg=None if newest is None else _degrees(euler_zyx(newest.attitude)),
             at_rest=noise is not None,

@@ -206,6 +206,10 @@ class Snapshot(msgspec.Struct, frozen=True):
         Diagnostics | None, msgspec.Meta(description="The control law's own view; None while no law runs.")
     ]
     link: Annotated[LinkStatus, msgspec.Meta(description="The command link.")]
+    floor_z_m: Annotated[
+        float,
+        msgspec.Meta(description="Down coordinate of the floor [m, NED]; heights count from it."),
+    ] = 0.0
     events: Annotated[
         tuple[Notice, ...], msgspec.Meta(description="What the operator was told last (at most 20), oldest first.")
     ] = ()

@@ -289,6 +289,7 @@ class Tape:
         vehicle = config.get("vehicle", {})
         self._thrust_max_n = float(vehicle.get("thrust_max_n", math.nan))
         limits = vehicle.get("rate_limits_deg_s", ())
+        self._floor_z_m = float(config.get("flight", {}).get("floor_z_m", 0.0))
         self._limits = _triple([math.radians(one) for one in limits]) if len(limits) == 3 else None
         self._state = self._reason = ""
         self._events: deque[Notice] = deque(maxlen=20)
@@ -384,6 +385,7 @@ class Tape:
             saturated=bool(command.get("saturated")),
             diagnostics=_diagnostics(errors, adaptation, lyapunov) if errors else None,
             link=_status(self._part("/link"), _LINK),
+            floor_z_m=self._floor_z_m,
             events=tuple(self._events),
             rate_limits_rad_s=self._limits,
             thrust_effectiveness=_number(adaptation, "effectiveness", 1.0),

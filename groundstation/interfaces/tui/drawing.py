@@ -296,8 +296,8 @@ def number_rows(snapshot: Snapshot, room: float = math.inf) -> list[Spans]:
     roll, pitch, yaw = (math.degrees(angle) for angle in euler_zyx(snapshot.attitude))
     first = [
         [("            north     east   height", LABEL)],
-        row("position", f"{_place(snapshot.position_ned)} m"),
-        row("reference", f"{_place(snapshot.reference_ned)} m"),
+        row("position", f"{_place(snapshot.position_ned, snapshot.floor_z_m)} m"),
+        row("reference", f"{_place(snapshot.reference_ned, snapshot.floor_z_m)} m"),
         *_errors(snapshot),
         row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°"),
         _thrust(snapshot),
@@ -457,9 +457,10 @@ def _width(label: str) -> int:
     return sum(1 for letter in label if letter != "\u0302")  # the hat of b̂ stands above its letter
 
 
-def _place(position_ned: Vec3) -> str:
+def _place(position_ned: Vec3, floor_z_m: float) -> str:
+    """North, east, and the height above the floor."""
     north, east, down = position_ned
-    return f"{north:+7.3f}  {east:+7.3f}  {-down:+7.3f}"
+    return f"{north:+7.3f}  {east:+7.3f}  {floor_z_m - down:+7.3f}"
 
 
 def three(vector: Vec3) -> str:

@@ -303,6 +303,8 @@ class PlotSample(msgspec.Struct, frozen=True):
     """V; NaN where it is not known."""
     pose_age_s: float
     latency_s: float
+    floor_z_m: float = 0.0
+    """Down coordinate of the floor, from which heights count [m]."""
 
 
 class Picture:
@@ -372,6 +374,7 @@ class Picture:
                 math.nan if seen is None else seen.v,
                 new.pose_age_s if new.pose_id >= 0 else math.nan,
                 new.pose_latency_s if new.pose_id >= 0 else math.nan,
+                new.floor_z_m,
             )
         )
 

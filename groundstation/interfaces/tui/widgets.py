@@ -298,11 +298,14 @@ class InTime(FlownPlot):
         if width < 8 or height < 1:
             return Content("")
         rows: list[Spans] = []
-        for axis, (name, sign) in enumerate((("north", 1.0), ("east", 1.0), ("height", -1.0))):
-            lines = [
-                PlotLine([sign * one.reference_ned[axis] for one in self._flown], WANTED),
-                PlotLine([sign * one.position_ned[axis] for one in self._flown], FLOWN),
-            ]
+        for axis, name in enumerate(("north", "east", "height")):
+            wanted = [one.reference_ned[axis] for one in self._flown]
+            flown = [one.position_ned[axis] for one in self._flown]
+            if name == "height":
+                floors = [one.floor_z_m for one in self._flown]
+                wanted = [floor - down for floor, down in zip(floors, wanted, strict=True)]
+                flown = [floor - down for floor, down in zip(floors, flown, strict=True)]
+            lines = [PlotLine(wanted, WANTED), PlotLine(flown, FLOWN)]
             drawn, low, high = in_time(lines, width, height, 0.1)
             now = f"{lines[1].values[-1]:+.2f} m" if self._flown else "-"
             rows += [[(f"{name} ", LABEL), (now, FLOWN), (f"   {low:+.3g} to {high:+.3g} m", LABEL)], *drawn]

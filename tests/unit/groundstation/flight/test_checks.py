@@ -12,7 +12,13 @@ from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import Check, Pose, PoseKind, PoseStatus, Verdict
 from groundstation.core.safety import Agreement, StandingPoses
-from groundstation.flight import describe_checks, describe_failures, ensure_guarded
+from groundstation.flight import (
+    describe_checks,
+    describe_failures,
+    describe_trajectory,
+    ensure_guarded,
+    examine_trajectory,
+)
 from groundstation.flight.prearm import Checks, real
 from groundstation.pose import PoseConfig
 from groundstation.settings import Config, LinkConfig
@@ -320,3 +326,10 @@ def test_a_simulated_port_is_believed_of_a_pseudo_terminal_alone_and_told_before
     finally:
         os.close(far)
         os.close(near)
+
+
+def test_heights_of_a_trajectory_count_from_the_floor() -> None:
+    trajectory = {"kind": "hold", "position_ned": [0.0, 0.0, -1.0]}
+    for floor_z_m, height in ((0.0, "1.00 to 1.00"), (1.0, "2.00 to 2.00"), (-0.5, "0.50 to 0.50")):
+        config = from_dict({"trajectory": trajectory, "flight": {"floor_z_m": floor_z_m}}, Config)
+        assert f"{height} m above the floor" in describe_trajectory(config, examine_trajectory(config))

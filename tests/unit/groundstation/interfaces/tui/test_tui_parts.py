@@ -206,6 +206,11 @@ def test_heights_are_up_and_errors_in_centimetres() -> None:
     assert "error     12.3 cm" in text
 
 
+def test_heights_count_from_the_floor() -> None:
+    text = "\n".join(plain(number_rows(changed(position_ned=(1.0, -2.0, 1.0), floor_z_m=1.0))))
+    assert "position   +1.000   -2.000   +0.000 m" in text
+
+
 def test_where_room_is_short_the_rates_go_first_and_then_the_disturbance() -> None:
     def names(room: float) -> list[str]:
         return [row[:9].strip() for row in plain(number_rows(changed(), room))]
