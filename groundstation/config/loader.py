@@ -27,6 +27,7 @@ from groundstation.config.schema import (
     item_types,
     kinds,
     options,
+    suggest,
     tags,
 )
 from groundstation.config.sections import resolve_files, with_files
@@ -148,7 +149,8 @@ def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) ->
             name = _find_wrong_key(root, whole, value, error)
             info = next(kind.value_type for kind in options(info) if isinstance(kind, mi.DictType))
         elif struct is None:  # the key that tells the kind is wrong
-            return Problem((*path, name), f"expected one of {tags(info)}, got {describe_value(value[name])}")
+            known, tag = tags(info), value[name]
+            return Problem((*path, name), f"expected one of {known}, got {describe_value(tag)}{suggest(tag, known)}")
         else:
             info = next(field.type for field in struct.fields if field.encode_name == name)
         value, path = value[name], (*path, name)
@@ -181,7 +183,8 @@ def _find_wrong_key(root: type[msgspec.Struct], whole: dict[str, Any], table: di
 
 
 def _refuse(info: mi.Type, value: Any) -> str:
-    return f"expected {describe_type(info)}, got {describe_value(value)}"
+    words = [word for kind in options(info) if isinstance(kind, mi.LiteralType) for word in kind.values]
+    return f"expected {describe_type(info)}, got {describe_value(value)}{suggest(value, words)}"
 
 
 def _override(data: dict[str, Any], text: str) -> KeyPath:

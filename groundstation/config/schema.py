@@ -1,7 +1,8 @@
 """Schema: what a configuration may hold, in words, as msgspec tells it of the structs and their bounds."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from functools import cache
 from typing import Any, ClassVar
 
@@ -102,11 +103,15 @@ def strip_metadata(info: mi.Type) -> mi.Type:
 
 def describe_unknown_key(key: str, value: Any, known: list[str]) -> str:
     """What is wrong with a key that is none of ``known``, and which of them may have been meant."""
-    from difflib import get_close_matches
-
-    near = get_close_matches(key, known, n=1)
     what = "unknown section" if isinstance(value, dict) else "unknown key"
-    return f"{what}{f'; did you mean {near[0]}?' if near else ''} (known: {', '.join(known) or 'none'})"
+    return f"{what}{suggest(key, known)} (known: {', '.join(known) or 'none'})"
+
+
+def suggest(written: Any, known: Iterable[Any]) -> str:
+    """Which word of ``known`` was probably meant by what was ``written``, to stand behind an error; empty for none."""
+    words = [word for word in known if isinstance(word, str)]
+    near = get_close_matches(written, words, n=1) if isinstance(written, str) else []
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 def describe_value(value: Any) -> str:

@@ -13,7 +13,7 @@ import msgspec
 from msgspec import inspect as mi
 
 from groundstation.config.errors import ConfigError, KeyPath, Problem, refuse_io
-from groundstation.config.schema import default_of, find_struct, inspect_struct
+from groundstation.config.schema import default_of, find_struct, inspect_struct, suggest
 
 PACKAGE = "groundstation"
 """Where the presets stand."""
@@ -91,7 +91,7 @@ def _read_section(kind: type[FromFile], table: dict[str, Any], folder: Path, pat
             raise Problem((*path, "file"), "preset and file exclude each other; a file may name a preset itself")
         known = presets(kind)
         if preset not in known:
-            raise Problem((*path, "preset"), f"expected one of {list(known)}, got {preset!r}")
+            raise Problem((*path, "preset"), f"expected one of {list(known)}, got {preset!r}{suggest(preset, known)}")
         return _with_text(kind, rest, known[preset], preset, (*path, "preset"))
     if isinstance(file, str):
         return _with_text(kind, rest, _read_text(folder / file, (*path, "file")), file, (*path, "file"))
@@ -147,7 +147,7 @@ def example_text(name: str) -> str:
     """
     texts = example_texts()
     if name not in texts:
-        raise ConfigError("config new", f"expected one of {list(texts)}, got {name!r}")
+        raise ConfigError("config new", f"expected one of {list(texts)}, got {name!r}{suggest(name, texts)}")
     return texts[name]
 
 

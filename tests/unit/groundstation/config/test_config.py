@@ -75,7 +75,10 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"vehicle": {"arms": 4.0}}, "vehicle.arms: expected a whole number, got 4.0"),
     ({"vehicle": {"armed": 1}}, "vehicle.armed: expected true or false, got 1"),
     ({"vehicle": {"name": "B 1"}}, "vehicle.name: expected a string matching ^[a-z]+$, got 'B 1'"),
-    ({"vehicle": {"model": "papr"}}, "vehicle.model: expected one of ['paper', 'raw'], got 'papr'"),
+    (
+        {"vehicle": {"model": "papr"}},
+        "vehicle.model: expected one of ['paper', 'raw'], got 'papr'; did you mean paper?",
+    ),
     (
         {"vehicle": {"mas_kg": 1}},
         "vehicle.mas_kg: unknown key; did you mean mass_kg? "
@@ -92,6 +95,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
         "vehicles: unknown section; did you mean vehicle? (known: vehicle, link, steps, names, wait, points)",
     ),
     ({"link": {"kind": "pigeon"}}, "link.kind: expected one of ['udp', 'radio'], got 'pigeon'"),
+    ({"link": {"kind": "rado"}}, "link.kind: expected one of ['udp', 'radio'], got 'rado'; did you mean radio?"),
     ({"link": {"kind": 3}}, "link.kind: expected one of ['udp', 'radio'], got 3"),
     ({"link": {"kind": ["udp"]}}, "link.kind: expected one of ['udp', 'radio'], got ['udp']"),
     ({"link": {"kind": "radio"}}, "link.device: missing; expected a string"),
@@ -108,7 +112,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
         "steps[0].link.rate_hz: expected a number >= 10 and <= 500, got 1",
     ),
     ({"names": {"b": {"mass_kg": 0}}}, "names.b.mass_kg: expected a number > 0, got 0"),
-    ({"wait": "never"}, "wait: expected a number or one of ['forever'], got 'never'"),
+    ({"wait": "never"}, "wait: expected a number or one of ['forever'], got 'never'; did you mean forever?"),
     ({"points": [1]}, "points: expected an array of at least 2 values, each a number, got [1]"),
     ({"points": [1, [2]]}, "points[1]: expected a number, got [2]"),
 ]

@@ -109,7 +109,10 @@ def test_a_bad_vehicle_file_is_refused_by_its_name_and_key(text: str, words: str
 
 
 SECTIONS = [
-    ('preset = "x501"', "vehicle.preset: expected one of ['crazyflie', 'mqx', 'quad1kg', 'x500'], got 'x501'"),
+    (
+        'preset = "x501"',
+        "vehicle.preset: expected one of ['crazyflie', 'mqx', 'quad1kg', 'x500'], got 'x501'; did you mean x500?",
+    ),
     ("preset = 3", "vehicle.preset: expected a string, got 3"),
     ('preset = "x500"\nfile = "mine.toml"', "vehicle.file: preset and file exclude each other"),
     ('file = "gone.toml"', "vehicle.file: cannot read "),
