@@ -199,12 +199,20 @@ def _snapshot(body: Any) -> Snapshot:
         return msgspec.convert(_with_nan(body, Snapshot), Snapshot)
 
 
+def _without_notes(kind: Any) -> Any:
+    """Return the type ``T`` of ``Annotated[T, …]``, and any other type as it is."""
+    while typing.get_origin(kind) is typing.Annotated:
+        kind = typing.get_args(kind)[0]
+    return kind
+
+
 def _with_nan(body: Any, kind: Any) -> Any:
     """JSON has no NaN: a null where a number must stand was one that is not finite."""
+    kind = _without_notes(kind)
     options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
     if body is None:
         return None if types.NoneType in options else math.nan
-    [kind] = [option for option in options if option is not types.NoneType]
+    [kind] = [_without_notes(option) for option in options if option is not types.NoneType]
     if isinstance(body, list):
         parts = typing.get_args(kind)
         each = parts if Ellipsis not in parts else parts[:1] * len(body)
