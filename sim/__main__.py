@@ -159,7 +159,13 @@ def _compare(parser: argparse.ArgumentParser) -> None:
 
 def _campaign(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser, "adverse", "what is flown (default adverse)")
-    parser.add_argument("--flights", type=count, default=1000, metavar="N", help="how many (default 1000)")
+    parser.add_argument(
+        "--flights",
+        type=count,
+        default=1000,
+        metavar="N",
+        help="how many (default 1000: half a minute on two processors)",
+    )
     parser.add_argument("--first-seed", type=whole, default=0, metavar="N", help="the others follow it (default 0)")
     parser.add_argument("--duration", type=seconds, default=60.0, metavar="S", help="of each (default 60)")
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help="as in fly")
@@ -202,7 +208,11 @@ def _tune(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", type=path, metavar="FILE.toml", help="for its vehicle (default: the scenarios' own)"
     )
-    parser.add_argument("--report", action="store_true", help="search nothing: print the margins of these gains")
+    parser.add_argument(
+        "--report",
+        action="store_true",
+        help="search nothing: print the margins of these gains; about 220 flights a scenario, 3 minutes on two processors",
+    )
     parser.add_argument(
         "--scenarios", "--scenario", metavar="A,B", type=names, help="default: paper,adverse; with --report: paper"
     )
