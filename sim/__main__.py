@@ -211,7 +211,8 @@ def _tune(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--report",
         action="store_true",
-        help="search nothing: print the margins of these gains; about 220 flights a scenario, 3 minutes on two processors",
+        help="search nothing: print the margins of these gains; about 220 flights a scenario, "
+        "3 minutes on two processors",
     )
     parser.add_argument(
         "--scenarios", "--scenario", metavar="A,B", type=names, help="default: paper,adverse; with --report: paper"
