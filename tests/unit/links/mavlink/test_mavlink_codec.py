@@ -251,6 +251,15 @@ def test_the_dialect_is_imported_where_a_codec_is_made_and_not_before() -> None:
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
+def test_no_garbage_collection_looks_through_the_dialect() -> None:
+    program = (
+        "import gc, links.mavlink.link; from links.mavlink.protocol import MavlinkCodec; "
+        "codec = MavlinkCodec(245, 190); assert gc.isenabled(); "
+        "assert not any(one is codec.dialect.__dict__ for one in gc.get_objects())"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
 def test_a_number_that_does_not_fit_its_field_is_an_error_and_no_frame() -> None:
     codec = MavlinkCodec(3, 4)
     with pytest.raises(struct.error):
