@@ -531,7 +531,11 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         law, wind = self.controller, self.vehicle.wind_bound_m_s2(self.controller.gravity)
         if isinstance(law, Law) and law.b_bound == Law().b_bound:
             bound = max(wind, LEAST_B_BOUND_M_S2)
-            msgspec.structs.force_setattr(self, "controller", msgspec.structs.replace(law, b_bound=bound))
+            law = msgspec.structs.replace(law, b_bound=bound)
+        if isinstance(law, Gains) and law.k_omega == Gains().k_omega:
+            k_omega = max(law.k_omega, self.vehicle.rate_response_per_s)
+            law = msgspec.structs.replace(law, k_omega=k_omega)
+        msgspec.structs.force_setattr(self, "controller", law)
         if self.flight.coast_s + self.guards.level_s > 1.0:
             raise ValueError("guards.level_s: with flight.coast_s at most 1 s: no pose vouches for more")
         if self.pose.by_autopilot and self.forwards is not None:

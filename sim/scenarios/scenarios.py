@@ -110,6 +110,8 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
 
     figure: Callable[[], dict[str, Any]] | None = None
     """Makes the trajectory, as in ``[trajectory]``; None for the paper's figure of eight."""
+    variants: tuple[tuple[str, ...], ...] = ()
+    """Overrides of the truth; ``compare`` flies it with each, and the worst of them counts."""
     betaflight: bool = False
     """Whether it is flown by Betaflight, behind a radio: see :func:`by_betaflight`."""
 
@@ -175,6 +177,43 @@ _TOLD_QUAD1KG = Vehicle(
     size_m=0.8,
     wind_share=1.0,
 )
+
+DIRECTIONS = 8
+"""Horizontal directions in which large pushes come; the worst of them counts."""
+VERTICAL_M_S2 = 5.0
+"""The step of this size comes from above and from below, too [m/s²]."""
+PUSH_S = (0.4, 1.0)
+"""Lengths of the half sines [s]."""
+
+
+def _blow(acceleration: float) -> list[str]:
+    """The wind's step [m/s²] in each horizontal direction, as overrides of the truth."""
+    angles = [2.0 * math.pi * k / DIRECTIONS for k in range(DIRECTIONS)]
+    pushes = [(acceleration * math.cos(a), acceleration * math.sin(a)) for a in angles]
+    return [f"sim.wind_step=[{x:.9f}, {y:.9f}, 0.0]" for x, y in pushes]
+
+
+def _with_step(acceleration: float) -> Scenario:
+    steps = _blow(acceleration)
+    if acceleration == VERTICAL_M_S2:
+        steps += [f"sim.wind_step=[0.0, 0.0, {z}]" for z in (acceleration, -acceleration)]
+    return Scenario(
+        name=f"step_{acceleration:g}",
+        summary=f"paper, and at 30 s the wind steps by {acceleration:g} m/s²",
+        world=msgspec.structs.replace(MQX, wind_step=(acceleration, 0.0, 0.0)),
+        variants=tuple((step,) for step in steps),
+    )
+
+
+def _with_push(acceleration: float) -> Scenario:
+    world = msgspec.structs.replace(MQX, wind_step=(acceleration, 0.0, 0.0), wind_push_s=PUSH_S[0])
+    return Scenario(
+        name=f"push_{acceleration:g}",
+        summary=f"paper, and at 30 s a push: half a sine of {acceleration:g} m/s² for 0.4 s",
+        world=world,
+        variants=tuple((step, f"sim.wind_push_s={push_s}") for push_s in PUSH_S for step in _blow(acceleration)),
+    )
+
 
 _TOLD_GALE = Vehicle(
     name="gale",
@@ -300,6 +339,8 @@ SCENARIOS: dict[str, Scenario] = {
             summary="paper, and at 30 s the wind steps by 1.5 m/s²",
             world=msgspec.structs.replace(MQX, wind_step=(1.5, 0.0, 0.0)),
         ),
+        *map(_with_step, (3.0, 5.0, 8.0)),
+        *map(_with_push, (6.0, 10.0)),
         Scenario(
             name="quad1kg",
             summary="a 1 kg vehicle with fast actuators, 100 Hz, 10 ms, drag 1 N per m/s",

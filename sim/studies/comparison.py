@@ -114,7 +114,8 @@ def compare(
 
     Args:
         controllers: one or several: names, or your own, as :func:`sim.runs.simulation.simulate` takes one.
-        scenarios: their names; without them, all there are.
+        scenarios: their names; without them, all that are flown once a seed. Those with large pushes
+            (``step_5``, ``push_10``, …) are flown from each direction, and the worst counts.
         seeds: each flies with seeds 0 to ``seeds`` - 1.
         duration: of each flight [s], longer than 16.
         overrides: ``"key=value"`` each, for all, as ``--set``.
@@ -137,7 +138,8 @@ def compare(
     for option, number in (("--seeds", seeds), ("--workers", workers)):
         if not (isinstance(number, Integral) and number >= 1):
             raise ConfigError(option, f"expected a whole number, 1 or more, got {number!r}")
-    places = several(SCENARIOS if scenarios is None else scenarios)
+    plain = [name for name, scenario in SCENARIOS.items() if not scenario.variants]
+    places = several(plain if scenarios is None else scenarios)
     unknown = [place for place in places if not isinstance(place, str) or place not in SCENARIOS]
     if unknown or not places:
         raise ConfigError("--scenarios", f"expected some of {sorted(SCENARIOS)}, got {(unknown or [scenarios])[0]!r}")
@@ -168,6 +170,8 @@ class Case(msgspec.Struct, frozen=True):
     """``--set`` overrides that choose it."""
     kind: str = ""
     """The controller's kind."""
+    variant: int = 0
+    """Which of the scenario's variants."""
 
 
 class ComparedFlight(msgspec.Struct, frozen=True):
@@ -180,6 +184,10 @@ class ComparedFlight(msgspec.Struct, frozen=True):
     max_cm: float | None
     settle_s: float | None
     effort_rad_s: float | None
+    peak_cm: float | None
+    """Largest error after the wind's step or push; None where there is none."""
+    back_s: float | None
+    """How long after it the error stays below 5 cm; None where it never does."""
     trace: list[float] | None
     """True error [cm] from the start on, every :data:`TRACE_S`; only where asked for."""
 
@@ -203,6 +211,10 @@ class ComparisonRow(msgspec.Struct, frozen=True):
     """Time after which the error stays below 10 cm; None too where most flights never get there."""
     effort_rad_s: float | None
     """How hard the vehicle is worked: see :class:`sim.runs.FlightVerdict`."""
+    peak_cm: float | None = None
+    """Largest error after the wind's step or push: the worst of the scenario's variants."""
+    back_s: float | None = None
+    """How long after it the error stays below 5 cm: the worst; None too where it never does."""
 
 
 def cases(scenarios: Iterable[str], controllers: Sequence[str], overrides: Sequence[str] = ()) -> list[Case]:
@@ -210,7 +222,9 @@ def cases(scenarios: Iterable[str], controllers: Sequence[str], overrides: Seque
     found: list[Case] = []
     for scenario in scenarios:
         for name in controllers:
-            found.append(Case(scenario, _short_name(name, controllers), (*overrides, f"controller.kind={name}"), name))
+            short, told = _short_name(name, controllers), (*overrides, f"controller.kind={name}")
+            for number, variant in enumerate(SCENARIOS[scenario].variants or ((),)):
+                found.append(Case(scenario, short, (*variant, *told), name, number))
             if scenario == GUST and name == "adaptive":
                 off = ("controller.kb=0.0", "controller.composite=off")
                 found.append(Case(scenario, WITHOUT_ADAPTATION, (*overrides, *off), name))
@@ -253,6 +267,8 @@ def fly_case(case: Case, seed: int, duration_s: float, *, traced: bool = False) 
         verdict.max_cm,
         verdict.settle_s,
         verdict.effort_rad_s,
+        verdict.gust_peak_cm,
+        verdict.gust_back_s,
         trace,
     )
 
@@ -316,10 +332,19 @@ def _can_be_imported(name: str, thing: object) -> bool:
 
 def rows(results: Sequence[ComparedFlight]) -> list[ComparisonRow]:
     """One row a case, in the order of their first flights."""
-    by_case: dict[Case, list[ComparedFlight]] = {}
+    by_place: dict[tuple[str, str], list[ComparedFlight]] = {}
     for one in results:
-        by_case.setdefault(one.case, []).append(one)
-    return [_row(case, flights) for case, flights in by_case.items()]
+        by_place.setdefault((one.case.scenario, one.case.controller), []).append(one)
+    return [_row(flights[0].case, flights) for flights in by_place.values()]
+
+
+def worst_of_variants(flights: Sequence[tuple[int, float | None]]) -> float | None:
+    """The largest of the medians of each variant, of (variant, value); None where one has none."""
+    by_variant: dict[int, list[float]] = {}
+    for variant, value in flights:
+        by_variant.setdefault(variant, []).append(math.inf if value is None else value)
+    worst = max(median(values) for values in by_variant.values())
+    return worst if math.isfinite(worst) else None
 
 
 def _row(case: Case, flights: list[ComparedFlight]) -> ComparisonRow:
@@ -340,6 +365,8 @@ def _row(case: Case, flights: list[ComparedFlight]) -> ComparisonRow:
         max_cm=_middle([one.max_cm for one in flights], crashed),
         settle_s=settled if not crashed and math.isfinite(settled) else None,
         effort_rad_s=_middle([one.effort_rad_s for one in flights], crashed),
+        peak_cm=worst_of_variants([(one.case.variant, one.peak_cm if one.survived else None) for one in flights]),
+        back_s=worst_of_variants([(one.case.variant, one.back_s if one.survived else None) for one in flights]),
     )
 
 
@@ -352,7 +379,9 @@ NOTE = (
     "The error is the true one, from 15 s on. The baselines fly on our estimate and send commands as published, "
     "without inverting\nthe actuators' lags; `docs/decisions/0006-baselines.md` has both."
 )
-HEAD = ("scenario", "controller", "RMS cm", "spread", "max cm", "settled s", "effort", "survived")
+HEAD = (
+    "scenario", "controller", "RMS cm", "spread", "max cm", "settled s", "effort", "peak cm", "back s", "survived",
+)  # fmt: skip
 
 
 def text_table(rows: Sequence[ComparisonRow]) -> str:
@@ -370,8 +399,15 @@ def text_table(rows: Sequence[ComparisonRow]) -> str:
         ]
         shown.append("  ".join(cells).rstrip())
     note = "medians over the seeds; errors are true ones, from 15 s on; settled: the error stays below 10 cm"
+    pushed = "peak, back: after the wind's step or push, until the error stays below 5 cm; the worst direction"
     return "\n".join(
-        [*shown, "", note, "effort: RMS of the commanded roll and pitch rates less their low-pass of 0.15 s [rad/s]"]
+        [
+            *shown,
+            "",
+            note,
+            pushed,
+            "effort: RMS of the commanded roll and pitch rates less their low-pass of 0.15 s [rad/s]",
+        ]
     )
 
 
@@ -383,7 +419,8 @@ def markdown_table(rows: Sequence[ComparisonRow]) -> str:
     lines = [f"| RMS error, cm | {' | '.join(controllers)} |", f"|---|{'---:|' * len(controllers)}"]
     for scenario in scenarios:
         cells = [_rms(by_place.get((scenario, controller))) for controller in controllers]
-        lines.append(f"| `{scenario}` | {' | '.join(cells)} |")
+        peak = ", peak after it" if SCENARIOS[scenario].variants else ""
+        lines.append(f"| `{scenario}`{peak} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -412,6 +449,8 @@ def _cells(row: ComparisonRow) -> tuple[str, ...]:
         _number(row.max_cm, 2),
         settled,
         _number(row.effort_rad_s, 2),
+        _number(row.peak_cm, 1),
+        _number(row.back_s, 2),
         survived,
     )
 
@@ -425,6 +464,9 @@ def _rms(row: ComparisonRow | None) -> str:
         return ""
     if row.rms_cm is None:
         return f"{row.crashed} of {row.flights} crashed"
+    if SCENARIOS[row.scenario].variants:
+        back = "never back" if row.back_s is None else f"{row.back_s:.2f} s"
+        return f"{_number(row.peak_cm, 1)} ({back})"
     spread = f" ({row.rms_cm_min:.2f}–{row.rms_cm_max:.2f})" if row.flights > 1 else ""
     return f"{row.rms_cm:.2f}{spread}"
 
@@ -602,6 +644,8 @@ FLOORED = ("paper", "adverse")
 ON_ROTORS = ("rotors_mqx", "rotors_mqx_radio")
 JUDGED = (*FLOORED, "rotors_mqx_radio")
 """Reflown for whole minutes."""
+PUSHED = ("step_3", "step_5", "step_8", "push_6", "push_10")
+"""Flown by the best of each law, with one seed a direction, and told; not searched."""
 REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", "rotors_mqx_radio")
 EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
 """Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the seeds."""
@@ -708,6 +752,8 @@ class EqualMarginsRow(msgspec.Struct, frozen=True, kw_only=True):
     """The same of the effort, in the two judged scenarios."""
     delay_s: dict[str, float]
     """In these, the extra command delay at which it fails [s]; 0 where it fails without."""
+    peak_cm: dict[str, float | None] = {}
+    """Large push to the peak in its worst direction [cm]; None where a flight did not get to its end."""
 
 
 class EqualMargins(NamedTuple):
@@ -804,7 +850,19 @@ def _refly(law: SearchedLaw, best: TuningTrial, count: int, flyers: Flyers, seed
         rms_cm={name: _median([one.rms_cm for one in some]) for name, some in flown.items()},
         effort_rad_s=effort_rad_s,
         delay_s=delay_s,
+        peak_cm={name: _find_peak(law, best, name, flyers) for name in PUSHED},
     )
+
+
+def _find_peak(law: SearchedLaw, best: TuningTrial, name: str, flyers: Flyers) -> float | None:
+    """The peak in the worst of the variants of the scenario ``name`` [cm], with one seed."""
+    (stage,) = _stages(law, [name])
+    stage = stage.with_gains(best.gains)
+    worlds = [overridden(stage.world, list(variant)) for variant in SCENARIOS[name].variants]
+    stages = [msgspec.structs.replace(stage, world=world) for world in worlds]
+    outcomes = flyers.fly([one for each in stages for one in sorties(each, [0], DURATION_S)])
+    peaks = [outcome.peak_cm if outcome.rms_cm is not None else None for outcome in outcomes]
+    return worst_of_variants(list(enumerate(peaks)))
 
 
 def _median(values: Sequence[float | None]) -> float | None:
@@ -882,6 +940,10 @@ def equal_margins_table(rows: Sequence[EqualMarginsRow]) -> str:
         cells.append(" / ".join(f"{1e3 * row.delay_s[name]:.0f}" for name in FLOORED))
         cells.append("all" if row.keeps else "not all")
         lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", f"| peak, cm | {' | '.join(f'`{name}`' for name in PUSHED)} |", f"|---|{'---:|' * len(PUSHED)}"]
+    for row in rows:
+        peaks = [row.peak_cm.get(name) for name in PUSHED]
+        lines.append(f"| {row.law} | {' | '.join('lost' if p is None else f'{p:.3g}' for p in peaks)} |")
     lines += ["", "| law | evaluations | gains |", "|---|---:|---|"]
     for row in rows:
         gains = ", ".join(f"{name} {value:.3g}" for name, value in row.gains.items()) or "as they come"

@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import io
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -122,7 +123,9 @@ def test_the_picture_is_drawn(compared: list[dict[str, Any]], folder: Path) -> N
 def made_up(controller: str, rms: list[float | None], scenario: str = "paper") -> list[ComparedFlight]:
     case = Case(scenario, controller, ())
     return [
-        ComparedFlight(case, seed, value is not None, value, None if value is None else 2 * value, 3.0, 0.5, None)
+        ComparedFlight(
+            case, seed, value is not None, value, None if value is None else 2 * value, 3.0, 0.5, None, None, None
+        )
         for seed, value in enumerate(rms)
     ]
 
@@ -139,6 +142,33 @@ def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
     assert (row.survived, row.crashed) == (False, 1)
     assert "1 of 3 crashed" in markdown_table([row])
     assert "2 of 3" in text_table([row])
+
+
+def pushed(variant: int, *peaks: float | None) -> list[ComparedFlight]:
+    case = Case("step_8", "pid", (), "pid", variant)
+    return [
+        ComparedFlight(case, seed, peak is not None, 9.0, 9.0, 3.0, 0.5, peak, 1.5 if variant else None, None)
+        for seed, peak in enumerate(peaks)
+    ]
+
+
+def test_a_large_push_counts_by_the_median_of_its_worst_direction() -> None:
+    (row,) = rows([*pushed(1, 80.0, 90.0, 10.0), *pushed(2, 85.0, 70.0, 60.0)])
+    assert (row.peak_cm, row.back_s, row.flights) == (80.0, 1.5, 6)
+    assert "| `step_8`, peak after it | 80.0 (1.50 s) |" in markdown_table([row])
+    (never,) = rows([*pushed(0, 40.0), *pushed(1, 80.0)])
+    assert (never.peak_cm, never.back_s) == (80.0, None)
+    (lost,) = rows([*pushed(1, None), *pushed(2, 60.0)])
+    assert lost.peak_cm is None
+
+
+def test_large_pushes_come_from_every_side_and_are_flown_only_when_asked_for() -> None:
+    sizes = {name: len(SCENARIOS[name].variants) for name in ("step_3", "step_5", "step_8", "push_6", "push_10")}
+    assert sizes == {"step_3": 8, "step_5": 10, "step_8": 8, "push_6": 16, "push_10": 16}
+    (*_, last) = cases(["push_10"], ["pid"])
+    world, config = prepare(SCENARIOS["push_10"], list(last.overrides))
+    assert math.hypot(*world.wind_step) == pytest.approx(10.0)
+    assert (world.wind_push_s, config.controller.kind, last.variant) == (1.0, "pid", 15)
 
 
 def test_the_gust_front_is_flown_without_adaptation_too() -> None:

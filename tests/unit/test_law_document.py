@@ -66,6 +66,6 @@ def test_the_law_flies_as_well_as_documented(row: list[str]) -> None:
 
 
 def test_the_ladder_has_every_scenario_of_the_first_order_plant_but_ideal() -> None:
-    worlds = {name: scenario.world for name, scenario in SCENARIOS.items()}
+    worlds = {name: scenario.world for name, scenario in SCENARIOS.items() if not scenario.variants}
     first_order = {name for name, world in worlds.items() if world.plant == "first_order" and world.tunnel == STILL}
     assert {re.findall(r"`(\w+)`", row[0])[0] for row in rows("ladder")} == first_order - {"ideal"}

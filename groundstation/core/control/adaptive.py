@@ -70,7 +70,13 @@ class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_fiel
             "kb² κ < 4 k3 (the smaller k3)."
         ),
     ] = 28.0
-    k_omega: Annotated[Positive, msgspec.Meta(description="How fast a body-rate error shall decay [1/s].")] = 14.0
+    k_omega: Annotated[
+        Positive,
+        msgspec.Meta(
+            description="How fast a body-rate error shall decay [1/s]. Left so, it is as fast as the "
+            "vehicle answers by itself, delay included, where that is more."
+        ),
+    ] = 14.0
 
 
 class Uncompensated(

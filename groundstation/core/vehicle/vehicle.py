@@ -24,7 +24,7 @@ from groundstation.config import (
     parse_toml,
     presets,
 )
-from groundstation.core.geometry import Ops, Quat, Real, Vec3, rotate
+from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate
 
 Mass = Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
 """A mass [kg]; heavier is one in grams."""
@@ -185,6 +185,11 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         """``wind_share`` of the disturbance that full thrust can trim sideways, at ``gravity`` [m/s²]."""
         most = self.thrust_max_n / self.mass_kg
         return self.wind_share * math.sqrt(max(most * most - gravity * gravity, 0.0))
+
+    @property
+    def rate_response_per_s(self) -> float:
+        """How fast a body rate answers a command that is held for one frame, delay included [1/s]."""
+        return 1.0 / (lead(FLOATS, self.frame_period_s, self.rate_lag_s) + self.rate_delay_s)
 
     @property
     def sooner_s(self) -> float:

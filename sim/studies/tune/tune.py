@@ -343,6 +343,8 @@ class SortieOutcome(NamedTuple):
     """Of its commands, see :class:`sim.runs.referee.FlightVerdict`."""
     saturated: float = 0.0
     """Share of the commands after 5 s in which any of the four was clamped."""
+    peak_cm: float | None = None
+    """Largest error after the wind's step or push, if any [cm]."""
 
     def describe(self) -> str:
         """How it flew, in words."""
@@ -362,7 +364,9 @@ def fly_sortie(sortie: Sortie) -> SortieOutcome:
     result = fly(world, config, seed=sortie.seed, duration_s=sortie.duration_s)
     verdict = result.verdict
     rms_cm = verdict.rms_cm if result.completed else None
-    return SortieOutcome(rms_cm, result.why, verdict.effort_rad_s or 0.0, verdict.saturated_fraction)
+    return SortieOutcome(
+        rms_cm, result.why, verdict.effort_rad_s or 0.0, verdict.saturated_fraction, verdict.gust_peak_cm
+    )
 
 
 def sorties(stage: Staged, seeds: Sequence[int], duration_s: float) -> list[Sortie]:
