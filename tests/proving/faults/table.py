@@ -78,6 +78,20 @@ def summarize(rows: Sequence[Row]) -> list[Summary]:
     return found
 
 
+def tell_kinds(rows: Sequence[Row]) -> list[str]:
+    """Return for each kind among ``rows`` how many cells are within their limits."""
+    found = []
+    for kind in Kind:
+        some = [row for row in rows if row.kind == kind]
+        within = sum(row.safe for row in some)
+        far = sum(not row.safe and row.worst > NEAR_LIMIT for row in some)
+        if some:
+            share = f"{100.0 * within / len(some):.1f} %"
+            beyond = f"{far} beyond {NEAR_LIMIT:g}x"
+            found.append(f"{kind}: {within} of {len(some)} within ({share}), {beyond}")
+    return found
+
+
 def is_within(rows: Sequence[Row]) -> bool:
     """Return whether ``rows`` as a whole are within what is asked of each kind."""
     for kind in Kind:
@@ -125,7 +139,7 @@ def text(rows: Sequence[Row]) -> str:
             f"floor {one.hardest_m_s:5.2f} m/s"
         )
     bad = sum(not row.safe for row in rows)
-    return "\n".join([*lines, f"{len(rows)} cells, {bad} unsafe"])
+    return "\n".join([*lines, *tell_kinds(rows), f"{len(rows)} cells, {bad} unsafe"])
 
 
 def page(rows: Sequence[Row], command: str) -> str:
@@ -143,7 +157,7 @@ def page(rows: Sequence[Row], command: str) -> str:
         "\n".join([HEAD, *lines]),
         f"Limits: {limits}.",
         f"Exempt: {exempt}.",
-        f"{len(FAULTS)} faults, {len(rows)} cells, by `{command}`.",
+        f"{'; '.join(tell_kinds(rows))}. {len(FAULTS)} faults, {len(rows)} cells, by `{command}`.",
     )
     return fill_markers(PAGE, {"deck": "\n\n".join(parts)})
 
