@@ -20,7 +20,22 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate, third_column, to_body, to_world
+from groundstation.core.geometry import (
+    Ops,
+    Quat,
+    Real,
+    Vec3,
+    add,
+    add_scaled,
+    cross,
+    multiply_each,
+    rotate,
+    scale,
+    subtract,
+    third_column,
+    to_body,
+    to_world,
+)
 from sim.world.world import RotorConstants, World
 
 
@@ -56,90 +71,60 @@ class AirDrag(NamedTuple):
 
 
 def compute_drag(ops: Ops, body: Body, drag: AirDrag) -> Vec3:
-    """What the air accelerates ``body`` by [m/s², NED]."""
-    (vx, vy, vz), (ax, ay, az), (lx, ly, lz) = body.velocity, drag.air, drag.linear
-    x, y, z = to_body(body.attitude, (vx - ax, vy - ay, vz - az))
+    """The acceleration of ``body`` by the air [m/s², NED]."""
+    linear_x, linear_y, linear_z = drag.linear
+    x, y, z = to_body(body.attitude, subtract(body.velocity, drag.air))
     inflow = ops.sqrt(x * x + y * y)
     within = drag.within * inflow
-    down = -(lz + drag.along * inflow) * z - drag.lift * inflow * inflow
-    return to_world(body.attitude, (-(lx + within) * x, -(ly + within) * y, down))
+    down = -(linear_z + drag.along * inflow) * z - drag.lift * inflow * inflow
+    return to_world(body.attitude, (-(linear_x + within) * x, -(linear_y + within) * y, down))
 
 
-class Decay(NamedTuple):
-    """What the lags keep of an old value over a step, and over its first half [-]. Elementwise."""
-
-    rates: Real
-    rates_half: Real
-    thrust: Real
-    thrust_half: Real
+def _decay(ops: Ops, h: Real, lag_s: Real) -> Real:
+    """The share of an old value that a lag keeps over ``h`` [s] [-]: 0 without lag."""
+    return ops.exp(-h / (lag_s + 1e-12))
 
 
-def compute_decay(ops: Ops, h: Real, physics: Physics) -> Decay:
-    """That of a step of ``h`` [s]."""
-    exp, half, thrust_lag, tau = ops.exp, 0.5 * h, physics.thrust_lag_s, physics.rate_lag_s
-    # Without lag the exponent is so large that nothing of the old value is kept.
-    rates, rates_half = exp(-h / (tau + 1e-12)), exp(-half / (tau + 1e-12))
-    if thrust_lag is tau:
-        return Decay(rates, rates_half, rates, rates_half)
-    return Decay(rates, rates_half, exp(-h / (thrust_lag + 1e-12)), exp(-half / (thrust_lag + 1e-12)))
+def _low_pass(old: Vec3, new: Vec3, rise: Real) -> Vec3:
+    """``old`` after it has followed ``new`` by the share ``rise`` [-]."""
+    return add_scaled(old, rise, subtract(new, old))
+
+
+def _leak(attitude: Quat, told_rates: Vec3, leak: Real) -> Vec3:
+    """The acceleration [m/s², NED] that told body rates leak into the translation."""
+    return to_world(attitude, (leak * told_rates[1], -leak * told_rates[0], 0.0))
 
 
 def integrate(
-    ops: Ops,
-    body: Body,
-    thrust_command: Real,
-    rate_command: Vec3,
-    wind: Vec3,
-    h: Real,
-    physics: Physics,
-    decay: Decay | None = None,
+    ops: Ops, body: Body, thrust_command: Real, rate_command: Vec3, wind: Vec3, h: Real, physics: Physics
 ) -> Body:
-    """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant ``wind`` [m/s², NED].
+    """``body`` after ``h`` [s] under held commands (thrust [N], rates [rad/s]) and a constant ``wind`` [m/s², NED]."""
+    half, rate_lag, thrust_lag = 0.5 * h, physics.rate_lag_s, physics.thrust_lag_s
+    # Attitude in the middle and at the end: the exact integral of the rates.
+    lead = subtract(body.rates, rate_command)
+    rates_kept, rates_kept_half = _decay(ops, h, rate_lag), _decay(ops, half, rate_lag)
+    middle = rotate(body.attitude, add_scaled(scale(half, rate_command), rate_lag * (1.0 - rates_kept_half), lead))
+    end = rotate(body.attitude, add_scaled(scale(h, rate_command), rate_lag * (1.0 - rates_kept), lead))
+    excess = body.thrust - thrust_command
+    thrust_before = ops.where(thrust_lag > 0.0, body.thrust, thrust_command)
+    thrust_middle = thrust_command + _decay(ops, half, thrust_lag) * excess
+    thrust = thrust_command + _decay(ops, h, thrust_lag) * excess
+    other = add(wind, _leak(middle, rate_command, physics.rate_leak))
+    other = (other[0], other[1], other[2] + physics.gravity)
 
-    ``decay`` is that of such a step, where it is known.
-    """
-    mass, thrust_lag, tau, drag, leak, gravity = physics
-    (px, py, pz), (vx, vy, vz), attitude, before, (wx, wy, wz) = body
-    half = 0.5 * h
-    keep, mid_keep, thrust_keep, mid_thrust_keep = compute_decay(ops, h, physics) if decay is None else decay
-    cx, cy, cz = rate_command
-    dx, dy, dz = wx - cx, wy - cy, wz - cz
-    m, f = tau * (1.0 - mid_keep), tau * (1.0 - keep)
-    q1 = rotate(attitude, (half * cx + m * dx, half * cy + m * dy, half * cz + m * dz))
-    q2 = rotate(attitude, (h * cx + f * dx, h * cy + f * dy, h * cz + f * dz))
-    over = before - thrust_command
-    k0 = -ops.where(thrust_lag > 0.0, before, thrust_command) / mass
-    k1 = -(thrust_command + mid_thrust_keep * over) / mass
-    thrust = thrust_command + thrust_keep * over
-    k2 = -thrust / mass
-    bx, by, bz = wind
-    if ops is not FLOATS or leak != 0.0:
-        lx, ly, lz = to_world(q1, (leak * cy, -leak * cx, 0.0))
-        bx, by, bz = bx + lx, by + ly, bz + lz
-    bz = bz + gravity
-    # third_column() of all three, written out: this runs four hundred times a second.
-    w, x, y, z = attitude
-    ax, ay, az = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
-    ax, ay, az = k0 * ax + bx - drag * vx, k0 * ay + by - drag * vy, k0 * az + bz - drag * vz
-    w, x, y, z = q1
-    mx, my, mz = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
-    mx = k1 * mx + bx - drag * (vx + half * ax)
-    my = k1 * my + by - drag * (vy + half * ay)
-    mz = k1 * mz + bz - drag * (vz + half * az)
-    w, x, y, z = q2
-    ex, ey, ez = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
-    ex = k2 * ex + bx - drag * (vx + h * mx)
-    ey = k2 * ey + by - drag * (vy + h * my)
-    ez = k2 * ez + bz - drag * (vz + h * mz)
-    s, d = h / 6.0, h * h / 6.0
-    after = (
-        (px + h * vx + d * (ax + 2.0 * mx), py + h * vy + d * (ay + 2.0 * my), pz + h * vz + d * (az + 2.0 * mz)),
-        (vx + s * (ax + 4.0 * mx + ex), vy + s * (ay + 4.0 * my + ey), vz + s * (az + 4.0 * mz + ez)),
-        q2,
-        thrust,
-        (cx + keep * dx, cy + keep * dy, cz + keep * dz),
-    )
-    return tuple.__new__(Body, after)  # by its name it would take three times as long
+    def accelerate(attitude: Quat, thrust_n: Real, velocity: Vec3) -> Vec3:
+        lifted = add_scaled(other, -thrust_n / physics.mass_kg, third_column(attitude))
+        return add_scaled(lifted, -physics.drag_per_s, velocity)
+
+    # Simpson's rule.
+    velocity = body.velocity
+    first = accelerate(body.attitude, thrust_before, velocity)
+    second = accelerate(middle, thrust_middle, add_scaled(velocity, half, first))
+    third = accelerate(end, thrust, add_scaled(velocity, h, second))
+    twice = add_scaled(first, 2.0, second)
+    position = add_scaled(add_scaled(body.position, h, velocity), h * h / 6.0, twice)
+    mean = add(add_scaled(twice, 2.0, second), third)
+    return Body(position, add_scaled(velocity, h / 6.0, mean), end, thrust, add_scaled(rate_command, rates_kept, lead))
 
 
 FourRotors: TypeAlias = tuple[Real, Real, Real, Real]
@@ -281,40 +266,24 @@ def run_rate_loop(
     torque = J (P e + I ∫e - D d/dt ω), e = told rates - filtered ``gyro`` [rad/s]. Where a rotor is at its limit, the
     integral rests.
     """
-    inertia, lever, torque_m, curve, full, p, i, d, gyro_s, d_s, rate_s, thrust_s = gains
-    exp = ops.exp
-    rate_rise, thrust_rise = 1.0 - exp(-h / (rate_s + 1e-12)), 1.0 - exp(-h / (thrust_s + 1e-12))
-    gyro_rise, d_rise = 1.0 - exp(-h / gyro_s), 1.0 - exp(-h / d_s)
-    (ax, ay, az), (bx, by, bz), (gx, gy, gz), (sx, sy, sz) = loop.rates, rates, loop.gyro, loop.slow
-    ax, ay, az = ax + rate_rise * (bx - ax), ay + rate_rise * (by - ay), az + rate_rise * (bz - az)
-    gx, gy, gz = gx + gyro_rise * (gyro[0] - gx), gy + gyro_rise * (gyro[1] - gy), gz + gyro_rise * (gyro[2] - gz)
-    sx, sy, sz = sx + d_rise * (gx - sx), sy + d_rise * (gy - sy), sz + d_rise * (gz - sz)
-    ex, ey, ez = ax - gx, ay - gy, az - gz
-    ix, iy, iz = loop.integral
+    told_rates = _low_pass(loop.rates, rates, 1.0 - _decay(ops, h, gains.rate_filter_s))
+    measured = _low_pass(loop.gyro, gyro, 1.0 - _decay(ops, h, gains.gyro_filter_s))
+    slow = _low_pass(loop.slow, measured, 1.0 - _decay(ops, h, gains.d_filter_s))
+    told = loop.thrust + (1.0 - _decay(ops, h, gains.thrust_filter_s)) * (thrust - loop.thrust)
+    error = subtract(told_rates, measured)
     # The filtered derivative is what the filter lags behind by, over its time constant.
-    roll = inertia[0] * (p[0] * ex + i[0] * ix - d[0] * (gx - sx) / d_s)
-    pitch = inertia[1] * (p[1] * ey + i[1] * iy - d[1] * (gy - sy) / d_s)
-    yaw = inertia[2] * (p[2] * ez + i[2] * iz - d[2] * (gz - sz) / d_s)
-    told = loop.thrust + thrust_rise * (thrust - loop.thrust)
-    level, a, b, c = 0.25 * told, 0.25 * roll / lever, 0.25 * pitch / lever, 0.25 * yaw / torque_m
+    derivative = scale(1.0 / gains.d_filter_s, subtract(measured, slow))
+    demand = add(multiply_each(gains.p, error), multiply_each(gains.i, loop.integral))
+    torque = multiply_each(gains.inertia, subtract(demand, multiply_each(gains.d, derivative)))
+    level, full = 0.25 * told, gains.full_n
+    a, b, c = 0.25 * torque[0] / gains.lever_m, 0.25 * torque[1] / gains.lever_m, 0.25 * torque[2] / gains.torque_m
     wanted = (level - a + b + c, level + a - b + c, level + a + b - c, level - a - b - c)
-    given = (
-        ops.clamp(wanted[0] / full, 0.0, 1.0),
-        ops.clamp(wanted[1] / full, 0.0, 1.0),
-        ops.clamp(wanted[2] / full, 0.0, 1.0),
-        ops.clamp(wanted[3] / full, 0.0, 1.0),
-    )
-    over = abs(wanted[0] - full * given[0]) + abs(wanted[1] - full * given[1])
-    over = over + abs(wanted[2] - full * given[2]) + abs(wanted[3] - full * given[3])
-    going = ops.where(over <= 1e-9 * full, h, 0.0)
-    signals = (
-        _speed(ops, given[0], curve),
-        _speed(ops, given[1], curve),
-        _speed(ops, given[2], curve),
-        _speed(ops, given[3], curve),
-    )
-    integral = (ix + going * ex, iy + going * ey, iz + going * ez)
-    return RateLoop(told, (ax, ay, az), (gx, gy, gz), (sx, sy, sz), integral), signals
+    given = [ops.clamp(one / full, 0.0, 1.0) for one in wanted]
+    over = [abs(one - full * share) for one, share in zip(wanted, given, strict=True)]
+    going = ops.where(over[0] + over[1] + over[2] + over[3] <= 1e-9 * full, h, 0.0)
+    front_right, rear_left, front_left, rear_right = (_speed(ops, share, gains.curve) for share in given)
+    integral = add_scaled(loop.integral, going, error)
+    return RateLoop(told, told_rates, measured, slow, integral), (front_right, rear_left, front_left, rear_right)
 
 
 def integrate_rotors(
@@ -333,51 +302,45 @@ def integrate_rotors(
     ``full_n`` is what one rotor gives at its fullest now [N]; ``other`` is a constant acceleration, such as wind
     [m/s², NED]; ``told`` are the told rates [rad/s], for the leak alone.
     """
-    mass, (jx, jy, jz), lever, torque_m, curve, up_s, down_s, drag, leak, gravity = frame
-    up, down = 1.0 - ops.exp(-h / (up_s + 1e-12)), 1.0 - ops.exp(-h / (down_s + 1e-12))
-    straight, where = 1.0 - curve, ops.where
-    n0, n1, n2, n3 = speeds
-    u0, u1, u2, u3 = signals
-    m0 = n0 + where(u0 > n0, up, down) * (u0 - n0)
-    m1 = n1 + where(u1 > n1, up, down) * (u1 - n1)
-    m2 = n2 + where(u2 > n2, up, down) * (u2 - n2)
-    m3 = n3 + where(u3 > n3, up, down) * (u3 - n3)
-    f0, f1 = full_n * n0 * (straight + curve * n0), full_n * n1 * (straight + curve * n1)
-    f2, f3 = full_n * n2 * (straight + curve * n2), full_n * n3 * (straight + curve * n3)
-    g0, g1 = full_n * m0 * (straight + curve * m0), full_n * m1 * (straight + curve * m1)
-    g2, g3 = full_n * m2 * (straight + curve * m2), full_n * m3 * (straight + curve * m3)
+    up, down = 1.0 - _decay(ops, h, frame.spin_up_s), 1.0 - _decay(ops, h, frame.spin_down_s)
+    straight = 1.0 - frame.curve
+    now = zip(speeds, signals, strict=True)
+    n0, n1, n2, n3 = (speed + ops.where(signal > speed, up, down) * (signal - speed) for speed, signal in now)
+    after = (n0, n1, n2, n3)
+    thrusts_before, thrusts_after = (
+        [full_n * speed * (straight + frame.curve * speed) for speed in some] for some in (speeds, after)
+    )
     # Thrust and torque of the step: the means of both ends.
-    front_right, rear_left, front_left, rear_right = 0.5 * (f0 + g0), 0.5 * (f1 + g1), 0.5 * (f2 + g2), 0.5 * (f3 + g3)
-    p, q, r = body.rates
-    roll = lever * (front_left + rear_left - front_right - rear_right) - (jz - jy) * q * r
-    pitch = lever * (front_right + front_left - rear_left - rear_right) - (jx - jz) * p * r
-    yaw = torque_m * (front_right + rear_left - front_left - rear_right) - (jy - jx) * p * q
-    a, b, c = h * roll / jx, h * pitch / jy, h * yaw / jz
-    attitude = rotate(body.attitude, (h * (p + 0.5 * a), h * (q + 0.5 * b), h * (r + 0.5 * c)))
-    thrust = g0 + g1 + g2 + g3
-    before, after = -(f0 + f1 + f2 + f3) / mass, -thrust / mass
-    bx, by, bz = other
-    lx, ly, lz = to_world(body.attitude, (leak * told[1], -leak * told[0], 0.0))
-    bx, by, bz = bx + lx, by + ly, bz + lz + gravity
-    (vx, vy, vz), (px, py, pz) = body.velocity, body.position
-    x, y, z = third_column(body.attitude)
-    ax, ay, az = before * x + bx - drag * vx, before * y + by - drag * vy, before * z + bz - drag * vz
-    x, y, z = third_column(attitude)
-    ex = after * x + bx - drag * (vx + h * ax)
-    ey = after * y + by - drag * (vy + h * ay)
-    ez = after * z + bz - drag * (vz + h * az)
-    half, sixth = 0.5 * h, h * h / 6.0
-    return Body(
-        (
-            px + h * vx + sixth * (2.0 * ax + ex),
-            py + h * vy + sixth * (2.0 * ay + ey),
-            pz + h * vz + sixth * (2.0 * az + ez),
-        ),
-        (vx + half * (ax + ex), vy + half * (ay + ey), vz + half * (az + ez)),
-        attitude,
-        thrust,
-        (p + a, q + b, r + c),
-    ), (m0, m1, m2, m3)
+    front_right, rear_left, front_left, rear_right = (
+        0.5 * (one + other_end) for one, other_end in zip(thrusts_before, thrusts_after, strict=True)
+    )
+    torque = (
+        frame.lever_m * (front_left + rear_left - front_right - rear_right),
+        frame.lever_m * (front_right + front_left - rear_left - rear_right),
+        frame.torque_m * (front_right + rear_left - front_left - rear_right),
+    )
+    # Euler's equation: J ω˙ = torque - ω x J ω.
+    left = subtract(torque, cross(body.rates, multiply_each(frame.inertia, body.rates)))
+    jx, jy, jz = frame.inertia
+    gained = (h * left[0] / jx, h * left[1] / jy, h * left[2] / jz)
+    attitude = rotate(body.attitude, scale(h, add_scaled(body.rates, 0.5, gained)))
+    a, b, c, d = thrusts_before
+    before = a + b + c + d
+    a, b, c, d = thrusts_after
+    thrust = a + b + c + d
+    other = add(other, _leak(body.attitude, told, frame.rate_leak))
+    other = (other[0], other[1], other[2] + frame.gravity)
+
+    def accelerate(attitude: Quat, thrust_n: Real, velocity: Vec3) -> Vec3:
+        lifted = add_scaled(other, -thrust_n / frame.mass_kg, third_column(attitude))
+        return add_scaled(lifted, -frame.drag_per_s, velocity)
+
+    velocity = body.velocity
+    first = accelerate(body.attitude, before, velocity)
+    last = accelerate(attitude, thrust, add_scaled(velocity, h, first))
+    moved = add_scaled(add_scaled(body.position, h, velocity), h * h / 6.0, add_scaled(last, 2.0, first))
+    velocity = add_scaled(velocity, 0.5 * h, add(first, last))
+    return Body(moved, velocity, attitude, thrust, add(body.rates, gained)), after
 
 
 def turn_rotors(
@@ -408,8 +371,8 @@ def turn_rotors(
         frame: what does not change.
         gains: the same of the rate loop.
     """
-    (p, q, r), (a, b, c) = body.rates, gyro_noise
-    loop, signals = run_rate_loop(ops, actuators.loop, thrust / gain, rates, (p + a, q + b, r + c), h, gains)
+    gyro = add(body.rates, gyro_noise)
+    loop, signals = run_rate_loop(ops, actuators.loop, thrust / gain, rates, gyro, h, gains)
     full = gain * gains.full_n
     body, speeds = integrate_rotors(ops, body, actuators.speeds, signals, full, rates, other, h, frame)
     return body, Actuators(speeds, loop)

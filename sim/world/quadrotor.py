@@ -29,7 +29,6 @@ from sim.world.plant import (
     FourRotors,
     Physics,
     begin_rotors,
-    compute_decay,
     compute_drag,
     describe_air,
     describe_rotors,
@@ -162,14 +161,12 @@ class Quadrotor:
         self.released_s: float | None = None
         self._physics = Physics(
             world.mass_kg,
-            # One object where both lags are the same, so that plant.py need not compare what may be arrays.
-            world.rate_lag_s if world.thrust_lag_s == world.rate_lag_s else world.thrust_lag_s,
+            world.thrust_lag_s,
             world.rate_lag_s,
             world.drag_per_s,
             world.rate_leak,
             world.gravity,
         )
-        self._decay = compute_decay(FLOATS, world.step_s, self._physics)
         thrust = world.start_thrust * world.mass_kg * world.gravity
         begins = so3.from_euler_zyx(0.0, math.radians(world.tunnel.start_pitch_deg), 0.0)
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), begins, thrust, (0.0, 0.0, 0.0))
@@ -349,8 +346,7 @@ class Quadrotor:
         if self._tunnel is not None:
             rates = self._tunnel.turn(rates, body.velocity)
         if actuators is None:
-            decay = self._decay if h == world.step_s else None
-            body = integrate(FLOATS, body, thrust, rates, wind, h, self._physics, decay)
+            body = integrate(FLOATS, body, thrust, rates, wind, h, self._physics)
         else:
             gain, frame, gains = self._gain_now, self._frame, self._gains
             if self._signals is None:

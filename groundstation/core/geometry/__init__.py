@@ -26,3 +26,4 @@ from groundstation.core.geometry.so3 import (
     to_body,
     to_world,
 )
+from groundstation.core.geometry.vectors import add, add_scaled, cross, multiply_each, scale, subtract
