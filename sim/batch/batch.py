@@ -203,7 +203,11 @@ class BatchEstimator:
         if who.size:
             with np.errstate(invalid="ignore"):  # -inf - -inf before the fifth pose
                 self._drive(stamp, who)
-                put(self._state, who, self._correct(OPS, pick(self._state, who), stamp, position, attitude))
+                old = pick(self._state, who)
+                new = self._correct(OPS, old, stamp, position, attitude)
+                for arrays_of_all, before, after in zip(self._state, old, new, strict=True):
+                    if after is not before:
+                        put(arrays_of_all, who, after)
 
     def _correct(self, ops: Ops, old: Filtered, stamp: Any, position: Any, attitude: Any) -> Filtered:
         """``old`` and one pose: stamp [s], position [m, NED], attitude; commands have been rolled until then."""
