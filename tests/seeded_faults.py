@@ -39,6 +39,8 @@ CONCERNED = {
     "adaptive.py": "unit/groundstation/core/control/test_look_ahead.py property/test_composite_proof.py "
     "contract/test_controllers.py",
     "protocol/codec.py": "unit/links/mavlink/test_mavlink_codec.py property/test_mavlink_codec.py",
+    "protocol/senders.py": "unit/links/mavlink/test_mavlink_senders.py",
+    "protocol/signing.py": "unit/links/mavlink/test_mavlink_signing.py",
     "module_codec.py": "unit/links/rf/test_rf_codecs.py property/test_rf_codecs.py",
     "vicon_codec.py": "unit/groundstation/pose/sources/test_vicon_codec.py property/test_vicon_codec.py",
     "bridge/codec.py": "unit/links/bridge/test_bridge.py",
@@ -87,6 +89,8 @@ FAULTS = (
     Fault("adaptive.py", "_add(b_hat, interval_s, dot)", "_add(b_hat, -interval_s, dot)"),
     Fault("adaptive.py", "p, q, r = clamp(x, -a, a),", "p, q, r = x,"),
     Fault("protocol/codec.py", "_IGNORE_ATTITUDE = 128", "_IGNORE_ATTITUDE = 0"),
+    Fault("protocol/senders.py", "return len(ids) == 1 and ids ==", "return ids =="),
+    Fault("protocol/signing.py", "if stamp <= newest:", "if stamp < newest:"),
     Fault("module_codec.py", "packed |= counts(at, _LOW, _HIGH, _LARGEST) << (11 * i)",
           "packed |= counts(at, _LOW, _HIGH, _LARGEST) << (10 * i)"),
     Fault("vicon_codec.py", "frame_number, (x / 1000.0, y / 1000.0, z / 1000.0)",
