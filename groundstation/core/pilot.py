@@ -88,6 +88,8 @@ REMEMBER_S = 5.0
 """Time for which estimates and commands are kept for a failure [s]: the longest window and a question."""
 NEAR_FLOOR_M = 0.12
 """Height below which the floor may hold the vehicle, so that its poses need not answer [m]."""
+SEEN_POSES = 6
+"""Poses from which a speed is taken where they answer again [-]: .1 s at 50 Hz."""
 NOISE_POSES = 50
 """Number of poses after which the certificate is told their noise and interval again."""
 
@@ -148,6 +150,7 @@ class Pilot:
         self._trusted: deque[Trusted] = deque()
         self._drives: deque[tuple[float, ActuatorCommand]] = deque()
         self._intervals = _PoseIntervals()
+        self._seen: deque[Pose] = deque(maxlen=SEEN_POSES)
         self._last_s: float | None = None
         self._pose: Pose | None = None
         self._trajectory: Trajectory | None = None
@@ -187,14 +190,17 @@ class Pilot:
             return
         if not self._accepts(pose):
             return
-        if self.is_blind and self.health.has_failed:
-            if not self.health.attitude_answers:
-                return
-            pose = self._with_model_position(pose)
+        health = self.health
+        if self.is_blind and not health.attitude_answers:
+            return
+        reckons = self.is_blind and not health.position_answers
         before, last = self._estimator.motion, self._pose
-        self._estimator.update(pose)
+        self._estimator.update(self._with_model_position(pose) if reckons else pose)
         if before is not None and last is not None and self._is_released:
             self._check_response(pose, before, pose.time_s - last.time_s)
+        if reckons and health.position_answers:
+            self._see_again(pose)
+        self._seen.append(pose)
         self._pose = pose
         if self._intervals.add(pose.time_s):
             self._watch.noise(self._estimator.noise_m, self._intervals.mean_s)
@@ -211,6 +217,15 @@ class Pilot:
         """Return ``pose`` with the model's position: only its attitude is believed."""
         place = self._estimator.predict(pose.time_s).motion.position
         return msgspec.structs.replace(pose, position_ned=place, velocity_ned=None)
+
+    def _see_again(self, pose: Pose) -> None:
+        """Go on from the place of ``pose`` and the speed of the last poses, which answer again."""
+        motion, first = self._estimator.motion, self._seen[0]
+        assert motion is not None and self._descent is not None, "a descent flies by the model"
+        h = pose.time_s - first.time_s
+        u, v, w = ((p - q) / h for p, q in zip(pose.position_ned, first.position_ned, strict=True))
+        self._estimator.see_again(motion._replace(position=pose.position_ned, velocity=(u, v, w)))
+        self._descent.blind = False
 
     def take_autopilot_attitude(self, time_s: float, attitude: Quat) -> None:
         """Fly by the autopilot's own ``attitude`` of ``time_s``, in the axes of the poses, after theirs has failed."""
@@ -324,7 +339,7 @@ class Pilot:
         if self._descent is None or (blind and not self._descent.blind):
             self._estimator.frozen = True  # the thrust is not learnt from poses that may be at fault
             before, wind = self._trusted_before(), self._wind
-            if blind and self.health.has_failed:
+            if blind and not self.health.position_answers:
                 motion, wind = self._reckon(before, self._newest_s), before.disturbance
                 self._estimator.believe(motion, wind, before.effectiveness)
             wind = wind or before.disturbance

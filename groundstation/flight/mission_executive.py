@@ -585,7 +585,8 @@ class MissionExecutive:
             return False
         if self.failure is None:
             self.failure = Failure(health.reason_id, notice(health.reason_id))
-        self._means = max(self._means, self._find_means(now_s))
+        if self._means is not Means.NOTHING:
+            self._means = self._find_means(now_s)
         reason = self.failure.reason
         match self._means:
             case Means.POSITION:
@@ -641,7 +642,7 @@ class MissionExecutive:
     def _find_overtime(self, tick: Tick) -> MissionMove | None:
         """What ends a way down that has taken so long that the floor is not where it is believed to be."""
         height_m = self._config.flight.floor_z_m - tick.estimate.motion.position[2]
-        if self._pilot.is_blind and self._pilot.health.has_failed and height_m < -BLIND_DEPTH_M:
+        if self._pilot.is_blind and not self._pilot.health.position_answers and height_m < -BLIND_DEPTH_M:
             return MissionMove(Event.ABORT, "down by the model: commands end", fault=True)
         if not tick.time_s > self._down_by_s:
             return None

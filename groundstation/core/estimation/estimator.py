@@ -681,6 +681,12 @@ class ModelEstimator:
         self._motion = motion
         self._path = [(self._stamp, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO), 0)]
 
+    def see_again(self, motion: Motion) -> None:
+        """Believe ``motion`` at the newest pose's time stamp, and learn again what disturbs it, from nothing known."""
+        self.believe(motion, self._disturbance, float(self._effectiveness.value))
+        self._covariance, self._track = initial_covariance(self._noise), None
+        self.resume()
+
     def resume(self) -> None:
         """The poses are believed again."""
         self._held = None

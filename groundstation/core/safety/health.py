@@ -231,6 +231,9 @@ class PoseHealth:
         """Newest instant at which the poses were above suspicion [s]."""
         self.believed_until_s = -math.inf
         """Instant up to which the estimate is believed, should the poses fail now [s]."""
+        self.attitude_answers = self.position_answers = True
+        """Whether attitude, and place and heading, may be flown by: evidence has contradicted neither, or a place that
+        was contradicted has answered the tones since then."""
         self.windows = 0
         """Evaluations so far."""
         self.autopilot_agrees: bool | None = None
@@ -246,8 +249,7 @@ class PoseHealth:
     def restart(self) -> None:
         """Forget the poses so far: the vehicle is let go, or its commands did not arrive."""
         self._turns = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, judges_own=False)
-        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True)
-        self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
+        self._ask_anew()
         self._turn_pass, self._place_pass = HighPass(2, 4), HighPass(3, 9)
         self._stops, self._yaw, self._lateness = StopDetector(), YawMonitor(), LatenessMonitor()
         self._last: Pose | None = None
@@ -257,6 +259,11 @@ class PoseHealth:
         self._yaw_alarm = 0.0
         self._is_known = False
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
+
+    def _ask_anew(self) -> None:
+        """Forget how the place has answered so far."""
+        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True)
+        self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
 
     def lift_off(self, hover_share: float, climb_m_s: float) -> None:
         """Take the state at lift-off: thrust that hovers as a share of the weight, and speed upwards [m/s]."""
@@ -273,16 +280,6 @@ class PoseHealth:
     def asks(self) -> bool:
         """Whether the poses are to be asked by tones."""
         return self.state is HealthState.SUSPECT
-
-    @property
-    def attitude_answers(self) -> bool:
-        """Whether nothing speaks against the attitude."""
-        return self.attitude_alarm < SUSPECT_ALARM and self.reason_id not in LATE_REASONS
-
-    @property
-    def position_answers(self) -> bool:
-        """Whether nothing speaks against place and heading."""
-        return self.attitude_answers and self.position_alarm < SUSPECT_ALARM
 
     def see(
         self,
@@ -325,7 +322,7 @@ class PoseHealth:
         push = (x, y, z + self._gravity)
         since_s = self._stops.see(pose, before, push, disturbance, dt, noise_m)
         if since_s is not None:
-            self._fail("pose.stopped_dead", since_s - dt, position=True)
+            self._accuse("pose.stopped_dead", since_s - dt)
         self._block_s += dt
         if self._block_s >= BLOCK_S - 1e-6:
             self._block_s -= BLOCK_S
@@ -358,7 +355,7 @@ class PoseHealth:
             behind = self._climb.see(-seen[2], per_n * impulse[2], per_n * reach[2], dt, noise_m)
             self._climb = None if self._climb.is_over else self._climb
             if behind:
-                self._fail("pose.height_behind", -math.inf, position=True)
+                self._accuse("pose.height_behind", -math.inf)
         y = self._place_pass.step([*seen, *model, *asked_m], dt)
         self._settled_s += dt
         if self._settled_s > SETTLE_S:
@@ -377,22 +374,24 @@ class PoseHealth:
         self.position_alarm = max(answers, images, self._yaw_alarm)
         self.alarm = max(self.attitude_alarm, self.position_alarm)
         self._is_known = turns.is_known and places.is_known
+        if not self.position_answers and places.is_known and heights.is_known and self.alarm < CALM_ALARM:
+            self.position_answers = self.attitude_answers
         if self.alarm < CALM_ALARM and not self.has_failed:
             self.calm_s = now_s
             self.believed_until_s = now_s - SHORTEST_S
         before_s = self.believed_until_s
         if self._lateness.late_s > 0.0 and not self.autopilot_agrees:
-            self._fail("pose.late", before_s, attitude=True)
+            self._accuse("pose.late", before_s, attitude=True)
         elif self.attitude_alarm >= 1.0:
-            self._fail("pose.attitude_no_answer", before_s, attitude=True)
+            self._accuse("pose.attitude_no_answer", before_s, attitude=True)
         elif self.attitude_alarm >= SUSPECT_ALARM and self.autopilot_agrees is False:
-            self._fail("pose.autopilot_disagrees", before_s, attitude=True)
+            self._accuse("pose.autopilot_disagrees", before_s, attitude=True)
         elif self._yaw_alarm >= 1.0:
-            self._fail("pose.yaw_unasked", before_s, position=True)
+            self._accuse("pose.yaw_unasked", before_s)
         elif images >= 1.0:
-            self._fail("pose.position_mirrored", before_s, position=True)
+            self._accuse("pose.position_mirrored", before_s)
         elif answers >= 1.0:
-            self._fail("pose.position_no_answer", before_s, position=True)
+            self._accuse("pose.position_no_answer", before_s)
         elif self.alarm >= SUSPECT_ALARM:
             self.suspect(now_s)
         if self.state is HealthState.SUSPECT and self._is_answered(now_s):
@@ -407,18 +406,20 @@ class PoseHealth:
         known = self._is_known and self.alarm < SUSPECT_ALARM
         return known or now_s - self._asked_s >= ASK_S
 
-    def _fail(self, reason_id: str, since_s: float, *, attitude: bool = False, position: bool = False) -> None:
-        """Believe the poses no more in this flight, nor what they showed after ``since_s`` [s]."""
-        self.attitude_alarm = max(self.attitude_alarm, float(attitude))
-        self.position_alarm = max(self.position_alarm, float(position or attitude))
-        self.alarm = max(self.attitude_alarm, self.position_alarm)
+    def _accuse(self, reason_id: str, since_s: float, *, attitude: bool = False) -> None:
+        """Take evidence against the place, or the attitude, too, of poses since ``since_s`` [s]."""
+        if attitude:
+            self.attitude_answers = False
+        if self.position_answers:
+            self.position_answers = False
+            self._ask_anew()
+        self.fail(reason_id, since_s)
+
+    def fail(self, reason_id: str, since_s: float) -> None:
+        """End the flight for the sentence ``reason_id``; what poses showed after ``since_s`` [s] is not believed."""
         if self.state is not HealthState.FAILED:
             self.state, self.reason_id = HealthState.FAILED, reason_id
             self.believed_until_s = min(self.believed_until_s, since_s)
-
-
-LATE_REASONS = ("pose.late",)
-"""Failures after which the attitude is not flown by either: a loop on late poses is unstable."""
 
 
 def _dot(a: Vec3, b: Vec3) -> float:
