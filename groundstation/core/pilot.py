@@ -195,7 +195,10 @@ class Pilot:
             return
         reckons = self.is_blind and not health.position_answers
         before, last = self._estimator.motion, self._pose
-        self._estimator.update(self._with_model_position(pose) if reckons else pose)
+        if reckons:
+            self._estimator.update_attitude(pose)
+        else:
+            self._estimator.update(pose)
         if before is not None and last is not None and self._is_released:
             self._check_response(pose, before, pose.time_s - last.time_s)
         if reckons and health.position_answers:
@@ -213,11 +216,6 @@ class Pilot:
             return True
         return self._gate.accepts(pose, now, self._estimator.predict(pose.time_s).motion, self.noise_m)
 
-    def _with_model_position(self, pose: Pose) -> Pose:
-        """Return ``pose`` with the model's position: only its attitude is believed."""
-        place = self._estimator.predict(pose.time_s).motion.position
-        return msgspec.structs.replace(pose, position_ned=place, velocity_ned=None)
-
     def _see_again(self, pose: Pose) -> None:
         """Go on from the place of ``pose`` and the speed of the last poses, which answer again."""
         motion, first = self._estimator.motion, self._seen[0]
@@ -233,9 +231,8 @@ class Pilot:
         if last is None or time_s <= last.time_s or not self.is_blind or self.health.attitude_answers:
             return
         self._switch("autopilot_attitude", time_s, *attitude)
-        pose = self._with_model_position(msgspec.structs.replace(last, time_s=time_s, attitude=attitude))
-        self._estimator.update(pose)
-        self._pose = pose
+        self._pose = msgspec.structs.replace(last, time_s=time_s, attitude=attitude)
+        self._estimator.update_attitude(self._pose)
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
         """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the reference."""
@@ -346,6 +343,7 @@ class Pilot:
             sinks = self._estimator.predict(max(self._last_s or 0.0, self._newest_s)).motion.velocity[2]
             rises = -sinks if sinks < 0.0 else -max(sinks - sink_m_s, 0.0)
             self._descent = Descent(self._vehicle, self._gravity, wind, before.effectiveness, rises)
+            self._asked.restart()  # a descent has no reference, whose place the vehicle would be asked for
         self._descent.blind = blind
         self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()
@@ -387,7 +385,8 @@ class Pilot:
         if self._mode.is_unheard:
             decision = self._soften(decision, estimate)
         decision = self._excite(time_s, decision)
-        self._asked.refer(estimate.time_s, reference.position_ned)
+        if descent is None:
+            self._asked.refer(estimate.time_s, reference.position_ned)
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
@@ -519,6 +518,7 @@ class Pilot:
         health.see(
             pose, before, given, asked, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
+            is_blind=self.is_blind,
         )  # fmt: skip
         if is_high and self._descent is None:
             self.response.pose(pose.attitude, health.turn, dt)
@@ -679,12 +679,13 @@ class _AskedMotion:
     def __init__(self, tones: ExcitationTones) -> None:
         self._tones = tones
         self._places: deque[tuple[float, Vec3]] = deque(maxlen=64)
-        self._before: Vec3 | None = None
+        self._place: Vec3 | None = None
+        self._tone: Vec3 = (0.0, 0.0, 0.0)
 
     def restart(self) -> None:
         """Begin another reference: its place is no motion from that of the last one."""
         self._places.clear()
-        self._before = None
+        self._place = None
 
     def refer(self, time_s: float, place: Vec3) -> None:
         """Note where the reference is at ``time_s`` [s, m NED]."""
@@ -696,17 +697,19 @@ class _AskedMotion:
 
     def way_to(self, time_s: float, yaw_rad: float) -> Vec3:
         """Way asked for since the last call, by ``time_s`` [m, NED]."""
-        tone = self._tones.motion(time_s, yaw_rad).position
-        x, y, z = _at(self._places, time_s)
-        place = (x + tone[0], y + tone[1], z + tone[2])
-        before, self._before = self._before or place, place if self._places else None
-        return (place[0] - before[0], place[1] - before[1], place[2] - before[2])
+        x, y, z = self._tones.motion(time_s, yaw_rad).position
+        (a, b, c), self._tone = self._tone, (x, y, z)
+        way = (x - a, y - b, z - c)
+        if self._places:
+            (x, y, z) = place = _at(self._places, time_s)
+            a, b, c = self._place or place
+            self._place = place
+            way = (way[0] + x - a, way[1] + y - b, way[2] + z - c)
+        return way
 
 
 def _at(places: deque[tuple[float, Vec3]], time_s: float) -> Vec3:
     """Place at ``time_s`` between those around it, or the nearest."""
-    if not places:
-        return (0.0, 0.0, 0.0)
     later = places[-1]
     for earlier in reversed(places):
         if earlier[0] <= time_s:

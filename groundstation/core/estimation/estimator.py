@@ -763,6 +763,14 @@ class ModelEstimator:
         attitude = correct_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
         self._begin(new(Motion, (position, velocity, attitude, model.thrust, model.rates)), pose)
 
+    def update_attitude(self, pose: Pose) -> None:
+        """Take the attitude of one pose; place and speed stay the model's, and nothing is learnt."""
+        dt, previous = pose.time_s - self._stamp, self._motion
+        if previous is None or dt <= 0.0:
+            return
+        given = self.given = self._integrate_commands(pose.time_s)
+        self._begin(self._at(previous, given, dt)._replace(attitude=pose.attitude), pose)
+
     def _begin(self, motion: Motion, pose: Pose) -> None:
         """From here on: ``motion`` at the time stamp of ``pose``; commands that no longer act are dropped."""
         stamp, drives = pose.time_s, self._drives

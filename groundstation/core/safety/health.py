@@ -292,6 +292,7 @@ class PoseHealth:
         noise_m: float,
         *,
         counts: bool,
+        is_blind: bool = False,
     ) -> None:
         """Take one believed pose.
 
@@ -304,6 +305,7 @@ class PoseHealth:
             effectiveness: estimated thrust scale [-].
             noise_m: noise of positions as measured, 1 sigma per axis [m].
             counts: False near the floor, which holds the vehicle.
+            is_blind: whether no command follows the place: then all that they make is asked for from outside.
         """
         turn = rotation_vector(multiply(conjugate(before.attitude), given[0]))
         self.turn = turn
@@ -316,7 +318,7 @@ class PoseHealth:
             return
         seen = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
         self._see_turn(pose.time_s, seen, turn, dt)
-        self._see_place(pose, last, given, asked_m, dt, noise_m)
+        self._see_place(pose, last, given, None if is_blind else asked_m, dt, noise_m)
         per_kg = effectiveness * self._per_newton / dt
         x, y, z = (per_kg * impulse for impulse in given[3])
         push = (x, y, z + self._gravity)
@@ -340,7 +342,7 @@ class PoseHealth:
         self._yaw_alarm = self._yaw.see(time_s, seen[2] / dt, turn[2] / dt, dt) / YAW_RAD_S
 
     def _see_place(
-        self, pose: Pose, last: Pose, given: ActuatorResponse, asked_m: Vec3, dt: float, noise_m: float
+        self, pose: Pose, last: Pose, given: ActuatorResponse, asked_m: Vec3 | None, dt: float, noise_m: float
     ) -> None:
         # A thrust scale that is configured wrong shows in the thrust that hovers; the model's push is scaled by it.
         m, g = self._per_newton / self._hover_share, self._gravity
@@ -356,11 +358,12 @@ class PoseHealth:
             self._climb = None if self._climb.is_over else self._climb
             if behind:
                 self._accuse("pose.height_behind", -math.inf)
-        y = self._place_pass.step([*seen, *model, *asked_m], dt)
+        y = self._place_pass.step([*seen, *model, *(asked_m or model)], dt)
         self._settled_s += dt
         if self._settled_s > SETTLE_S:
-            (ex, ey, ez), u3 = (y[i] - y[i + 3] for i in range(3)), y[6:]
-            vx, vy, vz = (y[i + 3] - y[i + 6] for i in range(3))
+            model_way, asked_way = y[3:6], y[6:9] if asked_m is not None else y[3:6]
+            (ex, ey, ez), u3 = (y[i] - model_way[i] for i in range(3)), asked_way
+            vx, vy, vz = (c - u for c, u in zip(model_way, asked_way, strict=True))
             self._places.add((ex, ey), (u3[0], u3[1]), (vx, vy), dt)
             self._heights.add(ez, u3[2], vz, dt)
 

@@ -25,6 +25,8 @@ SUSPECT = "suspect"
 """Poses that are suspect."""
 FAILED = "failed:"
 """Poses that have failed, for the reason whose id follows."""
+
+
 NOT_BY_ATTITUDE = ("pose.attitude_no_answer", "pose.autopilot_disagrees", "pose.late")
 """Reasons after which the attitude of the poses is not flown by, either."""
 
@@ -71,8 +73,7 @@ class DeckHealth(PoseHealth):
             if self._doubt == SUSPECT:
                 self.suspect(pose.time_s)
             else:
-                by_attitude = reason in NOT_BY_ATTITUDE
-                self._fail(reason, pose.time_s, attitude=by_attitude, position=True)
+                self.fail(reason, pose.time_s)
 
     def suspect(self, now_s: float) -> None:
         """Ask the poses, unless switched off."""
@@ -82,6 +83,7 @@ class DeckHealth(PoseHealth):
     def _believe(self) -> None:
         self.state, self.reason_id = HealthState.OK, ""
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
+        self.attitude_answers = self.position_answers = True
 
 
 class DeckGuards(Guards):

@@ -1,0 +1,154 @@
+"""The regression of the answer: what true, standing, mirrored, turned and blown poses come to."""
+
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.core.safety.pose_response import (
+    BLOCK_S,
+    LATENESSES_S,
+    LEAST_TURN_RAD,
+    LEAST_WAY_M,
+    TURN_MEMORY_S,
+    WAY_MEMORY_S,
+    Alarm,
+    HighPass,
+    LatenessMonitor,
+    PlaneResponse,
+)
+
+DT_S = 0.01
+NOISE_M = 0.0003
+
+
+def swing(time_s: float, size: float = 0.002) -> tuple[float, float]:
+    """Motion that is asked for: three tones that circle."""
+    phases = [w * time_s for w in (10.5, 14.0, 18.5)]
+    return size * sum(map(math.cos, phases)), size * sum(map(math.sin, phases))
+
+
+def asked(share: tuple[tuple[float, float], tuple[float, float]], *, seed: int = 0, for_s: float = 3.0) -> Alarm:
+    """Alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise."""
+    plane, draw = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True), random.Random(seed)
+    alarm = Alarm(0.0, 0.0, False)
+    for n in range(round(for_s / DT_S)):
+        u, v = swing(n * DT_S)
+        seen = [a * u + b * v + draw.gauss(0.0, NOISE_M) for a, b in share]
+        plane.add((seen[0] - u, seen[1] - v), (u, v), (0.0, 0.0), DT_S)
+        if (n + 1) % round(BLOCK_S / DT_S) == 0:
+            found = plane.look(NOISE_M)
+            alarm = Alarm(max(alarm.asked, found.asked), max(alarm.own, found.own), found.is_known)
+    return alarm
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_true_poses_answer(seed: int) -> None:
+    alarm = asked(((1.0, 0.0), (0.0, 1.0)), seed=seed)
+    assert alarm.is_known
+    assert alarm.asked < 0.25
+    assert alarm.own == 0.0
+
+
+@given(st.floats(0.7, 1.3), st.integers(0, 100))
+def test_a_scale_that_is_configured_wrong_by_less_than_half_is_accepted(scale: float, seed: int) -> None:
+    assert asked(((scale, 0.0), (0.0, scale)), seed=seed).asked < 0.5
+
+
+@pytest.mark.parametrize(
+    "share",
+    [
+        ((0.0, 0.0), (0.0, 0.0)),  # stands
+        ((0.0, 0.0), (0.0, 1.0)),  # north stands
+        ((0.5, 0.5), (0.5, 0.5)),  # north-west stands
+        ((-1.0, 0.0), (0.0, 1.0)),  # mirrored
+        ((0.0, 1.0), (1.0, 0.0)),  # swapped
+        ((0.1, 0.0), (0.0, 0.1)),  # a tenth
+        ((2.0, 0.0), (0.0, 2.0)),  # twice
+    ],
+)
+def test_poses_that_show_something_else_are_accused(share: tuple[tuple[float, float], tuple[float, float]]) -> None:
+    assert asked(share).asked >= 1.0
+
+
+def blown(answer: float, *, late_s: float = 0.15) -> Alarm:
+    """Largest alarm of a law that holds a place in wind: poses move by ``answer`` of the truth."""
+    plane, passes = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True), HighPass(3, 2)
+    draw, wind, largest = random.Random(1), 0.0, 0.0
+    truth = speed = command = way = pushes = 0.0
+    seen_before = 0.0
+    for n in range(1200):
+        wind += DT_S / 0.5 * (-wind) + 4.0 * math.sqrt(DT_S) * draw.gauss(0.0, 1.0)
+        wanted = -30.0 * answer * truth - 9.0 * answer * speed
+        command += DT_S / late_s * (wanted - command)
+        speed += DT_S * (wind + command)
+        truth += DT_S * speed
+        pushes += DT_S * command
+        step = DT_S * pushes
+        way += step
+        seen = answer * truth
+        y, c = passes.step([seen - seen_before, step], DT_S)
+        seen_before = seen
+        plane.add((y - c + draw.gauss(0.0, NOISE_M), draw.gauss(0.0, NOISE_M)), (0.0, 0.0), (c, 0.0), DT_S)
+        if (n + 1) % 5 == 0 and n > 100:
+            largest = max(largest, plane.look(NOISE_M).own)
+    return Alarm(0.0, largest, False)
+
+
+def test_wind_that_the_law_answers_accuses_nobody() -> None:
+    assert blown(1.0).own < 0.5
+
+
+def runaway(share: float) -> Alarm:
+    """Alarm as the law's own motion grows, of poses that show ``share`` of it."""
+    plane, draw, alarm = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True), random.Random(2), Alarm(0, 0, False)
+    for n in range(150):
+        v = 0.0005 * math.exp(n * DT_S / 0.25)
+        e = (share - 1.0) * v + draw.gauss(0.0, NOISE_M)
+        plane.add((e, draw.gauss(0.0, NOISE_M)), (0.0, 0.0), (v, 0.0), DT_S)
+        if (n + 1) % 5 == 0:
+            alarm = plane.look(NOISE_M)
+    return alarm
+
+
+def test_a_mirrored_pose_that_runs_away_is_accused_without_any_tone() -> None:
+    assert runaway(-1.0).own >= 1.0
+    assert runaway(1.0).own == 0.0
+
+
+def test_the_high_pass_takes_out_a_constant_acceleration() -> None:
+    passes, y = HighPass(3, 1), 0.0
+    for n in range(400):
+        t = n * DT_S
+        (y,) = passes.step([0.5 * 5.0 * ((t + DT_S) ** 2 - t * t)], DT_S)
+    assert abs(y) < 0.002  # the ramp within a step is not told
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.03, *LATENESSES_S])
+def test_turns_that_come_late_are_told_by_how_much(late_s: float) -> None:
+    monitor, draw = LatenessMonitor(), random.Random(3)
+    for n in range(300):
+        t = n * DT_S
+        x, y = swing(t - late_s, 0.01)
+        seen = (x + draw.gauss(0.0, 0.002), y + draw.gauss(0.0, 0.002))
+        monitor.add(t, seen, swing(t, 0.01), DT_S)
+    assert monitor.late_s == pytest.approx(late_s if late_s >= 0.1 else 0.0)
+
+
+def test_a_still_vehicle_is_not_late() -> None:
+    monitor, draw = LatenessMonitor(), random.Random(4)
+    for n in range(300):
+        noise = (draw.gauss(0.0, LEAST_TURN_RAD), draw.gauss(0.0, LEAST_TURN_RAD))
+        monitor.add(n * DT_S, noise, (0.0, 0.0), DT_S)
+    assert monitor.late_s == 0.0
+
+
+def test_a_standing_attitude_is_accused_within_the_second_window() -> None:
+    plane = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, judges_own=False)
+    for n in range(60):
+        c = swing(n * DT_S, 0.01)
+        plane.add((-c[0], -c[1]), c, swing(n * DT_S - 0.1, 0.01), DT_S)
+        alarm = plane.look(LEAST_TURN_RAD) if (n + 1) % 5 == 0 else None
+    assert alarm is not None and alarm.asked >= 1.0
