@@ -570,9 +570,11 @@ class _Replay:
                 pilot.lift(*values)
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
-            case "ease", 2 | 3:  # two in recordings of 0.1
-                calmly, asks, *lands = map(bool, values)
-                pilot.ease(calmly, asks=asks, lands=any(lands))
+            case "ease", 2:  # recordings of 0.1 before the limits of a transit
+                pilot.ease(bool(values[0]), asks=bool(values[1]))
+            case "ease", 4:
+                calmly, asks, limits_tilt, limits_fall = map(bool, values)
+                pilot.ease(calmly, asks=asks, limits_tilt=limits_tilt, limits_fall=limits_fall)
             case "surrender", 1:
                 self._end = partial(pilot.surrender, hold_s=values[0])
             case "let_go", 1:

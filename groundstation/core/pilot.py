@@ -12,6 +12,7 @@ from groundstation.core.control import (
     Adaptive,
     CertificateMonitor,
     ControllerConfig,
+    DemandLimits,
     Descent,
     ExcitationTones,
     Gains,
@@ -66,9 +67,14 @@ FIRST_CLIMB_GROWS = 0.5
 """... by this share a second [1/s]."""
 FIRST_CLIMB_M = 0.25
 """Height at which the first climb is over [m]."""
-LANDING_SHARE = 0.6
-"""Least thrust of a landing as a share of the hover thrust [-]: it falls at .4 g at most, and a
-touchdown still shows in the thrust (touchdown.LOW_SHARE)."""
+LOW_SHARE = 0.7
+"""Least thrust of climb and landing as a share of the hover thrust [-]: it falls at .3 g at most, and
+a touchdown still shows in the thrust (touchdown.LOW_SHARE)."""
+TRANSIT_COSINE = math.cos(math.radians(35.0))
+"""Cosine of the largest tilt on a way, in climb and landing [-]: a wind of 6.9 m/s² is leant into, and
+a position that is mirrored is run after at 7 m/s² at most."""
+RATE_GAIN_PER_S = 14.0
+"""Rate at which body rates are taken to die down under another controller than ours [1/s]: our own k_ω."""
 GROUND_EFFECT_SHARE = 0.95
 """Below this share of the weight, ground effect carries the vehicle [-]."""
 UNHEARD_SHARE = 0.95
@@ -136,9 +142,12 @@ class Pilot:
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = CertificateMonitor(vehicle, config)
         self._mode = _Mode(config)
+        self._limits = DemandLimits(FLOATS, vehicle)
+        self._rate_gain = config.k_omega if isinstance(config, Gains) else RATE_GAIN_PER_S
         self._gate = PoseGate()
         self._tones = ExcitationTones(vehicle, config.gravity)
-        self._asked = _AskedMotion(self._tones)
+        self._tone: Vec3 = (0.0, 0.0, 0.0)
+        self._meant_down = math.inf
         self.health = health(vehicle.mass_kg, config.gravity)
         """Health of the poses."""
         self.response = ResponseLatency()
@@ -196,7 +205,7 @@ class Pilot:
         reckons = self.is_blind and not health.position_answers
         before, last = self._estimator.motion, self._pose
         if reckons:
-            self._estimator.update_attitude(pose)
+            self._estimator.update_attitude(pose, height=health.height_answers)
         else:
             self._estimator.update(pose)
         if before is not None and last is not None and self._is_released:
@@ -232,7 +241,7 @@ class Pilot:
             return
         self._switch("autopilot_attitude", time_s, *attitude)
         self._pose = msgspec.structs.replace(last, time_s=time_s, attitude=attitude)
-        self._estimator.update_attitude(self._pose)
+        self._estimator.update_attitude(self._pose, height=False)
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
         """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the reference."""
@@ -243,7 +252,6 @@ class Pilot:
             self._trust_from_here((0.0, 0.0, 0.0))
             self.health.restart()
         self._trajectory, self._start = trajectory, start_s
-        self._asked.restart()
         self._watch.restart()
 
     def gain(self, name: str, value: float) -> None:
@@ -252,13 +260,14 @@ class Pilot:
         if self._mode.set_gain(name, value):
             self._apply_gains()
 
-    def ease(self, calmly: bool, *, asks: bool, lands: bool = False) -> None:
+    def ease(self, calmly: bool, *, asks: bool, limits_tilt: bool = False, limits_fall: bool = False) -> None:
         """Use calm gains where ``calmly``: up, down or in place; ``asks``: fly excitation tones all the time.
 
-        ``lands``: limit how fast thrust lets it fall.
+        ``limits_tilt`` and ``limits_fall``: limit the tilt, and how fast thrust lets it fall.
         """
-        self._switch("ease", float(calmly), float(asks), float(lands))
-        self._mode.is_eased, self._mode.asks, self._mode.lands = calmly, asks, lands
+        self._switch("ease", float(calmly), float(asks), float(limits_tilt), float(limits_fall))
+        mode = self._mode
+        mode.is_eased, mode.asks, mode.limits_tilt, mode.limits_fall = calmly, asks, limits_tilt, limits_fall
 
     def _switch(self, what: str, *values: float) -> None:
         """Record that it is to fly otherwise."""
@@ -343,7 +352,6 @@ class Pilot:
             sinks = self._estimator.predict(max(self._last_s or 0.0, self._newest_s)).motion.velocity[2]
             rises = -sinks if sinks < 0.0 else -max(sinks - sink_m_s, 0.0)
             self._descent = Descent(self._vehicle, self._gravity, wind, before.effectiveness, rises)
-            self._asked.restart()  # a descent has no reference, whose place the vehicle would be asked for
         self._descent.blind = blind
         self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()
@@ -365,6 +373,8 @@ class Pilot:
         estimate = self._estimator.predict(acting)
         flight_time = acting - self._start
         reference = self._trajectory.at(flight_time)
+        if descent is not None:
+            descent.sees_height = self.health.height_answers and self.health.has_failed
         if self._mode.update(self._intervals.apart_s):
             self._apply_gains()
         if descent is not None:
@@ -377,16 +387,15 @@ class Pilot:
         decision = decide(without, reference, interval)
         if descent is None:
             decision = self._limit_first_climb(time_s, decision)
-            if self._mode.lands:
-                decision = self._limit_fall(decision, estimate)
+            if self._mode.limits_tilt:
+                decision = self._limit_transit(decision, estimate)
             if self._mode.touches:
                 decision = self._keep_level(decision, estimate)
             self._ask_on_error(time_s, without.motion.position, reference)
         if self._mode.is_unheard:
             decision = self._soften(decision, estimate)
         decision = self._excite(time_s, decision)
-        if descent is None:
-            self._asked.refer(estimate.time_s, reference.position_ned)
+        self._meant_down = reference.position_ned[2]
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
@@ -437,13 +446,17 @@ class Pilot:
         most = lift.hover_n * (FIRST_CLIMB_SHARE + grows)
         return decision._replace(drive=ActuatorCommand(min(thrust, most), rates))
 
-    def _limit_fall(self, decision: Decision, estimate: Estimate) -> Decision:
-        """Return ``decision`` with enough thrust that no height, however wrong, lets it drop."""
-        down = (self._wind or (0.0, 0.0, 0.0))[2]
+    def _limit_transit(self, decision: Decision, estimate: Estimate) -> Decision:
+        """Return ``decision`` so that no pose, however wrong, lets the vehicle lean far, or drop."""
+        motion, down = estimate.motion, (self._wind or (0.0, 0.0, 0.0))[2]
         hover_n = self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
-        thrust, rates = decision.drive
-        least = min(LANDING_SHARE * hover_n, self._vehicle.thrust_max_n)
-        return decision._replace(drive=ActuatorCommand(max(thrust, least), rates))
+        thrust, (roll, pitch, yaw) = decision.drive
+        least = min(LOW_SHARE * hover_n, self._vehicle.thrust_max_n) if self._mode.limits_fall else 0.0
+        roll, pitch, _ = self._limits.limit_tilt(
+            motion.attitude, motion.rates, (roll, pitch), TRANSIT_COSINE, self._rate_gain
+        )
+        drive, _ = clamp_command(self._vehicle, max(thrust, least), (roll, pitch, yaw))
+        return decision._replace(drive=drive)
 
     def _keep_level(self, decision: Decision, estimate: Estimate) -> Decision:
         """Return ``decision`` with rates that only level: sideways control would tip what stands."""
@@ -510,10 +523,12 @@ class Pilot:
         given, motion = estimator.given, estimator.motion
         if given is None or motion is None:
             return
-        height, meant = self._floor - pose.position_ned[2], self._asked.height_m(self._floor)
+        height, meant = self._floor - pose.position_ned[2], self._floor - self._meant_down
         is_high = height > NEAR_FLOOR_M or (self._descent is None and meant > 2.0 * NEAR_FLOOR_M)
         self._has_climbed = self._has_climbed or is_high
-        asked = self._asked.way_to(pose.time_s, euler_zyx(pose.attitude)[2])
+        before_m, tone = self._tone, self._tones.motion(pose.time_s, euler_zyx(pose.attitude)[2]).position
+        self._tone = tone
+        asked = (tone[0] - before_m[0], tone[1] - before_m[1], tone[2] - before_m[2])
         wind = self._wind or (0.0, 0.0, 0.0)
         health.see(
             pose, before, given, asked, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
@@ -614,7 +629,9 @@ class _Mode:
     """Requests of the mission, and the gains that follow from them."""
 
     def __init__(self, config: ControllerConfig) -> None:
-        self.is_eased = self.asks = self.lands = self.touches = self.is_unheard = self.is_paused = False
+        self.limits_tilt = self.limits_fall = self.is_eased = self.asks = self.touches = self.is_unheard = (
+            self.is_paused
+        ) = False
         self._is_calm = False
         self._config = config if isinstance(config, Gains) else None
 
@@ -671,52 +688,3 @@ class _PoseIntervals:
         self.mean_s = (time_s - self._counted_s) / NOISE_POSES
         self._counted_s = time_s
         return True
-
-
-class _AskedMotion:
-    """Motion that was asked for from outside the loop: by the reference and by the tones."""
-
-    def __init__(self, tones: ExcitationTones) -> None:
-        self._tones = tones
-        self._places: deque[tuple[float, Vec3]] = deque(maxlen=64)
-        self._place: Vec3 | None = None
-        self._tone: Vec3 = (0.0, 0.0, 0.0)
-
-    def restart(self) -> None:
-        """Begin another reference: its place is no motion from that of the last one."""
-        self._places.clear()
-        self._place = None
-
-    def refer(self, time_s: float, place: Vec3) -> None:
-        """Note where the reference is at ``time_s`` [s, m NED]."""
-        self._places.append((time_s, place))
-
-    def height_m(self, floor_z_m: float) -> float:
-        """Newest height of the reference above the floor [m]; none is no height."""
-        return floor_z_m - self._places[-1][1][2] if self._places else -math.inf
-
-    def way_to(self, time_s: float, yaw_rad: float) -> Vec3:
-        """Way asked for since the last call, by ``time_s`` [m, NED]."""
-        x, y, z = self._tones.motion(time_s, yaw_rad).position
-        (a, b, c), self._tone = self._tone, (x, y, z)
-        way = (x - a, y - b, z - c)
-        if self._places:
-            (x, y, z) = place = _at(self._places, time_s)
-            a, b, c = self._place or place
-            self._place = place
-            way = (way[0] + x - a, way[1] + y - b, way[2] + z - c)
-        return way
-
-
-def _at(places: deque[tuple[float, Vec3]], time_s: float) -> Vec3:
-    """Place at ``time_s`` between those around it, or the nearest."""
-    later = places[-1]
-    for earlier in reversed(places):
-        if earlier[0] <= time_s:
-            if later[0] <= earlier[0]:
-                return earlier[1]
-            share = min((time_s - earlier[0]) / (later[0] - earlier[0]), 1.0)
-            (a, b, c), (x, y, z) = earlier[1], later[1]
-            return (a + share * (x - a), b + share * (y - b), c + share * (z - c))
-        later = earlier
-    return places[0][1]

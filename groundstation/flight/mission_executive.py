@@ -72,8 +72,9 @@ LONGER_S, LONGER = 10.0, 2.0
 AUTOPILOT_S = 0.3
 """Age up to which the autopilot's own attitude is flown by after the poses' has failed [s]: three of its messages at
 10 Hz."""
-BLIND_DEPTH_M = 0.5
-"""Depth under the floor, by the model, at which a blind descent is over [m]: the model's height is known no better."""
+BLIND_DEPTH_M = 0.2
+"""Depth under the floor, by the model, at which a blind descent is over [m]: the model's height is
+known no better after 2 s."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
@@ -759,7 +760,9 @@ class MissionExecutive:
 
     def _follow(self, leg: Leg) -> None:
         asks = self.state is not State.TRACKING
-        self._pilot.ease(self.state is not State.TRACKING, asks=asks, lands=self.state is State.LANDING)
+        is_low = self.state in (State.TAKEOFF, State.LANDING)
+        limits_tilt = self.state not in (State.HOLD, State.TRACKING)
+        self._pilot.ease(self.state is not State.TRACKING, asks=asks, limits_tilt=limits_tilt, limits_fall=is_low)
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

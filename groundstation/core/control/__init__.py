@@ -27,6 +27,7 @@ from groundstation.core.control.attitude import (
 from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
 from groundstation.core.control.bring_down import OFF, plan_bring_down
 from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
+from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.control.descent import Descent, level
 from groundstation.core.control.excitation import ExcitationTones
 from groundstation.core.control.model_descent import plan_model_descent

@@ -82,6 +82,8 @@ class Descent:
         """What it is pushed by on average [m/s², NED]; blind, what it was as this began."""
         self.blind = False
         """True where speed is not to be believed."""
+        self.sees_height = False
+        """True where a blind descent may believe the height, and how fast it sinks."""
         self._integral = self._blind_s = 0.0
         self._rises = max(-BLIND_SINKS_M_S, min(rises_m_s, BLIND_RISES_M_S))
 
@@ -92,10 +94,11 @@ class Descent:
         x, y, z = estimate.disturbance
         if not self.blind:
             self.wind = a, b, c = a + k * (x - a), b + k * (y - b), c + m * (z - c)
+        blind_down = self.blind and not self.sees_height
         down = BLIND_WIND_M_S2 if self.blind else WIND_DOWN_M_S2
         x, y = (max(-WIND_LIMIT_M_S2, min(WIND_LIMIT_M_S2, d)) for d in (a, b))
         z = max(-down, min(c if self.blind else max(c - LIGHTER_M_S2, z), down))
-        if self.blind:
+        if blind_down:
             self._blind_s += interval_s
             pull = BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0)
             brake = min(2.0 * self._rises, BLIND_BRAKE_M_S2)

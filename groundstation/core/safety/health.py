@@ -72,14 +72,15 @@ with is known to .1 m/s."""
 STOPPED_S = 0.15
 """Time for which a moving vehicle's place must stand to be called stopped dead [s]: wind that
 reverses a motion holds it within 2 mm for a shorter time."""
+STOPPED_POSES = 4
+"""Poses of a place that stands, at least [-]: two poses around an outage may show one place by chance."""
 STOP_S = 2.0 * STOPPED_S
 """Time after which a place that stands is at rest, and no stop [s]: the model would drift from it."""
 STOPPED_M_S = 0.15
-"""Speed of the model beside a place that stands [m/s]: slower, noise and wind explain it."""
-STANDS_NOISES = 5.0
-"""Noise of a place that stands, in standard deviations of one pose [-]: of the difference of two, 3.5 sigma."""
-STANDS_M_S = 0.01
-"""Slower drift of a place still counts as standing [m/s]."""
+"""Speed as a place begins to stand, and of the model since [m/s]: only what is struck loses so much
+within a pose; slower, noise and wind explain it."""
+STANDS_NOISES = 4.0
+"""Noise of a place that stands, in standard deviations of one pose [-]: of the difference of two, 2.8 sigma."""
 
 YAW_RAD_S = 0.25
 """Turn about the vertical beyond all that was asked that fails [rad/s]: 14 degrees a second, averaged."""
@@ -110,7 +111,11 @@ class Stand(NamedTuple):
     """One direction: the place at which it stands, and the model's motion since then."""
 
     since_s: float
+    poses: int
+    """Poses since then."""
     place_m: float
+    began_m_s: float
+    """Speed before it stood [m/s]."""
     disturbance_m_s2: float
     """Disturbance at that time: what is learnt later may be the lie itself."""
     way_m: float
@@ -144,24 +149,24 @@ class StopDetector:
             stand = self._stands[i] if self._stands else None
             if stand is None or not self._stands_at(stand, pose.time_s, place, noise_m):
                 other = _dot(direction, disturbance)
-                speed = _dot(direction, before.velocity) + dt_s * (pushed + other)
-                now.append(Stand(pose.time_s, place, other, 0.0, speed))
+                speed = _dot(direction, before.velocity)
+                now.append(Stand(pose.time_s, 0, place, speed, other, 0.0, speed + dt_s * (pushed + other)))
                 continue
             pushed += stand.disturbance_m_s2
             way = stand.way_m + dt_s * (stand.speed_m_s + 0.5 * dt_s * pushed)
             speed = stand.speed_m_s + dt_s * pushed
-            now.append(stand._replace(way_m=way, speed_m_s=speed))
+            now.append(stand._replace(poses=stand.poses + 1, way_m=way, speed_m_s=speed))
             lasts_s = pose.time_s - stand.since_s
             moves = abs(way) > STANDS_NOISES * noise_m + STOPPED_M_S * lasts_s and abs(speed) > STOPPED_M_S
-            if moves and lasts_s >= STOPPED_S:
+            moves = moves and abs(stand.began_m_s) > STOPPED_M_S
+            if moves and lasts_s >= STOPPED_S and stand.poses >= STOPPED_POSES - 1:
                 stopped_s = stand.since_s
         self._stands = now
         return stopped_s
 
     def _stands_at(self, stand: Stand, time_s: float, place_m: float, noise_m: float) -> bool:
         lasts_s = time_s - stand.since_s
-        room_m = STANDS_NOISES * noise_m + STANDS_M_S * lasts_s
-        return lasts_s <= STOP_S and abs(place_m - stand.place_m) <= room_m
+        return lasts_s <= STOP_S and abs(place_m - stand.place_m) <= STANDS_NOISES * noise_m
 
 
 class YawMonitor:
@@ -231,9 +236,9 @@ class PoseHealth:
         """Newest instant at which the poses were above suspicion [s]."""
         self.believed_until_s = -math.inf
         """Instant up to which the estimate is believed, should the poses fail now [s]."""
-        self.attitude_answers = self.position_answers = True
-        """Whether attitude, and place and heading, may be flown by: evidence has contradicted neither, or a place that
-        was contradicted has answered the tones since then."""
+        self.attitude_answers = self.across_answers = self.height_answers = True
+        """Whether attitude, place across with heading, and height may be flown by: no evidence has
+        contradicted them, or they have answered since then."""
         self.windows = 0
         """Evaluations so far."""
         self.autopilot_agrees: bool | None = None
@@ -249,7 +254,8 @@ class PoseHealth:
     def restart(self) -> None:
         """Forget the poses so far: the vehicle is let go, or its commands did not arrive."""
         self._turns = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, judges_own=False)
-        self._ask_anew()
+        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True)
+        self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
         self._turn_pass, self._place_pass = HighPass(2, 4), HighPass(3, 9)
         self._stops, self._yaw, self._lateness = StopDetector(), YawMonitor(), LatenessMonitor()
         self._last: Pose | None = None
@@ -260,21 +266,22 @@ class PoseHealth:
         self._is_known = False
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
 
-    def _ask_anew(self) -> None:
-        """Forget how the place has answered so far."""
-        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True)
-        self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
-
     def lift_off(self, hover_share: float, climb_m_s: float) -> None:
         """Take the state at lift-off: thrust that hovers as a share of the weight, and speed upwards [m/s]."""
         self.restart()
         self._hover_share = hover_share
         self._climb = ClimbMonitor(hover_share, climb_m_s, self._gravity)
+        self._settled_s = SETTLE_S  # it begins with a speed that is known
 
     @property
     def has_failed(self) -> bool:
         """Whether the poses are not believed any more."""
         return self.state is HealthState.FAILED
+
+    @property
+    def position_answers(self) -> bool:
+        """Whether the whole position may be flown by."""
+        return self.across_answers and self.height_answers
 
     @property
     def asks(self) -> bool:
@@ -300,7 +307,7 @@ class PoseHealth:
             pose: the newest one.
             before: motion at the pose before it.
             given: what the commands have made of that motion since.
-            asked_m: way of the reference and of the tones since then [m, NED].
+            asked_m: way of the tones since then [m, NED].
             disturbance: estimated disturbance at the pose before [m/s², NED].
             effectiveness: estimated thrust scale [-].
             noise_m: noise of positions as measured, 1 sigma per axis [m].
@@ -324,7 +331,7 @@ class PoseHealth:
         push = (x, y, z + self._gravity)
         since_s = self._stops.see(pose, before, push, disturbance, dt, noise_m)
         if since_s is not None:
-            self._accuse("pose.stopped_dead", since_s - dt)
+            self._accuse("pose.stopped_dead", since_s - dt, across=True, height=True)
         self._block_s += dt
         if self._block_s >= BLOCK_S - 1e-6:
             self._block_s -= BLOCK_S
@@ -357,7 +364,7 @@ class PoseHealth:
             behind = self._climb.see(-seen[2], per_n * impulse[2], per_n * reach[2], dt, noise_m)
             self._climb = None if self._climb.is_over else self._climb
             if behind:
-                self._accuse("pose.height_behind", -math.inf)
+                self._accuse("pose.height_behind", -math.inf, across=True, height=True)
         y = self._place_pass.step([*seen, *model, *(asked_m or model)], dt)
         self._settled_s += dt
         if self._settled_s > SETTLE_S:
@@ -377,8 +384,9 @@ class PoseHealth:
         self.position_alarm = max(answers, images, self._yaw_alarm)
         self.alarm = max(self.attitude_alarm, self.position_alarm)
         self._is_known = turns.is_known and places.is_known
-        if not self.position_answers and places.is_known and heights.is_known and self.alarm < CALM_ALARM:
-            self.position_answers = self.attitude_answers
+        if self.attitude_answers and self.alarm < CALM_ALARM:
+            self.across_answers = self.across_answers or places.is_known
+            self.height_answers = self.height_answers or heights.is_known
         if self.alarm < CALM_ALARM and not self.has_failed:
             self.calm_s = now_s
             self.believed_until_s = now_s - SHORTEST_S
@@ -390,11 +398,11 @@ class PoseHealth:
         elif self.attitude_alarm >= SUSPECT_ALARM and self.autopilot_agrees is False:
             self._accuse("pose.autopilot_disagrees", before_s, attitude=True)
         elif self._yaw_alarm >= 1.0:
-            self._accuse("pose.yaw_unasked", before_s)
+            self._accuse("pose.yaw_unasked", before_s, across=True)
         elif images >= 1.0:
-            self._accuse("pose.position_mirrored", before_s)
+            self._accuse("pose.position_mirrored", before_s, across=places.own >= 1.0, height=heights.own >= 1.0)
         elif answers >= 1.0:
-            self._accuse("pose.position_no_answer", before_s)
+            self._accuse("pose.position_no_answer", before_s, across=places.asked >= 1.0, height=heights.asked >= 1.0)
         elif self.alarm >= SUSPECT_ALARM:
             self.suspect(now_s)
         if self.state is HealthState.SUSPECT and self._is_answered(now_s):
@@ -409,13 +417,17 @@ class PoseHealth:
         known = self._is_known and self.alarm < SUSPECT_ALARM
         return known or now_s - self._asked_s >= ASK_S
 
-    def _accuse(self, reason_id: str, since_s: float, *, attitude: bool = False) -> None:
-        """Take evidence against the place, or the attitude, too, of poses since ``since_s`` [s]."""
-        if attitude:
-            self.attitude_answers = False
-        if self.position_answers:
-            self.position_answers = False
-            self._ask_anew()
+    def _accuse(
+        self, reason_id: str, since_s: float, *, attitude: bool = False, across: bool = False, height: bool = False
+    ) -> None:
+        """Take evidence against the place across, the height, or the attitude and both, since ``since_s`` [s]."""
+        self.attitude_answers = self.attitude_answers and not attitude
+        if self.across_answers and (across or attitude):
+            self.across_answers = False
+            self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True)
+        if self.height_answers and (height or attitude):
+            self.height_answers = False
+            self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
         self.fail(reason_id, since_s)
 
     def fail(self, reason_id: str, since_s: float) -> None:

@@ -2,8 +2,8 @@
 
 Along each direction three signals go through the same high pass, which removes trims, steady wind and slow bias:
 
-- u, the motion that was asked for: by the reference and by the excitation tones;
-- v, the motion that the commands make beyond that: what the law does by itself, its answer to wind included;
+- u, the motion that was asked for by the excitation tones;
+- v, the motion that the commands make beyond that: along the reference, and in answer to wind;
 - e, what the poses show less what the commands make of the vehicle, u + v.
 
 Over windows that end now, e is regressed on both, e = D_u u + D_v v + r. Wind moves the vehicle and the law follows, so
@@ -39,6 +39,14 @@ MOST_ANSWER = 1.5
 """Largest answer to what was asked that is accepted [-]; as above."""
 MOST_CROSS_ANSWER = math.sin(math.radians(35.0))
 """Largest answer across the direction that was asked [-]: axes turned by 35 degrees."""
+OWN_STANDARD_ERRORS = 3.0
+"""The same of the answer to the law's own motion [-]: a mirrored pose doubles its speed within .1 s,
+and true ones are a wide way from the limit (`alarms`)."""
+LEAST_OWN_M = 0.006
+"""Least RMS of the law's own motion that says anything [m]: below it gusts within the pass can mimic any
+answer by chance (`alarms storm`)."""
+MOST_OWN_ERROR = 0.2
+"""Largest standard error of that answer that says anything [-]."""
 MOST_ERROR = 0.15
 """Largest standard error of an answer that says anything [-]."""
 CANCELLED_M = 0.010
@@ -155,6 +163,14 @@ def excess(answer: float, error: float, least: float, most: float) -> float:
     return max(least - answer, answer - most, 0.0) / (STANDARD_ERRORS * error)
 
 
+def own_excess(answer: float, error: float, rms: float) -> float:
+    """The same of the answer to the law's own motion of ``rms`` [m]: wind makes none below 0 but by noise."""
+    least = max(LEAST_ANSWER - CANCELLED_M / rms, LEAST_OWN_ANSWER)
+    return (
+        0.0 if rms < LEAST_OWN_M or error > MOST_OWN_ERROR else max(least - answer, 0.0) / (OWN_STANDARD_ERRORS * error)
+    )
+
+
 class Alarm(NamedTuple):
     """Largest excesses over all directions and windows, as shares of what convicts [-]."""
 
@@ -181,8 +197,7 @@ def judge(along: Answer | None, across: Answer | None = None) -> Alarm:
     if along is None:
         return NO_ALARM
     asked = excess(along.asked, along.asked_error, LEAST_ANSWER, MOST_ANSWER)
-    least = max(LEAST_ANSWER - CANCELLED_M / along.own_rms, LEAST_OWN_ANSWER)
-    own = excess(along.own, along.own_error, least, math.inf)
+    own = own_excess(along.own, along.own_error, along.own_rms)
     if across is not None:
         asked = max(asked, excess(abs(across.asked - 1.0), across.asked_error, 0.0, MOST_CROSS_ANSWER))
     return Alarm(asked, own, along.asked_error <= MOST_ERROR)
