@@ -146,6 +146,7 @@ def test_a_still_vehicle_is_not_late() -> None:
 
 
 def test_a_standing_attitude_is_accused_within_the_second_window() -> None:
+    alarm: Alarm | None = None
     plane = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, judges_own=False)
     for n in range(60):
         c = swing(n * DT_S, 0.01)
