@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgspec
 
 from groundstation.core.control import (
+    NO_MOTION,
     OFF,
     Adaptive,
     CertificateMonitor,
@@ -146,7 +147,7 @@ class Pilot:
         self._rate_gain = config.k_omega if isinstance(config, Gains) else RATE_GAIN_PER_S
         self._gate = PoseGate()
         self._tones = ExcitationTones(vehicle, config.gravity)
-        self._tone: Vec3 = (0.0, 0.0, 0.0)
+        self._tone = NO_MOTION
         self._meant_down = math.inf
         self.health = health(vehicle.mass_kg, config.gravity)
         """Health of the poses."""
@@ -526,12 +527,13 @@ class Pilot:
         height, meant = self._floor - pose.position_ned[2], self._floor - self._meant_down
         is_high = height > NEAR_FLOOR_M or (self._descent is None and meant > 2.0 * NEAR_FLOOR_M)
         self._has_climbed = self._has_climbed or is_high
-        before_m, tone = self._tone, self._tones.motion(pose.time_s, euler_zyx(pose.attitude)[2]).position
+        last, tone = self._tone, self._tones.motion(pose.time_s, euler_zyx(pose.attitude)[2])
         self._tone = tone
-        asked = (tone[0] - before_m[0], tone[1] - before_m[1], tone[2] - before_m[2])
+        (x, y, z), (a, b, c) = tone.position, last.position
+        asked, tilted = (x - a, y - b, z - c), (tone.tilt[0] - last.tilt[0], tone.tilt[1] - last.tilt[1])
         wind = self._wind or (0.0, 0.0, 0.0)
         health.see(
-            pose, before, given, asked, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
+            pose, before, given, asked, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
             is_blind=self.is_blind,
         )  # fmt: skip

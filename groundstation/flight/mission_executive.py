@@ -525,7 +525,6 @@ class MissionExecutive:
             if self._comes_too_late(now_s):
                 return self._pilot.let_go(now_s, LAST_PERIODS * self._period_s()), None
             if self._answer_failure(now_s):
-                self._on_failure()
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
@@ -589,6 +588,8 @@ class MissionExecutive:
         if self._means is not Means.NOTHING:
             self._means = self._find_means(now_s)
         reason = self.failure.reason
+        if self._means is not Means.POSITION:
+            self._on_failure()
         match self._means:
             case Means.POSITION:
                 if self.state not in (State.LANDING, State.DESCENT):

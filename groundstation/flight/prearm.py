@@ -359,10 +359,10 @@ FEW_HZ, WARN_RATE = 20.0, 0.8
 """Fewer poses a second fail; a smaller share of what the source should send is a warning."""
 OLD_SHARE, WARN_AGE_S = 0.5, 0.08
 """A pose older than this share of ``flight.coast_s`` fails; older than this is a warning [s]."""
-NOISE_M, WARN_NOISE_M = 0.0025, 0.0015
-"""Noise of the poses, 1σ per axis [m]: of 3 mm on what watches the poses takes some true flights for lies."""
-NOISE_DEG, WARN_NOISE_DEG = 0.4, 0.3
-"""Of their roll and pitch [°]: of 8 mrad (0.46°) on likewise."""
+NOISE_M, WARN_NOISE_M = 0.005, 0.0025
+"""Noise of the poses, 1σ per axis [m]: the tones move the vehicle by 2 mm, and 4 mm were flown (`alarms --floors`)."""
+NOISE_DEG, WARN_NOISE_DEG = 0.8, 0.4
+"""Noise of their roll and pitch, 1σ [°]: .6 was flown (`alarms --floors`)."""
 MOVED_M, WANDERED_M = 0.03, 0.5
 """How far the poses of a vehicle that stands may lie apart [m]; the second where the source knows velocities (GPS)."""
 TILT_DEG, WARN_TILT_DEG = 15.0, 6.0

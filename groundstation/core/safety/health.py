@@ -21,9 +21,10 @@ from groundstation.core.messages import Pose
 from groundstation.core.safety.pose_response import (
     BLOCK_S,
     BLOCKS,
-    LATE_S,
     LEAST_TURN_RAD,
     LEAST_WAY_M,
+    OWN_TURN,
+    OWN_WAY,
     PASS_RAD_S,
     TURN_MEMORY_S,
     WAY_MEMORY_S,
@@ -157,7 +158,8 @@ class StopDetector:
             speed = stand.speed_m_s + dt_s * pushed
             now.append(stand._replace(poses=stand.poses + 1, way_m=way, speed_m_s=speed))
             lasts_s = pose.time_s - stand.since_s
-            moves = abs(way) > STANDS_NOISES * noise_m + STOPPED_M_S * lasts_s and abs(speed) > STOPPED_M_S
+            seen_m = max(3.0 * STANDS_NOISES * noise_m, STOPPED_M_S * lasts_s)
+            moves = abs(way) > seen_m and abs(speed) > STOPPED_M_S
             moves = moves and abs(stand.began_m_s) > STOPPED_M_S
             if moves and lasts_s >= STOPPED_S and stand.poses >= STOPPED_POSES - 1:
                 stopped_s = stand.since_s
@@ -253,14 +255,13 @@ class PoseHealth:
 
     def restart(self) -> None:
         """Forget the poses so far: the vehicle is let go, or its commands did not arrive."""
-        self._turns = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, judges_own=False)
-        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True)
+        self._turns = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
+        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
         self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
-        self._turn_pass, self._place_pass = HighPass(2, 4), HighPass(3, 9)
+        self._turn_pass, self._place_pass = HighPass(2, 6), HighPass(3, 9)
         self._stops, self._yaw, self._lateness = StopDetector(), YawMonitor(), LatenessMonitor()
         self._last: Pose | None = None
         self._speed: Vec3 = (0.0, 0.0, 0.0)
-        self._past_turns: deque[tuple[float, float, float]] = deque()
         self._settled_s = self._block_s = 0.0
         self._yaw_alarm = 0.0
         self._is_known = False
@@ -294,6 +295,7 @@ class PoseHealth:
         before: Motion,
         given: ActuatorResponse,
         asked_m: Vec3,
+        asked_rad: tuple[float, float],
         disturbance: Vec3,
         effectiveness: float,
         noise_m: float,
@@ -308,6 +310,7 @@ class PoseHealth:
             before: motion at the pose before it.
             given: what the commands have made of that motion since.
             asked_m: way of the tones since then [m, NED].
+            asked_rad: roll and pitch of the tones since then [rad].
             disturbance: estimated disturbance at the pose before [m/s², NED].
             effectiveness: estimated thrust scale [-].
             noise_m: noise of positions as measured, 1 sigma per axis [m].
@@ -324,7 +327,7 @@ class PoseHealth:
             self._last, self._speed, self.turn = pose, before.velocity, turn
             return
         seen = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
-        self._see_turn(pose.time_s, seen, turn, dt)
+        self._see_turn(pose.time_s, seen, turn, asked_rad, dt)
         self._see_place(pose, last, given, None if is_blind else asked_m, dt, noise_m)
         per_kg = effectiveness * self._per_newton / dt
         x, y, z = (per_kg * impulse for impulse in given[3])
@@ -337,15 +340,10 @@ class PoseHealth:
             self._block_s -= BLOCK_S
             self._look(pose.time_s, noise_m)
 
-    def _see_turn(self, time_s: float, seen: Vec3, turn: Vec3, dt: float) -> None:
-        roll, pitch, model_roll, model_pitch = self._turn_pass.step([*seen[:2], *turn[:2]], dt)
-        past = self._past_turns
-        past.append((time_s, model_roll, model_pitch))
-        while len(past) > 1 and past[1][0] <= time_s - LATE_S:
-            past.popleft()
-        off = (roll - model_roll, pitch - model_pitch)
-        self._turns.add(off, (model_roll, model_pitch), past[0][1:], dt)
-        self._lateness.add(time_s, (roll, pitch), (model_roll, model_pitch), dt)
+    def _see_turn(self, time_s: float, seen: Vec3, turn: Vec3, asked_rad: tuple[float, float], dt: float) -> None:
+        x, y, model_x, model_y, u, v = self._turn_pass.step([*seen[:2], *turn[:2], *asked_rad], dt)
+        self._turns.add((x - model_x, y - model_y), (u, v), (model_x - u, model_y - v), dt)
+        self._lateness.add(time_s, (x, y), (model_x, model_y), dt)
         self._yaw_alarm = self._yaw.see(time_s, seen[2] / dt, turn[2] / dt, dt) / YAW_RAD_S
 
     def _see_place(
@@ -379,7 +377,7 @@ class PoseHealth:
         self.windows += 1
         turns = self._turns.look(LEAST_TURN_RAD)
         places, heights = self._places.look(noise_m), self._heights.look(noise_m)
-        self.attitude_alarm = 0.0 if self.autopilot_agrees else turns.asked
+        self.attitude_alarm = 0.0 if self.autopilot_agrees else max(turns.asked, turns.own)
         answers, images = max(places.asked, heights.asked), max(places.own, heights.own)
         self.position_alarm = max(answers, images, self._yaw_alarm)
         self.alarm = max(self.attitude_alarm, self.position_alarm)
@@ -424,7 +422,7 @@ class PoseHealth:
         self.attitude_answers = self.attitude_answers and not attitude
         if self.across_answers and (across or attitude):
             self.across_answers = False
-            self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True)
+            self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
         if self.height_answers and (height or attitude):
             self.height_answers = False
             self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)

@@ -15,8 +15,8 @@ the loop's gain, whose phase lies between -90 and -270 degrees: Re(-1/L) >= 0, s
 negative. It is near 0 only where the law cancels the wind wholly, and that has a bound: the motion
 that the strongest steady swing of wind would have made.
 
-For the attitude u is the turn by all modelled rates, as wind hardly turns a vehicle, and v is the same turn a moment
-ago: a late answer is explained by v, and 1 + D_u falls to 0. docs/explanation/trust.md has the derivation.
+For the attitude the same is done with turns: rotors, gusts and a load turn a vehicle a little, too, and
+the law answers that. docs/explanation/trust.md has the derivation.
 """
 
 import math
@@ -45,6 +45,11 @@ and true ones are a wide way from the limit (`alarms`)."""
 LEAST_OWN_M = 0.006
 """Least RMS of the law's own motion that says anything [m]: below it gusts within the pass can mimic any
 answer by chance (`alarms storm`)."""
+CANCELLED_RAD = 0.0125
+"""Turn that rotors and gusts would have made, high-passed, had the law not cancelled it [rad]: twice that
+of ArduCopter's and PX4's own flights (`alarms --capture`)."""
+LEAST_OWN_RAD = 0.03
+"""Least RMS of the law's own turning that says anything [rad]."""
 MOST_OWN_ERROR = 0.2
 """Largest standard error of that answer that says anything [-]."""
 MOST_ERROR = 0.15
@@ -63,8 +68,6 @@ TURN_MEMORY_S = 0.1
 """Correlation time of the residual of attitudes [s]."""
 NOISE_MEMORY_S = 0.02
 """Correlation time of the poses' own noise [s], at most."""
-LATE_S = 0.1
-"""Delay of the second regressor of attitudes [s]."""
 LATENESSES_S = (0.1, 0.2, 0.3, 0.4)
 """Latencies that are tried on the attitude [s]: half the first is a lag configured wrong; after the last,
 flight.coast_s ends a flight by itself."""
@@ -163,12 +166,25 @@ def excess(answer: float, error: float, least: float, most: float) -> float:
     return max(least - answer, answer - most, 0.0) / (STANDARD_ERRORS * error)
 
 
-def own_excess(answer: float, error: float, rms: float) -> float:
-    """The same of the answer to the law's own motion of ``rms`` [m]: wind makes none below 0 but by noise."""
-    least = max(LEAST_ANSWER - CANCELLED_M / rms, LEAST_OWN_ANSWER)
-    return (
-        0.0 if rms < LEAST_OWN_M or error > MOST_OWN_ERROR else max(least - answer, 0.0) / (OWN_STANDARD_ERRORS * error)
-    )
+class OwnMotion(NamedTuple):
+    """Limits of the law's own motion, as wind and rotors ask for it."""
+
+    cancelled: float
+    """RMS that wind would have made, had the law not cancelled it [m or rad]."""
+    least: float
+    """RMS below which it says nothing [m or rad]."""
+
+
+OWN_WAY = OwnMotion(CANCELLED_M, LEAST_OWN_M)
+OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD)
+
+
+def own_excess(answer: float, error: float, rms: float, limits: OwnMotion) -> float:
+    """The same of the answer to the law's own motion of ``rms``: wind makes none below 0 but by noise."""
+    if rms < limits.least or error > MOST_OWN_ERROR:
+        return 0.0
+    least = max(LEAST_ANSWER - limits.cancelled / rms, LEAST_OWN_ANSWER)
+    return max(least - answer, 0.0) / (OWN_STANDARD_ERRORS * error)
 
 
 class Alarm(NamedTuple):
@@ -192,12 +208,12 @@ def combine(alarms: Iterable[Alarm]) -> Alarm:
     return Alarm(max(asked), max(own), any(known))
 
 
-def judge(along: Answer | None, across: Answer | None = None) -> Alarm:
+def judge(along: Answer | None, across: Answer | None, own_motion: OwnMotion) -> Alarm:
     """Alarm of one direction in one window: of the answer along it, and of that across."""
     if along is None:
         return NO_ALARM
     asked = excess(along.asked, along.asked_error, LEAST_ANSWER, MOST_ANSWER)
-    own = own_excess(along.own, along.own_error, along.own_rms)
+    own = own_excess(along.own, along.own_error, along.own_rms, own_motion)
     if across is not None:
         asked = max(asked, excess(abs(across.asked - 1.0), across.asked_error, 0.0, MOST_CROSS_ANSWER))
     return Alarm(asked, own, along.asked_error <= MOST_ERROR)
@@ -242,7 +258,9 @@ class LineResponse:
 
     def look(self, noise: float) -> Alarm:
         """Alarm at the end of a block; ``noise`` is the white noise of e, 1 sigma [m]."""
-        return self._windows.look(lambda sums: judge(regress(Sums(*sums), self._memory, self._least, noise)))
+        return self._windows.look(
+            lambda sums: judge(regress(Sums(*sums), self._memory, self._least, noise), None, OWN_WAY)
+        )
 
 
 class LatenessMonitor:
@@ -283,9 +301,9 @@ DIRECTIONS: tuple[Pair, ...] = ((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-
 class PlaneResponse:
     """Response along every direction of a plane, and across it: roll and pitch, or north and east."""
 
-    def __init__(self, memory_s: float, least: float, *, judges_own: bool) -> None:
-        """Begin without a sample; ``judges_own``: whether the answer to v is judged. See :func:`regress`."""
-        self._memory, self._least, self._judges_own = memory_s, least, judges_own
+    def __init__(self, memory_s: float, least: float, own_motion: OwnMotion) -> None:
+        """Begin without a sample; ``own_motion``: limits of v. See :func:`regress`."""
+        self._memory, self._least, self._own_motion = memory_s, least, own_motion
         self._windows = _Windows(22)
 
     def add(self, e: Pair, u: Pair, v: Pair, dt_s: float) -> None:
@@ -310,9 +328,9 @@ class PlaneResponse:
             along, across = _project(direction, sums)
             memory, least = self._memory, self._least
             answers = regress(along, memory, least, noise), regress(across, memory, least, noise)
-            alarms.append(judge(*answers))
+            alarms.append(judge(*answers, self._own_motion))
         asked, own, known = zip(*alarms, strict=True)
-        return Alarm(max(asked), max(own) if self._judges_own else 0.0, all(known))
+        return Alarm(max(asked), max(own), all(known))
 
 
 def _project(direction: Pair, sums: list[float]) -> tuple[Sums, Sums]:

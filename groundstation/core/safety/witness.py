@@ -20,8 +20,8 @@ from groundstation.core.geometry import Quat, Vec3, conjugate, euler_zyx, multip
 from groundstation.core.messages import Pose, notice
 from groundstation.core.safety.pose_response import (
     BLOCK_S,
-    LATE_S,
     LEAST_TURN_RAD,
+    OWN_TURN,
     TURN_MEMORY_S,
     HighPass,
     PlaneResponse,
@@ -100,9 +100,8 @@ class Witness:
 
     def _restart(self) -> None:
         """Compare anew; what was learnt before arming stays."""
-        self._response = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, judges_own=False)
+        self._response = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
         self._pass = HighPass(2, 4)
-        self._past: deque[tuple[float, float, float]] = deque()
         self._block_s = 0.0
 
     def arm(self) -> None:
@@ -198,12 +197,8 @@ class Witness:
     def _take_turn(self, now_s: float, seen: Vec3, told: Vec3, dt: float) -> None:
         """Compare one turn; heading, which an autopilot resets, takes no part."""
         roll, pitch, told_roll, told_pitch = self._pass.step([*seen[:2], *told[:2]], dt)
-        past = self._past
-        past.append((now_s, told_roll, told_pitch))
-        while len(past) > 1 and past[1][0] <= now_s - LATE_S:
-            past.popleft()
         off = (roll - told_roll, pitch - told_pitch)
-        self._response.add(off, (told_roll, told_pitch), past[0][1:], dt)
+        self._response.add(off, (told_roll, told_pitch), (0.0, 0.0), dt)
         self._block_s += dt
         if self._block_s < BLOCK_S - 1e-6:
             return

@@ -12,6 +12,8 @@ from groundstation.core.safety.pose_response import (
     LATENESSES_S,
     LEAST_TURN_RAD,
     LEAST_WAY_M,
+    OWN_TURN,
+    OWN_WAY,
     TURN_MEMORY_S,
     WAY_MEMORY_S,
     Alarm,
@@ -32,7 +34,7 @@ def swing(time_s: float, size: float = 0.002) -> tuple[float, float]:
 
 def asked(share: tuple[tuple[float, float], tuple[float, float]], *, seed: int = 0, for_s: float = 3.0) -> Alarm:
     """Alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise."""
-    plane, draw = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True), random.Random(seed)
+    plane, draw = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(seed)
     alarm = Alarm(0.0, 0.0, False)
     for n in range(round(for_s / DT_S)):
         u, v = swing(n * DT_S)
@@ -75,7 +77,7 @@ def test_poses_that_show_something_else_are_accused(share: tuple[tuple[float, fl
 
 def blown(answer: float, *, late_s: float = 0.15) -> Alarm:
     """Largest alarm of a law that holds a place in wind: poses move by ``answer`` of the truth."""
-    plane, passes = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True), HighPass(3, 2)
+    plane, passes = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), HighPass(3, 2)
     draw, wind, largest = random.Random(1), 0.0, 0.0
     truth = speed = command = way = pushes = 0.0
     seen_before = 0.0
@@ -103,7 +105,7 @@ def test_wind_that_the_law_answers_accuses_nobody() -> None:
 
 def runaway(share: float) -> Alarm:
     """Alarm as the law's own motion grows, of poses that show ``share`` of it."""
-    plane, draw, alarm = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, judges_own=True), random.Random(2), Alarm(0, 0, False)
+    plane, draw, alarm = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(2), Alarm(0, 0, False)
     for n in range(150):
         v = 0.0005 * math.exp(n * DT_S / 0.25)
         e = (share - 1.0) * v + draw.gauss(0.0, NOISE_M)
@@ -147,9 +149,9 @@ def test_a_still_vehicle_is_not_late() -> None:
 
 def test_a_standing_attitude_is_accused_within_the_second_window() -> None:
     alarm: Alarm | None = None
-    plane = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, judges_own=False)
+    plane = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
     for n in range(60):
         c = swing(n * DT_S, 0.01)
-        plane.add((-c[0], -c[1]), c, swing(n * DT_S - 0.1, 0.01), DT_S)
+        plane.add((-c[0], -c[1]), c, (0.0, 0.0), DT_S)
         alarm = plane.look(LEAST_TURN_RAD) if (n + 1) % 5 == 0 else None
     assert alarm is not None and alarm.asked >= 1.0
