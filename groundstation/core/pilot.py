@@ -71,9 +71,9 @@ FIRST_CLIMB_M = 0.25
 LOW_SHARE = 0.7
 """Least thrust of climb and landing as a share of the hover thrust [-]: it falls at .3 g at most, and
 a touchdown still shows in the thrust (touchdown.LOW_SHARE)."""
-TRANSIT_COSINE = math.cos(math.radians(35.0))
-"""Cosine of the largest tilt on a way, in climb and landing [-]: a wind of 6.9 m/s² is leant into, and
-a position that is mirrored is run after at 7 m/s² at most."""
+TRANSIT_COSINE = math.cos(math.radians(40.0))
+"""Cosine of the largest tilt on a way, in climb and landing [-]: a wind of 8 m/s² is leant into, and
+a position that is mirrored is run after at .84 g at most."""
 RATE_GAIN_PER_S = 14.0
 """Rate at which body rates are taken to die down under another controller than ours [1/s]: our own k_ω."""
 GROUND_EFFECT_SHARE = 0.95

@@ -19,10 +19,10 @@ SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
-LEAN = math.radians(35.0)
-"""Largest tilt that it asks for [rad]: a wind of 6.9 m/s² is leant into."""
-WIND_LIMIT_M_S2 = 6.0
-"""Largest disturbance across that is believed, on each axis [m/s²]: a gust front of 5 and its overshoot."""
+LEAN = math.radians(45.0)
+"""Largest tilt that it asks for [rad]: a wind of 8 m/s² is leant into, and braked."""
+WIND_LIMIT_M_S2 = 8.0
+"""Largest disturbance across that is believed, on each axis [m/s²]: a gust front of 8."""
 WIND_DOWN_M_S2 = 4.0
 """Largest disturbance down that is believed [m/s²]: rotors that give seven tenths look like 4.2."""
 MOST = 0.24

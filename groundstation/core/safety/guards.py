@@ -124,9 +124,9 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             gt=0.0,
             le=90.0,
             description="Largest angle between the tilt and what reference and wind ask for [deg]; "
-            "a hard push comes to 25.",
+            "a push by 8 m/s² comes to 35.",
         ),
-    ] = 30.0
+    ] = 40.0
     oscillation_s: Annotated[
         Share, msgspec.Meta(description="How long of about the last second it may be farther off [s].")
     ] = 0.3
@@ -424,7 +424,7 @@ OSC, RATE = OSCILLATION_MEMORY_S, RATE_MEMORY_S
 GUARDS: tuple[Guard, ...] = (
     Guard("guard.tilt", "largest tilt", "guards.tilt_deg", "tilt_s", DESCEND, DESCEND, _tilt),
     Guard("guard.oscillation", "tilt beside the wanted one, again and again", "guards.oscillation_deg",
-          "oscillation_s", DESCEND, DESCEND, _oscillation, OSC),
+          "oscillation_s", LAND, DESCEND, _oscillation, OSC),
     Guard("guard.error", "largest position error", "guards.error_m", "error_s", LAND, DESCEND, _error),
     Guard("guard.speed", "largest speed beside the reference", "guards.speed_m_s", "speed_s", LAND, DESCEND, _speed),
     Guard("guard.thrust", "thrust at its limit", "vehicle.thrust_max_n", "thrust_limit_s", LAND, DESCEND, _thrust),
