@@ -139,4 +139,4 @@ def test_the_list_is_as_wide_as_what_stands_in_it_and_an_error_names_its_file_on
 ) -> None:
     name = flight(tmp_path, 1).name
     logs_command(RecordingConfig(), argparse.Namespace(folder=tmp_path, tidy=False, json=False, now_s=NOW))
-    assert capsys.readouterr().out.splitlines()[-1] == f"{name}  is no MCAP file"
+    assert capsys.readouterr().out.splitlines()[-1] == f"{tmp_path / name}  is no MCAP file"
