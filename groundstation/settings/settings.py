@@ -109,6 +109,7 @@ Turn = Callable[[Any, RehearsalConfig], Any]
 ADDRESSES: Mapping[str, Turn] = {
     "link.listen": _address,
     "link.remote": _address,
+    "link.local_port": _be(None),  # of a remote alone
     "link.tcp": _address,
     "link.serial": _serial,
     "link.port": _serial,

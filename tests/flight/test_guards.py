@@ -82,7 +82,7 @@ def test_poses_that_come_back_in_time_find_the_vehicle_in_a_descent_that_ends_so
     assert "no pose for 24" in flown.fault
     assert not flown.landed
     assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 0.6
+    assert flown.touchdown_m_s < 1.0
 
 
 def test_poses_that_stay_away_are_followed_by_the_descent_and_then_by_the_bring_down() -> None:
@@ -92,7 +92,7 @@ def test_poses_that_stay_away_are_followed_by_the_descent_and_then_by_the_bring_
     assert aborted.time_s - descent.time_s == pytest.approx(0.25, abs=0.03)
     assert "no pose for 5" in aborted.reason
     assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 2.5
+    assert flown.touchdown_m_s < 3.5
 
 
 @pytest.mark.parametrize("wrong", [elsewhere, turned])
@@ -164,7 +164,7 @@ def test_a_gust_beyond_all_limits_ends_the_flight_softly() -> None:
     assert not flown.landed
     assert flown.fault
     assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 2.5
+    assert flown.touchdown_m_s < 3.5
 
 
 def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
@@ -226,8 +226,8 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
     [
         (("flight.floor_z_m=0.5",), "floor: it stands at +1.00 m (down), flight.floor_z_m says +0.50 m"),
         (("sim.pose_rate_hz=10", "pose.drop_frozen=false"), "pose rate: 10 poses a second"),
-        (("sim.pose_noise_m=0.005",), "noise of"),
-        (("sim.attitude_noise_rad=0.012",), "noise of"),
+        (("sim.pose_noise_m=0.009",), "noise of"),
+        (("sim.attitude_noise_rad=0.025",), "noise of"),
         (
             (
                 "fence.kind=box", "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]", "fence.height_m=3.0",

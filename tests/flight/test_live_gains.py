@@ -52,7 +52,7 @@ def test_only_the_figure_is_flown_with_the_gains_of_a_figure(tmp_path: Path) -> 
     run.close({"completed": mission.landed, "why": mission.why})
     told = [entry.value() for entry in Recording(tmp_path / RECORDING).entries(("/switch",))]
     eased = [switch["values"] for switch in told if switch["what"] == "ease"]
-    assert eased == [[1.0, 1.0], [1.0, 1.0], [0.0, 0.0], [1.0, 1.0], [1.0, 0.0]]
+    assert eased == [[1.0] * 4, [1.0] * 4, [0.0] * 4, [1.0] * 4, [1.0, 0.0, 0.0, 0.0]]
     facts = replay_facts(tmp_path / RECORDING)
     assert (facts["first_difference"], facts["identical"]) == (None, True)
 
@@ -60,5 +60,5 @@ def test_only_the_figure_is_flown_with_the_gains_of_a_figure(tmp_path: Path) -> 
 def test_calm_gains_are_never_larger_than_those_told() -> None:
     gains = calm(Gains())
     assert {name: getattr(gains, name) for name in CALM} == CALM
-    gentle = Gains(k2=0.5, k3_down=2.0, sigma_slope=1.0, rho_slope=0.4)
+    gentle = Gains(k2=0.5, k3_down=2.0, sigma_slope=1.0, rho_slope=0.4, sigma_bound=2.0, rho_bound=1.5)
     assert calm(gentle) == gentle

@@ -134,9 +134,7 @@ def test_a_fleets_screen_shows_words_of_a_broker_as_they_are(text: str) -> None:
 def test_markup_in_an_autopilots_words_is_only_words(text: str) -> None:
     words = Words()
     words.hear(
-        SimpleNamespace(
-            id=0, chunk_seq=0, severity=3, text=text, get_srcSystem=lambda: 1, get_srcComponent=lambda: 1
-        )
+        SimpleNamespace(id=0, chunk_seq=0, severity=3, text=text, get_srcSystem=lambda: 1, get_srcComponent=lambda: 1)
     )
     drawn = content([shown("says", words.newest)], 200)
     assert text in drawn.plain
