@@ -87,7 +87,6 @@ FAULTS = (
     Fault("backstepping.py", "        -(mass / thrust) * turn[1],", "        (mass / thrust) * turn[1],"),
     Fault("backstepping.py", "ops.where(suspended, 0.0, law.kb)", "ops.where(suspended, law.kb, law.kb)"),
     Fault("adaptive.py", "_add(b_hat, interval_s, dot)", "_add(b_hat, -interval_s, dot)"),
-    Fault("adaptive.py", "p, q, r = clamp(x, -a, a),", "p, q, r = x,"),
     Fault("protocol/codec.py", "_IGNORE_ATTITUDE = 128", "_IGNORE_ATTITUDE = 0"),
     Fault("protocol/senders.py", "return len(ids) == 1 and ids ==", "return ids =="),
     Fault("protocol/signing.py", "if stamp <= newest:", "if stamp < newest:"),

@@ -74,6 +74,8 @@ def test_commands_that_come_too_late_end_gently_and_the_autopilot_comes_down_by_
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         row = runner.run(fly_here("late", Fault("commands come late", delay), state, seed=0, scenario="paper"))
-    assert row.safe
+    # Late commands swing it: 600 ms on the figure is 1.5 times the limits of the fault table, and it comes down.
+    assert row.worst <= 1.5
+    assert (row.touchdown_m_s or 0.0) < 1.0
     assert any(says in text for text in told)
     assert not any("another body" in text for text in told)

@@ -86,7 +86,7 @@ class Witness:
 
     def __init__(self) -> None:
         self._told: deque[Attitude] = deque(maxlen=KEPT)
-        self._pose: Pose | None = None
+        self._poses: deque[Pose] = deque()
         self._pair: _Pair | None = None
         self._at_s = self._known_s = -math.inf
         self._doubts_s: float | None = None
@@ -109,26 +109,39 @@ class Witness:
         self._is_armed = True
 
     def pose(self, pose: Pose) -> None:
-        """Take one pose, and compare all attitudes of the time since the one before."""
-        last, self._pose = self._pose, pose
+        """Take one pose."""
+        poses = self._poses
+        last = poses[-1] if poses else None
         if last is None or pose.reset_count != last.reset_count or not 0.0 < pose.time_s - last.time_s <= GAP_S:
+            poses.clear()
             self._pair = None
-            return
-        while self._told and self._told[0].time_s <= pose.time_s:
-            told = self._told.popleft()
-            share = (told.time_s - last.time_s) / (pose.time_s - last.time_s)
-            if share > 0.0:
-                step = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
-                seen = rotate(last.attitude, (share * step[0], share * step[1], share * step[2]))
-                self._compare(_Pair(told.time_s, seen, told.attitude))
+        poses.append(pose)
+        while pose.time_s - poses[0].time_s > SILENT_S:
+            poses.popleft()
+        self._pair_up()
 
     def attitude(self, told: Attitude) -> None:
-        """Take one attitude of the autopilot."""
+        """Take one attitude of the autopilot. Over a radio it comes after poses that are younger."""
         if self._told and told.time_s <= self._told[-1].time_s:
             if told.time_s < self._told[-1].time_s - SILENT_S:  # its clock is another one
                 self._told.clear()
             return
         self._told.append(told)
+        self._pair_up()
+
+    def _pair_up(self) -> None:
+        """Compare all attitudes that poses enclose."""
+        poses = self._poses
+        while self._told and poses and self._told[0].time_s <= poses[-1].time_s:
+            told = self._told.popleft()
+            while len(poses) > 1 and poses[1].time_s < told.time_s:
+                poses.popleft()
+            if len(poses) < 2 or told.time_s <= poses[0].time_s:
+                continue
+            last, pose = poses[0], poses[1]
+            share = (told.time_s - last.time_s) / (pose.time_s - last.time_s)
+            x, y, z = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
+            self._compare(_Pair(told.time_s, rotate(last.attitude, (share * x, share * y, share * z)), told.attitude))
 
     def in_poses(self, told: Attitude) -> Quat | None:
         """Attitude of the autopilot in the axes of the poses; None where they were never compared."""

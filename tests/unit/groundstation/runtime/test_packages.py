@@ -12,8 +12,8 @@ from groundstation.runtime import packages
 
 
 @pytest.mark.parametrize("origin, what", [
-    ({"url": "file:///srv/lab/a%20clone", "dir_info": {"editable": True}}, ["-e", "/srv/lab/a clone[tune]"]),
-    ({"url": "file:///srv/lab/clone", "dir_info": {}}, ["/srv/lab/clone[tune]"]),
+    ({"url": "file:///lab/a%20clone", "dir_info": {"editable": True}}, ["-e", "/lab/a clone[tune]"]),
+    ({"url": "file:///lab/clone", "dir_info": {}}, ["/lab/clone[tune]"]),
     ({"url": "file:///tmp/quadrotor_groundstation-0.1.0-py3-none-any.whl", "archive_info": {}},
      ["/tmp/quadrotor_groundstation-0.1.0-py3-none-any.whl[tune]"]),
     (None, ["quadrotor-groundstation[tune]"]),  # from an index: the name is known there
