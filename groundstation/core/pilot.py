@@ -535,7 +535,7 @@ class Pilot:
         health.see(
             pose, before, given, asked, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
-            is_blind=self.is_blind,
+            may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
         if is_high and self._descent is None:
             self.response.pose(pose.attitude, health.turn, dt)

@@ -145,6 +145,7 @@ class StopDetector:
             noise_m: noise of positions, 1 sigma per axis [m].
         """
         stopped_s, now = None, list[Stand]()
+        slow_m_s = max(STOPPED_M_S, 2.0 * STANDS_NOISES * noise_m / STOPPED_S)  # noise alone hides such a way
         for i, direction in enumerate(STOP_DIRECTIONS):
             place, pushed = _dot(direction, pose.position_ned), _dot(direction, push)
             stand = self._stands[i] if self._stands else None
@@ -159,8 +160,7 @@ class StopDetector:
             now.append(stand._replace(poses=stand.poses + 1, way_m=way, speed_m_s=speed))
             lasts_s = pose.time_s - stand.since_s
             seen_m = max(3.0 * STANDS_NOISES * noise_m, STOPPED_M_S * lasts_s)
-            moves = abs(way) > seen_m and abs(speed) > STOPPED_M_S
-            moves = moves and abs(stand.began_m_s) > STOPPED_M_S
+            moves = abs(way) > seen_m and min(abs(speed), abs(stand.began_m_s)) > slow_m_s
             if moves and lasts_s >= STOPPED_S and stand.poses >= STOPPED_POSES - 1:
                 stopped_s = stand.since_s
         self._stands = now
@@ -301,6 +301,7 @@ class PoseHealth:
         noise_m: float,
         *,
         counts: bool,
+        may_stop: bool = True,
         is_blind: bool = False,
     ) -> None:
         """Take one believed pose.
@@ -315,6 +316,7 @@ class PoseHealth:
             effectiveness: estimated thrust scale [-].
             noise_m: noise of positions as measured, 1 sigma per axis [m].
             counts: False near the floor, which holds the vehicle.
+            may_stop: False where the floor may stop it dead.
             is_blind: whether no command follows the place: then all that they make is asked for from outside.
         """
         turn = rotation_vector(multiply(conjugate(before.attitude), given[0]))
@@ -332,9 +334,11 @@ class PoseHealth:
         per_kg = effectiveness * self._per_newton / dt
         x, y, z = (per_kg * impulse for impulse in given[3])
         push = (x, y, z + self._gravity)
-        since_s = self._stops.see(pose, before, push, disturbance, dt, noise_m)
-        if since_s is not None:
-            self._accuse("pose.stopped_dead", since_s - dt, across=True, height=True)
+        # An estimate with a speed of its own rests on inertial sensors: it wanders, and does not stop dead.
+        if may_stop and pose.velocity_ned is None:
+            since_s = self._stops.see(pose, before, push, disturbance, dt, noise_m)
+            if since_s is not None:
+                self._accuse("pose.stopped_dead", since_s - dt, across=True, height=True)
         self._block_s += dt
         if self._block_s >= BLOCK_S - 1e-6:
             self._block_s -= BLOCK_S
