@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.config import ConfigError
+from groundstation.core.control import Gains
 from groundstation.core.messages import STEADY_S, Tick
 from sim.__main__ import main
 from sim.runs import fly
@@ -201,6 +202,8 @@ def test_forty_adverse_flights_stay_as_close_as_a_thousand_and_v_under_its_bound
 def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow]) -> None:
     row = rows[0]
     world, config = prepare(SCENARIOS["adverse"], overrides(draw_world(SCENARIOS["adverse"].world, row.seed)))
+    gains = config.controller
+    assert isinstance(gains, Gains)
     largest, margin = 0.0, math.inf
 
     def watch(tick: Tick) -> None:
@@ -213,7 +216,7 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow
     verdict = fly(world, config, seed=row.seed, duration_s=DURATION_S, on_tick=watch).verdict
     assert row.lyapunov_start == pytest.approx(verdict.lyapunov_start, rel=1e-3)
     assert row.lyapunov_floor == pytest.approx(verdict.lyapunov_floor, rel=1e-3)
-    assert row.b_hat_share_max == pytest.approx(largest / 5.5, rel=1e-3)
+    assert row.b_hat_share_max == pytest.approx(largest / (gains.b_bound + gains.epsilon), rel=1e-3)
     assert row.thrust_margin_n == pytest.approx(margin, rel=1e-2)
     assert row.certificate_violated == verdict.certificate_violated == 0.0
     assert row.certificate_suspended == pytest.approx(verdict.certificate_suspended, abs=0.002)

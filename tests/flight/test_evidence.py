@@ -298,7 +298,7 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     assert set(facts["prediction"]) == {"20", "40", "60", "100"}
     at_60 = facts["prediction"]["60"]
     assert at_60["rms_mm"] < 0.5 * at_60["pvt_rms_mm"]
-    assert at_60["across_mm"] < 1.1
+    assert at_60["across_mm"] < 1.4
     assert at_60["rms_mm"] ** 2 == pytest.approx(at_60["along_mm"] ** 2 + at_60["across_mm"] ** 2, rel=0.01)
     assert 0.7 < facts["nis3"] < 1.4
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)

@@ -116,6 +116,8 @@ def test_poses_that_fail_are_forwarded_no_more_and_no_land_rests_on_them() -> No
         (one.time_s, message) for one in cell.records if isinstance(one, SentRecord) for message in codec.feed(one.data)
     ]
     forwarded_s = [time_s for time_s, message in left if message.get_type() == "ODOMETRY"]
-    assert cell.ended_s - 0.05 < forwarded_s[-1] <= cell.ended_s
+    assert cell.row.struck_s is not None and cell.row.answer_ms is not None
+    failed_s = cell.row.struck_s + 1e-3 * cell.row.answer_ms
+    assert failed_s - 0.05 < forwarded_s[-1] <= failed_s
     modes = (time_s for time_s, one in left if getattr(one, "command", None) == DO_SET_MODE)
-    assert max(modes) < cell.ended_s, "its position may come from those poses"
+    assert max(modes) < failed_s, "its position may come from those poses"

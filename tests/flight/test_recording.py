@@ -250,7 +250,7 @@ def test_a_damaged_recording_is_listed_as_damaged_and_not_by_its_end(
         (tmp_path / f"20270101-120000-{name}.mcap").write_bytes(bad)
     logs_command(RecordingConfig(folder=str(tmp_path)), argparse.Namespace(folder=None, tidy=False, json=False))
     lines = capsys.readouterr().out.splitlines()
-    assert ["damaged" in line for line in lines[2:]] == [True, True, False]
+    assert ["is damaged at" in line for line in lines[2:]] == [True, True, False]
 
 
 def test_a_recording_of_before_its_bytes_were_summed_up_is_checked_chunk_by_chunk(tmp_path: Path) -> None:
