@@ -24,6 +24,7 @@ WAYS = (
     {"link": {"kind": "mavlink"}},
     {"link": {"kind": "mavlink", "listen": "192.168.20.2:14540"}},
     {"link": {"kind": "mavlink", "remote": "drone.lab:14550"}},
+    {"link": {"kind": "mavlink", "remote": "127.0.0.1:14550", "local_port": 14551}},
     {"link": {"kind": "mavlink", "tcp": "[fe80::1]:5760"}},
     {"link": {"kind": "mavlink", "serial": "/dev/ttyACM0"}},
     {"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}},
