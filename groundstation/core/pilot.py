@@ -24,8 +24,8 @@ from groundstation.core.control import (
     plan_bring_down,
     plan_model_descent,
 )
-from groundstation.core.estimation import ModelEstimator
-from groundstation.core.geometry import FLOATS, Quat, Vec3, euler_zyx
+from groundstation.core.estimation import Ahead, ModelEstimator
+from groundstation.core.geometry import FLOATS, Quat, Vec3, heading
 from groundstation.core.messages import (
     GAIN,
     Certificate,
@@ -198,7 +198,8 @@ class Pilot:
         self._tell(PoseRecord(pose))
         if self._pose is not None and pose.time_s <= self._pose.time_s:
             return
-        if not self._accepts(pose):
+        ahead = self._estimator.look_ahead(pose.time_s)
+        if not self._accepts(pose, ahead):
             return
         health = self.health
         if self.is_blind and not health.attitude_answers:
@@ -208,7 +209,7 @@ class Pilot:
         if reckons:
             self._estimator.update_attitude(pose, height=health.height_answers)
         else:
-            self._estimator.update(pose)
+            self._estimator.update(pose, ahead)
         if before is not None and last is not None and self._is_released:
             self._check_response(pose, before, pose.time_s - last.time_s)
         if reckons and health.position_answers:
@@ -218,13 +219,13 @@ class Pilot:
         if self._intervals.add(pose.time_s):
             self._watch.noise(self._estimator.noise_m, self._intervals.mean_s)
 
-    def _accepts(self, pose: Pose) -> bool:
+    def _accepts(self, pose: Pose, ahead: Ahead | None) -> bool:
         """Whether the gate believes ``pose``; near the floor it does not ask, as the floor stops a vehicle."""
         now, is_low = self._estimator.motion, self._floor - pose.position_ned[2] < NEAR_FLOOR_M
-        if not self._has_climbed or now is None or (is_low and not self._gate.is_shut):
+        if not self._has_climbed or now is None or ahead is None or (is_low and not self._gate.is_shut):
             self._gate.restart()
             return True
-        return self._gate.accepts(pose, now, self._estimator.predict(pose.time_s).motion, self.noise_m)
+        return self._gate.accepts(pose, now, ahead.motion, self.noise_m)
 
     def _see_again(self, pose: Pose) -> None:
         """Go on from the place of ``pose`` and the speed of the last poses, which answer again."""
@@ -333,7 +334,7 @@ class Pilot:
         self.health.lift_off(hovers, climb_m_s)
         motion = self._estimator.predict(time_s + self._vehicle.acting_delay_s).motion
         self._lift = _Lift(time_s, hover_n, motion.position[2])
-        return Reference(motion.position, motion.velocity, yaw_rad=euler_zyx(motion.attitude)[2])
+        return Reference(motion.position, motion.velocity, yaw_rad=heading(motion.attitude))
 
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
         """Only level out and sink from now on; ``blind`` takes speed and place from the model.
@@ -380,8 +381,7 @@ class Pilot:
             self._apply_gains()
         if descent is not None:
             reference = Reference(estimate.motion.position, self._sink)
-        yaw_rad = euler_zyx(estimate.motion.attitude)[2]
-        without = self._tones.take_out(estimate, yaw_rad)
+        without = self._tones.take_out(estimate, heading(estimate.motion.attitude))
         interval = 0.0 if self._last_s is None or self._mode.is_unheard else time_s - self._last_s
         self._last_s = time_s
         decide = self._decide if descent is None else descent.decide
@@ -416,7 +416,7 @@ class Pilot:
         if sooner_s == 0.0 or not isinstance(law, Adaptive):
             return law.decide(estimate, reference, interval_s)
         sooner = self._estimator.predict(estimate.time_s - sooner_s)
-        sooner = self._tones.take_out(sooner, euler_zyx(sooner.motion.attitude)[2])
+        sooner = self._tones.take_out(sooner, heading(sooner.motion.attitude))
         return law.decide_apart(sooner, estimate, reference, interval_s)
 
     def _ask_on_error(self, time_s: float, place: Vec3, reference: Reference) -> None:
@@ -527,7 +527,7 @@ class Pilot:
         height, meant = self._floor - pose.position_ned[2], self._floor - self._meant_down
         is_high = height > NEAR_FLOOR_M or (self._descent is None and meant > 2.0 * NEAR_FLOOR_M)
         self._has_climbed = self._has_climbed or is_high
-        last, tone = self._tone, self._tones.motion(pose.time_s, euler_zyx(pose.attitude)[2])
+        last, tone = self._tone, self._tones.motion(pose.time_s, heading(pose.attitude))
         self._tone = tone
         (x, y, z), (a, b, c) = tone.position, last.position
         asked, tilted = (x - a, y - b, z - c), (tone.tilt[0] - last.tilt[0], tone.tilt[1] - last.tilt[1])

@@ -61,7 +61,7 @@ class ExcitationTones:
         self._rate_scale = math.hypot(1.0, TILT_TONES_RAD_S[1] * lag)
         self._thrust_scale = math.hypot(1.0, THRUST_TONE_RAD_S * vehicle.thrust_lag_s)
         self._tilts = [
-            (w, self._rate_scale * TILT_RATE_RAD_S / (1j * w * (1.0 + 1j * w * lag))) for w in TILT_TONES_RAD_S
+            (w, 1j * w, self._rate_scale * TILT_RATE_RAD_S / (1j * w * (1.0 + 1j * w * lag))) for w in TILT_TONES_RAD_S
         ]
         lift_lag = 1.0 + 1j * THRUST_TONE_RAD_S * vehicle.thrust_lag_s
         self._lift = -gravity * THRUST_SHARE * self._thrust_scale / lift_lag
@@ -100,11 +100,11 @@ class ExcitationTones:
         share = self.share(time_s)
         if share == 0.0:
             return NO_MOTION
-        g = self._gravity
+        g, seen_s = self._gravity, time_s - self._rate_delay
         place = speed = tilt = rate = 0j
-        for w, amplitude in self._tilts:
-            now = amplitude * cmath.exp(1j * w * (time_s - self._rate_delay))
-            tilt, rate = tilt + now, rate + 1j * w * now
+        for w, turning, amplitude in self._tilts:
+            now = amplitude * cmath.exp(turning * seen_s)
+            tilt, rate = tilt + now, rate + turning * now
             place, speed = place - 1j * g * now / (w * w), speed + g * now / w
         heading, w = share * cmath.exp(1j * yaw_rad), THRUST_TONE_RAD_S
         place, speed, tilt, rate = heading * place, heading * speed, share * tilt, share * rate
@@ -119,9 +119,9 @@ class ExcitationTones:
 
     def take_out(self, estimate: Estimate, yaw_rad: float) -> Estimate:
         """Return ``estimate`` as it would be without the tones."""
-        if self.share(estimate.time_s) == 0.0:
-            return estimate
         tone, motion = self.motion(estimate.time_s, yaw_rad), estimate.motion
+        if tone is NO_MOTION:
+            return estimate
         without = Motion(
             _less(motion.position, tone.position),
             _less(motion.velocity, tone.velocity),

@@ -7,6 +7,7 @@ from groundstation.core.estimation.estimator import (
     NOISE_SPAN_S,
     PP,
     STEP_LIMIT,
+    Ahead,
     AlongTrack,
     Composite,
     Covariance,

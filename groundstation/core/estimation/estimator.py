@@ -69,6 +69,15 @@ class Densities(NamedTuple):
     disturbance_rate: float
 
 
+class Ahead(NamedTuple):
+    """The vehicle at an instant to come, by the model."""
+
+    time_s: float
+    given: ActuatorResponse
+    """What the commands make of the motion at the newest pose by then."""
+    motion: Motion
+
+
 KalmanGain: TypeAlias = tuple[Real, Real, Real, Real]
 """What one metre of innovation changes: position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
 
@@ -705,8 +714,16 @@ class ModelEstimator:
         """Position noise of the poses as measured, 1σ per axis [m]."""
         return math.sqrt(self._noise)
 
-    def update(self, pose: Pose) -> None:
-        """Correct the model by one pose."""
+    def look_ahead(self, time_s: float) -> Ahead | None:
+        """The vehicle at ``time_s``, whether delays are predicted or not; None before the first pose."""
+        motion = self._motion
+        if motion is None:
+            return None
+        given = self._integrate_commands(time_s)
+        return new(Ahead, (time_s, given, self._at(motion, given, time_s - self._stamp)))
+
+    def update(self, pose: Pose, ahead: Ahead | None = None) -> None:
+        """Correct the model by one pose; ``ahead``: what :meth:`look_ahead` has found of its instant since the last."""
         self.given = None
         previous = self._motion
         if previous is None:
@@ -724,8 +741,10 @@ class ModelEstimator:
             return
         self._measure_noise(pose)
         gains = self._gains
-        given = self.given = self._integrate_commands(pose.time_s)
-        model = self._at(previous, given, dt)
+        ahead = ahead or self.look_ahead(pose.time_s)
+        assert ahead is not None and ahead.time_s == pose.time_s, "there was a pose, and it is looked ahead to this one"
+        _, given, model = ahead
+        self.given = given
         if self._separates and not self.frozen and self._held is None:
             self._effectiveness = predict_effectiveness(
                 self._effectiveness, dt, given, self._vehicle.mass_kg, gains.effectiveness_walk

@@ -18,6 +18,7 @@ from groundstation.core.geometry.so3 import (
     conjugate,
     euler_zyx,
     frames_of,
+    heading,
     multiply,
     rotate,
     rotation_vector,

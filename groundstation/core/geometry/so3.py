@@ -235,8 +235,13 @@ def euler_zyx(q: Quat, ops: Ops = FLOATS) -> Vec3:
     roll = ops.atan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
     sine = ops.clamp(2.0 * (w * y - x * z), -1.0, 1.0)
     pitch = ops.atan2(sine, ops.sqrt(1.0 - sine * sine))
-    yaw = ops.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
-    return (roll, pitch, yaw)
+    return (roll, pitch, heading(q, ops))
+
+
+def heading(q: Quat, ops: Ops = FLOATS) -> Real:
+    """Yaw [rad] of :func:`euler_zyx` alone."""
+    w, x, y, z = q
+    return ops.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
 
 
 def from_euler_zyx(roll: Real, pitch: Real, yaw: Real, ops: Ops = FLOATS) -> Quat:

@@ -21,6 +21,7 @@ from groundstation.core.messages import Pose
 from groundstation.core.safety.pose_response import (
     BLOCK_S,
     BLOCKS,
+    DIAGONAL,
     LEAST_TURN_RAD,
     LEAST_WAY_M,
     OWN_TURN,
@@ -33,7 +34,7 @@ from groundstation.core.safety.pose_response import (
     LineResponse,
     PlaneResponse,
 )
-from groundstation.core.vehicle import ActuatorResponse, Motion
+from groundstation.core.vehicle import ActuatorResponse, Motion, new
 
 
 class HealthState(IntEnum):
@@ -97,15 +98,8 @@ BEHIND_M = 0.06
 BEHIND_M_S2 = 1.2
 """The same that grows with the time squared [m/s²]: ground effect and vertical wind."""
 
-HORIZONTAL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-DIAGONAL = math.sqrt(0.5)
-STOP_DIRECTIONS: tuple[Vec3, ...] = (
-    *HORIZONTAL,
-    (DIAGONAL, DIAGONAL, 0.0),
-    (-DIAGONAL, DIAGONAL, 0.0),
-    (0.0, 0.0, 1.0),
-)
-"""Directions along which a place may stand while it moves across them, NED."""
+STOP_DIRECTIONS = 5
+"""Directions along which a place may stand while it moves across them; see :func:`_project`."""
 
 
 class Stand(NamedTuple):
@@ -129,7 +123,7 @@ class StopDetector:
     """Detects a place that stopped dead while the model moves on."""
 
     def __init__(self) -> None:
-        self._stands: list[Stand] = []
+        self._stands: list[Stand | None] = [None] * STOP_DIRECTIONS
 
     def see(
         self, pose: Pose, before: Motion, push: Vec3, disturbance: Vec3, dt_s: float, noise_m: float
@@ -144,26 +138,27 @@ class StopDetector:
             dt_s: time since then [s].
             noise_m: noise of positions, 1 sigma per axis [m].
         """
-        stopped_s, now = None, list[Stand]()
+        stopped_s, now_s, stands = None, pose.time_s, self._stands
         slow_m_s = max(STOPPED_M_S, 2.0 * STANDS_NOISES * noise_m / STOPPED_S)  # noise alone hides such a way
-        for i, direction in enumerate(STOP_DIRECTIONS):
-            place, pushed = _dot(direction, pose.position_ned), _dot(direction, push)
-            stand = self._stands[i] if self._stands else None
-            if stand is None or not self._stands_at(stand, pose.time_s, place, noise_m):
-                other = _dot(direction, disturbance)
-                speed = _dot(direction, before.velocity)
-                now.append(Stand(pose.time_s, 0, place, speed, other, 0.0, speed + dt_s * (pushed + other)))
+        places, pushes = _project(pose.position_ned), _project(push)
+        others, speeds = _project(disturbance), _project(before.velocity)
+        for i, place in enumerate(places):
+            stand = stands[i]
+            if stand is None or not self._stands_at(stand, now_s, place, noise_m):
+                began, other = speeds[i], others[i]
+                speed = began + dt_s * (pushes[i] + other)
+                stands[i] = new(Stand, (now_s, 0, place, began, other, 0.0, speed))
                 continue
-            pushed += stand.disturbance_m_s2
-            way = stand.way_m + dt_s * (stand.speed_m_s + 0.5 * dt_s * pushed)
-            speed = stand.speed_m_s + dt_s * pushed
-            now.append(stand._replace(poses=stand.poses + 1, way_m=way, speed_m_s=speed))
-            lasts_s = pose.time_s - stand.since_s
+            since_s, poses, stood, began, other, way, speed = stand
+            pushed = pushes[i] + other
+            way, speed = way + dt_s * (speed + 0.5 * dt_s * pushed), speed + dt_s * pushed
+            stands[i] = new(Stand, (since_s, poses + 1, stood, began, other, way, speed))
+            lasts_s = now_s - since_s
+            if lasts_s < STOPPED_S or poses < STOPPED_POSES - 1:
+                continue
             seen_m = max(3.0 * STANDS_NOISES * noise_m, STOPPED_M_S * lasts_s)
-            moves = abs(way) > seen_m and min(abs(speed), abs(stand.began_m_s)) > slow_m_s
-            if moves and lasts_s >= STOPPED_S and stand.poses >= STOPPED_POSES - 1:
-                stopped_s = stand.since_s
-        self._stands = now
+            if abs(way) > seen_m and min(abs(speed), abs(began)) > slow_m_s:
+                stopped_s = since_s
         return stopped_s
 
     def _stands_at(self, stand: Stand, time_s: float, place_m: float, noise_m: float) -> bool:
@@ -171,21 +166,30 @@ class StopDetector:
         return lasts_s <= STOP_S and abs(place_m - stand.place_m) <= STANDS_NOISES * noise_m
 
 
+def _project(vector: Vec3) -> tuple[float, ...]:
+    """Components of a vector [NED] along the ``STOP_DIRECTIONS``: the axes, and both diagonals of north and east."""
+    x, y, z = vector
+    p, q = DIAGONAL * x, DIAGONAL * y
+    return (x, y, p + q, q - p, z)
+
+
 class YawMonitor:
     """Averages the turn about the vertical beyond all that was asked of late."""
 
     def __init__(self) -> None:
-        self._asked: deque[tuple[float, float]] = deque()
+        self._times: deque[float] = deque()
+        self._asked: deque[float] = deque()
         self._rate = 0.0
 
     def see(self, time_s: float, seen_rad_s: float, asked_rad_s: float, dt_s: float) -> float:
         """Take one pose; return the averaged rate [rad/s]."""
-        asked = self._asked
-        asked.append((time_s, asked_rad_s))
-        while asked[0][0] < time_s - YAW_LATE_S:
+        times, asked = self._times, self._asked
+        times.append(time_s)
+        asked.append(asked_rad_s)
+        while times[0] < time_s - YAW_LATE_S:
+            times.popleft()
             asked.popleft()
-        rates = [rate for _, rate in asked]
-        low, high = min(rates), max(rates)
+        low, high = min(asked), max(asked)
         beyond = min(seen_rad_s - low, 0.0) + max(seen_rad_s - high, 0.0)
         self._rate += min(dt_s / YAW_MEMORY_S, 1.0) * (beyond - self._rate)
         return abs(self._rate)
@@ -331,9 +335,8 @@ class PoseHealth:
         seen = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
         self._see_turn(pose.time_s, seen, turn, asked_rad, dt)
         self._see_place(pose, last, given, None if is_blind else asked_m, dt, noise_m)
-        per_kg = effectiveness * self._per_newton / dt
-        x, y, z = (per_kg * impulse for impulse in given[3])
-        push = (x, y, z + self._gravity)
+        per_kg, (x, y, z) = effectiveness * self._per_newton / dt, given[3]
+        push = (per_kg * x, per_kg * y, per_kg * z + self._gravity)
         # An estimate with a speed of its own rests on inertial sensors: it wanders, and does not stop dead.
         if may_stop and pose.velocity_ned is None:
             since_s = self._stops.see(pose, before, push, disturbance, dt, noise_m)
@@ -360,21 +363,21 @@ class PoseHealth:
         way = (m * reach[0], m * reach[1], m * reach[2] + 0.5 * g * dt * dt)
         model = (dt * u + way[0], dt * v + way[1], dt * w + way[2])
         self._speed = (u + push[0], v + push[1], w + push[2])
-        seen = [p - q for p, q in zip(pose.position_ned, last.position_ned, strict=True)]
+        (px, py, pz), (qx, qy, qz) = pose.position_ned, last.position_ned
+        seen = (px - qx, py - qy, pz - qz)
         if self._climb is not None:
             per_n = self._per_newton
             behind = self._climb.see(-seen[2], per_n * impulse[2], per_n * reach[2], dt, noise_m)
             self._climb = None if self._climb.is_over else self._climb
             if behind:
                 self._accuse("pose.height_behind", -math.inf, across=True, height=True)
-        y = self._place_pass.step([*seen, *model, *(asked_m or model)], dt)
+        sx, sy, sz, mx, my, mz, ux, uy, uz = self._place_pass.step([*seen, *model, *(asked_m or model)], dt)
+        if asked_m is None:
+            ux, uy, uz = mx, my, mz
         self._settled_s += dt
         if self._settled_s > SETTLE_S:
-            model_way, asked_way = y[3:6], y[6:9] if asked_m is not None else y[3:6]
-            (ex, ey, ez), u3 = (y[i] - model_way[i] for i in range(3)), asked_way
-            vx, vy, vz = (c - u for c, u in zip(model_way, asked_way, strict=True))
-            self._places.add((ex, ey), (u3[0], u3[1]), (vx, vy), dt)
-            self._heights.add(ez, u3[2], vz, dt)
+            self._places.add((sx - mx, sy - my), (ux, uy), (mx - ux, my - uy), dt)
+            self._heights.add(sz - mz, uz, mz - uz, dt)
 
     def _look(self, now_s: float, noise_m: float) -> None:
         """Evaluate all windows that end now."""
@@ -437,7 +440,3 @@ class PoseHealth:
         if self.state is not HealthState.FAILED:
             self.state, self.reason_id = HealthState.FAILED, reason_id
             self.believed_until_s = min(self.believed_until_s, since_s)
-
-
-def _dot(a: Vec3, b: Vec3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

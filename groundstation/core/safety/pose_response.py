@@ -20,9 +20,13 @@ the law answers that. docs/explanation/trust.md has the derivation.
 """
 
 import math
+from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from operator import add, sub
 from typing import NamedTuple
+
+from groundstation.core.vehicle import new
 
 PASS_RAD_S = 6.0
 """Corner of the high pass [rad/s]: below the tones (10 to 18), above the loop (4 to 6) in which wind is answered."""
@@ -99,64 +103,76 @@ class HighPass:
         return self._stages[-1]
 
 
-class Answer(NamedTuple):
-    """One direction's regression over one window."""
-
-    asked: float
-    """1 + D_u: answer to what was asked [-]."""
-    asked_error: float
-    """Its standard error [-]."""
-    own: float
-    """1 + D_v: answer to what the law does by itself [-]."""
-    own_error: float
-    """Its standard error [-]."""
-    own_rms: float
-    """RMS of v [m or rad]."""
-
-
-class Sums(NamedTuple):
-    """Integrals over one window of one direction's products."""
-
-    uu: float
-    uv: float
-    vv: float
-    eu: float
-    ev: float
-    ee: float
-    time_s: float
-
-
 FEWEST_SAMPLES = 3.5
 """Independent samples below which a window says nothing [-]: two are spent on D_u and D_v."""
 RIDGE = 1e-10
 """Excitation below which nothing was excited [m² s]."""
 
 
-def regress(sums: Sums, memory_s: float, least: float, noise: float) -> Answer | None:
-    """Answer of one window; None where it is too short, or nothing was excited.
+class Excitation(NamedTuple):
+    """Integrals over one window of the products of u and v along one direction; uu and vv are ``RIDGE`` at least."""
 
-    Args:
-        sums: integrals of the products over the window.
-        memory_s: correlation time of the residual [s]: the window holds about time_s / memory_s independent samples.
-        least: residual that is granted at least.
-        noise: white noise of e, 1 sigma.
-    """
-    uu, uv, vv, eu, ev, ee, time_s = sums
-    uu, vv = uu + RIDGE, vv + RIDGE
-    samples = time_s / memory_s
-    det = uu * vv - uv * uv
-    # With so little excitation the noise alone leaves a larger error than says anything.
-    if samples < FEWEST_SAMPLES or noise * noise * NOISE_MEMORY_S * min(uu, vv) > MOST_ERROR**2 * det:
-        return None
-    asked, own = (eu * vv - ev * uv) / det, (ev * uu - eu * uv) / det
-    # Few samples know little of their own scatter: 3 samples' worth of the granted residual as a prior, and a wider
-    # interval, as Student's distribution has it.
-    residual = max(ee - asked * eu - own * ev, 0.0) + 3.0 * memory_s * least * least
-    residual /= time_s - 2.0 * memory_s
-    wider = 1.0 + 2.0 / (samples - 2.0)
-    variance = max(residual - noise * noise, 0.0) * memory_s + noise * noise * NOISE_MEMORY_S
-    k = wider * math.sqrt(variance / det)
-    return Answer(1.0 + asked, k * math.sqrt(vv), 1.0 + own, k * math.sqrt(uu), math.sqrt(vv / time_s))
+    uu: float
+    uv: float
+    vv: float
+    det: float
+    """Determinant of the normal equations, uu vv - uv²."""
+
+
+class Shown(NamedTuple):
+    """Integrals over one window of the products of e: with u, with v and with itself."""
+
+    eu: float
+    ev: float
+    ee: float
+
+
+class Scatter:
+    """Standard errors that a residual leaves over one window: what all directions have in common."""
+
+    __slots__ = ("_freedom_s", "_least2", "_memory_s", "_noise2", "_prior", "_wider", "time_s")
+
+    def __init__(self, time_s: float, memory_s: float, least: float, noise: float) -> None:
+        """Take one window.
+
+        Args:
+            time_s: length of the window [s]: it holds about time_s / memory_s independent samples.
+            memory_s: correlation time of the residual [s].
+            least: residual that is granted at least.
+            noise: white noise of e, 1 sigma.
+        """
+        # Few samples know little of their own scatter: 3 samples' worth of the granted residual as a prior, and a
+        # wider interval, as Student's distribution has it.
+        self._prior = 3.0 * memory_s * least * least
+        self._freedom_s = time_s - 2.0 * memory_s
+        self._wider = 1.0 + 2.0 / (time_s / memory_s - 2.0)
+        self._memory_s, self._noise2 = memory_s, noise * noise
+        self._least2 = self.error(0.0, 1.0) ** 2
+        self.time_s = time_s
+        """Length of the window [s]."""
+
+    def error(self, residual: float, det: float) -> float:
+        """Standard error of D_u for an excitation vv of 1, and of D_v for uu."""
+        noise2 = self._noise2
+        residual = (max(residual, 0.0) + self._prior) / self._freedom_s
+        variance = max(residual - noise2, 0.0) * self._memory_s + noise2 * NOISE_MEMORY_S
+        return self._wider * math.sqrt(variance / det)
+
+    def can_tell(self, excitation: float, most_error: float) -> bool:
+        """Whether the standard error can be ``most_error`` or less, by the least residual that there is.
+
+        It is least where u and v have nothing in common: det = uu vv.
+        """
+        return self._least2 <= most_error * most_error * excitation * ROUNDING
+
+    def drowns(self, excited: Excitation) -> bool:
+        """Whether the noise alone leaves a larger error than says anything."""
+        uu, _, vv, det = excited
+        return self._noise2 * NOISE_MEMORY_S * min(uu, vv) > MOST_ERROR * MOST_ERROR * det
+
+
+ROUNDING = 1.0 + 1e-9
+"""What rounding may do to a bound [-]."""
 
 
 def excess(answer: float, error: float, least: float, most: float) -> float:
@@ -187,6 +203,16 @@ def own_excess(answer: float, error: float, rms: float, limits: OwnMotion) -> fl
     return max(least - answer, 0.0) / (OWN_STANDARD_ERRORS * error)
 
 
+def can_ask(uu: float, scatter: Scatter) -> bool:
+    """Whether so much was asked that the answer can say anything."""
+    return scatter.can_tell(uu, MOST_ERROR)
+
+
+def can_image(vv: float, scatter: Scatter, limits: OwnMotion) -> bool:
+    """Whether the law's own motion is so large that the answer to it can say anything."""
+    return vv * ROUNDING >= limits.least**2 * scatter.time_s and scatter.can_tell(vv, MOST_OWN_ERROR)
+
+
 class Alarm(NamedTuple):
     """Largest excesses over all directions and windows, as shares of what convicts [-]."""
 
@@ -208,37 +234,63 @@ def combine(alarms: Iterable[Alarm]) -> Alarm:
     return Alarm(max(asked), max(own), any(known))
 
 
-def judge(along: Answer | None, across: Answer | None, own_motion: OwnMotion) -> Alarm:
-    """Alarm of one direction in one window: of the answer along it, and of that across."""
-    if along is None:
-        return NO_ALARM
-    asked = excess(along.asked, along.asked_error, LEAST_ANSWER, MOST_ANSWER)
-    own = own_excess(along.own, along.own_error, along.own_rms, own_motion)
-    if across is not None:
-        asked = max(asked, excess(abs(across.asked - 1.0), across.asked_error, 0.0, MOST_CROSS_ANSWER))
-    return Alarm(asked, own, along.asked_error <= MOST_ERROR)
+def judge_asked(excited: Excitation, shown: Shown, scatter: Scatter) -> tuple[float, bool]:
+    """Excess of the answer along the direction that was asked [-], and whether that answer is known well enough."""
+    (uu, uv, vv, det), (eu, ev, ee) = excited, shown
+    asked, own = (eu * vv - ev * uv) / det, (ev * uu - eu * uv) / det
+    error = scatter.error(ee - asked * eu - own * ev, det) * math.sqrt(vv)
+    return excess(1.0 + asked, error, LEAST_ANSWER, MOST_ANSWER), error <= MOST_ERROR
+
+
+def judge_across(excited: Excitation, shown: Shown, scatter: Scatter) -> float:
+    """Excess of the answer across the direction that was asked [-]; ``shown`` is e across it."""
+    (uu, uv, vv, det), (eu, ev, ee) = excited, shown
+    asked = (eu * vv - ev * uv) / det
+    if abs(asked) <= MOST_CROSS_ANSWER:
+        return 0.0
+    own = (ev * uu - eu * uv) / det
+    error = scatter.error(ee - asked * eu - own * ev, det) * math.sqrt(vv)
+    return excess(abs(asked), error, 0.0, MOST_CROSS_ANSWER)
+
+
+def judge_own(excited: Excitation, shown: Shown, scatter: Scatter, limits: OwnMotion) -> float:
+    """Excess of the answer to the law's own motion [-]."""
+    (uu, uv, vv, det), (eu, ev, ee) = excited, shown
+    own = (ev * uu - eu * uv) / det
+    if 1.0 + own >= LEAST_ANSWER:
+        return 0.0
+    asked = (eu * vv - ev * uv) / det
+    error = scatter.error(ee - asked * eu - own * ev, det) * math.sqrt(uu)
+    return own_excess(1.0 + own, error, math.sqrt(vv / scatter.time_s), limits)
 
 
 class _Windows:
     """Running integrals, their values at the ends of the past blocks, and the newest alarm of each window.
 
-    Longer windows are looked at less often.
+    The last integral is the time. Longer windows are looked at less often.
     """
 
-    def __init__(self, count: int) -> None:
-        self.now = [0.0] * count
-        self._kept: deque[list[float]] = deque([list(self.now)], maxlen=BLOCKS[-1] + 1)
+    def __init__(self, count: int, least_s: float) -> None:
+        """``count`` integrals; windows shorter than ``least_s`` say nothing."""
+        self._least_s = least_s
+        self._now = [0.0] * count
+        self._kept: deque[list[float]] = deque([self._now], maxlen=BLOCKS[-1] + 1)
         self._alarms = [NO_ALARM] * len(BLOCKS)
         self._count = 0
 
+    def add(self, products: Sequence[float]) -> None:
+        """Add one sample's ``products`` to the integrals."""
+        self._now = list(map(add, self._now, products))
+
     def look(self, judge_window: Callable[[list[float]], Alarm]) -> Alarm:
         """Close a block; return the largest alarms of all windows, those that end now judged by ``judge_window``."""
-        self._kept.append(list(self.now))
+        self._kept.append(self._now)
         self._count += 1
         for i, blocks in enumerate(BLOCKS):
             if blocks < len(self._kept) and self._count % (blocks // BLOCKS[0]) == 0:
                 begun = self._kept[-blocks - 1]
-                self._alarms[i] = judge_window([a - b for a, b in zip(self.now, begun, strict=True)])
+                is_long = self._now[-1] - begun[-1] >= self._least_s
+                self._alarms[i] = judge_window(list(map(sub, self._now, begun))) if is_long else NO_ALARM
         return combine(self._alarms)
 
 
@@ -246,42 +298,54 @@ class LineResponse:
     """Response along one line: the height."""
 
     def __init__(self, memory_s: float, least: float) -> None:
-        """Begin without a sample; for the arguments see :func:`regress`."""
+        """Begin without a sample; for the arguments see :class:`Scatter`."""
         self._memory, self._least = memory_s, least
-        self._windows = _Windows(7)
+        self._windows = _Windows(7, FEWEST_SAMPLES * memory_s)
 
     def add(self, e: float, u: float, v: float, dt_s: float) -> None:
         """Take one sample of the filtered signals."""
-        x, y, sums = u * dt_s, v * dt_s, self._windows.now
-        for i, product in enumerate((u * x, u * y, v * y, e * x, e * y, e * e * dt_s, dt_s)):
-            sums[i] += product
+        x, y = u * dt_s, v * dt_s
+        self._windows.add((u * x, u * y, v * y, e * x, e * y, e * e * dt_s, dt_s))
 
     def look(self, noise: float) -> Alarm:
         """Alarm at the end of a block; ``noise`` is the white noise of e, 1 sigma [m]."""
-        return self._windows.look(
-            lambda sums: judge(regress(Sums(*sums), self._memory, self._least, noise), None, OWN_WAY)
-        )
+        return self._windows.look(lambda sums: self._look_along(sums, noise))
+
+    def _look_along(self, sums: list[float], noise: float) -> Alarm:
+        """Alarm of one window."""
+        uu, uv, vv, eu, ev, ee, time_s = sums
+        scatter = Scatter(time_s, self._memory, self._least, noise)
+        uu, vv = uu + RIDGE, vv + RIDGE
+        excited = new(Excitation, (uu, uv, vv, uu * vv - uv * uv))
+        asks, images = can_ask(uu, scatter), can_image(vv, scatter, OWN_WAY)
+        if not (asks or images) or scatter.drowns(excited):
+            return NO_ALARM
+        shown = new(Shown, (eu, ev, ee))
+        asked, is_known = judge_asked(excited, shown, scatter) if asks else (0.0, False)
+        return Alarm(asked, judge_own(excited, shown, scatter, OWN_WAY) if images else 0.0, is_known)
 
 
 class LatenessMonitor:
     """Compares the turns as seen with the model's of some time ago: do they come late, whatever their stamps say?"""
 
     def __init__(self) -> None:
-        self._past: deque[tuple[float, float, float]] = deque()
+        self._times = list[float]()
+        self._models = list[Pair]()
         self._off = [0.0] * (1 + len(LATENESSES_S))
         self._time_s = 0.0
 
     def add(self, time_s: float, seen: Pair, model: Pair, dt_s: float) -> None:
         """Take one sample of the filtered turns, roll and pitch of each [rad]."""
-        past = self._past
-        past.append((time_s, *model))
-        while past[0][0] < time_s - LATENESSES_S[-1] - dt_s:
-            past.popleft()
+        times, models, off, (x, y) = self._times, self._models, self._off, seen
+        times.append(time_s)
+        models.append(model)
+        oldest = bisect_left(times, time_s - LATENESSES_S[-1] - dt_s)
+        del times[:oldest], models[:oldest]
         keep = math.exp(-dt_s / LATE_MEMORY_S)
         self._time_s += dt_s
         for i, late_s in enumerate((0.0, *LATENESSES_S)):
-            _, x, y = next(one for one in reversed(past) if one[0] <= time_s - late_s + 0.5 * dt_s or one is past[0])
-            self._off[i] = keep * self._off[i] + dt_s * ((seen[0] - x) ** 2 + (seen[1] - y) ** 2)
+            u, v = models[max(bisect_right(times, time_s - late_s + 0.5 * dt_s) - 1, 0)]
+            off[i] = keep * off[i] + dt_s * ((x - u) ** 2 + (y - v) ** 2)
 
     @property
     def late_s(self) -> float:
@@ -298,54 +362,65 @@ DIRECTIONS: tuple[Pair, ...] = ((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-
 """Directions of a plane that are looked at: no direction is farther than 22.5 degrees from one of them."""
 
 
+def most_along(xx: float, xy: float, yy: float) -> float:
+    """Largest excitation along any direction: the larger eigenvalue of a symmetric matrix, with ``RIDGE``."""
+    return 0.5 * (xx + yy + math.hypot(xx - yy, 2.0 * xy)) + RIDGE
+
+
 class PlaneResponse:
     """Response along every direction of a plane, and across it: roll and pitch, or north and east."""
 
     def __init__(self, memory_s: float, least: float, own_motion: OwnMotion) -> None:
-        """Begin without a sample; ``own_motion``: limits of v. See :func:`regress`."""
+        """Begin without a sample; ``own_motion``: limits of v. See :class:`Scatter`."""
         self._memory, self._least, self._own_motion = memory_s, least, own_motion
-        self._windows = _Windows(22)
+        self._windows = _Windows(22, FEWEST_SAMPLES * memory_s)
 
     def add(self, e: Pair, u: Pair, v: Pair, dt_s: float) -> None:
         """Take one sample of the filtered signals, x and y of each."""
-        (ex, ey), (ux, uy), (vx, vy), sums = e, u, v, self._windows.now
+        (ex, ey), (ux, uy), (vx, vy) = e, u, v
         p, q, r, s, a, b = ux * dt_s, uy * dt_s, vx * dt_s, vy * dt_s, ex * dt_s, ey * dt_s
         products = (
             ux * p, ux * q, uy * q, ux * r, ux * s, uy * r, uy * s, vx * r, vx * s, vy * s,
             ex * p, ex * q, ey * p, ey * q, ex * r, ex * s, ey * r, ey * s, ex * a, ex * b, ey * b, dt_s,
         )  # fmt: skip
-        for i, product in enumerate(products):
-            sums[i] += product
+        self._windows.add(products)
 
     def look(self, noise: float) -> Alarm:
         """Alarm at the end of a block; ``noise`` is the white noise of e, 1 sigma per axis."""
         return self._windows.look(lambda sums: self._look_around(sums, noise))
 
     def _look_around(self, sums: list[float], noise: float) -> Alarm:
-        """Largest alarms of all directions; known where all of them are."""
-        alarms = list[Alarm]()
-        for direction in DIRECTIONS:
-            along, across = _project(direction, sums)
-            memory, least = self._memory, self._least
-            answers = regress(along, memory, least, noise), regress(across, memory, least, noise)
-            alarms.append(judge(*answers, self._own_motion))
-        asked, own, known = zip(*alarms, strict=True)
-        return Alarm(max(asked), max(own), all(known))
+        """Largest alarms of all directions in one window; known where all of them are."""
+        uxx, uxy, uyy, _, _, _, _, vxx, vxy, vyy, *_, time_s = sums
+        scatter = Scatter(time_s, self._memory, self._least, noise)
+        asks = can_ask(most_along(uxx, uxy, uyy), scatter)
+        if not (asks or can_image(most_along(vxx, vxy, vyy), scatter, self._own_motion)):
+            return NO_ALARM
+        asked, own, known = zip(*[self._look_along(one, sums, scatter) for one in DIRECTIONS], strict=True)
+        return new(Alarm, (max(asked), max(own), all(known)))
 
-
-def _project(direction: Pair, sums: list[float]) -> tuple[Sums, Sums]:
-    """Sums of e along a direction, and of e across it, both on u and v along it."""
-    a, b = direction
-    (
-        uxx, uxy, uyy, uvxx, uvxy, uvyx, uvyy, vxx, vxy, vyy,
-        exux, exuy, eyux, eyuy, exvx, exvy, eyvx, eyvy, exx, exy, eyy, time_s,
-    ) = sums  # fmt: skip
-    aa, ab, bb = a * a, a * b, b * b
-    uu = aa * uxx + 2.0 * ab * uxy + bb * uyy
-    vv = aa * vxx + 2.0 * ab * vxy + bb * vyy
-    uv = aa * uvxx + ab * (uvxy + uvyx) + bb * uvyy
-    exu, eyu, exv, eyv = a * exux + b * exuy, a * eyux + b * eyuy, a * exvx + b * exvy, a * eyvx + b * eyvy
-    ee = aa * exx + 2.0 * ab * exy + bb * eyy
-    ee_across = aa * eyy - 2.0 * ab * exy + bb * exx
-    along = Sums(uu, uv, vv, a * exu + b * eyu, a * exv + b * eyv, ee, time_s)
-    return along, Sums(uu, uv, vv, a * eyu - b * exu, a * eyv - b * exv, ee_across, time_s)
+    def _look_along(self, direction: Pair, sums: list[float], scatter: Scatter) -> Alarm:
+        """Alarm of one direction: of e along it, and of e across it, both by u and v along it."""
+        a, b = direction
+        (
+            uxx, uxy, uyy, uvxx, uvxy, uvyx, uvyy, vxx, vxy, vyy,
+            exux, exuy, eyux, eyuy, exvx, exvy, eyvx, eyvy, exx, exy, eyy, _,
+        ) = sums  # fmt: skip
+        aa, ab, bb = a * a, a * b, b * b
+        uu = aa * uxx + 2.0 * ab * uxy + bb * uyy + RIDGE
+        vv = aa * vxx + 2.0 * ab * vxy + bb * vyy + RIDGE
+        asks, images = can_ask(uu, scatter), can_image(vv, scatter, self._own_motion)
+        if not (asks or images):
+            return NO_ALARM
+        uv = aa * uvxx + ab * (uvxy + uvyx) + bb * uvyy
+        excited = new(Excitation, (uu, uv, vv, uu * vv - uv * uv))
+        if scatter.drowns(excited):
+            return NO_ALARM
+        exu, eyu, exv, eyv = a * exux + b * exuy, a * eyux + b * eyuy, a * exvx + b * exvy, a * eyvx + b * eyvy
+        along = new(Shown, (a * exu + b * eyu, a * exv + b * eyv, aa * exx + 2.0 * ab * exy + bb * eyy))
+        own = judge_own(excited, along, scatter, self._own_motion) if images else 0.0
+        if not asks:
+            return new(Alarm, (0.0, own, False))
+        across = new(Shown, (a * eyu - b * exu, a * eyv - b * exv, aa * eyy - 2.0 * ab * exy + bb * exx))
+        asked, is_known = judge_asked(excited, along, scatter)
+        return new(Alarm, (max(asked, judge_across(excited, across, scatter)), own, is_known))

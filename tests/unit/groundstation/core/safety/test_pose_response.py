@@ -155,3 +155,17 @@ def test_a_standing_attitude_is_accused_within_the_second_window() -> None:
         plane.add((-c[0], -c[1]), c, (0.0, 0.0), DT_S)
         alarm = plane.look(LEAST_TURN_RAD) if (n + 1) % 5 == 0 else None
     assert alarm is not None and alarm.asked >= 1.0
+
+
+def test_windows_that_became_too_short_say_nothing_any_more() -> None:
+    plane, alarm = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), Alarm(0.0, 0.0, False)
+    for n in range(300):
+        u = swing(n * DT_S)
+        plane.add((-u[0], -u[1]), u, (0.0, 0.0), DT_S)
+        if (n + 1) % 5 == 0:
+            alarm = plane.look(NOISE_M)
+    assert alarm.asked >= 1.0
+    for _ in range(60):  # blocks without time
+        plane.add((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 1e-4)
+        alarm = plane.look(NOISE_M)
+    assert alarm == Alarm(0.0, 0.0, False)
