@@ -537,8 +537,12 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             k_omega = max(law.k_omega, self.vehicle.rate_response_per_s)
             law = msgspec.structs.replace(law, k_omega=k_omega)
         msgspec.structs.force_setattr(self, "controller", law)
-        if self.flight.coast_s + self.guards.level_s > 1.0:
-            raise ValueError("guards.level_s: with flight.coast_s at most 1 s: no pose vouches for more")
+        blind_s = self.flight.coast_s + self.guards.level_s
+        if blind_s > 1.0:
+            raise ValueError(
+                f"guards.level_s: flight.coast_s and it make {blind_s:g} s, the limit is 1 s: no pose vouches for "
+                "commands any longer; set one of them lower"
+            )
         if self.pose.by_autopilot and self.forwards is not None:
             raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not be told them as new")
         others = self.separation.others

@@ -16,7 +16,7 @@ from random import Random
 
 import msgspec
 import pytest
-from textual.command import CommandPalette
+from textual.command import CommandList, CommandPalette
 from textual.pilot import Pilot
 
 from groundstation.config import ConfigError
@@ -169,15 +169,23 @@ def test_configuration_and_events_can_be_searched() -> None:
     play(scene, Fixed(on_ground()))
 
 
+def finds(pilot: Pilot[None], words: str) -> bool:
+    """Whether the palette's first command is what these words look for, not what an earlier search has found."""
+    lists = pilot.app.screen.query(CommandList)
+    if not lists or not lists.first().option_count:
+        return False
+    return words.split()[-1] in str(lists.first().get_option_at_index(0).prompt).lower()
+
+
 def test_the_palette_changes_page_and_colours() -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: says(pilot, "ready"))
 
         async def choose(words: str, done: Callable[[], bool]) -> None:
             await pilot.press("ctrl+p")
-            await pilot.pause(0.1)
+            await until(pilot, lambda: isinstance(pilot.app.screen, CommandPalette))
             await pilot.press(*words)
-            await pilot.pause(0.5)
+            await until(pilot, lambda: finds(pilot, words))
             await pilot.press("enter")
             await until(pilot, done)
 

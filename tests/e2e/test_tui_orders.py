@@ -59,6 +59,8 @@ def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(
             await until(pilot, lambda: knows(pilot))
             for way in [*ways, ["escape", "ctrl+p"]]:
                 await pilot.press(*way)
+                if "ctrl+p" in way:
+                    await until(pilot, lambda: isinstance(pilot.app.screen, CommandPalette))
                 for keys in (STOP_KEYS, SECOND_STOP_KEYS):
                     stage.core.asked.clear()
                     await pilot.press(*keys)

@@ -49,7 +49,7 @@ class Deaf(Own):
 
 def fly(folder: Path, *sets: str) -> "subprocess.CompletedProcess[str]":
     (folder / "mine.py").write_text(CODE)
-    words = [word for one in ("flight.coast_s=0.9", *sets) for word in ("--set", one)]
+    words = [word for one in ("flight.coast_s=0.9", "guards.level_s=0.1", *sets) for word in ("--set", one)]
     with served() as room:
         return subprocess.run(
             room.station("fly", "--arm", "mqx", *words),

@@ -583,7 +583,6 @@ class Dashboard(App[None]):
 
     DEFAULT_MODE = "fly"
     ENABLE_COMMAND_PALETTE = True
-    COMMAND_PALETTE_BINDING = "ctrl+p"
     CSS = """
     ToastRack { margin-bottom: 6; }  /* what brings the vehicle down stays in sight, and can be clicked on */
     .short ToastRack { margin-bottom: 2; }  /* they cover the events, never the numbers */
@@ -591,6 +590,7 @@ class Dashboard(App[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         *(Binding(str(number), f"page('{name.lower()}')", name) for number, name in enumerate(PAGES, 1)),
         *(Binding(",".join(o.keys), o.action, o.label.lower(), priority=o.always) for o in ORDERS if o.keys),
+        Binding("ctrl+p", "command_palette", "all commands", priority=True),
         Binding("colon", "command_palette", "all commands"),
         Binding("c", "control", "take or give control"),
         Binding("question_mark", "keys", "all keys"),
