@@ -20,10 +20,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     """What the TOML ``text`` says.
 
     Raises:
-        ValueError: it is empty, no TOML, or nested deeper than any configuration is.
+        ValueError: it is no TOML, or nested deeper than any configuration is.
     """
-    if not text.strip():
-        raise ValueError("empty: what wrote it may not have finished")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -43,10 +41,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     """What the TOML file ``path`` says.
 
     Raises:
-        ConfigError: it can't be read, or is not TOML.
+        ConfigError: it can't be read, is an empty file (``/dev/null`` asks for the defaults), or is not TOML.
     """
     try:
-        return parse_toml(path.read_bytes().decode("utf-8-sig"))
+        text = path.read_bytes().decode("utf-8-sig")
+        if not text.strip() and path.is_file():
+            raise ValueError("empty: what wrote it may not have finished")
+        return parse_toml(text)
     except OSError as error:
         raise ConfigError("", f"cannot read the configuration: {error.strerror}", str(path)) from None
     except UnicodeDecodeError as error:
