@@ -174,7 +174,7 @@ def finds(pilot: Pilot[None], words: str) -> bool:
     lists = pilot.app.screen.query(CommandList)
     if not lists or not lists.first().option_count:
         return False
-    return words.split()[-1] in str(lists.first().get_option_at_index(0).prompt).lower()
+    return words.rsplit(maxsplit=1)[-1] in str(lists.first().get_option_at_index(0).prompt).lower()
 
 
 def test_the_palette_changes_page_and_colours() -> None:

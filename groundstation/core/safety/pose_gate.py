@@ -27,7 +27,7 @@ REJOIN_BASE_S = 3.0 * BASE_S
 REJOIN_M = 0.003
 """Distance from the model's place that is granted beside noise and drift [m]: the estimate's own error in `storm`."""
 REJOIN_M_S = 0.05
-"""Difference from the model's speed that is granted beside noise and drift [m/s]: as above."""
+"""Difference from the model's speed that is granted beside noise and drift [m/s]: as above. Its place drifts by it."""
 KEPT = 60
 """Poses that are kept [-]: .25 s at 240 Hz."""
 
@@ -48,6 +48,11 @@ class PoseGate:
         """Whether the newest pose was rejected."""
         return bool(self._rejected)
 
+    @property
+    def _is_lost(self) -> bool:
+        """Whether more than one pose was rejected: it was not that pose alone."""
+        return len(self._rejected) > 1
+
     def accepts(self, pose: Pose, now: Motion, ahead: Motion, noise_m: float) -> bool:
         """Whether ``pose`` is believed.
 
@@ -62,9 +67,10 @@ class PoseGate:
             self.restart()
             self._believed.append(pose)
             return True
-        if self._rejected:
+        if self._is_lost:
             return self._rejoins(pose, ahead, noise_m)
         if self._is_reachable(pose, now, ahead, noise_m):
+            self._rejected.clear()
             believed.append(pose)
             return True
         self._rejected.append(pose)
@@ -94,7 +100,7 @@ class PoseGate:
             (p - q) / h for p, q in zip(pose.position_ned, base.position_ned, strict=True)
         )
         noise = NOISES * noise_m
-        place_m = 2.0 * noise + REJOIN_M + 0.5 * DRIFT_M_S2 * since_s * since_s
+        place_m = 2.0 * noise + REJOIN_M + REJOIN_M_S * since_s + 0.5 * DRIFT_M_S2 * since_s * since_s
         speed_m_s = 1.5 * noise / h + REJOIN_M_S + DRIFT_M_S2 * since_s
         if math.dist(pose.position_ned, ahead.position) > place_m or math.dist(speed, ahead.velocity) > speed_m_s:
             return False

@@ -1,0 +1,55 @@
+"""The gate of poses: which ones the model can have come to."""
+
+import pytest
+
+from groundstation.core.geometry import Vec3
+from groundstation.core.messages import Pose
+from groundstation.core.safety.pose_gate import PoseGate
+from groundstation.core.vehicle import Motion
+
+PERIOD_S = 0.02
+NOISE_M = 0.0003
+SPEED_M_S = 2.0
+AT_REST: Vec3 = (0.0, 0.0, 0.0)
+
+
+def motion(time_s: float) -> Motion:
+    """The model's: north at 2 m/s."""
+    return Motion((SPEED_M_S * time_s, 0.0, -1.0), (SPEED_M_S, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, AT_REST)
+
+
+def believed(shown_s: dict[int, float], aside_m: dict[int, float], count: int = 30) -> list[bool]:
+    """Which of ``count`` poses at 50 Hz are believed, the n-th showing the place of ``shown_s[n]``, east by metres."""
+    gate, answers, last_s = PoseGate(), list[bool](), 0.0
+    for n in range(count):
+        time_s = n * PERIOD_S
+        shown = shown_s.get(n, time_s)
+        place = (SPEED_M_S * shown, aside_m.get(n, 0.0), -1.0)
+        pose = Pose(time_s, time_s, 0, place, (1.0, 0.0, 0.0, 0.0))
+        answers.append(gate.accepts(pose, motion(last_s), motion(time_s), NOISE_M))
+        if answers[-1]:
+            last_s = time_s
+    return answers
+
+
+@pytest.mark.parametrize(("late_s", "lost"), [(0.001, 0), (0.003, 3), (0.006, 1)])
+def test_one_exposure_that_was_late_costs_few_poses(late_s: float, lost: int) -> None:
+    """One that is believed just so spoils the speed of the next; one that is not costs itself alone."""
+    answers = believed({10: 10 * PERIOD_S - late_s}, {})
+    assert answers.count(False) == lost
+    assert all(answers[:10]) and all(answers[14:])
+
+
+def test_poses_that_jump_aside_and_stay_there_are_believed_no_more() -> None:
+    answers = believed({}, dict.fromkeys(range(10, 30), 0.3))
+    assert answers == [True] * 10 + [False] * 20
+
+
+def test_poses_that_jump_aside_and_come_back_are_believed_again() -> None:
+    answers = believed({}, dict.fromkeys(range(10, 15), 0.3))
+    assert not any(answers[10:15]) and all(answers[20:])
+
+
+def test_a_place_that_stops_within_one_pose_is_believed_no_more() -> None:
+    answers = believed(dict.fromkeys(range(10, 30), 9 * PERIOD_S), {})
+    assert answers == [True] * 10 + [False] * 20
