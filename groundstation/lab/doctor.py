@@ -235,6 +235,8 @@ class MavlinkVisit:
             target_system=link.target_system,
             hover=signal(share, config.thrust_curve),
             own_curve=config.thrust_curve > 0.0,
+            forwards=config.forwards is not None,
+            pose_latency_s=getattr(config.pose, "latency_s", None),
         )
         self.parameters: dict[str, Setting] = {}
         self._connection = MavlinkConnection(msgspec.structs.replace(link, quiet=False))

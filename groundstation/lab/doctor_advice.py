@@ -82,6 +82,10 @@ class VehicleFacts(NamedTuple):
     """Signal 0..1 that carries the vehicle, as we believe: weight over full thrust, through the thrust curve."""
     own_curve: bool
     """True where the link straightens the motors' curve itself (link.thrust_curve, or the vehicle's)."""
+    forwards: bool = False
+    """True where our poses are forwarded to its own estimator (link.forward)."""
+    pose_latency_s: float | None = None
+    """Age of a pose as it comes to us, as we are told [s]; None where the source tells it itself."""
 
 
 class ParameterFinding(msgspec.Struct, frozen=True):
@@ -129,6 +133,11 @@ def with_bit(bit: int, meaning: str) -> Rule:
     """Bit number ``bit`` set, the others as they are."""
     mask = 1 << bit
     return Rule(f"bit {bit} ({mask}) set: {meaning}", lambda v: bool(int(v) & mask), lambda v: float(int(v) | mask))
+
+
+def with_bits(mask: int, meaning: str) -> Rule:
+    """All bits of ``mask`` set, the others as they are."""
+    return Rule(f"bits of {mask} set: {meaning}", lambda v: int(v) & mask == mask, lambda v: float(int(v) | mask))
 
 
 def without_bit(bit: int, meaning: str) -> Rule:
@@ -226,24 +235,76 @@ def px4_advice(facts: VehicleFacts) -> list[Advice]:
             "PX4's own idea of the thrust that carries the vehicle, for its landing. Ours is vehicle.hover_thrust, or "
             "vehicle.mass_kg × 9.81 / vehicle.thrust_max_n through the thrust curve: if they differ, one is wrong.",
         ),
-        note(
+        *_px4_estimator(facts),
+    ]
+
+
+def _px4_estimator(facts: VehicleFacts) -> list[Advice]:
+    """What PX4's own estimator goes by: our poses, where they are forwarded to it."""
+    if not facts.forwards:
+        return [
+            note(
+                "EKF2_EV_CTRL",
+                between(0.0, 15.0, 15.0),
+                "What PX4's estimator takes from an external pose: bit 0 horizontal position, 1 height, 2 velocity, "
+                "3 yaw. Only where something sends it one.",
+            ),
+            note(
+                "EKF2_HGT_REF",
+                between(0.0, 3.0, 3.0),
+                "Where height comes from: 0 barometer, 1 GPS, 2 range finder, 3 vision. Indoors with an external "
+                "pose: 3.",
+                reboot=True,
+            ),
+            note(
+                "EKF2_EV_DELAY",
+                between(0.0, 300.0, 0.0),
+                "Age of the external pose when it arrives [ms]; wrong by 50 ms, fast flight is estimated wrongly.",
+                reboot=True,
+            ),
+        ]
+    return [
+        should(
             "EKF2_EV_CTRL",
-            between(0.0, 15.0, 15.0),
-            "What PX4's estimator takes from an external pose: bit 0 horizontal position, 1 height, 2 velocity, 3 yaw. "
-            "Only where something sends it one.",
+            with_bits(0b1011, "horizontal position, height and yaw"),
+            "What PX4's estimator takes from the poses that link.forward sends it. Without, its own modes know no "
+            "position after our flight.",
         ),
-        note(
+        should(
             "EKF2_HGT_REF",
-            between(0.0, 3.0, 3.0),
-            "Where height comes from: 0 barometer, 1 GPS, 2 range finder, 3 vision. Indoors with an external pose: 3.",
+            exactly(3.0),
+            "Where height comes from: vision. Indoors a barometer follows doors and the rotors' own air.",
             reboot=True,
         ),
-        note(
+        should(
             "EKF2_EV_DELAY",
-            between(0.0, 300.0, 0.0),
-            "Age of the external pose when it arrives [ms]; wrong by 50 ms, fast flight is estimated wrongly.",
+            between(0.0, 20.0, 0.0),
+            "What the stamps of our poses do not tell of their age [ms]. They come in PX4's own time, by TIMESYNC.",
             reboot=True,
         ),
+        should(
+            "EKF2_EVP_NOISE",
+            between(0.01, 0.05, 0.01),
+            "The least position noise that PX4 believes in [m]: a tracker's is millimetres, and 0.1 as delivered lets "
+            "the accelerometer lead.",
+        ),
+        should(
+            "EKF2_EVA_NOISE",
+            between(0.05, 0.1, 0.05),
+            "The least yaw noise that PX4 believes in [rad].",
+        ),
+        should(
+            "EKF2_MAG_TYPE",
+            exactly(5.0),
+            "No compass: steel and currents turn its heading indoors, and yaw comes with our poses.",
+            reboot=True,
+        ),
+        should(
+            ("EKF2_GPS_CTRL", "EKF2_AID_MASK"),
+            exactly(0.0),
+            "No GPS: a fix through the roof is off by metres, and position comes with our poses.",
+        ),
+        should("SYS_HAS_GPS", exactly(0.0), "With 1, a missing GPS is a failed pre-arm check.", reboot=True),
     ]
 
 
@@ -253,8 +314,6 @@ def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
         "Curve of the motors: thrust = f u² + (1 - f) u, about 0.5 to 0.7. With f set here, link.thrust_curve is 0; "
         "only one of the two may straighten the curve."
     )
-    source = "Where EKF3 takes {} from: {}."
-    places = "3 GPS, 6 external navigation, where something sends it a pose"
     return [
         must(
             "GUID_OPTIONS",
@@ -340,21 +399,83 @@ def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
             between(0.0, 127.0, 10.0),
             "An armed vehicle that stands on the ground for this long [s] disarms itself; 0: it never does.",
         ),
-        note(
+        *_ardupilot_estimator(facts),
+    ]
+
+
+def _ardupilot_estimator(facts: VehicleFacts) -> list[Advice]:
+    """What EKF3 goes by: our poses, where they are forwarded to it."""
+    if not facts.forwards:
+        places = "3 GPS, 6 external navigation, where something sends it a pose"
+        return [
+            note(
+                "VISO_TYPE",
+                between(0.0, 3.0, 0.0),
+                "Whether it takes an external pose at all: 0 no, 1 over MAVLink.",
+                reboot=True,
+            ),
+            *(
+                note(f"EK3_SRC1_{name}", between(0.0, 8.0, 0.0), f"Where EKF3 takes {what} from: {values}.")
+                for name, what, values in (
+                    ("POSXY", "horizontal position", places),
+                    ("POSZ", "height", f"1 barometer, 2 range finder, {places}"),
+                    ("VELXY", "horizontal velocity", f"{places}, 5 optical flow"),
+                    ("VELZ", "vertical velocity", places),
+                    ("YAW", "heading", "1 compass, 6 external navigation, 8 GSF"),
+                )
+            ),
+        ]
+    latency_s = facts.pose_latency_s
+    delay = between(0.0, 50.0, 10.0)
+    if latency_s is not None:
+        delay = between(
+            max(1e3 * latency_s - 10.0, 0.0), min(1e3 * latency_s + 10.0, 250.0), float(round(1e3 * latency_s))
+        )
+    velocity = {6.0: "external navigation", 0.0: "none"}
+    return [
+        should(
             "VISO_TYPE",
-            between(0.0, 3.0, 0.0),
-            "Whether it takes an external pose at all: 0 no, 1 over MAVLink.",
+            exactly(1.0),
+            "It takes the poses that link.forward sends, over MAVLink. Without, its own modes know no position after "
+            "our flight.",
             reboot=True,
         ),
         *(
-            note(f"EK3_SRC1_{name}", between(0.0, 8.0, 0.0), source.format(what, values))
-            for name, what, values in (
-                ("POSXY", "horizontal position", places),
-                ("POSZ", "height", f"1 barometer, 2 range finder, {places}"),
-                ("VELXY", "horizontal velocity", f"{places}, 5 optical flow"),
-                ("VELZ", "vertical velocity", places),
-                ("YAW", "heading", "1 compass, 6 external navigation, 8 GSF"),
+            should(f"EK3_SRC1_{name}", rule, f"EKF3 takes {what} from our poses.")
+            for name, what, rule in (
+                ("POSXY", "horizontal position", exactly(6.0)),
+                ("POSZ", "height", exactly(6.0)),
+                ("VELXY", "horizontal velocity", one_of(velocity, 6.0)),
+                ("VELZ", "vertical velocity", one_of(velocity, 6.0)),
+                ("YAW", "heading", exactly(6.0)),
             )
+        ),
+        should(
+            "VISO_DELAY_MS",
+            delay,
+            "Age of a pose when it comes [ms]: pose.latency_s, as ArduPilot takes the arrival for its time.",
+        ),
+        should(
+            "VISO_POS_M_NSE",
+            between(0.005, 0.1, 0.01),
+            "The least position noise that EKF3 believes in [m]: a tracker's is millimetres.",
+        ),
+        should(
+            "VISO_VEL_M_NSE",
+            between(0.05, 0.3, 0.1),
+            "The velocity noise that EKF3 believes in [m/s]; ours are differences of positions over 40 ms.",
+        ),
+        should(
+            "COMPASS_ENABLE",
+            exactly(0.0),
+            "No compass: steel and currents turn its heading indoors, and yaw comes with our poses.",
+            reboot=True,
+        ),
+        should(
+            ("GPS1_TYPE", "GPS_TYPE"),
+            exactly(0.0),
+            "No GPS: a missing one is a failed pre-arm check, and a fix through the roof is off by metres.",
+            reboot=True,
         ),
     ]
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from groundstation.core.geometry import Vec3, to_body
 from groundstation.core.messages import Pose, PoseSource, PoseStatus
 from links.mavlink import MavlinkLink
-from links.mavlink.protocol import ForwardConfig, Odometry, odometry
+from links.mavlink.protocol import ARDUPILOT, ForwardConfig, Odometry, odometry, origin
 
 BASE_S = 0.04
 """Velocity is measured over at least this time [s]."""
@@ -19,6 +19,9 @@ GAP_S = 0.2
 """Poses further apart than this say nothing of the velocity between them [s]."""
 EARLY = 0.1
 """A pose that comes this share of the period early is not too early: jitter must not halve the rate."""
+
+ORIGIN_S = 1.0
+"""While it is not armed, ArduPilot is told its origin this often [s]: its filter takes none before it has started."""
 
 
 class Forward:
@@ -78,6 +81,7 @@ class ForwardingSource:
         """``source`` is behind the gate; the frames leave on the connection of ``link``."""
         self._source = source
         self._connection = link.connection
+        self._origin_due_s = -math.inf
         self._forward = Forward(config)
         self._distrusted = False
 
@@ -108,6 +112,10 @@ class ForwardingSource:
         if self._distrusted:
             return
         connection = self._connection
-        told = self._forward.take(pose, asyncio.get_running_loop().time())
+        now_s = asyncio.get_running_loop().time()
+        told = self._forward.take(pose, now_s)
         if told is not None and connection.kind is not None and connection.state in ("connected", "armed"):
+            if connection.kind == ARDUPILOT and connection.state == "connected" and now_s >= self._origin_due_s:
+                self._origin_due_s = now_s + ORIGIN_S
+                connection.leave(origin(connection.codec))
             connection.leave(odometry(connection.codec, connection.kind, told))

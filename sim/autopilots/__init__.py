@@ -1,5 +1,6 @@
-"""Simulated autopilots: PX4 and ArduPilot, as they were seen to behave towards a ground station."""
+"""Autopilots of the simulated vehicle: PX4 and ArduPilot as they were seen to behave, and real firmware."""
 
+from sim.autopilots.ardupilot import make_ardupilot
 from sim.autopilots.autopilot import Parameters, SimulatedAutopilot
 from sim.autopilots.betaflight import (
     GAINS,
@@ -11,6 +12,7 @@ from sim.autopilots.betaflight import (
     pack_pulses,
 )
 from sim.autopilots.dialects import Px4Autopilot
+from sim.autopilots.onboard import Airworthy, OnboardFirmware
 from sim.autopilots.peer import (
     AUTOPILOTS,
     AutopilotPeer,
@@ -21,3 +23,4 @@ from sim.autopilots.peer import (
     speak_to,
     wait_at,
 )
+from sim.autopilots.px4 import make_px4

@@ -143,18 +143,24 @@ PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "COM_RC_OVERRIDE": (1.0, INT32),
     "COM_DISARM_PRFLT": (10.0, REAL32),
     "EKF2_EV_CTRL": (15.0, INT32),
+    "EKF2_EVA_NOISE": (0.1, REAL32),
+    "EKF2_EVP_NOISE": (0.1, REAL32),
     "EKF2_EV_DELAY": (0.0, REAL32),
+    "EKF2_GPS_CTRL": (7.0, INT32),
     "EKF2_HGT_REF": (1.0, INT32),
+    "EKF2_MAG_TYPE": (0.0, INT32),
     "MAV_FWDEXTSP": (1.0, INT32),
     "MAV_SYS_ID": (1.0, INT32),
     "MAV_TYPE": (2.0, INT32),
     "MPC_THR_HOVER": (0.5, REAL32),
+    "SYS_HAS_GPS": (1.0, INT32),
     "THR_MDL_FAC": (0.0, REAL32),
 }
 """Name → value, MAV_PARAM_TYPE. A vehicle that is set up to be flown from outside, without a remote control."""
 
 ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "ATC_ANGLE_BOOST": (0.0, INT8),
+    "COMPASS_ENABLE": (1.0, INT8),
     "DISARM_DELAY": (10.0, INT8),
     "EK3_SRC1_POSXY": (3.0, INT8),
     "EK3_SRC1_POSZ": (1.0, INT8),
@@ -165,6 +171,7 @@ ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "FS_GCS_ENABLE": (5.0, INT8),
     "FS_GCS_TIMEOUT": (2.0, REAL32),
     "FS_THR_ENABLE": (0.0, INT8),
+    "GPS1_TYPE": (1.0, INT8),
     "GUID_OPTIONS": (8.0, INT32),
     "GUID_TIMEOUT": (3.0, REAL32),
     "MOT_SPIN_ARM": (0.1, REAL32),
@@ -175,7 +182,10 @@ ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "RC_OPTIONS": (32.0, INT32),
     "SYSID_MYGCS": (245.0, INT16),
     "SYSID_THISMAV": (1.0, INT16),
+    "VISO_DELAY_MS": (10.0, INT16),
+    "VISO_POS_M_NSE": (0.2, REAL32),
     "VISO_TYPE": (0.0, INT8),
+    "VISO_VEL_M_NSE": (0.1, REAL32),
 }
 """The same for ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what we ask for."""
 

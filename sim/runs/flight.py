@@ -23,6 +23,7 @@ from groundstation.flight import Flight, FlightOutcome
 from groundstation.machine import sleep_until
 from groundstation.recording import Give, Record, TruthRecord, make_flight
 from groundstation.settings import Config
+from sim.autopilots import Airworthy
 from sim.runs.referee import FlightVerdict, MissionVerdict, Referee, StateEntry, TrueTrack
 from sim.runs.stage import Stage
 from sim.time import Address, VirtualTimeLoop, in_virtual_time
@@ -258,16 +259,17 @@ async def fly_mission(
     config: Config,
     *,
     seed: int,
-    autopilot: str = "px4",
+    autopilot: str | Airworthy = "px4",
     on_event: Callable[[Notice], None] | None = None,
     script: Script | None = None,
     give: Give | None = None,
     monitors: Monitors = MONITORS,
+    confirm_s: float = MISSION_CONFIRM_S,
 ) -> MissionResult:
     """Fly ``config``, which says how long the figure is flown, in ``world``, from its floor; see :func:`from_floor`.
 
     ``script(flight, stage)`` runs beside it, to ask for what an operator would, or to break something; ``give`` takes
-    what is to be recorded; ``monitors`` makes what may end the flight.
+    what is to be recorded; ``monitors`` makes what may end the flight; arming is confirmed at ``confirm_s``.
     """
     begun_s, loop = time.perf_counter(), asyncio.get_running_loop()
     track, states, upright = TrueTrack(), list[StateEntry](), 1.0
@@ -300,7 +302,7 @@ async def fly_mission(
 
     flight = make_flight(
         config,
-        confirm=confirm_at(MISSION_CONFIRM_S),
+        confirm=confirm_at(confirm_s),
         subscribers=(hear,),
         wires=stage.wires,
         give=give,

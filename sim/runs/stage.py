@@ -25,7 +25,17 @@ from links.io import parse_address, read_key
 from links.mavlink import MavlinkLinkConfig, StampFile
 from links.mavlink.protocol import TICKS_PER_S, Signer
 from links.rf import CrsfLinkConfig, RfConfig, describe_pulses
-from sim.autopilots import AUTOPILOTS, AutopilotPeer, OpenWire, SimulatedAutopilot, accept_at, at_end_of, wait_at
+from sim.autopilots import (
+    AUTOPILOTS,
+    Airworthy,
+    AutopilotPeer,
+    OnboardFirmware,
+    OpenWire,
+    SimulatedAutopilot,
+    accept_at,
+    at_end_of,
+    wait_at,
+)
 from sim.radio import PtyWire, PulseReceiver, Receiver, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
 from sim.scenarios import BETAFLIGHT
 from sim.trackers import Mocap, TrackedBody, Tracker, make_tracker
@@ -46,7 +56,7 @@ class Stage:
         seed: int,
         on_step: Callable[[float, Vec3], None] | None = None,
         *,
-        autopilot: str = "px4",
+        autopilot: str | Airworthy = "px4",
         parameters: Mapping[str, float] | None = None,
         pty: PtyWire | None = None,
         alone: bool = True,
@@ -54,7 +64,8 @@ class Stage:
     ) -> None:
         """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
 
-        ``autopilot`` is one of ``AUTOPILOTS``, or Betaflight; ``parameters`` differ from its usual ones. A radio link,
+        ``autopilot`` is one of ``AUTOPILOTS``, Betaflight, or real firmware behind MAVLink over UDP; ``parameters``
+        differ from its usual ones. A radio link,
         or a serial one of MAVLink, ends at ``pty``, or else a radio's on the network in memory. Without ``alone``,
         cameras of its own are left out: others see it. ``standing``: see :class:`sim.trackers.trackers.Mocap`.
 
@@ -94,7 +105,13 @@ class Stage:
         self._telemetry_hz = 0.0
         self.board: FlightBoard | None = None
         """Betaflight behind it; None where the receiver flies the vehicle itself."""
-        if isinstance(config.link, MavlinkLinkConfig):
+        self.onboard: OnboardFirmware | None = None
+        """Real firmware at the end of a MAVLink link; None where a simulated autopilot is."""
+        if not isinstance(autopilot, str):
+            assert isinstance(config.link, MavlinkLinkConfig), "real firmware speaks MAVLink"
+            noise = rows(stream(seed, "sensors of the firmware").standard_normal, 10)
+            self.onboard = autopilot.fit(plant, parse_address(config.link.endpoint), noise)
+        elif isinstance(config.link, MavlinkLinkConfig):
             made = AUTOPILOTS[autopilot](
                 vehicle,
                 lose=lose,
@@ -168,7 +185,9 @@ class Stage:
     async def run(self) -> None:
         """Let the world turn until cancelled."""
         async with asyncio.TaskGroup() as group:
-            if self.radio is None:
+            if self.onboard is not None:
+                group.create_task(self.onboard.run())
+            elif self.radio is None:
                 group.create_task(self.peer.run())
             elif self._pty is None:
                 group.create_task(self.radio.run())

@@ -83,6 +83,24 @@ def test_each_autopilot_fuses_what_the_cameras_see(autopilot: str, source: str) 
     assert len({fused.resets for fused in external.fused}) == 1
 
 
+@pytest.mark.parametrize(("autopilot", "times"), [("ardupilot", 3), ("px4", 0)])
+def test_ardupilot_is_told_an_origin_once_a_second_until_it_is_armed(autopilot: str, times: int) -> None:
+    codec, origins = MavlinkCodec(1, 1), list[tuple[float, float]]()
+
+    async def listen(stage: Stage) -> None:
+        def overhear(_: float, data: bytes) -> None:
+            for message in codec.feed(data):
+                if message.get_type() == "SET_GPS_GLOBAL_ORIGIN":
+                    origins.append((1e-7 * message.latitude, 1e-7 * message.longitude))
+
+        stage.peer.overhear = overhear
+        await asyncio.sleep(3.0)
+
+    ready(ON, autopilot=autopilot, meanwhile=listen)
+    assert len(origins) in ((times - 1, times) if times else (0,))
+    assert all(one == pytest.approx((47.397742, 8.545594)) for one in origins)
+
+
 def test_nothing_is_forwarded_unless_told_to() -> None:
     external, _ = ready(meanwhile=three_seconds)
     assert not external.fused

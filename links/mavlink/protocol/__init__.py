@@ -20,7 +20,7 @@ from links.mavlink.protocol.codec import (
     load_dialect,
 )
 from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
-from links.mavlink.protocol.odometry_codec import Odometry, odometry
+from links.mavlink.protocol.odometry_codec import Odometry, odometry, origin
 from links.mavlink.protocol.procedures import (
     MULTIROTORS,
     REAL32,

@@ -10,6 +10,11 @@ LOCAL_FRD, BODY_FRD = 20, 12
 VISION = 2
 """MAV_ESTIMATOR_TYPE_VISION."""
 BEST_QUALITY = 100
+ORIGIN_DEG = (47.397742, 8.545594)
+"""Latitude and longitude that a room stands at for ArduPilot [deg]: where PX4's simulators begin.
+ArduPilot wants some before it believes its position; a flight by poses takes nothing from them."""
+ORIGIN_M = 488.0
+"""Its height above the sea [m]."""
 
 _UNKNOWN = (math.nan,) * 3
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
@@ -66,6 +71,19 @@ def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
         VISION,
         BEST_QUALITY,
     )
+    return codec.pack(message)
+
+
+def origin(codec: MavlinkCodec) -> bytes:
+    """SET_GPS_GLOBAL_ORIGIN to every autopilot that hears it: where on earth the frame of ODOMETRY begins.
+
+    One that has an origin keeps it.
+
+    Source: ArduPilot 4.7-dev GCS_Common.cpp, set_ekf_origin; its EKF3 refuses GUIDED and home without.
+    """
+    latitude, longitude = (round(1e7 * angle) for angle in ORIGIN_DEG)
+    height_mm = round(1e3 * ORIGIN_M)
+    message = codec.dialect.MAVLink_set_gps_global_origin_message(0, latitude, longitude, height_mm, 0)
     return codec.pack(message)
 
 

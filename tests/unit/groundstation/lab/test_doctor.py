@@ -45,6 +45,7 @@ from tests.loops import in_virtual_time
 HERE = ("127.0.0.1", 14540)
 HOVER = 0.080 * 9.81 / 1.37
 FACTS = VehicleFacts(own_system=245, target_system=1, hover=HOVER, own_curve=False)
+FORWARDING = FACTS._replace(forwards=True, pose_latency_s=0.010)
 TABLES = {"px4": px4_advice, "ardupilot": ardupilot_advice}
 
 
@@ -118,8 +119,8 @@ def test_what_the_page_on_safety_wants_of_an_autopilot_is_what_the_doctor_sets(
 
 @pytest.mark.parametrize("kind", TABLES)
 def test_every_advice_recommends_what_it_accepts_and_says_why(kind: str) -> None:
-    for own_curve in (False, True):
-        table = TABLES[kind](FACTS._replace(own_curve=own_curve))
+    for facts in (FACTS, FACTS._replace(own_curve=True), FORWARDING, FORWARDING._replace(pose_latency_s=None)):
+        table = TABLES[kind](facts)
         for advice in table:
             for value in (0.0, 1.0, 33.0):
                 assert advice.rule.accepts(advice.rule.better(value)), advice.names
@@ -131,7 +132,37 @@ def test_every_advice_recommends_what_it_accepts_and_says_why(kind: str) -> None
 
 @pytest.mark.parametrize(("kind", "has"), [("px4", PX4_PARAMETERS), ("ardupilot", ARDUPILOT_PARAMETERS)])
 def test_the_simulated_autopilot_has_every_parameter_that_is_looked_at(kind: str, has: dict[str, Any]) -> None:
-    assert [advice.names for advice in TABLES[kind](FACTS) if not has.keys() & set(advice.names)] == []
+    for facts in (FACTS, FORWARDING):
+        assert [advice.names for advice in TABLES[kind](facts) if not has.keys() & set(advice.names)] == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "wanted"),
+    [
+        ("px4", {"EKF2_EV_CTRL": 11.0, "EKF2_HGT_REF": 3.0, "EKF2_GPS_CTRL": 0.0, "EKF2_MAG_TYPE": 5.0}),
+        ("ardupilot", {"VISO_TYPE": 1.0, "EK3_SRC1_POSXY": 6.0, "EK3_SRC1_YAW": 6.0, "GPS1_TYPE": 0.0}),
+    ],
+)
+@pytest.mark.parametrize("forwards", [True, False])
+def test_an_estimator_is_told_to_go_by_our_poses_where_they_are_forwarded(
+    kind: str, wanted: dict[str, float], forwards: bool
+) -> None:
+    found = {name: Setting(name, 1.0 if name in ("EKF2_EV_CTRL", "EKF2_HGT_REF") else 7.0) for name in wanted}
+    told = {one.name: one for one in (judge(a, found) for a in TABLES[kind](FORWARDING if forwards else FACTS))}
+    set_to = {name: told[name].recommended for name in wanted if name in told and told[name].recommended is not None}
+    assert set_to == (wanted if forwards else {})
+
+
+def test_ardupilots_delay_of_poses_is_what_we_are_told_of_theirs() -> None:
+    def accepts(latency_s: float | None, delay_ms: float) -> bool:
+        table = ardupilot_advice(FORWARDING._replace(pose_latency_s=latency_s))
+        (rule,) = [advice.rule for advice in table if "VISO_DELAY_MS" in advice.names]
+        return rule.accepts(delay_ms)
+
+    assert accepts(0.010, 10.0)
+    assert not accepts(0.080, 10.0)
+    assert accepts(0.080, 80.0)
+    assert accepts(None, 10.0), "a source that tells its latency itself"
 
 
 @pytest.mark.parametrize(

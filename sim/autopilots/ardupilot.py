@@ -1,0 +1,155 @@
+"""ArduPilot's JSON interface: its SITL, unmodified, in lockstep with the simulation, on four rotors.
+
+SITL with ``--model JSON`` sends a packet of servo outputs (UDP, little-endian) and waits for the state of the vehicle:
+
+    0   uint16  18458: 16 outputs follow; 29569: 32
+    2   uint16  frames a second that it wants
+    4   uint32  number of the frame
+    8   uint16  outputs [µs], 0 for none
+
+The answer is one line of JSON, between two line feeds; the time stamp in it moves its clock on. What noise its sensors
+have is its own.
+
+Source: libraries/SITL/SIM_JSON.cpp of ArduPilot master, July 2025.
+"""
+
+import json
+import os
+import socket
+import struct
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Vec3
+from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Normals, read_parameters
+from sim.world import FourRotors, TrueState
+
+STEP_S = 0.0025
+"""From one state to the next [s]: as often as its main loop runs (SCHED_LOOP_RATE 400)."""
+BOOT_S = 12.0
+"""So long after the first state its gyros are calibrated and its attitude is aligned [s]."""
+FEW, MANY = 18458, 29569
+"""What a packet of 16 outputs begins with, and one of 32."""
+LOW_US, HIGH_US = 1000.0, 2000.0
+"""Outputs that mean rotors at rest, and at their fullest (MOT_PWM_MIN, MOT_PWM_MAX) [µs]."""
+HOME = "47.397742,8.545594,488,0"
+"""Where its simulated sensors of the earth's field take it to be: latitude, longitude, height, heading."""
+
+_HEAD = struct.Struct("<HHI")
+_COUNTS = {FEW: 16, MANY: 32}
+
+
+class Servos(NamedTuple):
+    """One packet of servo outputs."""
+
+    rate_hz: int
+    frame: int
+    pulses_us: tuple[int, ...]
+
+    @property
+    def motors(self) -> FourRotors:
+        """Front right, rear left, front left, rear right, 0..1: the order of its frame X and of plant.py."""
+        a, b, c, d = (min(max((us - LOW_US) / (HIGH_US - LOW_US), 0.0), 1.0) for us in self.pulses_us[:4])
+        return a, b, c, d
+
+
+def read_servos(packet: bytes) -> Servos | None:
+    """The outputs in ``packet``; None where it is none."""
+    if len(packet) < _HEAD.size:
+        return None
+    magic, rate, frame = _HEAD.unpack_from(packet)
+    count = _COUNTS.get(magic, 0)
+    if not count or len(packet) != _HEAD.size + 2 * count:
+        return None
+    return Servos(rate, frame, struct.unpack_from(f"<{count}H", packet, _HEAD.size))
+
+
+def write_state(time_s: float, truth: TrueState, specific_force: Vec3) -> bytes:
+    """The answer.
+
+    Raises:
+        ValueError: a number is infinite, or none.
+    """
+    state = {
+        "timestamp": time_s,
+        "imu": {"gyro": truth.rates_rad_s, "accel_body": specific_force},
+        "position": truth.position_ned,
+        "quaternion": truth.attitude,
+        "velocity": truth.velocity_ned,
+        "no_time_sync": 1,
+    }
+    # Its reader looks for '"key":' and for "[a, b, c]": the separators are part of the format.
+    return b"\n" + json.dumps(state, separators=(", ", ":"), allow_nan=False).encode() + b"\n"
+
+
+def find_program(folder: Path) -> Path:
+    """ArduCopter's program in ``folder``, where ``./waf copter`` has built it for the board ``sitl``.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    program = folder / "build" / "sitl" / "bin" / "arducopter"
+    if not program.is_file():
+        raise ConfigError("--ardupilot", f"expected a folder in which it was built, but there is no {program}")
+    return program.resolve()
+
+
+class ArduCopter(Firmware):
+    """One ArduCopter."""
+
+    step_s = STEP_S
+
+    def __init__(self, program: Path, folder: Path, number: int = 0) -> None:
+        """``program``: see :func:`find_program`; ``number`` tells it from others on this machine."""
+        super().__init__(folder)
+        self.mavlink.bind((LOOPBACK, 0))
+        self._program, self._number = program, number
+        self._wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._wire.bind((LOOPBACK, 0))
+        self._wire.settimeout(PATIENCE_S)
+        self._simulator: Any = None
+        self._count = 0
+
+    def boot(self, truth: TrueState, specific_force: Vec3) -> None:
+        """Start it, wait for its first outputs, and let it run at rest until it has started up."""
+        lines = [f"{name} {value}\n" for name, value, _ in read_parameters("ardupilot.parm")]
+        (self.folder / "ours.parm").write_text("".join(lines), "utf-8")
+        words = [self._program, "--model", f"JSON:{LOOPBACK}", "--sim-port-out", self._wire.getsockname()[1]]
+        words += ["--serial0", f"udpclient:{LOOPBACK}:{self.mavlink.getsockname()[1]}", "--home", HOME]
+        words += ["--defaults", "ours.parm", f"-I{self._number}"]
+        self.start([*map(str, words)], {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ})
+        self._await_servos()
+        for _ in range(round(BOOT_S / STEP_S)):
+            self.step(truth, specific_force)
+
+    def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
+        """One state, and the outputs that come of it."""
+        self._count += 1
+        self._wire.sendto(write_state(STEP_S * self._count, truth, specific_force), self._simulator)
+        return self._await_servos().motors
+
+    def _await_servos(self) -> Servos:
+        while True:
+            try:
+                packet, self._simulator = self._wire.recvfrom(256)
+            except TimeoutError:
+                raise EOFError(f"ArduCopter stands still: see {self.folder / 'firmware.log'}") from None
+            if (servos := read_servos(packet)) is not None:
+                return servos
+
+    def close(self) -> None:
+        """Switch it off."""
+        self._wire.close()
+        super().close()
+
+
+def make_ardupilot(folder: Path) -> Any:
+    """A :data:`sim.autopilots.onboard.Make` of the ArduCopter that was built in ``folder``."""
+    program = find_program(folder)
+
+    def make(place: Path, noise: Normals) -> Firmware:
+        del noise  # its sensors have their own
+        return ArduCopter(program, place)
+
+    return make

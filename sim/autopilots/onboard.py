@@ -1,0 +1,203 @@
+"""Real firmware on the simulated vehicle: one process in lockstep with the plant, whose rotors it drives.
+
+The firmware is a PX4 or an ArduPilot that somebody has built; px4.py and ardupilot.py speak their simulator interfaces.
+Time is the plant's: the process waits for each state of the vehicle, and the plant for the motor outputs that come of
+it. What the firmware says and hears over MAVLink passes between its own UDP port and the network in memory.
+"""
+
+import asyncio
+import shutil
+import socket
+import tempfile
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from subprocess import DEVNULL, STDOUT, Popen
+from typing import Any, NamedTuple, Self, TypeAlias
+
+from groundstation.core.geometry import Vec3
+from groundstation.machine import sleep_until
+from sim.world import FourRotors, Quadrotor, TrueState
+
+LOOPBACK = "127.0.0.1"
+Normals: TypeAlias = Iterator[tuple[float, ...]]
+"""Rows of ten standard normal numbers."""
+PATIENCE_S = 20.0
+"""A process that answers nothing for so long has stopped [s, of the wall clock]."""
+LIFTS = 0.2
+"""Motor outputs above this share let go of a vehicle that is held; idling is below .1 [-]."""
+
+
+class Told(NamedTuple):
+    """One parameter of a parameter file."""
+
+    name: str
+    value: str
+    reason: str
+
+
+def read_parameters(name: str) -> list[Told]:
+    """The lines ``NAME VALUE # reason`` of the parameter file ``name`` of this folder.
+
+    Raises:
+        ValueError: a line has no value, or no reason.
+    """
+    told = list[Told]()
+    for line in Path(__file__).with_name(name).read_text("utf-8").splitlines():
+        setting, _, reason = line.partition("#")
+        if not setting.strip():
+            continue
+        words = setting.split()
+        if len(words) != 2 or not reason.strip():
+            raise ValueError(f"{name}: expected NAME VALUE # reason, got {line!r}")
+        told.append(Told(words[0], words[1], reason.strip()))
+    return told
+
+
+class Firmware(ABC):
+    """One process of a firmware, which goes on when it is told to; :meth:`close` ends it."""
+
+    step_s: float
+    """From one state of the vehicle to the next [s]."""
+
+    def __init__(self, folder: Path) -> None:
+        """Its files are in ``folder``; its MAVLink port on this machine is :attr:`mavlink`."""
+        self.folder = folder
+        self.mavlink = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.mavlink.setblocking(False)
+        self._theirs: tuple[str, int] | None = None
+        self._process: Popen[bytes] | None = None
+
+    @abstractmethod
+    def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
+        """Let it run for :attr:`step_s`, with this state of the vehicle; its motor outputs, in the plant's order.
+
+        Raises:
+            EOFError: it has ended, or stands still.
+        """
+
+    @abstractmethod
+    def boot(self, truth: TrueState, specific_force: Vec3) -> None:
+        """Let it start up at rest; the same is raised."""
+
+    def start(self, command: list[str], environment: Mapping[str, str]) -> None:
+        """Run the program ``command`` in its folder."""
+        with (self.folder / "firmware.log").open("ab") as log:
+            self._process = Popen(  # noqa: S603  # somebody has built it, and named it
+                command, cwd=self.folder, env=dict(environment), stdin=DEVNULL, stdout=log, stderr=STDOUT
+            )
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended by itself."""
+        return self._process is not None and self._process.poll() is not None
+
+    def say(self, datagram: bytes) -> None:
+        """Send one datagram to its MAVLink port; lost before it has spoken itself."""
+        if self._theirs is not None:
+            self.mavlink.sendto(datagram, self._theirs)
+
+    def hear(self) -> list[bytes]:
+        """The datagrams that it has sent since the last time."""
+        heard = list[bytes]()
+        while True:
+            try:
+                data, self._theirs = self.mavlink.recvfrom(4096)
+            except (BlockingIOError, ConnectionRefusedError):
+                return heard
+            heard.append(data)
+
+    def close(self) -> None:
+        """Switch it off; does nothing the second time."""
+        self.mavlink.close()
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+
+Make = Callable[[Path, Normals], Firmware]
+"""Makes a firmware whose files are in a folder, with rows of standard normal numbers for the noise of its sensors."""
+
+
+class OnboardFirmware(asyncio.DatagramProtocol):
+    """A firmware as the autopilot of one vehicle with rotors, with a MAVLink link to a ground station."""
+
+    def __init__(self, plant: Quadrotor, firmware: Firmware, station: tuple[str, int]) -> None:
+        """Boot ``firmware`` on ``plant``; the ground station listens at ``station`` on the network in memory."""
+        self.firmware = firmware
+        self._plant, self._station = plant, station
+        self._unheard = list[bytes]()
+        self.on_motors: Callable[[float, FourRotors], None] | None = None
+        """Sees the motor outputs (0..1) of each step, and when [s]."""
+        self.deaf = False
+        """True: what the ground station says gets lost."""
+        self.overhear: Callable[[float, bytes], None] | None = None
+        """Sees every datagram from the ground station as it comes, and when [s]."""
+        firmware.boot(plant.truth(0.0), plant.specific_force)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take what the ground station says (called by the event loop)."""
+        if self.overhear is not None:
+            self.overhear(asyncio.get_running_loop().time(), data)
+        if not self.deaf:
+            self._unheard.append(data)
+
+    async def run(self) -> None:
+        """Fly until cancelled."""
+        loop = asyncio.get_running_loop()
+        wire, _ = await loop.create_datagram_endpoint(lambda: self, remote_addr=self._station)
+        due = loop.time()
+        try:
+            while True:
+                self._fly(due)
+                for datagram in self.firmware.hear():
+                    wire.sendto(datagram)
+                due += self.firmware.step_s
+                await sleep_until(due)
+        finally:
+            wire.abort()
+            self.firmware.close()
+
+    def _fly(self, now_s: float) -> None:
+        for datagram in self._unheard:
+            self.firmware.say(datagram)
+        self._unheard.clear()
+        plant = self._plant
+        motors = self.firmware.step(plant.truth(now_s), plant.specific_force)
+        if plant.released_s is None and sum(motors) > 4.0 * LIFTS:
+            plant.release(now_s)
+        plant.drive_rotors(now_s, motors)
+        if self.on_motors is not None:
+            self.on_motors(now_s, motors)
+
+
+class Airworthy:
+    """Boots one firmware after another from a folder in which its parameters were set once. Use it in ``with``."""
+
+    def __init__(self, make: Make, prepared: Path | None = None) -> None:
+        """``prepared``: a folder that a firmware was run in before; each one gets a copy of it."""
+        self._make, self._prepared = make, prepared
+        self._folder = tempfile.TemporaryDirectory(prefix="groundstation-firmware-")
+        self._number = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._folder.cleanup()
+
+    def fit(self, plant: Quadrotor, station: tuple[str, int], noise: Normals) -> OnboardFirmware:
+        """A firmware on ``plant``, booted."""
+        self._number += 1
+        folder = Path(self._folder.name) / f"{self._number}"
+        if self._prepared is None:
+            folder.mkdir()
+        else:
+            shutil.copytree(self._prepared, folder, symlinks=True)
+        firmware = self._make(folder, noise)
+        try:
+            return OnboardFirmware(plant, firmware, station)
+        except BaseException:
+            firmware.close()
+            raise

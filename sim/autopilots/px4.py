@@ -1,0 +1,208 @@
+"""PX4's simulator interface: its SITL, unmodified, in lockstep with the simulation, on four rotors.
+
+PX4's module simulator_mavlink connects to TCP port 4560 + its number and speaks MAVLink there.
+Each HIL_SENSOR sets its clock (time_usec) and moves it on. HIL_ACTUATOR_CONTROLS answers with the
+motor outputs 0..1, and its time says for which of them. Where its outputs are not refreshed, as
+while it is disarmed, no answer comes.
+
+Source: src/modules/simulation/simulator_mavlink/SimulatorMavlink.cpp of PX4 main, March 2026.
+"""
+
+import math
+import os
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from select import select
+from typing import Any, NamedTuple
+
+from groundstation.config import ConfigError
+from groundstation.core.geometry import Vec3, so3
+from links.mavlink.protocol import ARMED, MavlinkCodec
+from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Normals, read_parameters
+from sim.world import FourRotors, TrueState
+
+STEP_S = 0.004
+"""Period of HIL_SENSOR [s]: PX4's simulators give its IMU 250 times a second (IMU_INTEG_RATE of rcS)."""
+BOOT_S = 8.0
+"""Its start script has ended, and its attitude is aligned, so long after the first HIL_SENSOR [s]."""
+BEGINS_US = 1_000_000
+"""Time of the first HIL_SENSOR [µs]; PX4 takes 0 for no time."""
+ANSWER_S = 0.002
+"""Disarmed, an answer is waited for so long [s, of the wall clock]: there may be none."""
+BAROMETER_EVERY, MAGNETOMETER_EVERY = 5, 2
+"""Steps from one reading to the next: 50 Hz, and 125 Hz."""
+
+FLYING_ACCELEROMETER = (0.5, 1.7, 1.4)
+"""Noise of its accelerometer with the rotors turning, 1σ [m/s², FRD]: sih.cpp, reconstruct_sensors_signals."""
+FLYING_GYRO = (0.14, 0.07, 0.03)
+"""The same of its gyro [rad/s]."""
+RESTING_ACCELEROMETER = (0.1, 0.1, 0.1)
+"""The same with the rotors at rest [m/s²]."""
+RESTING_GYRO = (0.01, 0.01, 0.01)
+"""[rad/s]"""
+MAGNETOMETER = (0.02, 0.02, 0.03)
+"""Noise of its magnetometer, 1σ [gauss]: SensorMagSim.cpp."""
+BAROMETER_HPA = 0.01
+"""Noise of its barometer, 1σ [hPa]: SensorBaroSim.cpp."""
+FIELD_NED = (0.215, 0.012, 0.425)
+"""Magnetic field of the place that PX4's simulators start at, Zürich [gauss]."""
+SEA_LEVEL_HPA = 1013.25
+"""[hPa]"""
+HPA_PER_M = 0.12
+"""Fall of the pressure with height near the sea [hPa/m]."""
+TEMPERATURE_DEG_C = 20.0
+"""Of the air [°C]."""
+
+_ACCELEROMETER, _GYRO, _MAGNETOMETER, _BAROMETER = 0b111, 0b111 << 3, 0b111 << 6, 0b1101 << 9
+"""Bits of HIL_SENSOR.fields_updated; those of the barometer are pressure, height and temperature."""
+_SIMULATOR_SYSTEM, _SIMULATOR_COMPONENT = 142, 200
+"""MAVLink system and component that a simulator speaks as; PX4 looks at neither."""
+
+
+class Outputs(NamedTuple):
+    """One HIL_ACTUATOR_CONTROLS."""
+
+    time_us: int
+    """By PX4's clock [µs]."""
+    armed: bool
+    motors: FourRotors
+    """Front right, rear left, front left, rear right, 0..1: the order of the airframe and of plant.py."""
+
+
+class SimulatorCodec:
+    """Both messages on the wire. Sans-IO; no bytes make it raise."""
+
+    def __init__(self) -> None:
+        self._codec = MavlinkCodec(_SIMULATOR_SYSTEM, _SIMULATOR_COMPONENT)
+
+    def pack_sensors(
+        self, time_us: int, truth: TrueState, specific_force: Vec3, normals: tuple[float, ...], count: int
+    ) -> bytes:
+        """HIL_SENSOR number ``count``, with ten standard ``normals`` for the noise of all sensors."""
+        turns = truth.thrust_n > 0.0
+        accelerometer = FLYING_ACCELEROMETER if turns else RESTING_ACCELEROMETER
+        gyro = FLYING_GYRO if turns else RESTING_GYRO
+        x, y, z = _add_noise(specific_force, accelerometer, normals[0:3])
+        p, q, r = _add_noise(truth.rates_rad_s, gyro, normals[3:6])
+        north, east, down = _add_noise(so3.to_body(truth.attitude, FIELD_NED), MAGNETOMETER, normals[6:9])
+        height = -truth.position_ned[2]
+        pressure = SEA_LEVEL_HPA - HPA_PER_M * height + BAROMETER_HPA * normals[9]
+        fields = _ACCELEROMETER | _GYRO
+        fields |= 0 if count % MAGNETOMETER_EVERY else _MAGNETOMETER
+        fields |= 0 if count % BAROMETER_EVERY else _BAROMETER
+        return self._codec.pack(
+            self._codec.dialect.MAVLink_hil_sensor_message(
+                time_us, x, y, z, p, q, r, north, east, down, pressure, 0.0, height, TEMPERATURE_DEG_C, fields, 0
+            )
+        )
+
+    def feed(self, data: bytes) -> Iterator[Outputs]:
+        """The motor outputs in the next bytes of the stream."""
+        for message in self._codec.feed(data):
+            if message.get_type() == "HIL_ACTUATOR_CONTROLS":
+                a, b, c, d = (_limit(one) for one in message.controls[:4])
+                yield Outputs(message.time_usec, bool(message.mode & ARMED), (a, b, c, d))
+
+
+def _add_noise(value: Vec3, sigma: Vec3, normals: tuple[float, ...]) -> Vec3:
+    x, y, z = (one + noise * normal for one, noise, normal in zip(value, sigma, normals, strict=True))
+    return x, y, z
+
+
+def _limit(output: float) -> float:
+    """An output as a rotor takes it; one that is no number turns nothing."""
+    return min(max(output, 0.0), 1.0) if math.isfinite(output) else 0.0
+
+
+def find_program(folder: Path) -> Path:
+    """PX4's program in ``folder``, where ``make px4_sitl`` has built it.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    program = folder / "build" / "px4_sitl_default" / "bin" / "px4"
+    if not program.is_file():
+        raise ConfigError("--px4", f"expected a folder in which `make px4_sitl` was run, but there is no {program}")
+    return program.resolve()
+
+
+class Px4(Firmware):
+    """One PX4."""
+
+    step_s = STEP_S
+
+    def __init__(self, program: Path, folder: Path, noise: Normals, number: int = 0) -> None:
+        """``program``: see :func:`find_program`; ``number`` (0 to 9) tells it from others on this machine."""
+        super().__init__(folder)
+        self.mavlink.bind((LOOPBACK, 14540 + number))
+        self._program, self._noise, self._number = program, noise, number
+        self._codec = SimulatorCodec()
+        self._wire: socket.socket | None = None
+        self._count = 0
+        self._outputs = Outputs(0, False, (0.0, 0.0, 0.0, 0.0))
+        self.missed = 0
+        """Steps, while it was armed, whose outputs did not come in time."""
+
+    def boot(self, truth: TrueState, specific_force: Vec3) -> None:
+        """Start it, take its connection, and let it run at rest until it has started up."""
+        build = self._program.parents[1]
+        told = {f"PX4_PARAM_{name}": value for name, value, _ in read_parameters("px4.params")}
+        # Of its airframes the one that wants this interface, and nothing else of it is left as it is.
+        kept = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
+        words = [self._program, "-i", self._number, "-d", "-s", build / "etc" / "init.d-posix" / "rcS", "-w", "."]
+        with socket.create_server((LOOPBACK, 4560 + self._number)) as listener:
+            listener.settimeout(PATIENCE_S)
+            self.start([*map(str, words), str(build / "etc")], {**kept, **told, "PX4_SIM_MODEL": "none_iris"})
+            try:
+                self._wire, _ = listener.accept()
+            except TimeoutError:
+                raise EOFError(f"PX4 did not connect: see {self.folder / 'firmware.log'}") from None
+        self._wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for _ in range(round(BOOT_S / STEP_S)):
+            began = time.monotonic()
+            self.step(truth, specific_force)
+            # Its start script is a program that runs in real time.
+            time.sleep(max(0.0, 0.5 * STEP_S - (time.monotonic() - began)))
+
+    def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
+        """One HIL_SENSOR, and the outputs that come of it."""
+        assert self._wire is not None, "it has booted"
+        now_us = BEGINS_US + round(1e6 * STEP_S * self._count)
+        message = self._codec.pack_sensors(now_us, truth, specific_force, next(self._noise), self._count)
+        self._count += 1
+        try:
+            self._wire.sendall(message)
+            self._wait(now_us)
+        except (BrokenPipeError, ConnectionResetError):
+            raise EOFError("PX4 has ended") from None
+        return self._outputs.motors
+
+    def _wait(self, now_us: int) -> None:
+        """Take outputs until those of ``now_us`` have come."""
+        assert self._wire is not None
+        until = time.monotonic() + (PATIENCE_S if self._outputs.armed else ANSWER_S)
+        while self._outputs.time_us < now_us:
+            ready, _, _ = select([self._wire], [], [], max(0.0, until - time.monotonic()))
+            if not ready:
+                if self._outputs.armed:
+                    raise EOFError("PX4 stands still")
+                return
+            data = self._wire.recv(65536)
+            if not data:
+                raise ConnectionResetError
+            for outputs in self._codec.feed(data):
+                self._outputs = outputs
+
+    def close(self) -> None:
+        """Switch it off."""
+        if self._wire is not None:
+            self._wire.close()
+        super().close()
+
+
+def make_px4(folder: Path) -> Any:
+    """A :data:`sim.autopilots.onboard.Make` of the PX4 that was built in ``folder``."""
+    program = find_program(folder)
+    return lambda place, noise: Px4(program, place, noise)
