@@ -25,8 +25,8 @@ from groundstation.core.geometry import Vec3
 from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Normals, read_parameters
 from sim.world import FourRotors, TrueState
 
-STEP_S = 0.0025
-"""From one state to the next [s]: as often as its main loop runs (SCHED_LOOP_RATE 400)."""
+STEP_S = 0.001
+"""From one state to the next [s]: its gyro must come 1.8 times for each turn of its loop, which is 400 a second."""
 BOOT_S = 12.0
 """So long after the first state its gyros are calibrated and its attitude is aligned [s]."""
 FEW, MANY = 18458, 29569

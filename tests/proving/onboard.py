@@ -8,11 +8,12 @@ for. Time is the plant's; errors are the truth's.
 """
 
 import asyncio
+import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from groundstation.lab.doctor import MavlinkVisit
+from groundstation.lab import DoctorOrders, run_doctor
 from groundstation.settings import Config
 from sim.autopilots import Airworthy, make_ardupilot, make_px4
 from sim.runs import Stage, from_floor
@@ -47,25 +48,24 @@ def set_up(overrides: Sequence[str], figure_s: float | None, source: str = "vico
 
 @in_virtual_time
 async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
-    """What the doctor finds wrong and sets on one firmware, which is switched off then; and its folder."""
+    """What the doctor finds wrong on one firmware and sets; it is switched off then. And its folder."""
     world, config = set_up((), 1.0)
     stage = Stage(world, config, 0, autopilot=airworthy)
     assert stage.onboard is not None, "real firmware"
+    folder, said = stage.onboard.firmware.folder, list[str]()
     running = asyncio.ensure_future(stage.run())
-    doctor, changed = MavlinkVisit(config), list[Change]()
+    orders = DoctorOrders("groundstation doctor", as_json=True, yes=True, folder=folder)
     try:
-        await doctor.open()
-        for finding in await doctor.examine():
-            if finding.recommended is not None:
-                old = doctor.parameters[finding.name]
-                new = await doctor.set(old._replace(value=finding.recommended))
-                changed.append(Change(old.name, float(old.value), float(new.value)))
-        await asyncio.sleep(SAVED_S)
+        await run_doctor(config, orders._replace(yes=False), None, said.append)
+        findings = json.loads(said[-1])["findings"]
+        wrong = tuple(finding["name"] for finding in findings if finding["recommended"] is not None)
+        if wrong:
+            await run_doctor(config, orders._replace(fix=wrong), None, said.append)
+            await asyncio.sleep(SAVED_S)
+        return [Change(one["name"], one["old"], one["new"]) for one in json.loads(said[-1])["fixed"]], folder
     finally:
-        await doctor.close()
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
-    return changed, stage.onboard.firmware.folder
 
 
 class Workshop:
@@ -78,14 +78,14 @@ class Workshop:
         self._kept = list[Airworthy]()
 
     def __enter__(self) -> Airworthy:
-        airworthy = self._keep(None)
+        folder = None
         for _ in range(VISITS):
+            airworthy = self._keep(folder)
             changed, folder = visit(airworthy)
             if not changed:
                 return airworthy
             self.changes += changed
-            airworthy = self._keep(folder)
-        raise AssertionError(f"the doctor goes on: {changed}")
+        raise AssertionError(f"after {VISITS} restarts the doctor still asks for {self.changes[-1]}")
 
     def _keep(self, prepared: Path | None) -> Airworthy:
         self._kept.append(Airworthy(self._make, prepared))
