@@ -48,7 +48,7 @@ _MODULES = {
     "CrsfLinkConfig": "links.rf.module_codec",
     "DsmLinkConfig": "links.rf.module_codec",
 }
-"""What is handed on, and the module that is loaded when it is first asked for (PEP 562)."""
+"""Public names, each with the module that is loaded at its first use (PEP 562)."""
 
 
 def __getattr__(name: str) -> object:

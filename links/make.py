@@ -1,4 +1,4 @@
-"""How commands leave: every kind of link, by the name that a configuration gives it (``kind = "mavlink"``)."""
+"""Links by kind: each one by the name that a configuration gives it (``kind = "mavlink"``)."""
 
 from collections.abc import Callable
 

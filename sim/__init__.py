@@ -51,7 +51,7 @@ _MODULES = {
     "compare": "sim.studies.comparison",
     "World": "sim.world.world",
 }
-"""What is handed on, and the module that is loaded when it is first asked for (PEP 562)."""
+"""Public names, each with the module that is loaded at its first use (PEP 562)."""
 
 
 def __getattr__(name: str) -> object:

@@ -31,7 +31,7 @@ HELLO, WELCOME, UP, DOWN = 1, 2, 3, 4
 NONCE_BYTES = 16
 TAG_BYTES = 16
 LARGEST_BYTES = 8192
-"""Of a datagram; a command with its bring-down takes about 400."""
+"""Size limit of a datagram [B]; a command with its bring-down takes about 400."""
 _MAGIC = b"RFB1"
 _HEAD = struct.Struct(">4sB8sQ")
 _NAME = slice(5, 13)
@@ -53,7 +53,7 @@ class Welcome(msgspec.Struct, frozen=True, array_like=True):
     bridge_s: float
     """When it left, on the bridge's clock [s]."""
     manner: Manner
-    """How the bridge paces."""
+    """Pacing of the bridge."""
     report: PacerReport
 
 
@@ -64,7 +64,7 @@ class Up(msgspec.Struct, frozen=True, array_like=True):
     heard_s: float
     """When the newest word of the bridge came."""
     bridge_s: float
-    """What the bridge's clock showed in that word."""
+    """Bridge's clock when it sent the answered datagram [s]."""
     arming: int = 0
     """Number of the newest arming."""
     arm_at_s: float = 0.0
@@ -86,7 +86,7 @@ class Down(msgspec.Struct, frozen=True, array_like=True):
     refused: str
     """Why this station commands nothing; empty where it does."""
     report: PacerReport
-    """Of the pacer; its ``arming`` is the station's number, or 0."""
+    """Report of the pacer; its ``arming`` is the station's number, or 0."""
 
 
 class Seal:
@@ -98,7 +98,7 @@ class Seal:
         self._kind = kind
         self.name = name
         self.counter = 0
-        """Of the newest datagram."""
+        """Counter of the newest datagram [-]."""
 
     def close(self, message: msgspec.Struct) -> bytes:
         """The next datagram."""
@@ -107,7 +107,7 @@ class Seal:
         return data + self._tag(data)
 
     def open(self, data: bytes, decoder: "msgspec.msgpack.Decoder[T]", dropped: "Counter[str]") -> T | None:
-        """What a datagram says; None where it is not for us, not sealed, not new or malformed, counted by reason."""
+        """Open a datagram; None where it is not for us, not sealed, not new or malformed, counted by reason."""
         body, tag = data[:-TAG_BYTES], data[-TAG_BYTES:]
         if kind_of(data) != self._kind or data[_NAME] != self.name:
             dropped["other_session"] += 1
@@ -168,7 +168,7 @@ DOWNS = msgspec.msgpack.Decoder(Down)
 
 
 DRIFT = 2e-4
-"""How fast two machines' clocks may run apart [-]: crystals stay within a tenth of that."""
+"""Largest relative drift of two machines' clocks [-]: crystals stay within a tenth of that."""
 
 
 ROUNDING_S = 1e-6
@@ -209,12 +209,12 @@ class ClockBounds:
 
     @property
     def width_s(self) -> float:
-        """How far apart they are: at best the round trip."""
+        """Distance between the bounds [s]: at best the round trip."""
         return self.most_s - self.least_s
 
 
 REMEMBERED = 256
-"""So many datagrams ago may lie the one that an answer is to."""
+"""Number of datagrams after which an answer no longer counts [-]."""
 
 
 class BridgeEnd:
@@ -238,7 +238,7 @@ class StationEnd:
     """The bridge's, as the station keeps it. Times are on the event loop's clock [s]."""
 
     def __init__(self, key: bytes, welcome: Welcome, now_s: float) -> None:
-        """It begins with ``welcome``, which has just come."""
+        """Begin with the bridge's ``welcome``, which arrived at ``now_s``."""
         self._up, self._down = session_seals(key, welcome.station_nonce, welcome.bridge_nonce)
         self._clock = ClockBounds()
         self._sent_s: dict[int, float] = {}
@@ -255,7 +255,7 @@ class StationEnd:
 
     @property
     def round_trip_s(self) -> float:
-        """Of the fastest answer [s]; infinite before the first, when the bridge's times mean nothing yet."""
+        """Round trip of the fastest answer [s]; infinite before the first, when the bridge's times mean nothing yet."""
         return self._clock.width_s
 
     def close(self, wants: Up, command: Command | None, now_s: float) -> bytes:
@@ -268,7 +268,7 @@ class StationEnd:
         return data
 
     def open(self, data: bytes, dropped: "Counter[str]", now_s: float) -> Down | None:
-        """What the bridge says; None where a datagram is not of this session or not sound, counted by reason."""
+        """Open a datagram of the bridge; None where it is not of this session or not sound (counted)."""
         down = self._down.open(data, DOWNS, dropped)
         if down is None:
             return None

@@ -35,14 +35,14 @@ from links.rf import Arm, End, Give, Hear, Manner, Order, PacedLink, PacerReport
 BEAT_S = 0.1
 """Longest time between two datagrams [s]."""
 AGAIN_S = 0.02
-"""What the bridge has not heard is said again after this time [s]."""
+"""Interval between repetitions of an unacknowledged order [s]."""
 MUTE_S = 0.8
 """A bridge that says nothing for so long is asked for a new session: it may have been started anew [s]."""
 
 UNTIL_TOLD = Manner(
     period_s=0.0225, lead_s=0.005, arm_low_s=0.5, arm_high_s=1.0, disarm_s=0.5, services=frozenset[Service]()
 )
-"""How it paces, until the bridge tells."""
+"""Assumed pacing until the bridge reports its own."""
 
 Nonce = Callable[[int], bytes]
 
@@ -86,7 +86,7 @@ class RemotePacer(asyncio.DatagramProtocol):
 
     @property
     def why_mute(self) -> str:
-        """What it means that no report comes."""
+        """Meaning of missing reports, for the operator."""
         if self._refused:
             return f"the bridge at {self._remote} refuses: {self._refused}"
         return f"the bridge at {self._remote} is not heard: where it still runs, it brings down and disarms by itself"

@@ -205,7 +205,7 @@ class Bridge(asyncio.DatagramProtocol):
         self._pacer = KeptPacer(config.link, open_pacer, say, self._take_report)
         self._arming = 0
         self._sessions: dict[bytes, BridgeEnd] = {}
-        """By the station's nonce, the oldest first."""
+        """Sessions by the station's nonce, oldest first."""
         self._live: BridgeEnd | None = None
         self._wire: Datagrams | None = None
 

@@ -1,4 +1,4 @@
-"""What every link shares, sans-IO: the port, the dead man's switch, the thrust curve."""
+"""Common parts of all links, sans-IO: the port, the dead man's switch, the thrust curve."""
 
 from links.core.deadman import (
     IN_TIME,

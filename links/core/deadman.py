@@ -49,11 +49,11 @@ class Command(msgspec.Struct, frozen=True, gc=False):
     deadline_s: float
     """After this instant, on the event loop's clock [s], the command must not leave any more."""
     bring_down: tuple[Segment, ...] = ()
-    """What leaves after the deadline where no newer command came: at most 2 s in all, then nothing that lifts."""
+    """Segments that leave after the deadline without a newer command: at most 2 s in all, then nothing that lifts."""
 
 
 class Attitude(msgspec.Struct, frozen=True, gc=False):
-    """How the vehicle itself believes that it lies and turns."""
+    """Attitude and rates by the vehicle's own estimate."""
 
     time_s: float
     """When that was so, on the event loop's clock [s]."""
@@ -90,7 +90,7 @@ class LinkMisuse(LinkError):
 
 
 class LinkStatus(msgspec.Struct, frozen=True):
-    """What a link can tell about itself, for screens and telemetry."""
+    """Status of a link, for screens and telemetry."""
 
     state: Annotated[str, msgspec.Meta(description="One of `closed`, `connecting`, `connected`, `armed`, `lost`.")]
     sent: Annotated[int, msgspec.Meta(description="Commands that left.")]
@@ -231,12 +231,12 @@ class LinkStatus(msgspec.Struct, frozen=True):
 
 
 class Arrival(NamedTuple):
-    """What is known of commands reaching the autopilot."""
+    """Evidence that commands reach the autopilot."""
 
     overdue_s: float
     """For how long answers have been due that did not come, though it is heard [s]; 0 where nobody can tell."""
     late_s: float
-    """How much too late commands reach it, by answers that went on to come so late [s]; 0 where they are in time."""
+    """Delay of commands at the autopilot, by answers that stay late [s]; 0 where they are in time."""
 
 
 IN_TIME = Arrival(0.0, 0.0)
@@ -325,7 +325,7 @@ class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class CommandLink(Protocol):
-    """How a command leaves. Every method runs on the event loop; none blocks it.
+    """Port by which commands leave. Every method runs on the event loop; none blocks it.
 
     Behind every link is a dead man's switch (deadman.py). From an arming on, whatever becomes of the caller, the link
     repeats the newest command until its deadline, plays the bring-down that it carries, and then lets nothing leave
@@ -349,7 +349,7 @@ class CommandLink(Protocol):
 
     @property
     def autopilot(self) -> AutopilotLink | None:
-        """What an autopilot at the other end is asked by; None where a receiver is told alone."""
+        """Requests to an autopilot at the other end; None where there is only a receiver."""
         ...
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
@@ -463,7 +463,7 @@ NUMBER_LIMIT = 1e30
 
 
 class Phase(StrEnum):
-    """What may leave."""
+    """Phases of the dead man's switch: what may leave."""
 
     WAITING = "waiting"
     """Armed, and no command yet: nothing leaves."""
@@ -529,7 +529,7 @@ class Deadman:
         return True
 
     def phase(self, now_s: float) -> Phase:
-        """What may leave at ``now_s``."""
+        """Phase at ``now_s``."""
         if self._over:
             return Phase.OVER
         if self._command is None:
@@ -555,7 +555,7 @@ class Deadman:
         return end
 
     def at(self, now_s: float) -> Command | Segment | None:
-        """What leaves at ``now_s``; None where nothing that lifts may."""
+        """Return the command or segment that leaves at ``now_s``; None where nothing that lifts may."""
         match self.phase(now_s):
             case Phase.FRESH:
                 return self._command

@@ -1,4 +1,4 @@
-"""How late frames left, as a histogram that costs nothing to add to. Pure."""
+"""Histogram of the lateness of frames. Pure."""
 
 from array import array
 from bisect import bisect_left
@@ -15,7 +15,7 @@ class Lateness:
 
     def __init__(self) -> None:
         self.count = 0
-        """How many were added."""
+        """Number of added frames [-]."""
         self.octaves = [0] * (_LATEST_US.bit_length() + 1)
         """Entry k: how many were late by less than 2**k µs, and not by less than 2**(k-1)."""
         self._bins = array("L", [0] * (_bin(_LATEST_US) + 1))

@@ -1,4 +1,4 @@
-"""What the links open: network addresses and datagrams, serial ports, key files; and whether the computer slept."""
+"""Wires of the links: network addresses and datagrams, serial ports, key files; and whether the computer slept."""
 
 from links.io.child import make_child_command, open_child, start_child
 from links.io.key_file import make_key, read_key

@@ -29,7 +29,7 @@ def start_child(module: str, *words: str, apart: bool = True, **wires: "Any") ->
 
 
 async def open_child(module: str, *words: str, apart: bool = True, **wires: "Any") -> "asyncio.subprocess.Process":
-    """The same for whom an event loop reads and waits: standard output is a pipe, unless ``wires`` say otherwise."""
+    """Start a child for an event loop; standard output is a pipe, unless ``wires`` say otherwise."""
     import asyncio  # a pacer, which starts a child too, has no event loop
 
     wires = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, **wires}

@@ -13,7 +13,7 @@ _ADDRESS_COLUMN = 1
 _INODE_COLUMN = 9
 """Column of a table with the socket's inode."""
 LONGEST_COMMAND = 80
-"""So much of a program's command line is shown [characters]."""
+"""Shown length of a program's command line [characters]."""
 
 
 def name_holder(port: int) -> str:

@@ -203,7 +203,7 @@ class Network:
 
 
 NETWORK: ContextVar[Network] = ContextVar("network", default=Network())  # noqa: B039  # it has no state
-"""What links and pose sources open their wires by: whoever flies hands in another one to record them, or to replay."""
+"""Factory of the wires of links and pose sources; flights replace it to record or replay them."""
 
 
 class Datagrams:
@@ -255,7 +255,7 @@ _AWAKE_OR_NOT = getattr(time, "CLOCK_BOOTTIME", None)
 
 
 def _ahead_s() -> float:
-    """By how much it is ahead. A program that stands still between the two looks sees less than that, never more."""
+    """Measure the lead of the clock that counts sleep [s]; a pause between the readings only makes it smaller."""
     if _AWAKE_OR_NOT is None:
         return 0.0
     return time.clock_gettime(_AWAKE_OR_NOT) - time.monotonic()
@@ -271,7 +271,7 @@ class Sleep:
 
     @property
     def slept_s(self) -> float:
-        """How long the computer has slept since then [s]; 0.0 where it has not, or does not tell."""
+        """Return how long the computer has slept since then [s]; 0.0 where it has not, or cannot tell."""
         if not self._counts:
             return 0.0
         slept = _ahead_s() - self._before_s

@@ -1,4 +1,4 @@
-"""What a Betaflight board says on its own port: frames of MSP, and the answers of its command line. Sans-IO.
+"""Protocols of a Betaflight board's own port: frames of MSP, and the answers of its command line. Sans-IO.
 
 MSP version 1, 115200 baud 8N1 or USB; numbers with the low byte first:
 
@@ -29,7 +29,7 @@ from links.rf.module_codec import DsmLinkConfig
 FC_VARIANT, FC_VERSION, STATUS, UID = 2, 3, 101, 160
 VARIANT = b"BTFL"
 PROMPT = "\n# "
-"""What the command line ends with when it waits for the next line."""
+"""Prompt of the command line."""
 _REQUEST, _ANSWERS = b"$M<", (b"$M>", b"$M!")
 _FRAME_BYTES, _LONGEST = 6, 255
 _MODES, _ARMED = struct.Struct("<6xI"), 1
@@ -91,7 +91,7 @@ class MspReader:
 
 
 def is_armed(status: bytes) -> bool:
-    """What the payload of a :data:`STATUS` says.
+    """Return whether the payload of a :data:`STATUS` says that the board is armed.
 
     Raises:
         ValueError: it is too short to say it.

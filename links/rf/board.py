@@ -25,7 +25,7 @@ from links.rf.betaflight_codec import (
 
 BAUD = 115200
 OPEN_S, RESTART_S = 3.0, 20.0
-"""So long a board may take to answer first, and after a restart [s]."""
+"""Timeouts of a board's first answer, and of its answer after a restart [s]."""
 ANSWER_S, LINE_S = 0.5, 5.0
 """An answer by MSP, and by the command line, comes within this [s]."""
 TRIES = 3
@@ -36,7 +36,7 @@ AGAIN_S = 0.25
 
 
 class _Ear(asyncio.Protocol):
-    """What the port says; implements :class:`links.io.wires.PortProtocol` too."""
+    """Receiver of the port's bytes; implements :class:`links.io.wires.PortProtocol` too."""
 
     def __init__(self) -> None:
         self.heard = bytearray()
@@ -64,7 +64,7 @@ class Board:
         self.port = port
         self._address = None if "/" in port else parse_address(port)
         self.version, self.uid = "", ""
-        """Of the firmware, and what tells this board from every other."""
+        """Version of the firmware, and the board's unique id."""
         self.in_command_line = False
         self._ear = _Ear()
         self._transport: Any = None
@@ -213,7 +213,7 @@ class Board:
         raise LinkLost(f"the board's command line says nothing to `{line}`")
 
     async def _hear(self, within_s: float) -> Any:
-        """What comes, piece by piece, for so long [s]; an end of the port ends it."""
+        """Yield the bytes received so far, at each arrival, for ``within_s`` [s]; the port's end ends it."""
         seen, loop = 0, asyncio.get_running_loop()
         until = loop.time() + within_s
         while True:

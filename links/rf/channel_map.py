@@ -124,7 +124,7 @@ class ChannelMap(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class Sticks(NamedTuple):
-    """What positions say."""
+    """Thrust and rates meant by stick positions."""
 
     thrust_n: float
     """[N]"""
@@ -167,7 +167,7 @@ class Channels:
         return self._idle[armed]
 
     def read(self, positions: Sequence[float]) -> Sticks:
-        """What ``positions`` say; the inverse of :meth:`flying`."""
+        """Return the thrust and rates of ``positions``; the inverse of :meth:`flying`."""
         m = self._map
         throttle = m.thrust
         share = (positions[throttle.channel - 1] - throttle.low) / (throttle.high - throttle.low)

@@ -1,4 +1,4 @@
-"""What the codecs of serial RF modules have in common, and what every such link can be told. Sans-IO.
+"""Common parts of the codecs and configurations of serial RF modules. Sans-IO.
 
 A codec is a configuration that is a :class:`RfLinkConfig`, and a class that is a :class:`RfCodec`. Both
 stand in links/rf/module_codec.py, with one line in ``RF_CODECS``.
@@ -17,14 +17,14 @@ from links.rf.channel_map import ChannelMap
 
 
 class Service(StrEnum):
-    """What a module can be told beside channels; while disarmed only."""
+    """Services of a module beside channels; while disarmed only."""
 
     BIND = "bind"
     RANGE_CHECK = "range_check"
 
 
 class RfTelemetry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What comes back through a module, of the vehicle and of the radio; a frame tells some of it."""
+    """Telemetry through a module, of the vehicle and of the radio; a frame tells some of it."""
 
     battery_v: float | None = None
     """Voltage of the vehicle's battery [V]."""
@@ -41,22 +41,22 @@ class RfTelemetry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     uplink_dbm: int | None = None
     """Power that its better antenna gets of them [dBm]."""
     uplink_snr_db: int | None = None
-    """The same over the noise [dB]."""
+    """Signal-to-noise ratio of the uplink [dB]."""
     early_s: float | None = None
-    """How much too early frames reach the module [s]; negative where they are late."""
+    """Lead of our frames over the module's own timing [s]; negative where they are late."""
 
 
 class RfFrame(NamedTuple):
     """One frame as a module understands it."""
 
     positions: tuple[float, ...] | None
-    """Of every channel, -1..1 (a little beyond where the wire allows it); None in a frame without channels."""
+    """Position of every channel, -1..1 (a little beyond where the wire allows it); None in a frame without channels."""
     service: Service | None = None
-    """What else it asks for."""
+    """Requested service, or None."""
     model_id: int | None = None
     """The model it names."""
     tells: RfTelemetry | None = None
-    """What it tells whoever sends."""
+    """Telemetry in the frame, or None."""
 
 
 class RfDecoder(ABC):
@@ -82,14 +82,14 @@ class RfCodec(Protocol):
     """Positions to frames."""
 
     channels: int
-    """How many it carries."""
+    """Number of channels [-]."""
     services: frozenset[Service]
-    """What the module can do."""
+    """Services that the module offers."""
     frame_bytes: int
     """Size of a frame of channels."""
 
     def greeting(self) -> bytes:
-        """What a module must hear first, once, in place of a frame of channels; may be empty."""
+        """First frame to a module, once, in place of channels; may be empty."""
         ...
 
     def encode(self, positions: Sequence[float], service: Service | None = None, nth: int = 0) -> bytes:
@@ -102,7 +102,7 @@ class RfCodec(Protocol):
 
 
 class Manner(msgspec.Struct, frozen=True, kw_only=True):
-    """How a pacer paces, for whoever commands it; see :class:`RfLinkConfig`."""
+    """Pacing of a pacer, for whoever commands it; see :class:`RfLinkConfig`."""
 
     period_s: float
     lead_s: float
@@ -113,7 +113,7 @@ class Manner(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
-    """What every serial RF link can be told."""
+    """Configuration common to all serial RF links."""
 
     port: Annotated[str, msgspec.Meta(description="The serial port of the module.")] = "/dev/ttyUSB0"
     simulated: Annotated[
@@ -207,13 +207,13 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
         return self.map.thrust.curve
 
     def with_thrust_curve(self, curve: float) -> Self:
-        """The same where the throttle has this curve."""
+        """Return this configuration with another throttle curve."""
         throttle = msgspec.structs.replace(self.map.thrust, curve=curve)
         return msgspec.structs.replace(self, map=msgspec.structs.replace(self.map, thrust=throttle))
 
     @property
     def manner(self) -> Manner:
-        """What whoever commands must know of it."""
+        """Pacing that the commander must know."""
         return Manner(
             period_s=self.period_s,
             lead_s=self.lead_s,
@@ -225,7 +225,7 @@ class RfLinkConfig(LinkKind, frozen=True, kw_only=True):
 
     @property
     def frame_s(self) -> float:
-        """How long a frame is on the wire [s], 10 bits a byte."""
+        """Duration of a frame on the wire [s], 10 bits a byte."""
         return 10.0 * self.codec().frame_bytes / self.baud
 
 

@@ -24,7 +24,7 @@ SILENT_S = 1.0
 
 
 def _radio(report: PacerReport) -> str:
-    """How well the receiver hears us, and the flight controller's mode and lean, where they are told."""
+    """Describe the radio: link quality, and the flight controller's mode and lean, where they are reported."""
     told, text = report.telemetry, ""
     if told.uplink_share is not None:
         share = 100.0 * told.uplink_share
@@ -99,7 +99,7 @@ class HeardPacer:
         return self.why_silent() or (self.report.heir if self.report is not None else "")
 
     def why_helpless(self) -> str:
-        """The same as :meth:`why_silent`, and who has to act then."""
+        """Reason of :meth:`why_silent`, with who has to act then."""
         nobody = self._dead or not self._mute
         why = self.why_silent()
         return f"the receiver's failsafe has to act: {why}" if why and nobody else why
@@ -113,7 +113,7 @@ class HeardPacer:
         return self.report.port if self.report is not None else "not connected"
 
     def words(self) -> str:
-        """What an operator wants to know of it."""
+        """Status of the pacer in words."""
         report = self.report
         if report is None:
             return ""
@@ -411,7 +411,7 @@ class PacedLink:
         self._deadman.hold()
 
     def _note_unmet(self) -> None:
-        """What is owed does not leave where nothing does; that the port comes back, or a pacer, changes nothing."""
+        """Note a command or bring-down that cannot leave; that the port comes back, or a pacer, changes nothing."""
         owed = self._busy != _ARMING and self._deadman.phase(_now()) in (Phase.FRESH, Phase.BRING_DOWN)
         if owed and not self._unmet:
             self._unmet = self._heard.why_helpless()

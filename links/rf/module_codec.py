@@ -284,7 +284,7 @@ class CrsfDecoder(RfDecoder):
 
 
 def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Of the turns about down, then right, then ahead [rad]."""
+    """Quaternion of the turns about down, then right, then ahead [rad]."""
     a, b, c = (complex(math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
     return (
         a.real * b.real * c.real + a.imag * b.imag * c.imag,

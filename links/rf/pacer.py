@@ -24,7 +24,7 @@ class Arm(msgspec.Struct, frozen=True, tag="arm"):
     """A new arming by the operator."""
 
     number: int
-    """Of this arming, 1 for the first."""
+    """Number of this arming, 1 for the first."""
     at_s: float
     """When it began [s]."""
 
@@ -59,7 +59,7 @@ Order: TypeAlias = Arm | Give | Stop | Serve | End
 
 
 class Held(msgspec.Struct, frozen=True, gc=False):
-    """What a pacer holds as a frame leaves, for whoever must take over. Times are on the commands' clock [s]."""
+    """State of a pacer as a frame leaves, for the stand-by that takes over. Times are on the commands' clock [s]."""
 
     frame_s: float
     """When that frame leaves."""
@@ -70,7 +70,7 @@ class Held(msgspec.Struct, frozen=True, gc=False):
     command: Command | None
     """The newest, while it or its bring-down may leave."""
     linger_s: float | None
-    """Of the :class:`End` that it was told; None before."""
+    """Linger time of the received :class:`End` [s]; None before."""
 
 
 class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -97,28 +97,28 @@ class PacerReport(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     received: int
     """Frames that came back from the module."""
     dropped: dict[str, int]
-    """What was dropped or failed, by reason."""
+    """Number of dropped or failed frames by reason."""
     late_us: tuple[int, int, int]
     """Lateness of the frames, 50, 99 and 99.9 % [µs]."""
     late_octaves: tuple[int, ...]
     """Frames by lateness: entry k counts those late by less than 2**k µs and not by less than 2**(k-1)."""
     slept_s: float
-    """How long its computer has slept since the newest arming [s]: nothing that lifts leaves, see links/io/wires.py."""
+    """Sleep of the pacer's computer since the newest arming [s]: nothing that lifts leaves, see links/io/wires.py."""
     note: str
-    """How it is scheduled, in words."""
+    """Scheduling of the pacer, in words."""
     fifo: bool
     """Whether it runs with real-time priority."""
     deaf: bool = False
     """Whether commands of this arming have come in vain, and will: what it holds is played to its end, bring-down and
     all."""
     heir: str = ""
-    """What became of the pacer, where its stand-by lets the frames go; empty where it does so itself."""
+    """Fate of the pacer, where its stand-by sends the frames; empty where it does so itself."""
     alone: bool = False
     """Whether the pacer's stand-by has ended before it: nobody would let frames go in its place."""
     warning: str = ""
-    """What is not as it should be with how it paces; empty where nothing is."""
+    """Problem of the pacing, in words; empty without one."""
     telemetry: RfTelemetry = RfTelemetry()
-    """What came back through the module of late."""
+    """Recent telemetry through the module."""
 
 
 class Pacer(Protocol):
@@ -126,12 +126,12 @@ class Pacer(Protocol):
 
     @property
     def manner(self) -> Manner:
-        """How it paces."""
+        """Pacing of this pacer."""
         ...
 
     @property
     def why_mute(self) -> str:
-        """What it means, in the operator's words, that no report comes."""
+        """Meaning of missing reports, for the operator."""
         ...
 
     def give(self, order: Order) -> bool:
@@ -155,7 +155,7 @@ OpenPacer: TypeAlias = Callable[[RfLinkConfig, float, Hear], Awaitable[Pacer]]
 
 
 AFTERLIFE_S = 3.0
-"""How long disarm frames still leave after whoever commands has died [s]: a module may repeat its last frame."""
+"""Duration of disarm frames after the commander's death [s]: a module may repeat its last frame."""
 REPORT_S = 0.2
 """Longest time between two reports [s]."""
 STALE_S = 0.001
@@ -163,7 +163,7 @@ STALE_S = 0.001
 REOPEN_S, REOPEN_LIMIT_S = 0.1, 1.6
 """First and longest wait before the port is opened again [s]."""
 TELLS_S = 5.0
-"""What a module has not told again for so long is forgotten [s]."""
+"""Age after which a module's telemetry is dropped [s]."""
 TOLD_LATE_S = 0.05
 """An attitude is about so old when the module has told it [s]: it waits for a slot of the radio. Whoever holds it
 against poses looks 0.1 s either way (groundstation/core/safety/witness.py)."""
@@ -185,7 +185,7 @@ class Port(Protocol):
         ...
 
     def read(self, limit: int) -> bytes:
-        """What has come, at most ``limit`` bytes; the rest is thrown away."""
+        """Return received bytes, at most ``limit`` bytes; the rest is thrown away."""
         ...
 
     def close(self) -> None:
@@ -218,9 +218,9 @@ class FramePacer:
         self._frame = b""
         self._due_s = self._made_s = now_s
         self._telemetry: dict[str, tuple[float, Any]] = {}
-        """What came back through the module, by its name, and when."""
+        """Newest telemetry of the module by name, with its time."""
         self._early_s = 0.0
-        """What is left of the way to where the module wants our frames."""
+        """Remaining shift towards the module's own timing [s]."""
         self._heir = ""
         self._port = port
         self._why_closed = "not opened yet"
@@ -262,7 +262,7 @@ class FramePacer:
         self._end(max(AFTERLIFE_S, self._linger_s or 0.0), now_s)
 
     def make_estate(self) -> Held:
-        """What whoever takes over must know."""
+        """Return the state that a stand-by needs to take over."""
         return Held(self._due_s, self._arming, self._obey_s, self._deadman.command, self._linger_s)
 
     def inherit(self, held: Held, why: str, now_s: float) -> None:
@@ -326,7 +326,7 @@ class FramePacer:
         self._lost += skipped if not self._why_closed else 0
 
     def tidy(self, now_s: float) -> None:
-        """What there is time for between two frames: hear the module, or look for the port."""
+        """Use the time between two frames: hear the module, or look for the port."""
         if self._why_closed:
             if now_s >= self._reopen_s:
                 self._reopen(now_s)
@@ -347,7 +347,7 @@ class FramePacer:
                     self._early_s = math.remainder(heard.tells.early_s, self._config.period_s)
 
     def steer(self) -> float:
-        """How much longer than a period it is to the next frame [s], to meet the module's own; of the phase alone.
+        """Return the shift of the next frame [s] towards the module's own timing; it moves the phase only.
 
         No deadline moves: what a frame says is decided for the instant at which it leaves.
         """
@@ -477,7 +477,7 @@ class StandbyWatch:
         """The sign comes every ``period_s`` [s]."""
         self._old_s = max(OLD_S, 1.5 * period_s)
         self.wait_s = self._old_s + 0.5 * period_s
-        """How long after a sign of life it is looked for the next [s]: half-way between two frames, which no look then
+        """Time between a sign of life and the look for the next [s]: half-way between two frames, which no look then
         delays."""
         self._suspects = False
         self.next_s = 0.0

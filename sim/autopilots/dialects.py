@@ -59,7 +59,8 @@ CLIMB_M_S = 2.5
 SHORTEST_US = 4000.0
 """Shortest interval of a message [µs]."""
 ARMING_DELAY_S = 2.4
-"""How long its rotors stand once it is armed [s]: 2 s (ARMING_DELAY_SEC of ArduCopter's config.h), on a slow clock."""
+"""Time between arming and the first turn of the rotors [s]: 2 s (ARMING_DELAY_SEC of ArduCopter's config.h), on a
+slow clock."""
 
 
 class ArduPilotAutopilot(SimulatedAutopilot):

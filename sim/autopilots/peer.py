@@ -16,7 +16,7 @@ from sim.autopilots.dialects import ArduPilotAutopilot, Px4Autopilot
 
 
 class Wire(Protocol):
-    """What frames leave by."""
+    """Transport of outgoing frames."""
 
     def sendto(self, frame: bytes) -> None:
         """Send one frame, or drop it where nobody is there."""
@@ -88,7 +88,7 @@ class AcceptingTcp(asyncio.Protocol):
         self._cutter = FrameCutter(hear)
         self._transport: Any = None
         self.server: asyncio.AbstractServer | None = None
-        """What accepts."""
+        """Listening server."""
 
     def connection_made(self, transport: Any) -> None:
         """Somebody has connected (called by the event loop)."""
@@ -339,4 +339,4 @@ class AutopilotPeer(asyncio.DatagramProtocol):
 
 
 AUTOPILOTS: dict[str, type[SimulatedAutopilot]] = {"px4": Px4Autopilot, "ardupilot": ArduPilotAutopilot}
-"""What ``--autopilot`` takes."""
+"""Simulated autopilots by their name for ``--autopilot``."""

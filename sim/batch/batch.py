@@ -132,7 +132,7 @@ class Filtered(NamedTuple):
     places: tuple[Vec3, ...]
     """And their positions [m, NED]."""
     driven: ActuatorResponse
-    """What commands make of the newest pose's state, as far as was asked last."""
+    """State of the newest pose rolled forward by the commands to the time asked last."""
 
 
 class BatchEstimator:
@@ -521,7 +521,7 @@ class Fleet:
         self._rate_command: Any = zeros(n, 3)
         delays = of(lambda w: w.thrust_delay_s), of(lambda w: w.rate_delay_s)
         self._delays: Array | None = np.stack([delays[0], *[delays[1]] * 3]) if np.any(delays) else None
-        """Of thrust and of each rate, (4, N) [s]."""
+        """Dead times of thrust and of each rate, (4, N) [s]."""
         behind = 2 + int(np.max(delays) / first.frame_period_s)
         self._commands = np.zeros((behind + 1, 4, n))
         """The newest commands of as many frames as may still act, the newest first."""
@@ -634,7 +634,7 @@ class Fleet:
         return steady + np.array(compute_turbulence(self._eddies, self._turbulence))
 
     def _new_normals(self, time_s: float) -> Iterator[Any]:
-        """What stirs the turbulence until ``time_s`` after the release."""
+        """Yield the turbulence's normal numbers until ``time_s`` after the release."""
         while self._stirs and self._grid < cell(time_s):
             self._grid += 1
             if self._grid % BLOCK == 0:
@@ -645,7 +645,7 @@ class Fleet:
         return np.stack([g.standard_normal((BLOCK, 3)) for g in self._normals], axis=2)
 
     def find_crashes(self, steps: int) -> Any:
-        """Who has hit the floor or left every room within so many ``steps`` of this frame.
+        """Find the vehicles that hit the floor or left every room within ``steps`` steps of this frame.
 
         They are put back to their start, out of the way.
         """
@@ -711,7 +711,7 @@ class Flights(NamedTuple):
 
 
 class Marks:
-    """What the referee writes down about N flights."""
+    """Score sheet of N flights."""
 
     def __init__(self, count: int, duration_s: float, vehicle: Vehicle, law: Law, watch: BatchWatch) -> None:
         """All still fly; ``vehicle`` and ``law`` as told, whose limits and bounds margins are counted from.
@@ -798,7 +798,7 @@ class Marks:
 
 
 HANDSHAKE_S = 1.2
-"""How long PX4 wants set-points before it is armed: the hand-shake of a whole flight lasts so many whole frames [s]."""
+"""Stream of set-points that PX4 wants before it arms [s]; a whole flight takes this long in whole frames."""
 
 
 def require_batchable(world: World, config: Config) -> None:

@@ -28,7 +28,7 @@ def _number(text: str) -> float:
 
 
 def count(text: str) -> int:
-    """How many, 1 or more."""
+    """Parse a whole number of at least 1."""
     return _from(1, text)
 
 
@@ -66,4 +66,4 @@ def names(text: str) -> list[str]:
 MEASUREMENTS = (
     "tick", "flight", "command", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt",
 )  # fmt: skip
-"""What ``groundstation-sim bench`` can measure, in the order in which it does: each a module of tests/proving/bench."""
+"""Measurements of ``groundstation-sim bench``, in their order: each a module of tests/proving/bench."""

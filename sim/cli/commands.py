@@ -1,4 +1,4 @@
-"""What each ``groundstation-sim`` command does: where that is written, or here where it is little.
+"""Commands of ``groundstation-sim``: calls of the room that does the work, or the work itself where it is little.
 
 ``fly``, ``mission`` and ``serve`` are one flight, whole missions, the simulated side alone. A mission goes from the
 floor to the figure and back, with one vehicle or several; told in words or as JSON. ``serve`` runs in real time.

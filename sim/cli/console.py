@@ -1,4 +1,4 @@
-"""What ``groundstation-sim fly`` shows a person: a progress bar, and a summary beside the paper's figures."""
+"""Output of ``groundstation-sim fly`` for a person: a progress bar, and a summary beside the paper's figures."""
 
 import sys
 from pathlib import Path
@@ -28,7 +28,7 @@ class ProgressBar:
         return self
 
     def at(self, done: float, total: float | None = None) -> None:
-        """So much is ``done``, of ``total``."""
+        """Show the progress: ``done`` of ``total``."""
         self._done, self._total = done, total or self._total
         if self._quiet or self._total is None:
             return

@@ -45,7 +45,7 @@ from sim.studies.tune import (
 from sim.studies.tune import report as measured
 
 SCENARIOS = ["paper", "adverse"]
-"""What a search flies through unless told otherwise: one to be exact in, one to be robust in."""
+"""Default scenarios of a search: one for accuracy, one for robustness."""
 
 
 def report(args: argparse.Namespace) -> Exit:
@@ -153,7 +153,7 @@ class _Keeper:
 
     @property
     def interrupted(self) -> str:
-        """What an interrupted search leaves."""
+        """Describe the results that an interrupted search leaves."""
         if self._out is None:
             return "nothing is kept of this search: with --out FILE.toml it would be"
         best = f"the best so far is in {self._out}, not verified" if self.best is not None else "none is better so far"

@@ -90,7 +90,7 @@ class WirePort(asyncio.DatagramProtocol):
         return True
 
     def read(self, limit: int) -> bytes:
-        """What has come."""
+        """Bytes received since the last read, at most ``limit``."""
         self._wire()
         data, self._came = self._came[:limit], b""
         return data
@@ -190,7 +190,7 @@ class InlinePacer:
 
 
 def opened_on(port: WirePort) -> OpenPacer:
-    """What opens pacers on ``port``, the wire of a simulation."""
+    """Return a function that opens pacers on ``port``, the wire of a simulation."""
 
     async def open_pacer(
         config: RfLinkConfig, thrust_max_n: float, on_report: Callable[[PacerReport | None], None]
@@ -268,7 +268,7 @@ BEHIND_BRIDGE = "dsm"
 FASTEST_STICK_DEG_S = 720.0
 """Body rate at full stick where the vehicle has no limit [deg/s]: a stick has few steps."""
 KEY = bytes(range(32))
-"""What a simulated station and bridge share."""
+"""Key shared by a simulated station and bridge."""
 
 
 def section(kind: str, world: World, told: Vehicle, *, betaflight: bool = False) -> dict[str, Any]:
@@ -308,7 +308,7 @@ def module(config: Config, world: World, *, betaflight: bool = False) -> RfConfi
 def wires(
     config: Config, radio: RfConfig, nonce: Callable[[int], bytes], port: WirePort
 ) -> tuple[dict[str, Any], "Bridge | None"]:
-    """What the link of ``config`` gets in the place of hardware, and the bridge to run beside it, if it wants one.
+    """Return simulated hardware for the link of ``config``, and the bridge to run beside it, or None.
 
     ``port`` is the wire to the module.
     """
@@ -338,11 +338,11 @@ def bridge_to(link: BridgeLinkConfig, radio: RfConfig, pty: PtyWire) -> "Bridge"
 
 
 FAILSAFE_S = 1.0
-"""How long the last frame is held [s]."""
+"""Time for which the receiver holds the last frame [s]."""
 THROTTLE_DOWN = 0.02
 """Thrust below this share counts as none."""
 DOWNLINK_S = 0.03
-"""What comes back waits so long for slots of the radio [s]."""
+"""Latency of the downlink [s]: telemetry waits for slots of the radio."""
 GAP_FRAMES = 0.6
 """The wire silent for so many periods ends a frame that was begun."""
 
@@ -358,7 +358,7 @@ class Receiver:
         self.frames = 0
         """Frames of channels that were understood."""
         self.services: list[Service] = []
-        """What it was told to do beside flying, one entry a frame."""
+        """Services requested, one entry a frame."""
         self.heard_s: float | None = None
         """When the newest frame of channels was complete."""
         self._lose = lose
@@ -427,7 +427,7 @@ class RfReceiver(Receiver):
 
 
 Failsafe: TypeAlias = Literal["hold", "cut", "invalid"]
-"""What a receiver gives once frames have stopped: its last pulses for ever, nothing, or pulses that mean nothing."""
+"""Output of a receiver once frames have stopped: its last pulses for ever, nothing, or pulses that mean nothing."""
 
 
 class PulseReceiver(Receiver):
@@ -448,7 +448,7 @@ class PulseReceiver(Receiver):
         super().__init__(config, lose=lose)
         self._give = give
         self.failsafe_gives = failsafe
-        """What it gives once frames have stopped; may be changed in flight."""
+        """Output once frames have stopped; may be changed in flight."""
         self._half_us, _ = describe_pulses(config)
         self._count = config.codec().channels
 

@@ -32,7 +32,7 @@ from sim.time import in_virtual_time
 from sim.world import World
 
 SAMPLE_S = 0.02
-"""How densely distances between vehicles are taken [s]."""
+"""Interval between samples of the distance between vehicles [s]."""
 
 
 class Nearest(msgspec.Struct, frozen=True):
@@ -45,7 +45,7 @@ class Nearest(msgspec.Struct, frozen=True):
 
 
 class StationRecord(msgspec.Struct, frozen=True, kw_only=True):
-    """What a ground station tells of its flight."""
+    """Report of one ground station about its flight."""
 
     states: tuple[StateEntry, ...]
     started_s: float | None
@@ -57,13 +57,14 @@ class FleetFlight(MissionVerdict, frozen=True, kw_only=True):
 
     name: str
     tick_p50_ms: float | None = None
-    """From the pose's arrival in the core to the command's leaving it; None in virtual time."""
+    """Median time between a pose's arrival in the core and its command [ms]; None in virtual time."""
     tick_p99_ms: float | None = None
     compute_p50_ms: float | None = None
     """The part of it from when the command is begun to its leaving; None in virtual time."""
     compute_p99_ms: float | None = None
     round_p50_ms: float | None = None
-    """From the capture system's sending to the autopilot's hearing the command that follows; None in virtual time."""
+    """Median time between the capture system's frame and its command's arrival at the autopilot [ms]; None in
+    virtual time."""
     round_p99_ms: float | None = None
     ticks: int = 0
     """Commands that these figures rest on."""
@@ -91,7 +92,7 @@ class Tracks:
         return (one.x[-1], one.y[-1], one.z[-1]) if one.times else start
 
     def nearest(self, names: Sequence[str], starts: Sequence[Vec3]) -> Nearest | None:
-        """How near two of them came to each other; one that was never released stays where it started."""
+        """Find the smallest distance between two vehicles; one that was never released stays at its start."""
         import numpy as np
 
         end = max((one.times[-1] for one in self.of if one.times), default=0.0)
@@ -133,7 +134,7 @@ def judge(
 PORTS = (51001, 51101, *range(14541, 14641))
 """In virtual time no port is ever taken."""
 APART_S = 0.1
-"""From one vehicle's arming to the next one's [s]."""
+"""Time between the arming of one vehicle and of the next [s]."""
 
 FleetScript: TypeAlias = Callable[[dict[str, Flight], FleetStage], Coroutine[Any, Any, None]]
 Change: TypeAlias = Callable[[list[World], FleetPlan], tuple[list[World], FleetPlan]]
@@ -144,7 +145,7 @@ class FleetMission(msgspec.Struct, frozen=True, kw_only=True):
 
     vehicles: tuple[FleetFlight, ...]
     nearest: Nearest | None
-    """How near two of them came to each other; None for one vehicle alone."""
+    """Smallest distance between two vehicles; None for one vehicle alone."""
     duration_s: float
     wall_s: float
     load: tuple[float, float, float] | None = None
@@ -333,7 +334,7 @@ async def _free_ports(count: int) -> list[int]:
 
 
 class _Rounds:
-    """From the capture system's sending to the autopilot's hearing of the first command after it, of one vehicle."""
+    """Times between the capture system's frames and the next command's arrival at one autopilot."""
 
     def __init__(self, stage: FleetStage, number: int) -> None:
         self._found: list[float] = []
@@ -353,7 +354,7 @@ class _Rounds:
 
 
 class _Log:
-    """What one core has recorded."""
+    """Recording of one core."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self._states: list[StateEntry] = []

@@ -46,7 +46,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     duration_s: float
     verdict: FlightVerdict
     warnings: tuple[str, ...]
-    """What else the operator was warned of than the certificate, with the time on the trajectory."""
+    """Warnings to the operator, the certificate's apart, with the time on the trajectory."""
     log_sha256: str
     """Over all wire bytes both ways with their virtual stamps."""
     datagrams: int
@@ -179,7 +179,7 @@ async def fly(
 
 
 def make_truth(truth: TrueState, wind: Vec3, trajectory: Trajectory, started_s: float | None) -> TruthRecord:
-    """What a recording says of the ``truth`` in a ``wind`` [m/s², NED], where the trajectory began at ``started_s``."""
+    """Make the recording's entry of ``truth`` in a ``wind`` [m/s², NED]; the trajectory began at ``started_s``."""
     place, error = truth.position_ned, None
     if started_s is not None and started_s <= truth.time_s:
         error = math.dist(place, trajectory.position_at(truth.time_s - started_s))
@@ -226,16 +226,16 @@ MISSION_CONFIRM_S = 3.0
 LIMIT_S = 120.0
 """A mission that takes so much longer than its figure has failed [s, virtual]."""
 REST_S = 1.0
-"""How long the world goes on after the end [s]."""
+"""Time for which the world goes on after the end [s]."""
 
 
 class MissionResult(MissionVerdict, frozen=True, kw_only=True):
     """A flown mission."""
 
     fault: str
-    """What made it come down early; empty where nothing did."""
+    """Cause of an early end; empty without one."""
     warnings: tuple[StateEntry, ...]
-    """What the operator was warned of, in which state."""
+    """Warnings to the operator, each with the mission's state."""
     tilt_max_deg: float
     """Farthest that it leant."""
     duration_s: float
@@ -243,7 +243,7 @@ class MissionResult(MissionVerdict, frozen=True, kw_only=True):
 
 
 def from_floor(world: World, config: Config, figure_s: float | None) -> tuple[World, Config]:
-    """The same vehicle on the floor below where it would be let go, and told to fly ``figure_s`` [s]."""
+    """Put the vehicle on the floor below its start in the air, with ``figure_s`` [s] of figure to fly."""
     north, east, _ = world.start_ned
     flight = msgspec.structs.replace(config.flight, start="floor", idle_thrust=0.0, duration_s=figure_s)
     place, trembles = (north, east, world.floor_z_m), config.takeoff.nudge

@@ -34,7 +34,7 @@ class StateEntry(msgspec.Struct, frozen=True):
 
 
 class MissionVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """What the truth says of one vehicle's mission."""
+    """Verdict on one vehicle's mission, by the truth."""
 
     landed: bool
     """On the floor, motors off, and nothing made it come down early."""
@@ -45,12 +45,12 @@ class MissionVerdict(msgspec.Struct, frozen=True, kw_only=True):
     touchdown_m_s: float | None
     """Fastest that it met the floor; None where it never did."""
     rms_cm: float | None
-    """Of the true error on the figure, from 15 s after it began; None where it was not flown so long."""
+    """RMS of the true position error on the figure [cm], from 15 s on; None for a shorter flight."""
     max_cm: float | None
     figure_s: float
-    """How long that is [s]."""
+    """Length of that part [s]."""
     home_m: float
-    """From where it took off to where it stands now [m]."""
+    """Distance between take-off and where the vehicle stands now [m]."""
 
 
 class TrueTrack:
@@ -73,7 +73,7 @@ class TrueTrack:
     def errors(
         self, trajectory: Trajectory, start_s: float, since_s: float = -math.inf, until_s: float = math.inf
     ) -> list[float]:
-        """How far from a reference that began at ``start_s`` [m], at each step from ``since_s`` until ``until_s``."""
+        """Distances from a trajectory begun at ``start_s`` [m], at each step from ``since_s`` until ``until_s``."""
         at = trajectory.position_at
         steps = zip(self.times, self.x, self.y, self.z, strict=True)
         return [math.dist((x, y, z), at(t - start_s)) for t, x, y, z in steps if since_s <= t < until_s]
@@ -109,7 +109,7 @@ EFFORT_S = 0.15
 
 
 class Effort:
-    """How hard the vehicle is worked: the commanded roll and pitch rates [rad/s] less their low-pass of ``EFFORT_S``.
+    """Control effort: the commanded roll and pitch rates [rad/s] less their low-pass of ``EFFORT_S``.
 
     Numbers, or arrays of shape (N,).
     """
@@ -136,7 +136,7 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     settle_s: float | None
     """First time after which the error stays below 10 cm; None if there is none."""
     estimate_rms_cm: float | None = None
-    """The same of the estimate, as dashboards, recordings and reports of it show."""
+    """RMS of the estimated position error [cm], as dashboards and reports show it."""
     wind_true: Vec3
     """Mean true disturbance over the last second [m/s², NED], without the effect of wrong thrust or mass."""
     wind_estimate: Vec3
@@ -145,7 +145,7 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """Mean acceleration over the last second beyond that of thrust, mass and drag as told [m/s², NED]: the wind, drag
     that was not told, and what thrust and mass are off."""
     disturbance_found: Vec3 = (0.0, 0.0, 0.0)
-    """The same as b̂ and λ̂ together make it out [m/s², NED]."""
+    """Disturbance as b̂ and λ̂ together estimate it [m/s², NED]."""
     thrust_effectiveness: float
     """Mean λ̂ over the last second [-]."""
     thrust_min_n: float | None
@@ -166,7 +166,7 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     certificate_suspended: float
     """Share of the commands at which it was suspended, as the one before was clamped."""
     certificate_warnings: tuple[str, ...]
-    """What the operator was told of it, with the time on the trajectory."""
+    """Warnings of the certificate to the operator, with the time on the trajectory."""
     gust_peak_cm: float | None = None
     """After a step of the wind: largest error [cm]."""
     gust_back_s: float | None = None
@@ -285,7 +285,7 @@ class Referee:
 
 
 def sought(wind: Any, estimate: Estimate, told_kg: float) -> Any:
-    """What b̂ should be [m/s², NED]: the wind, and the thrust that the law counts beyond what was told.
+    """Compute the true value of b̂ [m/s², NED]: the wind, and the thrust that the law counts beyond the configured one.
 
     Components are numbers or arrays of shape (N,), and so are those of ``estimate``.
     """

@@ -151,14 +151,14 @@ async def serve(
 
 
 TRUTH_S = 0.01
-"""How often the truth is told [s]."""
+"""Period of the truth's lines [s]."""
 
 
 class TruthWriter:
     """Writes where a stage's vehicle really is, as the recording of a simulated flight has it (``/truth``)."""
 
     stage: Stage
-    """Whose vehicle; set before it runs."""
+    """Stage of the vehicle; set before it runs."""
 
     def __init__(self, file: BinaryIO) -> None:
         """A line of JSON each into ``file``."""
@@ -246,7 +246,7 @@ def place_fleet(world: World, labs: Sequence[Config]) -> list[World]:
 
 
 def _describe_wires(config: Config) -> list[str]:
-    """What is sent to one vehicle's ground station, and where; a radio's pseudo-terminal is nobody else's anyway."""
+    """Describe the streams to one vehicle's ground station and their addresses."""
     ends = [f"MAVLink to {config.link.endpoint}"] if config.link.has_autopilot else []
     if config.pose.address_key == "listen":
         ends.append(f"poses of {config.pose.body_name} to {config.pose.address}")

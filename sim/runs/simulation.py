@@ -35,7 +35,7 @@ from sim.scenarios import BETAFLIGHT, choose, prepare, prepare_own
 from sim.world import World
 
 DURATION_S, LONGEST_S = 60.0, 86400.0
-"""How long a flight lasts if nobody says."""
+"""Default and largest duration of a flight [s]."""
 T = TypeVar("T")
 
 
@@ -45,7 +45,7 @@ class Run(FlightData):
     def __init__(self, path: Path | None, facts: dict[str, Any], result: Result) -> None:
         """``path`` is its recording's, if one was written."""
         self.facts = facts
-        """What ``groundstation-sim fly --json`` prints."""
+        """Figures that ``groundstation-sim fly --json`` prints."""
         self.result = result
         """The result, with the verdict by the truth."""
         if path is not None:
@@ -237,7 +237,7 @@ def lend_name(thing: object, own: dict[str, object]) -> str | None:
 
 
 def run_beside(work: Callable[[], T]) -> T:
-    """What ``work`` returns, which runs an event loop: in a thread of its own where one runs here already."""
+    """Return the result of ``work``, which runs an event loop: in another thread if one runs here already."""
     if asyncio._get_running_loop() is None:
         return work()
     with cf.ThreadPoolExecutor(1) as thread:

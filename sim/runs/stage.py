@@ -92,7 +92,7 @@ class Stage:
             return plant.released_s is not None and next(luck)[0] < self.frame_loss
 
         self.wires: dict[str, Any] = {}
-        """What the link gets in the place of hardware; see :func:`groundstation.recording.assembly.make_flight`."""
+        """Simulated hardware of the link; see :func:`groundstation.recording.assembly.make_flight`."""
         self._pty = pty
         self._mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
         self._bridge: Bridge | None = None
@@ -217,7 +217,7 @@ def _switch_on(plant: Quadrotor, world: World, radio: RfConfig, seed: int) -> "F
 
 
 def _wire(link: MavlinkLinkConfig, pty: PtyWire | None) -> OpenWire | None:
-    """How the autopilot is reached, where it is not by speaking first itself on UDP."""
+    """Return the wire to an autopilot that does not speak first on UDP; None for one that does."""
     if link.serial is not None:
         assert pty is not None, "the caller has one for a serial port"
         return at_end_of(pty)
@@ -326,9 +326,9 @@ class FleetMocap:
 
 
 APART_M = 3.0
-"""From one vehicle's figure to the next one's, in a square grid [m]."""
+"""Distance between the figures of neighbours in the square grid [m]."""
 MOST = 13
-"""So many bodies fit into one datagram of the Vicon stream."""
+"""Number of bodies that fit into one datagram of the Vicon stream [-]."""
 
 
 def lay_out(folder: Path, world: World, config: Config, count: int, ports: Sequence[int]) -> tuple[Path, list[World]]:

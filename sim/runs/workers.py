@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class Workers(ProcessPoolExecutor):
-    """So many processes of this machine. Left by an exception, they begin nothing more."""
+    """Pool of processes. After an exception it begins nothing more."""
 
     def __init__(self, count: int) -> None:
         """Nothing is started before there is work. Spawned: a forked process would inherit this one's threads."""
@@ -30,7 +30,7 @@ class Workers(ProcessPoolExecutor):
             return super().submit(fn, *args, **kwargs)
 
     def each(self, fn: Callable[[A], T], items: Iterable[A]) -> Iterator[T]:
-        """What ``fn`` makes of each item, in their order; all are begun at once.
+        """Apply ``fn`` to each item, results in order; all are begun at once.
 
         Not ``map``, which cancels here what its own thread gives up as Ctrl-C ends the processes: that thread then
         tells a traceback.

@@ -22,19 +22,19 @@ THRUST_DELAY_S, THRUST_LAG_S = 0.06, 0.04
 ATTITUDE_RAD_S, ATTITUDE_DAMPING = 7.0, 0.5
 """Set-point of the attitude to attitude; as body rates a lag of 1/7 s, and P 7."""
 PITCH_PER_M_S = 0.02
-"""More pitch per speed upwards, in wind [rad s/m]."""
+"""Additional pitch per upward speed, in wind [rad s/m]."""
 DRAG, DRAG_INFLOW = 0.80, 0.035
 """Within the rotors' plane [N s/m], and its rise with the speed of the air in that plane [N s²/m²]."""
 SINK_DRAG, SINK_INFLOW, LIFT = 0.85, 0.19, 0.035
-"""The same along the thrust, and the lift of that inflow [N s²/m²]."""
+"""Drag along the thrust, its growth with inflow, and the lift of that inflow [N s²/m²]."""
 REST_N: Vec3 = (0.3, 0.15, 0.5)
 REST_S = 0.6
-"""What does not repeat from lap to lap: Ornstein and Uhlenbeck's noise, RMS and correlation time."""
+"""Correlation time of the random push that differs from lap to lap (Ornstein-Uhlenbeck noise) [s]."""
 BIAS_N: Vec3 = (1.2, -0.43, 0.0)
 FULL_N = MASS_KG * GRAVITY / (THRUST_CURVE * HOVER**2 + (1.0 - THRUST_CURVE) * HOVER)
 """Thrust of the full signal [N]."""
 POSE_LATENCY_S, ATTITUDE_NOISE_RAD = 0.010, 0.001
-"""Not in the logs: what a tracking room with a large body has."""
+"""Latency and attitude noise of a tracking room with a large body: the logs do not tell them [s, rad]."""
 POSE_HZ, POSE_NOISE_M = 50.0, 2e-5
 LENGTH_S, JUDGED_S = 50.0, 3.0
 """A flight lasts so long, and is judged from so long on."""
@@ -49,9 +49,9 @@ class GaleWind(NamedTuple):
     gust_m_s: float
     """The wind is speed + gust sin(t + 5)."""
     gain: float
-    """How much more than in still air pitch answers a change of its set-point [-]."""
+    """Answer of the pitch to its set-point, as a multiple of the answer in still air [-]."""
     jitter_s: float
-    """Of the poses' stamps."""
+    """Jitter of the poses' stamps, 1σ [s]."""
     measured_cm: dict[str, float]
     """RMS errors of the published flights."""
 

@@ -28,7 +28,7 @@ from links.mavlink import MavlinkLinkConfig
 from sim.world import RotorConstants, WindTunnel, World
 
 BETAFLIGHT = "betaflight"
-"""What ``--autopilot`` calls it."""
+"""Name of Betaflight's firmware for ``--autopilot``."""
 NO_LIMIT = (1e5, 1e5, 1e5)
 MQX = World()
 _IDEAL = msgspec.structs.replace(
@@ -106,7 +106,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
     told_latency_s: float = 0.020
     """The pose latency as the controller believes it [s]."""
     told_more: tuple[str, ...] = ()
-    """What else it is told, as in ``--set``."""
+    """Additional settings of the controller, as for ``--set``."""
 
     figure: Callable[[], dict[str, Any]] | None = None
     """Makes the trajectory, as in ``[trajectory]``; None for the paper's figure of eight."""
@@ -147,7 +147,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True):
         return from_dict(data, Config, overrides)
 
     def _told_poses(self, source: str, world: World) -> dict[str, Any]:
-        """What the controller is told of its poses when they come from ``source``."""
+        """Configuration of the pose source ``source`` for this scenario."""
         latency = {"latency_s": self.told_latency_s}
         rate = {"rate_hz": self.world.pose_rate_hz}
         return {
@@ -378,7 +378,7 @@ SCENARIOS: dict[str, Scenario] = {
 
 
 class _Overridden(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """So that errors about the truth name their keys as ``sim.…``."""
+    """Wrapper that makes errors about the truth name their keys as ``sim.…``."""
 
     sim: World
 
@@ -419,7 +419,7 @@ ENDS = {
     "link": ("mavlink", "dsm", "crsf", "rf_bridge"),
     "autopilot": ("px4", "ardupilot", BETAFLIGHT),
 }
-"""What can be simulated: where poses come from, how commands leave, and who flies by them."""
+"""Simulated parts by option: sources of poses, links, and autopilots."""
 
 
 def choose(name: str, autopilot: str, link: str | None, source: str = "vicon") -> tuple[Scenario, str]:
@@ -461,7 +461,7 @@ def prepare(
 def prepare_own(
     scenario: Scenario, path: Path, overrides: list[str], *, controller: str | None = None
 ) -> tuple[World, Config, float | None]:
-    """The same for a configuration file: its vehicle in the air of ``scenario``; and how long it wants to fly [s].
+    """Prepare a configuration file's vehicle in the air of ``scenario``; return also the duration it asks for [s].
 
     Raises:
         ConfigError: as :func:`prepare`.
@@ -575,7 +575,7 @@ MISTAKES: dict[str, tuple[str, str, Mistake]] = {
     "mass": ("", "so many times the mass that the file says", _weigh),
     "thrust": ("", "so many times the thrust that the file says", _push),
 }
-"""What ``--wrong`` can rehearse: the unit, what it means, and how the truth is made to differ."""
+"""Mistakes that ``--wrong`` rehearses: unit, meaning, and the change of the truth."""
 
 
 def make_mistakes(world: World, room: Config, text: str) -> tuple[World, Config]:

@@ -16,17 +16,18 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.time import in_virtual_time
 
 CAUSES = ("poses", "controller")
-"""What is cut: the poses (the controller goes on to the coast limit), or the controller (its last command is held)."""
+"""Streams that can be cut: the poses (the controller goes on to the coast limit), or the controller (its last
+command is held)."""
 FIRST_CUT_S, CUT_STEP_S = 4.0, 0.713
 """When the first flight is cut, and how much later each next one [s of flight]."""
 RELEASED_S = 4.0
-"""By then every hand-shake is over [s]; cuts come later."""
+"""Earliest cut after the release [s]: every handshake is over."""
 AFTERMATH_S = 6.0
-"""How long the world is watched after the cut [s]: the autopilot's own failsafe is over by then."""
+"""Observed time after the cut [s]: the autopilot's own failsafe is over by then."""
 
 
 class Fall(msgspec.Struct, frozen=True, kw_only=True):
-    """How one vehicle came down."""
+    """Descent of one vehicle after a cut."""
 
     scenario: str
     cause: str
@@ -39,7 +40,7 @@ class Fall(msgspec.Struct, frozen=True, kw_only=True):
     touchdown_m_s: float | None
     """Sinking speed as it first met the floor; None where it never did."""
     after_s: float | None
-    """From the cut until then [s]."""
+    """Time between the cut and the floor [s]."""
     tilt_deg: float
     """Largest tilt in the last 50 ms before the floor."""
     drift_m: float
@@ -47,7 +48,7 @@ class Fall(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class _ControllerFailure(Exception):
-    """What the controller of a flight with the cause ``controller`` dies of."""
+    """Failure injected into the controller for the cause ``controller``."""
 
 
 @in_virtual_time

@@ -30,7 +30,7 @@ LEAST_S, LONGEST_S = STEADY_S + 1.0, 60.0
 LIFTED = 1e3
 """Limits that are switched off are so many times as high."""
 ARRAYS_FROM = 3
-"""So many flights at once take less time as arrays than through wire bytes one by one."""
+"""Number of flights from which arrays are faster than wire bytes one by one [-]."""
 Flown: TypeAlias = tuple[World, Config]
 
 
@@ -39,17 +39,17 @@ class ErrorSource(NamedTuple):
 
     name: str
     means: str
-    """What is switched off, for people."""
+    """Description of the source, for people."""
     off: Callable[[World, Config], Flown]
 
 
 class Contribution(msgspec.Struct, frozen=True, kw_only=True):
-    """What one source has of the error."""
+    """Share of the error that one source causes."""
 
     source: str
     """Its name, such as gusts."""
     means: str
-    """What is switched off."""
+    """Description of the source."""
     rms_cm: float | None
     """RMS error without it [cm]; None where the flight then does not get to its end."""
     squared_cm2: float | None
@@ -60,13 +60,13 @@ class ErrorBudget(msgspec.Struct, frozen=True, kw_only=True):
     """RMS errors of true positions over the steady part, from 15 s on, of flights of the model."""
 
     of: str
-    """Whose budget it is, or why there is none, as a sentence."""
+    """Name of the flight, or the reason for having no budget, as a sentence."""
     duration_s: float = 0.0
-    """Of each flight [s]."""
+    """Duration of each flight [s]."""
     rms_cm: float | None = None
     """With everything as it is [cm]."""
     contributions: tuple[Contribution, ...] = ()
-    """Of the sources that this flight has; they need not add up."""
+    """Contributions of the sources that this flight has; they need not add up."""
 
 
 def _noise(world: World, config: Config) -> Flown:

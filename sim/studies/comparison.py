@@ -187,7 +187,7 @@ class ComparedFlight(msgspec.Struct, frozen=True):
     peak_cm: float | None
     """Largest error after the wind's step or push; None where there is none."""
     back_s: float | None
-    """How long after it the error stays below 5 cm; None where it never does."""
+    """Time after the gust from which the error stays below 5 cm [s]; None where it never does."""
     trace: list[float] | None
     """True error [cm] from the start on, every :data:`TRACE_S`; only where asked for."""
 
@@ -201,7 +201,7 @@ class ComparisonRow(msgspec.Struct, frozen=True):
     survived: bool
     """True where every flight got to its end."""
     crashed: int
-    """How many did not."""
+    """Number of flights that crashed."""
     rms_cm: float | None
     """RMS of the true error over the steady part (from 15 s); None where a flight crashed, as for all below."""
     rms_cm_min: float | None
@@ -210,11 +210,11 @@ class ComparisonRow(msgspec.Struct, frozen=True):
     settle_s: float | None
     """Time after which the error stays below 10 cm; None too where most flights never get there."""
     effort_rad_s: float | None
-    """How hard the vehicle is worked: see :class:`sim.runs.FlightVerdict`."""
+    """Control effort: see :class:`sim.runs.FlightVerdict`."""
     peak_cm: float | None = None
     """Largest error after the wind's step or push: the worst of the scenario's variants."""
     back_s: float | None = None
-    """How long after it the error stays below 5 cm: the worst; None too where it never does."""
+    """Longest time after the gust until the error stays below 5 cm [s]; None where it never does."""
 
 
 def cases(scenarios: Iterable[str], controllers: Sequence[str], overrides: Sequence[str] = ()) -> list[Case]:
@@ -488,7 +488,7 @@ OTHERS: tuple[dict[str, Any], ...] = (
     {"color": "#117733", "marker": "d", "linestyle": (0, (3, 1, 1, 1))},
 )
 SHOWN_S = (25.0, 45.0)
-"""What the gust's panel shows of the flight [s]."""
+"""Part of the flight that the gust's panel shows [s]."""
 
 
 def check_plot(path: Path) -> None:
@@ -650,7 +650,7 @@ REFLOWN = ("paper", "fast", "adverse", "storm", "quad1kg", "rotors_mqx_radio")
 EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
 """Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the seeds."""
 SCATTER = 1.1
-"""What one flight may have more of it in a search."""
+"""Factor on the limit for a single flight in a search [-]."""
 ROTORS_CM, ROTORS_SATURATED = 1.0, 0.01
 """On rotors no more error [cm], and no more of the commands at a limit [-]."""
 LQG_CM = {"paper": 0.055, "adverse": 0.68}
@@ -658,8 +658,9 @@ LQG_CM = {"paper": 0.055, "adverse": 0.68}
 wind and noise exactly, and still flies with 21.5 ms of extra delay [cm]; no law is told as much."""
 TRIALS, SEEDS = 24, 10
 DURATION_S, JUDGED_S = 20.0, 60.0
-"""Of each flight, and of the best reflown where laws are judged against each other [s]. Errors count from 15 s on: 20 s
-hold half of the figure of eight, which tells better gains from worse, but laws err in different parts of it."""
+"""Duration of each flight, and of the best reflown where laws are judged against each other [s]. Errors count from
+15 s on: 20 s hold half of the figure of eight, which tells better gains from worse, but laws err in different
+parts of it."""
 
 
 class Floor(NamedTuple):
@@ -743,13 +744,13 @@ class EqualMarginsRow(msgspec.Struct, frozen=True, kw_only=True):
     law: str
     gains: dict[str, float]
     evaluations: int
-    """How many sets of gains were tried; 0: as it comes."""
+    """Number of sets of gains that were tried; 0: the default gains."""
     keeps: bool
     """Whether it keeps all floors, with the seed of the search, and the effort of the reflown."""
     rms_cm: dict[str, float | None]
     """Scenario to the median over the seeds; None where a flight did not get to its end."""
     effort_rad_s: dict[str, float]
-    """The same of the effort, in the two judged scenarios."""
+    """Median effort in the two judged scenarios [rad/s]."""
     delay_s: dict[str, float]
     """In these, the extra command delay at which it fails [s]; 0 where it fails without."""
     peak_cm: dict[str, float | None] = {}
@@ -757,7 +758,7 @@ class EqualMarginsRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class EqualMargins(NamedTuple):
-    """What came of it."""
+    """Result of the searches."""
 
     trials: dict[str, list[TuningTrial]]
     """Law to all that was tried."""
@@ -871,7 +872,7 @@ def _median(values: Sequence[float | None]) -> float | None:
 
 
 def find_dominators(rows: Sequence[EqualMarginsRow]) -> list[str]:
-    """Who is at least as close, as calm and as tolerant of delay as ours, and better in one: a sentence each."""
+    """Find the laws at least as accurate, calm and delay-tolerant as ours and better in one: a sentence each."""
     said: list[str] = []
     for ours, row in product(rows, rows):
         if not ours.law.startswith("adaptive") or row.law.startswith("adaptive") or not row.keeps:
@@ -891,7 +892,7 @@ COLUMNS = ("law", "evaluation", "rms_cm", "cost", "broken", "gains")
 
 
 def read_trials(path: Path) -> dict[str, list[TuningTrial]]:
-    """What :func:`write_trials` has written; nothing where there is no such file.
+    """Read the table of :func:`write_trials`; empty without such a file.
 
     Raises:
         ConfigError: it is no such table.
@@ -985,7 +986,7 @@ def draw_equal_margins(rows: Sequence[EqualMarginsRow]) -> "Figure":
 
 
 def describe_terms(trials: int, seeds: int) -> str:
-    """How it was done, as a paragraph."""
+    """Describe the search's terms, as a paragraph."""
     return (
         f"Each law: {trials} evaluations with seed {SEARCH_SEED}, flights of {DURATION_S:g} s, gains within {SPREAD:g} "
         f"times their start either way; then medians of seeds 0 to {seeds - 1}, in `paper`, `adverse` and "

@@ -30,7 +30,7 @@ LAWS = ("pid", "indi", "l1")
 STEP_S = 0.0025
 PERIOD_S = 1.0 / gale.POSE_HZ
 VELOCITY_NOISE_M_S = 2e-3
-"""Of their motion capture's filter; not in the logs, and without weight in the result."""
+"""Velocity noise of their motion capture's filter [m/s]; not in the logs, and without weight in the result."""
 CLOSE = 0.3
 """A figure is given back if it lies within this share of the measured one."""
 HEADS = ("calm", "4.2 m/s", "8.5 m/s", "8.5 + 2.2 sin(t + 5) m/s", "12.1 m/s")
@@ -63,7 +63,7 @@ class PublishedFlight(msgspec.Struct, frozen=True, kw_only=True):
     offset_x_cm: float
     """Mean error in x."""
     lead_z_ms: float
-    """How far z is ahead of its reference."""
+    """Lead of z over its reference [ms]."""
 
     @property
     def close(self) -> bool:
@@ -111,7 +111,7 @@ class _Tunnel:
         )
 
     def _force(self, time_s: float) -> Column:
-        """Of the air, but for what does not repeat [N], (n, 3)."""
+        """Compute the air's force without its random part [N], (n, 3)."""
         air = self.velocity.copy()
         air[:, 0] -= self._speed + self._gust * np.sin(time_s + gale.GUST_PHASE)
         axes = self.axes()
@@ -207,7 +207,7 @@ def fly_published(seeds: int = 5, *, aerodynamics: bool = True) -> list[Publishe
 
 
 def _lead_ms(height: Column, asked: Column) -> Column:
-    """How far each column of ``height`` (N, n) is ahead of ``asked`` (N,), by the likeliest shift [ms]."""
+    """Estimate the lead of each column of ``height`` (N, n) over ``asked`` (N,) by the likeliest shift [ms]."""
     shifts = range(-15, 26)
     inner = slice(30, len(asked) - 30)
     centred = height[inner] - height[inner].mean(axis=0)
@@ -227,11 +227,11 @@ WRONG = {
     "lags told 20 ms too short": _SHORT,
     "delay told 20 ms too short": ("sim.command_delay_s=0.02",),
 }
-"""What ours is told of lags and delay, beside the truth; where it is wrong,"""
+"""Lags and delay as our controller is configured, beside the truth; where they are wrong,"""
 ROUGH = ("sim.pose_jitter_s=0.001", f"sim.wind_turbulence={0.5 / gale.MASS_KG:g}")
 """stamps are 1 ms off, and there is further turbulence of 0.5 N."""
 SHARES = (0.6, 0.75)
-"""Of Neural-Fly's figure at most: told right, and told wrong."""
+"""Limits as shares of Neural-Fly's figure [-]: configured right, and wrong."""
 
 
 class OurFlight(msgspec.Struct, frozen=True, kw_only=True):
@@ -241,7 +241,7 @@ class OurFlight(msgspec.Struct, frozen=True, kw_only=True):
     wind: str
     rms_cm: float | None
     most_cm: float
-    """What it should be at most."""
+    """Limit of the error [cm]."""
     lost: list[str]
     """Why flights ended, or what a guard said in them."""
 

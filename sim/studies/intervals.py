@@ -1,4 +1,4 @@
-"""How often the truth lies within the intervals that ``groundstation identify`` gives, over simulated flights."""
+"""Coverage of the intervals that ``groundstation identify`` gives, over simulated flights."""
 
 import math
 import tempfile
@@ -14,10 +14,10 @@ from sim.scenarios import SCENARIOS, overridden
 from sim.world import World
 
 SECONDS = 31.0
-"""How long each flight is [s]."""
+"""Duration of each flight [s]."""
 ASKED = ("trajectory.kind=excitation", "trajectory.laps=2")
 UNTOLD = {"adverse": ("sim.thrust_delay_s=0.012", "sim.rate_delay_s=0.025", "sim.drag_per_s=0.3")}
-"""What is true in a scenario beside what it has itself, and nobody tells the controller."""
+"""Additional truth of a scenario that the controller is not configured with."""
 SHOWN = {
     "thrust_scale": ("thrust scale", 100.0, "%"),
     "thrust_curve": ("thrust curve f", 1.0, ""),
@@ -36,11 +36,11 @@ SHOWN = {
     "position_noise": ("noise of positions", 1e3, "mm"),
     "attitude_noise": ("noise of attitudes", math.degrees(1.0), "°"),
 }
-"""Of each parameter its words, and the unit in which half of its interval is shown."""
+"""Name of each parameter, and the factor and unit in which half of its interval is shown."""
 
 
 class ToldInterval(NamedTuple):
-    """What one flight tells of one parameter."""
+    """Interval of one parameter from one flight."""
 
     scenario: str
     name: str
@@ -50,7 +50,7 @@ class ToldInterval(NamedTuple):
 
 
 def identify_flights(scenario: str, flights: int) -> Iterator[list[ToldInterval]]:
-    """What each of ``flights`` excitation flights tells, with seeds 0 and up; only what it could identify."""
+    """Identify ``flights`` excitation flights, seeds 0 and up; yield the identifiable parameters of each."""
     for seed in range(flights):
         with tempfile.TemporaryDirectory(prefix="groundstation-intervals-") as folder:
             overrides = [*ASKED, *UNTOLD.get(scenario, ())]

@@ -1,4 +1,4 @@
-"""What ``groundstation identify`` found of the vehicles that come along: flown, and found once more."""
+"""Identified figures of the bundled vehicles: flown in simulation, and identified once more."""
 
 import re
 import tempfile
@@ -21,7 +21,7 @@ class FoundInFlight(NamedTuple):
     """Keys of its file that are what was found, and the parameter of each."""
     scenario: str
     overrides: tuple[str, ...]
-    """What is true there, and what the controller is told before anything is known."""
+    """Settings of the truth, and of the controller before anything is identified."""
     seed: int
     duration_s: float
 
@@ -63,7 +63,7 @@ FOUND_IN_FLIGHT = (
 DECIMALS = 3
 """To so many decimals they are kept, which is finer than any interval."""
 SAME = 0.25
-"""What differs by less than this share of half its interval is the same figure, and stays."""
+"""Difference, as a share of half the interval, below which a figure keeps its old value [-]."""
 
 
 def fly_excitation(flown: FoundInFlight, folder: Path) -> Path:

@@ -56,7 +56,7 @@ class MemoryStream(asyncio.Transport):
                 self._loop.call_soon(self.other.close)
 
     def abort(self) -> None:
-        """The same: there is nothing that waits to leave."""
+        """Close at once: nothing waits to leave."""
         self.close()
 
     def get_write_buffer_size(self) -> int:
@@ -78,7 +78,7 @@ class MemoryStream(asyncio.Transport):
 
 
 class Listener:
-    """What ``create_server`` returns, as far as it is used here."""
+    """Server as ``create_server`` returns it, as far as it is used here."""
 
     def __init__(self, protocol_factory: Callable[[], asyncio.BaseProtocol], forget: Callable[[], Any]) -> None:
         """``forget`` takes it off the network."""
@@ -222,7 +222,7 @@ class _Endpoint(asyncio.DatagramTransport):
 
 
 class _Socket:
-    """What application code may do with the socket of an endpoint: send, which always has room, and join a group."""
+    """Socket of an endpoint for application code: it sends, always with room, and joins groups."""
 
     def __init__(self, endpoint: _Endpoint) -> None:
         self._endpoint = endpoint

@@ -31,7 +31,7 @@ from links.mavlink.protocol import MavlinkCodec
 from sim.world import PositionWander, Quadrotor, TrueState, World, rows, stream, with_noise
 
 CLOCK_AHEAD_S = 1000.0
-"""How far the tracking computer's clock is ahead of ours: nobody told them to agree [s]."""
+"""Lead of the tracking computer's clock over ours [s]: the clocks are not synchronized."""
 
 
 class TrackedBody(NamedTuple):
@@ -113,7 +113,7 @@ def make_tracker(config: PoseConfig) -> tuple[str, Tracker] | None:
 
 
 def vicon_encoder(config: ViconConfig) -> Encoder:
-    """What a Vicon Tracker sends: a hidden object stands still."""
+    """Return the encoder of a Vicon Tracker: an occluded object keeps its last pose."""
     frames = frames_of(config)
 
     def encode(frame: int, stamp_s: float, bodies: Sequence[TrackedBody]) -> bytes:
@@ -129,7 +129,7 @@ def vicon_encoder(config: ViconConfig) -> Encoder:
 
 
 def json_encoder(config: JsonConfig) -> Encoder:
-    """What a home-made tracker sends: a hidden body is not valid."""
+    """Return the encoder of a home-made tracker: an occluded body is not valid."""
     frames = frames_of(config)
 
     def encode(frame: int, stamp_s: float, bodies: Sequence[TrackedBody]) -> bytes:
@@ -142,7 +142,7 @@ def json_encoder(config: JsonConfig) -> Encoder:
 
 
 def vision_encoder(config: VisionConfig) -> Encoder:
-    """What a bridge sends: of our body only, and nothing while that is hidden."""
+    """Return the encoder of a bridge: our body only, and nothing while it is occluded."""
     frames = frames_of(config)
     codec = MavlinkCodec(config.system_id or 1, 197)  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 
@@ -193,11 +193,11 @@ class Mocap:
         self._covered = covered
 
     def see(self, plant: Quadrotor) -> None:
-        """From now on take that vehicle for ours."""
+        """Track ``plant`` as our vehicle from now on."""
         self._plant = plant
 
     def through(self, wrap: Callable[[Tracker], Tracker]) -> None:
-        """From now on let every frame pass what ``wrap`` puts before the tracking computer."""
+        """Put ``wrap`` before the tracking computer: every frame passes it from now on."""
         self._tracker = wrap(self._tracker)
 
     async def run(self) -> None:

@@ -113,7 +113,7 @@ def stream(seed: int, purpose: str) -> "Stream":
 
 
 def generator(seed: int, purpose: str) -> "np.random.Generator":
-    """The same numbers as arrays, and whatever else numpy draws."""
+    """Random numbers of ``purpose`` as numpy draws them; arrays of the same numbers as from the stream."""
     import numpy as np
 
     return np.random.default_rng(_entropy(seed, purpose))

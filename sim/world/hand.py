@@ -10,9 +10,9 @@ from groundstation.lab import MOVES, CarryMove
 START: tuple[Vec3, Quat] = ((0.7, -0.4, -0.1), so3.IDENTITY)
 """Where it stands where nobody says."""
 MOVE_S, HOLD_S = 1.6, 1.2
-"""How long one move takes, and how long it is held still after it [s]."""
+"""Duration of one move, and of the pause after it [s]."""
 SHIFT_M, TURN_RAD = 0.55, math.radians(42.0)
-"""How far a move goes."""
+"""Length of a shift [m] and angle of a turn [rad]."""
 
 
 def make_hand(

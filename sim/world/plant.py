@@ -50,7 +50,7 @@ class Body(NamedTuple):
 
 
 class Physics(NamedTuple):
-    """What does not change in flight; see :class:`sim.world.world.World` for the units."""
+    """Constants of the vehicle and the air; units as in :class:`sim.world.world.World`."""
 
     mass_kg: Real
     thrust_lag_s: Real
@@ -132,12 +132,12 @@ FourRotors: TypeAlias = tuple[Real, Real, Real, Real]
 
 
 class RotorFrame(NamedTuple):
-    """What does not change in flight of rotors and body; see :class:`sim.world.world.RotorConstants`."""
+    """Constants of rotors and body; see :class:`sim.world.world.RotorConstants`."""
 
     mass_kg: Real
     inertia: Vec3
     lever_m: Real
-    """Of each rotor, about roll and pitch [m]."""
+    """Lever arm of each rotor about roll and pitch [m]."""
     torque_m: Real
     curve: Real
     spin_up_s: Real
@@ -148,14 +148,14 @@ class RotorFrame(NamedTuple):
 
 
 class RateLoopGains(NamedTuple):
-    """The same of the rate loop."""
+    """Constants of the rate loop."""
 
     inertia: Vec3
     lever_m: Real
     torque_m: Real
     curve: Real
     full_n: Real
-    """What it takes one rotor to give at its fullest [N]."""
+    """Largest thrust that the loop counts on from one rotor [N]."""
     p: Vec3
     i: Vec3
     d: Vec3
@@ -171,7 +171,7 @@ class RateLoop(NamedTuple):
     thrust: Real
     """As told, filtered [N]."""
     rates: Vec3
-    """The same of the rates [rad/s]."""
+    """Filtered body rates [rad/s]."""
     gyro: Vec3
     """Filtered gyro [rad/s]."""
     slow: Vec3
@@ -184,7 +184,7 @@ class Actuators(NamedTuple):
     """State of rotors and rate loop."""
 
     speeds: FourRotors
-    """Of the rotors, 0..1."""
+    """Rotor speeds, as shares of the fastest, 0..1."""
     loop: RateLoop
 
 

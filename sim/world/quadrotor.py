@@ -57,14 +57,14 @@ class TrueState(msgspec.Struct, frozen=True, gc=False):
     on_ground: bool
     """True while it rests on the floor (not while it is held in the air)."""
     resets: int = 0
-    """How often the estimator that measured it has moved its origin or heading."""
+    """Number of times that the measuring estimator has moved its origin or heading."""
 
 
 class Airframe(Protocol):
     """Motors, body and sensors as the autopilot on board sees them. Times never go backwards."""
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
-        """From ``time_s`` on, follow a thrust signal (0..1) and body rates [rad/s, FRD]."""
+        """Follow a thrust signal (0..1) and body rates [rad/s, FRD] from ``time_s`` on."""
         ...
 
     def power(self, time_s: float, on: bool) -> None:
@@ -80,7 +80,7 @@ class Airframe(Protocol):
         ...
 
     def measure(self, time_s: float) -> TrueState:
-        """The same with the noise of the vehicle's own position estimate."""
+        """True state with the noise of the vehicle's own position estimate."""
         ...
 
     def feel(self, time_s: float) -> tuple[Quat, Vec3]:
@@ -91,7 +91,7 @@ class Airframe(Protocol):
 HOP_M = 0.005
 """Whoever was not higher than this above the floor has not left it [m]."""
 STANDS_RADII = 0.85
-"""How high above the floor the rotors of a vehicle are that stands on it, in their radii."""
+"""Height of the rotors of a standing vehicle above the floor, in rotor radii [-]."""
 LEVELS_S = 0.02
 """Time constant with which the floor levels what comes down tilted [s]."""
 NOTICES_S, FORGETS_S = 0.15, 2.0
@@ -105,7 +105,7 @@ class DelayLine:
     """Commands that begin to act some time after they come: a held one's mean over any later span."""
 
     def __init__(self, delay_s: float, first: tuple[float, ...]) -> None:
-        """Until the first command has come through, ``first`` acts."""
+        """Delay commands by ``delay_s`` [s]; ``first`` acts until the first one has come through."""
         self._delay_s = delay_s
         self._now = first
         self._coming: deque[tuple[float, tuple[float, ...]]] = deque()
@@ -115,7 +115,7 @@ class DelayLine:
         self._coming.append((time_s + self._delay_s, command))
 
     def compute_mean(self, start_s: float, span_s: float) -> tuple[float, ...]:
-        """What acts on average from ``start_s`` on, over ``span_s`` [s]; later questions never begin earlier."""
+        """Mean of the acting command over ``span_s`` [s] from ``start_s`` on; calls come in order of time."""
         coming = self._coming
         while coming and coming[0][0] <= start_s + _INSTANT_S:
             self._now = coming.popleft()[1]
@@ -182,18 +182,18 @@ class Quadrotor:
         if world.plant == "rotors":
             self._actuators = begin_rotors(FLOATS, thrust, self._gains)
         self._signals: FourRotors | None = None
-        """What another autopilot has the rotors do; None while the rate loop does."""
+        """Rotor signals of another autopilot; None while our rate loop drives the rotors."""
         self._gyro = repeat((0.0, 0.0, 0.0)) if gyro is None else gyro
         self._gyro_noise = self._draw_noise()
         self.specific_force: Vec3 = (0.0, 0.0, -world.gravity)
-        """Of the newest whole step, what an accelerometer shows [m/s², FRD]; kept with rotors alone."""
+        """Specific force over the newest whole step [m/s², FRD]; computed with ``sim.plant = "rotors"`` only."""
         self._told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
         self._strength = 1.0
         self._gain_now = world.thrust_gain
         """Thrust that comes of what is told, as a share, at the newest command [-]."""
         self._on_ground = False
         self.pull: Callable[[Body], Vec3] | None = None
-        """What else accelerates it, by where it is [m/s², NED]; may be changed in flight."""
+        """Additional acceleration by position and speed [m/s², NED]; may be changed in flight."""
         self.lead: Callable[[float, float], Body] | None = None
         """A hand that holds it: time [s] and thrust [N] → where it is, whatever its motors do."""
         self.partner: Quadrotor | None = None
@@ -201,18 +201,18 @@ class Quadrotor:
         self._held_s: float | None = None
         """Since when the floor has held a vehicle that gathers speed upwards [s of flight]."""
         self.felt = (0.0, 0.0)
-        """What the autopilot's own estimate has of a vehicle that the floor holds: how much higher it seems [m], and
-        its speed upwards [m/s]. Only with a late floor."""
+        """Error of the autopilot's own estimate while the floor holds the vehicle: height [m] and upward speed [m/s].
+        Only with ``sim.floor_hold_s``."""
         x, y, z = world.rate_limits_deg_s
         self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
         self._highest_m = 0.0
         self.touchdown_m_s: float | None = None
-        """How fast it met the floor when it first came down to it [m/s]."""
+        """Sink rate at the first touchdown [m/s]."""
         self.hardest_m_s: float | None = None
-        """The same for the hardest time of all: it may hop [m/s]."""
+        """Largest sink rate of all touchdowns [m/s]: a vehicle may hop."""
 
     def command(self, time_s: float, thrust_n: float, rates: Vec3) -> None:
-        """From ``time_s`` on: thrust [N] as commanded (gain and limits apply here) and rates [rad/s, FRD]."""
+        """Follow a commanded thrust [N] and rates [rad/s, FRD] from ``time_s`` on; gain and limits apply here."""
         self._settle(time_s)
         self._told = thrust_n, rates
         if self.partner is not None:
@@ -231,7 +231,7 @@ class Quadrotor:
             self._late_rates.put(time_s, self._rate_command)
 
     def drive_rotors(self, time_s: float, signals: FourRotors) -> None:
-        """From ``time_s`` on the rotors follow these signals (0..1), and no rate loop; see plant.py for their order.
+        """Drive the rotors by signals (0..1) from ``time_s`` on, without a rate loop; see plant.py for their order.
 
         Raises:
             ValueError: ``sim.plant`` is not "rotors".
@@ -254,7 +254,7 @@ class Quadrotor:
         return self._gain(time_s) * self._world.thrust_max_n
 
     def weaken(self, time_s: float, share: float) -> None:
-        """From ``time_s`` on the rotors give only ``share`` of the thrust that they would."""
+        """Reduce the rotors' thrust to ``share`` of the healthy one from ``time_s`` on."""
         self._strength = share
         self.command(time_s, *self._told)
 
@@ -394,7 +394,7 @@ class Quadrotor:
             self._on_step(until_s, self._body.position)
 
     def _stand(self, body: Body, flight_time: float, h: float) -> Body:
-        """What the floor makes of ``body``, which has come down on it, or stands there."""
+        """State of ``body`` after contact with the floor."""
         if self._highest_m > HOP_M:
             self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
             self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
@@ -443,13 +443,13 @@ def _ground_effect(world: World, down_m: float) -> float:
 
 
 LOOP_S = 0.004
-"""What is told is that of the newest turn of its loop [s]."""
+"""Period of the autopilot's attitude loop [s]: telemetry has the newest result."""
 WANDER_RAD, TILT_WANDER_S = math.radians(0.5), 10.0
-"""How far it is off on each axis (1σ) [rad], and over how long that wanders [s]."""
+"""Tilt error of the autopilot's estimate on each axis, 1σ [rad], and its correlation time [s]."""
 UPRIGHT_PER_S = 0.1
-"""How fast accelerometers pull it upright: a share of what they show to be wrong [1/s]."""
+"""Gain of the accelerometers' correction of the tilt [1/s]."""
 LONGEST_S = 0.1
-"""What happened between two questions further apart is not taken for one acceleration [s]."""
+"""Longest interval whose mean acceleration is used [s]; over a longer one there is none."""
 
 
 class Horizon:
@@ -518,7 +518,7 @@ class SimulatedVehicle:
         self._on = False
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
-        """From ``time_s`` on, follow a thrust signal (0..1) and body rates [rad/s, FRD]."""
+        """Follow a thrust signal (0..1) and body rates [rad/s, FRD] from ``time_s`` on."""
         if self._on:
             share = thrust(thrust_fraction, self._world.thrust_curve)
             self.plant.command(time_s, share * self._world.thrust_max_n, rates_rad_s)
@@ -553,7 +553,7 @@ class SimulatedVehicle:
         return msgspec.structs.replace(truth, attitude=attitude, resets=truth.resets + self._resets)
 
     def lead_heading_astray(self, off_deg: float) -> None:
-        """From now on its estimator has its heading so far off [deg], as near a magnet, and does not know."""
+        """Turn the estimator's heading by ``off_deg`` [deg], as a magnet does; the estimator does not notice."""
         self._astray = off_deg
 
     def reset_heading(self) -> None:
@@ -575,8 +575,8 @@ class SimulatedVehicle:
 
 
 TREMBLE_M, TREMBLE_RAD, TREMBLE_RAD_S, LEGS_GIVE = 0.0025, 0.015, 0.3, 0.3
-"""How a vehicle trembles that stands: place, attitude and rates, 1σ per axis [m, rad, rad/s], each times its thrust as
-a share of its weight, up to the last of these [-]. Nothing is published; so much is seen beside our cameras' noise."""
+"""Tremble of a standing vehicle: position, attitude and rates, 1σ per axis [m, rad, rad/s], each times thrust over
+weight, up to the last of these [-]. Nothing is published; a visible amount beside the cameras' noise was chosen."""
 
 
 def _tremble(truth: TrueState, world: World) -> float:
@@ -613,11 +613,11 @@ def with_noise(truth: TrueState, world: World, normals: tuple[float, ...]) -> Tr
 WANDER_S, ESTIMATE_FORGETS_S = 2.0, 40.0
 """Over which a wander is told [s], and the time constant with which it comes back [s]."""
 SPEED_PER_M, SPEED_FORGETS_S = 1.5, 5.0
-"""What is measured of its speed wanders so much more [1/s], and comes back so fast [s]: PX4's by 5 cm/s in 0.5 s."""
+"""Wander of the measured speed per wander of position [1/s], and its time constant [s]: PX4's is 5 cm/s in 0.5 s."""
 
 
 class PositionWander:
-    """What a measured place and yaw do that the vehicle does not."""
+    """Wander of a measured position and yaw about the true ones."""
 
     def __init__(self, world: World, normals: Iterator[tuple[float, ...]]) -> None:
         """Nothing yet; ``normals`` gives rows of three standard normal numbers."""

@@ -21,7 +21,7 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Rotors, body and rate loop of a vehicle with ``sim.plant = "rotors"``. Defaults: of the one of 80 g."""
 
     arm_m: Positive = 0.11
-    """From the middle to each rotor; they stand in X [m]."""
+    """Distance of each rotor from the middle [m]; the rotors form an X."""
     inertia_kg_m2: tuple[Positive, Positive, Positive] = (1.2e-4, 1.2e-4, 2.0e-4)
     """Moments of inertia about roll, pitch and yaw [kg m²]."""
     torque_per_thrust_m: Positive = 0.010
@@ -32,13 +32,13 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     spin_up_s: NonNegative = 0.040
     """Time constant of the rotors' speed where it rises [s]."""
     spin_down_s: NonNegative = 0.040
-    """The same where it falls [s]."""
+    """Time constant of a rotor that slows down [s]."""
     p: NonNegative = 25.0
     """Angular acceleration that the rate loop asks for per error of rate [1/s]."""
     i: NonNegative = 25.0
-    """The same per integral of it [1/s²]."""
+    """Angular acceleration demanded per integral of the rate error [1/s²]."""
     d: NonNegative = 0.4
-    """The same per angular acceleration as measured [-]."""
+    """Angular acceleration taken back per measured one [-]."""
     yaw_gain: NonNegative = 0.4
     """Share of the three for yaw [-]."""
     gyro_noise_rad_s: NonNegative = 0.02
@@ -50,11 +50,11 @@ class RotorConstants(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     rate_filter_s: NonNegative = 0.0
     """Time constant of a filter that told rates pass first [s]."""
     thrust_filter_s: NonNegative = 0.0
-    """The same of told thrust [s]."""
+    """Time constant of the filter of the thrust set-point [s]."""
 
 
 class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a vehicle meets in a wall of fans, beside drag and the air's speed; at rest by default."""
+    """Effects of a wall of fans beside drag and the air's mean speed; none by default."""
 
     gust_m_s: float = 0.0
     """The air's speed to the north gains so much times sin(``gust_rad_s`` t + ``gust_phase_rad``) [m/s]."""
@@ -63,11 +63,11 @@ class WindTunnel(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     gust_phase_rad: float = 0.0
     """[rad]"""
     rest_m_s2: Vec3 = (0.0, 0.0, 0.0)
-    """What else pushes it: Ornstein and Uhlenbeck's noise, RMS [m/s², NED]."""
+    """Random push: Ornstein-Uhlenbeck noise, RMS [m/s², NED]."""
     rest_s: Positive = 0.6
     """Its correlation time [s]."""
     pitch_gain: Positive = 1.0
-    """How much more than commanded it pitches [-]."""
+    """Achieved over commanded pitch [-]."""
     pitch_per_climb: float = 0.0
     """Pitch rate, nose down, that comes with each m/s upwards [rad/m]."""
     start_pitch_deg: float = 0.0
@@ -102,20 +102,20 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     rate_lag_s: NonNegative = 1.0 / (2.0 * math.pi * 1.5)
     """First-order lag of each body rate [s]."""
     thrust_delay_s: NonNegative = 0.0
-    """From the vehicle's hearing a command until thrust begins to follow it, with its lag [s]."""
+    """Dead time between a command's arrival at the vehicle and the thrust's first answer [s]; the lag comes on top."""
     rate_delay_s: NonNegative = 0.0
-    """The same for the body rates [s]."""
+    """Dead time of the body rates [s], counted alike."""
     plant: Literal["first_order", "rotors"] = "first_order"
     """Whether thrust and rates follow their commands by first-order lags, or by a rate loop that drives four rotors;
     rotors have no use for the two lags, and want a short ``sim.step_s``: it is the rate loop's period."""
     rotors: RotorConstants = RotorConstants()
-    """What the rotors are like; in use with ``sim.plant = "rotors"`` alone."""
+    """Constants of the rotors; used with ``sim.plant = "rotors"`` only."""
     drag_per_s: NonNegative = 0.0
     """Linear drag: deceleration per speed [1/s]."""
     drag_body_per_s: Vec3 = (0.0, 0.0, 0.0)
     """Further linear drag along each of the body's axes, against the air [1/s]."""
     inflow_drag_per_m: tuple[float, float] = (0.0, 0.0)
-    """What it grows by with the air's speed in the rotors' plane: within that plane, and along the thrust [1/m]."""
+    """Growth of the drag with the air's speed in the rotors' plane: within that plane, and along the thrust [1/m]."""
     inflow_lift_per_m: float = 0.0
     """Acceleration along the thrust per square of that speed [1/m]."""
     air_velocity: Vec3 = (0.0, 0.0, 0.0)
@@ -141,13 +141,13 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     pose_rate_hz: Positive = 50.0
     """Camera frames per second [Hz]."""
     pose_latency_s: NonNegative = 0.020
-    """From exposure to the datagram's arrival [s]."""
+    """Latency between exposure and the datagram's arrival [s]."""
     pose_noise_m: NonNegative = 0.0003
     """Position noise, 1σ per axis [m]."""
     attitude_noise_rad: NonNegative = 0.002
     """Attitude noise, 1σ per axis [rad]."""
     pose_jitter_s: NonNegative = 0.0
-    """How far the stamps of poses are off the instants at which they were seen, 1σ [s]."""
+    """Jitter of the poses' stamps against their exposures, 1σ [s]."""
     pose_loss: Share = 0.0
     """Share of the poses lost at random [-]."""
     outage_s: NonNegative = 0.0
@@ -165,9 +165,9 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     frame_period_s: Positive = 0.0225
     """Period of the command frames; the last one is held [s]."""
     command_delay_s: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
-    """From a frame's leaving us to the vehicle's autopilot hearing it, as on a slow radio [s]."""
+    """Latency of the uplink between our frame and the vehicle's autopilot, as on a slow radio [s]."""
     telemetry_hz: NonNegative = 0.0
-    """How often the vehicle's attitude comes back through a CRSF module [Hz]; Betaflight tells it at 10 Hz."""
+    """Rate of the attitude telemetry through a CRSF module [Hz]; Betaflight sends 10 Hz."""
     frame_loss: Share = 0.0
     """Share of the command frames lost at random [-]."""
     speed_m_s: Positive = 0.5
@@ -179,11 +179,11 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     own_estimate: bool = False
     """Whether the autopilot knows its own position and speed (GPS, optical flow), and says so."""
     velocity_bias: Vec3 = (0.0, 0.0, 0.0)
-    """How far the velocity of the autopilot's estimate is off its own positions' [m/s, NED]; ArduCopter's, with a
-    simulated GPS: 0.016."""
+    """Bias of the autopilot's velocity against its own positions [m/s, NED]; ArduCopter's, with a simulated
+    GPS: 0.016."""
     estimate_wander_m: NonNegative = 0.0
-    """How far the place that is measured wanders in 2 s, a random walk, 1σ per axis [m], and speed with it; the
-    autopilot's own estimate and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
+    """Random walk of the measured position over 2 s, 1σ per axis [m], and of the speed with it, for the autopilot's
+    own estimate and the cameras' alike. PX4's own, with a simulated GPS: 0.05."""
     estimate_yaw_step_deg: float = 0.0
     """A step of the measured yaw, which the autopilot's ODOMETRY announces [deg]; PX4 was seen to make 19. Until then
     its heading is off by so much the other way: an estimator turns it once it sees that it does not fit its speed."""
@@ -194,13 +194,13 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     floor_friction: NonNegative = 1.0
     """Force that the floor holds it with sideways over the force that it presses on it with [-]."""
     floor_hold_s: NonNegative = 0.0
-    """How long the floor holds its place while it gathers speed upwards [s]; ArduPilot's SITL: 0.6."""
+    """Time for which the floor holds a vehicle that already gathers speed upwards [s]; ArduPilot's SITL: 0.6."""
     ground_effect: bool = False
     """Whether thrust grows near the floor; flights that begin on the floor have it."""
     trembles: bool = False
     """Whether it trembles on its legs as its rotors push; flights that begin on the floor with takeoff.nudge do."""
     rotor_radius_m: Positive = 0.035
-    """Of one rotor [m]: by it the ground effect fades with height."""
+    """Radius of one rotor [m]: the ground effect fades with height over it."""
     step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025
     """Longest step of the plant [s]; errors are sampled at every step."""
     gravity: Positive = GRAVITY
@@ -291,7 +291,7 @@ class Wind:
         self._felt: Vec3 = (0.0, 0.0, 0.0)
         self._rest: Vec3 = (0.0, 0.0, 0.0)
         self.push: Vec3 = (0.0, 0.0, 0.0)
-        """What comes on top of all that the world has [m/s², NED]; may be changed in flight."""
+        """Additional acceleration beside the world's wind [m/s², NED]; may be changed in flight."""
 
     def at(self, flight_time: float) -> Vec3:
         """b at ``flight_time`` [s] after release."""

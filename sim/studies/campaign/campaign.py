@@ -44,7 +44,7 @@ class CampaignRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """
 
     seed: int
-    """What the flight is drawn from."""
+    """Seed of the flight's draws."""
     mass_kg: float
     """True mass [kg]."""
     thrust_lag_s: float
@@ -199,7 +199,7 @@ DRAWS: dict[str, tuple[Draw, ...]] = {
     "noise": (Draw(("pose_noise_m", "attitude_noise_rad"), 0.5, 2.0, True),),
     "losses": (Draw(("pose_loss", "frame_loss"), 0.0, 0.05, False), Draw(("outage_s",), 0.0, 0.15, False)),
 }
-"""What can be drawn. ``wind`` turns mean wind and gusts, each to its own direction, uniform on the sphere.
+"""Quantities that can be drawn. ``wind`` turns mean wind and gusts, each to its own direction, uniform on the sphere.
 
 The controller is told nothing of it: a pose that comes later than it is told is stamped wrongly by the difference.
 """
@@ -240,7 +240,7 @@ def draw_world(world: World, seed: int, names: Collection[str] = USUAL) -> World
 
 
 def overrides(world: World, names: Iterable[str] = USUAL) -> list[str]:
-    """What ``--set`` needs so that a single flight meets ``world`` to the last bit."""
+    """Return the ``--set`` values with which a single flight meets ``world`` to the last bit."""
     return [f"sim.{field}={_toml(getattr(world, field))}" for field in fields(names)]
 
 
@@ -264,14 +264,14 @@ BATCH = 500
 
 
 class Campaign(msgspec.Struct, frozen=True, kw_only=True):
-    """What all flights share."""
+    """Settings shared by all flights."""
 
     scenario: str
     world: World
-    """What the draws of :func:`sim.studies.campaign.campaign.draw_world` start from."""
+    """World before the draws of :func:`sim.studies.campaign.campaign.draw_world`."""
     config: Config
     duration_s: float
-    """Of each flight, from the release [s]."""
+    """Duration of each flight from the release [s]."""
     overrides: list[str]
     """``--set`` as given, to name the command that flies one flight again."""
     draws: tuple[str, ...] = USUAL
@@ -295,7 +295,7 @@ class Campaign(msgspec.Struct, frozen=True, kw_only=True):
                 raise ConfigError(f"sim.{field}", f"a campaign draws it, from {draw.low:g} to {draw.high:g}", "--set")
 
     def settings(self) -> dict[str, Any]:
-        """What makes two rows comparable, for ``settings.json``."""
+        """Return the settings that two comparable rows share, for ``settings.json``."""
         return {
             "scenario": self.scenario,
             "duration_s": self.duration_s,
@@ -369,7 +369,7 @@ def _row(seed: int, w: World, *, rms_m: float, max_m: float, survived: bool, **f
 
 
 COPIED = [name for name in CampaignRow.__struct_fields__ if name in World.__struct_fields__]
-"""What a row takes over from the world as it stands."""
+"""Fields of a row that are copied from the world."""
 
 
 def _finite_or_none(value: float) -> float | None:
@@ -377,7 +377,7 @@ def _finite_or_none(value: float) -> float | None:
 
 
 CONNECT_S = 10.0
-"""How long to wait for the scheduler [s]."""
+"""Timeout of the connection to the scheduler [s]."""
 
 
 class Cluster:
@@ -412,7 +412,7 @@ class Cluster:
             raise
 
     def _check(self) -> int:
-        """How many workers there are, all of them running this program."""
+        """Return the number of workers; check that all run this program."""
         found: dict[str, Any] = self._client.run(program_sha256, on_error="return")
         if not found:
             raise ConfigError(
@@ -487,7 +487,7 @@ def _foreign(worker: str, mine: str, theirs: Any) -> ConfigError:
 
 
 class Local:
-    """So many processes of this machine; one flies in this very process."""
+    """Worker processes of this machine; a single worker is this process."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -511,9 +511,9 @@ class Local:
 
 
 Crew = Local | Cluster
-"""Who flies the batches, ``workers`` of them at once."""
+"""Executor of the batches, ``workers`` at once."""
 LIMIT_CM = 0.01
-"""How far two RMS errors of one flight may lie apart [cm]."""
+"""Largest difference of two RMS errors of one flight [cm]."""
 
 
 def verify(campaign: Campaign, rows: Sequence[CampaignRow], count: int, *, workers: int) -> dict[str, Any]:

@@ -51,7 +51,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "pid": ("p_position", "p_velocity", "i_velocity", "d_velocity", "p_attitude"),
     "indi": ("k_position", "k_velocity", "k_acceleration", "filter_s", "k_attitude"),
 }
-"""What is searched where ``--keys`` names nothing: the gains of the law, not bounds or facts. A controller of the
+"""Searched keys where ``--keys`` names none: the gains of the law, not bounds or facts. A controller of the
 user's own has all its options searched that are positive numbers."""
 AROUND = 4.0
 """Bounds are the default divided and multiplied by this."""
@@ -67,7 +67,7 @@ class Key(msgspec.Struct, frozen=True):
     low: float
     high: float
     start: float
-    """What the configuration has."""
+    """Value in the configuration."""
 
     def round(self, value: float) -> float:
         """``value`` with as many digits as are written down, within the bounds."""
@@ -188,7 +188,7 @@ class Staged(msgspec.Struct, frozen=True, kw_only=True):
     config: Config
 
     def with_gains(self, gains: Point) -> "Staged":
-        """The same, flown with other gains."""
+        """Return this stage with other gains."""
         controller = with_gains(self.config.controller, gains)
         return msgspec.structs.replace(self, config=msgspec.structs.replace(self.config, controller=controller))
 
@@ -333,21 +333,21 @@ class Sortie(msgspec.Struct, frozen=True):
 
 
 class SortieOutcome(NamedTuple):
-    """What came of it."""
+    """Outcome of one flight."""
 
     rms_cm: float | None
-    """From 15 s on; None where it did not get to its end."""
+    """RMS error from 15 s on [cm]; None where the flight did not reach its end."""
     why: str
-    """How it ended, as a sentence."""
+    """Reason for its end, as a sentence."""
     effort_rad_s: float = 0.0
-    """Of its commands, see :class:`sim.runs.referee.FlightVerdict`."""
+    """Control effort, see :class:`sim.runs.referee.FlightVerdict`."""
     saturated: float = 0.0
     """Share of the commands after 5 s in which any of the four was clamped."""
     peak_cm: float | None = None
     """Largest error after the wind's step or push, if any [cm]."""
 
     def describe(self) -> str:
-        """How it flew, in words."""
+        """Describe the flight in words."""
         if self.rms_cm is None:
             return self.why
         return f"RMS {self.rms_cm:.2f} cm, {100.0 * self.saturated:.1f} % of the commands at a limit"
@@ -423,7 +423,7 @@ class MarginAxis(msgspec.Struct, frozen=True):
     meaning: str
     """One line for people: what in the real world does this."""
     field: str
-    """Of :class:`World`."""
+    """Field of :class:`World`."""
     direction: int = 0
     """0: x [s] is added to the field; ±1: the field is multiplied by exp(±x)."""
 
@@ -488,7 +488,7 @@ AXES = (
 
 
 class Margin(msgspec.Struct, frozen=True, kw_only=True):
-    """How far one thing may be wrong: seconds added to what the scenario has, or a factor on it."""
+    """Tolerance of one quantity: seconds added to the scenario's value, or a factor on it."""
 
     name: str
     unit: str
@@ -498,7 +498,7 @@ class Margin(msgspec.Struct, frozen=True, kw_only=True):
     fails: float | None
     """The nearest value that was not; None where all that was tried flew well."""
     why: str | None
-    """What happened there."""
+    """Failure at the limit."""
 
 
 class MarginReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -525,7 +525,7 @@ def limit_cm(nominal: Sequence[SortieOutcome]) -> float | None:
 
 
 def failure(outcomes: Sequence[SortieOutcome], limit: float) -> str | None:
-    """What happened in the first of ``outcomes`` that failed; None if none did."""
+    """Describe the first failure in ``outcomes``; None without one."""
     for outcome in outcomes:
         if outcome.rms_cm is None:
             return outcome.why
@@ -615,7 +615,7 @@ def _margin(axis: MarginAxis, holds: float, fails: float | None, why: str | None
 
 
 def criterion(report: MarginReport) -> str:
-    """What counts as a failure, as a sentence."""
+    """Describe the criterion of failure, as a sentence."""
     several = f"any of {report.seeds} flights" if report.seeds > 1 else "a flight"
     return (
         f"It fails where {several} of {report.duration_s:g} s crashes, or has an RMS error from 15 s on above "
@@ -682,7 +682,7 @@ PROPOSALS = 1000
 RANDOM_TRIALS = 10
 """Drawn over the whole space before the sampler learns from them."""
 BROKEN, UNPROVEN = 1e3, 1e6
-"""What a broken constraint costs, on top of how badly it is broken: more than any flight."""
+"""Costs of a broken and of an unproven constraint, beside its excess [-]: more than any flight's."""
 
 
 class Floors(msgspec.Struct, frozen=True, kw_only=True):
@@ -694,14 +694,14 @@ class Floors(msgspec.Struct, frozen=True, kw_only=True):
     """Share by which the thrust may be wrong, either way, 0 to below 1; 0 asks for none."""
 
     def wrongs(self, factor: float = 1.0) -> list[tuple[MarginAxis, float]]:
-        """What must still fly: each axis with its value, the floors being ``factor`` times what they are."""
+        """Return each axis with the value that must still fly, the floors multiplied by ``factor``."""
         delay = [(DELAY, self.delay_s * factor)] if self.delay_s else []
         share = min(self.gain * factor, 0.99)
         return [*delay, (GAIN_DOWN, 1.0 - share), (GAIN_UP, 1.0 + share)] if share else delay
 
 
 class Search(msgspec.Struct, frozen=True, kw_only=True):
-    """What is searched, and how it is judged."""
+    """Searched keys, flights and criteria of one search."""
 
     stages: list[Staged]
     keys: list[Key]
@@ -716,7 +716,7 @@ class Search(msgspec.Struct, frozen=True, kw_only=True):
         return list(range(SEARCH_SEED, SEARCH_SEED + self.seeds))
 
     def settings(self) -> dict[str, Any]:
-        """What makes two trials comparable."""
+        """Return the settings that two comparable trials share."""
         found: dict[str, Any] = json.loads(msgspec.json.encode(self))
         return {**found, "program_sha256": program_sha256()}
 
@@ -725,17 +725,17 @@ class TuningTrial(msgspec.Struct, frozen=True, kw_only=True):
     """One set of gains, tried."""
 
     number: int
-    """From 0, which is the configuration as it came."""
+    """Number of the trial; 0 is the configuration as given."""
     gains: dict[str, float]
     rms_cm: float
     """Geometric mean of the RMS errors of its flights with nothing wrong; a crash counts 2 m."""
     broken: list[str]
     """The constraints it breaks, as sentences; empty for one that may fly."""
     cost: float
-    """What the sampler hears: ``rms_cm``, or more than any of those."""
+    """Cost for the sampler: ``rms_cm``, or more than any of those for a broken constraint."""
 
     def beats(self, other: "TuningTrial") -> bool:
-        """It breaks nothing, and is better."""
+        """Return whether this trial breaks nothing and costs less."""
         return not self.broken and self.cost < other.cost
 
 
@@ -782,7 +782,7 @@ def _judge(
 
 
 def broken_cost(excess: float) -> float:
-    """What the sampler hears of gains that break a constraint by ``excess``: more than of any that do not."""
+    """Compute the cost of breaking a constraint by ``excess``: more than any flight's that breaks none."""
     return BROKEN + math.log(max(excess, 1.0))
 
 
@@ -793,7 +793,7 @@ def words(axis: MarginAxis, value: float) -> str:
 
 
 def geometric_mean(values: Sequence[float]) -> float:
-    """Of positive numbers."""
+    """Compute the geometric mean of positive numbers."""
     return math.exp(sum(map(math.log, values)) / len(values))
 
 
@@ -1057,7 +1057,7 @@ def margins_table(evidence: Evidence) -> list[str]:
 
 
 def versions() -> str:
-    """What made it."""
+    """Describe the versions of the programs that ran the search."""
     others = (f"{name} {importlib.metadata.version(name)}" for name in ("optuna", "numpy"))
     return ", ".join([f"groundstation {__version__}", *others, f"Python {platform.python_version()}"])
 
