@@ -1,4 +1,4 @@
-"""What a recording tells: replay, report, identification."""
+"""Analysis of recordings: replay, report, identification."""
 
 from groundstation.analysis.recordings import Channel, FlightData, Track, export_command, load, logs_command
 from groundstation.analysis.replay import replay_command

@@ -63,7 +63,7 @@ SUFFIXES = {
     "csv": "", "parquet": ".parquet", "npz": ".npz", "mat": ".mat", "rrd": ".rrd", "poses": "-poses.csv",
     "mcap": "-whole.mcap", "foxglove": "-foxglove.mcap",
 }  # fmt: skip
-"""Of each format, what stands behind the recording's name where nobody names another."""
+"""Suffix of each format behind the recording's name, by default."""
 
 
 def export_command(path: Path, form: str, channels: list[str], out: Path | None, truth: Path | None = None) -> Exit:
@@ -240,7 +240,7 @@ class TruthTrack:
                 yield entry._replace(topic="/truth", data=msgspec.json.encode(told))
 
     def errors(self) -> dict[str, str]:
-        """What the headline says of the true error, as text; nothing before its steady part."""
+        """Return the headline's true errors as text; empty before the steady part."""
         steady = self._steady
         return {} if steady.rms_m is None else {"true_rms_m": str(steady.rms_m), "true_max_m": str(steady.max_m)}
 
@@ -332,7 +332,7 @@ def logs_command(config: RecordingConfig, args: argparse.Namespace) -> Exit:
 
 
 def describe_recording(path: Path, folder: Path) -> dict[str, Any]:
-    """What the list of ``folder`` says of one file in it."""
+    """Describe one file for the list of ``folder``."""
     from groundstation.recording import NoRecording, quick_headline
 
     facts: dict[str, Any] = {"file": str(path.relative_to(folder)), "size_bytes": path.stat().st_size}
@@ -390,13 +390,13 @@ class Track(NamedTuple):
     """Where the vehicle was, was believed to be, or should have been: one row a command. What is not known is NaN."""
 
     position: "Column"
-    """Of shape (N, 3) [m], world NED: north, east, down."""
+    """Position (N, 3) [m], world NED: north, east, down."""
     velocity: "Column"
-    """Of shape (N, 3) [m/s], world NED."""
+    """Velocity (N, 3) [m/s], world NED."""
     attitude: "Column | None"
-    """Of shape (N, 4), a unit quaternion w, x, y, z, body FRD to world NED; None of a reference."""
+    """Attitude (N, 4), a unit quaternion w, x, y, z, body FRD to world NED; None of a reference."""
     error: "Column"
-    """Of shape (N,): how far this is from the reference [m]; of the reference itself zero."""
+    """Distance from the reference (N,) [m]; zero for the reference itself."""
 
 
 class Channel(Mapping[str, "NDArray[Any]"]):
@@ -455,7 +455,7 @@ class FlightData:
             ConfigError: it is no recording of a flight, or can't be read.
         """
         self.path = path
-        """Of the recording."""
+        """Path of the recording."""
         _ = self._recording
 
     @cached_property
@@ -478,7 +478,7 @@ class FlightData:
 
     @property
     def about(self) -> dict[str, str]:
-        """What is known before the flight, as text: vehicle, controller, config, scenario, seed, version, ..."""
+        """Facts known before the flight, as text: vehicle, controller, config, scenario, seed, version, ..."""
         return self._recording.about
 
     @cached_property
@@ -502,7 +502,7 @@ class FlightData:
 
     @property
     def time(self) -> "Column":
-        """Of each command, since the trajectory began [s]; of shape (N,). Where it never did, since the first one."""
+        """Time of each command since the trajectory began (N,) [s]; where it never did, since the first command."""
         return self.columns.t
 
     @property
@@ -515,7 +515,7 @@ class FlightData:
 
     @property
     def estimate(self) -> Track:
-        """What the controller went by: the vehicle at the instant when the command acts."""
+        """Estimate of the vehicle at the instant when each command acts."""
         vectors, error = self.columns.vectors, self.columns.scalars["error_m"]
         return Track(vectors["position_ned"], vectors["velocity_ned"], vectors["attitude"], error)
 
@@ -531,7 +531,7 @@ class FlightData:
 
     @property
     def error(self) -> "Column":
-        """How far from the reference the vehicle was [m], of shape (N,): see :attr:`error_against`."""
+        """Distance of the vehicle from the reference (N,) [m]: see :attr:`error_against`."""
         return (self.truth or self.estimate).error
 
     @property
@@ -707,7 +707,7 @@ _TABLE_WRITERS: "dict[str, Callable[[Tables, Path], None]]" = {
     "parquet": _write_parquet,
 }
 FORMATS = (*_TABLE_WRITERS, "csv", "rrd")
-"""What channels can be written as, by the ending of the file's name; csv and parquet make a folder."""
+"""Formats of channels by the ending of the file's name; csv and parquet make a folder."""
 
 
 def write_tables(recording: "Recording", form: str, topics: Collection[str], target: Path) -> dict[str, int]:

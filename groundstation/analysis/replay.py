@@ -120,7 +120,7 @@ def _ensure_own(config: Config, path: Path) -> None:
 
 
 def _change(pairs: list[tuple[float, float]]) -> dict[str, float] | None:
-    """How far the numbers made anew are from the recorded ones; None without any."""
+    """Summarize the differences of replayed from recorded numbers; None without any."""
     if not pairs:
         return None
     steps = [abs(b - a) for a, b in pairs]
@@ -133,7 +133,7 @@ def _change(pairs: list[tuple[float, float]]) -> dict[str, float] | None:
 
 
 def text_of(facts: dict[str, Any]) -> str:
-    """The same for people."""
+    """Describe the result for people."""
     lines = [
         f"{facts['file']}: {facts['commands']} commands, {facts['idle_commands']} idle ones, {facts['poses']} poses"
         + ("" if facts["whole"] else f"; the recording was cut off, {END}" if facts["damaged_at"] is None else "")
@@ -213,7 +213,7 @@ class TapeLoop(asyncio.SelectorEventLoop):
 
     def __init__(self) -> None:
         self.now = 0.0
-        """What the running code is told the time is [s]."""
+        """Time shown to the replayed code [s]."""
         selector = _Stopper()
         selector.loop = self
         super().__init__(selector)
@@ -246,7 +246,7 @@ class TapeNetwork(Network):
     """Wires that only hear, and are none."""
 
     def __init__(self, loop: TapeLoop) -> None:
-        """What they hear comes from the tape that ``loop`` runs by."""
+        """Feed wires from the tape that ``loop`` runs by."""
         self._loop = loop
 
     async def open_datagram(
@@ -313,7 +313,7 @@ class _Mute(asyncio.DatagramTransport, asyncio.Transport):
 
 
 class _NoSocket:
-    """What code finds behind a wire: what is asked of it does nothing."""
+    """Socket behind a replayed wire: every call does nothing."""
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         return lambda *_: None
@@ -344,9 +344,9 @@ class Comparison:
 
     def __init__(self) -> None:
         self.count = {"pose": 0, "idle": 0, "command": 0}
-        """How many of each were recorded."""
+        """Number of recorded entries of each kind."""
         self.differing = {"pose": 0, "idle": 0, "command": 0}
-        """How many of them are not the same."""
+        """Number of those that differ."""
         self.first: Difference | None = None
 
     def compare(self, what: str, time_s: float, was: msgspec.Struct, now: msgspec.Struct) -> None:
@@ -393,13 +393,13 @@ class CommandPair(NamedTuple):
 
 
 class ReplayResult(msgspec.Struct, frozen=True):
-    """What came of it."""
+    """Result of a replay."""
 
     commands: list[CommandPair]
     poses: int
     idle: int
     differing: dict[str, int]
-    """How many poses, idle commands and commands are not the same to the last bit."""
+    """Number of poses, idle commands and commands that differ in any bit."""
     first: Difference | None
     lost: int
     """Records that the recorder had to leave out: then nothing can be the same."""
@@ -411,7 +411,7 @@ class ObedientPilot(Pilot):
     """A pilot whose vehicle may have been told something else."""
 
     def obey(self, time_s: float, command: Command) -> None:
-        """What left at ``time_s`` [s] was ``command``, whatever was made anew: the vehicle moved by that one."""
+        """Take the recorded ``command`` of ``time_s`` [s] in place of the new one: the vehicle moved by it."""
         drive = ActuatorCommand(command.thrust_n, command.rates_rad_s)
         self._estimator.add_command(time_s + self._vehicle.command_delay_s, drive)
 
@@ -466,7 +466,7 @@ class _Replay:
         self._lost = 0
 
     def take(self, entry: Entry, entries: list[Entry], index: int) -> None:
-        """What happened next; ``entries`` and ``index`` for a look at what it led to."""
+        """Replay one entry; ``entries`` and ``index`` show what it led to."""
         match entry.message():
             case ch.RawReceived() as received:
                 self._receive(received, entries, index)

@@ -25,9 +25,9 @@ from links.io import parse_address
 TRAIL_S, SAMPLE_S, DRAW_S = 20.0, 0.1, 0.5
 """A trail shows so long a time, a point so often, and is drawn anew so often [s]."""
 WIND_M = 0.5
-"""How long an arrow is [m] for each m/s² of wind."""
+"""Length of the arrow per disturbance [m per m/s²]."""
 ARM_M, ROTOR_M = 0.12, 0.07
-"""Of the vehicle as it is drawn, whatever flies: from its middle to a rotor, and a rotor's radius [m]."""
+"""Drawn size of every vehicle: arm and rotor radius [m]."""
 ROTORS = tuple((x * ARM_M, y * ARM_M, 0.0) for x in (1.0, -1.0) for y in (1.0, -1.0))
 """Where they are, body FRD [m]."""
 COLOURS = {"estimate": (0.0, 0.45, 0.7), "reference": (0.5, 0.5, 0.5), "truth": (0.84, 0.37, 0.0)}
@@ -35,7 +35,7 @@ COLOURS = {"estimate": (0.0, 0.45, 0.7), "reference": (0.5, 0.5, 0.5), "truth": 
 DISPLAY, WORLD, VEHICLE = "world", "world_ned", "vehicle"
 LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 OVER: Quat = (0.0, 1.0, 0.0, 0.0)
-"""What turns a world with z up to north, east, down."""
+"""Rotation from a world with z up to north, east, down."""
 
 
 class Placement(NamedTuple):
@@ -62,7 +62,7 @@ class WindArrow(NamedTuple):
 
 
 class RoomScene:
-    """What stands in the room, out of a recording's messages in their order. Sans-IO."""
+    """Objects in the room, from a recording's messages in their order. Sans-IO."""
 
     def __init__(self) -> None:
         self._trails: dict[str, deque[tuple[float, Vec3]]] = {}
@@ -70,7 +70,7 @@ class RoomScene:
         self._here: Vec3 | None = None
 
     def shapes(self, entry: Entry) -> Iterator[Placement | Trail | WindArrow]:
-        """What one message changes."""
+        """Yield the changes of one message."""
         name = entry.topic.strip("/")
         if name == "adaptation" and self._here is not None:
             yield WindArrow("estimate", self._here, _vector(entry.value()["b_hat_m_s2"]))
@@ -236,7 +236,7 @@ CURVES = {
     "Body rates [rad/s]": ("command/rates_rad_s",),
     "Wind, estimated and true [m/s²]": ("adaptation/b_hat_m_s2", "truth/wind_m_s2"),
 }
-"""What Rerun's layout shows over time: channels and their fields."""
+"""Curves of Rerun's layout: channels and their fields."""
 SHOWN = frozenset(itertools.chain.from_iterable(CURVES.values()))
 
 
@@ -375,7 +375,7 @@ PORTS = {"rerun": 9876, "foxglove": 8765}
 """The viewers, and the port where each is usually found."""
 ELSEWHERE = "look by --in foxglove, or take `groundstation export --format rrd` to where there is one"
 POLL_S = 0.1
-"""How often it looks whether more was recorded [s]."""
+"""Interval of polling for new records [s]."""
 
 
 def view_command(path: Path, viewer: str, listen: str | None) -> Exit:

@@ -89,7 +89,7 @@ class AttitudeLoop(NamedTuple):
     explained: float
     """Share of the attitude's variance [-]."""
     intervals: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
-    """Of gain, lag and delay."""
+    """95 % intervals of gain, lag and delay."""
 
 
 def fit_attitude_loop(at_s: Column, attitude: Column, set_s: Column, wanted: Column) -> AttitudeLoop | None:
@@ -148,7 +148,7 @@ def fit_attitude_loop(at_s: Column, attitude: Column, set_s: Column, wanted: Col
 
 
 def respond(asked: Column, step_s: float, gains: Column, lags_s: Column) -> Column:
-    """What loops of these ``gains`` and ``lags_s`` (G,) make of set-points (N, 2) at even steps, (N, 2, G) [rad]."""
+    """Compute responses (N, 2, G) [rad] of loops with ``gains`` and ``lags_s`` (G,) to set-points (N, 2)."""
     angle = np.repeat(asked[0][:, None], len(gains), axis=1)
     rate = np.zeros_like(angle)
     keep, response = np.exp(-step_s / lags_s), np.empty((len(asked), *angle.shape))
@@ -168,11 +168,11 @@ NEAR = 0.25
 BASE_S = 0.05
 """v of p + v t is over this time [s]; constant acceleration takes twice as long."""
 SETTLING_S = 0.5
-"""So long the filter has flown before it is judged [s]."""
+"""Settling time before the filter is judged [s]."""
 LIFTED_M = 0.2
 """A vehicle that begins, or ends, on the floor flies while it is this far above it [m]."""
 STANDS_S, STANDS_M = 0.5, 0.003
-"""It stands where it keeps its height to so little for so long."""
+"""Time [s] and range of the height [m] within which a vehicle stands."""
 MOVES_M_S, LEAST_MOVING = 0.3, 50
 """Noise along the motion is measured where it moves as fast as this [m/s], of so many differences or more."""
 LEAST_UPRIGHT = 0.5
@@ -182,12 +182,12 @@ GAP = 3.0
 BREAK_S = 0.5
 """After so long without a pose the filter begins anew [s]."""
 LOOKED_AT_S = 180.0
-"""Of a longer flight the vehicle is identified on so much [s]: its fits take longer than all judging."""
+"""Length of a flight used for identification [s]: its fits take longer than all judging."""
 LEAST_FLOWN_S = 3.0
 """A shorter hop tells nothing: the filter has hardly found what is not told of the thrust [s]."""
 LEAST_POSES = 50
 STILL_M = 0.001
-"""What never moves its mean over half a second by more than this never flew [m]."""
+"""Motion of the mean over half a second below which a vehicle never flew [m]."""
 
 
 @dataclass(frozen=True)
@@ -203,9 +203,9 @@ class EvidenceFlight:
     """Thrust signal that hovers, where the source told."""
     told: MappedVehicle
     config: Config | None
-    """What our own controller was told; None of what others flew."""
+    """Configuration of our own controller; None for flights of others."""
     left_out: dict[str, int]
-    """How much of the file was not used as it stands when it was imported, by reason."""
+    """Number of entries changed or left out at the import, by reason."""
 
     @property
     def commands_attitude(self) -> bool:
@@ -282,11 +282,11 @@ class PoseNoise(NamedTuple):
     across_m: float
     """Per axis."""
     jitter_s: float
-    """How far a stamp is off: what it is along the motion and not across, over the speed."""
+    """Jitter of the stamps, 1σ [s]: the excess of noise along the motion over noise across, over the speed."""
 
 
 def take_differences(at_s: Column, place: Column, stride: int = 1) -> tuple[Column, Column, Column, Column]:
-    """What no smooth motion leaves of five positions, each ``stride`` after the one before.
+    """Divided differences of five positions ``stride`` apart: smooth motion leaves nothing of them.
 
     Divided differences of fourth order leave nothing of any cubic, however the stamps lie; of noise they have the
     deviation. Positions are (N, 3) [m], at ``at_s`` (N,) [s].
@@ -318,14 +318,14 @@ class SortedDifferences(NamedTuple):
     squares: Column
     """Along each direction (M, 3) [m²]."""
     by_stamps: Column
-    """What stamps that are off by a second would add there (M, 3) [m²]."""
+    """Addition by stamps that are off by a second (M, 3) [m²]."""
     moves: Column
-    """Of those that are fast enough to tell of stamps (M,)."""
+    """Which of them are fast enough to show jitter of stamps (M,)."""
     apart_s: Column
-    """From one of the five to the next, on average (M,) [s]."""
+    """Mean spacing of the five (M,) [s]."""
 
     def find_stamps(self) -> tuple[float, float]:
-        """How far stamps are off, squared [s²], and the variance in the plane of motion without them [m²].
+        """Estimate the variance of the stamps [s²], and of the positions in the plane of motion without it [m²].
 
         Both are what the motion's two own directions have in common and where they differ.
         """
@@ -350,7 +350,7 @@ class SortedDifferences(NamedTuple):
 
 
 def sort_differences(at_s: Column, place: Column, stride: int = 1, known: Column | float = 0.0) -> SortedDifferences:
-    """Of those five that no gap parts, without the motion ``known`` beside them; see :func:`take_differences`."""
+    """Sort the differences of fives without a gap, less the motion ``known``; see :func:`take_differences`."""
     left, shares, span, way = take_differences(at_s, place, stride)
     left = left - take_differences(at_s, known, stride)[0] if isinstance(known, np.ndarray) else left
     whole = span < 1.5 * np.median(span)
@@ -371,7 +371,7 @@ much over twice the spacing lasts, and is the source's own error. That shows in 
 
 
 def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
-    """Of positions (N, 3) [m] at ``at_s`` (N,) [s]; all zero where there are too few."""
+    """Measure the noise of positions (N, 3) [m] at ``at_s`` (N,) [s]; all zero for too few."""
     if len(at_s) < 10:
         return PoseNoise(0.0, 0.0, 0.0)
     found, steps = sort_differences(at_s, place), find_resolution(place)
@@ -390,20 +390,20 @@ def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
 LEAST_NOISE_M = 1e-6
 """No source is better [m]."""
 WANDER_S, SPACINGS = 0.06, 6
-"""Up to this spacing of poses the wander of the source shows [s]; of the spacings up to it so many are looked at."""
+"""Largest spacing of poses at which the source's wander is measured [s], and the number of spacings up to it [-]."""
 ROAMED = 20.0 / 70.0
 """Variance that a position of density 1, a random walk, leaves of such a difference, over the spacing: third
 differences of its steps, which are white, have 1 + 9 + 9 + 1, over 70 as above."""
 WANDERED = (6.0 * 2.0 / 3.0 - 8.0 / 6.0) / 70.0
-"""The same of a velocity, over the spacing's cube: second differences of its integral have 2/3 and, between neighbours,
-1/6; fourth ones 6 · 2/3 - 8 · 1/6."""
+"""Coefficient of a velocity's random walk over the spacing's cube [-]: second differences of its integral have 2/3
+and, between neighbours, 1/6; fourth ones 6 · 2/3 - 8 · 1/6."""
 CHANCE = 3.0
 """Without a wander of the position the others miss what differences show by 1/√N (1σ), of N poses: so many times that
 is no chance [-]."""
 
 
 class Wander(NamedTuple):
-    """How a source errs beside the white noise of its positions."""
+    """Errors of a source beside the white noise of its positions."""
 
     position: float
     """Its own random walk: errors that last longer than from pose to pose [m/√s]."""
@@ -412,7 +412,7 @@ class Wander(NamedTuple):
 
 
 def measure_wander(at_s: Column, place: Column, known: Column | float = 0.0) -> Wander:
-    """How the source itself wanders; with what is ``known`` of the motion (N, 3) [m], also how that does.
+    """Measure the wander of the source; with a ``known`` motion (N, 3) [m], also the wander of that.
 
     White noise is the same over any spacing h of the poses; a random walk of the position grows with h, one of the
     velocity with h³. The three that fit best, none below 0, make up what differences show over several spacings.
@@ -457,12 +457,13 @@ BURSTS = 2.0
 """An acceleration that nobody tells may jump in bursts, which make most of the error: at most so many times the mean
 counts [-]."""
 LEAST_DENSITY, RATE_DENSITY, RATE_SHARE = 1e-3, 0.2, 5.0
-"""Of what is measured and does not show: the filter's noise is never nought [m/s² or m/s³ per √Hz]. And of the rate of
-such an acceleration, which never shows beside it [m/s⁴ per √Hz]: at most so much of its own density [1/s]."""
+"""Least density of a noise that does not show: the filter's noise is never nought [m/s² or m/s³ per √Hz]. And of
+the rate of such an acceleration, which never shows beside it [m/s⁴ per √Hz]: at most so much of its own density
+[1/s]."""
 
 
 class Drift(NamedTuple):
-    """How the acceleration that moves positions wanders."""
+    """Random walk of the acceleration that moves the positions."""
 
     mean: float
     """Over all of them; what chance may hide where none is seen [m/s³ per √Hz]."""
@@ -471,7 +472,7 @@ class Drift(NamedTuple):
 
 
 def measure_drift(at_s: Column, place: Column, wander: Wander) -> Drift:
-    """What acceleration positions tell of, beside the ``wander`` of their source."""
+    """Measure the random walk of the acceleration, beside the ``wander`` of the source."""
     stride = max(2, round(DRIFT_S / float(np.median(np.diff(at_s)))))
     if len(at_s) < 8 * stride:
         return Drift(0.0, 1.0)
@@ -495,7 +496,7 @@ def find_airborne(at_s: Column, place: Column, may_fly: Sequence[bool]) -> slice
     window = max(5, int(STANDS_S / max(float(np.median(np.diff(at_s))), 1e-3)))
 
     def count_standing(heights: Column) -> int:
-        """How many of ``heights`` pass before it is off the floor; 0 where it did not stand."""
+        """Count the ``heights`` before it leaves the floor; 0 where it did not stand."""
         stand = heights[:window]
         off = np.flatnonzero(heights > float(np.median(stand)) + LIFTED_M)
         return int(off[0]) if float(np.ptp(stand)) < STANDS_M and len(off) else 0
@@ -554,7 +555,7 @@ class DrivenFlight:
     hover: float | None
     """Share of full thrust that carries it."""
     config: Config
-    """What the filter is told of the vehicle."""
+    """Configuration of the filter."""
     loop: AttitudeLoop | None
     """The autopilot's, where attitudes were commanded and were followed."""
 
@@ -634,7 +635,7 @@ def _balance(
 
 
 def _as_rates(flight: EvidenceFlight, at_s: Column, air: slice) -> tuple[list[SentSetPoint], AttitudeLoop | None]:
-    """What was commanded as thrust and body rates, and the attitude loop where attitudes were."""
+    """Return the commands as thrust and body rates, and the attitude loop where attitudes were commanded."""
     sent = flight.sent
     if not sent:
         return [], None
@@ -677,7 +678,7 @@ def _rates(sent: ImportedSetpoint) -> Vec3:
 
 
 def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
-    """What the flight tells of its vehicle, by parameter: value, 95 % interval, or why not."""
+    """Identify the vehicle by parameter: value and 95 % interval, or the reason for having none."""
     recorded = driven.recorded
     commands = np.array([(one.time_s, *one.rates) for one in recorded.sent])
     full = driven.config.full_thrust_n
@@ -714,7 +715,7 @@ def identify_vehicle(driven: DrivenFlight) -> dict[str, Any]:
 
 
 class Judged(NamedTuple):
-    """What the filter made of one flight."""
+    """Consistency and prediction errors of the filter in one flight."""
 
     nis3: float | None
     prediction: dict[str, dict[str, float] | None]
@@ -723,7 +724,7 @@ class Judged(NamedTuple):
 SETTLED, HALVINGS = 200, 20
 """Poses after which a filter's gain is as it stays, and steps towards what it is told."""
 LEAST_SHARE = 0.05
-"""Of a position's wander that is told, if any is [-]."""
+"""Least share of a position's configured wander [-]."""
 
 
 def match_wander(wander: Wander, noise_m: float, period_s: float, told: Estimation, least: float) -> Estimation:
@@ -788,11 +789,11 @@ TOLD = (
     "wind_noise",
     "wind_rate_noise",
 )
-"""What the filter is told: keys of ``[controller]``."""
+"""Noise keys of ``[controller]`` for the filter."""
 
 
 def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> Estimation:
-    """What the filter is told of its noise: that of the source, by differences of its positions.
+    """Configure the filter's noise by that of the source, from differences of its positions.
 
     They tell how what moves the vehicle wanders, too, beside what carries its weight as it leans. Where no command
     tells of it, that counts, and the filter's own figures, which are for a wind beside commands, do not. Where commands
@@ -825,7 +826,7 @@ def _bear_weight(attitude: Quat) -> float:
 
 
 def _integrate_lean(driven: DrivenFlight) -> Column:
-    """How far it would have gone from rest by the thrust that carries it, had it leant to the next pose as at each.
+    """Integrate the motion from rest under the thrust that carries it, with each pose's lean held to the next pose.
 
     That is what the filter knows; how the lean changed meanwhile, and stamps of it that are off, are left to be found.
     """
@@ -1023,7 +1024,7 @@ def evidence_command(paths: Sequence[Path], write: Path | None, part: str, *, as
 
 
 def describe_flight(facts: dict[str, Any]) -> str:
-    """The same as lines."""
+    """Describe the figures as lines."""
     lines = [
         f"{facts['name']} ({facts['source']}): {facts['flown_s']:.1f} s in the air, "
         f"{facts['pose_hz']:.1f} poses/s, longest gap {facts['gap_max_ms']:.0f} ms",
@@ -1064,7 +1065,7 @@ def describe_flight(facts: dict[str, Any]) -> str:
 
 
 def tabulate_flights(flights: Sequence[dict[str, Any]]) -> list[str]:
-    """The same as two tables of a page: prediction, and what was identified."""
+    """Make two tables of a page: prediction, and identified parameters."""
     lines = [
         f"| flight | poses/s | noise across, along, mm | stamps off, ms | NIS/3 | at {AT_MS} ms, RMS mm: along "
         "| across | all | p + v t | constant a | told nothing: all | NIS/3 |",

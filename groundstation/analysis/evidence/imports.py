@@ -111,23 +111,23 @@ class MappedMotion(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields
     attitude_table: str = ""
     """Where the attitude stands in another table: it is then interpolated at the positions' times."""
     order: Literal["wxyz", "xyzw"] = "wxyz"
-    """Of the quaternion's columns."""
+    """Order of the quaternion's columns."""
     angle_unit: Literal["rad", "deg"] = "rad"
     resets: str = ""
     """Column that counts when the source has moved its own origin."""
     position_signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Of the position's axes, where the source counts one the other way than ``world`` says."""
+    """Signs of the position's axes, where the source counts one the other way than ``world`` says."""
     stated: bool = False
     """True: read only where the file itself states ``position_unit`` for it, as FMTU of a .bin does."""
 
 
 class MappedCommand(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the vehicle was commanded: thrust, and rates or an attitude where they are there."""
+    """Commands to the vehicle: thrust, and rates or an attitude if present."""
 
     thrust: tuple[str, ...]
     """Column of the collective thrust's signal, or those of the motors, whose mean it is."""
     thrust_full: float = 1.0
-    """What the column has at full thrust; below 0 where thrust points along -z."""
+    """Value of the column at full thrust; below 0 where thrust points along -z."""
     hover: str = ""
     """Column of the signal that hovers, where the source tells it as the battery empties."""
     rates: Three | None = None
@@ -138,7 +138,7 @@ class MappedCommand(MappedTable, frozen=True, kw_only=True, forbid_unknown_field
     order: Literal["wxyz", "xyzw"] = "wxyz"
     angle_unit: Literal["rad", "deg"] = "rad"
     signs: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Of roll, pitch and yaw (or their rates), where the autopilot counts one the other way than the axes say."""
+    """Signs of roll, pitch and yaw (or their rates), where the autopilot counts one the other way than the axes say."""
 
 
 class MappedState(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -146,11 +146,11 @@ class MappedState(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=
 
     column: str
     flies: float
-    """What stands in it while it does."""
+    """Value of the column in flight."""
 
 
 class MappedVehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is known of the vehicle beforehand; what a flight tells by itself need not be here."""
+    """Known figures of the vehicle; those that a flight shows by itself may be left out."""
 
     mass_kg: Positive = 1.0
     thrust_lag_s: Positive = 0.05
@@ -167,22 +167,22 @@ class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """All of it."""
 
     title: str
-    """What is read with it, and where that comes from."""
+    """Title of the mapping: kind of file, and its origin."""
     format: Literal["csv", "motive", "qtm", "ulog", "bin", "tlog", "mcap"]
     source: Literal["motion capture", "autopilot"]
-    """What the poses are of."""
+    """Origin of the poses."""
     time: str = "t"
     time_unit: TimeUnit = "s"
     time_ns: str = ""
     """Column of nanoseconds that count beside ``time``, as in a stamp of ROS."""
     csv: CsvLayout = CsvLayout()
-    """How the text is laid out, where the form is CSV."""
+    """Layout of the text, for CSV."""
     world: World = "ned"
     """Axes of positions, as in ``pose.world``."""
     body: Body = "frd"
     """Axes of the body, as in ``pose.body``."""
     latency_s: Annotated[float, msgspec.Meta(ge=0.0)] = 0.0
-    """From a pose's instant to its earliest arrival in the log, where stamps are of the arrival [s]."""
+    """Least latency between a pose's instant and its arrival in the log, where stamps are of the arrival [s]."""
     pose: tuple[MappedMotion, ...] = ()
     """The first that the file holds is taken; so with all parts."""
     command: tuple[MappedCommand, ...] = ()
@@ -251,7 +251,7 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """What a library prints, in Python or in C, goes nowhere."""
+    """Discard the output of libraries, in Python or in C."""
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
         kept = os.dup(2)
         os.dup2(nowhere.fileno(), 2)
@@ -380,7 +380,7 @@ def find_table(tables: Tables, pattern: str, columns: Sequence[str]) -> Table | 
 
 
 class ImportedSetpoint(msgspec.Struct, frozen=True, gc=False):
-    """What the vehicle was commanded by whoever flew it."""
+    """Command to the vehicle in a flight of others."""
 
     time_s: float
     thrust: float
@@ -432,10 +432,10 @@ class ImportedFlight:
     """Thrust signal that hovers, where the source tells."""
     missing: list[str] = field(default_factory=list)
     notes: Counter[str] = field(default_factory=Counter)
-    """What was not used as it stands, by reason."""
+    """Number of entries changed or left out, by reason."""
 
     def count(self, topic: str) -> int:
-        """Of messages."""
+        """Number of messages of a topic."""
         return sum(name == topic for _, name, _ in self.messages)
 
 
@@ -490,7 +490,7 @@ def find_usual(time: Column) -> float:
 
 
 BEYOND = 1.5
-"""More than rounding makes of what hardly moves, in steps of the numbers."""
+"""Change beyond rounding, in steps of the numbers [-]."""
 AFTER_REPEATS = 0.25
 """Where so many of the longer steps come after a repetition, the log is faster than its source."""
 
@@ -530,7 +530,7 @@ def find_leaps(time: Column, place: Column) -> tuple[NDArray[np.bool_], list[int
     start = np.median(np.diff(place[:6], axis=0) / np.maximum(np.diff(time[:6]), usual)[:, None], axis=0)
 
     def away(last: int, velocity: list[float], k: int) -> tuple[float, bool]:
-        """How far the pose ``k`` is from where one before it was bound for [m], and whether it leaps."""
+        """Return the distance of pose ``k`` from the extrapolated place [m], and whether it leaps."""
         h = max(at[k] - at[last], usual)
         away_m = math.dist(where[k], [x + h * v for x, v in zip(where[last], velocity, strict=True)])
         return away_m, away_m > LEAPS_M + 0.5 * LEAPS_M_S2 * h * h
@@ -782,7 +782,7 @@ class _MappingReader:
         self._frames = Frames(mapping.world, mapping.body)
         self.notes = notes
         self.unclear: list[str] = []
-        """What was not read because its unit is unclear, as sentences."""
+        """Columns left out for an unclear unit, as sentences."""
         self.part = 0, 1
         """Which of how many parts is read, where the poses' clock is set back."""
 
@@ -793,7 +793,7 @@ class _MappingReader:
         return tuple(None if column is None else column[rows[self.part[0]]] for column in columns)
 
     def first(self, parts: Sequence[Any], read: Callable[[Any], Any]) -> Any:
-        """What the first of ``parts`` gives that the tables hold; None where they hold none."""
+        """Read the first of ``parts`` that the tables hold; None where they hold none."""
         for part in parts:
             try:
                 found = read(part)
@@ -805,7 +805,7 @@ class _MappingReader:
         return None
 
     def lacks(self, parts: Sequence[MappedMotion]) -> str:
-        """What stands in the way of the one of ``parts`` that lacks the least, as a sentence."""
+        """Describe the missing columns of the part that lacks the fewest, as a sentence."""
         missing = [
             (
                 [column for column in [part.time or self._mapping.time, *self._columns(part)] if column not in table],
@@ -830,7 +830,7 @@ class _MappingReader:
         return [*part.position, *(part.velocity or ()), *lean, *filter(None, [part.resets])]
 
     def motion(self, part: MappedMotion) -> Motion | None:
-        """Of the rows in which all is finite; None where nothing of it is there."""
+        """Read the motion of rows that are finite; None without any."""
         lean = not part.attitude_table
         table, rows = self._rows(part, self._columns(part))
         if table is None:

@@ -46,7 +46,7 @@ from links.mavlink import MavlinkLinkConfig
 from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, PX4, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
-"""What to call them, by HEARTBEAT.autopilot."""
+"""Names of autopilots by HEARTBEAT.autopilot."""
 ON_GROUND = 1
 """EXTENDED_SYS_STATE.landed_state (MAV_LANDED_STATE_ON_GROUND)."""
 IGNORED_PARTS = 1 | 2 | 4 | 64
@@ -209,7 +209,7 @@ NOMINAL_HOVER = 0.5
 NOMINAL_PERIOD_S = 0.01
 """Time between its set-points, where there are none [s]."""
 NOMINAL_LATENCY_S = 0.01
-"""From the instant of a pose to its earliest arrival in the log [s], where the configuration is of another source."""
+"""Assumed latency of poses in the log [s], where the configuration is of another source."""
 
 
 def complete_config(
@@ -276,7 +276,7 @@ class FlownPath:
         return Reference((x0, y0, z0), (x1, y1, z1), (x2, y2, z2), (x3, y3, z3), yaw, yaw_rate)
 
     def velocity_of_positions(self, time_s: float) -> Vec3 | None:
-        """How fast the recorded positions move at ``time_s`` [s], whatever velocities say [m/s]; None as in ``at``."""
+        """Velocity of the recorded positions at ``time_s`` [m/s], by the positions alone; None as in ``at``."""
         around = self._around(time_s)
         if around is None:
             return None
@@ -321,7 +321,7 @@ STEADY_COS_TILT = 0.99
 LEAST_SHARE = 0.05
 """Below this share of full thrust no vehicle flies."""
 FEWEST_SET_POINTS = 25
-"""So many set-points at least must hover thrust be read from."""
+"""Least number of set-points for the hover thrust [-]."""
 
 Flags = npt.NDArray[np.bool_]
 
@@ -388,7 +388,7 @@ def _hover_at(recording: RecordedVehicle, index: int, share: float, path: FlownP
 
 
 class ShadowedPose(NamedTuple):
-    """What the shadow made of one pose."""
+    """Estimate of the shadow at one pose."""
 
     pose: Pose
     velocity_ned: Vec3
@@ -506,11 +506,11 @@ class PoseGaps(msgspec.Struct, frozen=True):
     """Intervals between the arrivals of two poses, in flight (in the whole recording where nothing flies)."""
 
     count: int
-    """How many are longer than three times the usual one."""
+    """Number of gaps longer than three times the usual one [-]."""
     longest_s: float
     """[s]"""
     limit_s: float
-    """How long commands may rest on one pose (flight.coast_s) [s]."""
+    """Largest age of a pose for commands (flight.coast_s) [s]."""
 
 
 class PoseReset(msgspec.Struct, frozen=True):
@@ -519,7 +519,7 @@ class PoseReset(msgspec.Struct, frozen=True):
     time_s: float
     """Since the recording began [s]."""
     moved_m: float
-    """How far from where the model expected it the next pose was [m]."""
+    """Distance of the next pose from the prediction [m]."""
     turned_rad: float
     """Between the attitudes before and after it [rad]."""
 
@@ -569,7 +569,7 @@ class ShadowFacts(msgspec.Struct, frozen=True, kw_only=True):
     hover_thrust: float | None
     """Share of full thrust that carries the vehicle, as flown."""
     hover_configured: float
-    """The same by the configuration: m g / thrust_max."""
+    """Hover thrust by the configuration: m g / thrust_max [-]."""
     velocity_rms_m_s: float | None
     """Estimated velocity against the autopilot's own, in flight: length of the difference [m/s]."""
     velocity_max_m_s: float | None
@@ -578,7 +578,7 @@ class ShadowFacts(msgspec.Struct, frozen=True, kw_only=True):
     own_velocity_path_rms_m_s: float | None
     """The autopilot's own velocity against the same: how far its velocity and its positions disagree [m/s]."""
     innovation_rms_m: float | None
-    """How far each pose was from where the model expected it, in flight [m]."""
+    """RMS of the innovation in flight [m]."""
     commands: ComparedCommands | None
 
 
@@ -670,14 +670,15 @@ VELOCITY_M_S = (0.1, 0.3)
 """Velocity error up to which all is fine, and up to which care does. A standing error e moves the vehicle by e / 3
 (the law's slope r is 3 1/s): 3 cm and 10 cm."""
 WANDER_M_S = (0.1, 0.3)
-"""The same for how far positions and velocity of the source disagree. No filter can tell which of the two is wrong.
-If it is the positions, the vehicle follows them: at 0.3 m/s a metre in 3 s, while the screen shows it in place."""
+"""Limits of warning and failure for the disagreement of positions and velocity [m/s]. No filter can tell which of
+the two is wrong. If it is the positions, the vehicle follows them: at 0.3 m/s a metre in 3 s, while the screen
+shows it in place."""
 INNOVATION_M = (0.01, 0.05)
-"""The same for the innovation: one pose may move the vehicle's reference by this much."""
+"""Limits of warning and failure for the innovation [m]: one pose may move the vehicle's reference by this much."""
 RESET_M, RESET_RAD = 0.1, 0.1
 """A reset in flight that moves or turns the vehicle further than this makes it jump."""
 BAD_STAMPS = 0.01
-"""More than this share of poses with a stamp that is not newer is a fault of the source, not an accident."""
+"""Share of poses with a stamp that is not newer, above which the source is at fault [-]."""
 SATURATED = (0.01, 0.1)
 """Share of commands at a limit: a take-off may touch it. A flown path hardly needs it, so more is the fault of the
 configuration or of the estimate, and beyond its limits the law proves nothing."""
@@ -692,10 +693,10 @@ class ShadowCheck(msgspec.Struct, frozen=True):
     """One thing that was looked at."""
 
     about: str
-    """What: rate, gaps, stamps, resets, velocity, wander, innovation, commands, hover or flight."""
+    """Subject: rate, gaps, stamps, resets, velocity, wander, innovation, commands, hover or flight."""
     level: Level
     text: str
-    """What was found, with numbers, and what it means."""
+    """Finding with numbers, and its meaning."""
 
 
 def checks(facts: ShadowFacts) -> list[ShadowCheck]:

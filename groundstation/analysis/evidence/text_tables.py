@@ -35,25 +35,25 @@ LOOK_ROWS = 100
 """The head is looked for in so many lines."""
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
 MOTIVE_BEGIN = "Format Version"
-"""What a file of Motive begins with."""
+"""First words of a file of Motive."""
 QTM_BEGIN = "NO_OF_FRAMES"
-"""What a file of QTM begins with."""
+"""First words of a file of QTM."""
 LENGTHS_M = {"meters": 1.0, "centimeters": 1e-2, "millimeters": 1e-3}
 """Motive's units of length [m]."""
 ORTHOGONAL = 1e-2
-"""How far from a rotation a matrix may be that was written with five digits [-]."""
+"""Largest distance from a rotation of a matrix written with five digits [-]."""
 
 
 class CsvLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the text of a CSV file is laid out."""
+    """Layout of a CSV file's text."""
 
     skip_rows: Annotated[int, msgspec.Meta(ge=0)] = 0
-    """So many lines at the top are no part of the table."""
+    """Number of lines above the table."""
     head_rows: Annotated[int, msgspec.Meta(ge=0, le=10)] = 1
     """The head consists of so many lines: a column is named by its cells in them, joined by blanks,
     or by the last of them alone where that is unique. 0: there is no head; columns are "1", "2", …"""
     separator: Literal["auto", "comma", "semicolon", "tab", "space"] = "auto"
-    """What stands between cells."""
+    """Separator of cells."""
 
 
 @contextmanager

@@ -73,7 +73,7 @@ class IdentifiedParameter(msgspec.Struct, frozen=True, kw_only=True):
     interval: tuple[float, float] | None = None
     """95 %."""
     told: float | None = None
-    """What the controller was told; None where it is told nothing of this."""
+    """Configured value; None where there is no key for it."""
     note: str = ""
 
     @property
@@ -121,7 +121,7 @@ class NoiseLevel(NamedTuple):
 
 
 def measure_noise(at_s: Column, left: Column) -> NoiseLevel:
-    """Of the noise in ``left`` (N, k), sampled at ``at_s`` (N,) [s]; infinite deviation where there is too little."""
+    """Measure the noise in ``left`` (N, k), sampled at ``at_s`` (N,) [s]; infinite deviation for too few samples."""
     spans = np.diff(at_s)
     usual = float(np.median(spans))
     even = np.abs(spans - usual) < UNEVEN * usual
@@ -141,17 +141,17 @@ class StampJitter(NamedTuple):
     """Variances, and one deviation of each."""
 
     across: float
-    """Of position noise per axis [m²]."""
+    """Variance of position noise per axis [m²]."""
     along: float
-    """Of the stamps [s²]: what an unbiased guess has, so below 0 where there is none."""
+    """Variance of the stamps [s²]; an unbiased estimate, so it may be below 0."""
     deviation: float
-    """Of ``along``; infinite where there is too little, or the vehicle moves too slowly."""
+    """Standard deviation of ``along``; infinite for too few samples or too slow motion."""
     across_deviation: float = math.inf
-    """Of ``across``."""
+    """Standard deviation of ``across``."""
 
 
 def measure_jitter(at_s: Column, left: Column, position: Column) -> StampJitter:
-    """Of stamps that are early or late by chance: noise along the velocity, of ``position`` (N, 3) [m].
+    """Measure the jitter of stamps by the noise along the velocity, of ``position`` (N, 3) [m].
 
     Noise squared is r + s² v² on each axis: by least squares over ``left``, see :func:`measure_noise`, which is weighed
     by what each of its squares scatters by itself.
@@ -190,13 +190,14 @@ THRUST_SPREAD = 1.5
 """Lag and delay of thrust stand for one another, and gusts are no random walk: counted over 200 flights in gusts, their
 deviations are so many times those of the fit."""
 RESPONSE_SPREAD = 1.5
-"""The same of the sum of a rate's lag and delay, counted over 100 flights on rotors: a loop of theirs has neither."""
+"""Factor on the deviation of the sum of a rate's lag and delay [-], counted over 100 flights on rotors: a loop of
+theirs has neither."""
 DRAG_MODEL, DRAG_LEAST = 0.01, 0.0007
-"""The same of drag, which acts along the attitude that was measured; and no better than to so much [1/s], even where
-there is none: of 94 flights on rotors 8 lay outside without that."""
+"""Model error of drag as a share [-], which acts along the measured attitude; and no better than to so much [1/s],
+even where there is none: of 94 flights on rotors 8 lay outside without that."""
 WHITE = 0.015
-"""The same of noise, which is never quite white; in that of attitudes on rotors is what no lag and delay describe. Of
-150 flights 6 to 10 % lay outside with 0.01, 1 to 4 % with this."""
+"""Model error of noise as a share [-], which is never quite white; in that of attitudes on rotors is what no lag
+and delay describe. Of 150 flights 6 to 10 % lay outside with 0.01, 1 to 4 % with this."""
 DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
 RESPONSE = "lag + delay, from a command's leaving: known better than either, as one may stand for the other"
 LEVEL_RESPONSE, YAW_RESPONSE = ((1.0, 1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.0, 0.0)), ((0.0, 0.0, 0.0, 1.0, 1.0),)
@@ -206,11 +207,11 @@ DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
 TURNED_RAD_S = 0.05
 """Body rates of less than this (RMS about each axis) tell of nothing but noise, whatever the statistics say."""
 PUSHED_M_S2 = 0.2
-"""The same of acceleration by thrust, and by tilt."""
+"""Least acceleration by thrust, and by tilt, that excites [m/s²]."""
 
 
 class MotionExcitation(NamedTuple):
-    """What the flight moved enough to tell of it."""
+    """Axes and inputs that the flight excited enough."""
 
     turned: tuple[bool, bool, bool]
     """About roll, pitch and yaw."""
@@ -227,7 +228,7 @@ class IdentifiedVehicle:
     turned: TurnFit
     pushed: ThrustFit
     parameters: dict[str, IdentifiedParameter]
-    """By name."""
+    """Parameters by name."""
 
 
 def accelerations(found: IdentifiedVehicle) -> tuple[Column, Column, Column]:
@@ -377,7 +378,7 @@ def _lags(
         return judge_parameter(name, title, "s", value, spread, 0.015, moved=seen, told=told, note=note)
 
     def response_of(name: str, title: str, sums: Sequence[Sequence[float]], seen: bool) -> IdentifiedParameter:
-        """What ``sums`` (k, 5) of the fit's parameters tell of lag + delay."""
+        """Identify lag + delay from ``sums`` (k, 5) of the fit's parameters."""
         of = np.array(sums)
         value, deviation = _combine(of @ turned.fit.values, of @ turned.fit.covariance @ of.T)
         spread = math.hypot(RESPONSE_SPREAD * deviation, frames, MODEL * value)
@@ -431,7 +432,8 @@ def _latency(seen: FlightStretch) -> IdentifiedParameter:
 
 
 JITTER_SPREAD = 1.75
-"""What the model leaves of the motion is noise along it, too: the same of the jitter, counted over 150 flights."""
+"""Factor on the deviation of the jitter [-], counted over 150 flights: the model's error counts as noise along the
+motion."""
 ENOUGH_JITTER_S = 0.002
 """Where more than this could be, the flight tells nothing of it [s]."""
 
@@ -649,7 +651,7 @@ FIGURES = (
 
 
 NEEDED = ("thrust_scale", "thrust_lag", "thrust_delay", "rate_lag", "rate_delay")
-"""What a vehicle file is written for: without any of them there is nothing to write."""
+"""Parameters of which a vehicle file needs at least one."""
 
 
 def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json: bool) -> Exit:
@@ -704,7 +706,7 @@ def describe_figures(one: IdentifiedParameter) -> tuple[str, str, str]:
 
 
 def remarks(found: IdentifiedVehicle) -> list[str]:
-    """What to know about all of it."""
+    """Describe the conditions of the identification."""
     seen = found.seen
     flown = seen.config.trajectory.__struct_config__.tag
     lines = [f"{seen.length_s:.1f} s of {flown}, {len(seen.at_s)} poses. Intervals hold the truth in 95 % of flights."]
@@ -724,11 +726,11 @@ def table(found: IdentifiedVehicle) -> str:
 
 
 TOLD = ("title", "value", "interval", "unit", "told", "identified", "note")
-"""What JSON has of a parameter."""
+"""Fields of a parameter in JSON."""
 
 
 def facts(found: IdentifiedVehicle) -> dict[str, Any]:
-    """The same as one object for JSON."""
+    """Return the result as one object for JSON."""
     seen = found.seen
     about = seen.recording.about
     return {
@@ -742,13 +744,13 @@ def facts(found: IdentifiedVehicle) -> dict[str, Any]:
 
 
 COMPARED = (*NEEDED, "drag", "pose_latency")
-"""What a flight's summary holds against what was told: others repeat these, or are no keys."""
+"""Parameters that a flight's summary compares with the configuration: others repeat these, or are no keys."""
 APART = 2.0
-"""Of so many figures and flights some lie outside their 95 %: it is told of what lies outside of twice as much."""
+"""Widening of the intervals before a difference is reported [-]: of many figures some lie outside their 95 %."""
 
 
 def find_outside(path: Path) -> list[str]:
-    """What was told to the flight at ``path`` and lies outside of what it shows, one line each.
+    """Find the configured values outside of their identified intervals in the flight at ``path``, one line each.
 
     Nothing where it is too short, or shows nothing.
 
@@ -809,7 +811,7 @@ KEYS = {
 }
 """Key of a vehicle → parameter that it takes as it is."""
 DELAYS = {"thrust_delay_s": "thrust_delay", "rate_delay_s": "rate_delay"}
-"""The same, less the delay that is common to both."""
+"""Delays beyond the common one, by configuration key."""
 BESIDE = (
     "thrust_scale",
     "thrust_sag",
@@ -824,7 +826,7 @@ BESIDE = (
 )
 """Parameters that are no keys of a vehicle."""
 DIGITS = 5
-"""So many digits are written, and no vehicle needs more."""
+"""Number of written digits [-]; no vehicle needs more."""
 
 
 def file_text(found: IdentifiedVehicle) -> str:
@@ -873,7 +875,7 @@ def file_text(found: IdentifiedVehicle) -> str:
 
 
 def _split_delays(found: IdentifiedVehicle, values: dict[str, Any], notes: dict[str, str]) -> None:
-    """What was found from a command's leaving, in two: the part that is told for both, and what is beyond it."""
+    """Split the found delays into the one common to thrust and rates, and the rest of each."""
     ones = {key: found.parameters[name] for key, name in DELAYS.items()}
     whole = {key: values["command_delay_s"] + values[key] if x.value is None else x.value for key, x in ones.items()}
     common = max(0.0, min(values["command_delay_s"], *whole.values()))

@@ -34,7 +34,7 @@ from links.core import signal, thrust
 
 ROUNDS = 15
 CLOSE = 0.01
-"""It has converged once a step is shorter than this share of each deviation."""
+"""Step, as a share of each deviation, below which the fit has converged [-]."""
 MEMORY_S = 1.0
 """Innovations may hang together over this time [s]; the deviations count that in."""
 FALLS = 8
@@ -46,12 +46,12 @@ Whiten = Callable[[Sequence[Column]], Column]
 
 
 class Bounds(NamedTuple):
-    """What is known of each of P parameters before."""
+    """Bounds and steps of each of P parameters."""
 
     least: Column
     most: Column
     steps: Column
-    """How far each is moved to see what it does."""
+    """Step of each for its derivative."""
     expected: Column
     spread: Column
     """An independent estimate ``expected`` ± ``spread`` (one deviation) counts like a measurement; infinite: none."""
@@ -74,7 +74,7 @@ class Fit(NamedTuple):
         return spread
 
     def widen(self, other: "Fit") -> "Fit":
-        """The same, less sure by what it differs from an ``other`` one, that weighs the same frequencies another way.
+        """Widen the covariance by the difference from an ``other`` fit that weighs frequencies otherwise.
 
         A model that lacks nothing finds the same both times.
         """
@@ -150,19 +150,19 @@ Ratios: TypeAlias = tuple[float, float, float]
 DIFFUSE = 1e8
 """Variance of what is unknown at first, in units of the noise's."""
 UNSURE = 3
-"""So many innovations are left out while the filter knows nothing."""
+"""Number of first innovations that are left out: the filter starts without knowledge [-]."""
 LOOKS = 800
-"""So many samples, in the middle of the flight, are enough to find how strong the noises are."""
+"""Number of samples, in the middle of the flight, for the noise levels [-]."""
 COARSE = np.arange(-4.0, 4.1, 1.0)
 """Powers of ten that are tried first, about where the search begins; the next ones fill in between."""
 FINE = np.arange(-0.75, 0.76, 0.25)
 
 
 class Noise(NamedTuple):
-    """How strong the noises are."""
+    """Noise levels."""
 
     variance: float
-    """Of each measurement."""
+    """Variance of each measurement."""
     ratios: Ratios
 
     def reweigh(self) -> Ratios:
@@ -172,7 +172,7 @@ class Noise(NamedTuple):
 
 
 OTHERWISE = 10.0**0.5
-"""How much stronger the noises that drive it are taken where frequencies are weighed another way."""
+"""Factor on the driving noises for the other weighing of frequencies [-]."""
 
 
 class InnovationFilter(NamedTuple):
@@ -183,10 +183,10 @@ class InnovationFilter(NamedTuple):
     gains: Column
     """(N, 3)"""
     variances: Column
-    """Of the innovations, in units of the measurement's, (N,); infinite while the filter knows nothing."""
+    """Variances of the innovations, in units of the measurement's, (N,); infinite at the start."""
 
     def innovations(self, measured: Column, pushes: Column | None = None) -> tuple[Column, Column]:
-        """What is new in each sample of ``measured`` (N, k), over its deviation, and x1 halfway to the next (N, k).
+        """Compute the innovations of ``measured`` (N, k) over their deviations, and x1 halfway to the next (N, k).
 
         Both rest on the samples up to then only. ``pushes`` (N, 2, k) are known inputs: what is added to x0 and x1 over
         the span before each sample.
@@ -226,7 +226,7 @@ class InnovationFilter(NamedTuple):
             state = end[:, :width] + end[:, width:] @ state
 
         def join(values: Column) -> Column:
-            """What was found from nothing, and what each block began with."""
+            """Join the blocks' results from nothing with those from each block's beginning."""
             whole = values[:, :, :width] + np.einsum("lbs,bsw->lbw", values[:, :, width:], begins)
             joined: Column = whole.swapaxes(0, 1).reshape(blocks * length, width)[:count]
             return joined
@@ -346,7 +346,7 @@ class LagResponse(NamedTuple):
 
 
 def _follow(held: Column, left: Column, first: Column) -> Column:
-    """What x becomes by x ← u + (x - u) ``left`` with each u of ``held`` (M, …), from ``first`` on, (M, …)."""
+    """Iterate x ← u + (x - u) ``left`` with each u of ``held`` (M, …) from ``first``; return all x (M, …)."""
     count, length = len(held), max(1, math.isqrt(len(held)))
     blocks = -(-count // length)
     spare = [(0, blocks * length - count)] + [(0, 0)] * (held.ndim - 1)
@@ -389,18 +389,18 @@ MOST = np.array([0.5, 1.0, 1.0, 0.5, 1.0])
 
 
 class TurnFit(NamedTuple):
-    """How the vehicle turns."""
+    """Fit of the vehicle's turns."""
 
     fit: Fit
-    """Of :data:`TURN_NAMES`."""
+    """Fit of :data:`TURN_NAMES`."""
     turns: Column
     """Measured turn from each pose to the next, (N-1, 3) [rad]."""
     modelled: Column
-    """The same of the model [rad]."""
+    """Modelled turns between poses [rad]."""
 
     @property
     def left(self) -> Column:
-        """What the model leaves of the measured turns, summed up, (N, 3) [rad]."""
+        """Sum up the residual turns, (N, 3) [rad]."""
         return np.concatenate([np.zeros((1, 3)), np.cumsum(self.turns - self.modelled, axis=0)])
 
 
@@ -428,7 +428,7 @@ def fit_turns(seen: FlightStretch) -> TurnFit:
     gap = GAP_POSES * interval
 
     def left(sets: Sequence[Column]) -> Column:
-        """What each set of parameters leaves, (N, 3, S)."""
+        """Compute the residual of each set of parameters, (N, 3, S)."""
         return np.stack([summed - angles(seen, values, seen.at_s) for values in sets], axis=-1)
 
     def whiten_by(filter_: InnovationFilter, variance: float) -> Whiten:
@@ -481,7 +481,7 @@ def hover_signal(config: Config, about: float, scale: float, curve: float) -> fl
 
 
 def most_n(config: Config, about: float, scale: float, curve: float) -> float:
-    """What the signal really gives that was told to give ``vehicle.thrust_max_n`` [N]."""
+    """Compute the real thrust of the signal configured to give ``vehicle.thrust_max_n`` [N]."""
     most = signal(config.vehicle.thrust_max_n / config.full_thrust_n, config.thrust_curve)
     return scale * float(thrust_n(config, about, curve, np.array(most)))
 
@@ -501,7 +501,7 @@ UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class ThrustModel:
-    """How the vehicle moves under the commands that left; holds what does not change while thrust is fitted."""
+    """Motion of the vehicle under the sent commands; holds what is constant while thrust is fitted."""
 
     def __init__(self, seen: FlightStretch, turned: TurnFit) -> None:
         """Attitudes between the poses, from the fitted turns pinned to the measured ones at both ends."""
@@ -545,7 +545,7 @@ class ThrustModel:
         return acceleration
 
     def pushes(self, values: Column) -> Column:
-        """What the model adds to position and velocity before each pose, (N, 2, 3)."""
+        """Compute the model's additions to position and velocity before each pose, (N, 2, 3)."""
         acceleration = self.accelerations(values)
         h = self.spans / STEPS
         left = self.spans[:, None] * (1.0 - (np.arange(STEPS) + 0.5) / STEPS)
@@ -555,7 +555,7 @@ class ThrustModel:
         return np.concatenate([np.zeros((1, 2, 3)), both])
 
     def position(self, values: Column) -> Column:
-        """Of the centre of mass, as measured, (N, 3) [m]."""
+        """Measured position of the centre of mass, (N, 3) [m]."""
         position: Column = self.seen.position_ned - self.axes @ values[LEVER:]
         return position
 
@@ -595,14 +595,14 @@ SAG_PER_MIN = 0.1
 
 
 Strength: TypeAlias = tuple[Noise, InnovationFilter]
-"""Of noise and wind, and the filter for them."""
+"""Levels of noise and wind, and the filter for them."""
 
 
 class ThrustFit(NamedTuple):
-    """How the vehicle is pushed."""
+    """Fit of the vehicle's thrust."""
 
     fit: Fit
-    """Of :data:`THRUST_NAMES`."""
+    """Fit of :data:`THRUST_NAMES`."""
     about: float
     """The signal about which the scale holds, 0 to 1: the mean of the flight."""
     left: Column

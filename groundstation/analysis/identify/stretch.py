@@ -27,7 +27,7 @@ SETTLING_S = 0.5
 COMMAND_GAP_S = 0.25
 """Where commands are further apart [s], the link may have brought the vehicle down by its own: the stretch ends."""
 POSE_GAP_S = 0.5
-"""The same for poses [s]."""
+"""Largest gap between poses within a stretch [s]."""
 
 
 def components(rows: Column) -> Any:
@@ -46,7 +46,7 @@ class FlightStretch:
     path: Path
     recording: Recording
     config: Config
-    """What the controller was told."""
+    """Configuration of the controller."""
     sent_s: Column
     """When each command left, (M,) [s]; those before the stretch too."""
     thrust_n: Column
@@ -60,12 +60,12 @@ class FlightStretch:
     attitude: Column
     """Body to world, w first, (N, 4)."""
     late_s: tuple[float, float] | None = None
-    """How much later poses are than told by the vehicle's own attitude, and one deviation [s]; None where it told none,
-    or its attitude serves as the poses."""
+    """Latency of poses beyond the configured one by the vehicle's own attitude, and one deviation [s]; None
+    without its attitude, or where that serves as the poses."""
 
     @property
     def length_s(self) -> float:
-        """Of the stretch [s]."""
+        """Length of the stretch [s]."""
         return float(self.at_s[-1] - self.at_s[0])
 
 
@@ -114,13 +114,13 @@ def read_stretch(path: Path) -> FlightStretch:
 
 
 ROOT_12 = math.sqrt(12.0)
-"""What may be anywhere within 1 deviates by 1 over this."""
+"""Inverse of the standard deviation of a uniform number within 1 [-]."""
 TRIPS = 16
 """Questions and answers about the clocks that count, the newest: of these the fastest."""
 
 
 class _OwnAttitude:
-    """What the vehicle told of its attitude on any wire, held against the poses."""
+    """Comparison of the vehicle's own attitude, on any wire, with the poses."""
 
     def __init__(self) -> None:
         self.latency = PoseLatency(math.inf)

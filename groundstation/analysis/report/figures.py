@@ -191,7 +191,7 @@ LETTER_PT = 7.5
 MIN_LETTERS = 8
 """No line beside an event is broken shorter than this."""
 LABELS = 14
-"""So many lines of text find room beside the events; the table below has them all."""
+"""Number of labels with room beside the events [-]; the table below has all events."""
 
 
 def path(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -254,7 +254,7 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """From a pose to the vehicle.
+    """Latency from a pose to the vehicle.
 
     Transport: from a pose's instant to its arrival. Pose age: from that to the command, waiting included. Compute:
     from the command's instant until its bytes left. Link: half a round trip.
@@ -285,7 +285,7 @@ def latency_budget(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 def lateness(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """How late commands were computed: for their frame, or where they follow the poses, after their pose came.
+    """Lateness of commands: after their frame was due, or, where they follow the poses, after their pose came.
 
     With a radio also how late its pacer let frames go. Shown from 1 µs: what is sooner is in the first bar.
     """
@@ -418,7 +418,7 @@ def saturation(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 DPI = 140
 LONG_S = 120.0
-"""From this length on curves hide each other [s]."""
+"""Length of a flight from which curves hide each other [s]."""
 CLOSE_S = 20.0
 PLOT_STYLE: Any = {
     "font.size": 9.0,
@@ -437,7 +437,7 @@ PLOT_STYLE: Any = {
 
 
 def budget(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """What each source of error has of RMS², by flying the model again without it; they need not add up."""
+    """Share of each source of error in RMS², by flying the model again without it; they need not add up."""
     (panel,) = panels
     known = [one for one in flown.budget["contributions"] if one["squared_cm2"] is not None]
     known.sort(key=lambda one: float(one["squared_cm2"]))
@@ -453,7 +453,7 @@ class ReportFigure(NamedTuple):
     """One figure of the page."""
 
     name: str
-    """Of its file, without ``.png``."""
+    """Name of its file, without ``.png``."""
     title: str
     rows: int
     """Panels above each other."""
@@ -466,7 +466,7 @@ class ReportFigure(NamedTuple):
 
     @property
     def caption(self) -> str:
-        """What stands below it: the words of the function that draws it."""
+        """Caption: the docstring of the function that draws it."""
         return " ".join((self.draw.__doc__ or "").split())
 
 
@@ -490,7 +490,7 @@ BUDGET = ReportFigure("budget", "Error budget, drawn", 1, 3.0, budget, in_time=F
 
 
 def choose_figures(flights: Sequence[FlightColumns]) -> list[ReportFigure]:
-    """What is drawn of ``flights``: every figure, and the error budget where all of them have one."""
+    """Choose the figures of ``flights``: all, and the error budget where every flight has one."""
     return [*FIGURES, *([BUDGET] if all(flown.budget.get("contributions") for flown in flights) else [])]
 
 
@@ -511,7 +511,7 @@ OVERLAID = (("-", BLUE), ("--", ORANGE), ("-.", GREEN), (":", RED), ((0, (5, 1, 
 
 
 def flight_letters(count: int) -> list[str]:
-    """What several flights are called in tables and titles: A, B, and after Z AA."""
+    """Letters of several flights in tables and titles: A, B, and after Z AA."""
     return [chr(ord("A") + i % 26) * (1 + i // 26) for i in range(count)]
 
 
@@ -526,7 +526,7 @@ def _overlaid(flights: Sequence[FlightColumns]) -> list[tuple[FlightColumns, dic
 
 
 def _label(name: str, letter: str) -> str:
-    """What a legend calls a flight; a space before "_", as matplotlib leaves out what begins with that."""
+    """Label of a flight in a legend; a space before "_", as matplotlib leaves out what begins with that."""
     if letter:
         return f"{letter}: {name}"
     return f" {name}" if name.startswith("_") else name

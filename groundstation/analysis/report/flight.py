@@ -53,9 +53,9 @@ VECTORS = {
     "true_attitude": ("/truth", "attitude"),
     "true_wind_m_s2": ("/truth", "wind_m_s2"),
 }
-"""The same, of three components each; an attitude has four: w, x, y, z."""
+"""Channels and fields of vectors, three components each; an attitude has four: w, x, y, z."""
 _PARTS = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
-"""What is recorded of each command, in this order; of a simulated one, then the truth."""
+"""Channels recorded with each command, in this order; in simulation the truth follows."""
 _TRUTH = "/truth"
 _COLUMNS = {
     part: [
@@ -89,9 +89,9 @@ class FlightColumns:
     vectors: dict[str, Column] = field(default_factory=dict)
     """Each of shape (commands, 3), or (commands, 4)."""
     compute_s: Column = field(default_factory=lambda: np.empty(0))
-    """From a command's instant until its bytes left this program [s]; only where its wire was recorded."""
+    """Time between a command's instant and its bytes' leaving [s]; only where its wire was recorded."""
     arrivals_s: Column = field(default_factory=lambda: np.empty((0, 2)))
-    """Of each pose: when it came, and how long after its instant that was [s]."""
+    """Arrival of each pose, and its latency then [s]."""
     begun_s: float = 0.0
     """When the trajectory began, on the event loop's clock [s]; the first command where it never did."""
     states: list[str] = field(default_factory=list)
@@ -101,9 +101,9 @@ class FlightColumns:
     events: list[tuple[float, str, str]] = field(default_factory=list)
     """Mission states, requests and lost records: time since ``begun_s`` [s], kind, text."""
     looks: list[dict[str, Any]] = field(default_factory=list)
-    """What the link said of itself."""
+    """Status reports of the link."""
     source: dict[str, Any] = field(default_factory=dict)
-    """What the pose source said last."""
+    """Last status report of the pose source."""
     lost: int = 0
     budget: dict[str, Any] = field(default_factory=dict)
     """Its error budget (:class:`sim.studies.budget.ErrorBudget`), where one was asked for."""
@@ -219,7 +219,7 @@ def _number(value: float | None) -> float:
 
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
-"""What the paper reports of its own flight."""
+"""Figures of the paper's own flight."""
 SETTLED_M = 0.10
 """Settled once the error stays below this [m]."""
 ABOUT = ("vehicle", "controller", "trajectory", "scenario", "seed", "clock", "started")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 SIDE_BY_SIDE = 2
-"""So many flights stand side by side on a page; of more only what is overlaid is drawn."""
+"""Number of flights side by side on a page [-]; of more, only overlaid figures are drawn."""
 PAGE_STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #111; background: #fff; max-width: 62rem; margin: 1.5rem auto;
        padding: 0 1rem; }
@@ -58,7 +58,7 @@ NOT_A_SUM = (
     "sources act on each other, and what stays without any of them (mean wind, sampling) is none. Negative: it helped."
 )
 FORMATS = ("html", "pdf", "svg", "png", "csv", "tex")
-"""What a report can be: a page, figures a column wide for print, or the table of results."""
+"""Forms of a report: a page, figures a column wide for print, or the table of results."""
 
 
 def write_page(folder: Path, figures: Sequence[tuple[ReportFigure, Path]], facts: Sequence[dict[str, Any]]) -> Path:
@@ -188,7 +188,7 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
 
 
 def _last_words(link: dict[str, Any]) -> str:
-    """What the vehicle, or its receiver, has told of itself."""
+    """Describe the newest telemetry of the vehicle or its receiver."""
     told = [] if link.get("battery_v") is None else [f"{link['battery_v']:.2f} V"]
     told += [] if link.get("battery_share") is None else [f"battery {100.0 * link['battery_share']:.0f} %"]
     told += [f"mode {link['mode']}"] if link.get("mode") else []
@@ -277,7 +277,7 @@ def _n(value: float | None, digits: int = 2) -> str:
 
 
 def _share(facts: dict[str, Any], state: str) -> float | None:
-    """How often the certificate was in ``state``; None of a controller that has no V."""
+    """Share of time of the certificate in ``state``; None for a controller without V."""
     fractions = facts["certificate"]["fractions"]
     return None if set(fractions) == {"none"} else fractions.get(state, 0.0)
 
