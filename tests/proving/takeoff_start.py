@@ -33,7 +33,7 @@ class TakeoffStart:
 
     @property
     def smooth(self) -> bool:
-        """Whether nothing jumped: the limits of docs/explanation/mission.md."""
+        """Whether nothing jumped."""
         return (
             bool(self.thrust)
             and min(self.thrust) >= 0.75

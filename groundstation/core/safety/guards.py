@@ -2,7 +2,7 @@
 
 Beyond a limit follows one step of hold → land → failsafe descent. What lasts on after its answer is
 answered by the next step, up to the last one of its row: no landing ends an empty battery.
-``GUARDS`` is the table; `groundstation check` and docs/explanation/guards.md follow it.
+``GUARDS`` is the table; `groundstation check` and docs/explanation/safety.md follow it.
 """
 
 import math
@@ -105,7 +105,7 @@ Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 
 
 class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Limits in flight. Config section ``[guards]``; docs/explanation/guards.md has what follows beyond each."""
+    """Limits in flight. Config section ``[guards]``; docs/explanation/safety.md has what follows beyond each."""
 
     level_s: Annotated[
         float,

@@ -621,10 +621,8 @@ def everywhere() -> str:
 
 
 def states_page() -> str:
-    """What stands between the markers of docs/explanation/mission.md."""
-    made = (
-        "Made from the table in `groundstation/core/mission/mission.py` by `groundstation states --write mission.md`."
-    )
+    """What stands between the markers of docs/explanation/safety.md."""
+    made = "Made from the table in `groundstation/core/mission/mission.py` by `groundstation states --write safety.md`."
     return f"```mermaid\n{mermaid()}\n```\n\n{everywhere()}\n\n{made}"
 
 

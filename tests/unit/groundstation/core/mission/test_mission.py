@@ -13,7 +13,7 @@ from groundstation.interfaces.cli.commands import mermaid, states
 from groundstation.interfaces.cli.commands import states_page as markdown
 
 BEGIN, END = "<!-- states:begin -->", "<!-- states:end -->"
-PAGE = Path(__file__).parents[5] / "docs" / "explanation" / "mission.md"
+PAGE = Path(__file__).parents[5] / "docs" / "explanation" / "safety.md"
 
 
 def reached(start: State, without: frozenset[Event] = frozenset()) -> set[State]:
@@ -108,7 +108,7 @@ def test_the_diagram_has_every_state() -> None:
 
 
 def test_the_page_shows_the_table_that_flies() -> None:
-    """If this fails: groundstation states --write docs/explanation/mission.md."""
+    """If this fails: groundstation states --write docs/explanation/safety.md."""
     text = PAGE.read_text("utf-8")
     assert text[text.index(BEGIN) + len(BEGIN) : text.index(END)].strip() == markdown()
 
