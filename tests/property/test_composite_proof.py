@@ -1,4 +1,4 @@
-"""The proof of docs/explanation/law.md, section 5, against the code: each step of it, on random states and in flight.
+"""The proof of docs/explanation/law-proof.md against the code: each step of it, on random states and in flight.
 
 Here e = (p̃, ṽ, d̃, c̃), three axes each, is what the observer does not know; the rows of A e are
 p̃˙ = ṽ - l1 p̃, ṽ˙ = d̃ - l2 p̃, d̃˙ = c̃ - l3 p̃ = N e, c̃˙ = -l4 p̃, with l the code's own steady Kalman gains.

@@ -9,7 +9,7 @@ of a Euclidean norm. It is conservative (with the paper's own gains it is negati
 in flight the commanded thrust is clamped above ``vehicle.thrust_min_n``.
 
 In flight, floats only: The wind is unknown, so b̃ is too; what the observer knows of it takes its place: w = d̂ - b̂.
-With V_m = V_known + |w|²/(2 kb), docs/explanation/law.md (section 5.9) has V_m˙ = -(W + κ|w|²) + terms, each a gradient
+With V_m = V_known + |w|²/(2 kb), docs/explanation/law-proof.md (5.9) has V_m˙ = -(W + κ|w|²) + terms, each a gradient
 at mid-frame times what moved within the frame; and, for the noise and the gusts that it covers,
 
     V_m˙ <= -s (W + κ|w|²) + D
@@ -353,7 +353,7 @@ _SUSPENDED = "none: adaptation is suspended while the tilt or a command is at it
 
 
 def bound_decrease(gains: Gains) -> str:
-    """Which bound on V holds for these gains, for a constant wind and no lag (docs/explanation/law.md, section 5)."""
+    """Which bound on V holds for these gains, for a constant wind and no lag (docs/explanation/law-proof.md)."""
     if gains.kb == 0.0:
         return "none: adaptation is off (controller.kb = 0)"
     if gains.composite == "off":
@@ -428,7 +428,7 @@ have 0.9; a tilt rate that is off by 0.8 rad/s, as behind the front of `gust_fro
 
 
 class Decrease(NamedTuple):
-    """The bound V_m˙ <= -s (W + κ|w|²) + D for one set of gains (docs/explanation/law.md, section 5.9)."""
+    """The bound V_m˙ <= -s (W + κ|w|²) + D for one set of gains (docs/explanation/law-proof.md, section 5.9)."""
 
     name: str
     """Which bound holds, or why none does."""

@@ -123,7 +123,7 @@ def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance
     """``s`` as it must have been for the innovation ``step`` [m] to be no surprise, with position noise ``r`` [m²].
 
     A front of wind is a jump that the chain's noise does not have. Σ then grows as a whole, so that what the chain
-    does in its next poses is believed sooner; larger than FΣFᵀ it may be at any time (docs/explanation/law.md, 5.5).
+    does in its next poses is believed sooner; it may exceed FΣFᵀ at any time (docs/explanation/law-proof.md, 5.5).
     """
     x, y, z = step
     share = (x * x + y * y + z * z) / (3.0 * UNEXPECTED * (s[PP] + r))

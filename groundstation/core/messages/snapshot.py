@@ -154,7 +154,7 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
 
 
 class Certificate(msgspec.Struct, frozen=True):
-    """V against its bound since the first command (docs/explanation/law.md, section 5.9)."""
+    """V against its bound since the first command (docs/explanation/law-proof.md, section 5.9)."""
 
     state: Annotated[
         str,
