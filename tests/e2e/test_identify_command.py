@@ -45,7 +45,9 @@ def holds_every_fit(page: Path) -> None:
 
 
 def test_the_commands_of_the_how_to_lead_from_a_flight_to_a_vehicle_file(tmp_path: Path) -> None:
-    lines = [line for block in BLOCK.finditer(PAGE.read_text("utf-8")) for line in block["text"].splitlines()]
+    block = BLOCK.search(PAGE.read_text("utf-8"))
+    assert block is not None
+    lines = block["text"].splitlines()
     assert [line.split()[1] for line in lines] == ["trajectory", "fly", "identify", "config"]
     for line in lines:
         done = run(tmp_path, *shlex.split(line))

@@ -1,4 +1,4 @@
-"""The senders in docs/how-to/json-tracker.md, as they stand there, are understood; ROS 2 has a stand-in."""
+"""The senders in docs/how-to/extend.md, as they stand there, are understood; ROS 2 has a stand-in."""
 
 import asyncio
 import math
@@ -13,7 +13,7 @@ from groundstation.pose.sources import JsonConfig
 from links.io import parse_address
 from tests.loops import free_address
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "json-tracker.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "extend.md"
 
 
 ROS = """

@@ -1,6 +1,6 @@
 """Every configuration that the documents show is one.
 
-Beside configurations there are the fleet file of several-vehicles.md, the bridge's file of two-computers.md, and what
+Beside configurations there are the fleet file of several-vehicles.md, the bridge's file of rf.md, and what
 is preceded by ``<!-- not tested: where it is read -->``.
 """
 

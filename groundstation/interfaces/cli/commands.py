@@ -165,7 +165,7 @@ def rf_bridge(args: argparse.Namespace) -> Exit:
         return Exit.DONE
     if args.config is None:
         raise ConfigError(
-            "CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/two-computers.md"
+            "CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/rf.md"
         )
     config = load(args.config, BridgeConfig, args.overrides)
     shared = key(config.key_file, "key_file")

@@ -2,7 +2,7 @@
 
 Signals are requests: the first Ctrl-C or SIGTERM lands, more of them do more, SIGQUIT kills. A flight has a crew, who
 watch it and ask of it: clients of the socket, and MQTT. It ends with none of them. systemd knows a daemon by its unit
-(docs/how-to/run-as-a-service.md) and hears of it by sd_notify(3), here without its library.
+(docs/how-to/install.md) and hears of it by sd_notify(3), here without its library.
 
 A daemon is monitored by log lines, and a health file beside its socket for monitors that can't attach.
 """

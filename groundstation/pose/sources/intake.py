@@ -749,7 +749,7 @@ HINTS = {
     "malformed": "not of this protocol: does something else send to this port?",
     "wrong_item": "not of this protocol: does something else send to this port?",
     "not_json": "no JSON: does something else send to this port?",
-    "wrong_schema": "JSON without the fields of a pose: compare with docs/how-to/json-tracker.md",
+    "wrong_schema": "JSON without the fields of a pose: compare with docs/how-to/extend.md",
     "bad_crc": "a wrong checksum: bytes were lost or changed on the way",
     "wrong_frame": "in a frame of coordinates that is not read here: send LOCAL_NED or LOCAL_FRD",
     "no_attitude": "no attitude came with the position: have the autopilot send ATTITUDE_QUATERNION",

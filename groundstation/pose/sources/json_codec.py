@@ -6,7 +6,7 @@
 ``name``, ``position`` [m] and ``quaternion`` (body to world; also [w, x, y, z]) must be there. ``t`` is the sender's
 clock as the picture was taken [s, from any zero], ``frame`` a running number; the first pose taken decides by which of
 them all the others are judged, ``t`` before ``frame``. ``valid`` false says that the body is not seen.
-The whole of it: docs/how-to/json-tracker.md.
+The whole of it: docs/how-to/extend.md.
 """
 
 import math

@@ -26,7 +26,7 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     enabled: Annotated[
         bool,
         msgspec.Meta(
-            description="Whether to send them; docs/how-to/forward-poses.md says what the autopilot must be told."
+            description="Whether to send them; docs/how-to/px4.md says what the autopilot must be told."
         ),
     ] = False
     rate_hz: Annotated[
