@@ -377,7 +377,7 @@ def _middle(values: list[float | None], crashed: int) -> float | None:
 
 NOTE = (
     "The error is the true one, from 15 s on. The baselines fly on our estimate and send commands as published, "
-    "without inverting\nthe actuators' lags; `docs/decisions/0006-baselines.md` has both."
+    "without inverting\nthe actuators' lags."
 )
 HEAD = (
     "scenario", "controller", "RMS cm", "spread", "max cm", "settled s", "effort", "peak cm", "back s", "survived",
