@@ -164,9 +164,7 @@ def rf_bridge(args: argparse.Namespace) -> Exit:
         say(f"{args.make_key}: a new key, for your eyes only. Copy it to the other computer by a safe way, mode 0600")
         return Exit.DONE
     if args.config is None:
-        raise ConfigError(
-            "CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/rf.md"
-        )
+        raise ConfigError("CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/rf.md")
     config = load(args.config, BridgeConfig, args.overrides)
     shared = key(config.key_file, "key_file")
     one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.destination)

@@ -25,9 +25,7 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
     enabled: Annotated[
         bool,
-        msgspec.Meta(
-            description="Whether to send them; docs/how-to/px4.md says what the autopilot must be told."
-        ),
+        msgspec.Meta(description="Whether to send them; docs/how-to/px4.md says what the autopilot must be told."),
     ] = False
     rate_hz: Annotated[
         float, msgspec.Meta(gt=0.0, le=200.0, description="At most so many a second [1/s]; autopilots want 30 to 50.")
