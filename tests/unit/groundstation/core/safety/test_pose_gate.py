@@ -25,7 +25,7 @@ def believed(shown_s: dict[int, float], aside_m: dict[int, float], count: int = 
         time_s = n * PERIOD_S
         shown = shown_s.get(n, time_s)
         place = (SPEED_M_S * shown, aside_m.get(n, 0.0), -1.0)
-        pose = Pose(time_s, time_s, 0, place, (1.0, 0.0, 0.0, 0.0))
+        pose = Pose(n, time_s, time_s, place, (1.0, 0.0, 0.0, 0.0))
         answers.append(gate.accepts(pose, motion(last_s), motion(time_s), NOISE_M))
         if answers[-1]:
             last_s = time_s
