@@ -19,7 +19,7 @@ SET_UP = ROOT / "examples" / "broker" / "set-up.sh"
 
 def test_the_radio_tutorial_leaves_no_setting_of_the_simulated_vehicle() -> None:
     page = (ROOT / "docs/tutorial/rf-toy.md").read_text("utf-8")
-    (sentence,) = re.findall(r"There, take out (.*?), which", page, re.S)
+    (sentence,) = re.findall(r"There,\s+take\s+out\s+(.*?),\s+which", page, re.S)
     text = (ROOT / "examples/rf-dsm.toml").read_text("utf-8")
     for key in re.findall(r"`(\w+)`", sentence):
         text, count = re.subn(rf"^{key} = .*\n", "", text, flags=re.M)
