@@ -22,12 +22,18 @@ from groundstation.recording import CHANNELS, ChannelForm, Entry, Recording, des
 from groundstation.runtime import Exit, require_package
 from links.io import parse_address
 
-TRAIL_S, SAMPLE_S, DRAW_S = 20.0, 0.1, 0.5
-"""A trail shows so long a time, a point so often, and is drawn anew so often [s]."""
+TRAIL_S = 20.0
+"""Length of a trail in time [s]."""
+SAMPLE_S = 0.1
+"""Interval between points of a trail [s]."""
+DRAW_S = 0.5
+"""Interval between drawings of a trail [s]."""
 WIND_M = 0.5
 """Length of the arrow per disturbance [m per m/s²]."""
-ARM_M, ROTOR_M = 0.12, 0.07
-"""Drawn size of every vehicle: arm and rotor radius [m]."""
+ARM_M = 0.12
+"""Drawn arm of every vehicle [m]."""
+ROTOR_M = 0.07
+"""Drawn radius of a rotor [m]."""
 ROTORS = tuple((x * ARM_M, y * ARM_M, 0.0) for x in (1.0, -1.0) for y in (1.0, -1.0))
 """Where they are, body FRD [m]."""
 COLOURS = {"estimate": (0.0, 0.45, 0.7), "reference": (0.5, 0.5, 0.5), "truth": (0.84, 0.37, 0.0)}

@@ -27,7 +27,14 @@ import msgspec
 from links.core import Command
 from links.rf import Manner, PacerReport, Service
 
-HELLO, WELCOME, UP, DOWN = 1, 2, 3, 4
+HELLO = 1
+"""Kind of datagram: a station's greeting [-]."""
+WELCOME = 2
+"""Kind of datagram: the bridge's answer to it [-]."""
+UP = 3
+"""Kind of datagram: from the station to the bridge [-]."""
+DOWN = 4
+"""Kind of datagram: from the bridge to the station [-]."""
 NONCE_BYTES = 16
 TAG_BYTES = 16
 LARGEST_BYTES = 8192

@@ -26,12 +26,22 @@ from typing import NamedTuple
 from links.rf.codec import RfLinkConfig
 from links.rf.module_codec import DsmLinkConfig
 
-FC_VARIANT, FC_VERSION, STATUS, UID = 2, 3, 101, 160
+FC_VARIANT = 2
+"""MSP command for the name of the firmware [-]."""
+FC_VERSION = 3
+"""MSP command for its version [-]."""
+STATUS = 101
+"""MSP command for the board's status [-]."""
+UID = 160
+"""MSP command for the processor's unique id [-]."""
 VARIANT = b"BTFL"
 PROMPT = "\n# "
 """Prompt of the command line."""
 _REQUEST, _ANSWERS = b"$M<", (b"$M>", b"$M!")
-_FRAME_BYTES, _LONGEST = 6, 255
+_FRAME_BYTES = 6
+"""Bytes of a frame beside its payload [B]."""
+_LONGEST = 255
+"""Largest payload [B]."""
 _MODES, _ARMED = struct.Struct("<6xI"), 1
 _REFUSES = re.compile(r"###ERROR|invalid|unknown|parse error", re.IGNORECASE)
 _ROWS = re.compile(r"^(aux|rxrange|rxfail) (\d+) ([ahs\d][\d ]*?)\s*$|^(map) ([A-Z0-9]{8})\s*$", re.MULTILINE)

@@ -24,10 +24,14 @@ from links.rf.betaflight_codec import (
 )
 
 BAUD = 115200
-OPEN_S, RESTART_S = 3.0, 20.0
-"""Timeouts of a board's first answer, and of its answer after a restart [s]."""
-ANSWER_S, LINE_S = 0.5, 5.0
-"""An answer by MSP, and by the command line, comes within this [s]."""
+OPEN_S = 3.0
+"""Timeout of a board's first answer [s]."""
+RESTART_S = 20.0
+"""Timeout of a board's answer after a restart [s]."""
+ANSWER_S = 0.5
+"""Timeout of an answer by MSP [s]."""
+LINE_S = 5.0
+"""Timeout of an answer by the command line [s]."""
 TRIES = 3
 APART_S = 0.2
 """Between the two questions whether it is armed [s]."""

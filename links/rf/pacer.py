@@ -160,8 +160,10 @@ REPORT_S = 0.2
 """Longest time between two reports [s]."""
 STALE_S = 0.001
 """A frame that leaves later than this is made anew for the instant at which it leaves [s]."""
-REOPEN_S, REOPEN_LIMIT_S = 0.1, 1.6
-"""First and longest wait before the port is opened again [s]."""
+REOPEN_S = 0.1
+"""First wait before the port is opened again [s]."""
+REOPEN_LIMIT_S = 1.6
+"""Longest wait before the port is opened again [s]."""
 TELLS_S = 5.0
 """Age after which a module's telemetry is dropped [s]."""
 TOLD_LATE_S = 0.05

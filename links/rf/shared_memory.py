@@ -111,8 +111,10 @@ def _checksum(number: int, value: bytes) -> int:
     return crc32(value, number & 0xFFFFFFFF)
 
 
-PACER, STANDBY = 1, 2
-"""Words of those who live."""
+PACER = 1
+"""Word of the pacer's sign of life [-]."""
+STANDBY = 2
+"""Word of the stand-by's sign of life [-]."""
 FIRST = 1
 """The pacer's generation; whoever takes over has the next."""
 

@@ -29,10 +29,14 @@ STEP_S = 0.001
 """From one state to the next [s]: its gyro must come 1.8 times for each turn of its loop, which is 400 a second."""
 BOOT_S = 12.0
 """So long after the first state its gyros are calibrated and its attitude is aligned [s]."""
-FEW, MANY = 18458, 29569
-"""What a packet of 16 outputs begins with, and one of 32."""
-LOW_US, HIGH_US = 1000.0, 2000.0
-"""Outputs that mean rotors at rest, and at their fullest (MOT_PWM_MIN, MOT_PWM_MAX) [µs]."""
+FEW = 18458
+"""Magic number of a packet of 16 outputs [-], SIM_JSON.h."""
+MANY = 29569
+"""Magic number of a packet of 32 outputs [-], SIM_JSON.h."""
+LOW_US = 1000.0
+"""Output of a rotor at rest (MOT_PWM_MIN) [µs]."""
+HIGH_US = 2000.0
+"""Output of a rotor at its fullest (MOT_PWM_MAX) [µs]."""
 HOME = "47.397742,8.545594,488,0"
 """Where its simulated sensors of the earth's field take it to be: latitude, longitude, height, heading."""
 

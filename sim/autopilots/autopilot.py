@@ -38,10 +38,17 @@ from sim.world import Airframe, TrueState
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
 """MAV_RESULT."""
-CRITICAL, WARNING, INFO = 2, 4, 6
-"""MAV_SEVERITY."""
+CRITICAL = 2
+"""MAV_SEVERITY_CRITICAL [-]."""
+WARNING = 4
+"""MAV_SEVERITY_WARNING [-]."""
+INFO = 6
+"""MAV_SEVERITY_INFO [-]."""
 
-_IGNORE_THRUST, _IGNORE_ATTITUDE = 64, 128
+_IGNORE_THRUST = 64
+"""Bit of SET_ATTITUDE_TARGET.type_mask: thrust is ignored."""
+_IGNORE_ATTITUDE = 128
+"""Bit of SET_ATTITUDE_TARGET.type_mask: attitude is ignored."""
 
 
 class SetPoint:
@@ -132,8 +139,12 @@ class Dialect(ABC):
         """Whether it is in a mode that ends with the motors off on the ground."""
 
 
-INT8, INT16, INT32 = 2, 4, 6
-"""MAV_PARAM_TYPE."""
+INT8 = 2
+"""MAV_PARAM_TYPE_INT8 [-]."""
+INT16 = 4
+"""MAV_PARAM_TYPE_INT16 [-]."""
+INT32 = 6
+"""MAV_PARAM_TYPE_INT32 [-]."""
 
 PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
     "COM_OF_LOSS_T": (0.4, REAL32),
@@ -254,12 +265,16 @@ ATTITUDE_GAIN = 5.0
 """Body rate per attitude error [1/s]."""
 DESCENT_M_S = 0.5
 """Speed of the descent [m/s]."""
-SPEED_GAIN, SPEED_INTEGRAL_GAIN = 4.0, 2.0
-"""Acceleration per error of that speed [1/s], and per its integral [1/s²]: PX4's MPC_Z_VEL_P_ACC and _I_ACC."""
+SPEED_GAIN = 4.0
+"""Acceleration per error of the climb rate [1/s]: PX4's MPC_Z_VEL_P_ACC."""
+SPEED_INTEGRAL_GAIN = 2.0
+"""Acceleration per integral of that error [1/s²]: PX4's MPC_Z_VEL_I_ACC."""
 INTEGRAL_LIMIT = 5.0
 """Largest acceleration by the integral [m/s²]."""
-BRAKING_GAIN, BRAKING_LEAN = 1.8, math.radians(15.0)
-"""Acceleration per horizontal speed [1/s], PX4's MPC_XY_VEL_P_ACC, and how far it leans for that at most [rad]."""
+BRAKING_GAIN = 1.8
+"""Acceleration per horizontal speed [1/s]: PX4's MPC_XY_VEL_P_ACC."""
+BRAKING_LEAN = math.radians(15.0)
+"""Largest tilt of that braking [rad]."""
 
 
 class OnboardPilot(Protocol):
@@ -340,9 +355,10 @@ LOCAL_NED = 1
 ESTIMATOR_AUTOPILOT = 8
 """MAV_ESTIMATOR_TYPE_AUTOPILOT."""
 
-KNOWN, STILL = 831, 167
-"""Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS, and of one that has none: it takes its
-position as constant."""
+KNOWN = 831
+"""Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS [-]."""
+STILL = 167
+"""The same flags of one without: its position counts as constant [-]."""
 SAME_INSTANT_S = 1e-9
 """A timer may fire this much early [s]."""
 SHORTEST_S = 0.001
@@ -450,8 +466,18 @@ def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> li
     return [message(severity, piece.encode("ascii"), number & 0xFFFF, n) for n, piece in enumerate(pieces)]
 
 
-NED, BODY_FRD, LOCAL_FRD = 1, 12, 20
-UNKNOWN, VISION, VIO = 0, 2, 3
+NED = 1
+"""MAV_FRAME_LOCAL_NED [-]."""
+BODY_FRD = 12
+"""MAV_FRAME_BODY_FRD [-]."""
+LOCAL_FRD = 20
+"""MAV_FRAME_LOCAL_FRD [-]."""
+UNKNOWN = 0
+"""MAV_ESTIMATOR_TYPE_UNKNOWN [-]."""
+VISION = 2
+"""MAV_ESTIMATOR_TYPE_VISION [-]."""
+VIO = 3
+"""MAV_ESTIMATOR_TYPE_VIO [-]."""
 
 
 class Fused(msgspec.Struct, frozen=True):
@@ -512,7 +538,12 @@ FIRMWARE, COMMIT = 0x01_10_00_FF, b"simulate"
 _CUSTOM_MODE_ENABLED = 1
 _PREARM_CHECK = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 _QUADROTOR = 2
-_STANDBY, _ACTIVE, _CRITICAL = 3, 4, 5
+_STANDBY = 3
+"""MAV_STATE_STANDBY [-]."""
+_ACTIVE = 4
+"""MAV_STATE_ACTIVE [-]."""
+_CRITICAL = 5
+"""MAV_STATE_CRITICAL [-]."""
 
 
 class SimulatedAutopilot(Dialect):

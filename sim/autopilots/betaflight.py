@@ -34,8 +34,10 @@ STEP_S = 0.001
 """Period at which the firmware gets a state and gives motor signals [s]; its own loop runs at 8 kHz."""
 BOOT_S = 6.0
 """Time between power-on and readiness to arm [s]: about 5 s, with a margin of 1 s."""
-PATIENCE_S, SILENT_S = 0.002, 10.0
-"""Its command line is a thread that runs in real time: how long each look at it takes, and all of them [s]."""
+PATIENCE_S = 0.002
+"""Duration of one look at the command line [s]: it is a thread that runs in real time."""
+SILENT_S = 10.0
+"""Timeout of the command line [s]."""
 LISTENS_S = 2.0
 """Earliest time after power-on for receiver frames [s]: earlier ones are forgotten."""
 LIFTS = 0.2

@@ -49,8 +49,14 @@ from sim.autopilots.autopilot import (
     rates_or_zero,
 )
 
-STABILIZE, GUIDED, LAND, GUIDED_NOGPS = 0, 4, 9, 20
-"""Copter's mode numbers."""
+STABILIZE = 0
+"""Copter's mode STABILIZE [-]."""
+GUIDED = 4
+"""Copter's mode GUIDED [-]."""
+LAND = 9
+"""Copter's mode LAND [-]."""
+GUIDED_NOGPS = 20
+"""Copter's mode GUIDED_NOGPS [-]."""
 FOLLOWING = (GUIDED, GUIDED_NOGPS)
 THRUST_AS_THRUST = 8
 """Bit of GUID_OPTIONS."""
@@ -186,8 +192,10 @@ OFFBOARD, LOITER, PX4_LAND, POSCTL = (6, 0), (4, 3), (4, 6), (3, 0)
 """PX4's main and sub mode."""
 STREAM_GAP_S = 0.5
 """Set-points further apart are no stream [s]: 2 Hz."""
-HOVER_MEMORY_S, HOVER_RANGE = 1.0, 0.3
-"""Over which it learns its hover thrust from what it is told to push in the air [s], and how far from MPC_THR_HOVER."""
+HOVER_MEMORY_S = 1.0
+"""Time constant with which it learns its hover thrust from the commanded one in the air [s]."""
+HOVER_RANGE = 0.3
+"""Largest distance of the learnt hover thrust from MPC_THR_HOVER [-]."""
 STREAM_S = 1.0
 """A stream counts after this long [s]."""
 

@@ -31,8 +31,10 @@ BEGINS_US = 1_000_000
 """Time of the first HIL_SENSOR [µs]; PX4 takes 0 for no time."""
 ANSWER_S = 0.002
 """Disarmed, an answer is waited for so long [s, of the wall clock]: there may be none."""
-BAROMETER_EVERY, MAGNETOMETER_EVERY = 5, 2
-"""Steps from one reading to the next: 50 Hz, and 125 Hz."""
+BAROMETER_EVERY = 5
+"""Steps between readings of the barometer [-]: 50 Hz."""
+MAGNETOMETER_EVERY = 2
+"""Steps between readings of the magnetometer [-]: 125 Hz."""
 
 FLYING_ACCELEROMETER = (0.5, 1.7, 1.4)
 """Noise of its accelerometer with the rotors turning, 1σ [m/s², FRD]: sih.cpp, reconstruct_sensors_signals."""
@@ -55,10 +57,18 @@ HPA_PER_M = 0.12
 TEMPERATURE_DEG_C = 20.0
 """Of the air [°C]."""
 
-_ACCELEROMETER, _GYRO, _MAGNETOMETER, _BAROMETER = 0b111, 0b111 << 3, 0b111 << 6, 0b1101 << 9
-"""Bits of HIL_SENSOR.fields_updated; those of the barometer are pressure, height and temperature."""
-_SIMULATOR_SYSTEM, _SIMULATOR_COMPONENT = 142, 200
-"""MAVLink system and component that a simulator speaks as; PX4 looks at neither."""
+_ACCELEROMETER = 0b111
+"""Bits of HIL_SENSOR.fields_updated: accelerometer."""
+_GYRO = 0b111 << 3
+"""Bits of HIL_SENSOR.fields_updated: gyro."""
+_MAGNETOMETER = 0b111 << 6
+"""Bits of HIL_SENSOR.fields_updated: magnetometer."""
+_BAROMETER = 0b1101 << 9
+"""Bits of HIL_SENSOR.fields_updated: pressure, height and temperature."""
+_SIMULATOR_SYSTEM = 142
+"""MAVLink system of a simulator [-]; PX4 does not look at it."""
+_SIMULATOR_COMPONENT = 200
+"""MAVLink component of a simulator [-]; PX4 does not look at it."""
 
 
 class Outputs(NamedTuple):

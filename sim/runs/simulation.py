@@ -34,8 +34,10 @@ from sim.runs.flight import Result, fly
 from sim.scenarios import BETAFLIGHT, choose, prepare, prepare_own
 from sim.world import World
 
-DURATION_S, LONGEST_S = 60.0, 86400.0
-"""Default and largest duration of a flight [s]."""
+DURATION_S = 60.0
+"""Default duration of a flight [s]."""
+LONGEST_S = 86400.0
+"""Largest duration of a flight [s]."""
 T = TypeVar("T")
 
 

@@ -18,26 +18,44 @@ THRUST_CURVE = 0.55
 """f of thrust = f u² + (1 - f) u; the flights were told 0."""
 THRUST_SLOPE = 1.36
 """Specific force over g rises by this per hover signal, about hover (1.33 to 1.43): that curve's slope there."""
-THRUST_DELAY_S, THRUST_LAG_S = 0.06, 0.04
-ATTITUDE_RAD_S, ATTITUDE_DAMPING = 7.0, 0.5
-"""Set-point of the attitude to attitude; as body rates a lag of 1/7 s, and P 7."""
+THRUST_DELAY_S = 0.06
+"""Dead time of the thrust [s]."""
+THRUST_LAG_S = 0.04
+"""Time constant of the thrust [s]."""
+ATTITUDE_RAD_S = 7.0
+"""Natural frequency of the attitude loop [rad/s]: as body rates a lag of 1/7 s, and P 7."""
+ATTITUDE_DAMPING = 0.5
+"""Damping ratio of the attitude loop [-]."""
 PITCH_PER_M_S = 0.02
 """Additional pitch per upward speed, in wind [rad s/m]."""
-DRAG, DRAG_INFLOW = 0.80, 0.035
-"""Within the rotors' plane [N s/m], and its rise with the speed of the air in that plane [N s²/m²]."""
-SINK_DRAG, SINK_INFLOW, LIFT = 0.85, 0.19, 0.035
-"""Drag along the thrust, its growth with inflow, and the lift of that inflow [N s²/m²]."""
+DRAG = 0.80
+"""Drag within the rotors' plane [N s/m]."""
+DRAG_INFLOW = 0.035
+"""Rise of that drag with the speed of the air in the plane [N s²/m²]."""
+SINK_DRAG = 0.85
+"""Drag along the thrust [N s/m]."""
+SINK_INFLOW = 0.19
+"""Rise of that drag with inflow [N s²/m²]."""
+LIFT = 0.035
+"""Lift of that inflow [N s²/m²]."""
 REST_N: Vec3 = (0.3, 0.15, 0.5)
 REST_S = 0.6
 """Correlation time of the random push that differs from lap to lap (Ornstein-Uhlenbeck noise) [s]."""
 BIAS_N: Vec3 = (1.2, -0.43, 0.0)
 FULL_N = MASS_KG * GRAVITY / (THRUST_CURVE * HOVER**2 + (1.0 - THRUST_CURVE) * HOVER)
 """Thrust of the full signal [N]."""
-POSE_LATENCY_S, ATTITUDE_NOISE_RAD = 0.010, 0.001
-"""Latency and attitude noise of a tracking room with a large body: the logs do not tell them [s, rad]."""
-POSE_HZ, POSE_NOISE_M = 50.0, 2e-5
-LENGTH_S, JUDGED_S = 50.0, 3.0
-"""A flight lasts so long, and is judged from so long on."""
+POSE_LATENCY_S = 0.010
+"""Latency of a tracking room [s]: the logs do not tell it."""
+ATTITUDE_NOISE_RAD = 0.001
+"""Attitude noise of a tracking room with a large body, 1σ [rad]: the logs do not tell it."""
+POSE_HZ = 50.0
+"""Rate of the poses in the logs [Hz]."""
+POSE_NOISE_M = 2e-5
+"""Position noise of the poses, 1σ [m]."""
+LENGTH_S = 50.0
+"""Duration of a flight [s]."""
+JUDGED_S = 3.0
+"""Time from which a flight is judged [s]."""
 RISE_S = 12.55
 """The phase rate rises from 0 to 1 rad/s in this time."""
 

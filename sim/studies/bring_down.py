@@ -18,8 +18,10 @@ from sim.time import in_virtual_time
 CAUSES = ("poses", "controller")
 """Streams that can be cut: the poses (the controller goes on to the coast limit), or the controller (its last
 command is held)."""
-FIRST_CUT_S, CUT_STEP_S = 4.0, 0.713
-"""When the first flight is cut, and how much later each next one [s of flight]."""
+FIRST_CUT_S = 4.0
+"""Time of the cut in the first flight [s]."""
+CUT_STEP_S = 0.713
+"""Additional time of the cut in each next flight [s]."""
 RELEASED_S = 4.0
 """Earliest cut after the release [s]: every handshake is over."""
 AFTERMATH_S = 6.0

@@ -651,16 +651,22 @@ EFFORT_RAD_S = {"paper": 0.57, "adverse": 0.79}
 """Most that may be commanded, as ``effort_rad_s`` of ``fly --json`` has it: the median over the seeds."""
 SCATTER = 1.1
 """Factor on the limit for a single flight in a search [-]."""
-ROTORS_CM, ROTORS_SATURATED = 1.0, 0.01
-"""On rotors no more error [cm], and no more of the commands at a limit [-]."""
+ROTORS_CM = 1.0
+"""Largest additional error on rotors [cm]."""
+ROTORS_SATURATED = 0.01
+"""Largest additional share of commands at a limit on rotors [-]."""
 LQG_CM = {"paper": 0.055, "adverse": 0.68}
 """The least that a linear-quadratic-Gaussian regulator was found to reach that knows lags, delays and the spectra of
 wind and noise exactly, and still flies with 21.5 ms of extra delay [cm]; no law is told as much."""
-TRIALS, SEEDS = 24, 10
-DURATION_S, JUDGED_S = 20.0, 60.0
-"""Duration of each flight, and of the best reflown where laws are judged against each other [s]. Errors count from
-15 s on: 20 s hold half of the figure of eight, which tells better gains from worse, but laws err in different
-parts of it."""
+TRIALS = 24
+"""Number of evaluations of one search [-]."""
+SEEDS = 10
+"""Number of seeds of the judged flights [-]."""
+DURATION_S = 20.0
+"""Duration of each flight of a search [s]. Errors count from 15 s on: 20 s hold half of the figure of eight, which
+tells better gains from worse, but laws err in different parts of it."""
+JUDGED_S = 60.0
+"""Duration of the best flights, reflown to judge laws against each other [s]."""
 
 
 class Floor(NamedTuple):

@@ -155,8 +155,12 @@ def vision_encoder(config: VisionConfig) -> Encoder:
     return encode
 
 
-CIRCLE_M, APART_M, CIRCLE_RAD_S = 2.5, 0.5, 0.4
-"""Where the other bodies are: radius of the first one's circle, and by how much each next one is larger; speed."""
+CIRCLE_M = 2.5
+"""Radius of the first other body's circle [m]."""
+APART_M = 0.5
+"""Growth of the radius from body to body [m]."""
+CIRCLE_RAD_S = 0.4
+"""Angular speed of the other bodies [rad/s]."""
 
 
 class Mocap:

@@ -9,10 +9,14 @@ from groundstation.lab import MOVES, CarryMove
 
 START: tuple[Vec3, Quat] = ((0.7, -0.4, -0.1), so3.IDENTITY)
 """Where it stands where nobody says."""
-MOVE_S, HOLD_S = 1.6, 1.2
-"""Duration of one move, and of the pause after it [s]."""
-SHIFT_M, TURN_RAD = 0.55, math.radians(42.0)
-"""Length of a shift [m] and angle of a turn [rad]."""
+MOVE_S = 1.6
+"""Duration of one move [s]."""
+HOLD_S = 1.2
+"""Pause after a move [s]."""
+SHIFT_M = 0.55
+"""Length of a shift [m]."""
+TURN_RAD = math.radians(42.0)
+"""Angle of a turn [rad]."""
 
 
 def make_hand(

@@ -94,9 +94,11 @@ STANDS_RADII = 0.85
 """Height of the rotors of a standing vehicle above the floor, in rotor radii [-]."""
 LEVELS_S = 0.02
 """Time constant with which the floor levels what comes down tilted [s]."""
-NOTICES_S, FORGETS_S = 0.15, 2.0
-"""Time constants with which an autopilot's own estimate finds out that the floor holds it, and did [s]: of speed, and
-of height. By a take-off of ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
+NOTICES_S = 0.15
+"""Time constant with which an autopilot's own speed finds out that the floor holds it [s]. By a take-off of
+ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
+FORGETS_S = 2.0
+"""The same of its height [s]."""
 _INSTANT_S = 1e-9
 """Shorter spans are rounding [s]."""
 
@@ -444,8 +446,10 @@ def _ground_effect(world: World, down_m: float) -> float:
 
 LOOP_S = 0.004
 """Period of the autopilot's attitude loop [s]: telemetry has the newest result."""
-WANDER_RAD, TILT_WANDER_S = math.radians(0.5), 10.0
-"""Tilt error of the autopilot's estimate on each axis, 1σ [rad], and its correlation time [s]."""
+WANDER_RAD = math.radians(0.5)
+"""Tilt error of the autopilot's estimate on each axis, 1σ [rad]."""
+TILT_WANDER_S = 10.0
+"""Correlation time of that error [s]."""
 UPRIGHT_PER_S = 0.1
 """Gain of the accelerometers' correction of the tilt [1/s]."""
 LONGEST_S = 0.1
@@ -574,9 +578,15 @@ class SimulatedVehicle:
         return seen.attitude, seen.rates_rad_s
 
 
-TREMBLE_M, TREMBLE_RAD, TREMBLE_RAD_S, LEGS_GIVE = 0.0025, 0.015, 0.3, 0.3
-"""Tremble of a standing vehicle: position, attitude and rates, 1σ per axis [m, rad, rad/s], each times thrust over
-weight, up to the last of these [-]. Nothing is published; a visible amount beside the cameras' noise was chosen."""
+TREMBLE_M = 0.0025
+"""Tremble of a standing vehicle's position, 1σ per axis, per thrust over weight [m]. Nothing is published; an amount
+that shows beside the cameras' noise was chosen."""
+TREMBLE_RAD = 0.015
+"""Tremble of its attitude, counted alike [rad]."""
+TREMBLE_RAD_S = 0.3
+"""Tremble of its rates, counted alike [rad/s]."""
+LEGS_GIVE = 0.3
+"""Thrust over weight up to which the tremble grows [-]."""
 
 
 def _tremble(truth: TrueState, world: World) -> float:
@@ -610,10 +620,14 @@ def with_noise(truth: TrueState, world: World, normals: tuple[float, ...]) -> Tr
     )
 
 
-WANDER_S, ESTIMATE_FORGETS_S = 2.0, 40.0
-"""Over which a wander is told [s], and the time constant with which it comes back [s]."""
-SPEED_PER_M, SPEED_FORGETS_S = 1.5, 5.0
-"""Wander of the measured speed per wander of position [1/s], and its time constant [s]: PX4's is 5 cm/s in 0.5 s."""
+WANDER_S = 2.0
+"""Time over which a wander is configured [s]."""
+ESTIMATE_FORGETS_S = 40.0
+"""Time constant with which a wander returns [s]."""
+SPEED_PER_M = 1.5
+"""Wander of the measured speed per wander of position [1/s]: PX4's is 5 cm/s in 0.5 s."""
+SPEED_FORGETS_S = 5.0
+"""Time constant of the speed's wander [s]."""
 
 
 class PositionWander:

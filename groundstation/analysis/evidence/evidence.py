@@ -66,8 +66,10 @@ from links.core import signal
 
 GAINS = np.geomspace(1.5, 30.0, 22)
 LAGS_S = np.array([0.003, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22])
-LATEST_S, STEP_S = 0.25, 0.01
-"""Delays are tried up to so many seconds, one every so many."""
+LATEST_S = 0.25
+"""Longest delay tried [s]."""
+STEP_S = 0.01
+"""Step between tried delays [s]."""
 CLOSER = np.geomspace(0.65, 1.0 / 0.65, 9)
 """About the best of the grid, a finer one."""
 PARTS = 8
@@ -171,10 +173,14 @@ SETTLING_S = 0.5
 """Settling time before the filter is judged [s]."""
 LIFTED_M = 0.2
 """A vehicle that begins, or ends, on the floor flies while it is this far above it [m]."""
-STANDS_S, STANDS_M = 0.5, 0.003
-"""Time [s] and range of the height [m] within which a vehicle stands."""
-MOVES_M_S, LEAST_MOVING = 0.3, 50
-"""Noise along the motion is measured where it moves as fast as this [m/s], of so many differences or more."""
+STANDS_S = 0.5
+"""Time within which a standing vehicle keeps its height [s]."""
+STANDS_M = 0.003
+"""Largest range of its height in that time [m]."""
+MOVES_M_S = 0.3
+"""Least speed at which noise along the motion is measured [m/s]."""
+LEAST_MOVING = 50
+"""Least number of such differences [-]."""
 LEAST_UPRIGHT = 0.5
 """Nobody leans further than 60° without falling: cosine of the angle from upright [-]."""
 GAP = 3.0
@@ -365,9 +371,11 @@ def sort_differences(at_s: Column, place: Column, stride: int = 1, known: Column
     return SortedDifferences(squares, by_stamps, moves, 0.25 * span[whole])
 
 
-LASTS, OFTEN = 1.7, 600
-"""Stamps that are off by chance add the same along the motion over any spacing of the poses; what adds so many times as
-much over twice the spacing lasts, and is the source's own error. That shows in so many that move."""
+LASTS = 1.7
+"""Growth of noise along the motion over twice the spacing, from which it is the source's own error [-]: jitter of
+stamps adds the same over any spacing."""
+OFTEN = 600
+"""Least number of moving differences for that test [-]."""
 
 
 def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
@@ -389,8 +397,10 @@ def measure_pose_noise(at_s: Column, place: Column) -> PoseNoise:
 
 LEAST_NOISE_M = 1e-6
 """No source is better [m]."""
-WANDER_S, SPACINGS = 0.06, 6
-"""Largest spacing of poses at which the source's wander is measured [s], and the number of spacings up to it [-]."""
+WANDER_S = 0.06
+"""Largest spacing of poses at which the source's wander is measured [s]."""
+SPACINGS = 6
+"""Number of spacings up to it [-]."""
 ROAMED = 20.0 / 70.0
 """Variance that a position of density 1, a random walk, leaves of such a difference, over the spacing: third
 differences of its steps, which are white, have 1 + 9 + 9 + 1, over 70 as above."""
@@ -456,10 +466,12 @@ spacing: third differences of its double integral have 11/20 and, between neighb
 BURSTS = 2.0
 """An acceleration that nobody tells may jump in bursts, which make most of the error: at most so many times the mean
 counts [-]."""
-LEAST_DENSITY, RATE_DENSITY, RATE_SHARE = 1e-3, 0.2, 5.0
-"""Least density of a noise that does not show: the filter's noise is never nought [m/s² or m/s³ per √Hz]. And of
-the rate of such an acceleration, which never shows beside it [m/s⁴ per √Hz]: at most so much of its own density
-[1/s]."""
+LEAST_DENSITY = 1e-3
+"""Density assumed for a noise that does not show [m/s² or m/s³ per √Hz]: the filter's noise is never nought."""
+RATE_DENSITY = 0.2
+"""Density of the rate of such an acceleration, which never shows beside it [m/s⁴ per √Hz]."""
+RATE_SHARE = 5.0
+"""Largest ratio of that density to the acceleration's own [1/s]."""
 
 
 class Drift(NamedTuple):
@@ -721,8 +733,10 @@ class Judged(NamedTuple):
     prediction: dict[str, dict[str, float] | None]
 
 
-SETTLED, HALVINGS = 200, 20
-"""Poses after which a filter's gain is as it stays, and steps towards what it is told."""
+SETTLED = 200
+"""Number of poses after which a filter's gain is stationary [-]."""
+HALVINGS = 20
+"""Number of steps of the search for the configured noise [-]."""
 LEAST_SHARE = 0.05
 """Least share of a position's configured wander [-]."""
 
@@ -838,8 +852,10 @@ def _integrate_lean(driven: DrivenFlight) -> Column:
     return np.concatenate([np.zeros((1, 3)), np.cumsum(h * speed + 0.5 * h * h * push, axis=0)])
 
 
-LEANS_S, LEANS_M_S2 = 0.1, 0.5
-"""Over so long [s], where it accelerates by so much to a side [m/s²], its lean must show in it."""
+LEANS_S = 0.1
+"""Time over which an acceleration must show in the lean [s]."""
+LEANS_M_S2 = 0.5
+"""Least such acceleration to a side [m/s²]."""
 LEANS, AGAINST = (0.2, 5.0), -0.4
 """Wind and drag leave at least one axis so much of what its lean gives, and turn none round by so much [-]."""
 

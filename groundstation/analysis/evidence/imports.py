@@ -464,14 +464,20 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
 
 PLAUSIBLE_S = (3e-4, 5.0)
 """Poses are no closer, and no further apart [s]."""
-LEAPS_M, LEAPS_M_S2, BACK_S, ALL_LEAP = 0.15, 150.0, 0.5, 0.1
-"""A pose leaps that is so much further [m] from where its velocity takes it than such an acceleration would [m/s²].
-Where they are back on their way within so long [s], what was seen meanwhile was another body, or none. Where such a
-share leaps [-], units are wrong, and nothing is left out."""
+LEAPS_M = 0.15
+"""Least distance of a leaping pose from its extrapolated place [m]."""
+LEAPS_M_S2 = 150.0
+"""Acceleration beyond which a pose leaps [m/s²]."""
+BACK_S = 0.5
+"""Time within which poses that leapt return [s]: what was seen meanwhile was another body, or none."""
+ALL_LEAP = 0.1
+"""Share of leaping poses from which units are wrong, and none is left out [-]."""
 
 
-FARTHEST_M, LATEST_S = 1e5, 1e10
-"""No vehicle is further from its source's origin [m], and no clock is that late [s]: such numbers are none."""
+FARTHEST_M = 1e5
+"""Largest believable distance from the source's origin [m]."""
+LATEST_S = 1e10
+"""Largest believable time [s]."""
 MIXED = 2.0
 """Loggers mix up rows that are so many intervals apart; where time goes back by more, its clock was set back."""
 OF_ANOTHER_CLOCK = " but with a clock that is set back at other times than that of the poses"

@@ -314,10 +314,13 @@ own landed_state does not do alone: PX4 calls a vehicle flying until seconds aft
 """
 MEAN_S = 1.0
 """That second [s]."""
-STEADY_M_S, STEADY_M_S2 = 0.5, 1.0
-"""Hover thrust is read where the vertical speed and the vertical acceleration stay below these,"""
+STEADY_M_S = 0.5
+"""Largest vertical speed at which hover thrust is read [m/s]."""
+STEADY_M_S2 = 1.0
+"""Largest vertical acceleration at which hover thrust is read [m/s²]."""
 STEADY_COS_TILT = 0.99
-"""and the vehicle is level within 8 deg: some autopilots add thrust of their own to what is sent where it tilts."""
+"""Least cosine of the tilt at which hover thrust is read [-], 8 deg: some autopilots add thrust of their own when
+tilted."""
 LEAST_SHARE = 0.05
 """Below this share of full thrust no vehicle flies."""
 FEWEST_SET_POINTS = 25
@@ -675,8 +678,10 @@ the two is wrong. If it is the positions, the vehicle follows them: at 0.3 m/s a
 shows it in place."""
 INNOVATION_M = (0.01, 0.05)
 """Limits of warning and failure for the innovation [m]: one pose may move the vehicle's reference by this much."""
-RESET_M, RESET_RAD = 0.1, 0.1
-"""A reset in flight that moves or turns the vehicle further than this makes it jump."""
+RESET_M = 0.1
+"""Shift of a reset in flight beyond which the vehicle jumps [m]."""
+RESET_RAD = 0.1
+"""Turn of a reset in flight beyond which the vehicle jumps [rad]."""
 BAD_STAMPS = 0.01
 """Share of poses with a stamp that is not newer, above which the source is at fault [-]."""
 SATURATED = (0.01, 0.1)

@@ -192,9 +192,10 @@ deviations are so many times those of the fit."""
 RESPONSE_SPREAD = 1.5
 """Factor on the deviation of the sum of a rate's lag and delay [-], counted over 100 flights on rotors: a loop of
 theirs has neither."""
-DRAG_MODEL, DRAG_LEAST = 0.01, 0.0007
-"""Model error of drag as a share [-], which acts along the measured attitude; and no better than to so much [1/s],
-even where there is none: of 94 flights on rotors 8 lay outside without that."""
+DRAG_MODEL = 0.01
+"""Model error of drag as a share of it [-]: drag acts along the measured attitude."""
+DRAG_LEAST = 0.0007
+"""Least deviation of drag, even where there is none [1/s]: of 94 flights on rotors 8 lay outside without it."""
 WHITE = 0.015
 """Model error of noise as a share [-], which is never quite white; in that of attitudes on rotors is what no lag
 and delay describe. Of 150 flights 6 to 10 % lay outside with 0.01, 1 to 4 % with this."""

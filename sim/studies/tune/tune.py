@@ -681,8 +681,10 @@ PROPOSALS = 1000
 """Proposals for one trial; those that lose the proof are thrown away."""
 RANDOM_TRIALS = 10
 """Drawn over the whole space before the sampler learns from them."""
-BROKEN, UNPROVEN = 1e3, 1e6
-"""Costs of a broken and of an unproven constraint, beside its excess [-]: more than any flight's."""
+BROKEN = 1e3
+"""Cost of a broken constraint, beside its excess [-]: more than any flight's."""
+UNPROVEN = 1e6
+"""Cost of an unproven constraint [-]: more than any broken one's."""
 
 
 class Floors(msgspec.Struct, frozen=True, kw_only=True):
