@@ -270,6 +270,7 @@ class Pilot:
         self._switch("ease", float(calmly), float(asks), float(limits_tilt), float(limits_fall))
         mode = self._mode
         mode.is_eased, mode.asks, mode.limits_tilt, mode.limits_fall = calmly, asks, limits_tilt, limits_fall
+        self._estimator.lands = limits_fall
 
     def _switch(self, what: str, *values: float) -> None:
         """Record that it is to fly otherwise."""

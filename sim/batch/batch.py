@@ -155,7 +155,7 @@ class BatchEstimator:
             Motion(tuple(start.copy()), zeros(n, 3), upright, zero + idle_thrust_n, zeros(n, 3)),
             *(zeros(n, 3), zeros(n, 3)),
             zeros(n, 10),
-            Effectiveness(*zeros(n, 2), *(zeros(n, 3) for _ in range(4))),
+            Effectiveness(*zeros(n, 3), *(zeros(n, 3) for _ in range(4)), *zeros(n, 4)),
             zero + gains.pose_noise_m**2,
             (zero + gains.pose_noise_m**2, zero + 0.0),
             AlongTrack(zeros(n, 3), zeros(n, 10)),
@@ -243,7 +243,7 @@ class BatchEstimator:
             now, rate = correct(now, d, part), correct(rate, c, part)
         e, (p, v, d, c) = old.effectiveness, gain
         if self._separates:
-            e = predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
+            e = predict_effectiveness(ops, e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
             e, moved = update_effectiveness(ops, e, step, gain, across2, 0, along)
             place = correct_by_both(place, p, step, moved, e.p)
             speed = correct_by_both(speed, v, step, moved, e.v)
@@ -263,7 +263,8 @@ class BatchEstimator:
         self._drive(np.full(state.stamp.size, time_s), np.arange(state.stamp.size))
         h = time_s - state.stamp
         disturbance = correct(state.disturbance, h, state.rate)
-        return Estimate(time_s, self._at(state, h), disturbance, ZERO, state.effectiveness.value)
+        deviation: Any = np.sqrt(state.effectiveness.variance)
+        return Estimate(time_s, self._at(state, h), disturbance, ZERO, state.effectiveness.value, deviation)
 
     def _drive(self, end: Any, who: Index) -> None:
         """Let the commands sent act on ``who`` from their newest poses to ``end`` [s]."""

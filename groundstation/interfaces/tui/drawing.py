@@ -351,12 +351,12 @@ def _rates(snapshot: Snapshot) -> list[Spans]:
 
 
 def _disturbance(snapshot: Snapshot) -> list[Spans]:
-    law = snapshot.diagnostics
-    if law is None:
-        return [row("b̂, d̂", "no control law runs")]
+    found = snapshot.disturbance
+    if found is None:
+        return [row("disturbed", "not known before the first hold")]
     return [
-        row("b̂", f"{three(law.b_hat)} m/s² {arrow(law.b_hat)}", WIND),
-        row("d̂", f"{three(law.disturbance)} λ {snapshot.thrust_effectiveness:.2f}"),
+        row("disturbed", f"{three(found.ned_m_s2)} m/s² {arrow(found.ned_m_s2)}", WIND),
+        row("", found.describe_split()),
     ]
 
 
