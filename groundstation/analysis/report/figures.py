@@ -56,7 +56,7 @@ def _curves(flown: FlightColumns) -> list[tuple[str, dict[str, Any], str]]:
 def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
     """Adaptive estimate b̂ and the observer's d̂ in time, with the true wind where known; the paper's figure 4.
 
-    Colour tells the axis, the line what it is of: b̂ and d̂ differ from the wind by thrust scale, mass and drag.
+    b̂ and d̂ differ from the wind by what thrust scale, mass and drag are off.
     """
     from matplotlib.lines import Line2D
 
@@ -66,17 +66,22 @@ def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
         panel.set_ylabel(f"{name} [m/s²]")
         _at_least(panel, 0.1)
     finish_panels(panels)
-    lines = [Line2D([], [], label=label, **look) for _, look, label in _disturbance_curves(flown, "black")]
-    axes = [Line2D([], [], color=colour, linewidth=4.0, label=name) for name, colour, _ in AXES]
-    _legend_above(panels[0], len(lines) + len(axes), handles=[*axes, *lines])
+    handles = []
+    for key, look, label in _disturbance_curves(flown, AXES[0][1]):
+        if key != "b_hat_m_s2":
+            handles.append(Line2D([], [], label=label, **look))
+            continue
+        for name, colour, _ in AXES:
+            handles.append(Line2D([], [], label=f"{label} {name}", **{**look, "color": colour, "linewidth": 1.6}))
+    _legend_above(panels[0], len(handles), handles=handles)
 
 
 def _disturbance_curves(flown: FlightColumns, colour: str) -> list[tuple[str, dict[str, Any], str]]:
-    """Column, look and label of each line; the widest, below the others, is the truth."""
-    truth = ("true_wind_m_s2", {"color": colour, "linewidth": 4.0, "alpha": 0.35}, "true wind")
-    adapted = ("b_hat_m_s2", {"color": colour, "linewidth": 1.4, "linestyle": (0, (5, 2))}, "b̂, adaptation")
-    observed = ("d_hat_m_s2", {"color": colour, "linewidth": 0.7, "linestyle": "-"}, "d̂, observer")
-    return [truth, observed, adapted] if flown.knows_truth else [observed, adapted]
+    """Column, look and label of each line, lowest first: they lie upon each other, so each is narrower or dashed."""
+    observed = ("d_hat_m_s2", {"color": "0.72", "linewidth": 2.6}, "d̂ (observer)")
+    adapted = ("b_hat_m_s2", {"color": colour, "linewidth": 0.8}, "b̂")
+    truth = ("true_wind_m_s2", {"color": "black", "linewidth": 1.5, "linestyle": (0, (6, 3))}, "true wind")
+    return [observed, adapted, truth] if flown.knows_truth else [observed, adapted]
 
 
 def actuation(panels: Sequence[Any], flown: FlightColumns) -> None:

@@ -332,14 +332,14 @@ EXCITED_INFORMATION = 100.0
 (`quad1kg`) to 78 (`rotors_mqx`) a second; the tones of a hold and the start of a flight gain 200 to 5,000."""
 SHARE_OF_KNOWN = 0.1
 """λ̂ moves only where the last second adds such a share to what is known [-]: noise then never moves it for minutes."""
-CALMEST_NOISE = 0.06
+CALMEST_NOISE = 0.05
 """Least noise of λ̂'s score, as a share of what the chain's noises give [-]: a room with constant wind, `paper` and
 `quad1kg`, measured by `groundstation-sim split`. The chain is tuned to follow gusts, so it takes wind for rougher."""
 NOISE_MEMORY_S = 10.0
 """Time of excitation over which that noise is averaged [s]: in less, the first seconds of a calm flight raise it."""
-THRUST_KNOWN_S = 0.6
-"""λ̂ rests for so long after a release in the air [s]: thrust and speed of that instant are not known, and take five
-lags of the slowest vehicle (0.11 s) to be forgotten. In `paper` the error is 0.03 without, 0.006 with it."""
+THRUST_KNOWN_S = 0.45
+"""λ̂ rests for so long after a release in the air [s]: thrust and speed of that instant are not known, and take four
+lags of the slowest vehicle (0.11 s) to be forgotten. In `paper` the error is 0.037 without, 0.006 with it."""
 
 
 class Effectiveness(NamedTuple):
@@ -461,7 +461,7 @@ def update_effectiveness(
         # One axis after the other. The gain follows from the assumed variance; that of λ̂, in Joseph's form, from the
         # noise that shows.
         w, known = assumed, variance
-        s, shows = innovation2 * ops.clamp(noise, 1.0, math.inf), innovation2 * noise
+        s, shows = innovation2, innovation2 * noise
         for i, of_lambda in ((north, x), (east, y), (down, z)):
             k = w * of_lambda / (s + of_lambda * of_lambda * w)
             left = 1.0 - k * of_lambda
