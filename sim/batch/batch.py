@@ -708,6 +708,10 @@ class Flights(NamedTuple):
     """Largest |b̂| over the flight, in shares of B + ε [-]."""
     thrust_margin_n: Array
     """Least distance of the commanded thrust from either of its limits over the steady part [N]."""
+    thrust_scale: Array
+    """λ̂ at the last command [-]."""
+    thrust_scale_deviation: Array
+    """Its standard deviation as the estimator has it [-]."""
     survived: npt.NDArray[np.bool_]
 
 
@@ -730,6 +734,7 @@ class Marks:
         self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
         self._v: list[Array] = []
         self._effort, self._efforts, self._steady = Effort(), np.zeros(count), 0
+        self._scale: tuple[Any, Any] = np.ones(count), np.zeros(count)
 
     def mark_failed(self, who: Any) -> None:
         """These flights have failed."""
@@ -738,6 +743,7 @@ class Marks:
     def command(self, time_s: float, decision: Decision, estimate: Estimate, wind: Array) -> None:
         """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at that instant."""
         self._watch.look(decision)
+        self._scale = estimate.effectiveness, estimate.effectiveness_deviation
         law, seen = self._law, decision.diagnostics
         if time_s >= SATURATION_FROM_S:
             self._saturated += decision.saturated
@@ -794,6 +800,8 @@ class Marks:
             certificate_suspended=suspended + nan,
             b_hat_share_max=np.sqrt(self._b_hat) / (law.b_bound + law.epsilon) + nan,
             thrust_margin_n=self._margin + nan,
+            thrust_scale=self._scale[0] + nan,
+            thrust_scale_deviation=self._scale[1] + nan,
             survived=self._alive,
         )
 
