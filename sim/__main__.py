@@ -333,6 +333,11 @@ def _intervals(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
 
 
+def _split(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--flights", type=count, default=200, metavar="N", help="with drawn winds (default 200)")
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
+
+
 def _vehicles(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="DIR", help="write the files there; `make vehicles` does")
 
@@ -353,6 +358,7 @@ COMMANDS = {
     "bench": ("measure speed and memory on this machine", _bench),
     "bring-down": ("cut flights short in the air, and see how they come down", _bring_down),
     "intervals": ("count how often the truth lies within what `groundstation identify` tells", _intervals),
+    "split": ("measure how well wind and thrust scale are told apart, and whether the intervals hold", _split),
     "vehicles": ("find the figures of the vehicles that come along once more, where a flight told them", _vehicles),
     "gale": ("fly published laws in a simulated wind tunnel, beside what was measured in the real one", _gale),
     "tune": ("search for better gains, or report how wrong the world may be with these", _tune),

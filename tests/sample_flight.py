@@ -7,7 +7,16 @@ import sys
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.messages import Ask, Certificate, Diagnostics, Notice, Reply, Request, Snapshot
+from groundstation.core.messages import (
+    Ask,
+    Certificate,
+    Diagnostics,
+    DisturbanceReading,
+    Notice,
+    Reply,
+    Request,
+    Snapshot,
+)
 from groundstation.interfaces.api import Server
 from groundstation.machine import Latest, StatusConfig
 from links.core import LinkStatus
@@ -85,6 +94,13 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text
             v_known=0.02,
             w=0.03,
             certificate="paper",
+        ),
+        disturbance=DisturbanceReading(
+            ned_m_s2=(0.1, -0.05, 0.2),
+            wind_down_m_s2=0.18,
+            wind_down_error_m_s2=0.13,
+            thrust_scale=0.998,
+            thrust_scale_error=0.013,
         ),
         link=LinkStatus(
             state="armed", sent=int(44.4 * time_s), expired=0, received=120, dropped={"bad_checksum": 1}, text=text

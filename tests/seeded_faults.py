@@ -38,6 +38,7 @@ CONCERNED = {
     "backstepping.py": "unit/sim/studies/test_law_vectors.py property/test_law.py",
     "adaptive.py": "unit/groundstation/core/control/test_look_ahead.py property/test_composite_proof.py "
     "contract/test_controllers.py",
+    "demand_limits.py": "property/test_demand_limits.py",
     "protocol/codec.py": "unit/links/mavlink/test_mavlink_codec.py property/test_mavlink_codec.py",
     "protocol/senders.py": "unit/links/mavlink/test_mavlink_senders.py",
     "protocol/signing.py": "unit/links/mavlink/test_mavlink_signing.py",
@@ -87,6 +88,7 @@ FAULTS = (
     Fault("backstepping.py", "        -(mass / thrust) * turn[1],", "        (mass / thrust) * turn[1],"),
     Fault("backstepping.py", "ops.where(suspended, 0.0, law.kb)", "ops.where(suspended, law.kb, law.kb)"),
     Fault("adaptive.py", "_add(b_hat, interval_s, dot)", "_add(b_hat, -interval_s, dot)"),
+    Fault("demand_limits.py", "p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)", "p, q, r = x, y, z"),
     Fault("protocol/codec.py", "_IGNORE_ATTITUDE = 128", "_IGNORE_ATTITUDE = 0"),
     Fault("protocol/senders.py", "return len(ids) == 1 and ids ==", "return ids =="),
     Fault("protocol/signing.py", "if stamp <= newest:", "if stamp < newest:"),

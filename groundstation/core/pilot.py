@@ -137,6 +137,7 @@ class Pilot:
         self._tell, self._clock = tell, clock
         self._coast, self._floor = coast_s, floor_z_m
         self._estimator = ModelEstimator(vehicle, config)
+        self._is_first_climb = False
         self._controller = make_controller(config, vehicle)
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
@@ -270,6 +271,8 @@ class Pilot:
         self._switch("ease", float(calmly), float(asks), float(limits_tilt), float(limits_fall))
         mode = self._mode
         mode.is_eased, mode.asks, mode.limits_tilt, mode.limits_fall = calmly, asks, limits_tilt, limits_fall
+        self._is_first_climb = self._is_first_climb and limits_fall
+        self._estimator.lands = limits_fall and not self._is_first_climb
 
     def _switch(self, what: str, *values: float) -> None:
         """Record that it is to fly otherwise."""
@@ -324,6 +327,7 @@ class Pilot:
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
         disturbance = self._estimator.lift_off(climb_m_s, hover_share)
+        self._is_first_climb = True
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._is_released = True

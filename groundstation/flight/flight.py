@@ -21,11 +21,13 @@ from groundstation.config import STEP_WATCH
 from groundstation.core import Pilot
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
+    FLOWN,
     Ask,
     Certificate,
     Check,
     CommandSent,
     Distrusts,
+    DisturbanceMeter,
     EndRecord,
     FlightEvent,
     IdleRecord,
@@ -414,7 +416,8 @@ class FlightStatistics:
         self._arrivals: deque[float] = deque(maxlen=1000)
         self._notices: deque[Notice] = deque(maxlen=20)
         self._tick: Tick | None = None
-        self._tracks = False
+        self._state = State.IDLE
+        self._disturbance = DisturbanceMeter(vehicle.mass_kg)
         self._steady = SteadyError()
         self._lateness = Lateness()
         self._late_s: float | None = None
@@ -430,12 +433,14 @@ class FlightStatistics:
                 self._tick = tick
                 if self._late_s is not None:
                     self._lateness.add(self._late_s)
-                if self._tracks and tick.flight_time_s >= 0.0:
+                if self._state in FLOWN:
+                    self._disturbance.add(tick.time_s, tick.estimate)
+                if self._state == State.TRACKING and tick.flight_time_s >= 0.0:
                     error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
                     self._steady.add(tick.flight_time_s, error)
             case Notice(_, state):
                 self._notices.append(event)
-                self._tracks = state == State.TRACKING
+                self._state = State(state)
 
     def snapshot(
         self,
@@ -487,6 +492,7 @@ class FlightStatistics:
             events=tuple(self._notices),
             rate_limits_rad_s=(math.radians(roll), math.radians(pitch), math.radians(yaw)),
             thrust_effectiveness=1.0 if tick is None else tick.estimate.effectiveness,
+            disturbance=self._disturbance.reading,
             pose_latency_s=source.latency_s,
             pose_latency_max_s=source.latency_max_s,
             pose_gaps=source.gaps,

@@ -197,13 +197,14 @@ class ErrorsMessage(msgspec.Struct, frozen=True, gc=False):
 
 
 class AdaptationMessage(msgspec.Struct, frozen=True, gc=False):
-    """b̂ and its rate, the observer's d̂, and the thrust's effectiveness λ̂."""
+    """b̂ and its rate, the observer's d̂, the thrust's effectiveness λ̂, and the standard deviation of that."""
 
     time_s: float
     b_hat_m_s2: Vector3
     b_hat_dot_m_s3: Vector3
     d_hat_m_s2: Vector3
     effectiveness: float
+    effectiveness_deviation: float
 
 
 class LyapunovMessage(msgspec.Struct, frozen=True, gc=False):
@@ -489,7 +490,12 @@ class MessageMaker:
         )
         error = math.dist(motion.position, reference.position_ned)
         adaptation = AdaptationMessage(
-            t, Vector3(*d.b_hat), Vector3(*d.b_hat_dot), Vector3(*d.disturbance), estimate.effectiveness
+            t,
+            Vector3(*d.b_hat),
+            Vector3(*d.b_hat_dot),
+            Vector3(*d.disturbance),
+            estimate.effectiveness,
+            estimate.effectiveness_deviation,
         )
         lyapunov = LyapunovMessage(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.seen[:2])
         return (

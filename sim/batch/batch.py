@@ -155,7 +155,7 @@ class BatchEstimator:
             Motion(tuple(start.copy()), zeros(n, 3), upright, zero + idle_thrust_n, zeros(n, 3)),
             *(zeros(n, 3), zeros(n, 3)),
             zeros(n, 10),
-            Effectiveness(*zeros(n, 2), *(zeros(n, 3) for _ in range(4))),
+            Effectiveness(*zeros(n, 3), *(zeros(n, 3) for _ in range(4)), *zeros(n, 4)),
             zero + gains.pose_noise_m**2,
             (zero + gains.pose_noise_m**2, zero + 0.0),
             AlongTrack(zeros(n, 3), zeros(n, 10)),
@@ -243,7 +243,7 @@ class BatchEstimator:
             now, rate = correct(now, d, part), correct(rate, c, part)
         e, (p, v, d, c) = old.effectiveness, gain
         if self._separates:
-            e = predict_effectiveness(e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
+            e = predict_effectiveness(ops, e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
             e, moved = update_effectiveness(ops, e, step, gain, across2, 0, along)
             place = correct_by_both(place, p, step, moved, e.p)
             speed = correct_by_both(speed, v, step, moved, e.v)
@@ -263,7 +263,8 @@ class BatchEstimator:
         self._drive(np.full(state.stamp.size, time_s), np.arange(state.stamp.size))
         h = time_s - state.stamp
         disturbance = correct(state.disturbance, h, state.rate)
-        return Estimate(time_s, self._at(state, h), disturbance, ZERO, state.effectiveness.value)
+        deviation: Any = np.sqrt(state.effectiveness.variance)
+        return Estimate(time_s, self._at(state, h), disturbance, ZERO, state.effectiveness.value, deviation)
 
     def _drive(self, end: Any, who: Index) -> None:
         """Let the commands sent act on ``who`` from their newest poses to ``end`` [s]."""
@@ -707,6 +708,10 @@ class Flights(NamedTuple):
     """Largest |b̂| over the flight, in shares of B + ε [-]."""
     thrust_margin_n: Array
     """Least distance of the commanded thrust from either of its limits over the steady part [N]."""
+    thrust_scale: Array
+    """λ̂ at the last command [-]."""
+    thrust_scale_deviation: Array
+    """Its standard deviation as the estimator has it [-]."""
     survived: npt.NDArray[np.bool_]
 
 
@@ -729,6 +734,7 @@ class Marks:
         self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
         self._v: list[Array] = []
         self._effort, self._efforts, self._steady = Effort(), np.zeros(count), 0
+        self._scale: tuple[Any, Any] = np.ones(count), np.zeros(count)
 
     def mark_failed(self, who: Any) -> None:
         """These flights have failed."""
@@ -737,6 +743,7 @@ class Marks:
     def command(self, time_s: float, decision: Decision, estimate: Estimate, wind: Array) -> None:
         """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at that instant."""
         self._watch.look(decision)
+        self._scale = estimate.effectiveness, estimate.effectiveness_deviation
         law, seen = self._law, decision.diagnostics
         if time_s >= SATURATION_FROM_S:
             self._saturated += decision.saturated
@@ -793,6 +800,8 @@ class Marks:
             certificate_suspended=suspended + nan,
             b_hat_share_max=np.sqrt(self._b_hat) / (law.b_bound + law.epsilon) + nan,
             thrust_margin_n=self._margin + nan,
+            thrust_scale=self._scale[0] + nan,
+            thrust_scale_deviation=self._scale[1] + nan,
             survived=self._alive,
         )
 

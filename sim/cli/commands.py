@@ -262,6 +262,23 @@ def intervals(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
+def split(args: argparse.Namespace) -> Exit:
+    """Fly for minutes, and in drawn winds, and tell how well wind and thrust scale are told apart."""
+    from sim.cli import ProgressBar
+    from sim.studies import STEADY_SCENARIOS, fly_drawn, fly_steadily, split_table
+
+    if args.write is not None:
+        split_at_markers(args.write)
+    steady = []
+    with ProgressBar("flights", len(STEADY_SCENARIOS) + args.flights) as counter:
+        for name in STEADY_SCENARIOS:
+            steady += fly_steadily(name)
+            counter.step()
+        drawn = fly_drawn(args.flights)
+    _show(args, "split", split_table(steady, drawn))
+    return Exit.DONE
+
+
 def vehicles(args: argparse.Namespace) -> Exit:
     """Find in flight what was found in flight of the vehicles that come along."""
     from sim.studies import remake_all

@@ -4,6 +4,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from groundstation.core.messages import DisturbanceReading
 from groundstation.runtime import raw_stream
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
@@ -87,8 +90,8 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
         "",
         f"{'wind, true':24}{_vector(facts['wind_true'])} m/s² (north, east, down; mean of the last second)",
         f"{'disturbance, true':24}{_vector(facts['disturbance_true'])} m/s²: wind; drag, thrust, mass not as told",
-        f"{'disturbance, estimated':24}{_vector(facts['disturbance_found'])} m/s²: b̂, and thrust that is off by λ̂",
-        f"{'thrust, estimated':24}{100.0 * facts['thrust_effectiveness']:.1f} % of what was told",
+        f"{'disturbance, estimated':24}{_vector(facts['disturbance_found'])} m/s²: the sum of these",
+        f"{'of which, 95 % sure':24}{_describe_split(facts['disturbance'])}",
     ]
     if facts["thrust_min_n"] is not None:
         lines.append(f"{'thrust commanded':24}{facts['thrust_min_n']:.3f} … {facts['thrust_max_n']:.3f} N")
@@ -104,6 +107,10 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
     if folder is not None:
         lines.append(f"{'written to':24}{folder}")
     return "\n".join(lines)
+
+
+def _describe_split(disturbance: dict[str, Any] | None) -> str:
+    return "-" if disturbance is None else msgspec.convert(disturbance, DisturbanceReading).describe_split()
 
 
 def _vector(v: tuple[float, float, float]) -> str:

@@ -10,7 +10,16 @@ import msgspec
 
 from groundstation.core.control import SUSPENDED, VIOLATED
 from groundstation.core.geometry import Vec3, third_column
-from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Estimate, SteadyError, Tick
+from groundstation.core.messages import (
+    ROUNDING_S,
+    SATURATION_FROM_S,
+    STEADY_S,
+    DisturbanceMeter,
+    DisturbanceReading,
+    Estimate,
+    SteadyError,
+    Tick,
+)
 from groundstation.core.mission import State
 from groundstation.core.trajectory import Trajectory
 from groundstation.core.vehicle import Vehicle
@@ -145,9 +154,11 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     """Mean acceleration over the last second beyond that of thrust, mass and drag as told [m/s², NED]: the wind, drag
     that was not told, and what thrust and mass are off."""
     disturbance_found: Vec3 = (0.0, 0.0, 0.0)
-    """Disturbance as b̂ and λ̂ together estimate it [m/s², NED]."""
+    """Disturbance as the estimator finds it [m/s², NED]: what every screen and report shows."""
+    disturbance: DisturbanceReading | None = None
+    """Disturbance and its split into wind and thrust scale, each with its interval; None without a command."""
     thrust_effectiveness: float
-    """Mean λ̂ over the last second [-]."""
+    """λ̂ at the last command [-]."""
     thrust_min_n: float | None
     thrust_max_n: float | None
     """Commanded thrust over the whole flight [N]."""
@@ -191,7 +202,7 @@ class Referee:
         self._wanted: list[Vec3] = []
         self._moves: list[tuple[float, Vec3, Vec3]] = []
         """Time [s], true velocity [m/s], and acceleration by thrust, mass and drag as told [m/s²]; both NED."""
-        self._effectiveness = array("d")
+        self._disturbance = DisturbanceMeter(told.mass_kg)
         self._effort, self._squares = Effort(), array("d")
         self._states: list[str] = []
         self._believed = SteadyError()
@@ -205,7 +216,7 @@ class Referee:
         self._ticks.append(
             (tick.flight_time_s, d.drive.thrust, d.saturated, d.diagnostics.v_known, d.diagnostics.b_hat)
         )
-        self._effectiveness.append(estimate.effectiveness)
+        self._disturbance.add(tick.time_s, estimate)
         self._squares.append(self._effort.square(tick.flight_time_s, d.drive.rates))
         self._winds.append(wind)
         self._wanted.append(sought(wind, estimate, self._told.mass_kg))
@@ -237,7 +248,7 @@ class Referee:
         efforts = [x for x, tick in zip(self._squares, self._ticks, strict=True) if tick[0] >= steady_s]
         end = self._ticks[-1][0] if self._ticks else 0.0
         last = [i for i, tick in enumerate(self._ticks) if tick[0] > end - 1.0]
-        thrusts = [tick[1] for tick in self._ticks]
+        thrusts, found = [tick[1] for tick in self._ticks], self._disturbance.reading
         return FlightVerdict(
             **summarize_errors(steady),
             settle_s=stays_below(times, errors, SETTLED_M) if self.crash is None else None,
@@ -245,8 +256,9 @@ class Referee:
             estimate_rms_cm=None if self._believed.rms_m is None else 100.0 * self._believed.rms_m,
             wind_estimate=_mean([self._ticks[i][4] for i in last]),
             disturbance_true=find_disturbance([self._moves[i] for i in last]),
-            disturbance_found=_mean([_sum(self._ticks[i][4], self._winds[i], self._wanted[i]) for i in last]),
-            thrust_effectiveness=sum(self._effectiveness[i] for i in last) / len(last) if last else 1.0,
+            disturbance_found=(0.0, 0.0, 0.0) if found is None else found.ned_m_s2,
+            disturbance=found,
+            thrust_effectiveness=1.0 if found is None else found.thrust_scale,
             thrust_min_n=min(thrusts, default=None),
             thrust_max_n=max(thrusts, default=None),
             effort_rad_s=math.sqrt(sum(efforts) / len(efforts)) if efforts else None,
@@ -312,11 +324,6 @@ def stays_below(times: list[float], errors: list[float], limit: float) -> float 
             break
         first = t
     return first
-
-
-def _sum(a: Vec3, plus: Vec3, minus: Vec3) -> Vec3:
-    (x, y, z), (u, v, w), (p, q, r) = a, plus, minus
-    return x + u - p, y + v - q, z + w - r
 
 
 def _mean(vectors: list[Vec3]) -> Vec3:

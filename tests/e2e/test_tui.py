@@ -55,7 +55,11 @@ def test_every_part_shows_the_newest_snapshot(stage: Stage) -> None:
             assert "control is free" in text(pilot, Banner)
             north, east, down = sample(11.0).position_ned
             assert f"{north:+.3f}   {east:+.3f}   {-down:+.3f} m" in text(pilot, Numbers)
-            for words in ("b̂          +0.100   -0.050   +0.200", "d̂          +0.110", "age 12 ms  50 Hz  drops 3"):
+            for words in (
+                "disturbed  +0.100   -0.050   +0.200",
+                "wind down +0.18 ±0.13  thrust 100 ±1 %",
+                "age 12 ms  50 Hz  drops 3",
+            ):
                 assert words in text(pilot, Numbers)
             for words in ("armed  drops 1  sent 488", "Armed by us", "0.70 /1.37 N"):
                 assert words in text(pilot, Numbers)

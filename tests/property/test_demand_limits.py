@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from groundstation.core.control.demand_limits import LEAST_COSINE, RESERVE, DemandLimits
 from groundstation.core.geometry import FLOATS, arrays, rotate, third_column
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.vehicle import Vehicle
+from groundstation.core.vehicle import ActuatorCommand, Vehicle
 
 VEHICLE = Vehicle()
 LIMITS = DemandLimits(FLOATS, VEHICLE)
@@ -109,6 +109,18 @@ def test_a_thrust_at_its_limit_has_no_rate_beyond_it(thrust: float, thrust_rate:
     assert VEHICLE.thrust_min_n - 1e-9 <= ends <= VEHICLE.thrust_max_n + 1e-9
     if VEHICLE.thrust_min_n <= thrust + lead_s * thrust_rate <= VEHICLE.thrust_max_n:
         assert limited == thrust_rate
+
+
+@given(st.floats(-1.0, 3.0), st.tuples(rate, rate, rate))
+def test_every_command_is_clamped_to_the_vehicles_limits_axis_by_axis_and_says_so(
+    thrust: float, rates: tuple[float, float, float]
+) -> None:
+    (inside, turns), cut = LIMITS.clamp(thrust, rates)
+    most = tuple(math.radians(limit) for limit in VEHICLE.rate_limits_deg_s)
+    assert inside == min(max(thrust, VEHICLE.thrust_min_n), VEHICLE.thrust_max_n)
+    assert turns == tuple(min(max(turn, -limit), limit) for turn, limit in zip(rates, most, strict=True))
+    assert cut == ((inside, turns) != (thrust, rates))
+    assert not cut or LIMITS.is_at_limit(ActuatorCommand(inside, turns))
 
 
 @given(st.lists(st.tuples(angle, angle, rate, rate, cosine), min_size=1, max_size=5))

@@ -54,12 +54,34 @@ def _curves(flown: FlightColumns) -> list[tuple[str, dict[str, Any], str]]:
 
 
 def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Adaptive estimate b̂ and the observer's d̂ in time; the paper's figure 4."""
+    """Adaptive estimate b̂ and the observer's d̂ in time, with the true wind where known; the paper's figure 4.
+
+    b̂ and d̂ differ from the wind by what thrust scale, mass and drag are off.
+    """
+    from matplotlib.lines import Line2D
+
     for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
-        panel.plot(flown.t, flown.vectors["b_hat_m_s2"][:, i], color=colour, label="b̂ (adaptation)")
-        panel.plot(flown.t, flown.vectors["d_hat_m_s2"][:, i], color="black", linewidth=0.7, label="d̂ (observer)")
+        for key, look, _ in _disturbance_curves(flown, colour):
+            panel.plot(flown.t, flown.vectors[key][:, i], **look)
         panel.set_ylabel(f"{name} [m/s²]")
+        _at_least(panel, 0.1)
     finish_panels(panels)
+    handles = []
+    for key, look, label in _disturbance_curves(flown, AXES[0][1]):
+        if key != "b_hat_m_s2":
+            handles.append(Line2D([], [], label=label, **look))
+            continue
+        for name, colour, _ in AXES:
+            handles.append(Line2D([], [], label=f"{label} {name}", **{**look, "color": colour, "linewidth": 1.6}))
+    _legend_above(panels[0], len(handles), handles=handles)
+
+
+def _disturbance_curves(flown: FlightColumns, colour: str) -> list[tuple[str, dict[str, Any], str]]:
+    """Column, look and label of each line, lowest first: they lie upon each other, so each is narrower or dashed."""
+    observed = ("d_hat_m_s2", {"color": "0.72", "linewidth": 2.6}, "d̂ (observer)")
+    adapted = ("b_hat_m_s2", {"color": colour, "linewidth": 0.8}, "b̂")
+    truth = ("true_wind_m_s2", {"color": "black", "linewidth": 1.5, "linestyle": (0, (6, 3))}, "true wind")
+    return [observed, adapted, truth] if flown.knows_truth else [observed, adapted]
 
 
 def actuation(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -135,14 +157,18 @@ def finish_panels(panels: Sequence[Any], columns: int = 3, below: str = TIME) ->
         panel.margins(x=0.01)
 
 
-def _legend_above(panel: Any, columns: int) -> None:
-    """The legend above a panel, in a column of a journal with two entries a line at most where they are long."""
-    entries = panel.get_legend_handles_labels()[1]
+def _legend_above(panel: Any, columns: int, handles: Sequence[Any] = ()) -> None:
+    """The legend above a panel, in a column of a journal with two entries a line at most where they are long.
+
+    It shows ``handles``, or the panel's own lines.
+    """
+    handles = handles or panel.get_legend_handles_labels()[0]
+    entries = [handle.get_label() for handle in handles]
     if not entries:
         return
     letters = max(sum(map(len, entries[i : i + columns])) for i in range(0, len(entries), columns))
     narrow = panel.figure.get_figwidth() <= COLUMN_IN and letters > 40
-    panel.legend(ncols=2 if narrow else columns, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+    panel.legend(handles=handles, ncols=2 if narrow else columns, loc="lower right", bbox_to_anchor=(1.0, 0.98))
 
 
 def _at_least(panel: Any, span: float) -> None:
@@ -151,6 +177,11 @@ def _at_least(panel: Any, span: float) -> None:
     if high - low < span:
         middle = 0.5 * (low + high)
         panel.set_ylim(middle - 0.5 * span, middle + 0.5 * span)
+
+
+def _format_tick(value: float, _: int) -> str:
+    """A number with the minus sign that matplotlib's own labels have."""
+    return f"{value:g}".replace("-", "\u2212")
 
 
 def _linear_near_zero(panel: Any, values: Column) -> None:
@@ -164,7 +195,7 @@ def _linear_near_zero(panel: Any, values: Column) -> None:
         decades = SymmetricalLogLocator(base=10.0, linthresh=threshold)
         decades.set_params(numticks=4)  # more would write one number over the other
         panel.yaxis.set_major_locator(decades)
-        panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        panel.yaxis.set_major_formatter(_format_tick)
 
 
 STATES = (
@@ -226,7 +257,7 @@ def error(panels: Sequence[Any], flown: FlightColumns) -> None:
         over.axhline(PAPER["rms_cm"], color=GREY, linestyle="--", linewidth=1.0, label="the paper's RMS, 4.61 cm")
         over.axhline(PAPER["max_cm"], color=RED, linestyle=":", linewidth=1.2, label="the paper's largest, 7.6 cm")
     over.set_yscale("log")
-    over.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    over.yaxis.set_major_formatter(_format_tick)
     over.set_xlabel(TIME)
     over.set_ylabel("position error [cm]")
     over.margins(x=0.01)
@@ -304,8 +335,8 @@ def lateness(panels: Sequence[Any], flown: FlightColumns) -> None:
     panel.set_xscale("log")
     panel.set_yscale("log")
     panel.set_ylim(bottom=0.5)
-    panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.xaxis.set_major_formatter(_format_tick)
+    panel.yaxis.set_major_formatter(_format_tick)
     panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02))
 
 
@@ -553,7 +584,7 @@ def overlay_error(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> No
         cm = 100.0 * flown.scalars["true_error_m" if truth else "error_m"]
         panel.plot(flown.t, np.maximum(cm, FLOOR_CM), **line)
     panel.set_yscale("log")
-    panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.yaxis.set_major_formatter(_format_tick)
     panel.set_ylabel(f"error against the\n{'truth' if truth else 'estimate'} [cm]")
     finish_panels(panels, columns=3)
 

@@ -9,12 +9,21 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from groundstation.config import parse_toml
-from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S
+from groundstation.core.messages import (
+    FLOWN,
+    ROUNDING_S,
+    SATURATION_FROM_S,
+    STEADY_S,
+    DisturbanceMeter,
+    Estimate,
+)
 from groundstation.core.mission import State
+from groundstation.core.vehicle import ZERO, Motion
 from groundstation.recording import Recording
 
 Column = NDArray[np.float64]
@@ -26,6 +35,8 @@ SCALARS = {
     "saturated": ("/command", "saturated"),
     "error_m": ("/errors", "error_m"),
     "effectiveness": ("/adaptation", "effectiveness"),
+    "effectiveness_deviation": ("/adaptation", "effectiveness_deviation"),
+    "modelled_thrust_n": ("/estimate", "thrust_n"),
     "v": ("/lyapunov", "v_known"),
     "v_sigma": ("/lyapunov", "v_sigma"),
     "v_omega": ("/lyapunov", "v_omega"),
@@ -266,6 +277,7 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
             "b_hat_m_s2": [_value(v) for v in flown.vectors["b_hat_m_s2"][last].mean(axis=0)],
             "d_hat_m_s2": [_value(v) for v in flown.vectors["d_hat_m_s2"][last].mean(axis=0)],
             "effectiveness": _value(flown.scalars["effectiveness"][last].mean()),
+            **_read_disturbance(flown),
             "over": "the last second of commands",
         },
         "actuation": {
@@ -290,6 +302,22 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
         "budget": flown.budget or None,
         "events": [{"time_s": time_s, "kind": kind, "text": text} for time_s, kind, text in flown.events],
     }
+
+
+def _read_disturbance(flown: FlightColumns) -> dict[str, Any]:
+    """The observable disturbance and its split, as screens showed them when the vehicle last flew."""
+    away = np.flatnonzero([state in FLOWN for state in flown.states])
+    mass_kg = parse_toml(flown.recording.about.get("config", "")).get("vehicle", {}).get("mass_kg")
+    if not len(away) or mass_kg is None:
+        return {}
+    meter, scalars, vectors = DisturbanceMeter(mass_kg), flown.scalars, flown.vectors
+    for i in away.tolist():
+        attitude, disturbance = tuple(vectors["attitude"][i].tolist()), tuple(vectors["d_hat_m_s2"][i].tolist())
+        motion = Motion(ZERO, ZERO, attitude, float(scalars["modelled_thrust_n"][i]), ZERO)
+        scale = float(scalars["effectiveness"][i]), float(scalars["effectiveness_deviation"][i])
+        meter.add(float(scalars["time_s"][i]), Estimate(0.0, motion, disturbance, ZERO, *scale))
+    reading = meter.reading
+    return {} if reading is None else msgspec.to_builtins(reading)
 
 
 def _cm(metres: str | None) -> float | None:

@@ -14,9 +14,11 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from groundstation.analysis.report.figures import ReportFigure, flight_letters
 from groundstation.config import ConfigError
-from groundstation.core.messages import SATURATION_FROM_S, STEADY_S
+from groundstation.core.messages import SATURATION_FROM_S, STEADY_S, DisturbanceReading
 from groundstation.machine import open_whole, write_whole
 from groundstation.recording import refuse_recordings
 from groundstation.runtime import Exit, require_package
@@ -158,8 +160,8 @@ def result_table(names: Sequence[str], facts: Sequence[dict[str, Any]]) -> list[
         ),
         row("99 % of errors against the estimate below [cm]", (_n(f["error"]["p99_cm"]) for f in facts)),
         row("time on the trajectory [s]", (_n(f["flown_s"], 1) for f in facts)),
-        row("b̂ north, east, down, last second [m/s²]", (_v(f["disturbance"]["b_hat_m_s2"]) for f in facts)),
-        row("thrust effectiveness, last second [%]", (_p(f["disturbance"]["effectiveness"]) for f in facts)),
+        row("disturbance north, east, down, last second [m/s²]", (_disturbance(f["disturbance"]) for f in facts)),
+        row("of which, with 95 % intervals", (_split(f["disturbance"]) for f in facts)),
         row(
             f"commands at a limit, from {SATURATION_FROM_S:g} s on [%]",
             (_p(f["actuation"]["saturated_fraction_steady"]) for f in facts),
@@ -284,6 +286,14 @@ def _share(facts: dict[str, Any], state: str) -> float | None:
 
 def _p(value: float | None) -> str:
     return _n(None if value is None else 100.0 * value)
+
+
+def _disturbance(found: dict[str, Any]) -> str:
+    return _v(found["ned_m_s2"]) if "ned_m_s2" in found else "–"
+
+
+def _split(found: dict[str, Any]) -> str:
+    return msgspec.convert(found, DisturbanceReading).describe_split() if "ned_m_s2" in found else "–"
 
 
 def _v(values: Sequence[float | None]) -> str:

@@ -173,6 +173,33 @@ class Certificate(msgspec.Struct, frozen=True):
     b_hat_fraction: Annotated[float | None, msgspec.Meta(description="|b̂|/(B + ε) [-]; None without adaptation.")]
 
 
+class DisturbanceReading(msgspec.Struct, frozen=True, kw_only=True):
+    """Disturbance of a flight, mean of the last second of commands away from the floor."""
+
+    ned_m_s2: Annotated[
+        Vec3,
+        msgspec.Meta(
+            description="Acceleration that thrust, drag and mass as configured do not explain [m/s², NED]: wind, and "
+            "a thrust scale that is not 1. In steady flight only this sum is observable."
+        ),
+    ]
+    wind_down_m_s2: Annotated[float, msgspec.Meta(description="The part of it that is wind, down [m/s²].")]
+    wind_down_error_m_s2: Annotated[
+        float | None, msgspec.Meta(description="Half of its 95 % interval [m/s²]; null where it is not known.")
+    ]
+    thrust_scale: Annotated[float, msgspec.Meta(description="True thrust over thrust as configured, λ̂ [-].")]
+    thrust_scale_error: Annotated[
+        float | None, msgspec.Meta(description="Half of its 95 % interval [-]; null where it is not known.")
+    ]
+
+    def describe_split(self) -> str:
+        """Wind and thrust scale, each with its interval, in words."""
+        wind, scale = f"wind down {self.wind_down_m_s2:+z.2f}", f"thrust {100.0 * self.thrust_scale:.1f}"
+        if self.wind_down_error_m_s2 is None or self.thrust_scale_error is None:
+            return f"{wind} m/s², {scale} %, intervals not known"
+        return f"{wind} ± {self.wind_down_error_m_s2:.2f} m/s², {scale} ± {100.0 * self.thrust_scale_error:.1f} %"
+
+
 class Snapshot(msgspec.Struct, frozen=True):
     """A flight as it was when one command was computed."""
 
@@ -219,6 +246,10 @@ class Snapshot(msgspec.Struct, frozen=True):
     thrust_effectiveness: Annotated[
         float, msgspec.Meta(description="λ̂: true thrust over told thrust, as the estimator finds it [-].")
     ] = 1.0
+    disturbance: Annotated[
+        DisturbanceReading | None,
+        msgspec.Meta(description="What disturbs the vehicle, and its split; null before the first hold or trajectory."),
+    ] = None
     certificate: Annotated[
         Certificate | None, msgspec.Meta(description="V against its bound; None before the second command.")
     ] = None
@@ -371,6 +402,8 @@ class Estimate(NamedTuple):
     """What innovations since the last estimate ask b̂ to change by [m/s²] (raw composite form; else zero)."""
     effectiveness: Real = 1.0
     """λ̂: true thrust over told thrust [-]; the vehicle's told mass over it is what thrust seems to lift."""
+    effectiveness_deviation: Real = 0.0
+    """Standard deviation of λ̂ [-]: only the sum of wind and thrust scale shows while thrust stays as it is."""
 
 
 class Decision(NamedTuple):

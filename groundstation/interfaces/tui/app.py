@@ -34,10 +34,13 @@ from textual.screen import Screen
 from groundstation.config import ConfigError, parse_toml, refuse_io
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
+    FLOWN,
     GAIN,
     Ask,
     Certificate,
     Diagnostics,
+    DisturbanceMeter,
+    Estimate,
     Notice,
     PoseStatus,
     Reply,
@@ -49,6 +52,7 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, State
 from groundstation.core.safety import LIVE, PREFIX
+from groundstation.core.vehicle import ZERO, Motion
 from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach, stop_all
 from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.model import (
@@ -290,6 +294,7 @@ class Tape:
         self._thrust_max_n = float(vehicle.get("thrust_max_n", math.nan))
         limits = vehicle.get("rate_limits_deg_s", ())
         self._floor_z_m = float(config.get("flight", {}).get("floor_z_m", 0.0))
+        self._disturbance = DisturbanceMeter(float(vehicle.get("mass_kg", math.nan)))
         self._limits = _triple([math.radians(one) for one in limits]) if len(limits) == 3 else None
         self._state = self._reason = ""
         self._events: deque[Notice] = deque(maxlen=20)
@@ -332,6 +337,8 @@ class Tape:
                 if error is not None:
                     steady = self._steady if entry.topic == "/errors" else self._true
                     steady.add(_number(self._part("/command"), "flight_time_s"), error)
+            case "/adaptation" if self._state in FLOWN:
+                self._disturbance.add(now, _estimate(self._part("/estimate"), self._part("/adaptation")))
             case "/mission":
                 told = entry.value()
                 if told["state"] != self._state:
@@ -358,9 +365,6 @@ class Tape:
         measured = self._part("/measured")
         here = estimate or measured
         source = _status(self._part("/source"), PoseStatus(accepted=0, dropped={}))
-        attitude = here.get("attitude", {})
-        w, x, y, z = (_number(attitude, key, default) for key, default in zip("wxyz", (1.0, 0, 0, 0), strict=True))
-        quaternion: Quat = (w, x, y, z)
         while self._arrivals and self._arrivals[0] < now - 1.0:
             self._arrivals.popleft()
         return PlayedSnapshot(
@@ -375,7 +379,7 @@ class Tape:
             poses_dropped=source.dropped,
             position_ned=_vector(here, "position_ned"),
             velocity_ned=_vector(estimate, "velocity_ned"),
-            attitude=quaternion,
+            attitude=_quaternion(here),
             reference_ned=_vector(reference or here, "position_ned"),
             error_m=_number(errors, "error_m", 0.0),
             rms_m=self._steady.rms_m or 0.0,
@@ -389,6 +393,7 @@ class Tape:
             events=tuple(self._events),
             rate_limits_rad_s=self._limits,
             thrust_effectiveness=_number(adaptation, "effectiveness", 1.0),
+            disturbance=self._disturbance.reading,
             certificate=_certificate(lyapunov) if lyapunov else None,
             pose_latency_s=source.latency_s,
             pose_latency_max_s=source.latency_max_s,
@@ -447,6 +452,19 @@ def _number(part: dict[str, Any], key: str, otherwise: float = math.nan) -> floa
 def _vector(part: dict[str, Any], key: str) -> Vec3:
     value = part.get(key)
     return (0.0, 0.0, 0.0) if value is None else _triple([_number(value, axis) for axis in "xyz"])
+
+
+def _quaternion(part: dict[str, Any]) -> Quat:
+    attitude = part.get("attitude", {})
+    w, x, y, z = (_number(attitude, key, default) for key, default in zip("wxyz", (1.0, 0, 0, 0), strict=True))
+    return w, x, y, z
+
+
+def _estimate(estimate: dict[str, Any], adaptation: dict[str, Any]) -> Estimate:
+    """The part of an estimate that tells the disturbance."""
+    motion = Motion(ZERO, ZERO, _quaternion(estimate), _number(estimate, "thrust_n"), ZERO)
+    scale = _number(adaptation, "effectiveness", 1.0), _number(adaptation, "effectiveness_deviation")
+    return Estimate(_number(estimate, "acting_s"), motion, _vector(adaptation, "d_hat_m_s2"), ZERO, *scale)
 
 
 def _triple(values: list[float]) -> Vec3:

@@ -7,7 +7,7 @@ from textwrap import wrap
 import msgspec
 
 from groundstation.core.geometry import Vec3, euler_zyx
-from groundstation.core.messages import Check, Snapshot, Verdict
+from groundstation.core.messages import Check, DisturbanceReading, Snapshot, Verdict
 from groundstation.interfaces.tui.model import OLD_POSE_S, PlayedSnapshot
 from links.core import LinkStatus
 from links.text import printable
@@ -351,13 +351,21 @@ def _rates(snapshot: Snapshot) -> list[Spans]:
 
 
 def _disturbance(snapshot: Snapshot) -> list[Spans]:
-    law = snapshot.diagnostics
-    if law is None:
-        return [row("b̂, d̂", "no control law runs")]
+    found = snapshot.disturbance
+    if found is None:
+        return [row("disturbed", "not known before the first hold")]
     return [
-        row("b̂", f"{three(law.b_hat)} m/s² {arrow(law.b_hat)}", WIND),
-        row("d̂", f"{three(law.disturbance)} λ {snapshot.thrust_effectiveness:.2f}"),
+        row("disturbed", f"{three(found.ned_m_s2)} m/s² {arrow(found.ned_m_s2)}", WIND),
+        row("wind down", _split(found)),
     ]
+
+
+def _split(found: DisturbanceReading) -> str:
+    """Wind and thrust scale with their 95 % intervals, as short as the column."""
+    if found.wind_down_error_m_s2 is None or found.thrust_scale_error is None:
+        return "intervals not recorded"
+    wind = f"{found.wind_down_m_s2:+z.2f} ±{found.wind_down_error_m_s2:.2f}"
+    return f"{wind}  thrust {100.0 * found.thrust_scale:.0f} ±{100.0 * found.thrust_scale_error:.0f} %"
 
 
 def arrow(vector_ned: Vec3) -> str:
