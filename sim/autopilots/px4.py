@@ -153,6 +153,7 @@ class Px4(Firmware):
         """Start it, take its connection, and let it run at rest until it has started up."""
         build = self._program.parents[1]
         told = {f"PX4_PARAM_{name}": value for name, value, _ in read_parameters("px4.params")}
+        told["PX4_PARAM_MAV_SYS_ID"] = "1"  # its start script counts it by the number of the process
         # Of its airframes the one that wants this interface, and nothing else of it is left as it is.
         kept = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
         words = [self._program, "-i", self._number, "-d", "-s", build / "etc" / "init.d-posix" / "rcS", "-w", "."]

@@ -132,7 +132,12 @@ STEP_AT_S = 35.0
 FIGURE_S = 40.0
 """How long each figure is flown; errors count from 15 s on [s]."""
 TOLD: Mapping[str, tuple[str, ...]] = {
-    "px4": (),
+    "px4": (
+        "vehicle.thrust_lag_s=0.0399",
+        "vehicle.thrust_delay_s=0.0030",
+        "vehicle.rate_lag_s=0.0199",
+        "vehicle.rate_delay_s=0.0257",
+    ),
     "ardupilot": (
         "vehicle.hover_thrust=0.4436",
         "vehicle.thrust_lag_s=0.0427",
