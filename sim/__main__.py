@@ -277,6 +277,11 @@ def _autopilots(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ardupilot", type=path, metavar="FOLDER", help="ardupilot, after `./waf copter` for sitl")
     parser.add_argument("--take-offs", type=whole, default=20, metavar="N", help="of each (default 20)")
     parser.add_argument("--workers", type=whole, help="so many at once (default: one a core)")
+    parser.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="on our own rotors and tracker, by forwarded poses and without GPS, in the plant's time",
+    )
     _firmware(parser)
 
 

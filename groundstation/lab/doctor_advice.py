@@ -69,6 +69,16 @@ class Advice(NamedTuple):
     why: str
     reboot: bool = False
     """True where a new value counts only after the autopilot was restarted."""
+    only: tuple[str, Value] | None = None
+    """Another parameter and its value with which alone this one matters."""
+
+    def only_if(self, name: str, value: Value) -> "Advice":
+        """The same advice, where the parameter ``name`` has this ``value``."""
+        return self._replace(only=(name, value))
+
+    def is_idle(self, found: Mapping[str, Setting]) -> bool:
+        """Whether it does not matter, by the parameters that were ``found``."""
+        return self.only is not None and (self.only[0] not in found or found[self.only[0]].value != self.only[1])
 
 
 class VehicleFacts(NamedTuple):
@@ -151,7 +161,7 @@ def judge(advice: Advice, found: Mapping[str, Setting]) -> ParameterFinding:
     for name in advice.names:
         if name in found:
             value = found[name].value
-            fine = advice.rule.accepts(value)
+            fine = advice.rule.accepts(value) or advice.is_idle(found)
             verdict = "ok" if fine and advice.weight is not Weight.NOTE else str(advice.weight)
             recommended = None if fine or advice.weight is Weight.NOTE else advice.rule.better(value)
             return ParameterFinding(name, verdict, value, advice.rule.words, recommended, advice.why, advice.reboot)
@@ -308,6 +318,10 @@ def _px4_estimator(facts: VehicleFacts) -> list[Advice]:
     ]
 
 
+WITHOUT_STICKS = "Without a remote control, mode LAND takes the sticks that never came for full deflection."
+"""Seen on ArduCopter 4.7-dev with FS_THR_ENABLE 0, which it wants where there is none: else it disarms at once."""
+
+
 def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
     """The advice for a vehicle of which we believe ``facts``."""
     curve = (
@@ -365,6 +379,13 @@ def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
             "FS_THR_ENABLE",
             between(0.0, 7.0, 3.0),
             "What it does when the remote control is lost: 0 nothing (only where there is none), 3 lands.",
+        ),
+        *(
+            should(name, exactly(0.0), f"{WITHOUT_STICKS} {what}").only_if("FS_THR_ENABLE", 0.0)
+            for name, what in (
+                ("LAND_REPOSITION", "With 1 it flies off while it lands."),
+                ("PILOT_Y_RATE", "The rate that it turns at meanwhile [deg/s]."),
+            )
         ),
         should(
             "RC_OPTIONS",

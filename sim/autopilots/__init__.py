@@ -12,7 +12,7 @@ from sim.autopilots.betaflight import (
     pack_pulses,
 )
 from sim.autopilots.dialects import Px4Autopilot
-from sim.autopilots.onboard import Airworthy, OnboardFirmware
+from sim.autopilots.onboard import Airworthy, Make, OnboardFirmware
 from sim.autopilots.peer import (
     AUTOPILOTS,
     AutopilotPeer,
@@ -23,4 +23,4 @@ from sim.autopilots.peer import (
     speak_to,
     wait_at,
 )
-from sim.autopilots.px4 import make_px4
+from sim.autopilots.px4 import Px4, make_px4

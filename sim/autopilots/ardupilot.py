@@ -22,9 +22,11 @@ from typing import Any, NamedTuple
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
-from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Normals, read_parameters
+from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Make, Normals, read_parameters, take_number
 from sim.world import FourRotors, TrueState
 
+SERVO_PORT = 9102
+"""Servo outputs of the ArduCopter number n go to this port + n."""
 STEP_S = 0.001
 """From one state to the next [s]: its gyro must come 1.8 times for each turn of its loop, which is 400 a second."""
 BOOT_S = 12.0
@@ -104,13 +106,13 @@ class ArduCopter(Firmware):
 
     step_s = STEP_S
 
-    def __init__(self, program: Path, folder: Path, number: int = 0) -> None:
-        """``program``: see :func:`find_program`; ``number`` tells it from others on this machine."""
+    def __init__(self, program: Path, folder: Path) -> None:
+        """``program``: see :func:`find_program`."""
         super().__init__(folder)
         self.mavlink.bind((LOOPBACK, 0))
-        self._program, self._number = program, number
+        self._program = program
         self._wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._wire.bind((LOOPBACK, 0))
+        self._number = take_number(self._wire, SERVO_PORT)
         self._wire.settimeout(PATIENCE_S)
         self._simulator: Any = None
         self._count = 0
@@ -148,8 +150,8 @@ class ArduCopter(Firmware):
         super().close()
 
 
-def make_ardupilot(folder: Path) -> Any:
-    """A :data:`sim.autopilots.onboard.Make` of the ArduCopter that was built in ``folder``."""
+def make_ardupilot(folder: Path) -> Make:
+    """Makes copies of the ArduCopter that was built in ``folder``."""
     program = find_program(folder)
 
     def make(place: Path, noise: Normals) -> Firmware:

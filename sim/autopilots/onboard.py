@@ -6,6 +6,7 @@ it. What the firmware says and hears over MAVLink passes between its own UDP por
 """
 
 import asyncio
+import errno
 import shutil
 import socket
 import tempfile
@@ -52,6 +53,27 @@ def read_parameters(name: str) -> list[Told]:
             raise ValueError(f"{name}: expected NAME VALUE # reason, got {line!r}")
         told.append(Told(words[0], words[1], reason.strip()))
     return told
+
+
+MOST_AT_ONCE = 10
+"""So many of one firmware run on this machine at once: PX4 has no ports for more."""
+
+
+def take_number(port: socket.socket, first: int) -> int:
+    """Bind ``port`` to the first free one from ``first`` on; how much that is above it tells this process from others.
+
+    Raises:
+        OSError: all are taken.
+    """
+    for number in range(MOST_AT_ONCE):
+        try:
+            port.bind((LOOPBACK, first + number))
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
+        else:
+            return number
+    raise OSError(errno.EADDRINUSE, f"{MOST_AT_ONCE} of them run on this machine: ports from {first} on are taken")
 
 
 class Firmware(ABC):
@@ -130,8 +152,8 @@ class OnboardFirmware(asyncio.DatagramProtocol):
         self._unheard = list[bytes]()
         self.on_motors: Callable[[float, FourRotors], None] | None = None
         """Sees the motor outputs (0..1) of each step, and when [s]."""
-        self.deaf = False
-        """True: what the ground station says gets lost."""
+        self.passes: Callable[[bytes], bool] = lambda datagram: True
+        """Whether a datagram from the ground station arrives; may be changed in flight."""
         self.overhear: Callable[[float, bytes], None] | None = None
         """Sees every datagram from the ground station as it comes, and when [s]."""
         firmware.boot(plant.truth(0.0), plant.specific_force)
@@ -140,7 +162,7 @@ class OnboardFirmware(asyncio.DatagramProtocol):
         """Take what the ground station says (called by the event loop)."""
         if self.overhear is not None:
             self.overhear(asyncio.get_running_loop().time(), data)
-        if not self.deaf:
+        if self.passes(data):
             self._unheard.append(data)
 
     async def run(self) -> None:

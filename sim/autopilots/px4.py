@@ -15,14 +15,18 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from select import select
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3, so3
 from links.mavlink.protocol import ARMED, MavlinkCodec
-from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Normals, read_parameters
+from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Make, Normals, read_parameters, take_number
 from sim.world import FourRotors, TrueState
 
+SIMULATOR_PORT = 4560
+"""PX4 number n connects to this port + n."""
+OFFBOARD_PORT = 14540
+"""And sends MAVLink to this one + n (px4-rc.mavlink)."""
 STEP_S = 0.004
 """Period of HIL_SENSOR [s]: PX4's simulators give its IMU 250 times a second (IMU_INTEG_RATE of rcS)."""
 BOOT_S = 8.0
@@ -143,11 +147,11 @@ class Px4(Firmware):
 
     step_s = STEP_S
 
-    def __init__(self, program: Path, folder: Path, noise: Normals, number: int = 0) -> None:
-        """``program``: see :func:`find_program`; ``number`` (0 to 9) tells it from others on this machine."""
+    def __init__(self, program: Path, folder: Path, noise: Normals) -> None:
+        """``program``: see :func:`find_program`."""
         super().__init__(folder)
-        self.mavlink.bind((LOOPBACK, 14540 + number))
-        self._program, self._noise, self._number = program, noise, number
+        self._number = take_number(self.mavlink, OFFBOARD_PORT)
+        self._program, self._noise = program, noise
         self._codec = SimulatorCodec()
         self._wire: socket.socket | None = None
         self._count = 0
@@ -159,10 +163,11 @@ class Px4(Firmware):
         """Start it, take its connection, and let it run at rest until it has started up."""
         build = self._program.parents[1]
         told = {f"PX4_PARAM_{name}": value for name, value, _ in read_parameters("px4.params")}
+        told["PX4_PARAM_MAV_SYS_ID"] = "1"  # its start script counts it by the number of the process
         # Of its airframes the one that wants this interface, and nothing else of it is left as it is.
         kept = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
         words = [self._program, "-i", self._number, "-d", "-s", build / "etc" / "init.d-posix" / "rcS", "-w", "."]
-        with socket.create_server((LOOPBACK, 4560 + self._number)) as listener:
+        with socket.create_server((LOOPBACK, SIMULATOR_PORT + self._number)) as listener:
             listener.settimeout(PATIENCE_S)
             self.start([*map(str, words), str(build / "etc")], {**kept, **told, "PX4_SIM_MODEL": "none_iris"})
             try:
@@ -212,7 +217,7 @@ class Px4(Firmware):
         super().close()
 
 
-def make_px4(folder: Path) -> Any:
-    """A :data:`sim.autopilots.onboard.Make` of the PX4 that was built in ``folder``."""
+def make_px4(folder: Path) -> Make:
+    """Makes copies of the PX4 that was built in ``folder``."""
     program = find_program(folder)
     return lambda place, noise: Px4(program, place, noise)

@@ -11,7 +11,7 @@ import errno
 import selectors
 from collections import deque
 from collections.abc import Callable, Coroutine, Mapping
-from contextvars import Context, copy_context
+from contextvars import Context, ContextVar, copy_context
 from functools import wraps
 from heapq import heapify, heappop, heappush
 from typing import Any, ParamSpec, TypeAlias, TypeVar
@@ -184,6 +184,8 @@ class _Endpoint(asyncio.DatagramTransport):
         self._loop = loop
         self.local = local
         self.remote = remote
+        self.context = copy_context()
+        """Of whoever opened it: what arrives is taken there, as by a socket's reader."""
         self.protocol: asyncio.DatagramProtocol | None = None
         self._closing = False
 
@@ -249,7 +251,8 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """``asyncio.Runner(loop_factory=VirtualTimeLoop)`` runs a simulation as fast as the processor allows."""
 
     __slots__ = (  # with those of asyncio's own it would have so many that a dictionary is slow
-        "_later", "_later_cancelled", "_next_port", "_now", "endpoints", "groups", "listeners", "tap",
+        "_held", "_later", "_later_cancelled", "_next_port", "_now", "_suspended", "endpoints", "groups", "listeners",
+        "tap",
     )  # fmt: skip
     _ready: deque[asyncio.Handle]  # asyncio's own, of which typeshed does not tell
     _closed: bool
@@ -265,6 +268,18 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self.listeners: dict[Address, Listener] = {}
         self.tap: Tap | None = None
         self._next_port = FREE_PORTS.start
+        self._suspended: ContextVar[bool] | None = None
+        self._held: list[asyncio.Handle] = []
+
+    def suspend(self, process: ContextVar[bool]) -> None:
+        """Run nothing in whose context ``process`` is true, until :meth:`resume`: its timers and datagrams wait."""
+        self._suspended = process
+
+    def resume(self) -> None:
+        """Let what was suspended go on: all that has waited is due now, in its order."""
+        self._suspended = None
+        self._ready.extend(self._held)
+        self._held.clear()
 
     def time(self) -> float:
         """Virtual time [s]."""
@@ -329,7 +344,11 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
             due.append(timer)
         for _ in range(len(due)):
             handle = due.popleft()
-            if not handle._cancelled:
+            if handle._cancelled:
+                continue
+            if self._suspended is not None and handle._context.get(self._suspended, False):  # type: ignore[attr-defined]  # asyncio's own, of which typeshed does not tell
+                self._held.append(handle)
+            else:
                 handle._run()
 
     # ---- the network
@@ -410,11 +429,11 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         members = self.groups.get(target)
         if members is not None:
             for member in members:
-                self.call_soon(member.receive, data, source)
+                self.call_soon(member.receive, data, source, context=member.context)
             return
         endpoint = self.endpoints.get(target)
         if endpoint is not None:
-            self.call_soon(endpoint.receive, data, source)
+            self.call_soon(endpoint.receive, data, source, context=endpoint.context)
 
 
 def in_virtual_time(work: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P, T]:

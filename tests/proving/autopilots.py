@@ -34,6 +34,7 @@ from groundstation.settings import Config
 from links.io import make_child_command
 from links.mavlink.protocol import SET_MESSAGE_INTERVAL, MavlinkCodec
 from sim.autopilots import FrameCutter
+from tests.proving.onboard import fly_in_lockstep
 from tests.proving.takeoff_start import TakeoffStart
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -329,6 +330,8 @@ def autopilots(args: argparse.Namespace) -> Exit:
         raise ConfigError("autopilots", "needs --px4 FOLDER or --ardupilot FOLDER, in which that firmware was built")
     if args.take_offs < 1:
         raise ConfigError("--take-offs", f"expected 1 or more, got {args.take_offs}")
+    if args.lockstep:
+        return fly_in_lockstep(args)
     if args.write is not None:
         split_at_markers(args.write, "autopilots")  # before minutes go by
     flown = asyncio.run(fly_all(builds, args.take_offs, args.workers or os.cpu_count() or 1))

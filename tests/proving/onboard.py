@@ -7,25 +7,43 @@ sim/autopilots/px4.params or ardupilot.parm, and all others are what ``groundsta
 for. Time is the plant's; errors are the truth's.
 """
 
+import argparse
 import asyncio
 import json
-from collections.abc import Callable, Mapping, Sequence
+import math
+import sys
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from contextvars import ContextVar, copy_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from statistics import median
+from typing import Any, NamedTuple, TypeAlias
 
+import msgspec
+
+from groundstation.core.geometry import Vec3
+from groundstation.core.mission import State
+from groundstation.flight import Flight
 from groundstation.lab import DoctorOrders, run_doctor
+from groundstation.machine import replace_between_markers, split_at_markers
+from groundstation.recording import make_flight
+from groundstation.runtime import Exit
 from groundstation.settings import Config
-from sim.autopilots import Airworthy, make_ardupilot, make_px4
-from sim.runs import Stage, from_floor
+from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
+from sim.autopilots import Airworthy, Make, OnboardFirmware, Px4, make_ardupilot, make_px4
+from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.time import in_virtual_time
-from sim.world import World
+from sim.time import VirtualTimeLoop, in_virtual_time
+from sim.trackers import Tracker
+from sim.world import FourRotors, World, rows, stream
+from tests.proving.faults import pictures
+from tests.proving.faults.fault import Meddler
+from tests.proving.takeoff_start import TakeoffStart
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}
-MAKERS: Mapping[str, Callable[[Path], Any]] = {"px4": make_px4, "ardupilot": make_ardupilot}
+MAKERS: Mapping[str, Callable[[Path], Make]] = {"px4": make_px4, "ardupilot": make_ardupilot}
 WIRED = ("link.forward.enabled=true",)
 """What a lab says that forwards its poses."""
-ALIGNED_S = 25.0
+ALIGNED_S = 12.0
 """When arming is confirmed: its estimator has taken in the poses by then [s]."""
 SAVED_S = 4.0
 """How long parameters that were set take to reach its memory, and more [s]."""
@@ -71,7 +89,7 @@ async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
 class Workshop:
     """A firmware whose parameters are as the doctor wants them. Use it in ``with``."""
 
-    def __init__(self, make: Any) -> None:
+    def __init__(self, make: Make) -> None:
         self.changes = list[Change]()
         """What the doctor changed, in order."""
         self._make = make
@@ -94,3 +112,383 @@ class Workshop:
     def __exit__(self, *_: object) -> None:
         for one in self._kept:
             one.__exit__()
+
+
+ADVERSE = tuple(
+    f"sim.{key}={json.dumps(getattr(SCENARIOS['adverse'].world, key))}"
+    for key in ("wind_mean", "wind_gust", "wind_turbulence")
+)
+"""The air of `adverse`."""
+HOLD = ("trajectory.kind=hold",)
+
+
+def step_of(acceleration: float) -> tuple[str, ...]:
+    """A step of the wind while it hovers, after the steady part has begun."""
+    return (*HOLD, f"sim.wind_step=[{acceleration}, 0, 0]", f"sim.wind_step_time_s={STEP_AT_S}")
+
+
+STEP_AT_S = 35.0
+"""When the wind steps [s after the floor was left]."""
+FIGURE_S = 40.0
+"""How long each figure is flown; errors count from 15 s on [s]."""
+TOLD: Mapping[str, tuple[str, ...]] = {
+    "px4": (
+        "vehicle.thrust_lag_s=0.0399",
+        "vehicle.thrust_delay_s=0.0030",
+        "vehicle.rate_lag_s=0.0199",
+        "vehicle.rate_delay_s=0.0257",
+    ),
+    "ardupilot": (
+        "vehicle.hover_thrust=0.4436",
+        "vehicle.thrust_lag_s=0.0427",
+        "vehicle.thrust_delay_s=0.0052",
+        "vehicle.rate_lag_s=0.0127",
+        "vehicle.rate_delay_s=0.0345",
+    ),
+}
+"""What `identify` found on one flight of `trajectory.kind=excitation` of each, 42 s, seed 0."""
+FLIGHTS: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "hover": (HOLD, "0.3"),
+    "eight, 0.5 m/s": (("sim.speed_m_s=0.5",), "0.5"),
+    "eight, 1.0 m/s": (("sim.speed_m_s=1.0",), "0.8"),
+    "eight, 0.5 m/s, wind of `adverse`": (("sim.speed_m_s=0.5", *ADVERSE), "2.0"),
+    "hover, rotors 15 % weak": ((*HOLD, "sim.thrust_gain=0.85"), "–"),
+    "hover, wind steps by 3 m/s²": (step_of(3.0), "–"),
+    "hover, wind steps by 5 m/s²": (step_of(5.0), "–"),
+}
+"""What is flown, and the RMS that is aimed at [cm]."""
+SEEDS = range(3)
+STRIKE_SEEDS = range(1)
+SOURCES = ("vicon", "natnet")
+"""Trackers in turn."""
+
+
+class TakeOff(NamedTuple):
+    """From the floor and back."""
+
+    mission: MissionResult
+    start: TakeoffStart
+
+
+def take_off(airworthy: Airworthy, told: Sequence[str], seed: int) -> TakeOff:
+    """One short flight."""
+    world, config = set_up((*told, *HOLD), 1.0, SOURCES[seed % len(SOURCES)])
+    start = TakeoffStart()
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        start.watch(flight, stage, world)
+
+    mission = fly_mission(world, config, seed=seed, autopilot=airworthy, script=script, confirm_s=ALIGNED_S)
+    return TakeOff(mission, start)
+
+
+def fly_figure(airworthy: Airworthy, told: Sequence[str], figure: Sequence[str], seed: int) -> MissionResult:
+    """One figure, from the floor and back."""
+    world, config = set_up((*told, *figure), FIGURE_S, SOURCES[seed % len(SOURCES)])
+    return fly_mission(world, config, seed=seed, autopilot=airworthy, confirm_s=ALIGNED_S)
+
+
+class Struck(NamedTuple):
+    """What came of a strike in flight, by the truth and the firmware's own motor outputs."""
+
+    state: str
+    """What the flight said last; empty where its process was killed."""
+    off_s: float | None
+    """When the rotors last turned faster than they idle [s since the strike]; None where they still do."""
+    up_m: float
+    """How far it rose above where it was struck."""
+    aside_m: float
+    """How far it went sideways from there."""
+    speed_m_s: float
+    hit_m_s: float | None
+    """How fast it met the floor; None where it did not."""
+    height_m: float
+    """Above the floor when it was struck."""
+
+    def beyond(self, *, ends: bool) -> list[str]:
+        """The limits that it did not keep; a flight that ``ends`` stops its rotors."""
+        kept = {
+            f"up {MOST_UP_M:g} m": self.up_m <= MOST_UP_M,
+            f"aside {MOST_ASIDE_M:g} m": self.aside_m <= MOST_ASIDE_M,
+            f"{MOST_M_S:g} m/s": self.speed_m_s <= MOST_M_S,
+            f"floor {FLOOR_M_S:g} m/s": self.hit_m_s is None or self.hit_m_s <= FLOOR_M_S,
+            "rotors off": self.off_s is not None or not ends,
+        }
+        return [limit for limit, is_kept in kept.items() if not is_kept]
+
+
+MOST_UP_M = 1.0
+"""Farthest that it may rise above where it was struck [m]: docs/explanation/trust.md, as all of these."""
+MOST_ASIDE_M = 3.0
+"""Farthest that it may go sideways from there [m]."""
+MOST_M_S = 3.0
+"""Fastest that it may get [m/s]."""
+FLOOR_M_S = 1.0
+"""Fastest that it may meet the floor [m/s]."""
+IDLES = 0.12
+"""Mean motor output of rotors that lift nothing [-]."""
+WATCHED_S = 20.0
+"""How long the world goes on after a strike [s]."""
+ODOMETRY_NUMBER = bytes((0x4B, 0x01, 0x00))
+"""Of the messages that forward poses."""
+LATE_S = 0.2
+"""How much later poses come where they come late [s]."""
+STOPPED_S = 1.5
+"""How long a stopped process stands still [s]."""
+PROCESS: ContextVar[bool] = ContextVar("process", default=False)
+"""True in what belongs to the ground station's process."""
+
+
+class Scene(NamedTuple):
+    """What a strike may break."""
+
+    stage: Stage
+    flight: Flight
+    running: "asyncio.Task[Any]"
+    between: Meddler
+
+    @property
+    def firmware(self) -> OnboardFirmware:
+        """On the vehicle."""
+        assert self.stage.onboard is not None, "real firmware"
+        return self.stage.onboard
+
+
+async def kill(scene: Scene) -> None:
+    """Nothing of the process is left: neither commands nor poses."""
+    _loop().suspend(PROCESS)
+
+
+async def stop(scene: Scene) -> None:
+    """The process stands still, and wakes again: what came meanwhile is read at once."""
+    _loop().suspend(PROCESS)
+    await asyncio.sleep(STOPPED_S)
+    _loop().resume()
+
+
+async def interrupt(scene: Scene) -> None:
+    """Ctrl-C, once."""
+    scene.flight.stop("Ctrl-C")
+
+
+async def freeze(scene: Scene) -> None:
+    """Frames go on, the picture stands still but for noise."""
+    shown, loop = scene.between.shown, asyncio.get_running_loop()
+    assert shown is not None, "something was shown"
+    noise = rows(stream(0, "frozen").standard_normal, 6)
+    struck = pictures.Struck(loop.time(), shown.position_ned, shown.attitude, noise)
+    scene.between.picture = pictures.still(struck)
+
+
+async def delay(scene: Scene) -> None:
+    """Poses come later than before."""
+    scene.between.way = pictures.late(lambda _: LATE_S, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
+
+
+async def stop_forwarding(scene: Scene) -> None:
+    """No pose reaches the autopilot any more; commands do."""
+    scene.firmware.passes = lambda datagram: datagram[7:10] != ODOMETRY_NUMBER
+
+
+def _loop() -> VirtualTimeLoop:
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, VirtualTimeLoop), "in virtual time"
+    return loop
+
+
+async def take_over(scene: Scene) -> None:
+    """A pilot's ground station sets a mode in which the autopilot stops (PX4: hold, ArduCopter: BRAKE)."""
+    codec = MavlinkCodec(250, 190)
+    modes = (4.0, 3.0) if isinstance(scene.firmware.firmware, Px4) else (17.0, 0.0)
+    message = codec.dialect.MAVLink_command_long_message(1, 1, DO_SET_MODE, 0, 1.0, *modes, 0.0, 0.0, 0.0, 0.0)
+    scene.firmware.firmware.say(codec.pack(message))
+
+
+Strike: TypeAlias = Callable[[Scene], Coroutine[Any, Any, None]]
+STRIKES: Mapping[str, tuple[Strike, bool]] = {
+    "kill -9": (kill, True),
+    "SIGSTOP for 1.5 s": (stop, True),
+    "Ctrl-C": (interrupt, True),
+    "poses frozen": (freeze, True),
+    "poses 200 ms late": (delay, True),
+    "forwarder dead": (stop_forwarding, False),
+    "a pilot takes over": (take_over, False),
+}
+"""What falls, and whether the flight ends by it."""
+STRUCK_S = 6.0
+"""How long the figure is flown before the strike [s]."""
+STRUCK_FIGURE = ("sim.speed_m_s=1.0",)
+"""What is flown then: an eight of 1 m/s."""
+
+
+@in_virtual_time
+async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike, seed: int) -> Struck:
+    """Fly the figure, have ``strike`` fall, and look on."""
+    world, config = set_up((*told, *STRUCK_FIGURE), 60.0, SOURCES[seed % len(SOURCES)])
+    loop, path, motors = asyncio.get_running_loop(), list[tuple[float, Vec3]](), list[tuple[float, FourRotors]]()
+    stage = Stage(world, config, seed, lambda time_s, at: path.append((time_s, at)), autopilot=airworthy)
+    assert stage.onboard is not None
+    assert stage.mocap is not None
+    between = list[Meddler]()
+
+    def meddle(tracker: Tracker) -> Tracker:
+        between.append(Meddler(tracker))
+        return between[0]
+
+    stage.mocap.through(meddle)
+    flight = make_flight(config, confirm=confirm_at(ALIGNED_S), wires=stage.wires)
+    context = copy_context()
+    context.run(PROCESS.set, True)
+    flying = asyncio.create_task(flight.run(), context=context)
+    turning = asyncio.create_task(stage.run())
+    while flight.state is not State.TRACKING or loop.time() < (flight.started_s or math.inf) + STRUCK_S:
+        await asyncio.sleep(0.001)
+        if flying.done() or turning.done():
+            raise AssertionError(f"it never flew the figure: {flying if flying.done() else turning}")
+    struck_s, at = loop.time(), stage.plant.truth(loop.time()).position_ned
+    stage.onboard.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
+    path.clear()
+    stage.plant.hardest_m_s = None
+    scene = Scene(stage, flight, flying, between[0])
+    await strike(scene)
+    await asyncio.sleep(WATCHED_S)
+    _loop().resume()
+    state = str(flight.state)
+    for task in (flying, turning):
+        task.cancel()
+    await asyncio.gather(flying, turning, return_exceptions=True)
+    lifting = [time_s for time_s, signals in motors if sum(signals) > 4.0 * IDLES]
+    last_s = max(lifting, default=0.0)
+    speeds = [math.dist(a, b) / (t - s) for (s, a), (t, b) in zip(path, path[10:], strict=False) if t > s]
+    return Struck(
+        "" if strike is kill else state,
+        None if last_s > motors[-1][0] - 0.5 else last_s,
+        max(at[2] - place[2] for _, place in path),
+        max(math.dist(at[:2], place[:2]) for _, place in path),
+        max(speeds),
+        stage.plant.hardest_m_s,
+        world.floor_z_m - at[2],
+    )
+
+
+class Facts(NamedTuple):
+    """What one firmware did."""
+
+    changes: list[Change]
+    figures: dict[str, list[MissionResult]]
+    take_offs: list[TakeOff]
+    strikes: dict[str, list[Struck]]
+
+
+def fly_all(kind: str, folder: Path, take_offs: int) -> Facts:
+    """All flights of one firmware, which somebody has built in ``folder``, one after the other."""
+    told, workshop = TOLD[kind], Workshop(MAKERS[kind](folder))
+
+    def say(what: str) -> None:
+        print(f"{NAMES[kind]}, {what}", file=sys.stderr, flush=True)
+
+    with workshop as airworthy:
+        strikes: dict[str, list[Struck]] = {}
+        for name, (strike, _) in STRIKES.items():
+            say(name)
+            strikes[name] = [strike_down(airworthy, told, strike, seed) for seed in STRIKE_SEEDS]
+        figures: dict[str, list[MissionResult]] = {}
+        for name, (figure, _) in FLIGHTS.items():
+            say(name)
+            figures[name] = [fly_figure(airworthy, told, figure, seed) for seed in SEEDS]
+        say(f"{take_offs} take-offs")
+        starts = [take_off(airworthy, told, seed) for seed in range(take_offs)]
+    return Facts(workshop.changes, figures, starts, strikes)
+
+
+def tables(facts: Mapping[str, Facts]) -> str:
+    """The facts as Markdown."""
+    lines = [
+        "| flown by tracker poses, on our rotors | RMS cm, median (worst) | largest, cm | aim, RMS cm |",
+        "|---|---|---|---|",
+    ]
+    for name, flown in facts.items():
+        for figure, flights in flown.figures.items():
+            rms = [one.rms_cm for one in flights if one.rms_cm is not None and one.landed]
+            largest = max((one.max_cm for one in flights if one.max_cm is not None), default=math.nan)
+            lost = f", {len(flights) - len(rms)} of {len(flights)} lost" if len(rms) < len(flights) else ""
+            told = f"{median(rms):.2f} ({max(rms):.2f})" if rms else "–"
+            lines.append(f"| {name}, {figure} | {told}{lost} | {largest:.1f} | {FLIGHTS[figure][1]} |")
+    lines += [
+        "",
+        "| from the floor and back | landed | within all limits at lift-off | rotors, share of the weight "
+        "| climb off by | tilt | b̂ of its bound | worst touchdown | off the place of take-off |",
+        "|---" * 9 + "|",
+        "| must | all | all | 0.75 to 1.25 | 0.3 m/s | 8° | 0.5 | – | – |",
+    ]
+    for name, flown in facts.items():
+        missions, starts = [one.mission for one in flown.take_offs], [one.start for one in flown.take_offs]
+        seen = [one for one in starts if one.thrust]
+        landed = f"| {name} | {sum(one.landed for one in missions)} of {len(missions)} "
+        if not seen:  # none left the floor
+            lines.append(f"{landed}| 0 of {len(missions)} " + "| – " * 6 + "|")
+            continue
+        lines.append(
+            f"{landed}| {sum(one.smooth for one in starts)} of {len(starts)} "
+            f"| {min(min(one.thrust) for one in seen):.2f} to {max(max(one.thrust) for one in seen):.2f} "
+            f"| {max(max(one.climb) for one in seen):.2f} m/s | {max(max(one.tilt_deg) for one in seen):.1f}° "
+            f"| {max(max(one.b) for one in seen):.2f} "
+            f"| {max(one.touchdown_m_s or 0.0 for one in missions):.2f} m/s "
+            f"| {100.0 * max(one.home_m for one in missions):.1f} cm |"
+        )
+    lines += [
+        "",
+        "| struck on the eight, 1 m/s | up | aside | fastest | met the floor at | rotors off after "
+        "| within the limits |",
+        "|---" * 7 + "|",
+        f"| limits | {MOST_UP_M:g} m | {MOST_ASIDE_M:g} m | {MOST_M_S:g} m/s | {FLOOR_M_S:g} m/s | – | – |",
+    ]
+    for name, flown in facts.items():
+        for strike, struck in flown.strikes.items():
+            beyond = sorted({limit for one in struck for limit in one.beyond(ends=STRIKES[strike][1])})
+            hits = [one.hit_m_s for one in struck if one.hit_m_s is not None]
+            offs = [one.off_s for one in struck if one.off_s is not None]
+            lines.append(
+                f"| {name}, {strike} | {max(one.up_m for one in struck):.2f} m "
+                f"| {max(one.aside_m for one in struck):.2f} m | {max(one.speed_m_s for one in struck):.1f} m/s "
+                f"| {f'{max(hits):.2f} m/s' if hits else '–'} "
+                f"| {f'{max(offs):.1f} s' if len(offs) == len(struck) else 'flies on'} "
+                f"| {'no: ' + ', '.join(beyond) if beyond else 'yes'} |"
+            )
+    for name, flown in facts.items():
+        told = ", ".join(f"`{one.name}` {one.before:g} → {one.now:g}" for one in flown.changes)
+        lines += ["", f"The doctor set on {name}: {told}."]
+    return "\n".join(lines)
+
+
+def as_json(facts: Mapping[str, Facts]) -> str:
+    """The facts as one JSON object."""
+
+    def plain(flown: Facts) -> dict[str, Any]:
+        starts = [
+            {"mission": msgspec.to_builtins(one.mission), "smooth": one.start.smooth, "thrust": one.start.thrust}
+            for one in flown.take_offs
+        ]
+        return {
+            "changes": [one._asdict() for one in flown.changes],
+            "figures": {name: msgspec.to_builtins(flights) for name, flights in flown.figures.items()},
+            "take_offs": starts,
+            "strikes": {name: [one._asdict() for one in struck] for name, struck in flown.strikes.items()},
+        }
+
+    return json.dumps({name: plain(flown) for name, flown in facts.items()})
+
+
+def fly_in_lockstep(args: argparse.Namespace) -> Exit:
+    """Fly, and print or write the tables."""
+    folders = {kind: folder for kind in NAMES if (folder := getattr(args, kind)) is not None}
+    for kind, folder in folders.items():
+        MAKERS[kind](folder)  # refuses a folder in which nothing was built, before minutes go by
+    if args.write is not None:
+        split_at_markers(args.write, "onboard")
+    facts = {NAMES[kind]: fly_all(kind, folder, args.take_offs) for kind, folder in folders.items()}
+    text = tables(facts)
+    print(as_json(facts) if args.json else text)
+    if args.write is not None:
+        replace_between_markers(args.write, text, "onboard")
+    return Exit.DONE

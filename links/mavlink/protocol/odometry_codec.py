@@ -5,8 +5,12 @@ from typing import NamedTuple
 
 from links.mavlink.protocol.codec import ARDUPILOT, MavlinkCodec
 
-LOCAL_FRD, BODY_FRD = 20, 12
-"""MAV_FRAME."""
+LOCAL_NED = 1
+"""MAV_FRAME_LOCAL_NED."""
+LOCAL_FRD = 20
+"""MAV_FRAME_LOCAL_FRD."""
+BODY_FRD = 12
+"""MAV_FRAME_BODY_FRD."""
 VISION = 2
 """MAV_ESTIMATOR_TYPE_VISION."""
 BEST_QUALITY = 100
@@ -44,10 +48,11 @@ class Odometry(NamedTuple):
 
 
 def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
-    """The frame for the own estimator of an autopilot of ``kind`` (HEARTBEAT.autopilot): ODOMETRY, one form for both.
+    """The frame for the own estimator of an autopilot of ``kind`` (HEARTBEAT.autopilot): ODOMETRY.
 
     PX4 fuses frames NED, ENU, LOCAL_FRD and LOCAL_FLU, but turns no quaternion of the last; and only estimator
-    types UNKNOWN, VISION and VIO: MOCAP goes where its EKF2 does not look, NAIVE loses the covariance. It leaves
+    types UNKNOWN, VISION and VIO: MOCAP goes where its EKF2 does not look, NAIVE loses the covariance. In LOCAL_FRD
+    its yaw counts as not aligned, and it does not arm ("heading estimate not stable"): so it gets LOCAL_NED. It leaves
     out a velocity that is NaN, and turns stamps into its own clock by TIMESYNC, which it asks of us.
     ArduPilot takes LOCAL_FRD with BODY_FRD only, does not look at the type, and always uses the velocity: NaN in
     it would reach the filter. It finds its own clock from the arrivals.
@@ -59,7 +64,7 @@ def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
     velocity = told.velocity if kind == ARDUPILOT or told.measured_velocity else _UNKNOWN
     message = codec.dialect.MAVLink_odometry_message(
         max(round(told.time_s * 1e6), 0),
-        LOCAL_FRD,
+        LOCAL_FRD if kind == ARDUPILOT else LOCAL_NED,
         BODY_FRD,
         *told.position,
         told.attitude,

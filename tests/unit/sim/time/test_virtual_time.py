@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from contextvars import ContextVar, copy_context
 from typing import Any, get_args
 
 import msgspec
@@ -212,3 +213,39 @@ def test_a_group_brings_a_datagram_to_each_of_its_members() -> None:
         return [[data for _, data, _ in inbox.got] for inbox in inboxes]
 
     assert run(work()) == [[b"all"], [b"all"], []]
+
+
+def test_a_suspended_process_finds_its_timers_and_datagrams_due_at_once_when_it_goes_on() -> None:
+    process = ContextVar("process", default=False)
+    seen: list[tuple[str, float]] = []
+
+    class Ear(asyncio.DatagramProtocol):
+        def datagram_received(self, data: bytes, addr: object) -> None:
+            seen.append((data.decode(), asyncio.get_running_loop().time()))
+
+    async def live() -> None:
+        loop = asyncio.get_running_loop()
+        await loop.create_datagram_endpoint(Ear, local_addr=("127.0.0.1", 5000))
+        for _ in range(4):
+            await asyncio.sleep(1.0)
+            seen.append(("timer", loop.time()))
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        context = copy_context()
+        context.run(process.set, True)
+        living = asyncio.create_task(live(), context=context)
+        wire, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=("127.0.0.1", 5000))
+        await asyncio.sleep(1.5)
+        loop.suspend(process)
+        await asyncio.sleep(1.0)
+        wire.sendto(b"datagram")
+        await asyncio.sleep(0.25)
+        assert seen == [("timer", 1.0)], "it stands still, and the others go on"
+        loop.resume()
+        await living
+
+    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+        runner.run(main())
+    assert seen[1:] == [("datagram", 2.75), ("timer", 2.75), ("timer", 3.75), ("timer", 4.75)]
