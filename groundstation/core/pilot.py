@@ -13,6 +13,7 @@ from groundstation.core.control import (
     Adaptive,
     CertificateMonitor,
     ControllerConfig,
+    QUESTION_LEVEL,
     DemandLimits,
     Descent,
     ExcitationTones,
@@ -41,7 +42,7 @@ from groundstation.core.messages import (
     ignore,
 )
 from groundstation.core.safety import (
-    SUSPECT_ERROR_M,
+    SUSPECT_M_S2,
     HealthState,
     PoseGate,
     PoseHealth,
@@ -51,8 +52,9 @@ from groundstation.core.trajectory import Reference, Trajectory
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
 from links.core import Command, Segment
 
-WIND_MEMORY_S = 1.0
-"""Time constant of the mean disturbance that the bring-down leans into [s]: a gust of this moment is over by then."""
+WIND_MEMORY_S = 3.0
+"""Time constant of the mean disturbance that descents lean into [s]: a gust of this moment is over by then, and false
+poses have not shown theirs for so long."""
 EXCITATION_DELAY_S = 0.25
 """Time after the first climb without tones [s]: the law settles first."""
 SPARSE_S = 0.07
@@ -72,8 +74,11 @@ LOW_SHARE = 0.7
 """Least thrust of climb and landing as a share of the hover thrust [-]: it falls at .3 g at most, and
 a touchdown still shows in the thrust (touchdown.LOW_SHARE)."""
 TRANSIT_COSINE = math.cos(math.radians(40.0))
-"""Cosine of the largest tilt on a way, in climb and landing [-]: a wind of 8 m/s² is leant into, and
-a position that is mirrored is run after at .84 g at most."""
+"""Cosine of the largest tilt on a way, in climb and landing, and while the poses are suspect [-]: a wind of 8 m/s² is
+leant into, and a position that is mirrored is run after at .84 g at most."""
+FIRST_CLIMB_COSINE = math.cos(math.radians(30.0))
+"""Cosine of the largest tilt in the first second of a climb, whose response is not known yet [-]: a wind of 5.7 m/s² is
+leant into."""
 RATE_GAIN_PER_S = 14.0
 """Rate at which body rates are taken to die down under another controller than ours [1/s]: our own k_ω."""
 GROUND_EFFECT_SHARE = 0.95
@@ -193,6 +198,12 @@ class Pilot:
         """Whether a failsafe descent takes speed and place from the model."""
         return self._descent is not None and self._descent.blind
 
+    @property
+    def speed_aside_m_s(self) -> float:
+        """Speed across the vertical at the newest pose [m/s]; of a blind descent the model's."""
+        motion = self._estimator.motion
+        return 0.0 if motion is None else math.hypot(*motion.velocity[:2])
+
     def pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last, or that the gate rejects, is ignored."""
         self._tell(PoseRecord(pose))
@@ -207,7 +218,7 @@ class Pilot:
         reckons = self.is_blind and not health.position_answers
         before, last = self._estimator.motion, self._pose
         if reckons:
-            self._estimator.update_attitude(pose, height=health.height_answers)
+            self._estimator.update_attitude(pose)
         else:
             self._estimator.update(pose, ahead)
         if before is not None and last is not None and self._is_released:
@@ -220,9 +231,13 @@ class Pilot:
             self._watch.noise(self._estimator.noise_m, self._intervals.mean_s)
 
     def _accepts(self, pose: Pose, ahead: Ahead | None) -> bool:
-        """Whether the gate believes ``pose``; near the floor it does not ask, as the floor stops a vehicle."""
+        """Whether the gate believes ``pose``.
+
+        Near the floor it does not ask, as the floor stops a vehicle, nor where only the attitude is flown by.
+        """
         now, is_low = self._estimator.motion, self._floor - pose.position_ned[2] < NEAR_FLOOR_M
-        if not self._has_climbed or now is None or ahead is None or (is_low and not self._gate.is_shut):
+        reckons = self.is_blind and not self.health.position_answers
+        if not self._has_climbed or now is None or ahead is None or reckons or (is_low and not self._gate.is_shut):
             self._gate.restart()
             return True
         return self._gate.accepts(pose, now, ahead.motion, self.noise_m)
@@ -243,7 +258,7 @@ class Pilot:
             return
         self._switch("autopilot_attitude", time_s, *attitude)
         self._pose = msgspec.structs.replace(last, time_s=time_s, attitude=attitude)
-        self._estimator.update_attitude(self._pose, height=False)
+        self._estimator.update_attitude(self._pose)
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
         """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the reference."""
@@ -323,7 +338,7 @@ class Pilot:
         ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
-        disturbance = self._estimator.lift_off(climb_m_s, hover_share)
+        disturbance = self._estimator.lift_off(climb_m_s, max(hover_share, GROUND_EFFECT_SHARE))
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._is_released = True
@@ -336,10 +351,11 @@ class Pilot:
         self._lift = _Lift(time_s, hover_n, motion.position[2])
         return Reference(motion.position, motion.velocity, yaw_rad=heading(motion.attitude))
 
-    def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
+    def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> float:
         """Only level out and sink from now on; ``blind`` takes speed and place from the model.
 
-        ``rest_s`` is how much longer commands may rest on one pose then [s].
+        ``rest_s`` is how much longer commands may rest on one pose then [s]. Return the largest height above the floor
+        that it may have, by the model or before the poses were suspect [m].
         """
         self._switch("descend", sink_m_s, float(blind), rest_s)
         if self._descent is None:
@@ -357,6 +373,8 @@ class Pilot:
         self._descent.blind = blind
         self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()
+        motion = self._estimator.motion or self._trusted_before().motion
+        return self._floor - min(motion.position[2], self._trusted_before().motion.position[2])
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """Return a command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
@@ -375,8 +393,6 @@ class Pilot:
         estimate = self._estimator.predict(acting)
         flight_time = acting - self._start
         reference = self._trajectory.at(flight_time)
-        if descent is not None:
-            descent.sees_height = self.health.height_answers and self.health.has_failed
         if self._mode.update(self._intervals.apart_s):
             self._apply_gains()
         if descent is not None:
@@ -388,11 +404,11 @@ class Pilot:
         decision = decide(without, reference, interval)
         if descent is None:
             decision = self._limit_first_climb(time_s, decision)
-            if self._mode.limits_tilt:
-                decision = self._limit_transit(decision, estimate)
+            if self._mode.limits_tilt or self.health.asks:
+                decision = self._limit_transit(time_s, decision, estimate)
             if self._mode.touches:
                 decision = self._keep_level(decision, estimate)
-            self._ask_on_error(time_s, without.motion.position, reference)
+            self._ask_on_new_wind(time_s, estimate.disturbance)
         if self._mode.is_unheard:
             decision = self._soften(decision, estimate)
         decision = self._excite(time_s, decision)
@@ -419,17 +435,18 @@ class Pilot:
         sooner = self._tones.take_out(sooner, heading(sooner.motion.attitude))
         return law.decide_apart(sooner, estimate, reference, interval_s)
 
-    def _ask_on_error(self, time_s: float, place: Vec3, reference: Reference) -> None:
-        """Ask the poses where the vehicle does not follow: wind does that, and poses that stand."""
-        if self._lift is not None and math.dist(place, reference.position_ned) > SUSPECT_ERROR_M:
+    def _ask_on_new_wind(self, time_s: float, disturbance: Vec3) -> None:
+        """Ask the poses where the disturbance is new: wind is that, and what false poses do not show."""
+        if self._lift is not None and self._wind is not None and math.dist(disturbance, self._wind) > SUSPECT_M_S2:
             self.health.suspect(time_s)
 
     def _excite(self, time_s: float, decision: Decision) -> Decision:
         """Return ``decision`` with tones, where the poses are to be asked."""
         lift = self._lift
         settled = time_s - self._released_s > EXCITATION_DELAY_S and lift is not None and lift.is_over
-        asks = self._descent is not None or self._mode.asks or self.health.asks
-        self._tones.switch(time_s, on=settled and asks and not self._mode.is_unheard)
+        asks = self._descent is not None or self._mode.asks
+        level = QUESTION_LEVEL if self.health.asks or self.is_blind else float(asks)
+        self._tones.set_level(time_s, level if settled and not self._mode.is_unheard else 0.0)
         thrust, rates = self._tones.add_to(decision.drive, time_s)
         return decision._replace(drive=clamp_command(self._vehicle, thrust, rates)[0])
 
@@ -447,15 +464,15 @@ class Pilot:
         most = lift.hover_n * (FIRST_CLIMB_SHARE + grows)
         return decision._replace(drive=ActuatorCommand(min(thrust, most), rates))
 
-    def _limit_transit(self, decision: Decision, estimate: Estimate) -> Decision:
+    def _limit_transit(self, time_s: float, decision: Decision, estimate: Estimate) -> Decision:
         """Return ``decision`` so that no pose, however wrong, lets the vehicle lean far, or drop."""
         motion, down = estimate.motion, (self._wind or (0.0, 0.0, 0.0))[2]
         hover_n = self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
         thrust, (roll, pitch, yaw) = decision.drive
         least = min(LOW_SHARE * hover_n, self._vehicle.thrust_max_n) if self._mode.limits_fall else 0.0
-        roll, pitch, _ = self._limits.limit_tilt(
-            motion.attitude, motion.rates, (roll, pitch), TRANSIT_COSINE, self._rate_gain
-        )
+        is_first = self._lift is not None and time_s - self._lift.time_s < FIRST_CLIMB_S
+        cosine = FIRST_CLIMB_COSINE if is_first else TRANSIT_COSINE
+        roll, pitch, _ = self._limits.limit_tilt(motion.attitude, motion.rates, (roll, pitch), cosine, self._rate_gain)
         drive, _ = clamp_command(self._vehicle, max(thrust, least), (roll, pitch, yaw))
         return decision._replace(drive=drive)
 
@@ -531,12 +548,14 @@ class Pilot:
         self._tone = tone
         (x, y, z), (a, b, c) = tone.position, last.position
         asked, tilted = (x - a, y - b, z - c), (tone.tilt[0] - last.tilt[0], tone.tilt[1] - last.tilt[1])
-        wind = self._wind or (0.0, 0.0, 0.0)
+        wind, asked_before = self._wind or (0.0, 0.0, 0.0), health.asks
         health.see(
             pose, before, given, asked, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
+        if asked_before and health.is_confirmed and not health.asks:  # the wind that was new is true
+            self._wind = wind = estimator.disturbance
         if is_high and self._descent is None:
             self.response.pose(pose.attitude, health.turn, dt)
         if health.calm_s == pose.time_s and not self._mode.is_unheard:

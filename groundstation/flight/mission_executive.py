@@ -72,9 +72,12 @@ LONGER_S, LONGER = 10.0, 2.0
 AUTOPILOT_S = 0.3
 """Age up to which the autopilot's own attitude is flown by after the poses' has failed [s]: three of its messages at
 10 Hz."""
-BLIND_DEPTH_M = 0.2
-"""Depth under the floor, by the model, at which a blind descent is over [m]: the model's height is
-known no better after 2 s."""
+BRAKED_M_S = 1.0
+"""Speed by the model below which the autopilot is asked to land by its own position [m/s]."""
+BLIND_SINK_M_S = 0.7
+"""Mean sink rate of a blind descent [m/s], from which follows when it is over: its height shows nothing."""
+BLIND_MORE_S = 1.0
+"""Time beyond that [s]: braking comes before, and what held the vehicle may let it go."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
@@ -364,7 +367,7 @@ class MissionExecutive:
         self._autopilot_s = -math.inf
         self._health = HealthState.OK
         self._hearing = Hearing()
-        self._down_by_s = math.inf
+        self._down_by_s = self._blind_by_s = math.inf
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -445,7 +448,8 @@ class MissionExecutive:
             if self._spooling is not None:  # off the floor since the newest pose, and no command has told so yet
                 self._climb_away(now_s)
             rest = 0.0 if self._guards is None else self._config.guards.level_s
-            self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
+            height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
+            self._blind_by_s = now_s + height_m / BLIND_SINK_M_S + BLIND_MORE_S
         elif event is Event.TRACK:
             self._escalation.reset()
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
@@ -525,6 +529,8 @@ class MissionExecutive:
             if self._comes_too_late(now_s):
                 return self._pilot.let_go(now_s, LAST_PERIODS * self._period_s()), None
             if self._answer_failure(now_s):
+                if now_s > self._blind_by_s:
+                    return self._pilot.idle(now_s, 0.0), None
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
@@ -594,12 +600,17 @@ class MissionExecutive:
             case Means.POSITION:
                 if self.state not in (State.LANDING, State.DESCENT):
                     self.go(Event.LAND, f"{reason}: landing, as they still answer", now_s, fault=True)
+            case Means.ATTITUDE | Means.AUTOPILOT if now_s > self._blind_by_s:
+                self._means = Means.NOTHING
+                self.failure = self.failure._replace(reason=f"{reason}: down by the model")
+                return True
             case Means.ATTITUDE | Means.AUTOPILOT:
                 whose = "their attitude" if self._means is Means.ATTITUDE else "the autopilot's attitude"
                 if self.state is not State.DESCENT:
                     self.go(Event.DESCEND, f"{reason}: down by {whose}", now_s, fault=True, blind=True)
                 elif not self._pilot.is_blind:
-                    self._pilot.descend(self._config.flight.descent_m_s, blind=True)
+                    height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=True)
+                    self._blind_by_s = now_s + height_m / BLIND_SINK_M_S + BLIND_MORE_S
             case Means.NOTHING:
                 self.failure = self.failure._replace(reason=f"{reason}: down on the model")
                 return True
@@ -610,7 +621,9 @@ class MissionExecutive:
         health = self._pilot.health
         if health.position_answers:
             return Means.POSITION
-        if self._lands_by_own_position(now_s):
+        # LAND of PX4 and ArduPilot brakes by 2 m/s² only: what false poses have made fast is braked by us before.
+        braked = self._pilot.is_blind and self._pilot.speed_aside_m_s < BRAKED_M_S
+        if braked and self._lands_by_own_position(now_s):
             return Means.NOTHING
         if health.attitude_answers:
             return Means.ATTITUDE
@@ -643,9 +656,6 @@ class MissionExecutive:
 
     def _find_overtime(self, tick: Tick) -> MissionMove | None:
         """What ends a way down that has taken so long that the floor is not where it is believed to be."""
-        height_m = self._config.flight.floor_z_m - tick.estimate.motion.position[2]
-        if self._pilot.is_blind and not self._pilot.health.position_answers and height_m < -BLIND_DEPTH_M:
-            return MissionMove(Event.ABORT, "down by the model: commands end", fault=True)
         if not tick.time_s > self._down_by_s:
             return None
         why = "it should long have come down, and the floor was not felt (check flight.floor_z_m)"
@@ -761,9 +771,8 @@ class MissionExecutive:
 
     def _follow(self, leg: Leg) -> None:
         asks = self.state is not State.TRACKING
-        is_low = self.state in (State.TAKEOFF, State.LANDING)
         limits_tilt = self.state not in (State.HOLD, State.TRACKING)
-        self._pilot.ease(self.state is not State.TRACKING, asks=asks, limits_tilt=limits_tilt, limits_fall=is_low)
+        self._pilot.ease(self.state is not State.TRACKING, asks=asks, limits_tilt=limits_tilt, limits_fall=limits_tilt)
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

@@ -10,7 +10,7 @@ from groundstation.core.safety.guards import (
     Guards,
     GuardsConfig,
 )
-from groundstation.core.safety.health import SUSPECT_ERROR_M, Failure, HealthState, PoseHealth
+from groundstation.core.safety.health import SUSPECT_M_S2, Failure, HealthState, PoseHealth
 from groundstation.core.safety.latency import PoseLatency, ResponseLatency
 from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
 from groundstation.core.safety.monitors import MONITORS, Monitors

@@ -60,9 +60,9 @@ SHORTEST_S = BLOCKS[0] * BLOCK_S
 """Length of the shortest window, which may hold the beginning of a fault unseen [s]."""
 CALM_ALARM = 0.25
 """Share of an alarm below which the poses are above suspicion [-]: the estimate of that time may be returned to."""
-SUSPECT_ERROR_M = 0.1
-"""Tracking error from which on the poses are asked [m]: a pose that stands on a figure comes to that within .3 s, and
-steady flight in `storm` does not."""
+SUSPECT_M_S2 = 2.0
+"""Difference of the estimated disturbance from its mean of the last second from which on the poses are asked [m/s²]:
+gusts of `storm` come to 1.6."""
 ASK_S = 1.0
 """Longest time of one question [s]."""
 GAP_S = 0.26
@@ -76,7 +76,12 @@ STOPPED_S = 0.15
 reverses a motion holds it within 2 mm for a shorter time."""
 STOPPED_POSES = 4
 """Poses of a place that stands, at least [-]: two poses around an outage may show one place by chance."""
-STOP_S = 2.0 * STOPPED_S
+DRIVEN_S = 0.3
+"""Time for which a place must stand that did not move before, though commands move the vehicle [s]: wind moves a place
+before the law answers it, and the tones alone move it by more than its noise within that time."""
+DRIVEN_WAYS = 10.0
+"""Way of the model meanwhile, as a multiple of the room in which a place stands [-]: no law cancels a wind so well."""
+STOP_S = 2.0 * DRIVEN_S
 """Time after which a place that stands is at rest, and no stop [s]: the model would drift from it."""
 STOPPED_M_S = 0.15
 """Speed as a place begins to stand, and of the model since [m/s]: only what is struck loses so much
@@ -84,9 +89,9 @@ within a pose; slower, noise and wind explain it."""
 STANDS_NOISES = 4.0
 """Noise of a place that stands, in standard deviations of one pose [-]: of the difference of two, 2.8 sigma."""
 
-YAW_RAD_S = 0.25
-"""Turn about the vertical beyond all that was asked that fails [rad/s]: 14 degrees a second, averaged."""
-YAW_MEMORY_S = 0.7
+YAW_RAD_S = 0.15
+"""Turn about the vertical beyond all that was asked that fails [rad/s]: averaged, `storm` comes to .04."""
+YAW_MEMORY_S = 1.0
 """Time constant of that average [s]."""
 YAW_LATE_S = 0.55
 """Delay of an autopilot's yaw behind its command [s], at most: PX4 and ArduPilot took .35 s (`autopilots`)."""
@@ -156,8 +161,10 @@ class StopDetector:
             lasts_s = now_s - since_s
             if lasts_s < STOPPED_S or poses < STOPPED_POSES - 1:
                 continue
-            seen_m = max(3.0 * STANDS_NOISES * noise_m, STOPPED_M_S * lasts_s)
-            if abs(way) > seen_m and min(abs(speed), abs(began)) > slow_m_s:
+            room_m = STANDS_NOISES * noise_m
+            struck = abs(began) > slow_m_s and abs(way) > 3.0 * room_m
+            driven = lasts_s >= DRIVEN_S and abs(way) > DRIVEN_WAYS * room_m
+            if (struck or driven) and abs(speed) > slow_m_s and abs(way) > STOPPED_M_S * lasts_s:
                 stopped_s = since_s
         return stopped_s
 
@@ -238,13 +245,15 @@ class PoseHealth:
         """Id of the sentence that says why the poses failed or are suspected; empty while they are not."""
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
         """Evidence against attitude, position, and the larger of all, as shares of what convicts [-]."""
+        self.is_confirmed = False
+        """Whether the newest answers are known, and say that the poses are true."""
         self.calm_s = -math.inf
         """Newest instant at which the poses were above suspicion [s]."""
         self.believed_until_s = -math.inf
         """Instant up to which the estimate is believed, should the poses fail now [s]."""
-        self.attitude_answers = self.across_answers = self.height_answers = True
-        """Whether attitude, place across with heading, and height may be flown by: no evidence has
-        contradicted them, or they have answered since then."""
+        self.attitude_answers = self.position_answers = True
+        """Whether attitude, and place with heading, may be flown by: no evidence has contradicted them, or they have
+        answered since then."""
         self.windows = 0
         """Evaluations so far."""
         self.autopilot_agrees: bool | None = None
@@ -282,11 +291,6 @@ class PoseHealth:
     def has_failed(self) -> bool:
         """Whether the poses are not believed any more."""
         return self.state is HealthState.FAILED
-
-    @property
-    def position_answers(self) -> bool:
-        """Whether the whole position may be flown by."""
-        return self.across_answers and self.height_answers
 
     @property
     def asks(self) -> bool:
@@ -341,7 +345,7 @@ class PoseHealth:
         if may_stop and pose.velocity_ned is None:
             since_s = self._stops.see(pose, before, push, disturbance, dt, noise_m)
             if since_s is not None:
-                self._accuse("pose.stopped_dead", since_s - dt, across=True, height=True)
+                self._accuse("pose.stopped_dead", since_s - dt)
         self._block_s += dt
         if self._block_s >= BLOCK_S - 1e-6:
             self._block_s -= BLOCK_S
@@ -370,7 +374,7 @@ class PoseHealth:
             behind = self._climb.see(-seen[2], per_n * impulse[2], per_n * reach[2], dt, noise_m)
             self._climb = None if self._climb.is_over else self._climb
             if behind:
-                self._accuse("pose.height_behind", -math.inf, across=True, height=True)
+                self._accuse("pose.height_behind", -math.inf)
         sx, sy, sz, mx, my, mz, ux, uy, uz = self._place_pass.step([*seen, *model, *(asked_m or model)], dt)
         if asked_m is None:
             ux, uy, uz = mx, my, mz
@@ -390,8 +394,7 @@ class PoseHealth:
         self.alarm = max(self.attitude_alarm, self.position_alarm)
         self._is_known = turns.is_known and places.is_known
         if self.attitude_answers and self.alarm < CALM_ALARM:
-            self.across_answers = self.across_answers or places.is_known
-            self.height_answers = self.height_answers or heights.is_known
+            self.position_answers = self.position_answers or (places.is_known and heights.is_known)
         if self.alarm < CALM_ALARM and not self.has_failed:
             self.calm_s = now_s
             self.believed_until_s = now_s - SHORTEST_S
@@ -403,14 +406,15 @@ class PoseHealth:
         elif self.attitude_alarm >= SUSPECT_ALARM and self.autopilot_agrees is False:
             self._accuse("pose.autopilot_disagrees", before_s, attitude=True)
         elif self._yaw_alarm >= 1.0:
-            self._accuse("pose.yaw_unasked", before_s, across=True)
+            self._accuse("pose.yaw_unasked", before_s)
         elif images >= 1.0:
-            self._accuse("pose.position_mirrored", before_s, across=places.own >= 1.0, height=heights.own >= 1.0)
+            self._accuse("pose.position_mirrored", before_s)
         elif answers >= 1.0:
-            self._accuse("pose.position_no_answer", before_s, across=places.asked >= 1.0, height=heights.asked >= 1.0)
+            self._accuse("pose.position_no_answer", before_s)
         elif self.alarm >= SUSPECT_ALARM:
             self.suspect(now_s)
-        if self.state is HealthState.SUSPECT and self._is_answered(now_s):
+        self.is_confirmed = self._is_known and self.alarm < SUSPECT_ALARM
+        if self.state is HealthState.SUSPECT and (self.is_confirmed or now_s - self._asked_s >= ASK_S):
             self.state, self.reason_id = HealthState.OK, ""
 
     def suspect(self, now_s: float) -> None:
@@ -418,21 +422,12 @@ class PoseHealth:
         if self.state is HealthState.OK:
             self.state, self.reason_id, self._asked_s = HealthState.SUSPECT, "pose.suspect", now_s
 
-    def _is_answered(self, now_s: float) -> bool:
-        known = self._is_known and self.alarm < SUSPECT_ALARM
-        return known or now_s - self._asked_s >= ASK_S
-
-    def _accuse(
-        self, reason_id: str, since_s: float, *, attitude: bool = False, across: bool = False, height: bool = False
-    ) -> None:
-        """Take evidence against the place across, the height, or the attitude and both, since ``since_s`` [s]."""
+    def _accuse(self, reason_id: str, since_s: float, *, attitude: bool = False) -> None:
+        """Take evidence against the position, or the ``attitude`` and so both, since ``since_s`` [s]."""
         self.attitude_answers = self.attitude_answers and not attitude
-        if self.across_answers and (across or attitude):
-            self.across_answers = False
-            self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
-        if self.height_answers and (height or attitude):
-            self.height_answers = False
-            self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
+        self.position_answers = False
+        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
+        self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
         self.fail(reason_id, since_s)
 
     def fail(self, reason_id: str, since_s: float) -> None:
