@@ -5,7 +5,6 @@ The caller owns time and wires.
 
 import math
 from collections.abc import Callable
-from enum import IntEnum
 from typing import NamedTuple
 
 import msgspec
@@ -35,6 +34,7 @@ from groundstation.core.safety import (
     limit_n,
 )
 from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stop
+from groundstation.flight.descent_means import DescentMeans, Means
 from groundstation.settings import Config
 from links.core import IN_TIME, Arrival, Attitude, Command, LinkStatus
 
@@ -69,15 +69,6 @@ LOOKS = 40
 """A leg is looked at in so many places before it is flown: less than a millisecond."""
 LONGER_S, LONGER = 10.0, 2.0
 """A way down may take so much [s], and so many times [-], longer than at the slowest speed that it is told."""
-AUTOPILOT_S = 0.3
-"""Age up to which the autopilot's own attitude is flown by after the poses' has failed [s]: three of its messages at
-10 Hz."""
-BRAKED_M_S = 1.0
-"""Speed by the model below which the autopilot is asked to land by its own position [m/s]."""
-BLIND_SINK_M_S = 0.7
-"""Mean sink rate of a blind descent [m/s], from which follows when it is over: its height shows nothing."""
-BLIND_MORE_S = 1.0
-"""Time beyond that [s]: braking comes before, and what held the vehicle may let it go."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
@@ -316,19 +307,6 @@ class Hearing:
         return silent_s if max(SILENT_S, SILENTS * self._usual_s) < silent_s < LOST_S else 0.0
 
 
-class Means(IntEnum):
-    """Means by which a flight comes down after its poses have failed: each worse than the last."""
-
-    POSITION = 0
-    """Everything of the poses still answers: an ordinary landing."""
-    ATTITUDE = 1
-    """Only their attitude answers: a descent with speed and place from the model."""
-    AUTOPILOT = 2
-    """The autopilot's own attitude is heard: the same by that."""
-    NOTHING = 3
-    """Nothing answers, or the autopilot lands by its own position: commands end with a bring-down."""
-
-
 class MissionExecutive:
     """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
 
@@ -357,17 +335,15 @@ class MissionExecutive:
         self._config = config
         self._pilot = pilot
         self._period_s = period_s
-        self._lands_by_own_position = lands_by_own_position
+        self._means = DescentMeans(pilot, lands_by_own_position)
         self._arrival = arrival
         self._unheard = False
         self._on_failure = on_failure
         self.failure: Failure | None = None
         """Why the poses, or the commands, have ended the flight; None where they have not."""
-        self._means = Means.POSITION
-        self._autopilot_s = -math.inf
         self._health = HealthState.OK
         self._hearing = Hearing()
-        self._down_by_s = self._blind_by_s = math.inf
+        self._down_by_s = math.inf
         self._say = say
         self._on_state = on_state
         self._mission = Mission()
@@ -449,7 +425,7 @@ class MissionExecutive:
                 self._climb_away(now_s)
             rest = 0.0 if self._guards is None else self._config.guards.level_s
             height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
-            self._blind_by_s = now_s + height_m / BLIND_SINK_M_S + BLIND_MORE_S
+            self._means.descend_blind(now_s, height_m)
         elif event is Event.TRACK:
             self._escalation.reset()
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
@@ -529,7 +505,7 @@ class MissionExecutive:
             if self._comes_too_late(now_s):
                 return self._pilot.let_go(now_s, LAST_PERIODS * self._period_s()), None
             if self._answer_failure(now_s):
-                if now_s > self._blind_by_s:
+                if self._means.chosen is Means.FLOOR:
                     return self._pilot.idle(now_s, 0.0), None
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
@@ -548,7 +524,7 @@ class MissionExecutive:
 
     def left(self, now_s: float) -> None:
         """A command has left; where it was the last that poses have led to, commands end with it."""
-        if self._means is Means.NOTHING and self.failure is not None:
+        if self._means.ends_commands and self.failure is not None:
             self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
 
     def _comes_too_late(self, now_s: float) -> bool:
@@ -562,7 +538,8 @@ class MissionExecutive:
         if not self._unheard:
             return False
         if (why := self._find_deafness(now_s)) and late_s > 0.0:
-            self.failure, self._means = Failure("link.late", f"{why}, so they end"), Means.NOTHING
+            self.failure = Failure("link.late", f"{why}, so they end")
+            self._means.end()
             return True
         if why and self.state is not State.DESCENT:
             self.go(Event.DESCEND, why, now_s, fault=True)
@@ -591,43 +568,20 @@ class MissionExecutive:
             return False
         if self.failure is None:
             self.failure = Failure(health.reason_id, notice(health.reason_id))
-        if self._means is not Means.NOTHING:
-            self._means = self._find_means(now_s)
-        reason = self.failure.reason
-        if self._means is not Means.POSITION:
+        reason, means = self.failure.reason, self._means.choose(now_s)
+        if means is not Means.POSITION:
             self._on_failure()
-        match self._means:
-            case Means.POSITION:
-                if self.state not in (State.LANDING, State.DESCENT):
-                    self.go(Event.LAND, f"{reason}: landing, as they still answer", now_s, fault=True)
-            case Means.ATTITUDE | Means.AUTOPILOT if now_s > self._blind_by_s:
-                self._means = Means.NOTHING
-                self.failure = self.failure._replace(reason=f"{reason}: down by the model")
-                return True
-            case Means.ATTITUDE | Means.AUTOPILOT:
-                whose = "their attitude" if self._means is Means.ATTITUDE else "the autopilot's attitude"
-                if self.state is not State.DESCENT:
-                    self.go(Event.DESCEND, f"{reason}: down by {whose}", now_s, fault=True, blind=True)
-                elif not self._pilot.is_blind:
-                    height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=True)
-                    self._blind_by_s = now_s + height_m / BLIND_SINK_M_S + BLIND_MORE_S
-            case Means.NOTHING:
-                self.failure = self.failure._replace(reason=f"{reason}: down on the model")
-                return True
-        return False
-
-    def _find_means(self, now_s: float) -> Means:
-        """Best means that is left at present."""
-        health = self._pilot.health
-        if health.position_answers:
-            return Means.POSITION
-        # LAND of PX4 and ArduPilot brakes by 2 m/s² only: what false poses have made fast is braked by us before.
-        braked = self._pilot.is_blind and self._pilot.speed_aside_m_s < BRAKED_M_S
-        if braked and self._lands_by_own_position(now_s):
-            return Means.NOTHING
-        if health.attitude_answers:
-            return Means.ATTITUDE
-        return Means.AUTOPILOT if now_s - self._autopilot_s < AUTOPILOT_S else Means.NOTHING
+        if self._means.ends_commands:
+            self.failure = self.failure._replace(reason=f"{reason}: down on the model")
+        elif means is Means.POSITION:
+            if self.state not in (State.LANDING, State.DESCENT):
+                self.go(Event.LAND, f"{reason}: landing, as they still answer", now_s, fault=True)
+        elif self.state is not State.DESCENT:
+            whose = "their attitude" if means is Means.ATTITUDE else "the autopilot's attitude"
+            self.go(Event.DESCEND, f"{reason}: down by {whose}", now_s, fault=True, blind=True)
+        elif not self._pilot.is_blind:
+            self._means.descend_blind(now_s, self._pilot.descend(self._config.flight.descent_m_s, blind=True))
+        return self._means.ends_commands
 
     def _tell_health(self, state: HealthState, reason_id: str) -> None:
         """Tell the operator once that the poses are asked, and that they answer."""
@@ -719,9 +673,7 @@ class MissionExecutive:
     def attitude(self, told: Attitude, in_poses: Quat | None, now_s: float) -> None:
         """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
         if in_poses is not None:
-            self._autopilot_s = now_s
-            if self._means is Means.AUTOPILOT:
-                self._pilot.take_autopilot_attitude(told.time_s, in_poses)
+            self._means.hear_attitude(told, in_poses, now_s)
         if self._nudge is not None and self.state is not State.ARMING:
             self._nudge.attitude(told)
 
@@ -771,8 +723,8 @@ class MissionExecutive:
 
     def _follow(self, leg: Leg) -> None:
         asks = self.state is not State.TRACKING
-        limits_tilt = self.state not in (State.HOLD, State.TRACKING)
-        self._pilot.ease(self.state is not State.TRACKING, asks=asks, limits_tilt=limits_tilt, limits_fall=limits_tilt)
+        is_limited = self.state not in (State.HOLD, State.TRACKING)
+        self._pilot.ease(self.state is not State.TRACKING, asks=asks, is_limited=is_limited)
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

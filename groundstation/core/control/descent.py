@@ -20,8 +20,11 @@ SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
 BLIND_SPEED_GAIN = 2.5
 """The same by the model's speed, which has no noise [1/s]: 4 m/s are braked within 1 m."""
-ATTITUDE_GAIN = 8.0
+ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
+BLIND_ATTITUDE_GAIN = 8.0
+"""The same of a blind descent, whose attitude has answered, so that it is not late [1/s]: what leans the way that it
+goes is turned within .4 s."""
 LEAN = math.radians(45.0)
 """Largest tilt that it asks for [rad]: a wind of 8 m/s² is leant into, and braked."""
 WIND_LIMIT_M_S2 = 8.0
@@ -57,13 +60,13 @@ def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
     return *_lean(attitude, push((0.0, 0.0, 0.0), wind, gravity, LEAN)[0]), 0.0
 
 
-def _lean(attitude: Quat, along: Vec3) -> tuple[float, float]:
+def _lean(attitude: Quat, along: Vec3, gain: float = ATTITUDE_GAIN) -> tuple[float, float]:
     """Roll and pitch rate [rad/s] that bring the push ``along`` [m/s², NED]."""
     roll, pitch = sine_error(attitude, along)
     if third_column(attitude)[2] < 0.0:  # beyond 90° the sine falls again: turn as hard as at 90°
         n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
         roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
-    return ATTITUDE_GAIN * roll, ATTITUDE_GAIN * pitch
+    return gain * roll, gain * pitch
 
 
 class Descent:
@@ -83,6 +86,8 @@ class Descent:
         self._effectiveness = effectiveness
         self.wind = wind
         """What it is pushed by on average [m/s², NED]; blind, what it was as this began."""
+        self.sink_m_s = 0.0
+        """Speed at which it sinks where it is not blind [m/s]."""
         self.blind = False
         """True where speed is not to be believed."""
         self._integral = self._blind_s = 0.0
@@ -114,7 +119,7 @@ class Descent:
             down = max(-MOST * g, min(0.3 * g, k * (w - c)) + self._integral)
             wanted = (k * (u - a), k * (v - b), down)
         along, _ = push(wanted, (x, y, z), g, LEAN)
-        roll, pitch = _lean(motion.attitude, along)
+        roll, pitch = _lean(motion.attitude, along, BLIND_ATTITUDE_GAIN if self.blind else ATTITUDE_GAIN)
         mass = self._vehicle.mass_kg / (self._effectiveness if self.blind else estimate.effectiveness)
         believed = BLIND_WIND_M_S2 if self.blind else HEAVIER_M_S2
         heavier = max(-believed, min(self.wind[2], believed))

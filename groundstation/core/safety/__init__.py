@@ -9,6 +9,7 @@ from groundstation.core.safety.guards import (
     GuardFinding,
     Guards,
     GuardsConfig,
+    list_limits,
 )
 from groundstation.core.safety.health import SUSPECT_M_S2, Failure, HealthState, PoseHealth
 from groundstation.core.safety.latency import PoseLatency, ResponseLatency

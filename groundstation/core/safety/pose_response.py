@@ -137,9 +137,11 @@ class Shown(NamedTuple):
 class Scatter:
     """Standard errors that a residual leaves over one window: what all directions have in common."""
 
-    __slots__ = ("_freedom_s", "_least2", "_memory_s", "_noise2", "_prior", "_white", "_wider", "asked_least2", "time_s")
+    __slots__ = (
+        "_freedom_s", "_least2", "_memory_s", "_noise2", "_prior", "_white", "_wider", "asked_least2", "time_s",
+    )  # fmt: skip
 
-    def __init__(self, time_s: float, memory_s: float, least: float, noise: float, own2: float) -> None:
+    def __init__(self, time_s: float, memory_s: float, least: float, noise: float, own2: float = 0.0) -> None:
         """Take one window.
 
         Args:
@@ -147,7 +149,8 @@ class Scatter:
             memory_s: correlation time of the residual [s].
             least: residual that is granted at least.
             noise: white noise of e, 1 sigma.
-            own2: integral of the square of the law's own motion along all directions.
+            own2: integral of the square of the law's own motion along all directions, which the answer to it needs
+                not: there the model's error is one of the answer.
         """
         # Few samples know little of their own scatter: 3 samples' worth of the granted residual as a prior, and a
         # wider interval, as Student's distribution has it.
@@ -327,7 +330,7 @@ class LineResponse:
         """Alarm of one window."""
         uu, uv, vv, eu, ev, ee, time_s = sums
         scatter = Scatter(time_s, self._memory, self._least, noise, vv)
-        own_scatter = Scatter(time_s, OWN_WAY.memory_s, self._least, noise, vv)
+        own_scatter = Scatter(time_s, OWN_WAY.memory_s, self._least, noise)
         uu, vv = uu + RIDGE, vv + RIDGE
         excited = new(Excitation, (uu, uv, vv, uu * vv - uv * uv))
         asks, images = can_ask(uu, scatter), can_image(vv, own_scatter, OWN_WAY)
@@ -407,7 +410,7 @@ class PlaneResponse:
         """Largest alarms of all directions in one window; known where all of them are."""
         uxx, uxy, uyy, _, _, _, _, vxx, vxy, vyy, *_, time_s = sums
         scatter = Scatter(time_s, self._memory, self._least, noise, vxx + vyy)
-        own_scatter = Scatter(time_s, self._own_motion.memory_s, self._least, noise, vxx + vyy)
+        own_scatter = Scatter(time_s, self._own_motion.memory_s, self._least, noise)
         asks = can_ask(most_along(uxx, uxy, uyy), scatter)
         if not (asks or can_image(most_along(vxx, vxy, vyy), own_scatter, self._own_motion)):
             return NO_ALARM
