@@ -15,7 +15,6 @@ from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint, 
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.safety import (
     MONITORS,
-    NUDGE_SHARE,
     Escalation,
     Failure,
     Fence,
@@ -25,7 +24,6 @@ from groundstation.core.safety import (
     HealthState,
     Hover,
     Monitors,
-    Nudge,
     Separation,
     Spool,
     SpoolUp,
@@ -350,10 +348,6 @@ class MissionExecutive:
         self._course = Course(config)
         self._standing = StandingPoses()
         self._spooling: SpoolUp | None = None
-        lag_s = config.vehicle.acting_delay_s + config.vehicle.thrust_lag_s
-        self._nudge = Nudge(config.weight_n, lag_s) if config.takeoff.nudge else None
-        self.firmware = ""
-        """What the autopilot that was armed runs, as it tells; empty where it does not."""
         guards = config.guards
         self._fence = fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._guards: Guards | None = None
@@ -517,9 +511,6 @@ class MissionExecutive:
         if why:
             self.go(Event.LAND, why, now_s, fault=True)
             return self._pilot.idle(now_s, 0.0), None
-        if self._nudge is not None and (told := self._nudge.judge(now_s)) is not None:
-            self._say(told[1])
-            self._nudge = None
         return self._pilot.idle(now_s, spooling.thrust_n(now_s)), None
 
     def left(self, now_s: float) -> None:
@@ -659,8 +650,6 @@ class MissionExecutive:
 
     def pose(self, pose: Pose) -> None:
         """One pose has come."""
-        if self._nudge is not None and self.state is not State.ARMING:
-            self._nudge.pose(pose)
         if self._spooling is not None:
             self._spooling.pose(pose)
         elif self.tick is None:
@@ -674,34 +663,16 @@ class MissionExecutive:
         """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
         if in_poses is not None:
             self._means.hear_attitude(told, in_poses, now_s)
-        if self._nudge is not None and self.state is not State.ARMING:
-            self._nudge.attitude(told)
 
     def _spool_up(self, now_s: float) -> None:
         """The motors turn: thrust rises from now on until the floor is left."""
         config, vehicle = self._config, self._config.vehicle
         weight, takeoff = config.weight_n, config.takeoff
         most, idle = limit_n(config), config.flight.idle_thrust * weight
-        if self._nudge is not None and (why := self._find_obstacle_to_nudge()):
-            self._say(f"no nudge: {why}")
-            self._nudge = None
-        start_s = now_s if self._nudge is None else self._nudge.begin(now_s)
-        spool = Spool(weight, most, takeoff.spool_s, idle, start_s, vehicle.thrust_lag_s)
+        spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
         gravity, noise_m = config.controller.gravity, self._pilot.noise_m
-        self._spooling = spooling = SpoolUp(self._standing, spool, vehicle, weight, gravity, noise_m, self._nudge)
+        self._spooling = spooling = SpoolUp(self._standing, spool, vehicle, weight, gravity, noise_m)
         self._course.stood(spooling.place_ned)
-
-    def _find_obstacle_to_nudge(self) -> str:
-        """Why no thrust may be told that lifts nothing; empty where it may."""
-        flight = self._config.flight
-        if self._config.pose.by_autopilot:
-            return "the poses are the autopilot's own, which its gyros make"
-        if self._config.link.has_autopilot and not self.firmware.startswith("PX4"):
-            who = self.firmware or "an autopilot that does not tell its version"
-            return f"{who} may take off by any thrust, as ArduPilot in GUIDED does"
-        if flight.idle_thrust >= NUDGE_SHARE:
-            return f"flight.idle_thrust is {flight.idle_thrust:g} already, and the nudge {NUDGE_SHARE:g} of the weight"
-        return ""
 
     def _climb_away(self, now_s: float) -> None:
         """It has just left the floor: it flies by poses from now on."""

@@ -17,9 +17,7 @@ from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACT
 from groundstation.core.safety.monitors import MONITORS, Monitors
 from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.core.safety.takeoff import (
-    NUDGE_SHARE,
     WANDERING_M,
-    Nudge,
     Spool,
     SpoolUp,
     StandingPoses,
