@@ -13,6 +13,7 @@ from groundstation.core.control import (
     CertificateMonitor,
     ControllerConfig,
     Descent,
+    Envelope,
     ExcitationTones,
     Gains,
     calm,
@@ -22,8 +23,7 @@ from groundstation.core.control import (
     plan_bring_down,
     plan_model_descent,
 )
-from groundstation.core.envelope import Envelope
-from groundstation.core.estimation import Ahead, ModelEstimator
+from groundstation.core.estimation import Ahead, ModelEstimator, Reckoning, Trusted
 from groundstation.core.geometry import Quat, Vec3, heading
 from groundstation.core.messages import (
     GAIN,
@@ -39,7 +39,6 @@ from groundstation.core.messages import (
     TrajectoryRecord,
     ignore,
 )
-from groundstation.core.reckoning import Reckoning, Trusted
 from groundstation.core.safety import (
     SUSPECT_M_S2,
     HealthState,

@@ -6,7 +6,10 @@ climb, on a way, in a landing, and while the poses are suspect.
 
 import math
 
-from groundstation.core.control import ControllerConfig, DemandLimits, Gains, clamp_command
+from groundstation.core.control.adaptive import Gains
+from groundstation.core.control.attitude import clamp_command
+from groundstation.core.control.controllers import ControllerConfig
+from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.geometry import FLOATS, third_column
 from groundstation.core.messages import Decision, Estimate
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
