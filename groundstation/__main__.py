@@ -231,6 +231,7 @@ def _check(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
     _rehearse_argument(parser)
     _json_argument(parser, "the list")
+    parser.add_argument("--limits", action="store_true", help="list the limits in flight, too, and what follows each")
     parser.add_argument("--watch", action="store_true", help="show the pose source live; opens no command link")
     parser.add_argument("--seconds", type=_seconds, metavar="S", help="for how long (with --watch)")
 

@@ -572,9 +572,8 @@ class _Replay:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
             case "ease", 2:  # recordings of 0.1 before the limits of a transit
                 pilot.ease(bool(values[0]), asks=bool(values[1]))
-            case "ease", 4:
-                calmly, asks, limits_tilt, limits_fall = map(bool, values)
-                pilot.ease(calmly, asks=asks, limits_tilt=limits_tilt, limits_fall=limits_fall)
+            case "ease", 3 | 4:  # of 4 the last two were one limit each
+                pilot.ease(bool(values[0]), asks=bool(values[1]), is_limited=bool(values[2]))
             case "surrender", 1:
                 self._end = partial(pilot.surrender, hold_s=values[0])
             case "let_go", 1:

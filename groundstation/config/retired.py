@@ -15,6 +15,7 @@ RETIRED_KEYS: dict[str, str] = {
     "guards.tilt_error_s": "Use guards.oscillation_s.",
     "guards.sway_deg": "Use guards.oscillation_deg.",
     "guards.sway_s": "Use guards.oscillation_s.",
+    "takeoff.nudge": "The height behind the thrust and the response tests find another body's poses.",
     "guards.heave": "guards.oscillation_deg does its work.",
     "guards.heave_s": "guards.oscillation_s does its work.",
 }

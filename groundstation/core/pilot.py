@@ -3,18 +3,17 @@
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
 
 import msgspec
 
 from groundstation.core.control import (
-    NO_MOTION,
     OFF,
+    QUESTION_LEVEL,
     Adaptive,
     CertificateMonitor,
     ControllerConfig,
-    DemandLimits,
     Descent,
+    Envelope,
     ExcitationTones,
     Gains,
     calm,
@@ -24,8 +23,8 @@ from groundstation.core.control import (
     plan_bring_down,
     plan_model_descent,
 )
-from groundstation.core.estimation import Ahead, ModelEstimator
-from groundstation.core.geometry import FLOATS, Quat, Vec3, heading
+from groundstation.core.estimation import Ahead, ModelEstimator, Reckoning, Trusted
+from groundstation.core.geometry import Quat, Vec3, heading
 from groundstation.core.messages import (
     GAIN,
     Certificate,
@@ -41,41 +40,25 @@ from groundstation.core.messages import (
     ignore,
 )
 from groundstation.core.safety import (
-    SUSPECT_ERROR_M,
+    SUSPECT_M_S2,
     HealthState,
     PoseGate,
     PoseHealth,
     ResponseLatency,
 )
 from groundstation.core.trajectory import Reference, Trajectory
-from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 from links.core import Command, Segment
 
-WIND_MEMORY_S = 1.0
-"""Time constant of the mean disturbance that the bring-down leans into [s]: a gust of this moment is over by then."""
+WIND_MEMORY_S = 3.0
+"""Time constant of the mean disturbance that descents lean into [s]: a gust of this moment is over by then, and false
+poses have not shown theirs for so long."""
 EXCITATION_DELAY_S = 0.25
 """Time after the first climb without tones [s]: the law settles first."""
 SPARSE_S = 0.07
 """Mean interval of poses above which calm gains are used [s]: between them errors grow unseen."""
 SPARSE_MEAN_S = 1.0
 """Time constant of that mean [s]."""
-FIRST_CLIMB_SHARE = 1.2
-"""Largest thrust of the first climb as a share of the thrust that hovered at lift-off [-]: until the height has shown
-that it answers, what the poses leave out is pushed against gently."""
-FIRST_CLIMB_S = 1.0
-"""Time after which that limit begins to grow [s], ..."""
-FIRST_CLIMB_GROWS = 0.5
-"""... by this share a second [1/s]."""
-FIRST_CLIMB_M = 0.25
-"""Height at which the first climb is over [m]."""
-LOW_SHARE = 0.7
-"""Least thrust of climb and landing as a share of the hover thrust [-]: it falls at .3 g at most, and
-a touchdown still shows in the thrust (touchdown.LOW_SHARE)."""
-TRANSIT_COSINE = math.cos(math.radians(40.0))
-"""Cosine of the largest tilt on a way, in climb and landing [-]: a wind of 8 m/s² is leant into, and
-a position that is mirrored is run after at .84 g at most."""
-RATE_GAIN_PER_S = 14.0
-"""Rate at which body rates are taken to die down under another controller than ours [1/s]: our own k_ω."""
 GROUND_EFFECT_SHARE = 0.95
 """Below this share of the weight, ground effect carries the vehicle [-]."""
 UNHEARD_SHARE = 0.95
@@ -89,26 +72,12 @@ UNHEARD_SINK_M_S = 0.4
 LET_GO_S = 0.5
 """Time for which the last command goes on where commands come too late [s]: the autopilot is asked
 to land meanwhile."""
-HOLD_STEP_S = 0.08
-"""Longest single step of the model while a command is held to its deadline [s]."""
-REMEMBER_S = 5.0
-"""Time for which estimates and commands are kept for a failure [s]: the longest window and a question."""
 NEAR_FLOOR_M = 0.12
 """Height below which the floor may hold the vehicle, so that its poses need not answer [m]."""
 SEEN_POSES = 6
 """Poses from which a speed is taken where they answer again [-]: .1 s at 50 Hz."""
 NOISE_POSES = 50
 """Number of poses after which the certificate is told their noise and interval again."""
-
-
-class Trusted(NamedTuple):
-    """The vehicle at one pose that was above suspicion."""
-
-    time_s: float
-    motion: Motion
-    disturbance: Vec3
-    """Mean of the last second [m/s², NED]."""
-    effectiveness: float
 
 
 class Pilot:
@@ -144,35 +113,26 @@ class Pilot:
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = CertificateMonitor(vehicle, config)
         self._mode = _Mode(config)
-        self._limits = DemandLimits(FLOATS, vehicle)
-        self._rate_gain = config.k_omega if isinstance(config, Gains) else RATE_GAIN_PER_S
+        self._envelope = Envelope(vehicle, config)
         self._gate = PoseGate()
         self._tones = ExcitationTones(vehicle, config.gravity)
-        self._tone = NO_MOTION
         self._meant_down = math.inf
         self.health = health(vehicle.mass_kg, config.gravity)
         """Health of the poses."""
         self.response = ResponseLatency()
         """Latency of the vehicle's turns beyond the configured one."""
-        self._lift: _Lift | None = None
         self._is_released = self._has_climbed = False
-        self._released_s = -math.inf
         self._wind: Vec3 | None = None
-        self._trusted: deque[Trusted] = deque()
-        self._drives: deque[tuple[float, ActuatorCommand]] = deque()
-        self._intervals = _PoseIntervals()
-        self._seen: deque[Pose] = deque(maxlen=SEEN_POSES)
+        self._reckoning = Reckoning(vehicle, config.gravity)
+        self._received = _ReceivedPoses()
         self._last_s: float | None = None
-        self._pose: Pose | None = None
-        self._trajectory: Trajectory | None = None
-        self._start = 0.0
+        self._leg: tuple[Trajectory, float] | None = None
         self._descent: Descent | None = None
-        self._sink: Vec3 = (0.0, 0.0, 0.0)
 
     @property
     def newest_pose(self) -> Pose | None:
         """The newest believed pose, or None."""
-        return self._pose
+        return self._received.newest
 
     @property
     def certificate(self) -> Certificate | None:
@@ -194,10 +154,17 @@ class Pilot:
         """Whether a failsafe descent takes speed and place from the model."""
         return self._descent is not None and self._descent.blind
 
+    @property
+    def speed_aside_m_s(self) -> float:
+        """Speed across the vertical at the newest pose [m/s]; of a blind descent the model's."""
+        motion = self._estimator.motion
+        return 0.0 if motion is None else math.hypot(*motion.velocity[:2])
+
     def pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last, or that the gate rejects, is ignored."""
         self._tell(PoseRecord(pose))
-        if self._pose is not None and pose.time_s <= self._pose.time_s:
+        received = self._received
+        if received.newest is not None and pose.time_s <= received.newest.time_s:
             return
         ahead = self._estimator.look_ahead(pose.time_s)
         if not self._accepts(pose, ahead):
@@ -206,31 +173,33 @@ class Pilot:
         if self.is_blind and not health.attitude_answers:
             return
         reckons = self.is_blind and not health.position_answers
-        before, last = self._estimator.motion, self._pose
+        before, last = self._estimator.motion, received.newest
         if reckons:
-            self._estimator.update_attitude(pose, height=health.height_answers)
+            self._estimator.update_attitude(pose)
         else:
             self._estimator.update(pose, ahead)
         if before is not None and last is not None and self._is_released:
             self._check_response(pose, before, pose.time_s - last.time_s)
         if reckons and health.position_answers:
             self._see_again(pose)
-        self._seen.append(pose)
-        self._pose = pose
-        if self._intervals.add(pose.time_s):
-            self._watch.noise(self._estimator.noise_m, self._intervals.mean_s)
+        if received.add(pose):
+            self._watch.noise(self._estimator.noise_m, received.mean_s)
 
     def _accepts(self, pose: Pose, ahead: Ahead | None) -> bool:
-        """Whether the gate believes ``pose``; near the floor it does not ask, as the floor stops a vehicle."""
+        """Whether the gate believes ``pose``.
+
+        Near the floor it does not ask, as the floor stops a vehicle, nor where only the attitude is flown by.
+        """
         now, is_low = self._estimator.motion, self._floor - pose.position_ned[2] < NEAR_FLOOR_M
-        if not self._has_climbed or now is None or ahead is None or (is_low and not self._gate.is_shut):
+        reckons = self.is_blind and not self.health.position_answers
+        if not self._has_climbed or now is None or ahead is None or reckons or (is_low and not self._gate.is_shut):
             self._gate.restart()
             return True
         return self._gate.accepts(pose, now, ahead.motion, self.noise_m)
 
     def _see_again(self, pose: Pose) -> None:
         """Go on from the place of ``pose`` and the speed of the last poses, which answer again."""
-        motion, first = self._estimator.motion, self._seen[0]
+        motion, first = self._estimator.motion, self._received.recent[0]
         assert motion is not None and self._descent is not None, "a descent flies by the model"
         h = pose.time_s - first.time_s
         u, v, w = ((p - q) / h for p, q in zip(pose.position_ned, first.position_ned, strict=True))
@@ -239,12 +208,12 @@ class Pilot:
 
     def take_autopilot_attitude(self, time_s: float, attitude: Quat) -> None:
         """Fly by the autopilot's own ``attitude`` of ``time_s``, in the axes of the poses, after theirs has failed."""
-        last = self._pose
+        last = self._received.newest
         if last is None or time_s <= last.time_s or not self.is_blind or self.health.attitude_answers:
             return
         self._switch("autopilot_attitude", time_s, *attitude)
-        self._pose = msgspec.structs.replace(last, time_s=time_s, attitude=attitude)
-        self._estimator.update_attitude(self._pose, height=False)
+        self._received.newest = pose = msgspec.structs.replace(last, time_s=time_s, attitude=attitude)
+        self._estimator.update_attitude(pose)
 
     def follow(self, trajectory: Trajectory, start_s: float) -> None:
         """Make ``trajectory``, begun at ``start_s`` on the event loop's clock [s], the reference."""
@@ -254,7 +223,7 @@ class Pilot:
             self._is_released = self._has_climbed = True
             self._trust_from_here((0.0, 0.0, 0.0))
             self.health.restart()
-        self._trajectory, self._start = trajectory, start_s
+        self._leg = trajectory, start_s
         self._watch.restart()
 
     def gain(self, name: str, value: float) -> None:
@@ -263,16 +232,20 @@ class Pilot:
         if self._mode.set_gain(name, value):
             self._apply_gains()
 
-    def ease(self, calmly: bool, *, asks: bool, limits_tilt: bool = False, limits_fall: bool = False) -> None:
+    def ease(self, calmly: bool, *, asks: bool, is_limited: bool = False) -> None:
         """Use calm gains where ``calmly``: up, down or in place; ``asks``: fly excitation tones all the time.
 
-        ``limits_tilt`` and ``limits_fall``: limit the tilt, and how fast thrust lets it fall.
+        ``is_limited``: limit the tilt, and how fast thrust lets it fall.
         """
-        self._switch("ease", float(calmly), float(asks), float(limits_tilt), float(limits_fall))
+        self._switch("ease", float(calmly), float(asks), float(is_limited))
         mode = self._mode
+<<<<<<< HEAD
         mode.is_eased, mode.asks, mode.limits_tilt, mode.limits_fall = calmly, asks, limits_tilt, limits_fall
         self._is_first_climb = self._is_first_climb and limits_fall
         self._estimator.lands = limits_fall and not self._is_first_climb
+=======
+        mode.is_eased, mode.asks, mode.is_limited = calmly, asks, is_limited
+>>>>>>> w-monitor
 
     def _switch(self, what: str, *values: float) -> None:
         """Record that it is to fly otherwise."""
@@ -326,8 +299,12 @@ class Pilot:
         ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
+<<<<<<< HEAD
         disturbance = self._estimator.lift_off(climb_m_s, hover_share)
         self._is_first_climb = True
+=======
+        disturbance = self._estimator.lift_off(climb_m_s, max(hover_share, GROUND_EFFECT_SHARE))
+>>>>>>> w-monitor
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._is_released = True
@@ -337,13 +314,14 @@ class Pilot:
         self._trust_from_here(disturbance)
         self.health.lift_off(hovers, climb_m_s)
         motion = self._estimator.predict(time_s + self._vehicle.acting_delay_s).motion
-        self._lift = _Lift(time_s, hover_n, motion.position[2])
+        self._envelope.lift_off(time_s, hover_n, motion.position[2])
         return Reference(motion.position, motion.velocity, yaw_rad=heading(motion.attitude))
 
-    def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> None:
+    def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> float:
         """Only level out and sink from now on; ``blind`` takes speed and place from the model.
 
-        ``rest_s`` is how much longer commands may rest on one pose then [s].
+        ``rest_s`` is how much longer commands may rest on one pose then [s]. Return the largest height above the floor
+        that it may have, by the model or before the poses were suspect [m].
         """
         self._switch("descend", sink_m_s, float(blind), rest_s)
         if self._descent is None:
@@ -352,15 +330,17 @@ class Pilot:
             self._estimator.frozen = True  # the thrust is not learnt from poses that may be at fault
             before, wind = self._trusted_before(), self._wind
             if blind and not self.health.position_answers:
-                motion, wind = self._reckon(before, self._newest_s), before.disturbance
+                motion, wind = self._reckoning.reckon(before, self._newest_s), before.disturbance
                 self._estimator.believe(motion, wind, before.effectiveness)
             wind = wind or before.disturbance
             sinks = self._estimator.predict(max(self._last_s or 0.0, self._newest_s)).motion.velocity[2]
             rises = -sinks if sinks < 0.0 else -max(sinks - sink_m_s, 0.0)
             self._descent = Descent(self._vehicle, self._gravity, wind, before.effectiveness, rises)
+        self._descent.sink_m_s = sink_m_s
         self._descent.blind = blind
-        self._sink = (0.0, 0.0, sink_m_s)
         self._watch.restart()
+        motion = self._estimator.motion or self._trusted_before().motion
+        return self._floor - min(motion.position[2], self._trusted_before().motion.position[2])
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
         """Return a command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
@@ -373,30 +353,31 @@ class Pilot:
 
     def tick(self, time_s: float) -> Tick:
         """Return the command for a frame that leaves at ``time_s``. Needs a pose and a trajectory."""
-        pose, descent = self._pose, self._descent
-        assert pose is not None and self._trajectory is not None, "tick() needs a pose and a trajectory"
+        pose, descent = self._received.newest, self._descent
+        assert pose is not None and self._leg is not None, "tick() needs a pose and a trajectory"
+        trajectory, start_s = self._leg
         acting = time_s + self._vehicle.acting_delay_s
         estimate = self._estimator.predict(acting)
-        flight_time = acting - self._start
-        reference = self._trajectory.at(flight_time)
-        if descent is not None:
-            descent.sees_height = self.health.height_answers and self.health.has_failed
-        if self._mode.update(self._intervals.apart_s):
+        flight_time = acting - start_s
+        reference = trajectory.at(flight_time)
+        if self._mode.update(self._received.apart_s):
             self._apply_gains()
         if descent is not None:
-            reference = Reference(estimate.motion.position, self._sink)
+            reference = Reference(estimate.motion.position, (0.0, 0.0, descent.sink_m_s))
         without = self._tones.take_out(estimate, heading(estimate.motion.attitude))
         interval = 0.0 if self._last_s is None or self._mode.is_unheard else time_s - self._last_s
         self._last_s = time_s
         decide = self._decide if descent is None else descent.decide
         decision = decide(without, reference, interval)
         if descent is None:
-            decision = self._limit_first_climb(time_s, decision)
-            if self._mode.limits_tilt:
-                decision = self._limit_transit(decision, estimate)
+            decision = self._envelope.limit_first_climb(time_s, pose.position_ned[2], decision)
+            if self._mode.is_limited or self.health.asks:
+                down = (self._wind or (0.0, 0.0, 0.0))[2]
+                limits_fall = self._mode.is_limited
+                decision = self._envelope.limit_transit(time_s, decision, estimate, down, limits_fall=limits_fall)
             if self._mode.touches:
                 decision = self._keep_level(decision, estimate)
-            self._ask_on_error(time_s, without.motion.position, reference)
+            self._ask_on_new_wind(time_s, estimate.disturbance)
         if self._mode.is_unheard:
             decision = self._soften(decision, estimate)
         decision = self._excite(time_s, decision)
@@ -423,45 +404,20 @@ class Pilot:
         sooner = self._tones.take_out(sooner, heading(sooner.motion.attitude))
         return law.decide_apart(sooner, estimate, reference, interval_s)
 
-    def _ask_on_error(self, time_s: float, place: Vec3, reference: Reference) -> None:
-        """Ask the poses where the vehicle does not follow: wind does that, and poses that stand."""
-        if self._lift is not None and math.dist(place, reference.position_ned) > SUSPECT_ERROR_M:
+    def _ask_on_new_wind(self, time_s: float, disturbance: Vec3) -> None:
+        """Ask the poses where the disturbance is new: wind is that, and what false poses do not show."""
+        known = self._wind if self._envelope.has_lifted_off else None
+        if known is not None and math.dist(disturbance, known) > SUSPECT_M_S2:
             self.health.suspect(time_s)
 
     def _excite(self, time_s: float, decision: Decision) -> Decision:
         """Return ``decision`` with tones, where the poses are to be asked."""
-        lift = self._lift
-        settled = time_s - self._released_s > EXCITATION_DELAY_S and lift is not None and lift.is_over
-        asks = self._descent is not None or self._mode.asks or self.health.asks
-        self._tones.switch(time_s, on=settled and asks and not self._mode.is_unheard)
+        settled = self._envelope.has_climbed_for(time_s) > EXCITATION_DELAY_S
+        asks = self._descent is not None or self._mode.asks
+        level = QUESTION_LEVEL if self.health.asks or self.is_blind else float(asks)
+        self._tones.set_level(time_s, level if settled and not self._mode.is_unheard else 0.0)
         thrust, rates = self._tones.add_to(decision.drive, time_s)
         return decision._replace(drive=clamp_command(self._vehicle, thrust, rates)[0])
-
-    def _limit_first_climb(self, time_s: float, decision: Decision) -> Decision:
-        """Return ``decision`` with no more thrust than the first climb allows."""
-        lift = self._lift
-        if lift is None or lift.is_over:
-            return decision
-        if self._pose is not None and lift.down_m - self._pose.position_ned[2] > FIRST_CLIMB_M:
-            lift.is_over = True
-            self._released_s = time_s
-            return decision
-        thrust, rates = decision.drive
-        grows = FIRST_CLIMB_GROWS * max(time_s - lift.time_s - FIRST_CLIMB_S, 0.0)
-        most = lift.hover_n * (FIRST_CLIMB_SHARE + grows)
-        return decision._replace(drive=ActuatorCommand(min(thrust, most), rates))
-
-    def _limit_transit(self, decision: Decision, estimate: Estimate) -> Decision:
-        """Return ``decision`` so that no pose, however wrong, lets the vehicle lean far, or drop."""
-        motion, down = estimate.motion, (self._wind or (0.0, 0.0, 0.0))[2]
-        hover_n = self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
-        thrust, (roll, pitch, yaw) = decision.drive
-        least = min(LOW_SHARE * hover_n, self._vehicle.thrust_max_n) if self._mode.limits_fall else 0.0
-        roll, pitch, _ = self._limits.limit_tilt(
-            motion.attitude, motion.rates, (roll, pitch), TRANSIT_COSINE, self._rate_gain
-        )
-        drive, _ = clamp_command(self._vehicle, max(thrust, least), (roll, pitch, yaw))
-        return decision._replace(drive=drive)
 
     def _keep_level(self, decision: Decision, estimate: Estimate) -> Decision:
         """Return ``decision`` with rates that only level: sideways control would tip what stands."""
@@ -474,7 +430,7 @@ class Pilot:
         Times are as in :meth:`surrender`. A bring-down that comes late would brake what does not fall.
         """
         self._switch("let_go", hold_s)
-        pose = self._pose
+        pose = self._received.newest
         assert pose is not None, "only what has flown by poses ceases to"
         estimate = self._estimator.predict(time_s + self._vehicle.acting_delay_s)
         thrust = UNHEARD_SHARE * self._unheard_hover_n(estimate)
@@ -503,9 +459,9 @@ class Pilot:
         bring-down.
         """
         self._switch("surrender", hold_s)
-        pose, vehicle, before = self._pose, self._vehicle, self._trusted_before()
+        pose, vehicle, before = self._received.newest, self._vehicle, self._trusted_before()
         assert pose is not None, "only what has flown by poses ceases to"
-        motion = self._reckon(before, time_s + vehicle.acting_delay_s)
+        motion = self._reckoning.reckon(before, time_s + vehicle.acting_delay_s)
         first, *rest = plan_model_descent(
             motion, vehicle, mass_kg=vehicle.mass_kg / before.effectiveness, gravity=self._gravity,
             disturbance=before.disturbance, height_m=self._floor - motion.position[2],
@@ -518,9 +474,7 @@ class Pilot:
         """Begin to fly: the estimate is believed as it is now."""
         motion = self._estimator.motion
         assert motion is not None, "nothing flies without a pose"
-        self._released_s = self._newest_s
-        self._trusted.clear()
-        self._trusted.append(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
+        self._reckoning.begin(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
 
     def _check_response(self, pose: Pose, before: Motion, dt: float) -> None:
         """Compare one believed pose with the commands."""
@@ -531,74 +485,37 @@ class Pilot:
         height, meant = self._floor - pose.position_ned[2], self._floor - self._meant_down
         is_high = height > NEAR_FLOOR_M or (self._descent is None and meant > 2.0 * NEAR_FLOOR_M)
         self._has_climbed = self._has_climbed or is_high
-        last, tone = self._tone, self._tones.motion(pose.time_s, heading(pose.attitude))
-        self._tone = tone
-        (x, y, z), (a, b, c) = tone.position, last.position
-        asked, tilted = (x - a, y - b, z - c), (tone.tilt[0] - last.tilt[0], tone.tilt[1] - last.tilt[1])
-        wind = self._wind or (0.0, 0.0, 0.0)
+        asked, tilted = self._tones.advance(pose.time_s, heading(pose.attitude))
+        wind, asked_before = self._wind or (0.0, 0.0, 0.0), health.asks
         health.see(
             pose, before, given, asked, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
+        if asked_before and health.is_confirmed and not health.asks:  # the wind that was new is true
+            self._wind = wind = estimator.disturbance
         if is_high and self._descent is None:
             self.response.pose(pose.attitude, health.turn, dt)
         if health.calm_s == pose.time_s and not self._mode.is_unheard:
-            self._trusted.append(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
-            while self._trusted[0].time_s < pose.time_s - REMEMBER_S:
-                self._trusted.popleft()
+            self._reckoning.trust(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
 
     def _trusted_before(self) -> Trusted:
-        """Newest estimate of well before the poses were suspect, or the oldest kept."""
-        until_s = self.health.believed_until_s
-        return next((one for one in reversed(self._trusted) if one.time_s <= until_s), self._trusted[0])
-
-    def _reckon(self, before: Trusted, until_s: float) -> Motion:
-        """Motion to which the commands sent have taken the vehicle since ``before``, by ``until_s`` [s]."""
-        motion, now, mass = before.motion, before.time_s, self._vehicle.mass_kg / before.effectiveness
-        drives = list(self._drives)
-        for i, (begins, drive) in enumerate(drives):
-            ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)
-            if ends > max(begins, now):
-                motion = self._roll(motion, drive, ends - now, mass, before.disturbance)
-            now = max(now, ends)
-        return motion
-
-    def _roll(
-        self, motion: Motion, drive: ActuatorCommand, duration_s: float, mass_kg: float, disturbance: Vec3
-    ) -> Motion:
-        """Return ``motion`` after ``duration_s`` [s] of one ``drive``, in steps that the model can take."""
-        vehicle = self._vehicle
-        steps = int(duration_s / HOLD_STEP_S) + 1
-        for _ in range(steps):
-            motion = integrate(
-                FLOATS,
-                motion,
-                drive,
-                duration_s / steps,
-                mass=mass_kg,
-                gravity=self._gravity,
-                disturbance=disturbance,
-                thrust_lag=vehicle.thrust_lag_s,
-                rate_lag=vehicle.rate_lag_s,
-                drag=vehicle.drag_per_s,
-            )
-        return motion
+        """Newest estimate of well before the poses were suspect."""
+        return self._reckoning.find_trusted(self.health.believed_until_s)
 
     def _send(self, time_s: float, drive: ActuatorCommand) -> None:
         """Note that a command leaves at ``time_s`` [s]."""
-        seen_s, drives = time_s + self._vehicle.command_delay_s, self._drives
+        seen_s = time_s + self._vehicle.command_delay_s
         self._estimator.add_command(seen_s, drive)
-        schedule(drives, self._vehicle, seen_s, drive)
-        while drives[0][0] < seen_s - REMEMBER_S:
-            drives.popleft()
+        self._reckoning.add_command(seen_s, drive)
 
     @property
     def _newest_s(self) -> float:
-        return -math.inf if self._pose is None else self._pose.time_s
+        newest = self._received.newest
+        return -math.inf if newest is None else newest.time_s
 
     def _command(self, drive: ActuatorCommand, parts: tuple[Segment, ...]) -> Command:
-        pose = self._pose
+        pose = self._received.newest
         assert pose is not None, "a command needs a pose"
         return Command(drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast, parts)
 
@@ -620,7 +537,7 @@ class Pilot:
             return ()
         vehicle, motion = self._vehicle, now.motion
         mass = vehicle.mass_kg / now.effectiveness
-        motion = self._roll(motion, drive, held_s, mass, disturbance)
+        motion = self._reckoning.roll(motion, drive, held_s, mass, disturbance)
         return plan_bring_down(
             motion,
             vehicle,
@@ -635,9 +552,7 @@ class _Mode:
     """Requests of the mission, and the gains that follow from them."""
 
     def __init__(self, config: ControllerConfig) -> None:
-        self.limits_tilt = self.limits_fall = self.is_eased = self.asks = self.touches = self.is_unheard = (
-            self.is_paused
-        ) = False
+        self.is_limited = self.is_eased = self.asks = self.touches = self.is_unheard = self.is_paused = False
         self._is_calm = False
         self._config = config if isinstance(config, Gains) else None
 
@@ -663,34 +578,30 @@ class _Mode:
         return True
 
 
-class _Lift:
-    """Lift-off, for the limits of the first climb."""
-
-    def __init__(self, time_s: float, hover_n: float, down_m: float) -> None:
-        self.time_s, self.hover_n, self.down_m = time_s, hover_n, down_m
-        self.is_over = False
-
-
-class _PoseIntervals:
-    """Intervals of the poses."""
+class _ReceivedPoses:
+    """Newest believed poses, and their intervals."""
 
     def __init__(self) -> None:
+        self.newest: Pose | None = None
+        """Newest one, or None."""
+        self.recent: deque[Pose] = deque(maxlen=SEEN_POSES)
+        """The newest of them."""
         self.apart_s = self.mean_s = 0.0
         """Mean interval of the last second, and of the last ``NOISE_POSES`` [s]."""
         self._count, self._counted_s = 0, 0.0
-        self._last_s: float | None = None
 
-    def add(self, time_s: float) -> bool:
+    def add(self, pose: Pose) -> bool:
         """Take one pose; return whether ``mean_s`` is new."""
-        last, self._last_s = self._last_s, time_s
+        last, self.newest = self.newest, pose
+        self.recent.append(pose)
         self._count += 1
         if last is None:
-            self._counted_s = time_s
+            self._counted_s = pose.time_s
             return False
-        apart = time_s - last
+        apart = pose.time_s - last.time_s
         self.apart_s += apart / (apart + SPARSE_MEAN_S) * (apart - self.apart_s)
         if self._count % NOISE_POSES != 1:
             return False
-        self.mean_s = (time_s - self._counted_s) / NOISE_POSES
-        self._counted_s = time_s
+        self.mean_s = (pose.time_s - self._counted_s) / NOISE_POSES
+        self._counted_s = pose.time_s
         return True

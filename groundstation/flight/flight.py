@@ -219,7 +219,6 @@ class CommandLoop:
         self.drops = LinkDropWatch(status)
         try:
             await self._link.arm(lambda: self._pilot.idle(loop.time(), self._idle_n))
-            progress.firmware = self._link.status.firmware
             why = "spooling up, until the floor is left" if armed is Event.ARMED else "following the trajectory"
             progress.go(armed, why, loop.time())
             await self._while_the_link_sends(self._transmit())

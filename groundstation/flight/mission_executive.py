@@ -5,7 +5,6 @@ The caller owns time and wires.
 
 import math
 from collections.abc import Callable
-from enum import IntEnum
 from typing import NamedTuple
 
 import msgspec
@@ -16,7 +15,6 @@ from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint, 
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.safety import (
     MONITORS,
-    NUDGE_SHARE,
     Escalation,
     Failure,
     Fence,
@@ -26,7 +24,6 @@ from groundstation.core.safety import (
     HealthState,
     Hover,
     Monitors,
-    Nudge,
     Separation,
     Spool,
     SpoolUp,
@@ -35,6 +32,7 @@ from groundstation.core.safety import (
     limit_n,
 )
 from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stop
+from groundstation.flight.descent_means import DescentMeans, Means
 from groundstation.settings import Config
 from links.core import IN_TIME, Arrival, Attitude, Command, LinkStatus
 
@@ -69,12 +67,6 @@ LOOKS = 40
 """A leg is looked at in so many places before it is flown: less than a millisecond."""
 LONGER_S, LONGER = 10.0, 2.0
 """A way down may take so much [s], and so many times [-], longer than at the slowest speed that it is told."""
-AUTOPILOT_S = 0.3
-"""Age up to which the autopilot's own attitude is flown by after the poses' has failed [s]: three of its messages at
-10 Hz."""
-BLIND_DEPTH_M = 0.2
-"""Depth under the floor, by the model, at which a blind descent is over [m]: the model's height is
-known no better after 2 s."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
@@ -313,19 +305,6 @@ class Hearing:
         return silent_s if max(SILENT_S, SILENTS * self._usual_s) < silent_s < LOST_S else 0.0
 
 
-class Means(IntEnum):
-    """Means by which a flight comes down after its poses have failed: each worse than the last."""
-
-    POSITION = 0
-    """Everything of the poses still answers: an ordinary landing."""
-    ATTITUDE = 1
-    """Only their attitude answers: a descent with speed and place from the model."""
-    AUTOPILOT = 2
-    """The autopilot's own attitude is heard: the same by that."""
-    NOTHING = 3
-    """Nothing answers, or the autopilot lands by its own position: commands end with a bring-down."""
-
-
 class MissionExecutive:
     """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
 
@@ -354,14 +333,12 @@ class MissionExecutive:
         self._config = config
         self._pilot = pilot
         self._period_s = period_s
-        self._lands_by_own_position = lands_by_own_position
+        self._means = DescentMeans(pilot, lands_by_own_position)
         self._arrival = arrival
         self._unheard = False
         self._on_failure = on_failure
         self.failure: Failure | None = None
         """Why the poses, or the commands, have ended the flight; None where they have not."""
-        self._means = Means.POSITION
-        self._autopilot_s = -math.inf
         self._health = HealthState.OK
         self._hearing = Hearing()
         self._down_by_s = math.inf
@@ -371,10 +348,6 @@ class MissionExecutive:
         self._course = Course(config)
         self._standing = StandingPoses()
         self._spooling: SpoolUp | None = None
-        lag_s = config.vehicle.acting_delay_s + config.vehicle.thrust_lag_s
-        self._nudge = Nudge(config.weight_n, lag_s) if config.takeoff.nudge else None
-        self.firmware = ""
-        """What the autopilot that was armed runs, as it tells; empty where it does not."""
         guards = config.guards
         self._fence = fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._guards: Guards | None = None
@@ -445,7 +418,8 @@ class MissionExecutive:
             if self._spooling is not None:  # off the floor since the newest pose, and no command has told so yet
                 self._climb_away(now_s)
             rest = 0.0 if self._guards is None else self._config.guards.level_s
-            self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
+            height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
+            self._means.descend_blind(now_s, height_m)
         elif event is Event.TRACK:
             self._escalation.reset()
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
@@ -525,6 +499,8 @@ class MissionExecutive:
             if self._comes_too_late(now_s):
                 return self._pilot.let_go(now_s, LAST_PERIODS * self._period_s()), None
             if self._answer_failure(now_s):
+                if self._means.chosen is Means.FLOOR:
+                    return self._pilot.idle(now_s, 0.0), None
                 return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
             self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
@@ -535,14 +511,11 @@ class MissionExecutive:
         if why:
             self.go(Event.LAND, why, now_s, fault=True)
             return self._pilot.idle(now_s, 0.0), None
-        if self._nudge is not None and (told := self._nudge.judge(now_s)) is not None:
-            self._say(told[1])
-            self._nudge = None
         return self._pilot.idle(now_s, spooling.thrust_n(now_s)), None
 
     def left(self, now_s: float) -> None:
         """A command has left; where it was the last that poses have led to, commands end with it."""
-        if self._means is Means.NOTHING and self.failure is not None:
+        if self._means.ends_commands and self.failure is not None:
             self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
 
     def _comes_too_late(self, now_s: float) -> bool:
@@ -556,7 +529,8 @@ class MissionExecutive:
         if not self._unheard:
             return False
         if (why := self._find_deafness(now_s)) and late_s > 0.0:
-            self.failure, self._means = Failure("link.late", f"{why}, so they end"), Means.NOTHING
+            self.failure = Failure("link.late", f"{why}, so they end")
+            self._means.end()
             return True
         if why and self.state is not State.DESCENT:
             self.go(Event.DESCEND, why, now_s, fault=True)
@@ -585,36 +559,20 @@ class MissionExecutive:
             return False
         if self.failure is None:
             self.failure = Failure(health.reason_id, notice(health.reason_id))
-        if self._means is not Means.NOTHING:
-            self._means = self._find_means(now_s)
-        reason = self.failure.reason
-        if self._means is not Means.POSITION:
+        reason, means = self.failure.reason, self._means.choose(now_s)
+        if means is not Means.POSITION:
             self._on_failure()
-        match self._means:
-            case Means.POSITION:
-                if self.state not in (State.LANDING, State.DESCENT):
-                    self.go(Event.LAND, f"{reason}: landing, as they still answer", now_s, fault=True)
-            case Means.ATTITUDE | Means.AUTOPILOT:
-                whose = "their attitude" if self._means is Means.ATTITUDE else "the autopilot's attitude"
-                if self.state is not State.DESCENT:
-                    self.go(Event.DESCEND, f"{reason}: down by {whose}", now_s, fault=True, blind=True)
-                elif not self._pilot.is_blind:
-                    self._pilot.descend(self._config.flight.descent_m_s, blind=True)
-            case Means.NOTHING:
-                self.failure = self.failure._replace(reason=f"{reason}: down on the model")
-                return True
-        return False
-
-    def _find_means(self, now_s: float) -> Means:
-        """Best means that is left at present."""
-        health = self._pilot.health
-        if health.position_answers:
-            return Means.POSITION
-        if self._lands_by_own_position(now_s):
-            return Means.NOTHING
-        if health.attitude_answers:
-            return Means.ATTITUDE
-        return Means.AUTOPILOT if now_s - self._autopilot_s < AUTOPILOT_S else Means.NOTHING
+        if self._means.ends_commands:
+            self.failure = self.failure._replace(reason=f"{reason}: down on the model")
+        elif means is Means.POSITION:
+            if self.state not in (State.LANDING, State.DESCENT):
+                self.go(Event.LAND, f"{reason}: landing, as they still answer", now_s, fault=True)
+        elif self.state is not State.DESCENT:
+            whose = "their attitude" if means is Means.ATTITUDE else "the autopilot's attitude"
+            self.go(Event.DESCEND, f"{reason}: down by {whose}", now_s, fault=True, blind=True)
+        elif not self._pilot.is_blind:
+            self._means.descend_blind(now_s, self._pilot.descend(self._config.flight.descent_m_s, blind=True))
+        return self._means.ends_commands
 
     def _tell_health(self, state: HealthState, reason_id: str) -> None:
         """Tell the operator once that the poses are asked, and that they answer."""
@@ -643,9 +601,6 @@ class MissionExecutive:
 
     def _find_overtime(self, tick: Tick) -> MissionMove | None:
         """What ends a way down that has taken so long that the floor is not where it is believed to be."""
-        height_m = self._config.flight.floor_z_m - tick.estimate.motion.position[2]
-        if self._pilot.is_blind and not self._pilot.health.position_answers and height_m < -BLIND_DEPTH_M:
-            return MissionMove(Event.ABORT, "down by the model: commands end", fault=True)
         if not tick.time_s > self._down_by_s:
             return None
         why = "it should long have come down, and the floor was not felt (check flight.floor_z_m)"
@@ -695,8 +650,6 @@ class MissionExecutive:
 
     def pose(self, pose: Pose) -> None:
         """One pose has come."""
-        if self._nudge is not None and self.state is not State.ARMING:
-            self._nudge.pose(pose)
         if self._spooling is not None:
             self._spooling.pose(pose)
         elif self.tick is None:
@@ -709,37 +662,17 @@ class MissionExecutive:
     def attitude(self, told: Attitude, in_poses: Quat | None, now_s: float) -> None:
         """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
         if in_poses is not None:
-            self._autopilot_s = now_s
-            if self._means is Means.AUTOPILOT:
-                self._pilot.take_autopilot_attitude(told.time_s, in_poses)
-        if self._nudge is not None and self.state is not State.ARMING:
-            self._nudge.attitude(told)
+            self._means.hear_attitude(told, in_poses, now_s)
 
     def _spool_up(self, now_s: float) -> None:
         """The motors turn: thrust rises from now on until the floor is left."""
         config, vehicle = self._config, self._config.vehicle
         weight, takeoff = config.weight_n, config.takeoff
         most, idle = limit_n(config), config.flight.idle_thrust * weight
-        if self._nudge is not None and (why := self._find_obstacle_to_nudge()):
-            self._say(f"no nudge: {why}")
-            self._nudge = None
-        start_s = now_s if self._nudge is None else self._nudge.begin(now_s)
-        spool = Spool(weight, most, takeoff.spool_s, idle, start_s, vehicle.thrust_lag_s)
+        spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
         gravity, noise_m = config.controller.gravity, self._pilot.noise_m
-        self._spooling = spooling = SpoolUp(self._standing, spool, vehicle, weight, gravity, noise_m, self._nudge)
+        self._spooling = spooling = SpoolUp(self._standing, spool, vehicle, weight, gravity, noise_m)
         self._course.stood(spooling.place_ned)
-
-    def _find_obstacle_to_nudge(self) -> str:
-        """Why no thrust may be told that lifts nothing; empty where it may."""
-        flight = self._config.flight
-        if self._config.pose.by_autopilot:
-            return "the poses are the autopilot's own, which its gyros make"
-        if self._config.link.has_autopilot and not self.firmware.startswith("PX4"):
-            who = self.firmware or "an autopilot that does not tell its version"
-            return f"{who} may take off by any thrust, as ArduPilot in GUIDED does"
-        if flight.idle_thrust >= NUDGE_SHARE:
-            return f"flight.idle_thrust is {flight.idle_thrust:g} already, and the nudge {NUDGE_SHARE:g} of the weight"
-        return ""
 
     def _climb_away(self, now_s: float) -> None:
         """It has just left the floor: it flies by poses from now on."""
@@ -761,9 +694,8 @@ class MissionExecutive:
 
     def _follow(self, leg: Leg) -> None:
         asks = self.state is not State.TRACKING
-        is_low = self.state in (State.TAKEOFF, State.LANDING)
-        limits_tilt = self.state not in (State.HOLD, State.TRACKING)
-        self._pilot.ease(self.state is not State.TRACKING, asks=asks, limits_tilt=limits_tilt, limits_fall=is_low)
+        is_limited = self.state not in (State.HOLD, State.TRACKING)
+        self._pilot.ease(self.state is not State.TRACKING, asks=asks, is_limited=is_limited)
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

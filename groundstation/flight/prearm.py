@@ -37,7 +37,6 @@ from groundstation.core.messages import (
 from groundstation.core.mission import Event
 from groundstation.core.safety import (
     ASKEW_DEG,
-    NUDGE_SHARE,
     Agreement,
     Fence,
     GuardsConfig,
@@ -678,13 +677,12 @@ class Checks:
         config, weight = self._config, self._config.weight_n
         most, usual = (limit(config) for limit in (limit_n, usual_limit_n))
         says = f"thrust goes to {most:.3g} N before lift-off, {100.0 * most / weight:.0f} % of the weight"
-        nudge = f". Before, a nudge of {NUDGE_SHARE:g} of it, which the poses must show" if config.takeoff.nudge else ""
         if most <= usual:
-            return Check("take-off thrust", Verdict.PASS, says + nudge)
+            return Check("take-off thrust", Verdict.PASS, says)
         more = (
             f"{says}, by takeoff.thrust_limit: with wrong poses or a wrong mass it jumps higher than by {usual:.3g} N"
         )
-        return Check("take-off thrust", Verdict.WARN, more + nudge)
+        return Check("take-off thrust", Verdict.WARN, more)
 
     def _simulation(self) -> list[Check]:
         """A word that takes guards away must not stay in a configuration unseen."""

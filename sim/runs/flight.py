@@ -246,9 +246,9 @@ def from_floor(world: World, config: Config, figure_s: float | None) -> tuple[Wo
     """Put the vehicle on the floor below its start in the air, with ``figure_s`` [s] of figure to fly."""
     north, east, _ = world.start_ned
     flight = msgspec.structs.replace(config.flight, start="floor", idle_thrust=0.0, duration_s=figure_s)
-    place, trembles = (north, east, world.floor_z_m), config.takeoff.nudge
+    place = (north, east, world.floor_z_m)
     return (
-        msgspec.structs.replace(world, start_ned=place, start_thrust=0.0, ground_effect=True, trembles=trembles),
+        msgspec.structs.replace(world, start_ned=place, start_thrust=0.0, ground_effect=True),
         msgspec.structs.replace(config, flight=flight),
     )
 

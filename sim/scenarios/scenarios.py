@@ -628,7 +628,6 @@ def world_as_told(air: World, told: Config, truth: list[str]) -> World:
         floor_z_m=told.flight.floor_z_m,
         start_thrust=0.0 if stands else told.flight.idle_thrust,
         ground_effect=stands,
-        trembles=stands and told.takeoff.nudge,
         own_estimate=own_estimate,
     )
     return overridden(world, truth)

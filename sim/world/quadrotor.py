@@ -570,37 +570,14 @@ class SimulatedVehicle:
         if self._horizon is not None:
             truth = self.plant.truth(time_s)
             attitude, (p, q, r) = self._horizon.feel(truth)
-            if shake := TREMBLE_RAD_S * _tremble(truth, self._world):
-                i, j, k, *_ = next(self._noise)
-                p, q, r = p + shake * i, q + shake * j, r + shake * k
             return attitude, (p, q, r)
         seen = self.measure(time_s)
         return seen.attitude, seen.rates_rad_s
 
 
-TREMBLE_M = 0.0025
-"""Tremble of a standing vehicle's position, 1σ per axis, per thrust over weight [m]. Nothing is published; an amount
-that shows beside the cameras' noise was chosen."""
-TREMBLE_RAD = 0.015
-"""Tremble of its attitude, counted alike [rad]."""
-TREMBLE_RAD_S = 0.3
-"""Tremble of its rates, counted alike [rad/s]."""
-LEGS_GIVE = 0.3
-"""Thrust over weight up to which the tremble grows [-]."""
-
-
-def _tremble(truth: TrueState, world: World) -> float:
-    """Its thrust as a share of its weight, where it trembles by it [-]."""
-    if not (world.trembles and truth.on_ground):
-        return 0.0
-    return min(truth.thrust_n / (world.mass_kg * world.gravity), LEGS_GIVE)
-
-
 def with_noise(truth: TrueState, world: World, normals: tuple[float, ...]) -> TrueState:
     """``truth`` with the scenario's noise on position and attitude, from six standard normal numbers."""
     n, a, jitter = world.pose_noise_m, world.attitude_noise_rad, world.pose_jitter_s
-    if shake := _tremble(truth, world):
-        n, a = math.hypot(n, TREMBLE_M * shake), math.hypot(a, TREMBLE_RAD * shake)
     if n == 0.0 and a == 0.0:
         return truth
     (x, y, z), (i, j, k, roll, pitch, yaw) = truth.position_ned, normals

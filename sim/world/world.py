@@ -197,8 +197,6 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Time for which the floor holds a vehicle that already gathers speed upwards [s]; ArduPilot's SITL: 0.6."""
     ground_effect: bool = False
     """Whether thrust grows near the floor; flights that begin on the floor have it."""
-    trembles: bool = False
-    """Whether it trembles on its legs as its rotors push; flights that begin on the floor with takeoff.nudge do."""
     rotor_radius_m: Positive = 0.035
     """Radius of one rotor [m]: the ground effect fades with height over it."""
     step_s: Annotated[float, msgspec.Meta(gt=0.0, le=0.0025)] = 0.0025

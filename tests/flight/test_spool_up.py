@@ -18,7 +18,6 @@ from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, Tracker
 from sim.world import Quadrotor
-from tests.flight.test_missions import SHORT
 from tests.proving.takeoff_start import TakeoffStart
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
@@ -342,51 +341,3 @@ def test_a_floor_that_lets_go_late_as_ardupilot_s_simulator_s_does_is_left_smoot
     start, fault = start_of("quad1kg", *OWN, *late, seed=seed, source="odometry", autopilot="ardupilot")
     assert not fault
     assert start.smooth, vars(start)
-
-
-NUDGE = ("takeoff.nudge=true", "gate.drop_frozen=false")
-
-
-@pytest.mark.parametrize("link", ["mavlink", "dsm"])
-@pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
-def test_a_vehicle_whose_own_poses_tremble_under_a_nudge_lifts_off(scenario: str, link: str) -> None:
-    flown = spool_up(scenario, *NUDGE, link=link)
-    assert not flown.mission.fault
-    assert "hold" in [one.state for one in flown.mission.states]
-    assert any("its poses tremble as its rotors push" in line for line in flown.told)
-
-
-@pytest.mark.parametrize("link", ["mavlink", "dsm"])
-@pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
-@pytest.mark.parametrize("wrong", [(), ("sim.thrust_gain=1.25",)])
-def test_another_body_s_poses_do_not_tremble_under_a_nudge_and_nothing_leaves_the_floor(
-    scenario: str, link: str, wrong: tuple[str, ...]
-) -> None:
-    flown = spool_up(scenario, *NUDGE, *wrong, picture=resting_with_noise, link=link)
-    assert "its poses do not tremble" in flown.mission.fault
-    assert ("as its gyros do" in flown.mission.fault) is (link == "mavlink")
-    assert flown.highest_m == 0.0
-    assert flown.most_n <= 0.301 * SCENARIOS[scenario].told.mass_kg * 9.81
-    assert [one.state for one in flown.mission.states][-2:] == ["disarming", "landed"]
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_poses_too_noisy_to_show_a_nudge_are_no_other_body_s(seed: int) -> None:
-    flown = spool_up("storm", *NUDGE, seed=seed)
-    assert not flown.mission.fault
-    assert any("nudged, no verdict" in line and "mm of noise show none" in line for line in flown.told)
-
-
-def test_without_the_key_nothing_is_told_below_the_spool_up() -> None:
-    flown = spool_up("paper", "gate.drop_frozen=false", picture=resting_with_noise)
-    assert not any("nudge" in line for line in flown.told)
-    assert "is this the right body, is the mass right?" in flown.mission.fault
-
-
-def test_an_ardupilot_in_guided_is_not_nudged_as_any_thrust_would_take_it_off() -> None:
-    world, config = prepare(SCENARIOS["quad1kg"], [*NUDGE, *SHORT])
-    world, config = from_floor(world, config, 2.0)
-    lines = list[str]()
-    flown = fly_mission(world, config, seed=0, autopilot="ardupilot", on_event=lambda event: lines.append(event.line))
-    assert not flown.fault
-    assert any("no nudge: ArduPilot" in line for line in lines)

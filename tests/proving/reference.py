@@ -24,6 +24,7 @@ import groundstation
 from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
 from groundstation.config import describe_type, field_descriptions, refuse_io, structs
+from groundstation.core.safety import list_limits
 from groundstation.interfaces.mqtt import write_schemas
 from groundstation.machine import fill_markers
 from groundstation.recording import CHANNELS
@@ -326,6 +327,18 @@ def describe_columns() -> str:
     return "\n".join(["| column | |", "|---|---|", *(f"| `{name}` | {said.get(name, '')} |" for name in COLUMNS)])
 
 
+def describe_guards() -> str:
+    """Every limit in flight, as a configuration has it that says nothing else."""
+    config = Config()
+    rows = [
+        f"| {one.says} | `{one.key}`{'' if one.limit is None else f' {_show(one.limit)}'} | {one.lasts_s:g} "
+        f"| {one.step} | {one.most} | {_sentence(one.remedy)} |"
+        for one in list_limits(config, config.guards)
+    ]
+    head = ["| guard | limit | for, s | what follows | at most | what to do |", "|---|---|---:|---|---|---|"]
+    return "\n".join([*head, *rows])
+
+
 GIVEN = ("Vehicle", "Estimate", "Motion", "Reference", "ActuatorCommand", "Decision", "Diagnostics")
 """What a controller gets and gives."""
 SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.M)
@@ -427,6 +440,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "commands.md": {"commands": describe_programs},
     "recording-channels.md": {"channels": describe_channels},
     "campaign-columns.md": {"columns": describe_columns},
+    "guards.md": {"guards": describe_guards},
     "python.md": {
         "calls": describe_calls,
         "given": lambda: describe_structs(*(getattr(groundstation, name) for name in GIVEN)),

@@ -29,5 +29,6 @@ from groundstation.core.control.bring_down import OFF, plan_bring_down
 from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.control.descent import Descent, level
-from groundstation.core.control.excitation import NO_MOTION, ExcitationTones
+from groundstation.core.control.envelope import Envelope
+from groundstation.core.control.excitation import QUESTION_LEVEL, ExcitationTones
 from groundstation.core.control.model_descent import plan_model_descent

@@ -8,8 +8,9 @@ what hovers, and with time ever less.
 """
 
 import math
+from operator import mul
 
-from groundstation.core.control.attitude import length, make_decision, push, sine_error
+from groundstation.core.control.attitude import make_decision, push, sine_error
 from groundstation.core.geometry import Quat, Vec3, third_column
 from groundstation.core.messages import Decision, Estimate
 from groundstation.core.trajectory import Reference
@@ -17,8 +18,13 @@ from groundstation.core.vehicle import Vehicle
 
 SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
+BLIND_SPEED_GAIN = 2.5
+"""The same by the model's speed, which has no noise [1/s]: 4 m/s are braked within 1 m."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
+BLIND_ATTITUDE_GAIN = 8.0
+"""The same of a blind descent, whose attitude has answered, so that it is not late [1/s]: what leans the way that it
+goes is turned within .4 s."""
 LEAN = math.radians(45.0)
 """Largest tilt that it asks for [rad]: a wind of 8 m/s² is leant into, and braked."""
 WIND_LIMIT_M_S2 = 8.0
@@ -37,8 +43,8 @@ WIND_S, HEAVIER_S = 0.3, 1.0
 done against it, is poses that are late or lie."""
 LIGHTER_M_S2 = 1.5
 """Less than that by so much it is not believed to weigh at once [m/s²]: a height that stands looks like that."""
-BLIND_PULL_M_S2 = 0.35
-"""Downward acceleration that it asks for when blind: 1.2 m/s after 2 m."""
+BLIND_PULL_M_S2 = 0.5
+"""Downward acceleration that it asks for when blind: 1.4 m/s after 2 m."""
 BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
 """By then it should be down [s]; from there on the pull grows [m/s³], as what hovers was not what it was taken for."""
 BLIND_RISES_M_S, BLIND_BRAKE_M_S2 = 2.0, 2.0
@@ -54,13 +60,13 @@ def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
     return *_lean(attitude, push((0.0, 0.0, 0.0), wind, gravity, LEAN)[0]), 0.0
 
 
-def _lean(attitude: Quat, along: Vec3) -> tuple[float, float]:
+def _lean(attitude: Quat, along: Vec3, gain: float = ATTITUDE_GAIN) -> tuple[float, float]:
     """Roll and pitch rate [rad/s] that bring the push ``along`` [m/s², NED]."""
     roll, pitch = sine_error(attitude, along)
     if third_column(attitude)[2] < 0.0:  # beyond 90° the sine falls again: turn as hard as at 90°
         n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
         roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
-    return ATTITUDE_GAIN * roll, ATTITUDE_GAIN * pitch
+    return gain * roll, gain * pitch
 
 
 class Descent:
@@ -80,10 +86,10 @@ class Descent:
         self._effectiveness = effectiveness
         self.wind = wind
         """What it is pushed by on average [m/s², NED]; blind, what it was as this began."""
+        self.sink_m_s = 0.0
+        """Speed at which it sinks where it is not blind [m/s]."""
         self.blind = False
         """True where speed is not to be believed."""
-        self.sees_height = False
-        """True where a blind descent may believe the height, and how fast it sinks."""
         self._integral = self._blind_s = 0.0
         self._rises = max(-BLIND_SINKS_M_S, min(rises_m_s, BLIND_RISES_M_S))
 
@@ -94,11 +100,10 @@ class Descent:
         x, y, z = estimate.disturbance
         if not self.blind:
             self.wind = a, b, c = a + k * (x - a), b + k * (y - b), c + m * (z - c)
-        blind_down = self.blind and not self.sees_height
         down = BLIND_WIND_M_S2 if self.blind else WIND_DOWN_M_S2
         x, y = (max(-WIND_LIMIT_M_S2, min(WIND_LIMIT_M_S2, d)) for d in (a, b))
         z = max(-down, min(c if self.blind else max(c - LIGHTER_M_S2, z), down))
-        if blind_down:
+        if self.blind:
             self._blind_s += interval_s
             pull = BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0)
             brake = min(2.0 * self._rises, BLIND_BRAKE_M_S2)
@@ -106,7 +111,7 @@ class Descent:
                 brake = max(4.0 * self._rises, -BLIND_LIFT_M_S2)
             self._rises -= brake * interval_s
             u, v, _ = motion.velocity  # the model's, which takes no position from the poses
-            wanted: Vec3 = (-SPEED_GAIN * u, -SPEED_GAIN * v, pull + brake)
+            wanted: Vec3 = (-BLIND_SPEED_GAIN * u, -BLIND_SPEED_GAIN * v, pull + brake)
         else:
             (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
             k, limit = SPEED_GAIN, INTEGRAL_LIMIT_M_S2
@@ -114,13 +119,13 @@ class Descent:
             down = max(-MOST * g, min(0.3 * g, k * (w - c)) + self._integral)
             wanted = (k * (u - a), k * (v - b), down)
         along, _ = push(wanted, (x, y, z), g, LEAN)
-        roll, pitch = _lean(motion.attitude, along)
-        upright = third_column(motion.attitude)[2]
+        roll, pitch = _lean(motion.attitude, along, BLIND_ATTITUDE_GAIN if self.blind else ATTITUDE_GAIN)
         mass = self._vehicle.mass_kg / (self._effectiveness if self.blind else estimate.effectiveness)
         believed = BLIND_WIND_M_S2 if self.blind else HEAVIER_M_S2
         heavier = max(-believed, min(self.wind[2], believed))
-        # A leaning vehicle lifts less, one far over nothing that helps.
-        lift = min(length(along) / max(upright, 0.7), (1.0 + MOST) * (g + heavier)) if upright > 0.3 else 0.0
+        # The share of the push along the body's axis: one that still leans the other way is not made faster.
+        lift = max(0.0, sum(map(mul, along, third_column(motion.attitude))))
+        lift = min(lift, (1.0 + MOST) * (g + heavier))
         return make_decision(
             self._vehicle,
             estimate,

@@ -26,8 +26,10 @@ THRUST_TONE_RAD_S = 12.0
 """Frequency of the tone in thrust [rad/s]; as for the tilt."""
 THRUST_SHARE = 0.03
 """Amplitude of the tone in thrust, after the lag, as a share of the thrust [-]: 2 mm of height."""
-FADE_IN_S = 0.5
+FADE_IN_S = 0.3
 """Time in which the tones come and go [s]: a step would be a jerk."""
+QUESTION_LEVEL = 3.0
+"""Level of the tones while the poses are suspect [-]: their answer is known after .6 s instead of 1.2, for 5 mm RMS."""
 
 
 class ToneMotion(NamedTuple):
@@ -66,16 +68,16 @@ class ExcitationTones:
         lift_lag = 1.0 + 1j * THRUST_TONE_RAD_S * vehicle.thrust_lag_s
         self._lift = -gravity * THRUST_SHARE * self._thrust_scale / lift_lag
         self._since_s, self._level, self._target = -math.inf, 0.0, 0.0
+        self._last = NO_MOTION
 
-    def switch(self, time_s: float, *, on: bool) -> None:
-        """Fade the tones in or out from ``time_s`` on."""
-        target = 1.0 if on else 0.0
+    def set_level(self, time_s: float, target: float) -> None:
+        """Fade the tones to a multiple of their amplitude, from ``time_s`` on."""
         if target != self._target:
             self._level = self.share(time_s)
             self._since_s, self._target = time_s, target
 
     def share(self, time_s: float) -> float:
-        """Share of their full amplitude at ``time_s`` [-]."""
+        """Level of the tones at ``time_s`` [-]."""
         done = min(max((time_s - self._since_s) / FADE_IN_S, 0.0), 1.0)
         return self._level + (self._target - self._level) * done
 
@@ -116,6 +118,12 @@ class ExcitationTones:
             (rate.real, rate.imag),
             -lift.real / g,
         )
+
+    def advance(self, time_s: float, yaw_rad: float) -> tuple[Vec3, tuple[float, float]]:
+        """Return way [m, NED] and turn [rad] that the tones have made since the last call, by ``time_s``."""
+        last, self._last = self._last, self.motion(time_s, yaw_rad)
+        (a, b), (c, d) = self._last.tilt, last.tilt
+        return _less(self._last.position, last.position), (a - c, b - d)
 
     def take_out(self, estimate: Estimate, yaw_rad: float) -> Estimate:
         """Return ``estimate`` as it would be without the tones."""

@@ -37,3 +37,4 @@ from groundstation.core.estimation.estimator import (
     weigh_along,
     widen_covariance,
 )
+from groundstation.core.estimation.reckoning import Reckoning, Trusted

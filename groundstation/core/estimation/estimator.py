@@ -856,18 +856,13 @@ class ModelEstimator:
         attitude = correct_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
         self._begin(new(Motion, (position, velocity, attitude, model.thrust, model.rates)), pose)
 
-    def update_attitude(self, pose: Pose, *, height: bool) -> None:
-        """Take the attitude of one pose, and its ``height``; the rest stays the model's, and nothing is learnt."""
+    def update_attitude(self, pose: Pose) -> None:
+        """Take the attitude of one pose; the rest stays the model's, and nothing is learnt."""
         dt, previous = pose.time_s - self._stamp, self._motion
         if previous is None or dt <= 0.0:
             return
         given = self.given = self._integrate_commands(pose.time_s)
-        model = self._at(previous, given, dt)
-        expected = predict_covariance(self._covariance, dt, self._still)
-        (p, v, _, _), self._covariance = update_covariance(expected, self._noise)
-        step = (0.0, 0.0, pose.position_ned[2] - model.position[2] if height else 0.0)
-        place, speed = correct(model.position, p, step), correct(model.velocity, v, step)
-        self._begin(model._replace(position=place, velocity=speed, attitude=pose.attitude), pose)
+        self._begin(self._at(previous, given, dt)._replace(attitude=pose.attitude), pose)
 
     def _begin(self, motion: Motion, pose: Pose) -> None:
         """From here on: ``motion`` at the time stamp of ``pose``; commands that no longer act are dropped."""

@@ -249,7 +249,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "pose.yaw_unasked",
-        "the poses turn about the vertical by more than 14 deg/s, and no command asks for that",
+        "the poses turn about the vertical by more than 9 deg/s, and no command asks for that",
         "check the object's markers",
         _WARN,
     ),

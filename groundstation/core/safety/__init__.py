@@ -9,16 +9,15 @@ from groundstation.core.safety.guards import (
     GuardFinding,
     Guards,
     GuardsConfig,
+    list_limits,
 )
-from groundstation.core.safety.health import SUSPECT_ERROR_M, Failure, HealthState, PoseHealth
+from groundstation.core.safety.health import SUSPECT_M_S2, Failure, HealthState, PoseHealth
 from groundstation.core.safety.latency import PoseLatency, ResponseLatency
 from groundstation.core.safety.live_gains import LIVE, PREFIX, RAMP_S, STEP_FACTOR, LiveGains
 from groundstation.core.safety.monitors import MONITORS, Monitors
 from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.core.safety.takeoff import (
-    NUDGE_SHARE,
     WANDERING_M,
-    Nudge,
     Spool,
     SpoolUp,
     StandingPoses,

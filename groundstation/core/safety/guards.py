@@ -2,7 +2,7 @@
 
 Beyond a limit follows one step of hold → land → failsafe descent. What lasts on after its answer is
 answered by the next step, up to the last one of its row: no landing ends an empty battery.
-``GUARDS`` is the table; `groundstation check` and docs/explanation/safety.md follow it.
+``GUARDS`` is the table; `groundstation check --limits` and docs/reference/guards.md are made from it.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple, Protocol
 import msgspec
 
 from groundstation.core.geometry import angle_deg, third_column
-from groundstation.core.messages import Estimate, Pose, notice
+from groundstation.core.messages import NOTICES, Estimate, Pose, notice
 from groundstation.core.mission import State
 from groundstation.core.safety.geofence import Fence, Near, Separation
 from groundstation.core.trajectory import Reference
@@ -446,6 +446,45 @@ GUARDS: tuple[Guard, ...] = (
     Guard("guard.voltage", "least voltage of the battery", "guards.battery_v", LONG_S, LAND, LAND, _voltage),
 )  # fmt: skip
 """Limits that end a flight early."""
+
+
+class GuardLimit(NamedTuple):
+    """One row of the table with the limit of one configuration."""
+
+    says: str
+    """Limit, in words."""
+    key: str
+    """Configuration key of the limit."""
+    limit: object
+    """Limit itself; None where there is none, or a section of its own."""
+    lasts_s: float
+    """Time that it must be passed for [s]."""
+    step: str
+    """Step that follows."""
+    most: str
+    """Last step that follows where it lasts on."""
+    remedy: str
+    """What to do about it."""
+
+
+STEPS = {GuardAction.HOLD: "hold", GuardAction.LAND: "land", GuardAction.DESCEND: "failsafe descent"}
+"""Steps in words."""
+
+
+def list_limits(config: object, guards: GuardsConfig) -> list[GuardLimit]:
+    """Return the table with the limits of a flight's whole ``config``, and of its section ``guards``."""
+    rows = []
+    for guard in GUARDS:
+        limit: object = config
+        for name in guard.key.split("."):
+            limit = getattr(limit, name, None)
+        plain = None if isinstance(limit, msgspec.Struct) else limit
+        lasts_s = float(getattr(guards, guard.lasts)) if isinstance(guard.lasts, str) else guard.lasts
+        remedy = NOTICES[guard.id].remedy
+        rows.append(GuardLimit(guard.says, guard.key, plain, lasts_s, STEPS[guard.step], STEPS[guard.most], remedy))
+    return rows
+
+
 UNSEEN_STEPS = {"warn": GuardAction.WARN, "hold": GuardAction.HOLD, "land": GuardAction.LAND}
 """Step that ``separation.unknown`` asks for, after ``separation.unknown_s``; before that it is a warning."""
 OF_LINK = ("guard.round_trip", "guard.charge", "guard.voltage")

@@ -29,6 +29,7 @@ from groundstation.core.safety.pose_response import (
     PASS_RAD_S,
     TURN_MEMORY_S,
     WAY_MEMORY_S,
+    Alarm,
     HighPass,
     LatenessMonitor,
     LineResponse,
@@ -60,9 +61,9 @@ SHORTEST_S = BLOCKS[0] * BLOCK_S
 """Length of the shortest window, which may hold the beginning of a fault unseen [s]."""
 CALM_ALARM = 0.25
 """Share of an alarm below which the poses are above suspicion [-]: the estimate of that time may be returned to."""
-SUSPECT_ERROR_M = 0.1
-"""Tracking error from which on the poses are asked [m]: a pose that stands on a figure comes to that within .3 s, and
-steady flight in `storm` does not."""
+SUSPECT_M_S2 = 2.0
+"""Difference of the estimated disturbance from its mean of the last second from which on the poses are asked [m/s²]:
+gusts of `storm` come to 1.6."""
 ASK_S = 1.0
 """Longest time of one question [s]."""
 GAP_S = 0.26
@@ -76,7 +77,12 @@ STOPPED_S = 0.15
 reverses a motion holds it within 2 mm for a shorter time."""
 STOPPED_POSES = 4
 """Poses of a place that stands, at least [-]: two poses around an outage may show one place by chance."""
-STOP_S = 2.0 * STOPPED_S
+DRIVEN_S = 0.3
+"""Time for which a place must stand that did not move before, though commands move the vehicle [s]: wind moves a place
+before the law answers it, and the tones alone move it by more than its noise within that time."""
+DRIVEN_WAYS = 10.0
+"""Way of the model meanwhile, as a multiple of the room in which a place stands [-]: no law cancels a wind so well."""
+STOP_S = 2.0 * DRIVEN_S
 """Time after which a place that stands is at rest, and no stop [s]: the model would drift from it."""
 STOPPED_M_S = 0.15
 """Speed as a place begins to stand, and of the model since [m/s]: only what is struck loses so much
@@ -84,9 +90,9 @@ within a pose; slower, noise and wind explain it."""
 STANDS_NOISES = 4.0
 """Noise of a place that stands, in standard deviations of one pose [-]: of the difference of two, 2.8 sigma."""
 
-YAW_RAD_S = 0.25
-"""Turn about the vertical beyond all that was asked that fails [rad/s]: 14 degrees a second, averaged."""
-YAW_MEMORY_S = 0.7
+YAW_RAD_S = 0.15
+"""Turn about the vertical beyond all that was asked that fails [rad/s]: averaged, `storm` comes to .04."""
+YAW_MEMORY_S = 1.0
 """Time constant of that average [s]."""
 YAW_LATE_S = 0.55
 """Delay of an autopilot's yaw behind its command [s], at most: PX4 and ArduPilot took .35 s (`autopilots`)."""
@@ -156,8 +162,10 @@ class StopDetector:
             lasts_s = now_s - since_s
             if lasts_s < STOPPED_S or poses < STOPPED_POSES - 1:
                 continue
-            seen_m = max(3.0 * STANDS_NOISES * noise_m, STOPPED_M_S * lasts_s)
-            if abs(way) > seen_m and min(abs(speed), abs(began)) > slow_m_s:
+            room_m = STANDS_NOISES * noise_m
+            struck = abs(began) > slow_m_s and abs(way) > 3.0 * room_m
+            driven = lasts_s >= DRIVEN_S and abs(way) > DRIVEN_WAYS * room_m
+            if (struck or driven) and abs(speed) > slow_m_s and abs(way) > STOPPED_M_S * lasts_s:
                 stopped_s = since_s
         return stopped_s
 
@@ -227,6 +235,77 @@ class ClimbMonitor:
         return self._expected_m - self._seen_m > room
 
 
+class TurnTests:
+    """What the turns tell: the answer of roll and pitch, their latency, and the turn about the vertical."""
+
+    def __init__(self) -> None:
+        self._pass = HighPass(2, 6)
+        self._response = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
+        self._lateness, self._yaw = LatenessMonitor(), YawMonitor()
+        self.yaw_alarm = 0.0
+        """Turn about the vertical as a share of what fails [-]."""
+
+    def add(self, time_s: float, seen: Vec3, turn: Vec3, asked_rad: tuple[float, float], dt_s: float) -> None:
+        """Take the turn ``seen`` since the pose before, that of the model, and the tones' in roll and pitch [rad]."""
+        x, y, model_x, model_y, u, v = self._pass.step([*seen[:2], *turn[:2], *asked_rad], dt_s)
+        self._response.add((x - model_x, y - model_y), (u, v), (model_x - u, model_y - v), dt_s)
+        self._lateness.add(time_s, (x, y), (model_x, model_y), dt_s)
+        self.yaw_alarm = self._yaw.see(time_s, seen[2] / dt_s, turn[2] / dt_s, dt_s) / YAW_RAD_S
+
+    def look(self) -> Alarm:
+        """Return the alarm of all windows that end now."""
+        return self._response.look(LEAST_TURN_RAD)
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the turns come later than the model's."""
+        return self._lateness.late_s > 0.0
+
+
+class PlaceTests:
+    """What the places tell: the answer across, and that of the height."""
+
+    def __init__(self) -> None:
+        self._pass = HighPass(3, 9)
+        self._speed: Vec3 = (0.0, 0.0, 0.0)
+        self._settled_s = 0.0
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin all windows anew."""
+        self._across = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
+        self._height = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
+
+    def begin(self, speed: Vec3) -> None:
+        """Begin with ``speed`` [m/s, NED]."""
+        self._speed = speed
+
+    def add(self, seen: Vec3, push: Vec3, way: Vec3, asked_m: Vec3 | None, dt_s: float) -> None:
+        """Take one pose.
+
+        Args:
+            seen: way since the pose before [m, NED].
+            push: speed that commands and gravity have given since [m/s, NED].
+            way: their way beside that of the speed before [m, NED].
+            asked_m: way of the tones [m, NED]; None where all that commands make is asked for.
+            dt_s: time since then [s].
+        """
+        u, v, w = self._speed
+        model = (dt_s * u + way[0], dt_s * v + way[1], dt_s * w + way[2])
+        self._speed = (u + push[0], v + push[1], w + push[2])
+        sx, sy, sz, mx, my, mz, ux, uy, uz = self._pass.step([*seen, *model, *(asked_m or model)], dt_s)
+        if asked_m is None:
+            ux, uy, uz = mx, my, mz
+        self._settled_s += dt_s
+        if self._settled_s > SETTLE_S:
+            self._across.add((sx - mx, sy - my), (ux, uy), (mx - ux, my - uy), dt_s)
+            self._height.add(sz - mz, uz, mz - uz, dt_s)
+
+    def look(self, noise_m: float) -> tuple[Alarm, Alarm]:
+        """Return the alarms across and of the height, of all windows that end now."""
+        return self._across.look(noise_m), self._height.look(noise_m)
+
+
 class PoseHealth:
     """Health of one flight's poses. Times are on the event loop's clock [s]."""
 
@@ -238,13 +317,15 @@ class PoseHealth:
         """Id of the sentence that says why the poses failed or are suspected; empty while they are not."""
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
         """Evidence against attitude, position, and the larger of all, as shares of what convicts [-]."""
+        self.is_confirmed = False
+        """Whether the newest answers are known, and say that the poses are true."""
         self.calm_s = -math.inf
         """Newest instant at which the poses were above suspicion [s]."""
         self.believed_until_s = -math.inf
         """Instant up to which the estimate is believed, should the poses fail now [s]."""
-        self.attitude_answers = self.across_answers = self.height_answers = True
-        """Whether attitude, place across with heading, and height may be flown by: no evidence has
-        contradicted them, or they have answered since then."""
+        self.attitude_answers = self.position_answers = True
+        """Whether attitude, and place with heading, may be flown by: no evidence has contradicted them, or they have
+        answered since then."""
         self.windows = 0
         """Evaluations so far."""
         self.autopilot_agrees: bool | None = None
@@ -259,16 +340,10 @@ class PoseHealth:
 
     def restart(self) -> None:
         """Forget the poses so far: the vehicle is let go, or its commands did not arrive."""
-        self._turns = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
-        self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
-        self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
-        self._turn_pass, self._place_pass = HighPass(2, 6), HighPass(3, 9)
-        self._stops, self._yaw, self._lateness = StopDetector(), YawMonitor(), LatenessMonitor()
+        self._turns, self._places, self._stops = TurnTests(), PlaceTests(), StopDetector()
         self._last: Pose | None = None
-        self._speed: Vec3 = (0.0, 0.0, 0.0)
-        self._settled_s = self._block_s = 0.0
-        self._yaw_alarm = 0.0
-        self._is_known = False
+        self._block_s = 0.0
+        self.is_confirmed = False
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
 
     def lift_off(self, hover_share: float, climb_m_s: float) -> None:
@@ -276,17 +351,11 @@ class PoseHealth:
         self.restart()
         self._hover_share = hover_share
         self._climb = ClimbMonitor(hover_share, climb_m_s, self._gravity)
-        self._settled_s = SETTLE_S  # it begins with a speed that is known
 
     @property
     def has_failed(self) -> bool:
         """Whether the poses are not believed any more."""
         return self.state is HealthState.FAILED
-
-    @property
-    def position_answers(self) -> bool:
-        """Whether the whole position may be flown by."""
-        return self.across_answers and self.height_answers
 
     @property
     def asks(self) -> bool:
@@ -330,10 +399,11 @@ class PoseHealth:
         moved, self._reset_count = pose.reset_count != self._reset_count, pose.reset_count
         if last is None or not 0.0 < dt <= GAP_S or moved or not counts:
             self.restart()
-            self._last, self._speed, self.turn = pose, before.velocity, turn
+            self._places.begin(before.velocity)
+            self._last, self.turn = pose, turn
             return
         seen = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
-        self._see_turn(pose.time_s, seen, turn, asked_rad, dt)
+        self._turns.add(pose.time_s, seen, turn, asked_rad, dt)
         self._see_place(pose, last, given, None if is_blind else asked_m, dt, noise_m)
         per_kg, (x, y, z) = effectiveness * self._per_newton / dt, given[3]
         push = (per_kg * x, per_kg * y, per_kg * z + self._gravity)
@@ -341,28 +411,20 @@ class PoseHealth:
         if may_stop and pose.velocity_ned is None:
             since_s = self._stops.see(pose, before, push, disturbance, dt, noise_m)
             if since_s is not None:
-                self._accuse("pose.stopped_dead", since_s - dt, across=True, height=True)
+                self._accuse("pose.stopped_dead", since_s - dt)
         self._block_s += dt
         if self._block_s >= BLOCK_S - 1e-6:
             self._block_s -= BLOCK_S
             self._look(pose.time_s, noise_m)
-
-    def _see_turn(self, time_s: float, seen: Vec3, turn: Vec3, asked_rad: tuple[float, float], dt: float) -> None:
-        x, y, model_x, model_y, u, v = self._turn_pass.step([*seen[:2], *turn[:2], *asked_rad], dt)
-        self._turns.add((x - model_x, y - model_y), (u, v), (model_x - u, model_y - v), dt)
-        self._lateness.add(time_s, (x, y), (model_x, model_y), dt)
-        self._yaw_alarm = self._yaw.see(time_s, seen[2] / dt, turn[2] / dt, dt) / YAW_RAD_S
 
     def _see_place(
         self, pose: Pose, last: Pose, given: ActuatorResponse, asked_m: Vec3 | None, dt: float, noise_m: float
     ) -> None:
         # A thrust scale that is configured wrong shows in the thrust that hovers; the model's push is scaled by it.
         m, g = self._per_newton / self._hover_share, self._gravity
-        (_, _, _, impulse, reach), (u, v, w) = given, self._speed
+        _, _, _, impulse, reach = given
         push = (m * impulse[0], m * impulse[1], m * impulse[2] + g * dt)
         way = (m * reach[0], m * reach[1], m * reach[2] + 0.5 * g * dt * dt)
-        model = (dt * u + way[0], dt * v + way[1], dt * w + way[2])
-        self._speed = (u + push[0], v + push[1], w + push[2])
         (px, py, pz), (qx, qy, qz) = pose.position_ned, last.position_ned
         seen = (px - qx, py - qy, pz - qz)
         if self._climb is not None:
@@ -370,47 +432,39 @@ class PoseHealth:
             behind = self._climb.see(-seen[2], per_n * impulse[2], per_n * reach[2], dt, noise_m)
             self._climb = None if self._climb.is_over else self._climb
             if behind:
-                self._accuse("pose.height_behind", -math.inf, across=True, height=True)
-        sx, sy, sz, mx, my, mz, ux, uy, uz = self._place_pass.step([*seen, *model, *(asked_m or model)], dt)
-        if asked_m is None:
-            ux, uy, uz = mx, my, mz
-        self._settled_s += dt
-        if self._settled_s > SETTLE_S:
-            self._places.add((sx - mx, sy - my), (ux, uy), (mx - ux, my - uy), dt)
-            self._heights.add(sz - mz, uz, mz - uz, dt)
+                self._accuse("pose.height_behind", -math.inf)
+        self._places.add(seen, push, way, asked_m, dt)
 
     def _look(self, now_s: float, noise_m: float) -> None:
         """Evaluate all windows that end now."""
         self.windows += 1
-        turns = self._turns.look(LEAST_TURN_RAD)
-        places, heights = self._places.look(noise_m), self._heights.look(noise_m)
+        turns, (places, heights) = self._turns.look(), self._places.look(noise_m)
         self.attitude_alarm = 0.0 if self.autopilot_agrees else max(turns.asked, turns.own)
         answers, images = max(places.asked, heights.asked), max(places.own, heights.own)
-        self.position_alarm = max(answers, images, self._yaw_alarm)
+        self.position_alarm = max(answers, images, self._turns.yaw_alarm)
         self.alarm = max(self.attitude_alarm, self.position_alarm)
-        self._is_known = turns.is_known and places.is_known
+        self.is_confirmed = turns.is_known and places.is_known and self.alarm < SUSPECT_ALARM
         if self.attitude_answers and self.alarm < CALM_ALARM:
-            self.across_answers = self.across_answers or places.is_known
-            self.height_answers = self.height_answers or heights.is_known
+            self.position_answers = self.position_answers or (places.is_known and heights.is_known)
         if self.alarm < CALM_ALARM and not self.has_failed:
             self.calm_s = now_s
             self.believed_until_s = now_s - SHORTEST_S
         before_s = self.believed_until_s
-        if self._lateness.late_s > 0.0 and not self.autopilot_agrees:
+        if self._turns.is_late and not self.autopilot_agrees:
             self._accuse("pose.late", before_s, attitude=True)
         elif self.attitude_alarm >= 1.0:
             self._accuse("pose.attitude_no_answer", before_s, attitude=True)
         elif self.attitude_alarm >= SUSPECT_ALARM and self.autopilot_agrees is False:
             self._accuse("pose.autopilot_disagrees", before_s, attitude=True)
-        elif self._yaw_alarm >= 1.0:
-            self._accuse("pose.yaw_unasked", before_s, across=True)
+        elif self._turns.yaw_alarm >= 1.0:
+            self._accuse("pose.yaw_unasked", before_s)
         elif images >= 1.0:
-            self._accuse("pose.position_mirrored", before_s, across=places.own >= 1.0, height=heights.own >= 1.0)
+            self._accuse("pose.position_mirrored", before_s)
         elif answers >= 1.0:
-            self._accuse("pose.position_no_answer", before_s, across=places.asked >= 1.0, height=heights.asked >= 1.0)
+            self._accuse("pose.position_no_answer", before_s)
         elif self.alarm >= SUSPECT_ALARM:
             self.suspect(now_s)
-        if self.state is HealthState.SUSPECT and self._is_answered(now_s):
+        if self.state is HealthState.SUSPECT and (self.is_confirmed or now_s - self._asked_s >= ASK_S):
             self.state, self.reason_id = HealthState.OK, ""
 
     def suspect(self, now_s: float) -> None:
@@ -418,21 +472,11 @@ class PoseHealth:
         if self.state is HealthState.OK:
             self.state, self.reason_id, self._asked_s = HealthState.SUSPECT, "pose.suspect", now_s
 
-    def _is_answered(self, now_s: float) -> bool:
-        known = self._is_known and self.alarm < SUSPECT_ALARM
-        return known or now_s - self._asked_s >= ASK_S
-
-    def _accuse(
-        self, reason_id: str, since_s: float, *, attitude: bool = False, across: bool = False, height: bool = False
-    ) -> None:
-        """Take evidence against the place across, the height, or the attitude and both, since ``since_s`` [s]."""
+    def _accuse(self, reason_id: str, since_s: float, *, attitude: bool = False) -> None:
+        """Take evidence against the position, or the ``attitude`` and so both, since ``since_s`` [s]."""
         self.attitude_answers = self.attitude_answers and not attitude
-        if self.across_answers and (across or attitude):
-            self.across_answers = False
-            self._places = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
-        if self.height_answers and (height or attitude):
-            self.height_answers = False
-            self._heights = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
+        self.position_answers = False
+        self._places.forget()
         self.fail(reason_id, since_s)
 
     def fail(self, reason_id: str, since_s: float) -> None:

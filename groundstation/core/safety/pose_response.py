@@ -43,10 +43,10 @@ MOST_ANSWER = 1.5
 """Largest answer to what was asked that is accepted [-]; as above."""
 MOST_CROSS_ANSWER = math.sin(math.radians(35.0))
 """Largest answer across the direction that was asked [-]: axes turned by 35 degrees."""
-OWN_STANDARD_ERRORS = 3.0
+OWN_STANDARD_ERRORS = 4.0
 """The same of the answer to the law's own motion [-]: a mirrored pose doubles its speed within .1 s,
 and true ones are a wide way from the limit (`alarms`)."""
-LEAST_OWN_M = 0.006
+LEAST_OWN_M = 0.003
 """Least RMS of the law's own motion that says anything [m]: below it gusts within the pass can mimic any
 answer by chance (`alarms storm`)."""
 CANCELLED_RAD = 0.0125
@@ -66,10 +66,17 @@ LEAST_WAY_M = 0.0002
 """Residual that is granted at least, for positions [m]: a gust of .1 m/s² within the pass."""
 LEAST_TURN_RAD = 0.0025
 """The same for attitudes [rad]: attitude noise of a tracker at 1 m."""
-WAY_MEMORY_S = 1.0 / PASS_RAD_S
-"""Correlation time of the residual that wind leaves in positions [s]: what the high pass lets through."""
+WAY_MEMORY_S = 0.1
+"""Correlation time of the residual that wind leaves in positions, at the tones [s].
+
+White acceleration through the pass leaves the power 16 a³ w² / (w² + a²)³ at w, as a share of the variance, a the
+corner: .12 s at the slowest tone, .02 s at the fastest."""
+OWN_WAY_MEMORY_S = 1.0 / PASS_RAD_S
+"""The same at the law's own motion [s]: what the high pass lets through."""
 TURN_MEMORY_S = 0.1
 """Correlation time of the residual of attitudes [s]."""
+MODEL_ERROR = 0.05
+"""Share of the law's own motion by which the model may be wrong [-]: 10 ms of lag at the loop's 5 rad/s."""
 NOISE_MEMORY_S = 0.02
 """Correlation time of the poses' own noise [s], at most."""
 LATENESSES_S = (0.1, 0.2, 0.3, 0.4)
@@ -130,9 +137,11 @@ class Shown(NamedTuple):
 class Scatter:
     """Standard errors that a residual leaves over one window: what all directions have in common."""
 
-    __slots__ = ("_freedom_s", "_least2", "_memory_s", "_noise2", "_prior", "_wider", "time_s")
+    __slots__ = (
+        "_freedom_s", "_least2", "_memory_s", "_noise2", "_prior", "_white", "_wider", "asked_least2", "time_s",
+    )  # fmt: skip
 
-    def __init__(self, time_s: float, memory_s: float, least: float, noise: float) -> None:
+    def __init__(self, time_s: float, memory_s: float, least: float, noise: float, own2: float = 0.0) -> None:
         """Take one window.
 
         Args:
@@ -140,22 +149,26 @@ class Scatter:
             memory_s: correlation time of the residual [s].
             least: residual that is granted at least.
             noise: white noise of e, 1 sigma.
+            own2: integral of the square of the law's own motion along all directions, which the answer to it needs
+                not: there the model's error is one of the answer.
         """
         # Few samples know little of their own scatter: 3 samples' worth of the granted residual as a prior, and a
         # wider interval, as Student's distribution has it.
-        self._prior = 3.0 * memory_s * least * least
+        self._prior = 3.0 * memory_s * least * least + MODEL_ERROR * MODEL_ERROR * own2
         self._freedom_s = time_s - 2.0 * memory_s
         self._wider = 1.0 + 2.0 / (time_s / memory_s - 2.0)
         self._memory_s, self._noise2 = memory_s, noise * noise
+        self._white = time_s * self._noise2
         self._least2 = self.error(0.0, 1.0) ** 2
         self.time_s = time_s
         """Length of the window [s]."""
+        self.asked_least2 = 4.0 * least * least * time_s
+        """Integral of the square of twice the granted residual."""
 
     def error(self, residual: float, det: float) -> float:
         """Standard error of D_u for an excitation vv of 1, and of D_v for uu."""
-        noise2 = self._noise2
-        residual = (max(residual, 0.0) + self._prior) / self._freedom_s
-        variance = max(residual - noise2, 0.0) * self._memory_s + noise2 * NOISE_MEMORY_S
+        beside_noise = (max(residual - self._white, 0.0) + self._prior) / self._freedom_s
+        variance = beside_noise * self._memory_s + self._noise2 * NOISE_MEMORY_S
         return self._wider * math.sqrt(variance / det)
 
     def can_tell(self, excitation: float, most_error: float) -> bool:
@@ -189,10 +202,12 @@ class OwnMotion(NamedTuple):
     """RMS that wind would have made, had the law not cancelled it [m or rad]."""
     least: float
     """RMS below which it says nothing [m or rad]."""
+    memory_s: float
+    """Correlation time of the residual at it [s]."""
 
 
-OWN_WAY = OwnMotion(CANCELLED_M, LEAST_OWN_M)
-OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD)
+OWN_WAY = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S)
+OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD, TURN_MEMORY_S)
 
 
 def own_excess(answer: float, error: float, rms: float, limits: OwnMotion) -> float:
@@ -204,8 +219,8 @@ def own_excess(answer: float, error: float, rms: float, limits: OwnMotion) -> fl
 
 
 def can_ask(uu: float, scatter: Scatter) -> bool:
-    """Whether so much was asked that the answer can say anything."""
-    return scatter.can_tell(uu, MOST_ERROR)
+    """Whether so much was asked that the answer can say anything: more than the residual that is granted."""
+    return uu >= scatter.asked_least2 and scatter.can_tell(uu, MOST_ERROR)
 
 
 def can_image(vv: float, scatter: Scatter, limits: OwnMotion) -> bool:
@@ -300,7 +315,7 @@ class LineResponse:
     def __init__(self, memory_s: float, least: float) -> None:
         """Begin without a sample; for the arguments see :class:`Scatter`."""
         self._memory, self._least = memory_s, least
-        self._windows = _Windows(7, FEWEST_SAMPLES * memory_s)
+        self._windows = _Windows(7, FEWEST_SAMPLES * OWN_WAY.memory_s)
 
     def add(self, e: float, u: float, v: float, dt_s: float) -> None:
         """Take one sample of the filtered signals."""
@@ -314,15 +329,17 @@ class LineResponse:
     def _look_along(self, sums: list[float], noise: float) -> Alarm:
         """Alarm of one window."""
         uu, uv, vv, eu, ev, ee, time_s = sums
-        scatter = Scatter(time_s, self._memory, self._least, noise)
+        scatter = Scatter(time_s, self._memory, self._least, noise, vv)
+        own_scatter = Scatter(time_s, OWN_WAY.memory_s, self._least, noise)
         uu, vv = uu + RIDGE, vv + RIDGE
         excited = new(Excitation, (uu, uv, vv, uu * vv - uv * uv))
-        asks, images = can_ask(uu, scatter), can_image(vv, scatter, OWN_WAY)
+        asks, images = can_ask(uu, scatter), can_image(vv, own_scatter, OWN_WAY)
         if not (asks or images) or scatter.drowns(excited):
             return NO_ALARM
         shown = new(Shown, (eu, ev, ee))
         asked, is_known = judge_asked(excited, shown, scatter) if asks else (0.0, False)
-        return Alarm(asked, judge_own(excited, shown, scatter, OWN_WAY) if images else 0.0, is_known)
+        own = judge_own(excited, shown, own_scatter, OWN_WAY) if images and not is_known else 0.0
+        return Alarm(asked, own, is_known)
 
 
 class LatenessMonitor:
@@ -373,7 +390,7 @@ class PlaneResponse:
     def __init__(self, memory_s: float, least: float, own_motion: OwnMotion) -> None:
         """Begin without a sample; ``own_motion``: limits of v. See :class:`Scatter`."""
         self._memory, self._least, self._own_motion = memory_s, least, own_motion
-        self._windows = _Windows(22, FEWEST_SAMPLES * memory_s)
+        self._windows = _Windows(22, FEWEST_SAMPLES * own_motion.memory_s)
 
     def add(self, e: Pair, u: Pair, v: Pair, dt_s: float) -> None:
         """Take one sample of the filtered signals, x and y of each."""
@@ -392,14 +409,16 @@ class PlaneResponse:
     def _look_around(self, sums: list[float], noise: float) -> Alarm:
         """Largest alarms of all directions in one window; known where all of them are."""
         uxx, uxy, uyy, _, _, _, _, vxx, vxy, vyy, *_, time_s = sums
-        scatter = Scatter(time_s, self._memory, self._least, noise)
+        scatter = Scatter(time_s, self._memory, self._least, noise, vxx + vyy)
+        own_scatter = Scatter(time_s, self._own_motion.memory_s, self._least, noise)
         asks = can_ask(most_along(uxx, uxy, uyy), scatter)
-        if not (asks or can_image(most_along(vxx, vxy, vyy), scatter, self._own_motion)):
+        if not (asks or can_image(most_along(vxx, vxy, vyy), own_scatter, self._own_motion)):
             return NO_ALARM
-        asked, own, known = zip(*[self._look_along(one, sums, scatter) for one in DIRECTIONS], strict=True)
+        alarms = [self._look_along(one, sums, scatter, own_scatter) for one in DIRECTIONS]
+        asked, own, known = zip(*alarms, strict=True)
         return new(Alarm, (max(asked), max(own), all(known)))
 
-    def _look_along(self, direction: Pair, sums: list[float], scatter: Scatter) -> Alarm:
+    def _look_along(self, direction: Pair, sums: list[float], scatter: Scatter, own_scatter: Scatter) -> Alarm:
         """Alarm of one direction: of e along it, and of e across it, both by u and v along it."""
         a, b = direction
         (
@@ -409,7 +428,7 @@ class PlaneResponse:
         aa, ab, bb = a * a, a * b, b * b
         uu = aa * uxx + 2.0 * ab * uxy + bb * uyy + RIDGE
         vv = aa * vxx + 2.0 * ab * vxy + bb * vyy + RIDGE
-        asks, images = can_ask(uu, scatter), can_image(vv, scatter, self._own_motion)
+        asks, images = can_ask(uu, scatter), can_image(vv, own_scatter, self._own_motion)
         if not (asks or images):
             return NO_ALARM
         uv = aa * uvxx + ab * (uvxy + uvyx) + bb * uvyy
@@ -418,9 +437,9 @@ class PlaneResponse:
             return NO_ALARM
         exu, eyu, exv, eyv = a * exux + b * exuy, a * eyux + b * eyuy, a * exvx + b * exvy, a * eyvx + b * eyvy
         along = new(Shown, (a * exu + b * eyu, a * exv + b * eyv, aa * exx + 2.0 * ab * exy + bb * eyy))
-        own = judge_own(excited, along, scatter, self._own_motion) if images else 0.0
-        if not asks:
-            return new(Alarm, (0.0, own, False))
-        across = new(Shown, (a * eyu - b * exu, a * eyv - b * exv, aa * eyy - 2.0 * ab * exy + bb * exx))
-        asked, is_known = judge_asked(excited, along, scatter)
-        return new(Alarm, (max(asked, judge_across(excited, across, scatter)), own, is_known))
+        asked, is_known = judge_asked(excited, along, scatter) if asks else (0.0, False)
+        own = judge_own(excited, along, own_scatter, self._own_motion) if images and not is_known else 0.0
+        if asks:
+            across = new(Shown, (a * eyu - b * exu, a * eyv - b * exv, aa * eyy - 2.0 * ab * exy + bb * exx))
+            asked = max(asked, judge_across(excited, across, scatter))
+        return new(Alarm, (asked, own, is_known))

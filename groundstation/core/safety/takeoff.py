@@ -13,11 +13,10 @@ from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 
-from groundstation.core.geometry import Vec3, angle_deg, so3, third_column
+from groundstation.core.geometry import Vec3, angle_deg, third_column
 from groundstation.core.messages import Pose
 from groundstation.core.safety.geofence import Fence
 from groundstation.core.vehicle import Vehicle
-from links.core import Attitude
 
 SHARES = tuple(0.5 + 0.05 * k for k in range(23))
 """Hover thrust of the hypotheses, as shares of the told weight [-]."""
@@ -318,15 +317,6 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
             description="Largest acceleration of these ways, of stopping, and up to 2 of the climb [m/s²].",
         ),
     ] = 1.0
-    nudge: Annotated[
-        bool,
-        msgspec.Meta(
-            description="Once it is armed, 0.3 of the weight for 0.3 s: do the poses tremble as its "
-            "gyros do? If not, the motors go off. For vehicles whose markers visibly "
-            "tremble on the floor; left out on ArduPilot, which takes off by any "
-            "thrust."
-        ),
-    ] = False
 
 
 class ThrustLimitConfig(Protocol):
@@ -465,129 +455,6 @@ class StandingPoses:
         return ""
 
 
-NUDGE_SHARE, NUDGE_S = 0.3, 0.3
-"""Thrust of the nudge, as a share of the told weight [-], and how long it is told [s]."""
-SHOWN_S = 0.25
-"""So long after the rotors have done it is waited for poses that show it [s]."""
-LEAST_STEPS, REST_STEPS = 5, 50
-"""Fewer steps of a signal show nothing; how it stands is known by about so many of the newest."""
-SEEN, FELT = 1.6, 4.0
-"""Poses, and gyros, tremble where the mean square of their steps is so many times that at rest [-]."""
-QUIET_M = 4e-4
-"""Poses with more noise than this, 1σ per axis [m], would not show it."""
-LEAST_STEP_M, LEAST_STEP_RAD, LEAST_STEP_RAD_S = 2e-5, 2e-4, 2e-3
-"""No signal rests better than this, 1σ: position, attitude, and what gyros tell."""
-
-
-class Tremor:
-    """How much a signal shakes under a push over how much it does at rest, by its steps from sample to sample."""
-
-    def __init__(self, *least: float) -> None:
-        """``least`` is, for each component, the smallest step at rest that is believed, 1σ."""
-        self._least = [one * one for one in least]
-        self.rest, self._rests = [0.0] * len(least), 0
-        """Mean square of each component's steps at rest."""
-        self._pushed, self._pushes = [0.0] * len(least), 0
-
-    def add(self, step: Sequence[float], *, pushed: bool) -> None:
-        """Take one more step of each component."""
-        if pushed:
-            self._pushes += 1
-            self._pushed = [sum_ + one * one for sum_, one in zip(self._pushed, step, strict=True)]
-            return
-        self._rests = min(self._rests + 1, REST_STEPS)
-        self.rest = [mean + (one * one - mean) / self._rests for mean, one in zip(self.rest, step, strict=True)]
-
-    @property
-    def ratio(self) -> float | None:
-        """Mean square of its steps under the push over that at rest [-]; None where too few were seen."""
-        if min(self._rests, self._pushes) < LEAST_STEPS:
-            return None
-        known = zip(self._pushed, self.rest, self._least, strict=True)
-        return sum(one / max(rest, least) for one, rest, least in known) / (len(self._least) * self._pushes)
-
-
-class Nudge:
-    """A short push of the rotors on the floor, which the poses must show where the gyros feel it.
-
-    A vehicle whose rotors push trembles on its legs, and so do its markers; another body does not. It is asked once,
-    between arming and spool-up. Times are on the event loop's clock [s].
-    """
-
-    def __init__(self, weight_n: float, lag_s: float) -> None:
-        """``weight_n`` as told [N]; the rotors follow what is told by ``lag_s`` [s]."""
-        self._thrust = NUDGE_SHARE * weight_n
-        self._lag = lag_s
-        self._begin_s = math.inf
-        self._pose: Pose | None = None
-        self._told: Attitude | None = None
-        self._seen = Tremor(*[LEAST_STEP_M] * 3, *[LEAST_STEP_RAD] * 3)
-        self._felt = Tremor(*[LEAST_STEP_RAD_S] * 3)
-
-    def begin(self, now_s: float) -> float:
-        """Push from ``now_s`` [s] on; returns when it is to be judged [s]."""
-        self._begin_s = now_s
-        return self._judged_s
-
-    @property
-    def _judged_s(self) -> float:
-        return self._begin_s + NUDGE_S + self._lag + SHOWN_S
-
-    def thrust_n(self, now_s: float) -> float:
-        """Thrust to command now [N]."""
-        return self._thrust if 0.0 <= now_s - self._begin_s < NUDGE_S else 0.0
-
-    def _has_pushed(self, before_s: float, time_s: float) -> bool | None:
-        """Whether rotors pushed between these two instants [s]; None where that is neither so nor not."""
-        if time_s <= self._begin_s:
-            return False
-        begin_s = self._begin_s + self._lag
-        return True if begin_s <= before_s and time_s <= begin_s + NUDGE_S else None
-
-    def pose(self, pose: Pose) -> None:
-        """Take one more pose; none of those while motors start, before it begins."""
-        last, self._pose = self._pose, pose
-        if last is None or pose.reset_count != last.reset_count:
-            return
-        pushed = self._has_pushed(last.time_s, pose.time_s)
-        if pushed is not None:
-            place = [a - b for a, b in zip(pose.position_ned, last.position_ned, strict=True)]
-            turn = so3.rotation_vector(so3.multiply(so3.conjugate(last.attitude), pose.attitude))
-            self._seen.add((*place, *turn), pushed=pushed)
-
-    def attitude(self, told: Attitude) -> None:
-        """Take what the vehicle tells of how it turns; nothing where it does not, as through a radio."""
-        rates, last = told.rates_rad_s, self._told
-        if rates is None:
-            return
-        self._told = told
-        pushed = None if last is None else self._has_pushed(last.time_s, told.time_s)
-        if last is not None and last.rates_rad_s is not None and pushed is not None:
-            self._felt.add([a - b for a, b in zip(rates, last.rates_rad_s, strict=True)], pushed=pushed)
-
-    def judge(self, now_s: float) -> tuple[bool, str] | None:
-        """Whether the vehicle may lift off, and why; None before that can be told."""
-        if now_s < self._judged_s:
-            return None
-        seen, felt = self._seen.ratio, self._felt.ratio
-        if seen is None:
-            return False, "nudged, and too few poses came to show whether it trembles: look at their rate"
-        times = f"poses {math.sqrt(seen):.1f}" + ("" if felt is None else f", gyros {math.sqrt(felt):.1f}")
-        if seen >= SEEN:
-            return True, f"nudged, and its poses tremble as its rotors push ({times} times as much as at rest)"
-        noise_m = math.sqrt(sum(self._seen.rest[:3]) / 6.0)  # a step has the noise of two poses
-        if noise_m > QUIET_M or (felt is not None and felt < FELT):
-            why = (
-                f"poses with {1e3 * noise_m:.1f} mm of noise show none" if noise_m > QUIET_M else "its gyros feel none"
-            )
-            return True, f"nudged, no verdict: its poses show no tremble ({times} times as much as at rest), but {why}"
-        whose = "though nobody tells whether its gyros do" if felt is None else "as its gyros do"
-        return False, (
-            f"nudged, and its poses do not tremble {whose} ({times} times as much as at rest): is this the right body? "
-            "Check the object's name; a vehicle whose markers never show it needs takeoff.nudge = false"
-        )
-
-
 class SpoolUp:
     """One vehicle's spool-up, from arming until it flies or its motors go off again."""
 
@@ -599,10 +466,8 @@ class SpoolUp:
         weight_n: float,
         gravity: float,
         noise_m: float,
-        nudge: Nudge | None = None,
     ) -> None:
-        """Begin with a vehicle that stands; ``noise_m`` is its poses' white noise [m]. A ``nudge`` comes first."""
-        self._nudge = nudge
+        """Begin with a vehicle that stands; ``noise_m`` is its poses' white noise [m]."""
         self._standing = standing
         self._spool = spool
         self._vehicle = vehicle
@@ -653,8 +518,6 @@ class SpoolUp:
         """Thrust to command now [N]."""
         lift, spool = self._lift, self._spool
         thrust = spool.thrust_n(now_s)
-        if self._nudge is not None:
-            thrust = max(thrust, self._nudge.thrust_n(now_s))
         if lift is not None and self._moves:
             self._moved_s = now_s if self._moved_s is None else self._moved_s
             wanted = lift.climbing_share * self._weight
@@ -682,9 +545,6 @@ class SpoolUp:
         why = self._leaps or self._standing.find_disturbance(pose, self.place_ned, self._light_s(now_s))
         if why:
             return f"{why}: look at what holds or pushes it, and at its poses"
-        told = None if self._nudge is None else self._nudge.judge(now_s)
-        if told is not None and not told[0]:
-            return told[1]
         if lift is not None and lift.jumps:
             return "its height jumps as no thrust makes it: look at its poses, and at what lifts it"
         if not self._moves and now_s >= spool.near_s + WATCHED_S:

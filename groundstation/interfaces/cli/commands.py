@@ -460,6 +460,7 @@ def check(args: argparse.Namespace) -> Exit:
         from groundstation.lab import watch_poses
 
         return watch_poses(_load(args), seconds=args.seconds, as_json=args.json)
+    from groundstation.core.safety import list_limits
     from groundstation.flight import describe_checks, describe_failures
     from groundstation.interfaces.service import require_flyable
     from groundstation.machine import running_processes
@@ -474,8 +475,15 @@ def check(args: argparse.Namespace) -> Exit:
     bad = describe_failures(found)
     verdict = "NOT ready to fly: see FAIL above" if bad else "ready to fly"
     verdict = f"REHEARSAL: {verdict}" if args.rehearse else verdict
-    facts = json.dumps({"pass": not bad, "checks": msgspec.to_builtins(found)})
-    print(facts if args.json else f"{describe_checks(found)}\n{verdict}")
+    limits = list_limits(config, config.guards) if args.limits else []
+    facts = {"pass": not bad, "checks": msgspec.to_builtins(found)}
+    if args.limits:
+        facts["limits"] = [msgspec.to_builtins(one._asdict()) for one in limits]
+    lines = [
+        f"{one.says} ({one.key}{'' if one.limit is None else f' = {one.limit}'}) for {one.lasts_s:g} s: {one.step}"
+        for one in limits
+    ]
+    print(json.dumps(facts) if args.json else "\n".join([describe_checks(found), *lines, verdict]))
     return Exit.FAILED if bad else Exit.DONE
 
 

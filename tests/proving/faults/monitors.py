@@ -83,7 +83,7 @@ class DeckHealth(PoseHealth):
     def _believe(self) -> None:
         self.state, self.reason_id = HealthState.OK, ""
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
-        self.attitude_answers = self.across_answers = self.height_answers = True
+        self.attitude_answers = self.position_answers = True
 
 
 class DeckGuards(Guards):

@@ -20,7 +20,7 @@ MQX: dict[str, Any] = {
     "frame_period_s": 0.0225, "command_delay_s": 0.0, "frame_loss": 0.0, "speed_m_s": 0.5,
     "start_ned": (0.8, -0.8, 0.0), "start_thrust": 0.6, "own_estimate": False, "estimate_wander_m": 0.0,
     "estimate_yaw_step_deg": 0.0, "estimate_yaw_step_s": 2.0, "floor_z_m": 1.0, "floor_friction": 1.0,
-    "floor_hold_s": 0.0, "ground_effect": False, "trembles": False, "rotor_radius_m": 0.035, "step_s": 0.0025,
+    "floor_hold_s": 0.0, "ground_effect": False, "rotor_radius_m": 0.035, "step_s": 0.0025,
     "gravity": 9.81,
 }  # fmt: skip
 ADVERSE: dict[str, Any] = {

@@ -6,13 +6,24 @@ from typing import Any, NamedTuple
 import msgspec
 import pytest
 
+from groundstation.config import from_dict
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import NOTICES, Estimate, Pose
 from groundstation.core.mission import State
-from groundstation.core.safety import GUARDS, Escalation, Fence, GuardAction, GuardFinding, Guards, GuardsConfig
+from groundstation.core.safety import (
+    GUARDS,
+    Escalation,
+    Fence,
+    GuardAction,
+    GuardFinding,
+    Guards,
+    GuardsConfig,
+    list_limits,
+)
 from groundstation.core.safety.geofence import BoxFence
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import Motion, Vehicle
+from groundstation.settings import Config
 from links.core import Command, LinkStatus
 
 VEHICLE = Vehicle()
@@ -125,6 +136,16 @@ def test_every_row_of_the_table_has_a_sentence_and_a_key_and_there_are_few() -> 
     assert all(guard.id in NOTICES for guard in GUARDS)
     keys = [guard.key.removeprefix("guards.") for guard in GUARDS if guard.key.startswith("guards.")]
     assert all(key in GuardsConfig.__struct_fields__ for key in keys)
+
+
+def test_the_limits_of_a_configuration_are_listed_row_by_row_as_the_table_has_them() -> None:
+    config = from_dict({"guards": {"tilt_deg": 45.0, "tilt_s": 0.2}}, Config)
+    limits = list_limits(config, config.guards)
+    assert [limit.key for limit in limits] == [guard.key for guard in GUARDS]
+    tilt = limits[0]
+    assert (tilt.key, tilt.limit, tilt.lasts_s, tilt.step) == ("guards.tilt_deg", 45.0, 0.2, "failsafe descent")
+    without = {limit.key for limit in limits if limit.limit is None}
+    assert without == {"fence", "fence.braking_m_s2", "guards.battery_v"}  # none is set up
 
 
 def test_an_estimate_that_is_reset_again_and_again_lands() -> None:

@@ -151,7 +151,7 @@ def test_a_standing_attitude_is_accused_within_the_second_window() -> None:
     alarm: Alarm | None = None
     plane = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
     for n in range(60):
-        c = swing(n * DT_S, 0.01)
+        c = swing(n * DT_S, 0.015)
         plane.add((-c[0], -c[1]), c, (0.0, 0.0), DT_S)
         alarm = plane.look(LEAST_TURN_RAD) if (n + 1) % 5 == 0 else None
     assert alarm is not None and alarm.asked >= 1.0

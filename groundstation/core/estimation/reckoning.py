@@ -1,0 +1,85 @@
+"""Dead reckoning: where the commands sent have taken a vehicle since its poses were above suspicion. Sans-IO."""
+
+from collections import deque
+from typing import NamedTuple
+
+from groundstation.core.geometry import FLOATS, Vec3
+from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
+
+REMEMBER_S = 5.0
+"""Time for which estimates and commands are kept [s]: the longest window of the response and a question."""
+STEP_S = 0.08
+"""Longest single step of the model [s]."""
+
+
+class Trusted(NamedTuple):
+    """The vehicle at one pose that was above suspicion."""
+
+    time_s: float
+    motion: Motion
+    disturbance: Vec3
+    """Mean of the last seconds [m/s², NED]."""
+    effectiveness: float
+
+
+class Reckoning:
+    """One vehicle's trusted estimates and commands. Times are on the event loop's clock [s]."""
+
+    def __init__(self, vehicle: Vehicle, gravity: float) -> None:
+        self._vehicle, self._gravity = vehicle, gravity
+        self._trusted: deque[Trusted] = deque()
+        self._drives: deque[tuple[float, ActuatorCommand]] = deque()
+
+    def begin(self, first: Trusted) -> None:
+        """Trust ``first``, and forget what was before."""
+        self._trusted.clear()
+        self._trusted.append(first)
+
+    def trust(self, newest: Trusted) -> None:
+        """Keep one more trusted estimate."""
+        self._trusted.append(newest)
+        while self._trusted[0].time_s < newest.time_s - REMEMBER_S:
+            self._trusted.popleft()
+
+    def find_trusted(self, until_s: float) -> Trusted:
+        """Return the newest estimate trusted up to ``until_s``, or the oldest kept."""
+        return next((one for one in reversed(self._trusted) if one.time_s <= until_s), self._trusted[0])
+
+    def add_command(self, seen_s: float, drive: ActuatorCommand) -> None:
+        """Note a command that shows in poses stamped from ``seen_s`` [s] on."""
+        drives = self._drives
+        schedule(drives, self._vehicle, seen_s, drive)
+        while drives[0][0] < seen_s - REMEMBER_S:
+            drives.popleft()
+
+    def reckon(self, before: Trusted, until_s: float) -> Motion:
+        """Return the motion to which the commands have taken the vehicle since ``before``, by ``until_s`` [s]."""
+        motion, now, mass = before.motion, before.time_s, self._vehicle.mass_kg / before.effectiveness
+        drives = list(self._drives)
+        for i, (begins, drive) in enumerate(drives):
+            ends = min(drives[i + 1][0] if i + 1 < len(drives) else until_s, until_s)
+            if ends > max(begins, now):
+                motion = self.roll(motion, drive, ends - now, mass, before.disturbance)
+            now = max(now, ends)
+        return motion
+
+    def roll(
+        self, motion: Motion, drive: ActuatorCommand, duration_s: float, mass_kg: float, disturbance: Vec3
+    ) -> Motion:
+        """Return ``motion`` after ``duration_s`` [s] of one ``drive``, in steps that the model can take."""
+        vehicle = self._vehicle
+        steps = int(duration_s / STEP_S) + 1
+        for _ in range(steps):
+            motion = integrate(
+                FLOATS,
+                motion,
+                drive,
+                duration_s / steps,
+                mass=mass_kg,
+                gravity=self._gravity,
+                disturbance=disturbance,
+                thrust_lag=vehicle.thrust_lag_s,
+                rate_lag=vehicle.rate_lag_s,
+                drag=vehicle.drag_per_s,
+            )
+        return motion
