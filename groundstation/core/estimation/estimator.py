@@ -509,7 +509,7 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         NonNegative,
         msgspec.Meta(
             description="How the positions of a source without velocity wander beside their white "
-            "noise [m/√s]; 0: neighbours err apart. `groundstation evidence` finds "
+            "noise [m/√s]; 0: neighbours err apart. `groundstation replay evidence` finds "
             "0.0005 and 0.0006 of a Vicon whose errors last some 20 ms."
         ),
     ] = 0.0
