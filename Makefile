@@ -35,11 +35,11 @@ YIELD := nice -n 5
     test-firmware
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
-	@$(BIN)/groundstation-sim fly --scenario $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
+	@$(BIN)/groundstation-sim fly $(SCENARIO) --out runs/$(SCENARIO)-$$(date +%Y%m%d-%H%M%S)
 
 screenshot: setup ## fly, and draw the dashboard of it into docs/dashboard.svg
 	@rm -rf runs/screenshot
-	@$(BIN)/groundstation-sim fly --scenario gust_front --set 'sim.start_ned=[0.7,0.7,-1.0]' --out runs/screenshot > /dev/null
+	@$(BIN)/groundstation-sim fly gust_front --set 'sim.start_ned=[0.7,0.7,-1.0]' --out runs/screenshot > /dev/null
 	@$(BIN)/groundstation tui --screenshot docs/dashboard.svg --at 36 runs/screenshot/flight.mcap
 
 # Rows at once: the tests in real time wait for most of their time, and leave the processors to the others.
@@ -105,22 +105,22 @@ bench: setup ## measure this machine beside other simulators, which are half a g
 
 evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" are recordings of others that you have imported
 	@rm -rf build/evidence && mkdir -p build/evidence
-	@for name in px4_takeoff ardupilot_landing; do $(BIN)/groundstation import tests/golden/$$name.tlog \
+	@for name in px4_takeoff ardupilot_landing; do $(BIN)/groundstation logs import tests/golden/$$name.tlog \
 	    --map ardupilot-tlog --out build/evidence/$$name.mcap || exit 1; done
-	@$(BIN)/groundstation evidence build/evidence/*.mcap --write docs/evidence.md --part captures
-	@test -z "$(FLIGHTS)" || $(BIN)/groundstation evidence $(FLIGHTS) --write docs/evidence.md
-	@$(BIN)/groundstation-sim gale --ours 3 --write docs/evidence.md
-	@$(BIN)/groundstation-sim firmware --write docs/evidence.md
+	@$(BIN)/groundstation replay evidence build/evidence/*.mcap --write docs/evidence.md --part captures
+	@test -z "$(FLIGHTS)" || $(BIN)/groundstation replay evidence $(FLIGHTS) --write docs/evidence.md
+	@$(BIN)/groundstation-sim dev gale --ours 3 --write docs/evidence.md
+	@$(BIN)/groundstation-sim dev firmware --write docs/evidence.md
 
 margins: setup ## every law tuned by one search under the same floors, in minutes: table, picture, evaluations
 	@$(YIELD) $(BIN)/groundstation-sim compare --equal-margins --seeds 10 --workers $(WORKERS) \
 	    --table docs/equal-margins.csv --plot docs/equal-margins.png --write docs/explanation/equal-margins.md
 
 vehicles: setup ## what flights told of the vehicles that come along, flown and found once more, into their files
-	@$(YIELD) $(BIN)/groundstation-sim vehicles --write groundstation/vehicles
+	@$(YIELD) $(BIN)/groundstation-sim dev vehicles --write groundstation/vehicles
 
 docs: setup ## the documents as a site, in build/site
-	$(BIN)/groundstation-sim reference --write docs/reference
+	$(BIN)/groundstation-sim dev reference --write docs/reference
 	$(BIN)/mkdocs build --quiet --strict --config-file .mkdocs.yml
 
 release: test ## build this version, check it in a clean environment, date the changelog, tag; publishes nothing

@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 
-from groundstation.runtime import VIEWERS, add_completion, build_parser, path, viewer
+from groundstation.runtime import VIEWERS, Groups, add_completion, build_parser, path, viewer
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
@@ -36,12 +36,12 @@ def _daemon(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--log-format", choices=["text", "logfmt", "json"], default="text", help="default: text")
 
 
-def _service(parser: argparse.ArgumentParser) -> None:
+def _daemon_unit(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser)
     parser.add_argument("--user", default="groundstation", metavar="NAME", help="as whom it runs (groundstation)")
 
 
-def _health(parser: argparse.ArgumentParser) -> None:
+def _daemon_health(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vehicle", metavar="NAME", help="not needed where only one is served here")
     parser.add_argument("--socket", type=path, metavar="PATH", help="its status socket, if not the usual one")
     _json_argument(parser, "a line")
@@ -62,7 +62,7 @@ def _fleet(parser: argparse.ArgumentParser) -> None:
     _rehearse_argument(parser)
 
 
-def _relay(parser: argparse.ArgumentParser) -> None:
+def _fleet_relay(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("listen", metavar="HOST:PORT", help="where the tracker sends to")
     parser.add_argument("--to", action="append", required=True, metavar="HOST:PORT", help="a core; may be repeated")
     parser.add_argument("--group", metavar="ADDRESS", help="multicast group to join")
@@ -94,12 +94,11 @@ def _props_off(parser: argparse.ArgumentParser) -> None:
 
 
 def _radio(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", choices=["bind", "range-check", "idle"])
     _config_arguments(parser)
     parser.add_argument("--seconds", type=float, default=10.0, metavar="S", help="for how long (default 10)")
 
 
-def _rf_bridge(parser: argparse.ArgumentParser) -> None:
+def _radio_bridge(parser: argparse.ArgumentParser) -> None:
     _config_arguments(parser, optional=True)
     parser.add_argument("--make-key", type=path, metavar="FILE", help="write a new key for both computers, and end")
 
@@ -275,17 +274,16 @@ def _identify(parser: argparse.ArgumentParser) -> None:
     _json_argument(parser, "the table")
 
 
-def _import(parser: argparse.ArgumentParser) -> None:
+def _logs_import(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", type=path, nargs="+", metavar="FILE")
     parser.add_argument("--map", required=True, metavar="MAP", help="a mapping that comes along, or a file: the how-to")
     parser.add_argument("--out", type=path, required=True, metavar="FLIGHT.mcap", help="the recording to write")
     parser.add_argument(
         "--body", default="", metavar="NAME", help="the vehicle, where a tracker's file has several bodies"
     )
-    parser.set_defaults(command="import-flight")  # `import` is no name of a function
 
 
-def _evidence(parser: argparse.ArgumentParser) -> None:
+def _replay_evidence(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "files", type=path, nargs="*", metavar="FLIGHT.mcap", help=f"imported, or our own; {RECORDING_HELP}"
     )
@@ -299,60 +297,74 @@ def _trajectory(parser: argparse.ArgumentParser) -> None:
     _json_argument(parser, "the table")
 
 
-def _states(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the diagram between the file's markers")
-
-
-def _vehicles(parser: argparse.ArgumentParser) -> None:
+def _config_vehicles(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", metavar="NAME", help="print this one's file, to start your own from")
 
 
-def _config(parser: argparse.ArgumentParser) -> None:
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="{show,new}")
-    show = verbs.add_parser("show", help="print what is in force, defaults and overrides included")
-    _config_arguments(show, optional=True)
-    new = verbs.add_parser("new", help="print a configuration to start your own from, with notes; list them")
-    new.add_argument("name", nargs="?", metavar="NAME", help="which; without it they are listed")
-    new.add_argument("--all", type=path, metavar="DIR", help="write all, and what they name, into a new folder")
+def _config_show(parser: argparse.ArgumentParser) -> None:
+    _config_arguments(parser, optional=True)
 
 
-COMMANDS = {
-    "fly": ("connect, arm after asking, follow the trajectory, land", _fly),
-    "daemon": ("flights without a terminal, each armed by request; SIGTERM lands", _daemon),
-    "service": ("print a systemd unit for the daemon of a configuration", _service),
-    "health": ("how a running daemon is: exit code 0 for well", _health),
-    "fleet": ("fly several vehicles at once, a process each, by one fleet file", _fleet),
-    "relay": ("receive a stream of poses once, and pass copies on to the core of each vehicle", _relay),
-    "doctor": ("look at the autopilot's parameters; set one on request, disarmed only", _doctor),
-    "props-off": ("the required test with the propellers off, step by step. THIS STARTS THE MOTORS", _props_off),
-    "radio": ("bind an RF module, check its range, or just show it disarmed frames", _radio),
-    "rf-bridge": ("pace another computer's commands out by an RF module here", _rf_bridge),
-    "tui": ("the dashboard of a running flight, or of a recorded one", _tui),
-    "request": ("ask a running ground station: land, hold, kill, ...; done at once", _request),
-    "stop-all": ("have every flight of this user on this machine land, at once", _stop_all),
-    "mqtt": ("about MQTT: keys of clients, topics, schemas", _mqtt),
-    "replay": ("fly a recording again and compare to the last bit; a .tlog, in shadow", _replay),
-    "logs": ("list the recorded flights with their headline numbers", _logs),
-    "export": (
-        "channels of a recording as CSV or what others read, or a recording that was cut off made whole",
-        _export,
-    ),
-    "view": ("a recorded flight in space, or one that is being flown, in Rerun or Foxglove", _view),
-    "check": ("run the pre-flight checks on the vehicle as it stands; arms nothing", _check),
-    "carry": ("find the tracker's axes and latency by carrying the vehicle, props off", _carry),
-    "report": ("one page about a recorded flight, with figures; or about several, compared", _report),
-    "identify": ("thrust, lags, delay, drag and noise of the vehicle, from a recorded flight", _identify),
-    "import": ("a flight that others recorded (CSV, ULog, .bin, .tlog), as a recording", _import),
-    "evidence": (
-        "how well our estimator predicts recorded flights, and what they tell of vehicle and poses",
-        _evidence,
-    ),
-    "trajectory": ("what the trajectory asks of the vehicle: PASS or FAIL", _trajectory),
-    "states": ("the states of a flight, and what leads from one to another", _states),
-    "vehicles": ("list the vehicles that come along, for vehicle.preset", _vehicles),
-    "config": ("about configurations", _config),
-    "completion": ("print the script by which a shell completes this program's command lines", add_completion),
+def _config_new(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", nargs="?", metavar="NAME", help="the one to print; without it they are listed")
+    parser.add_argument("--all", type=path, metavar="DIR", help="write all, and the files they name, into a new folder")
+
+
+COMMANDS: Groups = {
+    "prepare": {
+        "config": ("print, start or complete a configuration; list the vehicles that come along", None),
+        "config show": ("print the configuration in force, defaults and overrides included", _config_show),
+        "config new": ("print a commented configuration to start from; without NAME list them", _config_new),
+        "config vehicles": ("list the vehicles that come along, for vehicle.preset", _config_vehicles),
+        "config completion": ("print the script by which a shell completes command lines", add_completion),
+        "trajectory": ("compare what the trajectory needs with what the vehicle can do: PASS or FAIL", _trajectory),
+        "doctor": ("check the autopilot's parameters; set one on request, disarmed only", _doctor),
+        "check": ("run the pre-flight checks on the vehicle; arms nothing", _check),
+        "carry": ("measure the tracker's axes and latency by carrying the vehicle, propellers off", _carry),
+        "props-off": ("the required test with the propellers off, step by step. THIS STARTS THE MOTORS", _props_off),
+    },
+    "fly": {
+        "fly": ("connect, ask, arm, fly the trajectory, land", _fly),
+        "tui": ("show the dashboard of a running or a recorded flight", _tui),
+        "request": ("send a request to a running ground station: land, hold, kill, ...", _request),
+        "stop-all": ("land every flight of this user on this machine, at once", _stop_all),
+        "daemon": ("fly without a terminal, each flight armed by request; SIGTERM lands", _daemon),
+        "daemon health": ("ask a running daemon how it is: exit code 0 for well", _daemon_health),
+        "daemon unit": ("print a systemd unit for the daemon of a configuration", _daemon_unit),
+        "fleet": ("fly several vehicles of one fleet file, a process each", _fleet),
+        "fleet relay": ("receive a stream of poses once, and send copies to the core of each vehicle", _fleet_relay),
+    },
+    "after the flight": {
+        "logs": ("list the recorded flights with their headline numbers", _logs),
+        "logs import": ("convert a flight that others recorded (CSV, ULog, .bin, .tlog)", _logs_import),
+        "report": ("write a page with figures about one recorded flight, or compare several", _report),
+        "view": ("show a recorded or a running flight in Rerun or Foxglove", _view),
+        "export": ("write a recording as CSV or for other programs, or repair one that was cut off", _export),
+        "identify": ("measure thrust, lags, delay, drag and noise of the vehicle from a recording", _identify),
+        "replay": ("compute a recorded flight again and compare to the last bit; a .tlog in shadow", _replay),
+        "replay evidence": ("measure how well our estimator predicts recorded flights", _replay_evidence),
+    },
+    "lab": {
+        "radio": ("bind an RF module, check its range, or drive one for another computer", None),
+        "radio bind": ("have the RF module bind a receiver", _radio),
+        "radio range-check": ("have the RF module send at low power", _radio),
+        "radio idle": ("send disarmed frames", _radio),
+        "radio bridge": ("send the commands of another computer by an RF module here", _radio_bridge),
+        "mqtt": ("make keys of clients; list topics and schemas", _mqtt),
+    },
 }
+
+MOVED = {
+    "service": "daemon unit",
+    "health": "daemon health",
+    "relay": "fleet relay",
+    "rf-bridge": "radio bridge",
+    "import": "logs import",
+    "evidence": "replay evidence",
+    "vehicles": "config vehicles",
+    "completion": "config completion",
+}
+"""Old spelling of a command → its name today."""
 
 
 def _seconds(text: str) -> float:
@@ -412,7 +424,7 @@ def main() -> int:
     """Entry point; for the exit codes see groundstation/runtime/entry.py and docs/reference/exit-codes.md."""
     from groundstation.runtime import run
 
-    return run(parser, "groundstation.interfaces.cli.commands")
+    return run(parser, "groundstation.interfaces.cli.commands", MOVED)
 
 
 if __name__ == "__main__":

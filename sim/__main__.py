@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.runtime import VIEWERS, add_completion, build_parser, path, viewer
+from groundstation.runtime import VIEWERS, Groups, add_completion, build_parser, path, viewer
 from sim.cli import count, hours, names, percent, seconds, whole
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, l1, pid, indi, or your own: package.module:factory"
@@ -14,12 +14,24 @@ _DRAWS = "what differs from flight to flight: mass,lags,gain,wind (default), and
 _AUTOPILOTS = ("px4", "ardupilot", "betaflight")
 
 
+class _ScenarioOption(argparse.Action):
+    """The retired option ``--scenario NAME``."""
+
+    def __call__(self, parser: object, namespace: argparse.Namespace, name: object, option: object = None) -> None:
+        from groundstation.core.messages import notice
+
+        print(notice("command.scenario_option", name=name), file=sys.stderr)
+        namespace.scenario = name
+
+
 def _add_scenario(parser: argparse.ArgumentParser, default: str | None, says: str) -> None:
-    """The scenario, as a word of its own or behind ``--scenario``."""
+    """The scenario; its old option ``--scenario`` works for one more release, with advice."""
     parser.set_defaults(scenario=default)
     either = parser.add_mutually_exclusive_group()
     either.add_argument("scenario", nargs="?", default=argparse.SUPPRESS, metavar="SCENARIO", help=says)
-    either.add_argument("--scenario", default=argparse.SUPPRESS, metavar="NAME", help="the same")
+    either.add_argument(
+        "--scenario", default=argparse.SUPPRESS, action=_ScenarioOption, metavar="NAME", help=argparse.SUPPRESS
+    )
 
 
 def _fly(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +81,7 @@ def _mission(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the summary")
 
 
-def _faults(parser: argparse.ArgumentParser) -> None:
+def _dev_faults(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, default=1, help="fly each cell with so many seeds and tell the worst")
     parser.add_argument("--quick", action="store_true", help="every fault once, over all states")
     parser.add_argument("--fault", metavar="NAME", help="this one only, or one of its cases, in every state")
@@ -90,7 +102,7 @@ def _faults(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def _honest(parser: argparse.ArgumentParser) -> None:
+def _dev_honest(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenarios", type=names, default=["paper", "quad1kg", "rotors_mqx"], metavar="NAMES",
         help="default paper,quad1kg,rotors_mqx",
@@ -115,7 +127,7 @@ def _honest(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
-def _alarms(parser: argparse.ArgumentParser) -> None:
+def _dev_alarms(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser, None, "what is flown (default adverse)")
     parser.add_argument("--flights", type=count, default=50, metavar="N", help="how many (default 50)")
     parser.add_argument("--seed", type=whole, default=0, metavar="FIRST", help="the others follow it (default 0)")
@@ -131,7 +143,7 @@ def _alarms(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
 
 
-def _soak(parser: argparse.ArgumentParser) -> None:
+def _dev_soak(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hours", type=hours, default=24.0, metavar="H", help="of virtual time (default 24)")
     _add_scenario(parser, "adverse", "what is flown (default adverse)")
     parser.add_argument("--seed", type=whole, default=0, help="every random draw comes from it (default 0)")
@@ -198,7 +210,7 @@ def _bench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
-def _bring_down(parser: argparse.ArgumentParser) -> None:
+def _dev_bring_down(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenarios", metavar="A,B", type=names, default=["paper", "adverse", "quad1kg"])
     parser.add_argument("--flights", type=count, default=10, metavar="N", help="of each kind (default 10)")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
@@ -243,7 +255,7 @@ def _tune(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _gale(parser: argparse.ArgumentParser) -> None:
+def _dev_gale(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=count, default=5, metavar="N", help="of each (default 5)")
     parser.add_argument("--ours", type=whole, default=0, metavar="N", help="fly ours, too: N seeds")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
@@ -255,11 +267,11 @@ def _scenarios(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true")
 
 
-def _check_vectors(parser: argparse.ArgumentParser) -> None:
+def _dev_check_vectors(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=path, metavar="FILE.json")
 
 
-def _fuzz(parser: argparse.ArgumentParser) -> None:
+def _dev_fuzz(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--source", metavar="NAME", help="the decoder of this pose source only")
     parser.add_argument("--link", metavar="NAME", help="the decoder of this link only")
     parser.add_argument("--count", type=count, default=10_000, metavar="N", help="datagrams for each (default 10000)")
@@ -267,12 +279,12 @@ def _fuzz(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
-def _firmware(parser: argparse.ArgumentParser) -> None:
+def _dev_firmware(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the tables")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the tables between the file's markers")
 
 
-def _autopilots(parser: argparse.ArgumentParser) -> None:
+def _dev_autopilots(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--px4", type=path, metavar="FOLDER", help="PX4-Autopilot, after `make px4_sitl`")
     parser.add_argument("--ardupilot", type=path, metavar="FOLDER", help="ardupilot, after `./waf copter` for sitl")
     parser.add_argument("--take-offs", type=whole, default=20, metavar="N", help="of each (default 20)")
@@ -282,7 +294,7 @@ def _autopilots(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="on our own rotors and tracker, by forwarded poses and without GPS, in the plant's time",
     )
-    _firmware(parser)
+    _dev_firmware(parser)
 
 
 def _serve(parser: argparse.ArgumentParser) -> None:
@@ -332,50 +344,65 @@ def _serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=seconds, metavar="S", help="stop after so many seconds")
 
 
-def _intervals(parser: argparse.ArgumentParser) -> None:
+def _dev_intervals(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenarios", metavar="A,B", type=names, default=["adverse", "rotors_mqx", "rotors_mqx_radio"])
     parser.add_argument("--flights", type=count, default=16, metavar="N", help="in each (default 16)")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
 
 
-def _split(parser: argparse.ArgumentParser) -> None:
+def _dev_split(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--flights", type=count, default=200, metavar="N", help="with drawn winds (default 200)")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
 
 
-def _vehicles(parser: argparse.ArgumentParser) -> None:
+def _dev_vehicles(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="DIR", help="write the files there; `make vehicles` does")
 
 
-def _reference(parser: argparse.ArgumentParser) -> None:
+def _dev_states(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the diagram between the file's markers")
+
+
+def _dev_reference(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="DIR", help="write them there instead of printing them")
 
 
-COMMANDS = {
-    "fly": ("fly a scenario in virtual time, through real wire bytes", _fly),
-    "mission": ("fly a scenario from the floor to its figure, and back to the floor", _mission),
-    "faults": ("break one thing in every state of a mission, and see what comes of it", _faults),
-    "honest": ("disturb flights whose poses are true, and see what monitor and guards make of it", _honest),
-    "alarms": ("fly from the floor, and see how near the poses came to being accused, where nothing is wrong", _alarms),
-    "soak": ("fly mission after mission, with random faults, and see whether anything grows", _soak),
-    "compare": ("fly several controllers through the same scenarios, on all cores", _compare),
-    "campaign": ("fly a scenario many times, vehicle and wind drawn by each seed", _campaign),
-    "bench": ("measure speed and memory on this machine", _bench),
-    "bring-down": ("cut flights short in the air, and see how they come down", _bring_down),
-    "intervals": ("count how often the truth lies within what `groundstation identify` tells", _intervals),
-    "split": ("measure how well wind and thrust scale are told apart, and whether the intervals hold", _split),
-    "vehicles": ("find the figures of the vehicles that come along once more, where a flight told them", _vehicles),
-    "gale": ("fly published laws in a simulated wind tunnel, beside what was measured in the real one", _gale),
-    "tune": ("search for better gains, or report how wrong the world may be with these", _tune),
-    "scenarios": ("list the scenarios; tell every value of one", _scenarios),
-    "check-vectors": ("evaluate the control law on a file of test vectors", _check_vectors),
-    "firmware": ("measure what Betaflight's own firmware does with ours: flights, strikes, rates", _firmware),
-    "autopilots": ("fly PX4's and ArduCopter's own firmware in real time, where somebody has built it", _autopilots),
-    "fuzz": ("feed every decoder random and damaged bytes", _fuzz),
-    "serve": ("a simulated vehicle and cameras in real time, on loopback UDP", _serve),
-    "completion": ("print the script by which a shell completes this program's command lines", add_completion),
-    "reference": ("the reference pages of the documents, made from the code", _reference),
+COMMANDS: Groups = {
+    "commands": {
+        "fly": ("fly a scenario in virtual time, through real wire bytes", _fly),
+        "mission": ("fly a scenario from the floor to its figure, and back to the floor", _mission),
+        "serve": ("serve a simulated vehicle and cameras in real time, on loopback UDP", _serve),
+        "scenarios": ("list the scenarios, or print every value of one", _scenarios),
+        "compare": ("fly several controllers through the same scenarios, on all cores", _compare),
+        "campaign": ("fly a scenario many times, vehicle and wind drawn by each seed", _campaign),
+        "tune": ("search for better gains, or report the margins of these", _tune),
+        "bench": ("measure speed and memory on this machine", _bench),
+        "completion": ("print the script by which a shell completes command lines", add_completion),
+        "dev": ("commands that prove the project itself", None),
+        "dev faults": ("break one thing in every state of a mission, and judge the outcome", _dev_faults),
+        "dev honest": ("disturb flights whose poses are true, and judge monitor and guards", _dev_honest),
+        "dev alarms": ("measure the monitor's margins to a false alarm, in flights without faults", _dev_alarms),
+        "dev soak": ("fly mission after mission with random faults, and check that nothing grows", _dev_soak),
+        "dev bring-down": ("cut flights short in the air, and measure how they come down", _dev_bring_down),
+        "dev intervals": ("count how often the truth lies within the intervals of identify", _dev_intervals),
+        "dev split": ("measure how well wind and thrust scale are told apart", _dev_split),
+        "dev vehicles": ("measure the vehicles that come along again, in flight", _dev_vehicles),
+        "dev gale": ("fly published laws in a simulated wind tunnel, beside the real measurements", _dev_gale),
+        "dev check-vectors": ("evaluate the control law on a file of test vectors", _dev_check_vectors),
+        "dev firmware": ("fly Betaflight's own firmware: flights, strikes, rates", _dev_firmware),
+        "dev autopilots": ("fly PX4's and ArduCopter's own firmware in real time, where it is built", _dev_autopilots),
+        "dev fuzz": ("feed every decoder random and damaged bytes", _dev_fuzz),
+        "dev reference": ("make the reference pages of the documents from the code", _dev_reference),
+        "dev states": ("draw the states of a flight and the transitions between them", _dev_states),
+    }
 }
+
+NEW = ("dev states", "dev split")
+"""Commands that never had another spelling."""
+MOVED = {
+    name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ") and name not in NEW
+}
+"""Old spelling of a command → its name today."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -388,7 +415,7 @@ def main() -> int:
     """Entry point; the exit code is 0 for done, 1 for a flight that failed, 2 for bad usage or config."""
     from groundstation.runtime import run
 
-    return run(parser, "sim.cli.commands")
+    return run(parser, "sim.cli.commands", MOVED)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ def is_ours(found: os.stat_result, kind: Callable[[int], bool]) -> bool:
 
 
 SERVICES = Path("/run/groundstation")
-"""Here every service of the machine has a folder of its own: ``groundstation service`` makes it so."""
+"""Here every service of the machine has a folder of its own: ``groundstation daemon unit`` makes it so."""
 
 
 class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -3,6 +3,7 @@
 from groundstation.runtime.entry import (
     VIEWERS,
     Exit,
+    Groups,
     LazyParser,
     add_completion,
     build_parser,

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from enum import IntEnum
 from functools import cached_property, partial
+from types import MappingProxyType
 
 from groundstation.runtime.packages import describe_install
 from groundstation.runtime.version import __version__
@@ -48,14 +49,17 @@ class Exit(IntEnum):
     """Ctrl-C outside a flight."""
 
 
-def run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
+def run(
+    parser: Callable[[], argparse.ArgumentParser], commands: str, moved: Mapping[str, str] = MappingProxyType({})
+) -> int:
     """Do what the command line says, by the function of that name in the module ``commands``; the exit code.
 
+    ``moved``: old spelling of a command → its name today; the old one works, with advice by ``advise_name`` there.
     Where whoever reads the output has gone (``| head``), or the disk is full, it ends without a trace.
     """
     _open_missing_streams()
     with _guard_output(), rare_collections():
-        return _run(parser, commands)
+        return _run(parser, commands, moved)
 
 
 def _open_missing_streams() -> None:
@@ -129,10 +133,10 @@ def _guard_output() -> Iterator[None]:
         sys.stdout, sys.stderr = before
 
 
-def _run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
+def _run(parser: Callable[[], argparse.ArgumentParser], commands: str, moved: Mapping[str, str]) -> int:
     try:
         try:
-            code = _execute(parser(), commands)
+            code = _execute(parser(), commands, moved)
         finally:  # after --help, too, which leaves by SystemExit
             sys.stdout.flush()
     except BrokenPipeError:
@@ -147,11 +151,16 @@ def _run(parser: Callable[[], argparse.ArgumentParser], commands: str) -> int:
     return code
 
 
-def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
-    if len(sys.argv) == 1:
+def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str, str]) -> int:
+    words = sys.argv[1:]
+    if not words:
         parser.print_help(sys.stderr)
         return Exit.USAGE
-    args = parser.parse_args()
+    if words[0] in moved:
+        today = moved[words[0]]
+        importlib.import_module(commands).advise_name(parser.prog, words[0], today)
+        words[:1] = today.split()
+    args = parser.parse_args(words)
     # Only now: --help must not wait for what a command needs.
     import warnings
 
@@ -167,7 +176,7 @@ def _execute(parser: argparse.ArgumentParser, commands: str) -> int:
 
     warnings.showwarning = show_advice
     try:
-        does = getattr(importlib.import_module(commands), args.command.replace("-", "_"))
+        does = getattr(importlib.import_module(commands), args.command.replace("-", "_").replace(" ", "_"))
         return int(does(args))
     except ConfigError as error:
         told = f"{error.option}: {error.problem}" if isinstance(error, ArgumentError) else error
@@ -207,7 +216,7 @@ CODES: dict[str, dict[int, str]] = {
         0: "every vehicle landed, or was never armed",
         1: "one of them was aborted, killed or handed over, landed because of a fault, or its core has died",
     },
-    "service": {0: "the unit file is printed"},
+    "daemon unit": {0: "the unit file is printed"},
     "request": {
         0: "done: the answer is printed",
         1: "refused: the reason is printed",
@@ -217,7 +226,7 @@ CODES: dict[str, dict[int, str]] = {
         0: "every flight has answered, or none is there",
         1: "one did not answer, and got a signal; or `--kill` was not confirmed",
     },
-    "health": {0: "alive and well", 1: "stale, or no command leaves in flight", 2: "no daemon runs"},
+    "daemon health": {0: "alive and well", 1: "stale, or no command leaves in flight", 2: "no daemon runs"},
     "check": {
         0: "ready to fly",
         1: "a check fails, or (`--watch`) no poses",
@@ -260,49 +269,113 @@ def require_package(package: str, key: str, extra: str, more: str = "") -> None:
 
 
 AddArguments = Callable[[argparse.ArgumentParser], None]
-Commands = Mapping[str, tuple[str, AddArguments]]
-"""Name → what it does, in a line, and what gives its parser its arguments."""
+Commands = Mapping[str, tuple[str, AddArguments | None]]
+"""Name → its purpose in a line, and the function that adds its arguments; None: it only groups other commands.
+
+A name of two words (``fleet relay``) is a command below the first word.
+"""
 
 
-def build_parser(prog: str, description: str, commands: Commands) -> argparse.ArgumentParser:
+Groups = Mapping[str, Commands]
+"""Heading in the program's help → the commands below it."""
+
+
+class Program(argparse.ArgumentParser):
+    """A parser that lists commands by group in its help."""
+
+    groups: Groups = MappingProxyType({})
+
+    def format_help(self) -> str:
+        """The help text: usage, each group of commands, options."""
+        if not self.groups:
+            return super().format_help()
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        for title, commands in self.groups.items():
+            formatter.start_section(title)
+            formatter.add_arguments(
+                [argparse.Action([], name, help=does) for name, (does, _) in commands.items() if " " not in name]
+            )
+            formatter.end_section()
+        own = [action for action in self._actions if not isinstance(action, argparse._SubParsersAction)]
+        formatter.start_section("options")
+        formatter.add_arguments(own)
+        formatter.end_section()
+        return formatter.format_help()
+
+
+def build_parser(prog: str, description: str, groups: Groups) -> argparse.ArgumentParser:
     """The parser of the program ``prog``; what it makes of a command line has it as ``program``."""
     formatter = partial(argparse.HelpFormatter, width=_width())
-    program = argparse.ArgumentParser(prog, description=description, formatter_class=formatter)
+    program = Program(prog, description=description, formatter_class=formatter)
+    program.groups = groups
     program.set_defaults(program=program)
-    program.add_argument("--version", action="version", version=f"%(prog)s {__version__}", help="print it, and end")
-    parsers = program.add_subparsers(
-        dest="command", required=True, metavar="COMMAND",
-        parser_class=LazyParser,  # type: ignore[type-var]  # as good as one
-    )  # fmt: skip
-    for name, (does, add_arguments) in commands.items():
-        parsers.add_parser(name, help=does, formatter_class=formatter, add_arguments=add_arguments)
+    program.add_argument("--version", action="version", version=f"%(prog)s {__version__}", help="print the version")
+    parsers = _add_commands(program)
+    for commands in groups.values():
+        for name, (does, add_arguments) in commands.items():
+            if " " not in name:
+                below = {full: entry for full, entry in commands.items() if full.startswith(f"{name} ")}
+                parsers.add_parser(
+                    name, help=does, formatter_class=formatter, command=name, add_arguments=add_arguments, below=below
+                )
     return program
 
 
+def _add_commands(parser: argparse.ArgumentParser) -> "Any":
+    return parser.add_subparsers(
+        dest="command", required=True, metavar="COMMAND",
+        parser_class=LazyParser,
+    )  # fmt: skip
+
+
 def add_completion(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the command ``completion``, which both programs have."""
+    """Add the arguments of the command ``completion``, which both programs have."""
     parser.add_argument("shell", choices=["bash", "zsh"])
 
 
 class LazyParser:
-    """The parser of one command, made when something is asked of it: help of the program asks nothing of any."""
+    """The parser of one command, made when it is first used: the program's own help needs none of them.
 
-    def __init__(self, add_arguments: AddArguments, **words: "Any") -> None:
+    Commands ``below`` it are chosen by the first word. A command that only groups others has no arguments of its own.
+    """
+
+    def __init__(
+        self, command: str, add_arguments: AddArguments | None, below: Commands | None = None, **words: "Any"
+    ) -> None:
+        self._command = command
         self._add_arguments = add_arguments
+        self.is_group = add_arguments is None
         self._words = words
+        self.below = {
+            name.removeprefix(f"{command} "): LazyParser(
+                name, add, prog=words["prog"].removesuffix(command) + name, formatter_class=words["formatter_class"]
+            )
+            for name, (_, add) in (below or {}).items()
+        }
+        self._group = {"commands": {name.removeprefix(f"{command} "): entry for name, entry in (below or {}).items()}}
 
     @cached_property
     def parser(self) -> argparse.ArgumentParser:
         """The parser itself."""
-        parser = argparse.ArgumentParser(**self._words)
-        self._add_arguments(parser)
+        parser = Program(**self._words)
+        parser.set_defaults(command=self._command)
+        if self._add_arguments is not None:
+            self._add_arguments(parser)
+        if self._group["commands"]:
+            parser.groups = self._group
+            if self._add_arguments is None:
+                _add_commands(parser).choices.update(self.below)
         return parser
 
     def __getattr__(self, name: str) -> "Any":
         return getattr(self.parser, name)
 
     def parse_known_args(self, args: "Any" = None, namespace: "Any" = None) -> "Any":
-        """Those of the command; what it does not know is an error of its own, beside its own usage."""
+        """Parse the command's arguments; an unknown one is an error beside the command's own usage."""
+        if args and args[0] in self.below:
+            return self.below[args[0]].parse_known_args(args[1:], namespace)
         return self.parser.parse_args(args, namespace), []
 
     def _check_help(self, action: argparse.Action) -> None:

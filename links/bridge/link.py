@@ -259,7 +259,7 @@ def _there(says: str) -> str:
 
 
 class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
-    """`groundstation rf-bridge` on another computer, which has the module. That one knows port, codec and channels."""
+    """`groundstation radio bridge` on another computer: that one has the module, and knows port, codec and channels."""
 
     remote: Annotated[str, msgspec.Meta(description="Its address.")] = "127.0.0.1:14600"
     key_file: Annotated[

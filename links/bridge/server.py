@@ -1,4 +1,4 @@
-"""RF bridge: paces the commands of a station on another computer, as the paper did. `groundstation rf-bridge`.
+"""RF bridge: paces the commands of a station on another computer, as the paper did. `groundstation radio bridge`.
 
 Whoever holds the key may command, one station at a time. Its times are brought to this machine's clock so that no
 deadline can come out later than it was meant: by the earliest instant that the messages so far allow. The pacer with

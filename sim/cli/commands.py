@@ -25,6 +25,7 @@ import msgspec
 from groundstation.config import ConfigError, load, read_toml, refuse_io
 from groundstation.core.messages import STEADY_S, notice
 from groundstation.flight import ensure_flyable
+from groundstation.interfaces.cli import advise_name, completion_script, words_of_flying
 from groundstation.machine import replace_between_markers, split_at_markers
 from groundstation.runtime import Exit, require_package
 from groundstation.settings import Config, rehearse
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from sim.runs import FleetMission, Run
 
 T = TypeVar("T")
+__all__ = ["advise_name"]  # called by groundstation.runtime, as in the commands of groundstation
 
 
 def load_proving(command: str, module: str) -> Any:
@@ -68,8 +70,12 @@ def _prove(command: str, module: str, args: argparse.Namespace) -> int:
     return int(getattr(load_proving(command, module), command)(args))
 
 
-faults, honest, soak, fuzz = (partial(_prove, command, "commands") for command in ("faults", "honest", "soak", "fuzz"))
-alarms, firmware, autopilots = (partial(_prove, command, command) for command in ("alarms", "firmware", "autopilots"))
+dev_faults, dev_honest, dev_soak, dev_fuzz = (
+    partial(_prove, command, "commands") for command in ("faults", "honest", "soak", "fuzz")
+)
+dev_alarms, dev_firmware, dev_autopilots = (
+    partial(_prove, command, command) for command in ("alarms", "firmware", "autopilots")
+)
 
 
 def compare(args: argparse.Namespace) -> Exit:
@@ -242,27 +248,27 @@ def bench(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def bring_down(args: argparse.Namespace) -> Exit:
+def dev_bring_down(args: argparse.Namespace) -> Exit:
     """Cut flights short, and tell how the bring-down ends."""
     from sim.studies import CAUSES, cut_all, markdown
 
     falls = _count_flights(args, len(CAUSES), lambda: cut_all(args.scenarios, args.flights))
-    _show(args, "bring-down", markdown(falls), f"{args.flights} flights each: medians, the worst in brackets. ")
+    _show(args, "dev bring-down", markdown(falls), f"{args.flights} flights each: medians, the worst in brackets. ")
     return Exit.DONE
 
 
-def intervals(args: argparse.Namespace) -> Exit:
+def dev_intervals(args: argparse.Namespace) -> Exit:
     """Fly excitation flights, and count how often the truth lies within what is identified of them."""
     from sim.studies import coverage_table, identify_flights
 
     flown = _count_flights(
         args, 1, lambda: (f for name in args.scenarios for f in identify_flights(name, args.flights))
     )
-    _show(args, "intervals", coverage_table(list(chain.from_iterable(flown)), args.flights))
+    _show(args, "dev intervals", coverage_table(list(chain.from_iterable(flown)), args.flights))
     return Exit.DONE
 
 
-def split(args: argparse.Namespace) -> Exit:
+def dev_split(args: argparse.Namespace) -> Exit:
     """Fly for minutes, and in drawn winds, and tell how well wind and thrust scale are told apart."""
     from sim.cli import ProgressBar
     from sim.studies import STEADY_SCENARIOS, fly_drawn, fly_steadily, split_table
@@ -275,11 +281,11 @@ def split(args: argparse.Namespace) -> Exit:
             steady += fly_steadily(name)
             counter.step()
         drawn = fly_drawn(args.flights)
-    _show(args, "split", split_table(steady, drawn))
+    _show(args, "dev split", split_table(steady, drawn))
     return Exit.DONE
 
 
-def vehicles(args: argparse.Namespace) -> Exit:
+def dev_vehicles(args: argparse.Namespace) -> Exit:
     """Find in flight what was found in flight of the vehicles that come along."""
     from sim.studies import remake_all
 
@@ -343,7 +349,7 @@ def _print_keys(key: str, value: Any) -> None:
         print(f"    {key} = {json.dumps(value)}")
 
 
-def check_vectors(args: argparse.Namespace) -> Exit:
+def dev_check_vectors(args: argparse.Namespace) -> Exit:
     """Evaluate the law on test vectors."""
     from sim.studies import LIMIT, worst_disagreement
 
@@ -357,7 +363,7 @@ def check_vectors(args: argparse.Namespace) -> Exit:
     return Exit.DONE if worst <= LIMIT else Exit.FAILED
 
 
-def gale(args: argparse.Namespace) -> Exit:
+def dev_gale(args: argparse.Namespace) -> Exit:
     """Fly published laws in the wind tunnel."""
     from sim.studies import gale_command
 
@@ -367,7 +373,6 @@ def gale(args: argparse.Namespace) -> Exit:
 def completion(args: argparse.Namespace) -> Exit:
     """Print the script by which a shell completes our command lines."""
     from groundstation.config import keys_of
-    from groundstation.interfaces.cli import completion_script, words_of_flying
     from sim.world import World
 
     def words(command: str, argument: str) -> list[str]:
@@ -380,9 +385,18 @@ def completion(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def reference(args: argparse.Namespace) -> Exit:
+def dev_reference(args: argparse.Namespace) -> Exit:
     """Print or write the pages of docs/reference that are made from the code."""
     print(load_proving("reference", "reference").reference_command(args.write))
+    return Exit.DONE
+
+
+def dev_states(args: argparse.Namespace) -> Exit:
+    """Draw the states of a flight."""
+    page = load_proving("dev states", "reference").states_page()
+    if args.write is not None:
+        replace_between_markers(args.write, page, "states")
+    print(page)
     return Exit.DONE
 
 

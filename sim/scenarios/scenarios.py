@@ -384,13 +384,13 @@ class _Overridden(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def scenario_of(name: str) -> Scenario:
-    """The scenario that ``--scenario`` names.
+    """The scenario that a command names.
 
     Raises:
         ConfigError: there is no such scenario.
     """
     if name not in list(SCENARIOS):
-        raise ConfigError("--scenario", f"expected one of {sorted(SCENARIOS)}, got {name!r}")
+        raise ConfigError("SCENARIO", f"expected one of {sorted(SCENARIOS)}, got {name!r}")
     return SCENARIOS[name]
 
 

@@ -90,7 +90,7 @@ def served(scenario: str = "paper", *, says: str = "") -> Iterator[Room]:
     with tempfile.TemporaryDirectory(prefix="gs-") as folder:
         room = Room(Path(folder))
         server = subprocess.Popen(
-            [sys.executable, *program, "serve", "--scenario", scenario, *room.wires, "--duration", "100"],
+            [sys.executable, *program, "serve", scenario, *room.wires, "--duration", "100"],
             stdout=subprocess.PIPE,
             text=True,
         )

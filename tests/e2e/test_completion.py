@@ -22,12 +22,14 @@ BIN = Path(sys.executable).parent
 LINES = {
     "groundstation-sim miss": "groundstation-sim mission ",
     "groundstation-sim fly --dura": "--duration ",
-    "groundstation-sim fly --scenario gust": "gust_front ",
+    "groundstation-sim fly gust": "gust_front ",
     "groundstation-sim fly --set sim.mass": "sim.mass_kg=",
     "groundstation-sim fly --set vehicle.mass": "vehicle.mass_kg=",
-    "groundstation rf-bridge --set key": "key_file=",
+    "groundstation radio bridge --set key": "key_file=",
     "groundstation fly --set vehicle.mass": "vehicle.mass_kg=",
     "groundstation config new px4-v": "px4-vicon ",
+    "groundstation fleet rel": "relay ",
+    "groundstation-sim dev bring-down --fli": "--flights ",
     "groundstation config show roo": "room.toml",
 }
 """What is typed → what a tab makes of it; no two alike in a row, as a shell may still draw the one before."""
@@ -69,9 +71,9 @@ def test_a_tab_completes_commands_scenarios_keys_and_files(
     program = needs_program(shell)
     (tmp_path / "room.toml").touch()
     scripts = []
-    for ours in ("groundstation", "groundstation-sim"):
+    for ours, *command in (("groundstation", "config", "completion"), ("groundstation-sim", "completion")):
         scripts.append(tmp_path / ours)
         with scripts[-1].open("w") as output:
-            subprocess.run([BIN / ours, "completion", shell], stdout=output, check=True)
+            subprocess.run([BIN / ours, *command, shell], stdout=output, check=True)
     for typed, shown in shown_for(shell, program, scripts, tmp_path).items():
         assert LINES[typed] in shown, typed

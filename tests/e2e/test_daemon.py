@@ -112,7 +112,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
             assert (armed.returncode, armed.stdout) == (0, "arming\n"), armed.stderr
             asyncio.run(seen(room.status_socket, lambda s: s.flight_time_s > 1.5 and s.error_m < 0.1))
 
-            health = json.loads(daemon.command("health", "--json").stdout)
+            health = json.loads(daemon.command("daemon", "health", "--json").stdout)
             assert (health["well"], health["pid"], health["flights"]) == (True, daemon.process.pid, 1)
             landing = daemon.command("request", "land", "--why", "enough")
             assert (landing.returncode, landing.stdout[:8]) == (0, "landing:")
@@ -122,7 +122,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
 
             daemon.process.terminate()
             assert daemon.process.wait(60) == 0, daemon.log
-            assert daemon.command("health").returncode == 2
+            assert daemon.command("daemon", "health").returncode == 2
             assert daemon.command("request", "land").returncode == 2
             told = manager.told
             assert told.count("WATCHDOG=1") > 20
@@ -140,7 +140,7 @@ def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_g
             first.says("tracking: ")
             first.process.kill()
             first.process.wait()
-        stale = first.command("health")
+        stale = first.command("daemon", "health")
         assert stale.returncode in (0, 1)
         with running(room, tmp_path / "second") as second:
             second.says("ready: link and poses are there|pre-flight checks failed")

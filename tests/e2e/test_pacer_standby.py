@@ -149,7 +149,8 @@ class Bridged(Flight):
 
     async def _connect(self) -> int:
         self.bridge = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "groundstation", "rf-bridge", str(self._config)), stdout=asyncio.subprocess.PIPE
+            *(sys.executable, "-m", "groundstation", "radio", "bridge", str(self._config)),
+            stdout=asyncio.subprocess.PIPE,
         )
         await self.link.connect()
         (standby,) = children(self.bridge.pid)

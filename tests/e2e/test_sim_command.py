@@ -27,7 +27,7 @@ def sim(*arguments: str) -> "subprocess.CompletedProcess[str]":
 
 
 def test_json_is_one_object_with_every_promised_key() -> None:
-    done = sim("fly", "--scenario", "paper", "--seed", "4", "--duration", "20", "--json")
+    done = sim("fly", "paper", "--seed", "4", "--duration", "20", "--json")
     assert done.returncode == 0, done.stderr
     facts = json.loads(done.stdout)
     assert set(facts) >= {
@@ -116,7 +116,7 @@ def test_a_crash_exits_1_and_says_why() -> None:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["fly", "--scenario", "hurricane"], "expected one of"),
+        (["fly", "hurricane"], "expected one of"),
         (["fly", "hurricane"], "expected one of"),
         (["fly", "ideal", "--scenario", "paper"], "not allowed with argument"),
         (["fly", "--set", "sim.mass=3"], "sim.mass: unknown key; did you mean mass_kg?"),
@@ -125,16 +125,16 @@ def test_a_crash_exits_1_and_says_why() -> None:
         (["fly", "--set", "controller.k2=nan"], "controller.k2"),
         (["fly", "--controller", "pigeon"], "--controller: expected one of"),
         (["fly", "--set", "nonsense"], "--set"),
-        (["check-vectors", "absent.json"], "cannot read absent.json: No such file"),
+        (["dev", "check-vectors", "absent.json"], "cannot read absent.json: No such file"),
         (["fly", "--duration", "-3"], "expected seconds"),
         (["fly", "--out", "/dev/null/nowhere"], "cannot write"),
-        (["gale", "--write", "absent.md"], "cannot read absent.md: No such file"),
-        (["gale", "--seeds", "0"], "--seeds: expected a whole number from 1 on, got 0"),
+        (["dev", "gale", "--write", "absent.md"], "cannot read absent.md: No such file"),
+        (["dev", "gale", "--seeds", "0"], "--seeds: expected a whole number from 1 on, got 0"),
         (
             ["compare", "--equal-margins", "--table", "/nowhere/table.csv"],
             "cannot write /nowhere/table.csv: No such file",
         ),
-        (["firmware", "--write", "absent.md"], "cannot read absent.md: No such file"),
+        (["dev", "firmware", "--write", "absent.md"], "cannot read absent.md: No such file"),
         (["serve", "--carried", "--duration", "1"], "--carried: expected --config FILE.toml beside it"),
     ],
 )
@@ -158,12 +158,12 @@ def test_a_flight_too_short_for_its_error_says_so() -> None:
 
 def test_check_vectors_passes_on_the_golden_vectors_and_fails_on_wrong_ones(tmp_path: Path) -> None:
     golden = GOLDEN / "control_law_vectors.json"
-    assert sim("check-vectors", str(golden)).returncode == 0
+    assert sim("dev", "check-vectors", str(golden)).returncode == 0
     data = json.loads(golden.read_text())
     data["vectors"][0]["output"]["W"] += 1.0
     wrong = tmp_path / "wrong.json"
     wrong.write_text(json.dumps(data))
-    assert sim("check-vectors", str(wrong)).returncode == 1
+    assert sim("dev", "check-vectors", str(wrong)).returncode == 1
 
 
 def test_a_second_vehicle_for_the_same_ground_station_is_refused() -> None:
@@ -265,8 +265,8 @@ def test_where_linux_is_not_what_computes_works_and_the_rest_ends_with_a_sentenc
 
 def test_what_takes_long_shows_on_a_terminal_how_far_it_is() -> None:
     for words in (
-        ["fuzz", "--source", "json", "--count", "2000"],
-        ["bring-down", "--scenarios", "paper", "--flights", "1"],
+        ["dev", "fuzz", "--source", "json", "--count", "2000"],
+        ["dev", "bring-down", "--scenarios", "paper", "--flights", "1"],
     ):
         reader, writer = os.openpty()
         shown = b""

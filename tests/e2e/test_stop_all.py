@@ -77,13 +77,15 @@ def test_a_flight_with_the_same_body_is_told_and_kill_asks_before_and_reaches_wh
 
 def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None:
     key, config, port = tmp_path / "key", tmp_path / "bridge.toml", tmp_path / "port"
-    subprocess.run([*GROUNDSTATION, "rf-bridge", "--make-key", str(key)], check=True, capture_output=True, timeout=60)
+    subprocess.run(
+        [*GROUNDSTATION, "radio", "bridge", "--make-key", str(key)], check=True, capture_output=True, timeout=60
+    )
     master, slave = os.openpty()
     port.symlink_to(f"/proc/{os.getpid()}/fd/{slave}")  # the system's name for it is somebody else's soon
     try:
         link = f'[link]\nkind = "crsf"\nport = "{port}"\nsimulated = true\n'
         config.write_text(f'listen = "127.0.0.1:{free_udp_port()}"\nkey_file = "key"\n{link}')
-        bridge = subprocess.Popen([*GROUNDSTATION, "rf-bridge", str(config)], stdout=subprocess.PIPE, text=True)
+        bridge = subprocess.Popen([*GROUNDSTATION, "radio", "bridge", str(config)], stdout=subprocess.PIPE, text=True)
         try:
             assert bridge.stdout is not None
             assert "rf-bridge at udp" in bridge.stdout.readline()

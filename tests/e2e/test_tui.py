@@ -477,7 +477,7 @@ def test_keys_still_work_after_bytes_that_are_no_text(terminal: Terminal, tmp_pa
 
 @pytest.mark.parametrize(("words", "says"), [
     (["flight.mcap"], "--screenshot FILE.svg draws a picture of it"),
-    (["--socket", "nobody.sock"], "groundstation health says in a line how the flight is"),
+    (["--socket", "nobody.sock"], "groundstation daemon health says in a line how the flight is"),
     (["--fleet", "mqtt://127.0.0.1:1"], "`groundstation mqtt topics` says what other programs can read"),
 ])  # fmt: skip
 def test_nothing_is_drawn_where_there_is_no_terminal(words: list[str], says: str) -> None:

@@ -58,13 +58,13 @@ def test_a_station_flies_the_vehicle_by_the_module_of_a_bridge(tmp_path: Path) -
     port, poses = free_udp_port(), f"pose.listen=127.0.0.1:{free_udp_port()}"
     for name, text in (("station.toml", STATION), ("bridge.toml", BRIDGE)):
         (tmp_path / name).write_text(text.format(port=port, folder=tmp_path))
-    made = groundstation("rf-bridge", "--make-key", str(tmp_path / "bridge.key"))
+    made = groundstation("radio", "bridge", "--make-key", str(tmp_path / "bridge.key"))
     assert made.returncode == 0, made.stderr
     with program("sim", "serve", "--link", "dsm", "--set", poses, "--duration", "60") as vehicle:
         assert vehicle.stdout is not None
         module = vehicle.stdout.readline().split(" receiver on ")[1].split(",")[0]
         simulated = ("--set", f"link.port={module}", "--set", "link.simulated=true")
-        words = ("rf-bridge", str(tmp_path / "bridge.toml"), *simulated)
+        words = ("radio", "bridge", str(tmp_path / "bridge.toml"), *simulated)
         with program("groundstation", *words) as bridge:
             assert bridge.stdout is not None
             assert f"dsm module on {module}" in bridge.stdout.readline()
@@ -83,9 +83,9 @@ def test_a_station_flies_the_vehicle_by_the_module_of_a_bridge(tmp_path: Path) -
 def test_without_its_key_nothing_starts(tmp_path: Path) -> None:
     for name, text in (("station.toml", STATION), ("bridge.toml", BRIDGE)):
         (tmp_path / name).write_text(text.format(port=14600, folder=tmp_path))
-    bridge = groundstation("rf-bridge", str(tmp_path / "bridge.toml"), "--set", "link.port=/dev/pts/0")
+    bridge = groundstation("radio", "bridge", str(tmp_path / "bridge.toml"), "--set", "link.port=/dev/pts/0")
     assert (bridge.returncode, "key_file: cannot read" in bridge.stderr) == (2, True)
     station = groundstation("fly", str(tmp_path / "station.toml"), "--arm", "mqx")
     assert (station.returncode, "link.key_file: cannot read" in station.stderr) == (2, True)
-    nothing = groundstation("rf-bridge")
+    nothing = groundstation("radio", "bridge")
     assert (nothing.returncode, "expected a configuration" in nothing.stderr) == (2, True)

@@ -78,7 +78,7 @@ def test_an_estimate_that_has_its_height_wrong_on_the_floor_has_touched_down_all
 def test_the_command_tells_windows_and_the_largest_alarm(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = "alarms --scenario paper --seed 4 --flights 1 --workers 1 --duration 1 --json"
+    words = "dev alarms paper --seed 4 --flights 1 --workers 1 --duration 1 --json"
     monkeypatch.setattr(sys, "argv", ["groundstation-sim", *words.split()])
     assert main() == 0
     (told,) = json.loads(capsys.readouterr().out)
@@ -96,7 +96,7 @@ def test_a_flight_that_its_poses_end_is_told_and_the_command_fails(
     fenced = msgspec.structs.replace(failed, seed=8, failed="", why="a fence")
     found = [Alarms(name="adverse", flights=(failed, fenced))]
     monkeypatch.setattr(alarms_command, "watch_all", lambda *_, **__: found)
-    monkeypatch.setattr(sys, "argv", ["groundstation-sim", "alarms", "--flights", "2"])
+    monkeypatch.setattr(sys, "argv", ["groundstation-sim", "dev", "alarms", "--flights", "2"])
     assert main() == 1
     told = capsys.readouterr().out.splitlines()
     assert "2 flights, 1 ended by their poses, 2 suspected; largest alarm 1.10" in told[0]
@@ -109,7 +109,7 @@ def test_a_flight_that_its_poses_end_is_told_and_the_command_fails(
 def test_a_flight_that_is_refused_is_none_without_alarm(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = "alarms paper --flights 1 --workers 1 --duration 1 --set vehicle.mass_kg=0.03"
+    words = "dev alarms paper --flights 1 --workers 1 --duration 1 --set vehicle.mass_kg=0.03"
     monkeypatch.setattr(sys, "argv", ["groundstation-sim", *words.split()])
     assert main() == 1
     assert "1 NOT FLOWN" in capsys.readouterr().out
@@ -153,7 +153,7 @@ def capture(
     def look(flight: shadow_flight.Flight) -> tuple[int, Any]:
         recording = tmp_path / "flight.tlog"
         recording.write_bytes(flight.tlog())
-        monkeypatch.setattr(sys, "argv", ["groundstation-sim", "alarms", "--capture", str(recording), "--json"])
+        monkeypatch.setattr(sys, "argv", ["groundstation-sim", "dev", "alarms", "--capture", str(recording), "--json"])
         code, told = main(), capsys.readouterr()
         return code, json.loads(told.out) if told.out else told.err
 

@@ -1,6 +1,6 @@
 """A few cells of the fault deck, lies and honest disturbances; that its judge can find fault.
 
-The whole of it is `groundstation-sim faults`, and `groundstation-sim honest` for more vehicles.
+The whole of it is `groundstation-sim dev faults`, and `groundstation-sim dev honest` for more vehicles.
 """
 
 import asyncio
@@ -282,7 +282,7 @@ FIELDS = {
 def test_a_row_of_the_json_says_where_when_and_how_far(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = "groundstation-sim faults --fault dropout --state hold --link mavlink --json"
+    words = "groundstation-sim dev faults --fault dropout --state hold --link mavlink --json"
     monkeypatch.setattr("sys.argv", words.split())
     assert main() == 0
     (row,) = told_rows(capsys)
@@ -301,7 +301,7 @@ def test_honest_flights_are_told_with_the_same_flight_without_guards(
 ) -> None:
     out = tmp_path / "honest.csv"
     asked = ["--scenarios", "quad1kg", "--links", "mavlink", "--states", "hold", "--seeds", "2"]
-    words = ["honest", *asked, "--only", "push: 6 for 1 s", "--workers", "1", "--csv", str(out)]
+    words = ["dev", "honest", *asked, "--only", "push: 6 for 1 s", "--workers", "1", "--csv", str(out)]
     monkeypatch.setattr("sys.argv", ["groundstation-sim", *words, "--json"])
     assert main() == 0
     rows = told_rows(capsys)
@@ -348,5 +348,5 @@ def test_the_table_says_what_is_unsafe() -> None:
     bad = replaced(row, safe=False, why="so", worst=1.7)
     assert "1 unsafe" in text([row, bad])
     assert "UNSAFE dropout" in text([bad])
-    assert "| lost | 2 | 1 | 1 |" in page([row, bad], "groundstation-sim faults")
-    assert "dropout, ready (1.70x)" in page([row, bad], "groundstation-sim faults")
+    assert "| lost | 2 | 1 | 1 |" in page([row, bad], "groundstation-sim dev faults")
+    assert "dropout, ready (1.70x)" in page([row, bad], "groundstation-sim dev faults")

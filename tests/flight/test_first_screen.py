@@ -55,7 +55,7 @@ def test_no_line_tells_of_a_bound_that_promises_nothing() -> None:
 
 @pytest.mark.parametrize(
     ("words", "its"),
-    [([], True), (["--seed", "7"], True), (["--controller", "pid"], False), (["--scenario", "fast"], False),
+    [([], True), (["--seed", "7"], True), (["--controller", "pid"], False), (["fast"], False),
      (["--set", "sim.wind_mean=[1,0,0]"], False), (["--source", "natnet"], False)],
 )  # fmt: skip
 def test_the_papers_figures_stand_only_beside_its_own_flight(

@@ -46,7 +46,7 @@ def put(path: Path, age_s: float) -> None:
     os.utime(path, (stamp, stamp))
 
 
-@pytest.mark.parametrize("command", ["replay", "report", "identify", "export", "evidence"])
+@pytest.mark.parametrize("command", ["replay", "report", "identify", "export", "replay evidence"])
 @pytest.mark.parametrize("name", [OLD, f"simulated/{OLD}"])
 def test_every_name_that_logs_lists_is_accepted_and_without_one_the_newest_is_taken(
     folder: Path, run: Run, command: str, name: str
@@ -54,10 +54,10 @@ def test_every_name_that_logs_lists_is_accepted_and_without_one_the_newest_is_ta
     put(folder / name, 100.0)
     (listed,) = json.loads(run("logs", "--json")[1])["flights"]
     assert listed["file"] == name
-    code, out, err = run(command, name)
+    code, out, err = run(*command.split(), name)
     assert "No such file" not in err and Path(name).stem in out + err
     put(folder / NEW, 0.0)
-    again, _, told = run(command)
+    again, _, told = run(*command.split())
     assert again == code
     assert told.startswith(f"the newest recording: {folder / NEW}\n")
 

@@ -1,4 +1,4 @@
-"""False alarms, ``groundstation-sim alarms``: true flights from the floor with the monitor of the poses.
+"""False alarms, ``groundstation-sim dev alarms``: true flights from the floor with the monitor of the poses.
 
 How many its poses end, how many are suspected, and how near the monitor came to failing them: in bad air,
 at the floors where vehicle or delay is configured wrong, and with noise. Or the monitor over a recorded
@@ -243,7 +243,7 @@ def alarms(args: argparse.Namespace) -> Exit:
     if args.capture is not None:
         return _judge_capture(args)
     if args.floors and args.scenario is not None:
-        raise ConfigError("--scenario", f"--floors flies {', '.join(FLOORED)}")
+        raise ConfigError("SCENARIO", f"--floors flies {', '.join(FLOORED)}")
     watch = Watch(
         args.scenario or "adverse",
         overrides=tuple(args.overrides),
@@ -265,7 +265,7 @@ def alarms(args: argparse.Namespace) -> Exit:
 
 
 def _judge_capture(args: argparse.Namespace) -> Exit:
-    for option, given in (("--scenario", args.scenario), ("--floors", args.floors or None)):
+    for option, given in (("SCENARIO", args.scenario), ("--floors", args.floors or None)):
         if given is not None:
             raise ConfigError(option, "--capture looks at one recording, and flies nothing")
     found = watch_capture(args.capture, args.overrides)

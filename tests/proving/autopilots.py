@@ -1,4 +1,4 @@
-"""PX4's and ArduCopter's own firmware, ``groundstation-sim autopilots``: flown in real time, by ``groundstation fly``.
+"""PX4's and ArduCopter's firmware in real time by ``groundstation fly``: ``groundstation-sim dev autopilots``.
 
 Both simulate the vehicle themselves (SIH, SITL), and tell what it truly does: PX4 by HIL_STATE_QUATERNION, 25 times a
 second, ArduPilot by SIM_STATE, to a centimetre. Somebody has built them from their sources: a folder of PX4-Autopilot

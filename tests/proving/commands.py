@@ -1,4 +1,4 @@
-"""``groundstation-sim faults``, ``honest``, ``soak`` and ``fuzz``: break, disturb, go on, feed garbage."""
+"""``groundstation-sim dev faults``, ``honest``, ``soak`` and ``fuzz``: break, disturb, go on, feed garbage."""
 
 import argparse
 import json

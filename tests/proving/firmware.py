@@ -1,4 +1,4 @@
-"""What Betaflight's own firmware does with ours, ``groundstation-sim firmware``: the tables of docs/evidence.md.
+"""What Betaflight's own firmware does with ours, ``groundstation-sim dev firmware``: the tables of docs/evidence.md.
 
 All of it in virtual time, through the RF link's bytes, on the rotor-level plant.
 """

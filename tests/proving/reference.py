@@ -1,4 +1,4 @@
-"""What the pages of docs/reference have from the code: ``groundstation-sim reference --write docs/reference``.
+"""What the pages of docs/reference have from the code: ``groundstation-sim dev reference --write docs/reference``.
 
 The words of a page stand in the page, and between its markers what is made here.
 Every key of a configuration, every command of both programs with its arguments, every channel of a recording with its
@@ -24,10 +24,13 @@ import groundstation
 from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
 from groundstation.config import describe_type, field_descriptions, refuse_io, structs
+from groundstation.core.mission import FINAL, Event, State
+from groundstation.core.mission import TABLE as TRANSITIONS
 from groundstation.core.safety import list_limits
 from groundstation.interfaces.mqtt import write_schemas
 from groundstation.machine import fill_markers
 from groundstation.recording import CHANNELS
+from groundstation.runtime import LazyParser
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating
@@ -135,7 +138,7 @@ def rooms_picture() -> str:
         drawn += inner
         y = below + GAP
     return (
-        "<!-- made by `groundstation-sim reference`: change the code, not this picture -->\n"
+        "<!-- made by `groundstation-sim dev reference`: change the code, not this picture -->\n"
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {y:.0f}" role="img" aria-label="{TITLE}" '
         f'font-family="Helvetica, Arial, sans-serif" font-size="13">\n<title>{TITLE}</title>\n'
         f'<rect width="{WIDTH}" height="{y:.0f}" fill="#ffffff"/>\n{drawn}</svg>'
@@ -231,20 +234,25 @@ def describe_programs() -> str:
     return "\n\n".join([*_commands(flying()), *_commands(simulating())])
 
 
-def _commands(parser: argparse.ArgumentParser, help_: str = "", level: int = 2) -> Iterator[str]:
+def _commands(parser: Any, help_: str = "", level: int = 2) -> Iterator[str]:
     # argparse has no public way to ask what it knows.
     inner = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     yield f"{'#' * level} `{parser.prog}`\n\n{_sentence(parser.description or help_)}".rstrip()
     rows = [_argument_row(action) for action in parser._actions if action not in inner and action.dest != "help"]
+    rows = [row for row in rows if row]
     if rows:
         yield "\n".join(["| argument | |", "|---|---|", *rows])
-    for action in inner:
-        helps = {choice.dest: choice.help or "" for choice in action._choices_actions}
-        for name, command in action.choices.items():
-            yield from _commands(command, helps.get(name, ""), level + 1)
+    below = parser.below if isinstance(parser, LazyParser) else {}
+    commands = below | {name: one for action in inner for name, one in action.choices.items()}
+    helps = {choice.dest: choice.help or "" for action in inner for choice in action._choices_actions}
+    helps |= {name: does for group in parser.groups.values() for name, (does, _) in group.items()}
+    for name, command in commands.items():
+        yield from _commands(command, helps.get(name, ""), level + 1)
 
 
 def _argument_row(action: argparse.Action) -> str:
+    if action.help == argparse.SUPPRESS:
+        return ""
     value: Any = action.metavar or (f"{{{','.join(map(str, action.choices))}}}" if action.choices else "")
     if not value and action.nargs != 0:
         value = action.dest.upper()
@@ -429,6 +437,40 @@ def _words(function: Callable[..., Any]) -> str:
         shown = [re.sub(r"^(\w[\w, ]*): ", r"`\1`: ", item) for item in items]
         parts.append(f"{title}:\n\n" + "\n".join(f"- {item}" for item in shown))
     return "\n\n".join(parts)
+
+
+EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OVER)
+"""Drawn once beside the diagram, as arrows from everywhere would hide all others."""
+
+
+def mermaid() -> str:
+    """The way of a flight as a Mermaid state diagram; what works everywhere is left to :func:`everywhere`."""
+    lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE}"]
+    arrows: dict[tuple[State, State], list[str]] = {}
+    for (state, event), target in TRANSITIONS.items():
+        if event not in EVERYWHERE:
+            arrows.setdefault((state, target), []).append(event.value)
+    lines += [f"    {state} --> {target}: {', '.join(events)}" for (state, target), events in arrows.items()]
+    lines += [f"    {state} --> [*]" for state in State if state in FINAL]
+    return "\n".join(lines)
+
+
+def everywhere() -> str:
+    """One row a state: where the requests lead that work in every state, as a Markdown table."""
+    heads = " | ".join(f"`{event}`" for event in EVERYWHERE)
+    lines = [f"| in | {heads} |", "|---|" + "---|" * len(EVERYWHERE)]
+    for state in State:
+        targets = (TRANSITIONS.get((state, event)) for event in EVERYWHERE)
+        cells = " | ".join("" if target is None else "stays" if target is state else target for target in targets)
+        lines.append(f"| `{state}` | {cells} |")
+    return "\n".join(lines)
+
+
+def states_page() -> str:
+    """The text that stands between the markers of docs/explanation/safety.md."""
+    command = "groundstation-sim dev states --write safety.md"
+    made = f"Made from the table in `groundstation/core/mission/mission.py` by `{command}`."
+    return f"```mermaid\n{mermaid()}\n```\n\n{everywhere()}\n\n{made}"
 
 
 PAGES: dict[str, dict[str, Callable[[], str]]] = {

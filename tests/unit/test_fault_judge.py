@@ -297,7 +297,7 @@ def test_the_page_is_short_and_says_every_limit_and_exemption_and_what_is_unsafe
     rows = [
         known(row, fault="gust", family=family, kind=str(kind)) for row in (good, bad) for family, kind, _ in FAMILIES
     ]
-    text = page(rows, "groundstation-sim faults")
+    text = page(rows, "groundstation-sim dev faults")
     for what, most in LIMITS:
         assert f"{what}: {most}" in text
     for word, why in REASONS.items():

@@ -1,4 +1,4 @@
-"""What `groundstation-sim autopilots` makes of what it sees; the firmware is somebody's own."""
+"""What `groundstation-sim dev autopilots` makes of what it sees; the firmware is somebody's own."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""Evidence, ``groundstation evidence FLIGHT…``: how well our estimator predicts a recorded flight.
+"""Evidence, ``groundstation replay evidence FLIGHT…``: how well our estimator predicts a recorded flight.
 
 At each pose of the part that flies, the estimator has seen the poses up to then and the commands that had been sent; it
 says where the vehicle will be, and the pose that is measured then is the judge. Beside it stand p + v t (v over 50 ms)

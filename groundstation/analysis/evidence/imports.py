@@ -1,4 +1,4 @@
-"""Import, ``groundstation import FILE… --map MAP --out FLIGHT.mcap``: a flight that others recorded, as a recording.
+"""Import, ``groundstation logs import FILE… --map MAP --out FLIGHT.mcap``: a recording made of a flight of others.
 
 Poses stand where those of our own flights do (``/measured``); commands, reference and truth have channels of their own
 (``/imported/…``), so that nobody takes them for ours. Such a recording has no configuration.

@@ -337,7 +337,7 @@ SHARE_OF_KNOWN = 0.1
 """λ̂ moves only where the last second adds such a share to what is known [-]: noise then never moves it for minutes."""
 CALMEST_NOISE = 0.05
 """Least noise of λ̂'s score, as a share of what the chain's noises give [-]: a room with constant wind, `paper` and
-`quad1kg`, measured by `groundstation-sim split`. The chain is tuned to follow gusts, so it takes wind for rougher."""
+`quad1kg`, measured by `groundstation-sim dev split`. The chain is tuned to follow gusts, so it takes wind for rougher."""
 NOISE_MEMORY_S = 10.0
 """Time of excitation over which that noise is averaged [s]: in less, the first seconds of a calm flight raise it."""
 THRUST_KNOWN_S = 0.45
@@ -569,7 +569,7 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         NonNegative,
         msgspec.Meta(
             description="How the positions of a source without velocity wander beside their white "
-            "noise [m/√s]; 0: neighbours err apart. `groundstation evidence` finds "
+            "noise [m/√s]; 0: neighbours err apart. `groundstation replay evidence` finds "
             "0.0005 and 0.0006 of a Vicon whose errors last some 20 ms."
         ),
     ] = 0.0

@@ -52,6 +52,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("import.stated", "{key} is {found}, expected {wanted}", "export the file anew"),
     NoticeTemplate("import.bodies", "it holds {count} bodies, {names}", "name the vehicle, --body NAME"),
+    NoticeTemplate("command.moved", "`{old}` is now `{new}`", "the old spelling works for one more release"),
+    NoticeTemplate(
+        "command.scenario_option",
+        "--scenario {name} is now {name} alone",
+        "the old spelling works for one more release",
+    ),
     NoticeTemplate(
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),

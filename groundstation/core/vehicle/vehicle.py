@@ -60,7 +60,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     preset: Annotated[
         str | None,
         msgspec.Meta(
-            description="Vehicle that comes along to start from, see `groundstation vehicles`; its "
+            description="Vehicle that comes along to start from, see `groundstation config vehicles`; its "
             "keys then stand here."
         ),
     ] = None

@@ -12,6 +12,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,6 @@ import msgspec
 
 from groundstation.config import ConfigError, dump, keys_of, load
 from groundstation.core.messages import FARTHEST_M, MOST_POINTS, TURN_DEG, Ask, Request, Waypoint, notice
-from groundstation.core.mission import FINAL, TABLE, Event, State
 from groundstation.runtime import Exit, LazyParser, path
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
@@ -28,6 +28,11 @@ from links.core import LinkError
 from links.rf import RF_CODECS, RfLinkConfig, Service
 
 Say = Callable[[str], None]
+
+
+def advise_name(program: str, old: str, today: str) -> None:
+    """Tell the operator how the command ``old`` of ``program`` is spelled today."""
+    print(f"{program}: {notice('command.moved', old=f'{program} {old}', new=f'{program} {today}')}", file=sys.stderr)
 
 
 def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda config: config) -> Config:
@@ -107,14 +112,14 @@ def daemon(args: argparse.Namespace) -> Exit:
     return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
 
 
-def health(args: argparse.Namespace) -> Exit:
+def daemon_health(args: argparse.Namespace) -> Exit:
     """How a running daemon is."""
     from groundstation.interfaces.service import health_command
 
     return health_command(args.vehicle, args.socket, as_json=args.json)
 
 
-def service(args: argparse.Namespace) -> Exit:
+def daemon_unit(args: argparse.Namespace) -> Exit:
     """Print a systemd unit for a configuration."""
     from groundstation.interfaces.service import require_flyable, unit_file
 
@@ -131,25 +136,28 @@ def fleet(args: argparse.Namespace) -> Exit:
     return fleet_command(args, _mark_lines(say) if args.rehearse else say)
 
 
-def relay(args: argparse.Namespace) -> Exit:
+def fleet_relay(args: argparse.Namespace) -> Exit:
     """Hand datagrams on until told to end."""
     from groundstation.interfaces.service import relay_command
 
     return relay_command(args, _terminal_writer())
 
 
-def radio(args: argparse.Namespace) -> Exit:
-    """Have the module of a radio link bind or check its range, or show it disarmed frames; nothing is ever armed."""
+def _radio(what: str, args: argparse.Namespace) -> Exit:
+    """Have the module of a radio link do ``what``; nothing is ever armed."""
     config = load(args.config, Config, args.overrides)
     if not isinstance(config.link, RfLinkConfig):
         raise ConfigError("link.kind", f"expected one of {sorted(RF_CODECS)}: no other link has a radio module here")
     if not 0.0 < args.seconds <= 3600.0:
         raise ConfigError("--seconds", f"expected more than 0 and at most 3600, got {args.seconds:g}")
-    done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, args.what, args.seconds, _terminal_writer()))
+    done = asyncio.run(_serve(config.link, config.vehicle.thrust_max_n, what, args.seconds, _terminal_writer()))
     return Exit.DONE if done else Exit.FAILED
 
 
-def rf_bridge(args: argparse.Namespace) -> Exit:
+radio_bind, radio_range_check, radio_idle = (partial(_radio, what) for what in ("bind", "range-check", "idle"))
+
+
+def radio_bridge(args: argparse.Namespace) -> Exit:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
     from groundstation.flight import key
     from groundstation.machine import BRIDGE, ApiError, Running, registration
@@ -378,14 +386,14 @@ def identify(args: argparse.Namespace) -> Exit:
     return identify_command(_find_recording(args.file), args.out, args.page, as_json=args.json)
 
 
-def import_flight(args: argparse.Namespace) -> Exit:
+def logs_import(args: argparse.Namespace) -> Exit:
     """A flight that others recorded, as a recording."""
     from groundstation.analysis.evidence import import_command
 
     return import_command(args.files, args.map, args.out, args.body)
 
 
-def evidence(args: argparse.Namespace) -> Exit:
+def replay_evidence(args: argparse.Namespace) -> Exit:
     """What recorded flights say of our estimator."""
     from groundstation.analysis.evidence import evidence_command
 
@@ -394,11 +402,14 @@ def evidence(args: argparse.Namespace) -> Exit:
     )
 
 
-def config(args: argparse.Namespace) -> Exit:
-    """Print the configuration in force, or one to start from."""
-    if args.verb == "show":
-        print(dump(load(args.config, Config, args.overrides)), end="")
-        return Exit.DONE
+def config_show(args: argparse.Namespace) -> Exit:
+    """Print the configuration in force."""
+    print(dump(load(args.config, Config, args.overrides)), end="")
+    return Exit.DONE
+
+
+def config_new(args: argparse.Namespace) -> Exit:
+    """Print a configuration to start from, list them, or write them all."""
     from groundstation.config import copy_examples, example_text, list_examples
 
     if args.all is not None:
@@ -411,7 +422,7 @@ def config(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
-def completion(args: argparse.Namespace) -> Exit:
+def config_completion(args: argparse.Namespace) -> Exit:
     """Print the script by which a shell completes our command lines."""
     print(completion_script(args.program, args.shell, words_of_flying))
     return Exit.DONE
@@ -487,17 +498,7 @@ def check(args: argparse.Namespace) -> Exit:
     return Exit.FAILED if bad else Exit.DONE
 
 
-def states(args: argparse.Namespace) -> Exit:
-    """Draw the states of a flight."""
-    if args.write is not None:
-        from groundstation.machine import replace_between_markers
-
-        replace_between_markers(args.write, states_page(), "states")
-    print(states_page())
-    return Exit.DONE
-
-
-def vehicles(args: argparse.Namespace) -> Exit:
+def config_vehicles(args: argparse.Namespace) -> Exit:
     """List the vehicles that come along, or print the file of one."""
     from groundstation.config import from_dict, presets
     from groundstation.core.vehicle import Vehicle
@@ -585,7 +586,7 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
     if real:
         say(f"{link.port} may be a real module: whoever has the key {config.key_file} can start its vehicle's motors")
     say(
-        f"rf-bridge at udp {config.listen}: {link.kind} module on {link.port}, a frame every "
+        f"radio bridge at udp {config.listen}: {link.kind} module on {link.port}, a frame every "
         f"{1e3 * link.period_s:g} ms. Ctrl-C ends"
     )
     try:
@@ -597,39 +598,6 @@ async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:
     except LinkError as error:
         say(str(error))
     return False
-
-
-EVERYWHERE = (Event.LAND, Event.DESCEND, Event.ABORT, Event.KILL, Event.TAKEN_OVER)
-"""Drawn once beside the diagram, as arrows from everywhere would hide all others."""
-
-
-def mermaid() -> str:
-    """The way of a flight as a Mermaid state diagram; what works everywhere is left to :func:`everywhere`."""
-    lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE}"]
-    arrows: dict[tuple[State, State], list[str]] = {}
-    for (state, event), target in TABLE.items():
-        if event not in EVERYWHERE:
-            arrows.setdefault((state, target), []).append(event.value)
-    lines += [f"    {state} --> {target}: {', '.join(events)}" for (state, target), events in arrows.items()]
-    lines += [f"    {state} --> [*]" for state in State if state in FINAL]
-    return "\n".join(lines)
-
-
-def everywhere() -> str:
-    """One row a state: where the requests lead that work in every state, as a Markdown table."""
-    heads = " | ".join(f"`{event}`" for event in EVERYWHERE)
-    lines = [f"| in | {heads} |", "|---|" + "---|" * len(EVERYWHERE)]
-    for state in State:
-        targets = (TABLE.get((state, event)) for event in EVERYWHERE)
-        cells = " | ".join("" if target is None else "stays" if target is state else target for target in targets)
-        lines.append(f"| `{state}` | {cells} |")
-    return "\n".join(lines)
-
-
-def states_page() -> str:
-    """What stands between the markers of docs/explanation/safety.md."""
-    made = "Made from the table in `groundstation/core/mission/mission.py` by `groundstation states --write safety.md`."
-    return f"```mermaid\n{mermaid()}\n```\n\n{everywhere()}\n\n{made}"
 
 
 Words = Callable[[str, str], list[str]]
@@ -678,6 +646,10 @@ def completion_script(parser: argparse.ArgumentParser, shell: str, words: Words)
 
 def _arguments(parser: argparse.ArgumentParser, command: str) -> Iterator[tuple[str, argparse.Action]]:
     """Every argument of every command."""
+    if isinstance(parser, LazyParser) and parser.below and not parser.is_group:
+        parser.parser.add_subparsers().choices.update(  # so that shtab sees them, too
+            {name: inner.parser for name, inner in parser.below.items()}
+        )
     for action in parser._actions:  # argparse has no public way to ask what it knows
         if isinstance(action, argparse._SubParsersAction):
             for name, inner in action.choices.items():
@@ -691,7 +663,7 @@ def _arguments(parser: argparse.ArgumentParser, command: str) -> Iterator[tuple[
 def words_of_flying(command: str, argument: str) -> list[str]:
     """See :data:`Words`, for ``groundstation``."""
     if argument == "overrides":
-        return [f"{key}=" for key in keys_of(BridgeConfig if command == "rf-bridge" else Config)]
+        return [f"{key}=" for key in keys_of(BridgeConfig if command == "radio bridge" else Config)]
     if (command, argument) == ("config new", "name"):
         from groundstation.config import example_texts
 

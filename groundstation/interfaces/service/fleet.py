@@ -115,7 +115,7 @@ class Supervisor:
             done.set_result(None)
             return done
         targets = [word for target in fleet.relay_targets for word in ("--to", target)]
-        words = ["groundstation", "relay", fleet.relay_listen, *targets, "--until-eof"]
+        words = ["groundstation", "fleet", "relay", fleet.relay_listen, *targets, "--until-eof"]
         self.relay = relay = await _python(words, stdin=lives)
         assert relay.stdout is not None, "it is a pipe"
         with suppress(TimeoutError):
@@ -236,7 +236,7 @@ def describe_core(fleet: FleetPlan, member: Member) -> str:
     """The configuration of one core as TOML, with the relay's command line where it needs one."""
     lines = [f"# {member.name} alone: groundstation fly THIS_FILE"]
     if fleet.relay_listen is not None:
-        words = ["groundstation", "relay", fleet.relay_listen]
+        words = ["groundstation", "fleet", "relay", fleet.relay_listen]
         words += [word for target in fleet.relay_targets for word in ("--to", target)]
         lines.append(f"# Its poses come from: {shlex.join(words)}")
     return "\n".join([*lines, "", dump(member.core)])

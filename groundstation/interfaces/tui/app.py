@@ -874,7 +874,7 @@ def tui_command(args: argparse.Namespace) -> int:
         return _show_recording(args.log, args.theme, args.at, args.screenshot, args.size)
     if args.screenshot is not None or args.at is not None:
         raise ConfigError("--screenshot, --at", "need a recording, LOG.mcap")
-    require_terminal("groundstation health says in a line how the flight is")
+    require_terminal("groundstation daemon health says in a line how the flight is")
     path = args.socket or served_socket(args.vehicle)
     which = _which(args.socket)
     dashboard = Dashboard(Attached(path), read_only=args.read_only, which=which)

@@ -609,7 +609,7 @@ def report(campaign: Campaign, rows: list[CampaignRow], *, flown: int, wall_s: f
 
 def command(campaign: Campaign, seed: int) -> str:
     """The shell command that flies the flight of ``seed`` alone, through wire bytes."""
-    words = ["groundstation-sim", "fly", "--scenario", campaign.scenario, "--seed", str(seed)]
+    words = ["groundstation-sim", "fly", campaign.scenario, "--seed", str(seed)]
     words += ["--duration", repr(campaign.duration_s)]
     for override in campaign.overrides + overrides(draw_world(campaign.world, seed, campaign.draws), campaign.draws):
         words += ["--set", override]

@@ -1,4 +1,4 @@
-"""Honest flights, ``groundstation-sim honest``: true poses of a vehicle that something moves.
+"""Honest flights, ``groundstation-sim dev honest``: true poses of a vehicle that something moves.
 
 Each flight is flown once more without monitor and guards from the strike on, and judged by that.
 """

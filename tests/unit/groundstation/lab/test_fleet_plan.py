@@ -82,7 +82,10 @@ def test_overrides_are_for_every_vehicle(tmp_path: Path) -> None:
 def test_the_configuration_that_is_shown_is_the_core_s(tmp_path: Path) -> None:
     found = fleet(tmp_path, ANT, BEE)
     text = describe_core(found, found.members[1])
-    assert "# Its poses come from: groundstation relay 0.0.0.0:51001 --to 127.0.0.1:51101 --to 127.0.0.1:51102" in text
+    assert (
+        "# Its poses come from: groundstation fleet relay 0.0.0.0:51001 --to 127.0.0.1:51101 --to 127.0.0.1:51102"
+        in text
+    )
     (tmp_path / "bee.toml").write_text(text, "utf-8")
     assert from_dict(tomllib.loads(text), Config) == found.members[1].core
 

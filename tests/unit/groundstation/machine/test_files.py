@@ -76,7 +76,7 @@ def test_a_flight_in_a_locale_without_utf_8_leaves_the_same_files(tmp_path: Path
 
 
 @pytest.mark.parametrize(
-    "command", ["groundstation config new", "groundstation vehicles", "groundstation-sim scenarios paper"]
+    "command", ["groundstation config new", "groundstation config vehicles", "groundstation-sim scenarios paper"]
 )
 def test_letters_that_the_terminal_does_not_have_are_replaced(command: str, tmp_path: Path) -> None:
     done = run(*command.split(), folder=tmp_path)

@@ -1,18 +1,26 @@
 """Arguments that can't be meant are refused in a sentence, before anything starts."""
 
 import json
+import sys
 from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from groundstation.__main__ import COMMANDS as FLYING
+from groundstation.__main__ import MOVED
+from groundstation.__main__ import main as flying_main
 from groundstation.__main__ import parser as flying_parser
 from groundstation.config import ArgumentError, ConfigError, load
 from groundstation.interfaces.cli import commands as flying
 from groundstation.recording.records import MAGIC
+from groundstation.runtime import Groups, build_parser
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
+from sim.__main__ import COMMANDS as SIMULATING
+from sim.__main__ import MOVED as SIM_MOVED
+from sim.__main__ import main as simulating_main
 from sim.__main__ import parser as simulating_parser
 from sim.cli import commands as simulating
 
@@ -24,11 +32,39 @@ port = "/dev/ttyUSB0"
 """
 
 
-@pytest.mark.parametrize("command", ["fly", "serve", "mission", "faults", "soak", "fuzz", "tune"])
+@pytest.mark.parametrize(("groups", "names", "most"), [(FLYING, 4, 20), (SIMULATING, 1, 10)])
+def test_help_lists_few_commands_in_groups(groups: Groups, names: int, most: int) -> None:
+    listed = [name for group in groups.values() for name in group if " " not in name]
+    assert len(groups) == names and len(listed) <= most
+    shown = build_parser("program", "", groups).format_help()
+    assert all(f"\n  {name} " in shown for name in listed)
+
+
+@pytest.mark.parametrize(("program", "moved"), [("groundstation", MOVED), ("groundstation-sim", SIM_MOVED)])
+def test_an_old_spelling_is_the_command_of_today_with_a_line_of_advice(
+    program: str, moved: dict[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main = {"groundstation": flying_main, "groundstation-sim": simulating_main}[program]
+    for old, today in moved.items():
+        monkeypatch.setattr(sys, "argv", [program, old, "--help"])
+        with pytest.raises(SystemExit):
+            main()
+        shown = capsys.readouterr()
+        assert shown.out.startswith(f"usage: {program} {today} ")
+        assert shown.err.startswith(f"{program}: `{program} {old}` is now `{program} {today}`")
+
+
+def test_the_old_option_of_the_scenario_still_names_it(capsys: pytest.CaptureFixture[str]) -> None:
+    args = simulating_parser().parse_args(["fly", "--scenario", "adverse"])
+    assert args.scenario == simulating_parser().parse_args(["fly", "adverse"]).scenario == "adverse"
+    assert "--scenario adverse is now adverse alone" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["fly", "serve", "mission", "dev faults", "dev soak", "dev fuzz", "tune"])
 @pytest.mark.parametrize("seed", ["-1", "1.5", "seven"])
 def test_a_seed_is_a_whole_number(command: str, seed: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
-        simulating_parser().parse_args([command, "--seed", seed])
+        simulating_parser().parse_args([*command.split(), "--seed", seed])
     assert caught.value.code == 2
     assert f"argument --seed: expected a whole number from 0 on, got {seed}" in capsys.readouterr().err
 
@@ -39,7 +75,7 @@ def test_a_seed_is_a_whole_number(command: str, seed: str, capsys: pytest.Captur
         ("campaign --first-seed -1", "--first-seed: expected a whole number from 0 on, got -1"),
         ("campaign --flights none", "--flights: expected a whole number from 1 on, got none"),
         ("fly --duration long", "--duration: expected seconds, more than 0 and at most 86400, got long"),
-        ("soak --hours nan", "--hours: expected hours, more than 0 and at most 1000, got nan"),
+        ("dev soak --hours nan", "--hours: expected hours, more than 0 and at most 1000, got nan"),
         ("compare --scenarios ,", "--scenarios: expected names between commas, got ','"),
         ("tune --gain-margin much", "--gain-margin: expected percent from 0 to below 90, got much"),
     ],
@@ -58,7 +94,7 @@ def test_numbers_are_refused_with_what_is_expected(
         (["stop-all", "--nix"], "groundstation stop-all: error: unrecognized arguments: --nix"),
         (
             ["config", "show", "lab.toml", "--nix", "more"],
-            "groundstation config: error: unrecognized arguments: --nix more",
+            "groundstation config show: error: unrecognized arguments: --nix more",
         ),
         (["request"], "groundstation request: error: the following arguments are required: WHAT\n"),
     ],

@@ -9,8 +9,9 @@ from groundstation.core.messages import Ask, Request
 from groundstation.core.messages.snapshot import decode
 from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
 from groundstation.core.mission.mission import IllegalMove
-from groundstation.interfaces.cli.commands import mermaid, states
-from groundstation.interfaces.cli.commands import states_page as markdown
+from sim.cli.commands import dev_states
+from tests.proving.reference import mermaid
+from tests.proving.reference import states_page as markdown
 
 BEGIN, END = "<!-- states:begin -->", "<!-- states:end -->"
 PAGE = Path(__file__).parents[5] / "docs" / "explanation" / "safety.md"
@@ -108,7 +109,7 @@ def test_the_diagram_has_every_state() -> None:
 
 
 def test_the_page_shows_the_table_that_flies() -> None:
-    """If this fails: groundstation states --write docs/explanation/safety.md."""
+    """If this fails: groundstation-sim dev states --write docs/explanation/safety.md."""
     text = PAGE.read_text("utf-8")
     assert text[text.index(BEGIN) + len(BEGIN) : text.index(END)].strip() == markdown()
 
@@ -116,5 +117,5 @@ def test_the_page_shows_the_table_that_flies() -> None:
 def test_writing_the_diagram_leaves_the_rest_of_the_page(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", "utf-8")
-    states(argparse.Namespace(write=page))
+    dev_states(argparse.Namespace(write=page))
     assert page.read_text("utf-8") == f"before\n{BEGIN}\n{markdown()}\n{END}\nafter\n"

@@ -50,7 +50,7 @@ TYPES = (Snapshot, EventMessage, HealthMessage, SessionMessage, SealedRequest, S
 
 
 def test_the_files_are_what_the_command_writes() -> None:
-    """Else: ``groundstation-sim reference --write docs/reference``."""
+    """Else: ``groundstation-sim dev reference --write docs/reference``."""
     files = {path.name: path.read_text("utf-8") for path in (DOCS / "mqtt-schemas").iterdir()}
     assert files == {name: text(schema) for name, schema in schemas().items()}
 
