@@ -239,13 +239,9 @@ class Pilot:
         """
         self._switch("ease", float(calmly), float(asks), float(is_limited))
         mode = self._mode
-<<<<<<< HEAD
-        mode.is_eased, mode.asks, mode.limits_tilt, mode.limits_fall = calmly, asks, limits_tilt, limits_fall
-        self._is_first_climb = self._is_first_climb and limits_fall
-        self._estimator.lands = limits_fall and not self._is_first_climb
-=======
         mode.is_eased, mode.asks, mode.is_limited = calmly, asks, is_limited
->>>>>>> w-monitor
+        self._is_first_climb = self._is_first_climb and is_limited
+        self._estimator.lands = is_limited and not self._is_first_climb
 
     def _switch(self, what: str, *values: float) -> None:
         """Record that it is to fly otherwise."""
@@ -299,12 +295,8 @@ class Pilot:
         ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
-<<<<<<< HEAD
-        disturbance = self._estimator.lift_off(climb_m_s, hover_share)
-        self._is_first_climb = True
-=======
         disturbance = self._estimator.lift_off(climb_m_s, max(hover_share, GROUND_EFFECT_SHARE))
->>>>>>> w-monitor
+        self._is_first_climb = True
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._is_released = True
