@@ -33,7 +33,7 @@ def _explain(rate: float, kind: PoseKind) -> str:
     near = [name for one_s, name in UNITS.items() if 1.0 / NEAR_UNIT < unit_s / one_s < NEAR_UNIT]
     return notice(
         "pose.stamp_rate",
-        factor=f"{factor:.3g}" if factor < 1000.0 else f"{factor:.0f}",
+        factor=f"{factor:.3g}" if factor < 100.0 else f"{factor:.0f}",
         way="fast" if rate > 1.0 else "slow",
         limit=FAIL_RATE,
         field=kind.stamp_field,

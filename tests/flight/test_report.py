@@ -18,6 +18,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
+from mpl_toolkits.mplot3d.art3d import Line3D
 
 from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import draw_columns, read_columns, report_command
@@ -30,7 +31,7 @@ from groundstation.analysis.report.figures import (
     flight_letters,
     print_figures,
 )
-from groundstation.analysis.report.flight import numbers
+from groundstation.analysis.report.flight import floor_z_m, numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
 from groundstation.recording import quick_headline
@@ -296,6 +297,21 @@ def test_the_truth_is_the_uppermost_line_where_it_is_known() -> None:
         for below, above in pairwise(lines):
             assert below.get_linewidth() > 1.5 * above.get_linewidth()
             assert abs(brightness(below) - brightness(above)) > 0.2
+
+
+def test_heights_of_the_path_count_from_the_floor() -> None:
+    path, *_ = recorded()
+    flown = read_columns(path)
+    floor = floor_z_m(flown)
+    assert floor == 1.0, "its floor lies a metre below the origin"
+    panel = draw_figure(find_figure("path"), [flown]).axes[0]
+    estimate = panel.lines[1]
+    assert isinstance(estimate, Line3D)
+    heights = np.asarray(estimate.get_data_3d()[2])
+    assert heights == pytest.approx(floor - flown.vectors["position_ned"][:, 2])
+    low, high = panel.get_zlim()  # type: ignore[attr-defined]
+    assert low < heights.min()
+    assert heights.max() < high
 
 
 def brightness(line: Line2D) -> float:

@@ -118,9 +118,18 @@ def read_recording(path: Path, latency_s: float, system: int) -> RecordedVehicle
         own = [record for record in records if record.sender == vehicle]
         decoder = pose_decoder(own, latency_s)
         if decoder is not None:
+            if fault := _find_pace_fault(own):
+                raise ConfigError("", fault, str(path))
             recording = _of_vehicle(records, vehicle, decoder)
             if recording.poses:
-                dropped = Counter(recording.dropped) + leaps + reader.dropped
+                beside = Counter(
+                    f"poses of {record.sender}"
+                    for record in records
+                    if record.sender != vehicle
+                    and record.sender in vehicles
+                    and record.message.get_type() in decoder.messages
+                )
+                dropped = Counter(recording.dropped) + leaps + reader.dropped + beside
                 return recording._replace(dropped=dict(dropped))
     raise ConfigError("", notice("tlog.no_poses", found=describe_senders(records)), str(path))
 
@@ -135,6 +144,28 @@ def _find_time_fault(records: Sequence[TlogRecord], dropped: Counter[str]) -> st
     if len(records) > 1 and records[-1].time_s == records[0].time_s:
         return notice("tlog.one_time", records=len(records))
     return ""
+
+
+MOST_PACE = 200.0
+"""An autopilot's clock that runs this much faster or slower than the log's is that of a log in another unit [-]:
+simulators fly up to 100 times as fast as life, and the next unit is 1000 times as long."""
+
+
+def _find_pace_fault(own: Sequence[TlogRecord]) -> str:
+    """Return why the log times do not fit the stamps of one autopilot's messages; empty where they do."""
+    messages = [(one.time_s, one.message) for one in own]
+    stamped = [
+        (time_s, 1e-3 * message.time_boot_ms) for time_s, message in messages if hasattr(message, "time_boot_ms")
+    ]
+    if not stamped:
+        stamped = [(time_s, 1e-6 * message.time_usec) for time_s, message in messages if hasattr(message, "time_usec")]
+    if not stamped:
+        return ""
+    (begun_s, first_s), (ended_s, last_s) = stamped[0], stamped[-1]
+    by_log_s, by_stamps_s = ended_s - begun_s, last_s - first_s
+    if by_stamps_s <= 0.0 or 1.0 / MOST_PACE < by_log_s / by_stamps_s < MOST_PACE:
+        return ""
+    return notice("tlog.pace", by_log_s=by_log_s, by_stamps_s=by_stamps_s, limit=MOST_PACE)
 
 
 def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[TlogRecord]:

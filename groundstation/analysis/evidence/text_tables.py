@@ -34,6 +34,10 @@ Table: TypeAlias = Mapping[str, Column]
 LOOK_ROWS = 100
 """The head is looked for in so many lines."""
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
+GZIP_BEGIN = b"\x1f\x8b"
+"""What a file packed by gzip begins with."""
+UTF_16_BEGINS = (b"\xff\xfe", b"\xfe\xff")
+"""What a text in UTF-16 begins with, as spreadsheets save it."""
 MOTIVE_BEGIN = "Format Version"
 """First words of a file of Motive."""
 QTM_BEGIN = "NO_OF_FRAMES"
@@ -58,10 +62,11 @@ class CsvLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 @contextmanager
 def open_text(path: Path) -> Iterator[TextIO]:
-    """Open a text file, packed by gzip or not."""
+    """Open a text file, packed by gzip or not; in UTF-8, or in UTF-16 where its first bytes say so."""
     with path.open("rb") as raw:
-        packed = raw.read(2) == b"\x1f\x8b"
-    with (gzip.open if packed else open)(path, "rt", encoding="utf-8-sig", newline="") as text:
+        begin = raw.read(2)
+    encoding = "utf-16" if begin in UTF_16_BEGINS else "utf-8-sig"
+    with (gzip.open if begin == GZIP_BEGIN else open)(path, "rt", encoding=encoding, newline="") as text:
         assert not isinstance(text, gzip.GzipFile)
         yield text
 
@@ -73,7 +78,7 @@ def read_csv_table(
 
     The head is the first line that holds one of ``times``, the columns of the time; lines before it are
     no part of the table. It may be a comment (#) above the numbers. Without a separator in the ``layout``
-    it is a comma, unless the head has more semicolons (numbers then may have decimal commas), tabs, or
+    it is a comma, unless the head has more semicolons or tabs (numbers then may have decimal commas), or
     nothing but blanks.
 
     Raises:
@@ -94,7 +99,7 @@ def read_csv_table(
                 if not name:
                     continue
                 said = cell.strip()
-                if separator == ";" and "[" not in said:
+                if separator in ";\t" and "[" not in said:
                     said = said.replace(",", ".")
                 for key, value in _cells(name, said):
                     if key not in values:
@@ -190,6 +195,11 @@ def _number(cell: str) -> float:
         return math.nan
 
 
+def _comma_number(cell: str) -> float:
+    """Read a number that may have a decimal comma."""
+    return _number(cell.replace(",", "."))
+
+
 def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
     if cell.startswith("["):
         parts: list[tuple[str, Any]] = [(name, json.loads(cell))]
@@ -212,7 +222,11 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
         ValueError: it is no such file.
     """
     with open_text(path) as text:
-        rows = csv.reader(text)
+        top = text.readline()
+        # A spreadsheet writes it anew with the separator of its country, and with decimal commas.
+        separator = next((one for one in ";\t" if top.startswith(MOTIVE_BEGIN + one)), ",")
+        number = _number if separator == "," else _comma_number
+        rows = csv.reader(chain([top], text), delimiter=separator)
         first = next(rows, [])
         if not first or first[0].strip() != MOTIVE_BEGIN:
             raise ValueError("it does not begin with Format Version, as Motive's export with a header does")
@@ -245,11 +259,11 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
         for row in rows:
             if len(row) < 2:
                 continue
-            times.append(_number(row[1]))
+            times.append(number(row[1]))
             for name, at in whole.items():
                 for key in wanted:
                     cell = row[at[key]] if at[key] < len(row) else ""
-                    cells[name][key].append(_number(cell))
+                    cells[name][key].append(number(cell))
     for name, body_cells in cells.items():
         columns = {key: np.array(column) for key, column in body_cells.items()}
         for key in ("x", "y", "z"):
@@ -309,15 +323,18 @@ def read_qtm_tables(path: Path) -> Iterator[tuple[str, Table]]:
         whole = {name: at for name, at in bodies.items() if set(wanted) <= set(at)}
         if not whole:
             raise ConfigError("FILE", notice("import.no_body", found=_few(head)), str(path))
-        frequency = _number(stated.get("FREQUENCY", ""))
+        frequency = _comma_number(stated.get("FREQUENCY", ""))
         if "Time" not in head and not frequency > 0.0:
             _expect(path, "FREQUENCY", stated, False, "the frames per second, or a column Time")
-        table = [[_number(cell) for cell in line.split("\t")] for line in text if line.strip()]
+        table = [[_comma_number(cell) for cell in line.split("\t")] for line in text if line.strip()]
     width = max(map(len, table), default=0)
     rows = np.array([row + [math.nan] * (width - len(row)) for row in table]).reshape(len(table), width)
     if width < len(head):
         raise ValueError("its rows have fewer cells than its head")
-    time = rows[:, head.index("Time")] if "Time" in head else rows[:, head.index("Frame")] / frequency
+    if "Time" in head:
+        time = rows[:, head.index("Time")]
+    else:  # one row a frame, none left out
+        time = (rows[:, head.index("Frame")] if "Frame" in head else np.arange(len(rows))) / frequency
     for name, at in whole.items():
         place = 1e-3 * rows[:, [at[key] for key in "XYZ"]]
         turn = rows[:, [at[f"Rot[{k}]"] for k in range(9)]].reshape(-1, 3, 3).transpose(0, 2, 1)

@@ -14,7 +14,16 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from groundstation.analysis.report.flight import PAPER, Column, FlightColumns, drop_unknown, latency, limits, numbers
+from groundstation.analysis.report.flight import (
+    PAPER,
+    Column,
+    FlightColumns,
+    drop_unknown,
+    floor_z_m,
+    latency,
+    limits,
+    numbers,
+)
 from groundstation.config import ConfigError
 from groundstation.core.messages import ROUNDING_S, STEADY_S
 
@@ -195,21 +204,22 @@ LABELS = 14
 
 
 def path(panels: Sequence[Any], flown: FlightColumns) -> None:
-    """Estimated path, that of a simulated flight's truth, and reference in space. The vertical axis is −down."""
+    """Estimated path, that of a simulated flight's truth, and reference in space; heights count from the floor."""
     (panel,) = panels
+    floor = floor_z_m(flown)
     for key, look, name in _curves(flown):
         p = flown.vectors[key]
-        panel.plot(p[:, 1], p[:, 0], -p[:, 2], label=name, **look)
+        panel.plot(p[:, 1], p[:, 0], floor - p[:, 2], label=name, **look)
     both = np.concatenate([flown.vectors["position_ned"], flown.vectors["reference_ned"]])
     spans = np.ptp(both, axis=0)
     spans = np.maximum(spans, max(0.2, 0.4 * float(spans.max())))
-    for i, (axis, sign) in enumerate((("y", 1.0), ("x", 1.0), ("z", -1.0))):
-        middle = sign * 0.5 * (both[:, i].min() + both[:, i].max())
+    for i, (axis, sign, zero) in enumerate((("y", 1.0, 0.0), ("x", 1.0, 0.0), ("z", -1.0, floor))):
+        middle = zero + sign * 0.5 * (both[:, i].min() + both[:, i].max())
         getattr(panel, f"set_{axis}lim")(middle - 0.53 * spans[i], middle + 0.53 * spans[i])
-    panel.set_box_aspect((spans[1], spans[0], spans[2]), zoom=0.8)  # with room for "up [m]"
+    panel.set_box_aspect((spans[1], spans[0], spans[2]), zoom=0.8)  # with room for "height [m]"
     panel.set_xlabel("east [m]")
     panel.set_ylabel("north [m]")
-    panel.set_zlabel("up [m]")
+    panel.set_zlabel("height [m]")
     panel.locator_params(nbins=5)
     panel.legend(loc="upper left")
 

@@ -323,6 +323,14 @@ def limits(flown: FlightColumns) -> dict[str, tuple[float, float]]:
     }
 
 
+def floor_z_m(flown: FlightColumns) -> float:
+    """Down coordinate of the floor, from which heights count [m]; 0 where the config lacks it."""
+    try:
+        return float(parse_toml(flown.recording.about["config"])["flight"]["floor_z_m"])
+    except (KeyError, ValueError, TypeError):
+        return 0.0
+
+
 def settled_s(t: Column, error: Column) -> float | None:
     """The first of the times ``t`` [s] from which on ``error`` [m] stays below 10 cm; None if there is none."""
     far = np.flatnonzero(~(error < SETTLED_M))

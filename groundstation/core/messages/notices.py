@@ -340,6 +340,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
     ),
     NoticeTemplate(
+        "tlog.pace",
+        "{by_log_s:.3g} s pass by the log times while {by_stamps_s:.3g} s pass by the autopilot's own stamps, "
+        "limit a factor of {limit:g}",
+        "record it again: 8 bytes before each frame must hold the time in microseconds, big-endian",
+    ),
+    NoticeTemplate(
         "tlog.no_poses",
         "no poses of an autopilot in it (pose messages: {found})",
         "record its ODOMETRY, or its LOCAL_POSITION_NED and ATTITUDE_QUATERNION",

@@ -183,6 +183,10 @@ BOX_SPARE_M = 0.05
 """How far it may go beyond the box of its first turn [m]."""
 JUMP_M = 0.01
 """A step of the position that is smaller is rounding [m]."""
+JUMP_M_S = 0.05
+"""A step of the velocity that is smaller is rounding [m/s]."""
+JUMP_RAD = 0.02
+"""A step of the yaw that is smaller is rounding [rad]."""
 
 
 class Inconsistency(msgspec.Struct, frozen=True, kw_only=True):
@@ -288,6 +292,7 @@ def find_inconsistency(
     its first turn.
     """
     before: Inconsistency | None = None
+    corner: Inconsistency | None = None
     for k, (start_s, end_s) in enumerate(zip(times, times[1:], strict=False)):
         span_s = 0.5 * min(end_s - start_s, 2.0 * DIFFERENCE_S)
         if span_s <= 0.0:
@@ -295,11 +300,14 @@ def find_inconsistency(
         jump = _find_jump(start_s, end_s, seen[k], seen[k + 1])
         if jump is not None:
             return jump
+        is_stop = trajectory.duration_s is not None and end_s >= trajectory.duration_s
+        if corner is None and not is_stop:
+            corner = _find_corner(start_s, end_s, seen[k], seen[k + 1])
         found = _compare(start_s, span_s, seen[k], trajectory.at(start_s + span_s))
         if found is not None and before is not None:
             return before
         before = found
-    return _find_drift(trajectory, times[-1], seen)
+    return corner or _find_drift(trajectory, times[-1], seen)
 
 
 def _find_jump(start_s: float, end_s: float, a: Reference, b: Reference) -> Inconsistency | None:
@@ -311,6 +319,21 @@ def _find_jump(start_s: float, end_s: float, a: Reference, b: Reference) -> Inco
     if far <= JUMP_M + 1.1 * lasts_s * (speed + lasts_s * hardest):
         return None
     return Inconsistency(time_s=start_s, name="velocity", declared=speed, found=far / lasts_s, unit="m/s")
+
+
+def _find_corner(start_s: float, end_s: float, a: Reference, b: Reference) -> Inconsistency | None:
+    """Find a step of velocity or yaw from one look to the next that acceleration or yaw rate do not make."""
+    lasts_s = end_s - start_s
+    hardest = max(math.hypot(*a.acceleration_ned), math.hypot(*b.acceleration_ned))
+    quickest = max(math.hypot(*a.jerk_ned), math.hypot(*b.jerk_ned))
+    rate = max(abs(a.yaw_rate_rad_s), abs(b.yaw_rate_rad_s))
+    faster = math.dist(a.velocity_ned, b.velocity_ned)
+    turned = abs(math.remainder(b.yaw_rad - a.yaw_rad, math.tau))
+    if faster > JUMP_M_S + 1.1 * lasts_s * (hardest + lasts_s * quickest):
+        return Inconsistency(time_s=start_s, name="acceleration", declared=hardest, found=faster / lasts_s, unit="m/s²")
+    if turned > JUMP_RAD + 1.1 * lasts_s * (rate + lasts_s):
+        return Inconsistency(time_s=start_s, name="yaw rate", declared=rate, found=turned / lasts_s, unit="rad/s")
+    return None
 
 
 def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Inconsistency | None:

@@ -739,7 +739,7 @@ HINTS = {
     "absurd": "numbers that no room holds",
     "absurd_stamp": "its time stamp is no time: is it in the wrong unit?",
     "same_stamp": "the sender does not set its time stamp, or several poses have the same one",
-    "out_of_order": "older than one before: is more than one sender on this address?",
+    "out_of_order": "older than one before: was the sender's clock set back, or is more than one on this address?",
     "duplicate": "sent twice: is more than one sender on this address?",
     "other_address": "somebody else sends to this address",
     "late": "already older, when it came, than flight.coast_s lets a pose be",

@@ -5,10 +5,12 @@
 
 ``name``, ``position`` [m] and ``quaternion`` (body to world; also [w, x, y, z]) must be there. ``t`` is the sender's
 clock as the picture was taken [s, from any zero], ``frame`` a running number; the first pose taken decides by which of
-them all the others are judged, ``t`` before ``frame``. ``valid`` false says that the body is not seen.
+them all the others are judged, ``t`` before ``frame``. ``valid`` false, or null for position or quaternion, says that
+the body is not seen.
 The whole of it: docs/how-to/extend.md.
 """
 
+import json
 import math
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
@@ -45,19 +47,30 @@ class JsonPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     name: _Name
     """Which body."""
-    position: tuple[float, float, float]
-    """[m]"""
-    quaternion: tuple[float, float, float, float] | NamedQuaternion
-    """w, x, y, z or by name; body to world."""
+    position: tuple[float, float, float] | msgspec.UnsetType | None = msgspec.UNSET
+    """[m]; None where the body is not seen."""
+    quaternion: tuple[float, float, float, float] | NamedQuaternion | msgspec.UnsetType | None = msgspec.UNSET
+    """w, x, y, z or by name; body to world. None where the body is not seen."""
     t: float | None = None
     """The sender's clock [s]."""
     frame: Annotated[int, msgspec.Meta(ge=0, lt=2**53)] | None = None
     """Running number."""
     valid: bool = True
-    """False where the body is not seen: position and quaternion then mean nothing."""
+    """False where the body is not seen: position and quaternion then mean nothing, and may be left out."""
+
+    def __post_init__(self) -> None:
+        """Refuse a body that is seen and has no place.
+
+        Raises:
+            ValueError: position or quaternion is missing.
+        """
+        if self.valid and msgspec.UNSET in (self.position, self.quaternion):
+            raise ValueError("a body that is seen has a position and a quaternion")
 
 
-_DECODER = msgspec.json.Decoder(JsonPose | Annotated[list[Any], msgspec.Meta(max_length=MAX_BODIES)])
+_MESSAGE: Any = JsonPose | Annotated[list[Any], msgspec.Meta(max_length=MAX_BODIES)]
+"""A datagram: one body, or a list whose bodies are looked at each."""
+_DECODER = msgspec.json.Decoder(_MESSAGE)
 _ENCODER = msgspec.json.Encoder()
 
 
@@ -72,12 +85,29 @@ def decode(datagram: bytes) -> list[JsonPose] | str:
     if len(datagram) > MAX_DATAGRAM:
         return "oversized"
     try:
-        found = _DECODER.decode(datagram)
+        found = _decode_any(datagram)
         return [found] if isinstance(found, JsonPose) else msgspec.convert(found, list[JsonPose])
     except msgspec.ValidationError:
         return "wrong_schema"
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return "not_json"
+
+
+def _decode_any(datagram: bytes) -> JsonPose | list[Any]:
+    """Decode JSON; and what Python's own ``json`` writes of numbers that are none, NaN and Infinity."""
+    try:
+        return _DECODER.decode(datagram)
+    except msgspec.ValidationError:
+        raise
+    except msgspec.DecodeError:
+        if b"NaN" not in datagram and b"Infinity" not in datagram:
+            raise
+        try:
+            said = json.loads(datagram)
+        except ValueError as error:
+            raise msgspec.DecodeError(str(error)) from None
+        found: JsonPose | list[Any] = msgspec.convert(said, _MESSAGE)
+        return found
 
 
 class JsonReader:
@@ -110,31 +140,39 @@ class JsonReader:
         intake = self._intakes["t"]
         if intake.others is not None:
             for other in bodies:
-                if other.valid and other.name in intake.others:
-                    intake.other(other.name, arrival_s, other.position)
+                place = _seen_place(other)
+                if place is not None and other.name in intake.others:
+                    intake.other(other.name, arrival_s, place)
         body = next((body for body in bodies if body.name == self._name), None)
         if body is None:
             drop("no_such_body")
-        elif not body.valid:
+        elif (place := _seen_place(body)) is None or not body.quaternion:
             drop("not_tracked")
         elif (attitude := _unit(body.quaternion)) is None:
             drop("not_unit")
-        elif pose := self._pose(body, attitude, arrival_s):
+        elif pose := self._pose(body, place, attitude, arrival_s):
             return (pose,)
         return ()
 
-    def _pose(self, body: JsonPose, attitude: Quat, arrival_s: float) -> Pose | None:
+    def _pose(self, body: JsonPose, position: Vec3, attitude: Quat, arrival_s: float) -> Pose | None:
         kind = self._kind or ("t" if body.t is not None else "frame" if body.frame is not None else "arrival")
         stamp = {"t": body.t, "frame": body.frame, "arrival": arrival_s}[kind]
         if stamp is None:
             return self._intakes["t"].drop("no_stamp")
-        pose = self._intakes[kind].pose(stamp, arrival_s, body.position, attitude)
+        pose = self._intakes[kind].pose(stamp, arrival_s, position, attitude)
         if pose is not None:
             self._kind = kind
         return pose
 
 
 Stamp = Literal["t", "frame", "arrival"]
+
+
+def _seen_place(body: JsonPose) -> Vec3 | None:
+    """Where a body is [m]; None where it is not seen."""
+    if not body.valid or body.quaternion is None or isinstance(body.position, msgspec.UnsetType):
+        return None
+    return body.position
 
 
 def _unit(given: tuple[float, float, float, float] | NamedQuaternion) -> Quat | None:

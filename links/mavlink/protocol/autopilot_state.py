@@ -158,7 +158,7 @@ class Words:
         """Take one STATUSTEXT."""
         sender = message.get_srcSystem(), message.get_srcComponent()
         number, severity, part = message.id, message.severity, message.chunk_seq
-        for text in self._texts:
+        for text in reversed(self._texts):  # a restarted autopilot counts its texts anew
             if text.takes(sender, number, severity, part):
                 text.add(part, message.text)
                 return

@@ -90,6 +90,23 @@ def test_log_times_that_leap_again_and_again_tell_no_flight(tmp_path: Path) -> N
         read(tmp_path, data)
 
 
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_log_times_in_another_unit_tell_no_flight(factor: float, tmp_path: Path) -> None:
+    frames = FLIGHT.frames()
+    data = b"".join(struct.pack(">Q", int(factor * (START_US + us))) + frame for us, frame in frames)
+    with pytest.raises(ConfigError, match=r"s pass by the log times while 4\.98 s pass by the autopilot's own stamps"):
+        read(tmp_path, data)
+
+
+def test_poses_of_a_second_vehicle_are_counted_and_not_used(tmp_path: Path) -> None:
+    heart = MavlinkCodec(2, 1).pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
+    found = read(tmp_path, stamped([(0, heart), *Flight(duration_s=2.0, bridge=(2, 1)).frames()]))
+    usual = read(tmp_path, FLIGHT.tlog())
+    assert found.poses == usual.poses
+    assert found.sent == usual.sent
+    assert found.dropped == {**usual.dropped, "poses of system 2, component 1": len(usual.poses)}
+
+
 def test_damage_that_leaves_most_of_a_flight_is_only_counted(tmp_path: Path) -> None:
     data = FLIGHT.tlog()
     found = read(tmp_path, data + bytes(4096))

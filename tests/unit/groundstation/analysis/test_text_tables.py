@@ -241,3 +241,41 @@ def test_a_file_without_a_head_says_so(text: str, hint: str, tmp_path: Path) -> 
     with pytest.raises(ConfigError, match="no head line found") as told:
         columns(tmp_path, text)
     assert hint in str(told.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le"])
+@pytest.mark.parametrize("separator", [";", "\t"])
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_motives_export_saved_again_by_a_spreadsheet_is_read(
+    encoding: str, separator: str, decimal: str, tmp_path: Path
+) -> None:
+    text = motive().replace('"Take, 1"', "Take 1").replace(",", separator).replace(".", decimal)
+    path = tmp_path / "take.csv"
+    path.write_bytes((("\ufeff" if encoding == "utf-16-le" else "") + text).encode(encoding))
+    got = poses(tmp_path, path, "motive", "quad")
+    assert len(got) == ROWS - 1
+    north, west, up = place(251)
+    at = got[250].position_ned
+    assert (at.x, at.y, at.z) == pytest.approx((north, -west, -up), abs=2e-6)
+
+
+def test_qtms_export_with_decimal_commas_or_without_any_time_is_read(tmp_path: Path) -> None:
+    plain, commas = (
+        dict(read_qtm_tables(write(tmp_path, name, text)))["quad"]
+        for name, text in (("plain.tsv", qtm()), ("commas.tsv", qtm().replace(".", ",")))
+    )
+    timeless = "\n".join(
+        line if "\t" not in line or line.split("\t")[0].isupper() else line.split("\t", 2)[2]
+        for line in qtm().splitlines()
+    )
+    bare = dict(read_qtm_tables(write(tmp_path, "bare.tsv", timeless)))["quad"]
+    for other in (commas, bare):
+        for name, column in plain.items():
+            np.testing.assert_allclose(other[name], column, atol=1e-9)
+
+
+def test_numbers_between_tabs_may_have_decimal_commas(tmp_path: Path) -> None:
+    path = write(tmp_path, "run.txt", "t\tx\n0,5\t-1,25\n1.5\t2\n")
+    ((_, table),) = read_csv_table(path, CsvLayout(), ["t"], Counter())
+    assert table["t"].tolist() == [0.5, 1.5]
+    assert table["x"].tolist() == [-1.25, 2.0]

@@ -256,6 +256,12 @@ def test_a_number_that_is_used_again_begins_a_new_text() -> None:
     assert words.complaints() == "“first”; “second”"
 
 
+def test_a_restarted_autopilot_that_counts_anew_does_not_add_to_its_old_texts() -> None:
+    words = heard((1, 0, b"Armed"), (2, 0, b"Landed"), (1, 0, FIRST), (1, 1, SECOND), (1, 2, LAST))
+    assert words.newest == WHOLE
+    assert words.complaints() == f"“Armed”; “Landed”; “{WHOLE}”"
+
+
 def test_a_temporary_refusal_is_asked_again_until_it_passes() -> None:
     scene = Scene(PX4, arming, refuse(ARM_DISARM, 1, 1, 0)).run()
     assert scene.handshake.done

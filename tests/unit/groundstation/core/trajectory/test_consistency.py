@@ -185,3 +185,30 @@ def test_a_figure_in_another_unit_is_refused_by_its_range(key: str, value: Any) 
 def test_so_is_one_of_the_other_sections(section: str, key: str, value: float) -> None:
     with pytest.raises(ConfigError, match=rf"{section}\.{key}"):
         from_dict({section: {key: value}}, Config)
+
+
+def test_a_corner_that_is_flown_at_full_speed_is_found() -> None:
+    def corner(exact: Reference, t: float) -> Reference:
+        """Straight ahead, and from one moment on to the side: no acceleration is declared anywhere."""
+        ahead, aside = 0.5 * min(t, 4.0), 0.5 * max(t - 4.0, 0.0)
+        return Reference((ahead, aside, -1.5), (0.5, 0.0, 0.0) if t < 4.0 else (0.0, 0.5, 0.0))
+
+    curve = Curve(corner)
+    curve.duration_s = curve.joints_s[-1]  # a stop at its end is no corner: it is held there
+    odd = report(curve).inconsistency
+    assert odd is not None
+    assert (odd.name, odd.declared, odd.of) == ("acceleration", 0.0, "velocity")
+    assert odd.time_s == pytest.approx(4.0, abs=0.02)
+    straight = Curve(lambda exact, t: Reference((0.5 * t, 0.0, -1.5), (0.5, 0.0, 0.0)))
+    straight.duration_s = straight.joints_s[-1]
+    assert report(straight).inconsistency is None
+
+
+def test_a_heading_that_jumps_is_found() -> None:
+    def jumping(exact: Reference, t: float) -> Reference:
+        return msgspec.structs.replace(exact, yaw_rad=exact.yaw_rad + (1.5 if t > 4.0 else 0.0))
+
+    odd = report(Curve(jumping)).inconsistency
+    assert odd is not None
+    assert (odd.name, odd.of) == ("yaw rate", "yaw")
+    assert odd.time_s == pytest.approx(4.0, abs=0.02)

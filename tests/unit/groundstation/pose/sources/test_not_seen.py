@@ -93,3 +93,42 @@ def test_what_the_tracker_does_not_see_is_not_used(make: Any) -> None:
 def test_a_body_without_a_rotation_is_not_seen() -> None:
     turn = SimpleNamespace(w=0.0, x=0.0, y=0.0, z=0.0)
     assert describe_body(SimpleNamespace(position=PLACE, rotation=turn))["valid"] is False
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        '{"name": "NAME", "t": 1, "valid": false}',
+        '{"name": "NAME", "t": 1, "position": null, "quaternion": null}',
+        '{"name": "NAME", "t": 1, "position": [0, 0, 0], "quaternion": null}',
+        '{"name": "NAME", "t": 1, "position": null, "quaternion": {"w": 1, "x": 0, "y": 0, "z": 0}}',
+    ],
+)
+def test_a_place_that_is_left_out_or_null_is_one_that_is_not_seen(hidden: str) -> None:
+    others = Others(("wand",))
+    source = reader("json", others)
+    assert source.read(hidden.replace("NAME", "quad").encode(), 1.0) == ()
+    assert source.status.dropped == {"not_tracked": 1}
+    seen = '{"name": "quad", "t": 2, "position": [1, 2, 3], "quaternion": [1, 0, 0, 0]}'
+    assert len(source.read(f"[{hidden.replace('NAME', 'wand')}, {seen}]".encode(), 2.0)) == 1, "beside one not seen"
+    assert others.sighting("wand") is None
+
+
+def test_a_body_that_is_seen_must_have_a_place() -> None:
+    source = reader("json", Others(()))
+    assert source.read(b'{"name": "quad", "t": 1, "quaternion": [1, 0, 0, 0]}', 1.0) == ()
+    assert source.status.dropped == {"wrong_schema": 1}
+
+
+def test_what_python_writes_of_a_number_that_is_none_loses_no_other_body() -> None:
+    """``json.dumps`` writes NaN, which is no JSON."""
+    source = reader("json", Others(()))
+    lost = {"name": "wand", "position": NAN, "quaternion": [math.nan, 0.0, 0.0, 0.0]}
+    seen = {"name": "quad", "t": 1.0, "position": PLACE, "quaternion": [1.0, 0.0, 0.0, 0.0]}
+    assert len(source.read(json.dumps([lost, seen]).encode(), 1.0)) == 1
+    assert source.read(json.dumps({**seen, "t": 2.0, "position": NAN}).encode(), 2.0) == ()
+    assert source.read(json.dumps({**seen, "t": math.inf}).encode(), 2.0) == ()
+    assert source.status.dropped == {"not_finite": 2}
+    for text in (b"[NaN", b'{"name": NaN}', b"NaN", b'{"name": "quad", "t": Infinity}'):
+        assert source.read(text, 3.0) == ()
+    assert source.status.accepted == 1
