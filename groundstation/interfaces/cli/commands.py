@@ -75,7 +75,7 @@ def fly(args: argparse.Namespace) -> int:
 
 
 def _find_recording(name: Path | None) -> Path:
-    """Return the recording ``name``, which may be as ``groundstation logs`` lists it; without one the newest.
+    """Return the recording ``name``, as ``groundstation logs`` lists it, too, or without its ending; else the newest.
 
     Raises:
         ConfigError: nothing is recorded.
@@ -84,8 +84,8 @@ def _find_recording(name: Path | None) -> Path:
 
     folder = folder_of(RecordingConfig())
     if name is not None:
-        listed = folder / name
-        return listed if not name.exists() and listed.exists() else name
+        listed = (folder / name, folder / f"{name}.mcap")
+        return next((path for path in (name, *listed) if path.exists()), name)
     newest = max(list_flights(folder), key=lambda path: path.stat().st_mtime, default=None)
     if newest is None:
         raise ConfigError("LOG", notice("recording.none", folder=folder))

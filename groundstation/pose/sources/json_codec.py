@@ -95,8 +95,9 @@ def decode(datagram: bytes) -> list[JsonPose] | str:
 
 def _decode_any(datagram: bytes) -> JsonPose | list[Any]:
     """Decode JSON; and what Python's own ``json`` writes of numbers that are none, NaN and Infinity."""
+    found: JsonPose | list[Any]
     try:
-        return _DECODER.decode(datagram)
+        found = _DECODER.decode(datagram)
     except msgspec.ValidationError:
         raise
     except msgspec.DecodeError:
@@ -106,8 +107,8 @@ def _decode_any(datagram: bytes) -> JsonPose | list[Any]:
             said = json.loads(datagram)
         except ValueError as error:
             raise msgspec.DecodeError(str(error)) from None
-        found: JsonPose | list[Any] = msgspec.convert(said, _MESSAGE)
-        return found
+        found = msgspec.convert(said, _MESSAGE)
+    return found
 
 
 class JsonReader:
