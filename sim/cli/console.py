@@ -4,9 +4,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
-from groundstation.core.messages import DisturbanceReading
 from groundstation.runtime import raw_stream
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
@@ -110,6 +107,10 @@ def summary(facts: dict[str, Any], folder: Path | None, *, paper: bool) -> str:
 
 
 def _describe_split(disturbance: dict[str, Any] | None) -> str:
+    import msgspec
+
+    from groundstation.core.messages import DisturbanceReading
+
     return "-" if disturbance is None else msgspec.convert(disturbance, DisturbanceReading).describe_split()
 
 

@@ -35,8 +35,7 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop, in_virtual_time
 from sim.trackers import Tracker
 from sim.world import FourRotors, World, rows, stream
-from tests.proving.faults import pictures
-from tests.proving.faults.fault import Meddler
+from tests.proving.faults import Meddler, Struck, late, still
 from tests.proving.takeoff_start import TakeoffStart
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}
@@ -276,13 +275,13 @@ async def freeze(scene: Scene) -> None:
     shown, loop = scene.between.shown, asyncio.get_running_loop()
     assert shown is not None, "something was shown"
     noise = rows(stream(0, "frozen").standard_normal, 6)
-    struck = pictures.Struck(loop.time(), shown.position_ned, shown.attitude, noise)
-    scene.between.picture = pictures.still(struck)
+    struck = Struck(loop.time(), shown.position_ned, shown.attitude, noise)
+    scene.between.picture = still(struck)
 
 
 async def delay(scene: Scene) -> None:
     """Poses come later than before."""
-    scene.between.way = pictures.late(lambda _: LATE_S, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
+    scene.between.way = late(lambda _: LATE_S, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
 
 
 async def stop_forwarding(scene: Scene) -> None:

@@ -8,6 +8,7 @@ from tests.proving.faults.fault import (
     Exemption,
     Fault,
     Kind,
+    Meddler,
     Poses,
     Scene,
     name_of,
@@ -16,4 +17,5 @@ from tests.proving.faults.faults import BROKEN, CASES, FAULTS, STATES
 from tests.proving.faults.honest import plan_honest, tell_honest, write_csv
 from tests.proving.faults.judge import Row
 from tests.proving.faults.monitors import check_forced
+from tests.proving.faults.pictures import Struck, late, still
 from tests.proving.faults.table import is_within, text, write
