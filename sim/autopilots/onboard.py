@@ -24,7 +24,7 @@ LOOPBACK = "127.0.0.1"
 Normals: TypeAlias = Iterator[tuple[float, ...]]
 """Rows of ten standard normal numbers."""
 PATIENCE_S = 60.0
-"""A process that answers nothing for so long has stopped [s, of the wall clock]; on a busy machine PX4 took 20 to start."""
+"""Time without an answer after which a process has stopped [s, wall clock]; on a busy machine PX4 took 20 to start."""
 LIFTS = 0.2
 """Motor outputs above this share let go of a vehicle that is held; idling is below .1 [-]."""
 

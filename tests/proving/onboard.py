@@ -35,7 +35,8 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop, in_virtual_time
 from sim.trackers import Tracker
 from sim.world import FourRotors, World, rows, stream
-from tests.proving.faults import Meddler, Struck, late, still
+from tests.proving.faults import Meddler, late, still
+from tests.proving.faults import Struck as StruckPose
 from tests.proving.takeoff_start import TakeoffStart
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}
@@ -275,7 +276,7 @@ async def freeze(scene: Scene) -> None:
     shown, loop = scene.between.shown, asyncio.get_running_loop()
     assert shown is not None, "something was shown"
     noise = rows(stream(0, "frozen").standard_normal, 6)
-    struck = Struck(loop.time(), shown.position_ned, shown.attitude, noise)
+    struck = StruckPose(loop.time(), shown.position_ned, shown.attitude, noise)
     scene.between.picture = still(struck)
 
 
