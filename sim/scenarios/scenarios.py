@@ -390,7 +390,7 @@ def scenario_of(name: str) -> Scenario:
         ConfigError: there is no such scenario.
     """
     if name not in list(SCENARIOS):
-        raise ConfigError("SCENARIO", f"expected one of {sorted(SCENARIOS)}, got {name!r}")
+        raise ConfigError("scenario", f"expected one of {sorted(SCENARIOS)}, got {name!r}")
     return SCENARIOS[name]
 
 

@@ -85,7 +85,7 @@ def test_what_the_operator_was_warned_of_stands_on_it(
 @pytest.mark.parametrize(("scenario", "late_ms", "told"), [
     *(("paper", late_ms, late_ms not in (0, 8)) for late_ms in (0, 8, 15, 20, 30, -15)),
     ("rotors_mqx", 0, False),
-    ("rotors_mqx", 15, True),
+    ("rotors_mqx", 20, True),
 ])  # fmt: skip
 def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(scenario: str, late_ms: int, told: bool) -> None:
     world, config = prepare(SCENARIOS[scenario], [f"sim.pose_latency_s={0.02 + 1e-3 * late_ms}"], link="dsm")

@@ -300,7 +300,8 @@ def test_the_bytes_hold_what_each_autopilot_wants() -> None:
     for kind, speed in ((PX4, None), (ARDUPILOT, (0.1, 0.2, 0.3))):
         frame = odometry(codec, kind, told)
         (message,) = MavlinkCodec(1, 1).feed(frame)
-        assert (message.frame_id, message.child_frame_id, message.estimator_type) == (20, 12, 2)
+        frame_id = 1 if kind == PX4 else 20  # MAV_FRAME_LOCAL_NED, _LOCAL_FRD
+        assert (message.frame_id, message.child_frame_id, message.estimator_type) == (frame_id, 12, 2)
         assert message.time_usec == 12_500_000
         assert message.reset_counter == 300 & 0xFF
         assert message.quality == 100

@@ -53,7 +53,7 @@ def test_only_the_figure_is_flown_with_the_gains_of_a_figure(tmp_path: Path) -> 
     told = [entry.value() for entry in Recording(tmp_path / RECORDING).entries(("/switch",))]
     eased = [switch["values"] for switch in told if switch["what"] == "ease"]
     assert eased == [
-        [1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 1.0, 0.0], [1.0, 1.0, 1.0, 1.0],
+        [1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0],
     ]  # fmt: skip
     facts = replay_facts(tmp_path / RECORDING)
     assert (facts["first_difference"], facts["identical"]) == (None, True)

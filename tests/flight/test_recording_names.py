@@ -56,7 +56,7 @@ def test_every_name_that_logs_lists_is_accepted_and_without_one_the_newest_is_ta
     assert listed["file"] == name
     code, out, err = run(*command.split(), name)
     assert "No such file" not in err and Path(name).stem in out + err
-    assert "No such file" not in run(command, name.removesuffix(".mcap"))[2]
+    assert "No such file" not in run(*command.split(), name.removesuffix(".mcap"))[2]
     put(folder / NEW, 0.0)
     again, _, told = run(*command.split())
     assert again == code

@@ -46,7 +46,7 @@ def test_nor_are_poses_from_the_autopilot() -> None:
             LIMITS,
         ),
         (("controller.kb=2",), "the proof needs kb² κ < 4 k3"),
-        (("sim.pose_latency_s=0.045",), "poses contradict the model"),
+        (("sim.pose_latency_s=0.045",), "the bound is suspended most of the time, with commands at their limit"),
     ],
 )
 def test_what_breaks_the_theory_is_told_within_seconds_by_its_name(overrides: tuple[str, ...], words: str) -> None:

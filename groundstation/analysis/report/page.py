@@ -239,7 +239,7 @@ def latex_table(rows: Sequence[Sequence[str]]) -> str:
 _LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "b̂": r"$\hat{b}$", "²": r"\textsuperscript{2}", "–": "--",
-    "°": r"$^\circ$",
+    "°": r"$^\circ$", "±": r"$\pm$", "−": "$-$",
 }  # fmt: skip
 
 

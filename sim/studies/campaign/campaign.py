@@ -90,6 +90,10 @@ class CampaignRow(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Largest |b̂| over the flight, in shares of its bound B + ε [-]."""
     thrust_margin_n: float | None
     """Least distance of the commanded thrust from either of its limits over the steady part [N]."""
+    thrust_scale: float | None
+    """Estimated true thrust over the configured one at the end [-]."""
+    thrust_scale_deviation: float | None
+    """Standard deviation of that estimate [-]."""
     survived: bool
     """False where it crashed, or poses stayed away for too long."""
 

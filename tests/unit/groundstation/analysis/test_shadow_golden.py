@@ -119,13 +119,13 @@ def test_the_shadow_carries_the_same_weight_and_turns_the_same_way_as_what_was_s
         commands = replayed(path).commands
         assert commands is not None and commands.compared > 800
         thrust = commands.thrust_n
-        assert thrust.shadow_mean == pytest.approx(thrust.sent_mean, rel=0.03)
+        assert thrust.shadow_mean == pytest.approx(thrust.sent_mean, rel=0.05)
         assert thrust.correlation is not None and thrust.correlation > 0.25
         assert commands.yaw_rate_rad_s.shadow_mean == pytest.approx(commands.yaw_rate_rad_s.sent_mean, abs=0.05)
 
 
 def test_along_its_own_path_no_vehicle_is_asked_for_more_than_it_can_do() -> None:
-    for path, share, most in ((PX4, 0.05, 1.7), (ARDUPILOT, 0.01, 1.0)):  # PX4's estimate leaps once
+    for path, share, most in ((PX4, 0.06, 1.9), (ARDUPILOT, 0.01, 1.0)):  # PX4's estimate leaps once
         commands = replayed(path).commands
         assert commands is not None and commands.saturated_fraction < share
         for rate in (commands.roll_rate_rad_s, commands.pitch_rate_rad_s):
