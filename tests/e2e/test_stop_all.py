@@ -88,7 +88,7 @@ def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None
         bridge = subprocess.Popen([*GROUNDSTATION, "radio", "bridge", str(config)], stdout=subprocess.PIPE, text=True)
         try:
             assert bridge.stdout is not None
-            assert "rf-bridge at udp" in bridge.stdout.readline()
+            assert "radio bridge at udp" in bridge.stdout.readline()
             told = stop_all()
             assert told.returncode == 0
             assert f"(process {bridge.pid}): goes on" in told.stdout
