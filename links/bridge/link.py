@@ -266,7 +266,7 @@ class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
         str,
         msgspec.Meta(
             description="File with the key that both computers share, mode 0600; `groundstation "
-            "rf-bridge --make-key FILE` makes one."
+            "radio bridge --make-key FILE` makes one."
         ),
     ] = "bridge.key"
     connect_timeout_s: Annotated[

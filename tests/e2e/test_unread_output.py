@@ -15,7 +15,7 @@ from groundstation import load
     "words",
     [
         ("groundstation", "config", "show"),
-        ("groundstation-sim", "dev", "states"),
+        ("sim", "dev", "states"),
         ("groundstation", "mqtt", "topics"),
         ("sim", "scenarios", "--json"),
         ("sim", "fly", "--duration", "1"),

@@ -1,4 +1,4 @@
-"""What ``groundstation-sim autopilots --lockstep`` makes of what it sees; the firmware is somebody's own."""
+"""What ``groundstation-sim dev autopilots --lockstep`` makes of what it sees; the firmware is somebody's own."""
 
 import argparse
 import json
