@@ -366,8 +366,15 @@ class LazyParser:
         if self._group["commands"]:
             parser.groups = self._group
             if self._add_arguments is None:
-                _add_commands(parser).choices.update(self.below)
+                self.offer_below(parser)
         return parser
+
+    def offer_below(self, parser: argparse.ArgumentParser) -> None:
+        """Add the commands below this one to ``parser`` as subcommands: what completes command lines reads them."""
+        parsers = _add_commands(parser)
+        for name, (does, add_arguments) in self._group["commands"].items():
+            parsers.add_parser(name, help=does, command=name, add_arguments=add_arguments)
+        parsers.choices.update(self.below)
 
     def __getattr__(self, name: str) -> "Any":
         return getattr(self.parser, name)

@@ -624,7 +624,7 @@ def completion_script(parser: argparse.ArgumentParser, shell: str, words: Words)
 
     name = parser.prog.replace("-", "_")
     functions: dict[tuple[str, ...], str] = {}
-    for command, action in _arguments(parser, ""):
+    for command, action in _arguments(parser, "", shell):
         choice = tuple(words(command, action.dest))
         completes: Any = None
         if choice:
@@ -644,18 +644,19 @@ def completion_script(parser: argparse.ArgumentParser, shell: str, words: Words)
     return script + (_BASH_END.format(name=name, prog=parser.prog) if shell == "bash" else "")
 
 
-def _arguments(parser: argparse.ArgumentParser, command: str) -> Iterator[tuple[str, argparse.Action]]:
-    """Every argument of every command."""
-    if isinstance(parser, LazyParser) and parser.below and not parser.is_group:
-        parser.parser.add_subparsers().choices.update(  # so that shtab sees them, too
-            {name: inner.parser for name, inner in parser.below.items()}
-        )
+def _arguments(parser: argparse.ArgumentParser, command: str, shell: str) -> Iterator[tuple[str, argparse.Action]]:
+    """Every argument of every command.
+
+    Below a command with arguments of its own (``fleet relay``) only bash completes: shtab's zsh takes no files beside.
+    """
+    if isinstance(parser, LazyParser) and parser.below and not parser.is_group and shell == "bash":
+        parser.offer_below(parser.parser)
     for action in parser._actions:  # argparse has no public way to ask what it knows
         if isinstance(action, argparse._SubParsersAction):
             for name, inner in action.choices.items():
                 if isinstance(inner, LazyParser):
                     action.choices[name] = inner.parser  # shtab takes nothing else for one
-                yield from _arguments(inner, f"{command} {name}".strip())
+                yield from _arguments(inner, f"{command} {name}".strip(), shell)
         else:
             yield command, action
 
