@@ -206,7 +206,7 @@ def measure_rates() -> dict[str, Any]:
     """
     steps = {name: respond(axis, 100.0) for axis, name in enumerate(("roll", "pitch", "yaw"))}
     with tempfile.TemporaryDirectory() as folder:
-        told = ["trajectory.kind=excitation"]
+        told = ["trajectory.kind=excitation", "sim.start_ned=[0,0,-1]"]  # where it begins: a pull-in would clip thrust
         simulate("paper", autopilot=BETAFLIGHT, link="dsm", duration=40.0, overrides=told, out=folder)
         found = identify(read_stretch(Path(folder) / RECORDING)).parameters
     timing = ("rate_lag", "rate_delay", "yaw_rate_lag", "yaw_rate_delay", "thrust_lag", "thrust_delay")

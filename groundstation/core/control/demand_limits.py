@@ -74,7 +74,7 @@ class DemandLimits:
         r31, r32 = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
         cosine = 1.0 - 2.0 * (x * x + y * y)
         stopped = cosine + (r31 * rates[1] - r32 * rates[0]) / k_omega
-        approach = (stopped - least_cosine) / self._vehicle.frame_period_s
+        approach = k_omega * (stopped - least_cosine)
         spare = r31 * rate_y - r32 * rate_x + approach
         if ops is FLOATS and spare >= 0.0:
             return rate_x, rate_y, False
