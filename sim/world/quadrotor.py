@@ -20,7 +20,7 @@ from typing import Protocol
 
 import msgspec
 
-from groundstation.core.geometry import FLOATS, Quat, Vec3, so3
+from groundstation.core.geometry import FLOATS, Quat, Vec3, add_scaled, so3
 from links.core import thrust
 from sim.world.plant import (
     Actuators,
@@ -98,7 +98,7 @@ NOTICES_S = 0.15
 """Time constant with which an autopilot's own speed finds out that the floor holds it [s]. By a take-off of
 ArduCopter's SITL, whose estimate stayed at 0.4 m/s for 0.4 s and then rose to 1.7."""
 FORGETS_S = 2.0
-"""The same of its height [s]."""
+"""Time constant with which its own height finds out that the floor holds it [s]."""
 _INSTANT_S = 1e-9
 """Shorter spans are rounding [s]."""
 
@@ -282,9 +282,18 @@ class Quadrotor:
         return other
 
     def truth(self, time_s: float) -> TrueState:
-        """The exact state at ``time_s`` [s], which must not lie before an earlier question."""
+        """The exact state at ``time_s`` [s].
+
+        In real time whoever asks for an exposure may have woken up late, after a command of meanwhile: the state of
+        before is then where speed and rates came from.
+        """
         self.advance(time_s)
         body, down, rest = self._body, self._on_ground, time_s - self._time
+        if self.released_s is not None and rest < -_INSTANT_S:
+            u, v, w = body.velocity
+            p, q, r = body.rates
+            place = add_scaled(body.position, rest, (u, v, w))
+            body = body._replace(position=place, attitude=so3.rotate(body.attitude, (rest * p, rest * q, rest * r)))
         if self.released_s is not None and rest > _INSTANT_S:
             # Only a look into the step under way: the questions asked must not change the flight.
             body, down, _ = self._after(self._time - self.released_s, rest)

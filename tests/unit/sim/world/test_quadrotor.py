@@ -44,6 +44,22 @@ def test_thrust_and_rates_follow_their_commands_as_first_order_lags() -> None:
     assert state.rates_rad_s == pytest.approx(tuple(r * (1 - keep) for r in (0.5, -0.4, 0.3)))
 
 
+def test_a_look_that_comes_late_after_a_command_shows_where_the_vehicle_was_and_changes_nothing() -> None:
+    late_s = 0.004
+    in_time, late = vehicle(CALM), vehicle(CALM)
+    for plant in (in_time, late):
+        plant.release(0.0)
+        plant.command(0.0, 0.9, (1.5, -1.0, 0.8))
+    seen = in_time.truth(1.0)
+    for plant in (in_time, late):
+        plant.command(1.0 + late_s, 0.7, (-1.0, 0.5, 0.0))
+    looked = late.truth(1.0)
+    assert late_s * math.hypot(*seen.velocity_ned) > 0.005
+    assert looked.position_ned == pytest.approx(seen.position_ned, abs=2e-4)
+    assert looked.attitude == pytest.approx(seen.attitude, abs=1e-4)
+    assert late.truth(1.5) == in_time.truth(1.5)
+
+
 def test_commands_are_clamped_to_what_the_vehicle_can_do() -> None:
     plant = vehicle(CALM)
     plant.release(0.0)
