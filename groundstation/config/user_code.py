@@ -85,7 +85,7 @@ def without_frames(work: Callable[P, R]) -> Callable[P, R]:
             ) from fault.__cause__
         except (KeyboardInterrupt, UserCodeFault) as fault:
             fault.__suppress_context__ = True  # its cause is the user's own
-            raise fault.with_traceback(None)  # noqa: B904
+            raise fault.with_traceback(None)  # noqa: B904  # its context is suppressed above
 
     return plain
 

@@ -106,7 +106,6 @@ class Pilot:
         self._tell, self._clock = tell, clock
         self._coast, self._floor = coast_s, floor_z_m
         self._estimator = ModelEstimator(vehicle, config)
-        self._is_first_climb = False
         self._controller = make_controller(config, vehicle)
         # An observer that does not find the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
@@ -155,6 +154,11 @@ class Pilot:
         return self._descent is not None and self._descent.blind
 
     @property
+    def _reckons(self) -> bool:
+        """Whether only the poses' attitude is flown by: speed and place are the model's."""
+        return self.is_blind and not self.health.position_answers
+
+    @property
     def speed_aside_m_s(self) -> float:
         """Speed across the vertical at the newest pose [m/s]; of a blind descent the model's."""
         motion = self._estimator.motion
@@ -169,13 +173,12 @@ class Pilot:
         ahead = self._estimator.look_ahead(pose.time_s)
         if not self._accepts(pose, ahead):
             return
-        health = self.health
+        health, reckons = self.health, self._reckons
         if self.is_blind and not health.attitude_answers:
             return
-        reckons = self.is_blind and not health.position_answers
         before, last = self._estimator.motion, received.newest
         if reckons:
-            self._estimator.update_attitude(pose)
+            self._estimator.update_attitude(pose, ahead)
         else:
             self._estimator.update(pose, ahead)
         if before is not None and last is not None and self._is_released:
@@ -191,8 +194,8 @@ class Pilot:
         Near the floor it does not ask, as the floor stops a vehicle, nor where only the attitude is flown by.
         """
         now, is_low = self._estimator.motion, self._floor - pose.position_ned[2] < NEAR_FLOOR_M
-        reckons = self.is_blind and not self.health.position_answers
-        if not self._has_climbed or now is None or ahead is None or reckons or (is_low and not self._gate.is_shut):
+        is_unasked = not self._has_climbed or self._reckons or (is_low and not self._gate.is_shut)
+        if now is None or ahead is None or is_unasked:
             self._gate.restart()
             return True
         return self._gate.accepts(pose, now, ahead.motion, self.noise_m)
@@ -240,8 +243,8 @@ class Pilot:
         self._switch("ease", float(calmly), float(asks), float(is_limited))
         mode = self._mode
         mode.is_eased, mode.asks, mode.is_limited = calmly, asks, is_limited
-        self._is_first_climb = self._is_first_climb and is_limited
-        self._estimator.lands = is_limited and not self._is_first_climb
+        mode.climbs_first = mode.climbs_first and is_limited
+        self._estimator.lands = is_limited and not mode.climbs_first
 
     def _switch(self, what: str, *values: float) -> None:
         """Record that it is to fly otherwise."""
@@ -295,12 +298,11 @@ class Pilot:
         ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
-        disturbance = self._estimator.lift_off(climb_m_s, max(hover_share, GROUND_EFFECT_SHARE))
-        self._is_first_climb = True
+        hovers = max(hover_share, GROUND_EFFECT_SHARE)
+        disturbance = self._estimator.lift_off(climb_m_s, hovers)
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
-        self._is_released = True
-        hovers = max(hover_share, GROUND_EFFECT_SHARE)
+        self._is_released = self._mode.climbs_first = True
         north, east, _ = disturbance  # against which it leans, and so needs more thrust to hover
         hover_n = hovers * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
         self._trust_from_here(disturbance)
@@ -545,6 +547,8 @@ class _Mode:
 
     def __init__(self, config: ControllerConfig) -> None:
         self.is_limited = self.is_eased = self.asks = self.touches = self.is_unheard = self.is_paused = False
+        self.climbs_first = False
+        """Whether limits have held since lift-off: ground effect is left behind, not met."""
         self._is_calm = False
         self._config = config if isinstance(config, Gains) else None
 

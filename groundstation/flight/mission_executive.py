@@ -418,8 +418,7 @@ class MissionExecutive:
             if self._spooling is not None:  # off the floor since the newest pose, and no command has told so yet
                 self._climb_away(now_s)
             rest = 0.0 if self._guards is None else self._config.guards.level_s
-            height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest)
-            self._means.descend_blind(now_s, height_m)
+            self._descend(now_s, blind=blind, rest_s=rest)
         elif event is Event.TRACK:
             self._escalation.reset()
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
@@ -571,8 +570,12 @@ class MissionExecutive:
             whose = "their attitude" if means is Means.ATTITUDE else "the autopilot's attitude"
             self.go(Event.DESCEND, f"{reason}: down by {whose}", now_s, fault=True, blind=True)
         elif not self._pilot.is_blind:
-            self._means.descend_blind(now_s, self._pilot.descend(self._config.flight.descent_m_s, blind=True))
+            self._descend(now_s, blind=True)
         return self._means.ends_commands
+
+    def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
+        height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest_s)
+        self._means.descend_blind(now_s, height_m)
 
     def _tell_health(self, state: HealthState, reason_id: str) -> None:
         """Tell the operator once that the poses are asked, and that they answer."""

@@ -73,7 +73,7 @@ class Advice(NamedTuple):
     """Another parameter and its value with which alone this one matters."""
 
     def only_if(self, name: str, value: Value) -> "Advice":
-        """The same advice, where the parameter ``name`` has this ``value``."""
+        """Return this advice for a parameter ``name`` of this ``value`` only."""
         return self._replace(only=(name, value))
 
     def is_idle(self, found: Mapping[str, Setting]) -> bool:
@@ -250,7 +250,7 @@ def px4_advice(facts: VehicleFacts) -> list[Advice]:
 
 
 def _px4_estimator(facts: VehicleFacts) -> list[Advice]:
-    """What PX4's own estimator goes by: our poses, where they are forwarded to it."""
+    """List the advice for PX4's own estimator, which goes by our poses where they are forwarded to it."""
     if not facts.forwards:
         return [
             note(
@@ -425,7 +425,7 @@ def ardupilot_advice(facts: VehicleFacts) -> list[Advice]:
 
 
 def _ardupilot_estimator(facts: VehicleFacts) -> list[Advice]:
-    """What EKF3 goes by: our poses, where they are forwarded to it."""
+    """List the advice for EKF3, which goes by our poses where they are forwarded to it."""
     if not facts.forwards:
         places = "3 GPS, 6 external navigation, where something sends it a pose"
         return [

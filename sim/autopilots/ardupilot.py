@@ -20,15 +20,25 @@ import struct
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
-from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Make, Normals, read_parameters, take_number
+from sim.autopilots.onboard import (
+    LOOPBACK,
+    PATIENCE_S,
+    Firmware,
+    Make,
+    Normals,
+    find_built,
+    read_parameters,
+    take_number,
+)
 from sim.world import FourRotors, TrueState
 
+PROGRAM = "build/sitl/bin/arducopter"
+"""Program below the folder in which it was built."""
 SERVO_PORT = 9102
 """Servo outputs of the ArduCopter number n go to this port + n."""
 STEP_S = 0.001
-"""From one state to the next [s]: its gyro must come 1.8 times for each turn of its loop, which is 400 a second."""
+"""Period of the states [s]: its gyro must come 1.8 times for each turn of its loop, which is 400 a second."""
 BOOT_S = 12.0
 """So long after the first state its gyros are calibrated and its attitude is aligned [s]."""
 FEW = 18458
@@ -95,10 +105,7 @@ def find_program(folder: Path) -> Path:
     Raises:
         ConfigError: there is none.
     """
-    program = folder / "build" / "sitl" / "bin" / "arducopter"
-    if not program.is_file():
-        raise ConfigError("--ardupilot", f"expected a folder in which it was built, but there is no {program}")
-    return program.resolve()
+    return find_built("--ardupilot", folder, PROGRAM, "it was built")
 
 
 class ArduCopter(Firmware):

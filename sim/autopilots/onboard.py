@@ -16,6 +16,7 @@ from pathlib import Path
 from subprocess import DEVNULL, STDOUT, Popen
 from typing import Any, NamedTuple, Self, TypeAlias
 
+from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.machine import sleep_until
 from sim.world import FourRotors, Quadrotor, TrueState
@@ -55,6 +56,18 @@ def read_parameters(name: str) -> list[Told]:
     return told
 
 
+def find_built(option: str, folder: Path, program: str, built_by: str) -> Path:
+    """Return the ``program`` that ``built_by`` has built in the ``folder`` of the command's ``option``.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    found = folder / program
+    if not found.is_file():
+        raise ConfigError(option, f"expected a folder in which {built_by}, but there is no {found}")
+    return found.resolve()
+
+
 MOST_AT_ONCE = 10
 """So many of one firmware run on this machine at once: PX4 has no ports for more."""
 
@@ -80,7 +93,7 @@ class Firmware(ABC):
     """One process of a firmware, which goes on when it is told to; :meth:`close` ends it."""
 
     step_s: float
-    """From one state of the vehicle to the next [s]."""
+    """Period of the states of the vehicle [s]."""
 
     def __init__(self, folder: Path) -> None:
         """Its files are in ``folder``; its MAVLink port on this machine is :attr:`mavlink`."""

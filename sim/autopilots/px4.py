@@ -17,12 +17,22 @@ from pathlib import Path
 from select import select
 from typing import NamedTuple
 
-from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3, so3
 from links.mavlink.protocol import ARMED, MavlinkCodec
-from sim.autopilots.onboard import LOOPBACK, PATIENCE_S, Firmware, Make, Normals, read_parameters, take_number
+from sim.autopilots.onboard import (
+    LOOPBACK,
+    PATIENCE_S,
+    Firmware,
+    Make,
+    Normals,
+    find_built,
+    read_parameters,
+    take_number,
+)
 from sim.world import FourRotors, TrueState
 
+PROGRAM = "build/px4_sitl_default/bin/px4"
+"""Program below the folder in which it was built."""
 SIMULATOR_PORT = 4560
 """PX4 number n connects to this port + n."""
 OFFBOARD_PORT = 14540
@@ -43,11 +53,11 @@ MAGNETOMETER_EVERY = 2
 FLYING_ACCELEROMETER = (0.5, 1.7, 1.4)
 """Noise of its accelerometer with the rotors turning, 1σ [m/s², FRD]: sih.cpp, reconstruct_sensors_signals."""
 FLYING_GYRO = (0.14, 0.07, 0.03)
-"""The same of its gyro [rad/s]."""
+"""Noise of its gyro with the rotors turning, 1σ [rad/s, FRD]."""
 RESTING_ACCELEROMETER = (0.1, 0.1, 0.1)
-"""The same with the rotors at rest [m/s²]."""
+"""Noise of its accelerometer with the rotors at rest, 1σ [m/s², FRD]."""
 RESTING_GYRO = (0.01, 0.01, 0.01)
-"""[rad/s]"""
+"""Noise of its gyro with the rotors at rest, 1σ [rad/s, FRD]."""
 MAGNETOMETER = (0.02, 0.02, 0.03)
 """Noise of its magnetometer, 1σ [gauss]: SensorMagSim.cpp."""
 BAROMETER_HPA = 0.01
@@ -55,11 +65,11 @@ BAROMETER_HPA = 0.01
 FIELD_NED = (0.215, 0.012, 0.425)
 """Magnetic field of the place that PX4's simulators start at, Zürich [gauss]."""
 SEA_LEVEL_HPA = 1013.25
-"""[hPa]"""
+"""Air pressure at sea level [hPa]."""
 HPA_PER_M = 0.12
 """Fall of the pressure with height near the sea [hPa/m]."""
 TEMPERATURE_DEG_C = 20.0
-"""Of the air [°C]."""
+"""Temperature of the air [°C]."""
 
 _ACCELEROMETER = 0b111
 """Bits of HIL_SENSOR.fields_updated: accelerometer."""
@@ -79,7 +89,7 @@ class Outputs(NamedTuple):
     """One HIL_ACTUATOR_CONTROLS."""
 
     time_us: int
-    """By PX4's clock [µs]."""
+    """Time on PX4's clock [µs]."""
     armed: bool
     motors: FourRotors
     """Front right, rear left, front left, rear right, 0..1: the order of the airframe and of plant.py."""
@@ -136,10 +146,7 @@ def find_program(folder: Path) -> Path:
     Raises:
         ConfigError: there is none.
     """
-    program = folder / "build" / "px4_sitl_default" / "bin" / "px4"
-    if not program.is_file():
-        raise ConfigError("--px4", f"expected a folder in which `make px4_sitl` was run, but there is no {program}")
-    return program.resolve()
+    return find_built("--px4", folder, PROGRAM, "`make px4_sitl` was run")
 
 
 class Px4(Firmware):

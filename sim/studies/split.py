@@ -17,7 +17,7 @@ from sim.world import generator
 STEADY_SCENARIOS = ("paper", "quad1kg")
 """The scenarios with a constant vertical wind and the thrust as configured."""
 PHASES = (State.HOLD, State.TRACKING)
-"""What is flown for a long time: hold, then the figure."""
+"""Phases flown for a long time: hold, then the figure."""
 STEADY_S = 300.0
 """Length of each phase [s]: a split that drifts has the time to."""
 SAMPLE_S = 1.0

@@ -185,7 +185,7 @@ class _Endpoint(asyncio.DatagramTransport):
         self.local = local
         self.remote = remote
         self.context = copy_context()
-        """Of whoever opened it: what arrives is taken there, as by a socket's reader."""
+        """Context of the opener: arriving data are taken there, as by a socket's reader."""
         self.protocol: asyncio.DatagramProtocol | None = None
         self._closing = False
 

@@ -33,9 +33,9 @@ from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.io import make_child_command
 from links.mavlink.protocol import SET_MESSAGE_INTERVAL, MavlinkCodec
-from sim.autopilots import FrameCutter
+from sim.autopilots import FrameCutter, find_built
 from tests.proving.onboard import fly_in_lockstep
-from tests.proving.takeoff_start import TakeoffStart
+from tests.proving.takeoff_start import TakeoffStart, describe_worst
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FLIGHT_S = 240.0
@@ -94,8 +94,7 @@ def find(name: str, folder: Path) -> Built:
         "px4": Built("PX4", "px4-sitl.toml", folder, 25.0, "link.listen=127.0.0.1:{}", 19410, 1),
         "ardupilot": Built("ArduCopter", "ardupilot-sitl.toml", folder, 50.0, "link.tcp=127.0.0.1:{}", 5760, 10),
     }[name]
-    if not (program := Path(built.command(0)[0])).is_file():
-        raise ConfigError(f"--{name}", f"expected a folder in which it was built, but there is no {program}")
+    find_built(f"--{name}", folder, str(Path(built.command(0)[0]).relative_to(folder)), "it was built")
     return built._replace(folder=folder.resolve())
 
 
@@ -371,9 +370,7 @@ def tables(facts: Mapping[str, Any]) -> str:
             continue
         lines.append(
             f"{landed}| {sum(one.smooth for one in starts)} of {len(flights)} "
-            f"| {min(min(one.thrust) for one in starts):.2f} to {max(max(one.thrust) for one in starts):.2f} "
-            f"| {max(max(one.climb) for one in starts):.2f} m/s | {max(max(one.tilt_deg) for one in starts):.1f}° "
-            f"| {max(max(one.b) for one in starts):.2f} | {median(sinks):.2f} ({max(sinks):.2f}) m/s "
+            f"{describe_worst(starts)}| {median(sinks):.2f} ({max(sinks):.2f}) m/s "
             f"| {median(leans):.0f} ({max(leans):.0f})° |"
         )
     return "\n".join(lines)

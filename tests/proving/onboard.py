@@ -37,12 +37,12 @@ from sim.trackers import Tracker
 from sim.world import FourRotors, World, rows, stream
 from tests.proving.faults import Meddler, late, still
 from tests.proving.faults import Struck as StruckPose
-from tests.proving.takeoff_start import TakeoffStart
+from tests.proving.takeoff_start import TakeoffStart, describe_worst
 
 NAMES = {"px4": "PX4", "ardupilot": "ArduCopter"}
 MAKERS: Mapping[str, Callable[[Path], Make]] = {"px4": make_px4, "ardupilot": make_ardupilot}
 WIRED = ("link.forward.enabled=true",)
-"""What a lab says that forwards its poses."""
+"""Settings of a lab that forwards its poses."""
 ALIGNED_S = 12.0
 """When arming is confirmed: its estimator has taken in the poses by then [s]."""
 SAVED_S = 4.0
@@ -66,7 +66,7 @@ def set_up(overrides: Sequence[str], figure_s: float | None, source: str = "vico
 
 @in_virtual_time
 async def visit(airworthy: Airworthy) -> tuple[list[Change], Path]:
-    """What the doctor finds wrong on one firmware and sets; it is switched off then. And its folder."""
+    """Have the doctor set what it finds wrong on one firmware, and switch it off; return the changes and its folder."""
     world, config = set_up((), 1.0)
     stage = Stage(world, config, 0, autopilot=airworthy)
     assert stage.onboard is not None, "real firmware"
@@ -91,7 +91,7 @@ class Workshop:
 
     def __init__(self, make: Make) -> None:
         self.changes = list[Change]()
-        """What the doctor changed, in order."""
+        """Changes of the doctor, in order."""
         self._make = make
         self._kept = list[Airworthy]()
 
@@ -146,7 +146,7 @@ TOLD: Mapping[str, tuple[str, ...]] = {
         "vehicle.rate_delay_s=0.0345",
     ),
 }
-"""What `identify` found on one flight of `trajectory.kind=excitation` of each, 42 s, seed 0."""
+"""Figures that `identify` found on one flight of `trajectory.kind=excitation` of each, 42 s, seed 0."""
 FLIGHTS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "hover": (HOLD, "0.3"),
     "eight, 0.5 m/s": (("sim.speed_m_s=0.5",), "0.5"),
@@ -156,7 +156,7 @@ FLIGHTS: Mapping[str, tuple[tuple[str, ...], str]] = {
     "hover, wind steps by 3 m/s²": (step_of(3.0), "–"),
     "hover, wind steps by 5 m/s²": (step_of(5.0), "–"),
 }
-"""What is flown, and the RMS that is aimed at [cm]."""
+"""Flights by name: their settings, and the RMS aimed at [cm]."""
 SEEDS = range(3)
 STRIKE_SEEDS = range(1)
 SOURCES = ("vicon", "natnet")
@@ -164,7 +164,7 @@ SOURCES = ("vicon", "natnet")
 
 
 class TakeOff(NamedTuple):
-    """From the floor and back."""
+    """Mission from the floor and back, and its first second."""
 
     mission: MissionResult
     start: TakeoffStart
@@ -189,10 +189,10 @@ def fly_figure(airworthy: Airworthy, told: Sequence[str], figure: Sequence[str],
 
 
 class Struck(NamedTuple):
-    """What came of a strike in flight, by the truth and the firmware's own motor outputs."""
+    """Outcome of a strike in flight, by the truth and the firmware's own motor outputs."""
 
     state: str
-    """What the flight said last; empty where its process was killed."""
+    """Last state of the flight; empty where its process was killed."""
     off_s: float | None
     """When the rotors last turned faster than they idle [s since the strike]; None where they still do."""
     up_m: float
@@ -230,7 +230,7 @@ IDLES = 0.12
 WATCHED_S = 20.0
 """How long the world goes on after a strike [s]."""
 ODOMETRY_NUMBER = bytes((0x4B, 0x01, 0x00))
-"""Of the messages that forward poses."""
+"""Message number of ODOMETRY, low byte first: it forwards poses."""
 LATE_S = 0.2
 """How much later poses come where they come late [s]."""
 STOPPED_S = 1.5
@@ -240,7 +240,7 @@ PROCESS: ContextVar[bool] = ContextVar("process", default=False)
 
 
 class Scene(NamedTuple):
-    """What a strike may break."""
+    """Parts that a strike may break."""
 
     stage: Stage
     flight: Flight
@@ -314,11 +314,11 @@ STRIKES: Mapping[str, tuple[Strike, bool]] = {
     "forwarder dead": (stop_forwarding, False),
     "a pilot takes over": (take_over, False),
 }
-"""What falls, and whether the flight ends by it."""
+"""Strikes by name, and whether the flight ends by them."""
 STRUCK_S = 6.0
 """How long the figure is flown before the strike [s]."""
 STRUCK_FIGURE = ("sim.speed_m_s=1.0",)
-"""What is flown then: an eight of 1 m/s."""
+"""Settings of the figure that is struck: an eight of 1 m/s."""
 
 
 @in_virtual_time
@@ -372,7 +372,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
 
 
 class Facts(NamedTuple):
-    """What one firmware did."""
+    """Results of one firmware."""
 
     changes: list[Change]
     figures: dict[str, list[MissionResult]]
@@ -380,9 +380,9 @@ class Facts(NamedTuple):
     strikes: dict[str, list[Struck]]
 
 
-def fly_all(kind: str, folder: Path, take_offs: int) -> Facts:
-    """All flights of one firmware, which somebody has built in ``folder``, one after the other."""
-    told, workshop = TOLD[kind], Workshop(MAKERS[kind](folder))
+def fly_all(kind: str, make: Make, take_offs: int) -> Facts:
+    """Fly one firmware, of which ``make`` makes copies: all its flights, one after the other."""
+    told, workshop = TOLD[kind], Workshop(make)
 
     def say(what: str) -> None:
         print(f"{NAMES[kind]}, {what}", file=sys.stderr, flush=True)
@@ -430,10 +430,7 @@ def tables(facts: Mapping[str, Facts]) -> str:
             continue
         lines.append(
             f"{landed}| {sum(one.smooth for one in starts)} of {len(starts)} "
-            f"| {min(min(one.thrust) for one in seen):.2f} to {max(max(one.thrust) for one in seen):.2f} "
-            f"| {max(max(one.climb) for one in seen):.2f} m/s | {max(max(one.tilt_deg) for one in seen):.1f}° "
-            f"| {max(max(one.b) for one in seen):.2f} "
-            f"| {max(one.touchdown_m_s or 0.0 for one in missions):.2f} m/s "
+            f"{describe_worst(seen)}| {max(one.touchdown_m_s or 0.0 for one in missions):.2f} m/s "
             f"| {100.0 * max(one.home_m for one in missions):.1f} cm |"
         )
     lines += [
@@ -481,12 +478,11 @@ def as_json(facts: Mapping[str, Facts]) -> str:
 
 def fly_in_lockstep(args: argparse.Namespace) -> Exit:
     """Fly, and print or write the tables."""
-    folders = {kind: folder for kind in NAMES if (folder := getattr(args, kind)) is not None}
-    for kind, folder in folders.items():
-        MAKERS[kind](folder)  # refuses a folder in which nothing was built, before minutes go by
+    # A folder in which nothing was built is refused here, before minutes go by.
+    makers = {kind: MAKERS[kind](folder) for kind in NAMES if (folder := getattr(args, kind)) is not None}
     if args.write is not None:
         split_at_markers(args.write, "onboard")
-    facts = {NAMES[kind]: fly_all(kind, folder, args.take_offs) for kind, folder in folders.items()}
+    facts = {NAMES[kind]: fly_all(kind, make, args.take_offs) for kind, make in makers.items()}
     text = tables(facts)
     print(as_json(facts) if args.json else text)
     if args.write is not None:

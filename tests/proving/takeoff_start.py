@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections.abc import Sequence
 
 from groundstation.core.control import Adaptive
 from groundstation.core.geometry import so3
@@ -74,3 +75,12 @@ class TakeoffStart:
             self.aside_m.append(math.dist(truth.position_ned[:2], world.start_ned[:2]))
 
         flight._subscribers += (hear,)
+
+
+def describe_worst(starts: Sequence[TakeoffStart]) -> str:
+    """Cells of a table: range of the thrust, worst climb, tilt and b̂ of ``starts``, which all left the floor."""
+    return (
+        f"| {min(min(one.thrust) for one in starts):.2f} to {max(max(one.thrust) for one in starts):.2f} "
+        f"| {max(max(one.climb) for one in starts):.2f} m/s | {max(max(one.tilt_deg) for one in starts):.1f}° "
+        f"| {max(max(one.b) for one in starts):.2f} "
+    )

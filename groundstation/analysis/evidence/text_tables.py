@@ -35,9 +35,9 @@ LOOK_ROWS = 100
 """The head is looked for in so many lines."""
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
 GZIP_BEGIN = b"\x1f\x8b"
-"""What a file packed by gzip begins with."""
+"""First bytes of a file packed by gzip."""
 UTF_16_BEGINS = (b"\xff\xfe", b"\xfe\xff")
-"""What a text in UTF-16 begins with, as spreadsheets save it."""
+"""First bytes of a text in UTF-16, as spreadsheets save it."""
 MOTIVE_BEGIN = "Format Version"
 """First words of a file of Motive."""
 QTM_BEGIN = "NO_OF_FRAMES"

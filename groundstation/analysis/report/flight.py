@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from groundstation.config import parse_toml
 from groundstation.core.messages import (
     FLOWN,
+    MEAN_S,
     ROUNDING_S,
     SATURATION_FROM_S,
     STEADY_S,
     DisturbanceMeter,
-    Estimate,
 )
 from groundstation.core.mission import State
-from groundstation.core.vehicle import ZERO, Motion
 from groundstation.recording import Recording
 
 Column = NDArray[np.float64]
@@ -306,16 +305,16 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
 
 def _read_disturbance(flown: FlightColumns) -> dict[str, Any]:
     """The observable disturbance and its split, as screens showed them when the vehicle last flew."""
-    away = np.flatnonzero([state in FLOWN for state in flown.states])
+    keys = ("time_s", "modelled_thrust_n", "effectiveness", "effectiveness_deviation")
+    at_s, thrust, scale, deviation = (flown.scalars[key] for key in keys)
+    away = np.flatnonzero(np.isfinite(scale) & np.array([state in FLOWN for state in flown.states], bool))
     mass_kg = parse_toml(flown.recording.about.get("config", "")).get("vehicle", {}).get("mass_kg")
     if not len(away) or mass_kg is None:
         return {}
-    meter, scalars, vectors = DisturbanceMeter(mass_kg), flown.scalars, flown.vectors
-    for i in away.tolist():
+    meter, vectors = DisturbanceMeter(mass_kg), flown.vectors
+    for i in away[at_s[away] > at_s[away[-1]] - MEAN_S].tolist():  # the reading is a mean over so long
         attitude, disturbance = tuple(vectors["attitude"][i].tolist()), tuple(vectors["d_hat_m_s2"][i].tolist())
-        motion = Motion(ZERO, ZERO, attitude, float(scalars["modelled_thrust_n"][i]), ZERO)
-        scale = float(scalars["effectiveness"][i]), float(scalars["effectiveness_deviation"][i])
-        meter.add(float(scalars["time_s"][i]), Estimate(0.0, motion, disturbance, ZERO, *scale))
+        meter.add_parts(float(at_s[i]), attitude, float(thrust[i]), disturbance, float(scale[i]), float(deviation[i]))
     reading = meter.reading
     return {} if reading is None else msgspec.to_builtins(reading)
 

@@ -19,12 +19,12 @@ from groundstation.core.vehicle import Vehicle
 SPEED_GAIN = 1.5
 """Acceleration per error of the speed [1/s]."""
 BLIND_SPEED_GAIN = 2.5
-"""The same by the model's speed, which has no noise [1/s]: 4 m/s are braked within 1 m."""
+"""Acceleration per error of the model's speed, which has no noise [1/s]: 4 m/s are braked within 1 m."""
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
 BLIND_ATTITUDE_GAIN = 8.0
-"""The same of a blind descent, whose attitude has answered, so that it is not late [1/s]: what leans the way that it
-goes is turned within .4 s."""
+"""Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a vehicle that
+leans the way it goes is turned within .4 s."""
 LEAN = math.radians(45.0)
 """Largest tilt that it asks for [rad]: a wind of 8 m/s² is leant into, and braked."""
 WIND_LIMIT_M_S2 = 8.0

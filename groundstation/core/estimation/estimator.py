@@ -77,7 +77,7 @@ class Ahead(NamedTuple):
 
     time_s: float
     given: ActuatorResponse
-    """What the commands make of the motion at the newest pose by then."""
+    """Motion that the commands make of the newest pose's by then."""
     motion: Motion
 
 
@@ -352,9 +352,9 @@ class Effectiveness(NamedTuple):
     value: Real
     """λ̂: true thrust over told thrust [-]."""
     variance: Real
-    """Of λ̂, by the noise that shows in flight [-]."""
+    """Variance of λ̂ by the noise that shows in flight [-]."""
     assumed: Real
-    """Of λ̂, as the chain's noises would have it [-]: the gain follows from it."""
+    """Variance of λ̂ by the chain's noises [-]: the gain follows from it."""
     p: Vec3
     """V's position [m]."""
     v: Vec3
@@ -366,7 +366,7 @@ class Effectiveness(NamedTuple):
     gained: Real
     """Information of the last second: the sum of V²/S, S the variance of the innovations [-]."""
     score: Real
-    """The same sum of V i/S, i the innovations at this λ̂ [-]: zero on average."""
+    """Sum of V i/S over that second, i the innovations at this λ̂ [-]: zero on average."""
     noise: Real
     """Mean square of the score, as a share of what S gives [-]."""
     rest_s: Real
@@ -816,9 +816,7 @@ class ModelEstimator:
             return
         self._measure_noise(pose)
         gains = self._gains
-        ahead = ahead or self.look_ahead(pose.time_s)
-        assert ahead is not None and ahead.time_s == pose.time_s, "there was a pose, and it is looked ahead to this one"
-        _, given, model = ahead
+        _, given, model = self._ahead_to(pose, ahead)
         self.given = given
         if self._learns_thrust:
             self._effectiveness = predict_effectiveness(
@@ -857,13 +855,17 @@ class ModelEstimator:
         attitude = correct_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
         self._begin(new(Motion, (position, velocity, attitude, model.thrust, model.rates)), pose)
 
-    def update_attitude(self, pose: Pose) -> None:
-        """Take the attitude of one pose; the rest stays the model's, and nothing is learnt."""
-        dt, previous = pose.time_s - self._stamp, self._motion
-        if previous is None or dt <= 0.0:
+    def update_attitude(self, pose: Pose, ahead: Ahead | None = None) -> None:
+        """Take the attitude of one pose, as :meth:`update`; the rest stays the model's, and nothing is learnt."""
+        if self._motion is None or pose.time_s <= self._stamp:
             return
-        given = self.given = self._integrate_commands(pose.time_s)
-        self._begin(self._at(previous, given, dt)._replace(attitude=pose.attitude), pose)
+        _, self.given, model = self._ahead_to(pose, ahead)
+        self._begin(model._replace(attitude=pose.attitude), pose)
+
+    def _ahead_to(self, pose: Pose, ahead: Ahead | None) -> Ahead:
+        ahead = ahead or self.look_ahead(pose.time_s)
+        assert ahead is not None and ahead.time_s == pose.time_s, "there was a pose, and it is looked ahead to this one"
+        return ahead
 
     def _begin(self, motion: Motion, pose: Pose) -> None:
         """From here on: ``motion`` at the time stamp of ``pose``; commands that no longer act are dropped."""

@@ -1,6 +1,6 @@
 """What the parts of a flight hand to each other, and show to others: poses, estimates, decisions, requests."""
 
-from groundstation.core.messages.disturbance import FLOWN, QUANTILE_95, DisturbanceMeter
+from groundstation.core.messages.disturbance import FLOWN, MEAN_S, QUANTILE_95, DisturbanceMeter
 from groundstation.core.messages.drops import LinkDropWatch, find_link_drops, find_pose_drops
 from groundstation.core.messages.notices import NOTICES, NoticeTemplate, notice
 from groundstation.core.messages.pose import (

@@ -7,7 +7,7 @@ MQTT message shows this reading, so one flight has one number.
 import math
 from collections import deque
 
-from groundstation.core.geometry import Vec3, third_column
+from groundstation.core.geometry import Quat, Vec3, third_column
 from groundstation.core.messages.snapshot import DisturbanceReading, Estimate
 
 MEAN_S = 1.0
@@ -25,34 +25,45 @@ class DisturbanceMeter:
         """Begin with a vehicle that is configured to have ``mass_kg``."""
         self._mass = mass_kg
         self._rows: deque[tuple[float, Vec3, float]] = deque()
-        self._newest: Estimate | None = None
+        self._scale, self._deviation, self._lift_m_s2, self._upright = 1.0, 0.0, 0.0, 1.0
 
     def add(self, time_s: float, estimate: Estimate) -> None:
         """Take the estimate of one command at ``time_s`` [s]."""
-        if not math.isfinite(estimate.effectiveness):
+        motion = estimate.motion
+        self.add_parts(
+            time_s, motion.attitude, motion.thrust, estimate.disturbance, estimate.effectiveness,
+            estimate.effectiveness_deviation,
+        )  # fmt: skip
+
+    def add_parts(
+        self, time_s: float, attitude: Quat, thrust_n: float, disturbance: Vec3, scale: float, deviation: float
+    ) -> None:
+        """Take what a recording holds of an estimate: ``scale`` is λ̂ [-], ``deviation`` its standard deviation [-]."""
+        if not math.isfinite(scale):
             return  # a controller of the user's own may run without this observer
-        push = (estimate.effectiveness - 1.0) * estimate.motion.thrust / self._mass
-        axis, (north, east, down) = third_column(estimate.motion.attitude), estimate.disturbance
+        axis, (north, east, down) = third_column(attitude), disturbance
+        push = (scale - 1.0) * thrust_n / self._mass
         total = north - push * axis[0], east - push * axis[1], down - push * axis[2]
         self._rows.append((time_s, total, down))
-        self._newest = estimate
+        self._scale, self._deviation = scale, deviation
+        self._lift_m_s2, self._upright = thrust_n / self._mass, abs(axis[2])
         while self._rows[0][0] <= time_s - MEAN_S:
             self._rows.popleft()
 
     @property
     def reading(self) -> DisturbanceReading | None:
         """The reading now; None before the first command."""
-        estimate, rows = self._newest, self._rows
-        if estimate is None:
+        rows = self._rows
+        if not rows:
             return None
         share = 1.0 / len(rows)
         north, east, down = (share * sum(total[i] for _, total, _ in rows) for i in range(3))
-        half = QUANTILE_95 * estimate.effectiveness_deviation
-        push, known = estimate.motion.thrust / self._mass, math.isfinite(half)
+        half = QUANTILE_95 * self._deviation
+        known = math.isfinite(half)
         return DisturbanceReading(
             ned_m_s2=(north, east, down),
             wind_down_m_s2=share * sum(wind for _, _, wind in rows),
-            wind_down_error_m_s2=half * push * abs(third_column(estimate.motion.attitude)[2]) if known else None,
-            thrust_scale=estimate.effectiveness,
+            wind_down_error_m_s2=half * self._lift_m_s2 * self._upright if known else None,
+            thrust_scale=self._scale,
             thrust_scale_error=half if known else None,
         )

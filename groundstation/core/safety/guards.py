@@ -464,7 +464,7 @@ class GuardLimit(NamedTuple):
     most: str
     """Last step that follows where it lasts on."""
     remedy: str
-    """What to do about it."""
+    """Advice to the operator."""
 
 
 STEPS = {GuardAction.HOLD: "hold", GuardAction.LAND: "land", GuardAction.DESCEND: "failsafe descent"}

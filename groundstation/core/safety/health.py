@@ -236,7 +236,7 @@ class ClimbMonitor:
 
 
 class TurnTests:
-    """What the turns tell: the answer of roll and pitch, their latency, and the turn about the vertical."""
+    """Tests of the turns: the answer of roll and pitch, their latency, and the turn about the vertical."""
 
     def __init__(self) -> None:
         self._pass = HighPass(2, 6)
@@ -263,7 +263,7 @@ class TurnTests:
 
 
 class PlaceTests:
-    """What the places tell: the answer across, and that of the height."""
+    """Tests of the places: the answer across, and that of the height."""
 
     def __init__(self) -> None:
         self._pass = HighPass(3, 9)

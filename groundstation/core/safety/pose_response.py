@@ -72,7 +72,7 @@ WAY_MEMORY_S = 0.1
 White acceleration through the pass leaves the power 16 a³ w² / (w² + a²)³ at w, as a share of the variance, a the
 corner: .12 s at the slowest tone, .02 s at the fastest."""
 OWN_WAY_MEMORY_S = 1.0 / PASS_RAD_S
-"""The same at the law's own motion [s]: what the high pass lets through."""
+"""Correlation time of that residual at the law's own motion [s]: the high pass lets it through."""
 TURN_MEMORY_S = 0.1
 """Correlation time of the residual of attitudes [s]."""
 MODEL_ERROR = 0.05
@@ -185,7 +185,7 @@ class Scatter:
 
 
 ROUNDING = 1.0 + 1e-9
-"""What rounding may do to a bound [-]."""
+"""Factor on a bound that rounding may exceed it by [-]."""
 
 
 def excess(answer: float, error: float, least: float, most: float) -> float:
@@ -279,6 +279,38 @@ def judge_own(excited: Excitation, shown: Shown, scatter: Scatter, limits: OwnMo
     return own_excess(1.0 + own, error, math.sqrt(vv / scatter.time_s), limits)
 
 
+class Line(NamedTuple):
+    """One direction in one window: its excitation, its standard errors, and the answers that can say anything."""
+
+    excited: Excitation
+    scatter: Scatter
+    own_scatter: Scatter
+    own_motion: OwnMotion
+    asks: bool
+    """Whether the answer to what was asked can."""
+    images: bool
+    """Whether the answer to the law's own motion can."""
+
+    def judge(self, shown: Shown) -> Alarm:
+        """Return the alarm of e along the direction."""
+        excited, scatter, own_scatter, own_motion, asks, images = self
+        asked, is_known = judge_asked(excited, shown, scatter) if asks else (0.0, False)
+        own = judge_own(excited, shown, own_scatter, own_motion) if images and not is_known else 0.0
+        return new(Alarm, (asked, own, is_known))
+
+
+def open_line(
+    uu: float, uv: float, vv: float, scatter: Scatter, own_scatter: Scatter, own_motion: OwnMotion
+) -> Line | None:
+    """Return the direction of an excitation; None where no answer along it says anything."""
+    uu, vv = uu + RIDGE, vv + RIDGE
+    asks, images = can_ask(uu, scatter), can_image(vv, own_scatter, own_motion)
+    if not (asks or images):
+        return None
+    excited = new(Excitation, (uu, uv, vv, uu * vv - uv * uv))
+    return None if scatter.drowns(excited) else new(Line, (excited, scatter, own_scatter, own_motion, asks, images))
+
+
 class _Windows:
     """Running integrals, their values at the ends of the past blocks, and the newest alarm of each window.
 
@@ -331,15 +363,8 @@ class LineResponse:
         uu, uv, vv, eu, ev, ee, time_s = sums
         scatter = Scatter(time_s, self._memory, self._least, noise, vv)
         own_scatter = Scatter(time_s, OWN_WAY.memory_s, self._least, noise)
-        uu, vv = uu + RIDGE, vv + RIDGE
-        excited = new(Excitation, (uu, uv, vv, uu * vv - uv * uv))
-        asks, images = can_ask(uu, scatter), can_image(vv, own_scatter, OWN_WAY)
-        if not (asks or images) or scatter.drowns(excited):
-            return NO_ALARM
-        shown = new(Shown, (eu, ev, ee))
-        asked, is_known = judge_asked(excited, shown, scatter) if asks else (0.0, False)
-        own = judge_own(excited, shown, own_scatter, OWN_WAY) if images and not is_known else 0.0
-        return Alarm(asked, own, is_known)
+        line = open_line(uu, uv, vv, scatter, own_scatter, OWN_WAY)
+        return NO_ALARM if line is None else line.judge(new(Shown, (eu, ev, ee)))
 
 
 class LatenessMonitor:
@@ -426,20 +451,16 @@ class PlaneResponse:
             exux, exuy, eyux, eyuy, exvx, exvy, eyvx, eyvy, exx, exy, eyy, _,
         ) = sums  # fmt: skip
         aa, ab, bb = a * a, a * b, b * b
-        uu = aa * uxx + 2.0 * ab * uxy + bb * uyy + RIDGE
-        vv = aa * vxx + 2.0 * ab * vxy + bb * vyy + RIDGE
-        asks, images = can_ask(uu, scatter), can_image(vv, own_scatter, self._own_motion)
-        if not (asks or images):
-            return NO_ALARM
+        uu = aa * uxx + 2.0 * ab * uxy + bb * uyy
+        vv = aa * vxx + 2.0 * ab * vxy + bb * vyy
         uv = aa * uvxx + ab * (uvxy + uvyx) + bb * uvyy
-        excited = new(Excitation, (uu, uv, vv, uu * vv - uv * uv))
-        if scatter.drowns(excited):
+        line = open_line(uu, uv, vv, scatter, own_scatter, self._own_motion)
+        if line is None:
             return NO_ALARM
         exu, eyu, exv, eyv = a * exux + b * exuy, a * eyux + b * eyuy, a * exvx + b * exvy, a * eyvx + b * eyvy
         along = new(Shown, (a * exu + b * eyu, a * exv + b * eyv, aa * exx + 2.0 * ab * exy + bb * eyy))
-        asked, is_known = judge_asked(excited, along, scatter) if asks else (0.0, False)
-        own = judge_own(excited, along, own_scatter, self._own_motion) if images and not is_known else 0.0
-        if asks:
-            across = new(Shown, (a * eyu - b * exu, a * eyv - b * exv, aa * eyy - 2.0 * ab * exy + bb * exx))
-            asked = max(asked, judge_across(excited, across, scatter))
-        return new(Alarm, (asked, own, is_known))
+        alarm = line.judge(along)
+        if not line.asks:
+            return alarm
+        across = new(Shown, (a * eyu - b * exu, a * eyv - b * exv, aa * eyy - 2.0 * ab * exy + bb * exx))
+        return alarm._replace(asked=max(alarm.asked, judge_across(line.excited, across, scatter)))

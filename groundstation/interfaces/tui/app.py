@@ -40,7 +40,6 @@ from groundstation.core.messages import (
     Certificate,
     Diagnostics,
     DisturbanceMeter,
-    Estimate,
     Notice,
     PoseStatus,
     Reply,
@@ -52,7 +51,6 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import ALARMING, FINAL, ON_GROUND, State
 from groundstation.core.safety import LIVE, PREFIX
-from groundstation.core.vehicle import ZERO, Motion
 from groundstation.interfaces.api import Control, OrderAnswer, StationClient, attach, stop_all
 from groundstation.interfaces.tui.drawing import flight_time
 from groundstation.interfaces.tui.model import (
@@ -338,7 +336,15 @@ class Tape:
                     steady = self._steady if entry.topic == "/errors" else self._true
                     steady.add(_number(self._part("/command"), "flight_time_s"), error)
             case "/adaptation" if self._state in FLOWN:
-                self._disturbance.add(now, _estimate(self._part("/estimate"), self._part("/adaptation")))
+                estimate, adaptation = self._part("/estimate"), self._part("/adaptation")
+                self._disturbance.add_parts(
+                    now,
+                    _quaternion(estimate),
+                    _number(estimate, "thrust_n"),
+                    _vector(adaptation, "d_hat_m_s2"),
+                    _number(adaptation, "effectiveness", 1.0),
+                    _number(adaptation, "effectiveness_deviation"),
+                )
             case "/mission":
                 told = entry.value()
                 if told["state"] != self._state:
@@ -458,13 +464,6 @@ def _quaternion(part: dict[str, Any]) -> Quat:
     attitude = part.get("attitude", {})
     w, x, y, z = (_number(attitude, key, default) for key, default in zip("wxyz", (1.0, 0, 0, 0), strict=True))
     return w, x, y, z
-
-
-def _estimate(estimate: dict[str, Any], adaptation: dict[str, Any]) -> Estimate:
-    """The part of an estimate that tells the disturbance."""
-    motion = Motion(ZERO, ZERO, _quaternion(estimate), _number(estimate, "thrust_n"), ZERO)
-    scale = _number(adaptation, "effectiveness", 1.0), _number(adaptation, "effectiveness_deviation")
-    return Estimate(_number(estimate, "acting_s"), motion, _vector(adaptation, "d_hat_m_s2"), ZERO, *scale)
 
 
 def _triple(values: list[float]) -> Vec3:
