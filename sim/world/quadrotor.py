@@ -284,16 +284,15 @@ class Quadrotor:
     def truth(self, time_s: float) -> TrueState:
         """The exact state at ``time_s`` [s].
 
-        In real time whoever asks for an exposure may have woken up late, after a command of meanwhile: the state of
-        before is then where speed and rates came from.
+        In real time a tracker may wake up late, after a command has come: the state is then moved back by speed and
+        rates.
         """
         self.advance(time_s)
         body, down, rest = self._body, self._on_ground, time_s - self._time
         if self.released_s is not None and rest < -_INSTANT_S:
-            u, v, w = body.velocity
-            p, q, r = body.rates
-            place = add_scaled(body.position, rest, (u, v, w))
-            body = body._replace(position=place, attitude=so3.rotate(body.attitude, (rest * p, rest * q, rest * r)))
+            wx, wy, wz = body.rates
+            place = add_scaled(body.position, rest, body.velocity)
+            body = body._replace(position=place, attitude=so3.rotate(body.attitude, (rest * wx, rest * wy, rest * wz)))
         if self.released_s is not None and rest > _INSTANT_S:
             # Only a look into the step under way: the questions asked must not change the flight.
             body, down, _ = self._after(self._time - self.released_s, rest)
