@@ -3,33 +3,35 @@
 import asyncio
 import gc
 from collections.abc import Callable, Coroutine
-from typing import Any, TypeVar
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import pytest
 
-from sim.time import VirtualTimeLoop
+from sim.time import in_virtual_time
 
+P = ParamSpec("P")
 T = TypeVar("T")
-Run = Callable[[Coroutine[Any, Any, T]], T]
+Run = Callable[[Callable[..., Coroutine[Any, Any, Any]]], Callable[..., Any]]
+"""A decorator that makes a coroutine function a plain one, which runs on one of the two."""
 
 
-def in_virtual_time(main: Coroutine[Any, Any, T]) -> T:
-    """Run ``main`` in virtual time, on the network in memory."""
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(main)
-
-
-def in_real_time(main: Coroutine[Any, Any, T]) -> T:
-    """Run ``main`` in real time, on real sockets.
+def in_real_time(work: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P, T]:
+    """Return ``work`` as a plain function that runs in real time, on real sockets.
 
     What thousands of tests have left behind is not searched for garbage meanwhile: that takes as long as a dead-man
     waits. The programs do the same before they fly.
     """
-    gc.freeze()
-    try:
-        return asyncio.run(main)
-    finally:
-        gc.unfreeze()
+
+    @wraps(work)
+    def run(*args: P.args, **options: P.kwargs) -> T:
+        gc.freeze()
+        try:
+            return asyncio.run(work(*args, **options))
+        finally:
+            gc.unfreeze()
+
+    return run
 
 
 BOTH_LOOPS = [

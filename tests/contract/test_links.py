@@ -24,7 +24,7 @@ from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
-from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
+from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time
 
 THRUST_MAX_N = 2.0
 BRING_DOWN = (
@@ -198,7 +198,7 @@ def bench(request: pytest.FixtureRequest) -> Bench:
 
 
 @pytest.fixture(params=BOTH_LOOPS)
-def run(request: pytest.FixtureRequest) -> Callable[[Any], Any]:
+def run(request: pytest.FixtureRequest) -> Run:
     return request.param  # type: ignore[no-any-return]  # one of the two above
 
 
@@ -232,7 +232,7 @@ async def until(condition: Callable[[], bool]) -> None:
             await asyncio.sleep(0.005)
 
 
-def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench, run: Callable[[Any], Any]) -> None:
+def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench, run: Run) -> None:
     async def main() -> None:
         async with connected(bench) as link:
             assert link.status.state == "connected"
@@ -254,7 +254,7 @@ def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench, run: Calla
             assert bench.vehicle.powered[-1][1] is False
             assert link.status.state == "connected"
 
-    run(main())
+    run(main)()
 
 
 async def stream(link: CommandLink) -> None:
@@ -263,7 +263,7 @@ async def stream(link: CommandLink) -> None:
         await asyncio.sleep(link.period_s)
 
 
-def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench, run: Callable[[Any], Any]) -> None:
+def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench, run: Run) -> None:
     async def main() -> None:
         loop = asyncio.get_running_loop()
         asked: list[float] = []
@@ -286,10 +286,10 @@ def test_commands_stream_at_the_links_period_while_it_arms(bench: Bench, run: Ca
                     [link.period_s] * (len(asked) - 1)
                 )
 
-    run(main())
+    run(main)()
 
 
-def test_a_command_past_its_deadline_never_leaves(bench: Bench, run: Callable[[Any], Any]) -> None:
+def test_a_command_past_its_deadline_never_leaves(bench: Bench, run: Run) -> None:
     async def main() -> None:
         async with connected(bench) as link:
             await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
@@ -302,47 +302,41 @@ def test_a_command_past_its_deadline_never_leaves(bench: Bench, run: Callable[[A
             assert lifting(bench) == []
             assert link.status.expired == 1
 
-    run(main())
+    run(main)()
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+@in_virtual_time
+async def test_a_number_that_is_not_finite_never_leaves(bench: Bench, bad: float) -> None:
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        with pytest.raises(LinkMisuse):
+            link.send(command(bad))
+        for axis in range(3):
+            rates = [0.0, 0.0, 0.0]
+            rates[axis] = bad
             with pytest.raises(LinkMisuse):
-                link.send(command(bad))
-            for axis in range(3):
-                rates = [0.0, 0.0, 0.0]
-                rates[axis] = bad
-                with pytest.raises(LinkMisuse):
-                    link.send(command(1.0, (rates[0], rates[1], rates[2])))
-            await asyncio.sleep(0.05)
-            assert lifting(bench) == []
-
-    in_virtual_time(main())
+                link.send(command(1.0, (rates[0], rates[1], rates[2])))
+        await asyncio.sleep(0.05)
+        assert lifting(bench) == []
 
 
 @pytest.mark.parametrize(("thrust_n", "share"), [(-1.0, 0.0), (5.0, 1.0)])
-def test_thrust_beyond_the_vehicles_is_clamped(bench: Bench, thrust_n: float, share: float) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            link.send(command(thrust_n))
-            await asyncio.sleep(0.05)
-            assert bench.vehicle.acts[-1][1] == share
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_thrust_beyond_the_vehicles_is_clamped(bench: Bench, thrust_n: float, share: float) -> None:
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        link.send(command(thrust_n))
+        await asyncio.sleep(0.05)
+        assert bench.vehicle.acts[-1][1] == share
 
 
-def test_what_is_sent_before_anybody_has_armed_never_leaves(bench: Bench) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            assert not link.send(command())
-            assert link.status.sent == 0
-            assert link.status.phase == "over"
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_what_is_sent_before_anybody_has_armed_never_leaves(bench: Bench) -> None:
+    async with connected(bench) as link:
+        assert not link.send(command())
+        assert link.status.sent == 0
+        assert link.status.phase == "over"
 
 
 def plays(acts: list[tuple[float, float, tuple[float, float, float]]]) -> list[tuple[float, float]]:
@@ -356,89 +350,81 @@ def plays(acts: list[tuple[float, float, tuple[float, float, float]]]) -> list[t
     return runs
 
 
-def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_then_nothing(bench: Bench) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            bench.vehicle.acts.clear()
-            assert link.send(command())
-            assert link.status.phase == "fresh"
-            await asyncio.sleep(0.4)
-            assert link.status.phase == "bring_down"
-            assert not link.send(command())  # a controller that wakes up again
-            await link.silent()
-            assert link.status.phase == "over"
-            sent = link.status.sent
-            acts = list(bench.vehicle.acts)
-            await asyncio.sleep(1.0)
-            assert not link.send(command())
-            await asyncio.sleep(1.0)
-            assert link.status.sent == sent
-            runs = plays(acts)
-            assert [share for share, _ in runs] == [0.5, 0.4, 0.3, 0.0]
-            assert [lasted for _, lasted in runs[:3]] == pytest.approx([0.25, 0.2, 0.3], abs=bench.grain_s)
-            assert 0.05 < runs[3][1] <= 0.1 + bench.grain_s
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            assert link.send(command())
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_without_a_newer_command_the_newest_is_repeated_then_brought_down_then_nothing(bench: Bench) -> None:
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        bench.vehicle.acts.clear()
+        assert link.send(command())
+        assert link.status.phase == "fresh"
+        await asyncio.sleep(0.4)
+        assert link.status.phase == "bring_down"
+        assert not link.send(command())  # a controller that wakes up again
+        await link.silent()
+        assert link.status.phase == "over"
+        sent = link.status.sent
+        acts = list(bench.vehicle.acts)
+        await asyncio.sleep(1.0)
+        assert not link.send(command())
+        await asyncio.sleep(1.0)
+        assert link.status.sent == sent
+        runs = plays(acts)
+        assert [share for share, _ in runs] == [0.5, 0.4, 0.3, 0.0]
+        assert [lasted for _, lasted in runs[:3]] == pytest.approx([0.25, 0.2, 0.3], abs=bench.grain_s)
+        assert 0.05 < runs[3][1] <= 0.1 + bench.grain_s
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        assert link.send(command())
 
 
-def test_closing_in_the_air_brings_down_first(bench: Bench) -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            bench.vehicle.acts.clear()
-            link.send(command())
-            begun = loop.time()
-            await link.close()
-            assert loop.time() - begun == pytest.approx(0.25 + 0.6 + bench.farewell_s, abs=0.02)
-            assert [share for share, _ in plays(bench.vehicle.acts)] == [0.5, 0.4, 0.3, 0.0]
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_closing_in_the_air_brings_down_first(bench: Bench) -> None:
+    loop = asyncio.get_running_loop()
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        bench.vehicle.acts.clear()
+        link.send(command())
+        begun = loop.time()
+        await link.close()
+        assert loop.time() - begun == pytest.approx(0.25 + 0.6 + bench.farewell_s, abs=0.02)
+        assert [share for share, _ in plays(bench.vehicle.acts)] == [0.5, 0.4, 0.3, 0.0]
 
 
-def test_a_kill_cuts_the_bring_down_of_a_closing_link_short(bench: Bench) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            link.send(command())
-            closing = asyncio.create_task(link.close())
-            await asyncio.sleep(0.35)
-            killed = asyncio.create_task(link.kill())
-            await asyncio.sleep(0.02)
-            bench.vehicle.acts.clear()
-            await asyncio.gather(killed, closing)
-            assert bench.vehicle.powered[-1][1] is False
-            assert lifting(bench) == []
-            assert link.status.state == "closed"
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_kill_cuts_the_bring_down_of_a_closing_link_short(bench: Bench) -> None:
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        link.send(command())
+        closing = asyncio.create_task(link.close())
+        await asyncio.sleep(0.35)
+        killed = asyncio.create_task(link.kill())
+        await asyncio.sleep(0.02)
+        bench.vehicle.acts.clear()
+        await asyncio.gather(killed, closing)
+        assert bench.vehicle.powered[-1][1] is False
+        assert lifting(bench) == []
+        assert link.status.state == "closed"
 
 
-def test_commands_leave_in_the_order_of_their_poses(bench: Bench) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            for thrust_n in (0.5, 0.75):
-                assert link.send(command(thrust_n))
-                await asyncio.sleep(link.period_s)
-            newest = command(1.0)
-            assert link.send(newest)
+@in_virtual_time
+async def test_commands_leave_in_the_order_of_their_poses(bench: Bench) -> None:
+    async with connected(bench) as link:
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        for thrust_n in (0.5, 0.75):
+            assert link.send(command(thrust_n))
             await asyncio.sleep(link.period_s)
-            older = msgspec.structs.replace(newest, thrust_n=1.5, pose_time_s=newest.pose_time_s - 0.02)
-            assert not link.send(older)
-            assert link.send(msgspec.structs.replace(newest, thrust_n=1.25)), "of the same pose"
-            await asyncio.sleep(0.05)
-            shares = [round(thrust, 2) for _, thrust, _ in lifting(bench)]
-            assert list(dict.fromkeys(shares)) == pytest.approx([0.25, 0.38, 0.5, 0.62], abs=0.011)
-            assert link.status.expired == 1
+        newest = command(1.0)
+        assert link.send(newest)
+        await asyncio.sleep(link.period_s)
+        older = msgspec.structs.replace(newest, thrust_n=1.5, pose_time_s=newest.pose_time_s - 0.02)
+        assert not link.send(older)
+        assert link.send(msgspec.structs.replace(newest, thrust_n=1.25)), "of the same pose"
+        await asyncio.sleep(0.05)
+        shares = [round(thrust, 2) for _, thrust, _ in lifting(bench)]
+        assert list(dict.fromkeys(shares)) == pytest.approx([0.25, 0.38, 0.5, 0.62], abs=0.011)
+        assert link.status.expired == 1
 
-    in_virtual_time(main())
 
-
-def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench, run: Callable[[Any], Any]) -> None:
+def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench, run: Run) -> None:
     async def main() -> None:
         async with connected(bench) as link:
             await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
@@ -457,10 +443,10 @@ def test_a_kill_stops_the_motors_in_the_air_and_nothing_else_leaves(bench: Bench
             assert [act for act in lifting(bench) if act[0] > off_s] == []
             await link.close()
 
-    run(main())
+    run(main)()
 
 
-def test_nothing_leaves_after_close(bench: Bench, run: Callable[[Any], Any]) -> None:
+def test_nothing_leaves_after_close(bench: Bench, run: Run) -> None:
     async def main() -> None:
         async with connected(bench) as link:
             await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
@@ -478,45 +464,41 @@ def test_nothing_leaves_after_close(bench: Bench, run: Callable[[Any], Any]) -> 
             await asyncio.sleep(1.2)  # longer than anything that repeats
             assert bench.arrived() == before
 
-    run(main())
+    run(main)()
 
 
-def test_closing_while_it_arms_ends_that_and_nothing_leaves_any_more(bench: Bench) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            arming = asyncio.create_task(link.arm(lambda: command(0.0, (0.0, 0.0, 0.0))))
-            await asyncio.sleep(0.505)
-            await link.close()
-            before = bench.arrived()
-            with pytest.raises(Exception, match="closed"):
-                await arming
-            await asyncio.sleep(3.0)
-            assert bench.arrived() == before
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_closing_while_it_arms_ends_that_and_nothing_leaves_any_more(bench: Bench) -> None:
+    async with connected(bench) as link:
+        arming = asyncio.create_task(link.arm(lambda: command(0.0, (0.0, 0.0, 0.0))))
+        await asyncio.sleep(0.505)
+        await link.close()
+        before = bench.arrived()
+        with pytest.raises(Exception, match="closed"):
+            await arming
+        await asyncio.sleep(3.0)
+        assert bench.arrived() == before
 
 
-def test_sending_before_connecting_or_during_arming_is_misuse(bench: Bench) -> None:
-    async def main() -> None:
-        await bench.prepare()
-        link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
-        assert link.status.state == "closed"
+@in_virtual_time
+async def test_sending_before_connecting_or_during_arming_is_misuse(bench: Bench) -> None:
+    await bench.prepare()
+    link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
+    assert link.status.state == "closed"
+    with pytest.raises(LinkMisuse):
+        link.send(command())
+    async with connected(bench) as link:
+        arming = asyncio.create_task(link.arm(lambda: command(0.0, (0.0, 0.0, 0.0))))
+        await asyncio.sleep(0.1)
         with pytest.raises(LinkMisuse):
             link.send(command())
-        async with connected(bench) as link:
-            arming = asyncio.create_task(link.arm(lambda: command(0.0, (0.0, 0.0, 0.0))))
-            await asyncio.sleep(0.1)
-            with pytest.raises(LinkMisuse):
-                link.send(command())
-            with pytest.raises(LinkMisuse):
-                await link.connect()
-            await arming
-            assert link.send(command())
-
-    in_virtual_time(main())
+        with pytest.raises(LinkMisuse):
+            await link.connect()
+        await arming
+        assert link.send(command())
 
 
-def test_nobody_at_the_other_end_is_a_lost_link(bench: Bench, run: Callable[[Any], Any]) -> None:
+def test_nobody_at_the_other_end_is_a_lost_link(bench: Bench, run: Run) -> None:
     async def main() -> None:
         words = await bench.prepare_nobody()
         link = make_link(bench.config, thrust_max_n=THRUST_MAX_N, **bench.wires)
@@ -524,18 +506,16 @@ def test_nobody_at_the_other_end_is_a_lost_link(bench: Bench, run: Callable[[Any
             await link.connect()
         assert link.status.state == "closed"
 
-    run(main())
+    run(main)()
 
 
-def test_a_link_can_be_connected_again_after_it_was_closed(bench: Bench) -> None:
-    async def main() -> None:
-        async with connected(bench) as link:
-            await link.close()
-            await link.connect()
-            await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
-            assert link.send(command())
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_link_can_be_connected_again_after_it_was_closed(bench: Bench) -> None:
+    async with connected(bench) as link:
+        await link.close()
+        await link.connect()
+        await link.arm(lambda: command(0.0, (0.0, 0.0, 0.0)))
+        assert link.send(command())
 
 
 def test_no_other_configuration_makes_a_link() -> None:

@@ -7,7 +7,7 @@ by its place when it was true.
 import asyncio
 import contextlib
 import math
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -35,7 +35,7 @@ from sim.time import VirtualTimeLoop
 from sim.trackers import NatNetServer, TrackedBody, Tracker, make_tracker
 from sim.world import TrueState
 from tests.airframe_double import Brick
-from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
+from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time
 
 RATE_HZ = 100.0
 LATENCY_S = 0.02
@@ -230,7 +230,7 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Bench:
 
 
 @pytest.fixture(params=BOTH_LOOPS)
-def run(request: pytest.FixtureRequest) -> Callable[[Awaitable[None]], None]:
+def run(request: pytest.FixtureRequest) -> Run:
     return request.param  # type: ignore[no-any-return]  # one of the two above
 
 
@@ -269,7 +269,7 @@ def exactly() -> bool:
     return isinstance(asyncio.get_running_loop(), VirtualTimeLoop)
 
 
-def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, run: Callable[[Any], None]) -> None:
+def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, run: Run) -> None:
     async def main() -> None:
         async with listening(bench) as (source, poses):
             await grown(poses, 40)
@@ -298,28 +298,23 @@ def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, 
             assert status.latency_max_s >= status.latency_s - 1e-9
             assert (status.clock_steps, status.clock_restarts) == (0, 0)
 
-    run(main())
+    run(main)()
 
 
-def test_the_configs_alignment_moves_every_pose(bench: Bench) -> None:
+@in_virtual_time
+async def test_the_configs_alignment_moves_every_pose(bench: Bench) -> None:
     if isinstance(bench, OdometryBench | TlogBench):
         return  # the autopilot's own frame is our world
-
-    async def main() -> None:
-        bench.alignment = Alignment(lab_origin_m=(0.0, 5.0, 0.0), body_rotation_deg=(0.0, 0.0, 90.0))
-        async with listening(bench) as (_, poses):
-            await grown(poses, 3)
-            for pose in poses:
-                assert pose.position_ned[1:] == pytest.approx((7.0, -1.0), abs=1e-6)
-                nose = so3.to_world(pose.attitude, (1.0, 0.0, 0.0))  # the body looks east, to the right of the nose
-                assert nose == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
-
-    in_virtual_time(main())
+    bench.alignment = Alignment(lab_origin_m=(0.0, 5.0, 0.0), body_rotation_deg=(0.0, 0.0, 90.0))
+    async with listening(bench) as (_, poses):
+        await grown(poses, 3)
+        for pose in poses:
+            assert pose.position_ned[1:] == pytest.approx((7.0, -1.0), abs=1e-6)
+            nose = so3.to_world(pose.attitude, (1.0, 0.0, 0.0))  # the body looks east, to the right of the nose
+            assert nose == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)
 
 
-def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(
-    bench: Bench, run: Callable[[Any], None]
-) -> None:
+def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(bench: Bench, run: Run) -> None:
     async def main() -> None:
         async with listening(bench) as (source, poses):
             await grown(poses, 3)
@@ -329,10 +324,10 @@ def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm(
             await source.close()
             assert len(poses) == count
 
-    run(main())
+    run(main)()
 
 
-def test_a_source_that_was_closed_can_be_started_again(bench: Bench, run: Callable[[Any], None]) -> None:
+def test_a_source_that_was_closed_can_be_started_again(bench: Bench, run: Run) -> None:
     async def main() -> None:
         async with listening(bench) as (source, poses):
             await grown(poses, 3)
@@ -344,10 +339,10 @@ def test_a_source_that_was_closed_can_be_started_again(bench: Bench, run: Callab
             if bench.live:
                 await grown(poses, 3)
 
-    run(main())
+    run(main)()
 
 
-def test_garbage_is_counted_and_the_next_pose_delivered(bench: Bench, run: Callable[[Any], None]) -> None:
+def test_garbage_is_counted_and_the_next_pose_delivered(bench: Bench, run: Run) -> None:
     async def main() -> None:
         async with listening(bench) as (source, poses):
             await grown(poses, 3)
@@ -355,10 +350,10 @@ def test_garbage_is_counted_and_the_next_pose_delivered(bench: Bench, run: Calla
                 await grown(poses, 3)
                 assert sum(source.status.dropped.values()) > 0
 
-    run(main())
+    run(main)()
 
 
-def test_a_hidden_vehicle_gives_no_poses_and_a_reason(bench: Bench, run: Callable[[Any], None]) -> None:
+def test_a_hidden_vehicle_gives_no_poses_and_a_reason(bench: Bench, run: Run) -> None:
     async def main() -> None:
         if not isinstance(bench, TrackerBench):
             return
@@ -378,4 +373,4 @@ def test_a_hidden_vehicle_gives_no_poses_and_a_reason(bench: Bench, run: Callabl
             await grown(poses, 3)
             assert poses[-1].position_ned[0] > where[0]
 
-    run(main())
+    run(main)()

@@ -23,6 +23,7 @@ from groundstation.interfaces.api import server as api_server
 from groundstation.interfaces.api.client import open_client
 from groundstation.interfaces.api.messages import VERSION, StationHello
 from groundstation.machine import ApiError, Latest, StatusConfig, find_socket, socket_path
+from tests.loops import in_real_time
 from tests.sample_flight import Sampled, sample
 
 Scene = Callable[[Path, Latest[Snapshot]], Coroutine[Any, Any, None]]
@@ -109,17 +110,14 @@ def as_nobody() -> Iterator[None]:
         os.seteuid(us)
 
 
-def test_whoever_may_not_open_the_socket_is_told_whose_it_is(tmp_path: Path) -> None:
+@in_real_time
+async def test_whoever_may_not_open_the_socket_is_told_whose_it_is(tmp_path: Path) -> None:
     path = tmp_path / "mqx.sock"
-
-    async def work() -> None:
-        async with served(path, Latest()):
-            whose = path.owner()
-            path.chmod(0)
-            with as_nobody(), pytest.raises(ApiError, match=f"is for user {whose} alone: .* sudo -u {whose}"):
-                await ask_station(Request(Ask.LAND), None, path)
-
-    asyncio.run(work())
+    async with served(path, Latest()):
+        whose = path.owner()
+        path.chmod(0)
+        with as_nobody(), pytest.raises(ApiError, match=f"is for user {whose} alone: .* sudo -u {whose}"):
+            await ask_station(Request(Ask.LAND), None, path)
 
 
 def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_the_stream(tmp_path: Path) -> None:

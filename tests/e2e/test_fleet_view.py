@@ -11,6 +11,7 @@ from groundstation.interfaces.mqtt import FleetMonitor, MqttBroker, from_url
 from groundstation.interfaces.tui.fleet import FleetScreen
 from groundstation.interfaces.tui.widgets import Banner
 from tests.e2e.lab_broker import LabBroker, lab
+from tests.loops import in_real_time
 from tests.proving.bench.mqtt import run
 from tests.sample_flight import sample
 
@@ -37,42 +38,41 @@ def hear(fleet: FleetMonitor, name: str, state: str, now_s: float) -> None:
 
 
 @pytest.mark.parametrize("size", [(60, 20), (80, 24), (160, 48)])
-def test_keys_sort_and_choose_and_the_worst_is_seen_first(size: tuple[int, int]) -> None:
-    async def scene() -> None:
-        screen = FleetScreen(from_url("mqtt://127.0.0.1:1"))  # nobody is there
-        async with screen.run_test(size=size) as pilot:
-            now_s = asyncio.get_running_loop().time()
-            for name, state in (("a", "ready"), ("b", "tracking"), ("c", "aborted")):
-                hear(screen.fleet, name, state, now_s)
-            screen.draw()
-            await pilot.pause()
-            assert [cells[:2] for cells in shown(screen)] == [["c", "!!ABORTED"], ["b", "▲ TRACKING"], ["a", "· READY"]]
-            assert told(screen).startswith("c: ABORTED - following the trajectory")
-            await pilot.press("down")
-            await pilot.pause()
-            assert told(screen).startswith("b: TRACKING")
-            await pilot.press("s")
-            await pilot.pause()
-            assert [cells[0] for cells in shown(screen)] == ["a", "b", "c"]
-            assert told(screen).startswith("b: TRACKING")  # the same one as before
-            hear(screen.fleet, "b", "landing", now_s + 0.1)
-            screen.draw()
-            assert shown(screen)[1][1] == "▲ LANDING"
-            assert screen.query_one("#details").region.bottom <= size[1]
-            table = screen.query_one(DataTable)
-            assert table.virtual_size.width <= size[0]
-            assert [str(column.label) for column in table.columns.values()][-1] == (
-                "data" if size[0] == 60 else "newest event"
-            )
-            screen._trouble = "mqtts://broker.lab.example:8883 as viewer: Connection refused"
-            screen.draw()
-            assert "Connection refused" in " ".join(headline(screen).split())
-            await pilot.press("q")
-
-    asyncio.run(scene())
+@in_real_time
+async def test_keys_sort_and_choose_and_the_worst_is_seen_first(size: tuple[int, int]) -> None:
+    screen = FleetScreen(from_url("mqtt://127.0.0.1:1"))  # nobody is there
+    async with screen.run_test(size=size) as pilot:
+        now_s = asyncio.get_running_loop().time()
+        for name, state in (("a", "ready"), ("b", "tracking"), ("c", "aborted")):
+            hear(screen.fleet, name, state, now_s)
+        screen.draw()
+        await pilot.pause()
+        assert [cells[:2] for cells in shown(screen)] == [["c", "!!ABORTED"], ["b", "▲ TRACKING"], ["a", "· READY"]]
+        assert told(screen).startswith("c: ABORTED - following the trajectory")
+        await pilot.press("down")
+        await pilot.pause()
+        assert told(screen).startswith("b: TRACKING")
+        await pilot.press("s")
+        await pilot.pause()
+        assert [cells[0] for cells in shown(screen)] == ["a", "b", "c"]
+        assert told(screen).startswith("b: TRACKING")  # the same one as before
+        hear(screen.fleet, "b", "landing", now_s + 0.1)
+        screen.draw()
+        assert shown(screen)[1][1] == "▲ LANDING"
+        assert screen.query_one("#details").region.bottom <= size[1]
+        table = screen.query_one(DataTable)
+        assert table.virtual_size.width <= size[0]
+        assert [str(column.label) for column in table.columns.values()][-1] == (
+            "data" if size[0] == 60 else "newest event"
+        )
+        screen._trouble = "mqtts://broker.lab.example:8883 as viewer: Connection refused"
+        screen.draw()
+        assert "Connection refused" in " ".join(headline(screen).split())
+        await pilot.press("q")
 
 
-def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
+@in_real_time
+async def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
     async def until(screen: FleetScreen, true: Callable[[], bool]) -> None:
         async with asyncio.timeout(60.0):
             while not true():
@@ -83,20 +83,17 @@ def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
         async with broker.client() as station:
             await station.publish(topic, payload, qos=1, retain=True)
 
-    async def scene() -> None:
-        screen = FleetScreen(lab.address("viewer"))
-        async with screen.run_test(size=(100, 30)):
-            await until(screen, lambda: "none has published" in headline(screen))
-            await say(lab.address("quad2"), "groundstation/quad2/state", b"offline")
-            await until(screen, lambda: [cells[:2] for cells in shown(screen)] == [["quad2", "  OFFLINE"]])
-            lab.kill()
-            await until(screen, lambda: f"localhost:{lab.port}: " in headline(screen))
-            await lab.begin()
-            await until(screen, lambda: "1 offline" in headline(screen))
-            await say(lab.address("quad2"), "groundstation/quad2/state", b"ready")
-            await until(screen, lambda: shown(screen)[0][1] == "!!NO DATA")
-
-    asyncio.run(scene())
+    screen = FleetScreen(lab.address("viewer"))
+    async with screen.run_test(size=(100, 30)):
+        await until(screen, lambda: "none has published" in headline(screen))
+        await say(lab.address("quad2"), "groundstation/quad2/state", b"offline")
+        await until(screen, lambda: [cells[:2] for cells in shown(screen)] == [["quad2", "  OFFLINE"]])
+        lab.kill()
+        await until(screen, lambda: f"localhost:{lab.port}: " in headline(screen))
+        await lab.begin()
+        await until(screen, lambda: "1 offline" in headline(screen))
+        await say(lab.address("quad2"), "groundstation/quad2/state", b"ready")
+        await until(screen, lambda: shown(screen)[0][1] == "!!NO DATA")
 
 
 def test_ten_stations_meet_at_one_broker_and_little_is_lost(needs_program: Callable[..., str]) -> None:

@@ -11,7 +11,7 @@ import pytest
 from groundstation.core.messages import Pose
 from groundstation.pose.sources import JsonConfig
 from links.io import parse_address
-from tests.loops import free_address
+from tests.loops import free_address, in_real_time
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "extend.md"
 
@@ -43,24 +43,22 @@ for name, holds in {
 
 
 @pytest.mark.parametrize(("number", "before"), [(0, ""), (1, ROS)], ids=["plain", "ROS 2"])
-def test_the_documents_sender_is_understood(number: int, before: str) -> None:
-    async def main() -> None:
-        address = await free_address()
-        source = JsonConfig(listen=address).build()
-        poses: list[Pose] = []
-        await source.start(poses.append)
-        code = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)[number]
-        assert len([line for line in code.splitlines() if line.strip()]) <= 16
-        code = code.replace("51002", str(parse_address(address)[1])).replace("192.168.10.2", "127.0.0.1")
-        sender = await asyncio.create_subprocess_exec(sys.executable, "-c", before + code.replace("< 2.0", "< 0.5"))
-        assert await sender.wait() == 0
-        await asyncio.sleep(0.1)
-        await source.close()
-        assert len(poses) > 5
-        assert source.status.dropped == {}
-        for pose in poses:
-            x, y, z = pose.position_ned
-            assert math.hypot(x, y) == pytest.approx(1.0)
-            assert z == -1.0
-
-    asyncio.run(main())
+@in_real_time
+async def test_the_documents_sender_is_understood(number: int, before: str) -> None:
+    address = await free_address()
+    source = JsonConfig(listen=address).build()
+    poses: list[Pose] = []
+    await source.start(poses.append)
+    code = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.S)[number]
+    assert len([line for line in code.splitlines() if line.strip()]) <= 16
+    code = code.replace("51002", str(parse_address(address)[1])).replace("192.168.10.2", "127.0.0.1")
+    sender = await asyncio.create_subprocess_exec(sys.executable, "-c", before + code.replace("< 2.0", "< 0.5"))
+    assert await sender.wait() == 0
+    await asyncio.sleep(0.1)
+    await source.close()
+    assert len(poses) > 5
+    assert source.status.dropped == {}
+    for pose in poses:
+        x, y, z = pose.position_ned
+        assert math.hypot(x, y) == pytest.approx(1.0)
+        assert z == -1.0

@@ -22,6 +22,7 @@ from links.rf.pacer_process import PacerProcess
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 from tests.e2e.stations import free_udp_port
+from tests.loops import in_real_time
 
 PERIOD_S = 0.02
 COAST_S, DOWN_S = 0.25, 0.3
@@ -211,187 +212,169 @@ def gap_s(it: Flight, since_s: float) -> float:
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held(number: signal.Signals) -> None:
-    async def main() -> None:
-        async with flight() as it:
-            struck = time.monotonic()
-            os.kill(it.pacer, number)
-            await it.lost()
-            assert "its stand-by has taken over" in it.link.status.text
-            assert not it.link.send(command(1.0))
-            await asyncio.sleep(COAST_S + DOWN_S + 0.3)
-            assert is_gone(it.pacer), "killed, and reaped"
-            assert gap_s(it, struck) < GAP_S
-            after = it.sent(struck)
-            assert any(0.4 < sticks.thrust_n < 0.6 for sticks in after), "its bring-down"
-            it.is_down()
-            it.is_one_writers()
-            with pytest.raises(LinkLost, match="its stand-by has taken over"):
-                await it.link.arm(command)
-            it.is_down()
-            await it.link.close()
-            await it.link.connect()
-            assert it.link.status.state == "connected"
+@in_real_time
+async def test_a_pacer_that_dies_or_stands_still_in_flight_is_replaced_by_what_it_held(number: signal.Signals) -> None:
+    async with flight() as it:
+        struck = time.monotonic()
+        os.kill(it.pacer, number)
+        await it.lost()
+        assert "its stand-by has taken over" in it.link.status.text
+        assert not it.link.send(command(1.0))
+        await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+        assert is_gone(it.pacer), "killed, and reaped"
+        assert gap_s(it, struck) < GAP_S
+        after = it.sent(struck)
+        assert any(0.4 < sticks.thrust_n < 0.6 for sticks in after), "its bring-down"
+        it.is_down()
+        it.is_one_writers()
+        with pytest.raises(LinkLost, match="its stand-by has taken over"):
             await it.link.arm(command)
-
-    asyncio.run(main())
+        it.is_down()
+        await it.link.close()
+        await it.link.connect()
+        assert it.link.status.state == "connected"
+        await it.link.arm(command)
 
 
 @pytest.mark.parametrize(("number", "says"), [(signal.SIGKILL, "is gone"), (signal.SIGSTOP, "stands still")])
-def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(number: signal.Signals, says: str) -> None:
-    async def main() -> None:
-        async with flight() as it:
-            assert "stand-by" not in it.link.status.warning
-            struck = time.monotonic()
-            os.kill(it.standby, number)
-            async with asyncio.timeout(60.0):
-                while f"the pacer's stand-by {says}: should the pacer end too" not in it.link.status.warning:
-                    await asyncio.sleep(0.01)
-            assert it.link.status.state == "armed"
-            assert gap_s(it, struck) < GAP_S
-            assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck))
-            os.kill(it.standby, signal.SIGCONT)
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_on(
+    number: signal.Signals, says: str
+) -> None:
+    async with flight() as it:
+        assert "stand-by" not in it.link.status.warning
+        struck = time.monotonic()
+        os.kill(it.standby, number)
+        async with asyncio.timeout(60.0):
+            while f"the pacer's stand-by {says}: should the pacer end too" not in it.link.status.warning:
+                await asyncio.sleep(0.01)
+        assert it.link.status.state == "armed"
+        assert gap_s(it, struck) < GAP_S
+        assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck))
+        os.kill(it.standby, signal.SIGCONT)
 
 
 @pytest.mark.parametrize("first", ["pacer", "standby"])
-def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_are_dead(first: str) -> None:
-    async def main() -> None:
-        async with flight() as it:
-            assert not it.link.status.unmet
-            for process in (it.pacer, it.standby) if first == "pacer" else (it.standby, it.pacer):
-                assert "and with them every frame" not in it.link.status.text
-                os.kill(process, signal.SIGKILL)
-                await asyncio.sleep(0.05)  # long enough for the stand-by to take over, and to say so
-            async with asyncio.timeout(60.0):
-                while not it.link.status.unmet:
-                    await asyncio.sleep(0.002)
-            assert it.link.status.unmet.startswith(
-                "the receiver's failsafe has to act: the pacer and its stand-by ended"
-            )
-            assert "and with them every frame" in it.link.status.text, "not what was true before"
-            assert it.link.status.phase == "over"
-
-    asyncio.run(main())
+@in_real_time
+async def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_are_dead(first: str) -> None:
+    async with flight() as it:
+        assert not it.link.status.unmet
+        for process in (it.pacer, it.standby) if first == "pacer" else (it.standby, it.pacer):
+            assert "and with them every frame" not in it.link.status.text
+            os.kill(process, signal.SIGKILL)
+            await asyncio.sleep(0.05)  # long enough for the stand-by to take over, and to say so
+        async with asyncio.timeout(60.0):
+            while not it.link.status.unmet:
+                await asyncio.sleep(0.002)
+        assert it.link.status.unmet.startswith("the receiver's failsafe has to act: the pacer and its stand-by ended")
+        assert "and with them every frame" in it.link.status.text, "not what was true before"
+        assert it.link.status.phase == "over"
 
 
-def test_what_was_brought_down_is_not_said_to_be_owed_when_the_stand_by_dies_after_it() -> None:
-    async def main() -> None:
-        async with flight() as it:
-            os.kill(it.pacer, signal.SIGKILL)
-            await it.lost()
-            await asyncio.sleep(COAST_S + DOWN_S + 0.3)
-            os.kill(it.standby, signal.SIGKILL)
-            async with asyncio.timeout(60.0):
-                while "and with them every frame" not in it.link.status.text:
-                    await asyncio.sleep(0.002)
-            assert not it.link.status.unmet
-
-    asyncio.run(main())
+@in_real_time
+async def test_what_was_brought_down_is_not_said_to_be_owed_when_the_stand_by_dies_after_it() -> None:
+    async with flight() as it:
+        os.kill(it.pacer, signal.SIGKILL)
+        await it.lost()
+        await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+        os.kill(it.standby, signal.SIGKILL)
+        async with asyncio.timeout(60.0):
+            while "and with them every frame" not in it.link.status.text:
+                await asyncio.sleep(0.002)
+        assert not it.link.status.unmet
 
 
-def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_anew_before_the_next_arming(
+@in_real_time
+async def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_anew_before_the_next_arming(
     tmp_path: Path,
 ) -> None:
-    async def main() -> None:
-        async with begun(Bridged(tmp_path)) as it:
-            struck = time.monotonic()
-            os.kill(it.standby, signal.SIGKILL)
-            async with asyncio.timeout(60.0):
-                while "on the bridge: the pacer's stand-by is gone" not in it.link.status.warning:
-                    await asyncio.sleep(0.01)
-            assert it.link.status.state == "armed"
-            assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck)), "the flight goes on"
-            it.fall_silent()
-            await it.link.disarm()
-            async with asyncio.timeout(60.0):
-                while it.link.status.state != "connected" or "stand-by" in it.link.status.warning:
-                    await asyncio.sleep(0.01)
-            (standby,) = children(it.bridge.pid)
-            assert standby != it.standby
-            await it.link.arm(command)
-        assert "warning: the pacer's stand-by is gone" in it.said
-
-    asyncio.run(main())
+    async with begun(Bridged(tmp_path)) as it:
+        struck = time.monotonic()
+        os.kill(it.standby, signal.SIGKILL)
+        async with asyncio.timeout(60.0):
+            while "on the bridge: the pacer's stand-by is gone" not in it.link.status.warning:
+                await asyncio.sleep(0.01)
+        assert it.link.status.state == "armed"
+        assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck)), "the flight goes on"
+        it.fall_silent()
+        await it.link.disarm()
+        async with asyncio.timeout(60.0):
+            while it.link.status.state != "connected" or "stand-by" in it.link.status.warning:
+                await asyncio.sleep(0.01)
+        (standby,) = children(it.bridge.pid)
+        assert standby != it.standby
+        await it.link.arm(command)
+    assert "warning: the pacer's stand-by is gone" in it.said
 
 
-def test_motors_that_were_killed_stay_off_when_the_pacer_dies_at_that_moment() -> None:
-    async def main() -> None:
-        async with flight() as it:
-            os.kill(it.pacer, signal.SIGSTOP)  # it will never read the order
-            killed = asyncio.create_task(it.link.kill())
-            await it.lost()
-            told = time.monotonic()
-            await killed
-            assert not any(sticks.armed for sticks in it.sent(told + 0.05))
-            it.is_down()
-
-    asyncio.run(main())
+@in_real_time
+async def test_motors_that_were_killed_stay_off_when_the_pacer_dies_at_that_moment() -> None:
+    async with flight() as it:
+        os.kill(it.pacer, signal.SIGSTOP)  # it will never read the order
+        killed = asyncio.create_task(it.link.kill())
+        await it.lost()
+        told = time.monotonic()
+        await killed
+        assert not any(sticks.armed for sticks in it.sent(told + 0.05))
+        it.is_down()
 
 
-def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
-    async def main() -> None:
-        async with flight() as it:
-            os.kill(it.pacer, signal.SIGKILL)
-            await it.lost()
-            pacer = it.link._heard.pacer
-            assert isinstance(pacer, PacerProcess)
-            pacer.forget()  # as its death would: the other end of the wire closes
-            await asyncio.sleep(COAST_S + DOWN_S + 0.3)
-            it.is_down()
-            it.is_one_writers()
-            last = it.seen[-1][0]
-            assert time.monotonic() - last < GAP_S, "disarm frames go on for a while"
-            async with asyncio.timeout(60.0):
-                while pacer._process.poll() is None:
-                    await asyncio.sleep(0.05)
-
-    asyncio.run(main())
+@in_real_time
+async def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
+    async with flight() as it:
+        os.kill(it.pacer, signal.SIGKILL)
+        await it.lost()
+        pacer = it.link._heard.pacer
+        assert isinstance(pacer, PacerProcess)
+        pacer.forget()  # as its death would: the other end of the wire closes
+        await asyncio.sleep(COAST_S + DOWN_S + 0.3)
+        it.is_down()
+        it.is_one_writers()
+        last = it.seen[-1][0]
+        assert time.monotonic() - last < GAP_S, "disarm frames go on for a while"
+        async with asyncio.timeout(60.0):
+            while pacer._process.poll() is None:
+                await asyncio.sleep(0.05)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: signal.Signals, tmp_path: Path) -> None:
-    async def main() -> None:
-        async with begun(Bridged(tmp_path)) as it:
-            struck = time.monotonic()
-            os.kill(it.pacer, number)
-            await it.lost()
-            assert "on the bridge: the pacer" in it.link.status.text
-            async with asyncio.timeout(60.0):
-                while it.link.status.state != "connected":  # another pacer is there
-                    await asyncio.sleep(0.01)
-            assert not it.link.send(command(1.0))
-            await asyncio.sleep(0.6)
-            it.is_down()
-            it.is_one_writers()
-            lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
-            assert lifted[-1] < struck + COAST_S + DOWN_S + 0.1
-            flown = [time_s for time_s, _ in it.seen if struck < time_s < lifted[-1] + 0.4]
-            assert max(b - a for a, b in zip(flown, flown[1:], strict=False)) < GAP_S
-        disarmed = [line for line in it.said.splitlines() if "the vehicle is disarmed" in line]
-        assert float(disarmed[0].split()[0]) > lifted[-1] + 0.4, "disarm frames had left for disarm_s"
-
-    asyncio.run(main())
+@in_real_time
+async def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: signal.Signals, tmp_path: Path) -> None:
+    async with begun(Bridged(tmp_path)) as it:
+        struck = time.monotonic()
+        os.kill(it.pacer, number)
+        await it.lost()
+        assert "on the bridge: the pacer" in it.link.status.text
+        async with asyncio.timeout(60.0):
+            while it.link.status.state != "connected":  # another pacer is there
+                await asyncio.sleep(0.01)
+        assert not it.link.send(command(1.0))
+        await asyncio.sleep(0.6)
+        it.is_down()
+        it.is_one_writers()
+        lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
+        assert lifted[-1] < struck + COAST_S + DOWN_S + 0.1
+        flown = [time_s for time_s, _ in it.seen if struck < time_s < lifted[-1] + 0.4]
+        assert max(b - a for a, b in zip(flown, flown[1:], strict=False)) < GAP_S
+    disarmed = [line for line in it.said.splitlines() if "the vehicle is disarmed" in line]
+    assert float(disarmed[0].split()[0]) > lifted[-1] + 0.4, "disarm frames had left for disarm_s"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_bridge_that_is_told_to_end_lets_nothing_go_but_the_bring_down(
+@in_real_time
+async def test_a_bridge_that_is_told_to_end_lets_nothing_go_but_the_bring_down(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    async def main() -> None:
-        async with begun(Bridged(tmp_path)) as it:
-            ended = time.monotonic()
-            it.bridge.send_signal(number)
-            await asyncio.wait_for(it.bridge.wait(), 60.0)  # its station goes on commanding
-            assert it.seen[-1][0] < ended + COAST_S + DOWN_S + 0.5 + 1.0
-            lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
-            assert ended + DOWN_S < lifted[-1] < ended + COAST_S + DOWN_S + 0.1
-            it.is_down()
-            it.is_one_writers()
-            assert "the vehicle is disarmed" in await it.lines()
-
-    asyncio.run(main())
+    async with begun(Bridged(tmp_path)) as it:
+        ended = time.monotonic()
+        it.bridge.send_signal(number)
+        await asyncio.wait_for(it.bridge.wait(), 60.0)  # its station goes on commanding
+        assert it.seen[-1][0] < ended + COAST_S + DOWN_S + 0.5 + 1.0
+        lifted = [time_s for time_s, sticks in it.seen if sticks.armed]
+        assert ended + DOWN_S < lifted[-1] < ended + COAST_S + DOWN_S + 0.1
+        it.is_down()
+        it.is_one_writers()
+        assert "the vehicle is disarmed" in await it.lines()
 
 
 async def harass(seed: int) -> str:

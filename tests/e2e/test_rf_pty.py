@@ -25,6 +25,7 @@ from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer import AFTERLIFE_S
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
+from tests.loops import in_real_time
 
 COAST_S, DOWN_S = 0.25, 0.3
 STATION = """
@@ -234,41 +235,39 @@ async def until(what: str, link: SerialRfLink, state: str) -> None:
     assert what
 
 
-def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up_disarmed(tmp_path: Path) -> None:
-    async def main() -> None:
-        port = tmp_path / "module"
-        first = PtyWire()
-        first.listen(lambda data: None)
-        port.symlink_to(first.path)
-        config = DsmLinkConfig(
-            port=str(port), period_s=0.01, arm_low_s=0.0, arm_high_s=0.2, map=ChannelMap(arm=ArmSwitch(channel=5))
-        )
-        link = SerialRfLink(config, thrust_max_n=2.0)
-        await link.connect()
-        try:
-            await link.arm(lambda: command(0.0))
-            assert link.status.state == "armed"
-            first.close()
-            await until("the plug is out", link, "lost")
-            assert "/module" in link.status.text or "Input/output error" in link.status.text
+@in_real_time
+async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up_disarmed(tmp_path: Path) -> None:
+    port = tmp_path / "module"
+    first = PtyWire()
+    first.listen(lambda data: None)
+    port.symlink_to(first.path)
+    config = DsmLinkConfig(
+        port=str(port), period_s=0.01, arm_low_s=0.0, arm_high_s=0.2, map=ChannelMap(arm=ArmSwitch(channel=5))
+    )
+    link = SerialRfLink(config, thrust_max_n=2.0)
+    await link.connect()
+    try:
+        await link.arm(lambda: command(0.0))
+        assert link.status.state == "armed"
+        first.close()
+        await until("the plug is out", link, "lost")
+        assert "/module" in link.status.text or "Input/output error" in link.status.text
+        assert not link.send(command())
+        came: list[bytes] = []
+        second = PtyWire()
+        second.listen(came.append)
+        port.unlink()
+        port.symlink_to(second.path)
+        await until("the plug is in again", link, "connected")
+        for _ in range(30):
             assert not link.send(command())
-            came: list[bytes] = []
-            second = PtyWire()
-            second.listen(came.append)
-            port.unlink()
-            port.symlink_to(second.path)
-            await until("the plug is in again", link, "connected")
-            for _ in range(30):
-                assert not link.send(command())
-                await asyncio.sleep(0.01)
-            frames = config.codec().decoder().feed(b"".join(came))
-            assert len(frames) > 10
-            assert not any(CHANNELS.read(heard.positions).armed for heard in frames if heard.positions is not None)
-        finally:
-            await link.close()
-        second.close()
-
-    asyncio.run(main())
+            await asyncio.sleep(0.01)
+        frames = config.codec().decoder().feed(b"".join(came))
+        assert len(frames) > 10
+        assert not any(CHANNELS.read(heard.positions).armed for heard in frames if heard.positions is not None)
+    finally:
+        await link.close()
+    second.close()
 
 
 KILLED = """
@@ -300,27 +299,25 @@ def test_the_port_that_a_killed_simulation_leaves_behind_leads_to_nobodys_termin
             os.close(end)
 
 
-def test_garbage_and_half_frames_from_the_module_are_counted_and_delay_nothing() -> None:
-    async def main() -> None:
-        wire = PtyWire()
-        came: list[bytes] = []
-        wire.listen(came.append)
-        link = SerialRfLink(CrsfLinkConfig(port=wire.path, period_s=0.01), thrust_max_n=2.0)
-        await link.connect()
-        for _ in range(20):
-            wire.say(os.urandom(3000) + bytes.fromhex("C8 04 28 EE"))
-            await asyncio.sleep(0.02)
-        await asyncio.sleep(0.3)
-        status = link.status
-        await link.close()
-        wire.close()
-        assert status.state == "connected"
-        assert sum(status.dropped.values()) > 1000
-        decoder = CrsfLinkConfig().codec().decoder()
-        assert len(decoder.feed(b"".join(came))) > 40
-        assert not decoder.dropped, "what leaves is whole"
-
-    asyncio.run(main())
+@in_real_time
+async def test_garbage_and_half_frames_from_the_module_are_counted_and_delay_nothing() -> None:
+    wire = PtyWire()
+    came: list[bytes] = []
+    wire.listen(came.append)
+    link = SerialRfLink(CrsfLinkConfig(port=wire.path, period_s=0.01), thrust_max_n=2.0)
+    await link.connect()
+    for _ in range(20):
+        wire.say(os.urandom(3000) + bytes.fromhex("C8 04 28 EE"))
+        await asyncio.sleep(0.02)
+    await asyncio.sleep(0.3)
+    status = link.status
+    await link.close()
+    wire.close()
+    assert status.state == "connected"
+    assert sum(status.dropped.values()) > 1000
+    decoder = CrsfLinkConfig().codec().decoder()
+    assert len(decoder.feed(b"".join(came))) > 40
+    assert not decoder.dropped, "what leaves is whole"
 
 
 @pytest.mark.parametrize(
@@ -331,43 +328,37 @@ def test_garbage_and_half_frames_from_the_module_are_counted_and_delay_nothing()
         ("/dev/null", "it is no serial port"),
     ],
 )
-def test_a_port_that_cannot_be_used_says_why(port: str, words: str) -> None:
-    async def main() -> None:
-        link = SerialRfLink(DsmLinkConfig(port=port), thrust_max_n=2.0)
-        with pytest.raises(LinkLost, match=words):
-            await link.connect()
-        assert link.status.state == "closed"
-
-    asyncio.run(main())
-
-
-def test_a_port_in_use_is_not_shared() -> None:
-    async def main() -> None:
-        wire = PtyWire()
-        wire.listen(lambda data: None)
-        first, second = (SerialRfLink(DsmLinkConfig(port=wire.path), thrust_max_n=2.0) for _ in range(2))
-        await first.connect()
-        with pytest.raises(LinkLost, match="another program uses it"):
-            await second.connect()
-        await first.close()
-        wire.close()
-
-    asyncio.run(main())
-
-
-def test_a_pacer_without_real_time_priority_is_a_warning_before_take_off() -> None:
-    async def main() -> None:
-        wire = PtyWire()
-        wire.listen(lambda data: None)
-        link = SerialRfLink(DsmLinkConfig(port=wire.path, fifo_priority=0), thrust_max_n=2.0)
+@in_real_time
+async def test_a_port_that_cannot_be_used_says_why(port: str, words: str) -> None:
+    link = SerialRfLink(DsmLinkConfig(port=port), thrust_max_n=2.0)
+    with pytest.raises(LinkLost, match=words):
         await link.connect()
-        async with asyncio.timeout(60.0):  # its stand-by may not have looked yet
-            while link.status.warning != "frames may leave late, by ordinary priority, as configured":
-                await asyncio.sleep(0.01)
-        await link.close()
-        wire.close()
+    assert link.status.state == "closed"
 
-    asyncio.run(main())
+
+@in_real_time
+async def test_a_port_in_use_is_not_shared() -> None:
+    wire = PtyWire()
+    wire.listen(lambda data: None)
+    first, second = (SerialRfLink(DsmLinkConfig(port=wire.path), thrust_max_n=2.0) for _ in range(2))
+    await first.connect()
+    with pytest.raises(LinkLost, match="another program uses it"):
+        await second.connect()
+    await first.close()
+    wire.close()
+
+
+@in_real_time
+async def test_a_pacer_without_real_time_priority_is_a_warning_before_take_off() -> None:
+    wire = PtyWire()
+    wire.listen(lambda data: None)
+    link = SerialRfLink(DsmLinkConfig(port=wire.path, fifo_priority=0), thrust_max_n=2.0)
+    await link.connect()
+    async with asyncio.timeout(60.0):  # its stand-by may not have looked yet
+        while link.status.warning != "frames may leave late, by ordinary priority, as configured":
+            await asyncio.sleep(0.01)
+    await link.close()
+    wire.close()
 
 
 def children(parent: int) -> list[int]:
@@ -382,32 +373,30 @@ def pacer_of(parent: int) -> int:
     return pacer
 
 
-def test_pacer_and_stand_by_are_deaf_to_signals_and_their_death_is_told() -> None:
-    async def main() -> None:
-        wire = PtyWire()
-        came: list[bytes] = []
-        wire.listen(came.append)
-        link = SerialRfLink(DsmLinkConfig(port=wire.path, period_s=0.01), thrust_max_n=2.0)
-        await link.connect()
-        pid = pacer_of(os.getpid())
-        group = os.getsid(pid)
-        assert group == os.getpgid(pid) != os.getsid(0)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
-            os.killpg(group, number)
-        before = len(came)
-        await asyncio.sleep(0.3)
-        assert len(came) > before + 10
-        assert link.status.state == "connected"
-        os.killpg(group, signal.SIGKILL)
-        async with asyncio.timeout(60.0):
-            while link.status.state != "lost":
-                await asyncio.sleep(0.01)
-        assert "and with them every frame" in link.status.text
-        assert not link.send(command())
-        await link.close()
-        await link.connect()
-        assert link.status.state == "connected"
-        await link.close()
-        wire.close()
-
-    asyncio.run(main())
+@in_real_time
+async def test_pacer_and_stand_by_are_deaf_to_signals_and_their_death_is_told() -> None:
+    wire = PtyWire()
+    came: list[bytes] = []
+    wire.listen(came.append)
+    link = SerialRfLink(DsmLinkConfig(port=wire.path, period_s=0.01), thrust_max_n=2.0)
+    await link.connect()
+    pid = pacer_of(os.getpid())
+    group = os.getsid(pid)
+    assert group == os.getpgid(pid) != os.getsid(0)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        os.killpg(group, number)
+    before = len(came)
+    await asyncio.sleep(0.3)
+    assert len(came) > before + 10
+    assert link.status.state == "connected"
+    os.killpg(group, signal.SIGKILL)
+    async with asyncio.timeout(60.0):
+        while link.status.state != "lost":
+            await asyncio.sleep(0.01)
+    assert "and with them every frame" in link.status.text
+    assert not link.send(command())
+    await link.close()
+    await link.connect()
+    assert link.status.state == "connected"
+    await link.close()
+    wire.close()

@@ -35,6 +35,7 @@ from groundstation.runtime import Exit
 from groundstation.runtime.entry import CODES
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
+from tests.loops import in_real_time
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "loopback.toml"
@@ -107,24 +108,21 @@ def test_without_a_manager_nothing_happens(environment: dict[str, str]) -> None:
     assert asyncio.run(tell()) is None
 
 
-def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path) -> None:
+@in_real_time
+async def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path) -> None:
     path = str(tmp_path / "notify")
-
-    async def tell() -> None:
-        with sockets.socket(sockets.AF_UNIX, sockets.SOCK_DGRAM) as manager:
-            manager.bind(path)
-            notify = Notify({"NOTIFY_SOCKET": path})
-            await notify.open()
-            for number in range(2000):
-                notify.status(f"{number}")
-            await asyncio.sleep(0)
-        for _ in range(10):
-            notify.feed()
-            await asyncio.sleep(0)
-        notify.close()
+    with sockets.socket(sockets.AF_UNIX, sockets.SOCK_DGRAM) as manager:
+        manager.bind(path)
+        notify = Notify({"NOTIFY_SOCKET": path})
+        await notify.open()
+        for number in range(2000):
+            notify.status(f"{number}")
         await asyncio.sleep(0)
-
-    asyncio.run(tell())
+    for _ in range(10):
+        notify.feed()
+        await asyncio.sleep(0)
+    notify.close()
+    await asyncio.sleep(0)
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[FlightO
         await asyncio.gather(running, return_exceptions=True)
         return outcome, stage
 
-    return *in_virtual_time(main()), said
+    return *in_virtual_time(main)(), said
 
 
 @AUTOPILOT
@@ -93,7 +93,7 @@ def test_poses_that_end_in_the_air_are_landed_by_the_autopilot_where_it_is_told_
         await asyncio.gather(eyes, hands, return_exceptions=True)
         return outcome, stage, heard_later - heard
 
-    outcome, stage, later = in_virtual_time(main())
+    outcome, stage, later = in_virtual_time(main)()
     assert outcome.state is State.ABORTED
     assert outcome.reason.startswith("no pose for ")
     assert stage.autopilot.custom_mode == {"px4": 4 << 16 | 6 << 24, "ardupilot": 9}[autopilot]
@@ -140,7 +140,7 @@ def test_check_asks_the_autopilot_what_arming_asks_it(
         await asyncio.gather(running, return_exceptions=True)
         return found
 
-    (ready,) = [one for one in in_virtual_time(main()) if one.name == "ready to arm"]
+    (ready,) = [one for one in in_virtual_time(main)() if one.name == "ready to arm"]
     assert ready.verdict is verdict
     assert words in ready.says
 
@@ -174,6 +174,6 @@ def test_an_autopilot_without_the_key_is_not_believed(tmp_path: Path) -> None:
         await asyncio.gather(running, return_exceptions=True)
         return outcome
 
-    outcome = in_virtual_time(main())
+    outcome = in_virtual_time(main)()
     assert outcome.state is State.ABORTED
     assert "messages without a signature" in outcome.reason

@@ -84,7 +84,7 @@ class Room:
                     task.cancel()
                 await asyncio.gather(*tasks, return_exceptions=True)
 
-        return in_virtual_time(main())
+        return in_virtual_time(main)()
 
     def _tap(self, _time_s: float, source: tuple[str, int], _target: tuple[str, int], data: bytes) -> None:
         if source[1] == 14540:

@@ -54,7 +54,7 @@ def ready(
             await asyncio.gather(*tasks, return_exceptions=True)
         return stage
 
-    stage = in_virtual_time(main())
+    stage = in_virtual_time(main)()
     return stage.autopilot.external, stage
 
 
@@ -166,7 +166,8 @@ def test_poses_that_were_found_to_be_wrong_leave_no_more_and_no_land_rests_on_th
     assert lands == [not forwards]
 
 
-def test_a_pose_that_is_under_way_to_the_autopilot_does_not_leave_either() -> None:
+@in_virtual_time
+async def test_a_pose_that_is_under_way_to_the_autopilot_does_not_leave_either() -> None:
     left: list[bytes] = []
 
     class Source:
@@ -178,27 +179,24 @@ def test_a_pose_that_is_under_way_to_the_autopilot_does_not_leave_either() -> No
         async def close(self) -> None:
             pass
 
-    async def main() -> None:
-        source = Source()
-        forwarding = ForwardingSource(
-            source, MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0), ForwardConfig(rate_hz=200.0)
-        )
-        forwarding._connection = SimpleNamespace(  # type: ignore[assignment]  # what it needs of one
-            kind=PX4, state="armed", codec=MavlinkCodec(245, 190), leave=left.append
-        )
-        await forwarding.start(lambda pose: None)
-        now = asyncio.get_running_loop().time()
-        for n in range(10):
-            source.deliver(msgspec.structs.replace(pose(n), time_s=now + 0.01 * n))
-        await asyncio.sleep(0)
-        before = len(left)
-        assert before > 0
-        source.deliver(msgspec.structs.replace(pose(10), time_s=now + 0.1))
-        forwarding.distrust()
-        await asyncio.sleep(0.01)
-        assert len(left) == before
-
-    in_virtual_time(main())
+    source = Source()
+    forwarding = ForwardingSource(
+        source, MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0), ForwardConfig(rate_hz=200.0)
+    )
+    forwarding._connection = SimpleNamespace(  # type: ignore[assignment]  # what it needs of one
+        kind=PX4, state="armed", codec=MavlinkCodec(245, 190), leave=left.append
+    )
+    await forwarding.start(lambda pose: None)
+    now = asyncio.get_running_loop().time()
+    for n in range(10):
+        source.deliver(msgspec.structs.replace(pose(n), time_s=now + 0.01 * n))
+    await asyncio.sleep(0)
+    before = len(left)
+    assert before > 0
+    source.deliver(msgspec.structs.replace(pose(10), time_s=now + 0.1))
+    forwarding.distrust()
+    await asyncio.sleep(0.01)
+    assert len(left) == before
 
 
 def taken_over(

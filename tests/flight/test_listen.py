@@ -50,7 +50,7 @@ def watched(
             stage.cancel()
             await asyncio.gather(stage, return_exceptions=True)
 
-    return in_virtual_time(main()), sent
+    return in_virtual_time(main)(), sent
 
 
 @pytest.mark.parametrize("source", SOURCES)
@@ -106,7 +106,7 @@ def test_silence_is_told_with_what_to_look_at() -> None:
 def test_a_recording_has_no_age_and_no_drift_and_is_fine_at_its_end(speed: Speed, tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
     path.write_text("".join(f"{0.02 * n},1,2,-1,1,0,0,{1e-4 * (n % 7)},{0.02 * n + 0.01}\n" for n in range(200)))
-    seen = in_virtual_time(listen(Config(pose=CsvConfig(path=str(path), speed=speed)), 7.0))
+    seen = in_virtual_time(listen)(Config(pose=CsvConfig(path=str(path), speed=speed)), 7.0)
     assert (seen.ok, seen.recorded, seen.poses) == (True, True, 200)
     assert (seen.age_s, seen.drift) == (None, None)
     assert seen.rate_hz == pytest.approx(50.0)
@@ -119,7 +119,7 @@ def test_a_recording_has_no_age_and_no_drift_and_is_fine_at_its_end(speed: Speed
 def test_a_recording_whose_poses_are_all_dropped_is_not_fine(tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
     path.write_text("0,1,2,-1,3,0,0,0\n")
-    seen = in_virtual_time(listen(Config(pose=CsvConfig(path=str(path))), 1.0))
+    seen = in_virtual_time(listen)(Config(pose=CsvConfig(path=str(path))), 1.0)
     assert (seen.ok, seen.dropped) == (False, {"not_unit": 1})
     assert ("age", "no pose yet") in summary_rows(seen)
 

@@ -75,7 +75,7 @@ def held(
             await asyncio.gather(running, return_exceptions=True)
         return bench
 
-    return in_virtual_time(main())
+    return in_virtual_time(main)()
 
 
 @AUTOPILOT
@@ -175,7 +175,7 @@ def test_a_hand_that_only_disarms_stops_what_another_has_left() -> None:
         await asyncio.gather(running, return_exceptions=True)
         return told, stage
 
-    told, stage = in_virtual_time(main())
+    told, stage = in_virtual_time(main)()
     assert [news.event for news in told] == ["off"]
     assert not stage.autopilot.armed
 
@@ -263,7 +263,7 @@ class Scene:
         self.shown = await Guide(config, self.open, self.ask, self.said.append).run()
 
     def run(self) -> None:
-        in_virtual_time(self.guide())
+        in_virtual_time(self.guide)()
 
 
 def test_all_steps_are_gone_through_and_what_was_measured_is_shown() -> None:
@@ -310,7 +310,7 @@ def test_an_interruption_at_any_time_ends_it_with_the_motors_off(after_s: float)
         with pytest.raises(asyncio.CancelledError):
             await guided
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     assert scene.hands
     assert all(hand.end in ("off", "killed") for hand in scene.hands)
     assert len(scene.disarming) == sum(hand.end == "killed" for hand in scene.hands)

@@ -62,7 +62,7 @@ def flown(work: Callable[[Any], Any], begin_s: float, *overrides: str) -> tuple[
         await asyncio.gather(*others, return_exceptions=True)
         return found
 
-    return in_virtual_time(main()), second, said
+    return in_virtual_time(main)(), second, said
 
 
 def test_the_check_fails_and_names_both_addresses() -> None:

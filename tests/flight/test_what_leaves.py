@@ -134,7 +134,7 @@ def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms:
         await asyncio.gather(*running, return_exceptions=True)
         return covered_s
 
-    covered_s = in_virtual_time(main())
+    covered_s = in_virtual_time(main)()
     stamp_s = covered_s  # no pose is newer than the moment at which the cameras were covered
     lifting = max(time_s for time_s, thrust in left if thrust > 0.0)
     latest = max(time_s for time_s, _ in left)
@@ -221,7 +221,7 @@ def test_what_is_owed_leaves_until_the_instant_that_the_table_has(
         await asyncio.gather(*running, return_exceptions=True)
         return tick.command, period_s
 
-    last, period_s = in_virtual_time(main())
+    last, period_s = in_virtual_time(main)()
     assert last.deadline_s - last.pose_time_s == pytest.approx(1e-3 * fresh_ms)
     owed_s = last.deadline_s + sum(part.duration_s for part in last.bring_down if part.thrust_n > 0.0)
     lifting = max(time_s for time_s, thrust in left if thrust > 0.0)

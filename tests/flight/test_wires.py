@@ -127,7 +127,7 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
             await asyncio.gather(running, return_exceptions=True)
             return ticks
 
-    return in_real_time(main())
+    return in_real_time(main)()
 
 
 @pytest.mark.parametrize(("autopilot", "over"), [("ardupilot", over_tcp), ("px4", over_serial)])

@@ -24,7 +24,7 @@ def test_the_cases_that_are_tried_are_spread(tried: int, cases: int, numbers: se
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.test)
 def test_every_row_names_a_test_once_and_says_why(row: Row) -> None:
     file, _, name = row.test.partition("::")
-    assert re.search(rf"^def {name}\(", (TESTS / file).read_text("utf-8"), re.M)
+    assert re.search(rf"^(?:async )?def {name}\(", (TESTS / file).read_text("utf-8"), re.M)
     assert row.why
     assert Counter(each.test for each in ROWS)[row.test] == 1
 

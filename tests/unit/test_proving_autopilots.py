@@ -43,7 +43,7 @@ def test_both_simulators_truths_are_the_same_rows(which: int) -> None:
             truth.datagram_received(codec.pack(row[which]), None)
         return truth.rows
 
-    first, second = in_virtual_time(main())
+    first, second = in_virtual_time(main)()
     assert first[1:4] == pytest.approx((0.0, 0.0, 0.0), abs=0.02)
     assert second[1:] == pytest.approx((3.0, -4.0, -2.0, 0.1, 0.2, -0.3, 30.0), abs=0.02)
 

@@ -200,64 +200,58 @@ def sys_status(enabled: int, health: int) -> Any:
     return common.MAVLink_sys_status_message(enabled, enabled, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 
-def test_a_channel_is_held_while_the_autopilot_tells_it_high() -> None:
-    async def main() -> None:
-        wire: Any = Wire()
-        channel = ChannelInput(wire, 3)
-        assert wire.wanted == {"RC_CHANNELS": RATE_HZ}
-        assert channel.share() is None
-        await asyncio.sleep(1.0)
-        wire.hear(rc_channels(1500, 1500, 1900), 1.0)
-        assert channel.share() == pytest.approx(0.9)
-        wire.hear(sys_status(0x10000, 0x10000), 1.0)
-        assert channel.share() == pytest.approx(0.9)
-        wire.hear(sys_status(0x10000, 0), 1.0)
-        with pytest.raises(InputLost, match="does not hear the transmitter"):
-            channel.share()
-        wire.hear(sys_status(0, 0), 1.0)
-        assert channel.share() == pytest.approx(0.9)
-        await asyncio.sleep(OLD_S + 0.01)
-        with pytest.raises(InputLost, match=r"has not told it for 0\.5 s"):
-            channel.share()
-        wire.hear(rc_channels(1500, 1500), 1.0 + OLD_S)
-        with pytest.raises(InputLost, match="no such channel"):
-            channel.share()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_channel_is_held_while_the_autopilot_tells_it_high() -> None:
+    wire: Any = Wire()
+    channel = ChannelInput(wire, 3)
+    assert wire.wanted == {"RC_CHANNELS": RATE_HZ}
+    assert channel.share() is None
+    await asyncio.sleep(1.0)
+    wire.hear(rc_channels(1500, 1500, 1900), 1.0)
+    assert channel.share() == pytest.approx(0.9)
+    wire.hear(sys_status(0x10000, 0x10000), 1.0)
+    assert channel.share() == pytest.approx(0.9)
+    wire.hear(sys_status(0x10000, 0), 1.0)
+    with pytest.raises(InputLost, match="does not hear the transmitter"):
+        channel.share()
+    wire.hear(sys_status(0, 0), 1.0)
+    assert channel.share() == pytest.approx(0.9)
+    await asyncio.sleep(OLD_S + 0.01)
+    with pytest.raises(InputLost, match=r"has not told it for 0\.5 s"):
+        channel.share()
+    wire.hear(rc_channels(1500, 1500), 1.0 + OLD_S)
+    with pytest.raises(InputLost, match="no such channel"):
+        channel.share()
 
 
 @pytest.mark.parametrize("trouble", [InputLost("No such device"), RuntimeError("the reader is broken")])
-def test_what_goes_wrong_with_the_reader_is_a_loss_and_goes_on_being_told(trouble: Exception) -> None:
-    async def main() -> None:
-        hand, obstacles = Hand(), list[str]()
-        watch = HoldWatch("pedal", 0.75, lambda: hand)
-        running = asyncio.ensure_future(watch.run(lambda: obstacles.append(watch.hold.obstacle)))
-        await asyncio.sleep(0.1)
-        hand.held = True
-        await asyncio.sleep(0.1)
-        assert obstacles[-1] == ""
-        hand.trouble = trouble
-        await asyncio.sleep(LOOK_S + 0.001)
-        assert obstacles[-1] == f"the pedal is lost: {trouble}"
-        count = len(obstacles)
-        await asyncio.sleep(0.1)
-        assert len(obstacles) > count
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
-        assert hand.closed
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_what_goes_wrong_with_the_reader_is_a_loss_and_goes_on_being_told(trouble: Exception) -> None:
+    hand, obstacles = Hand(), list[str]()
+    watch = HoldWatch("pedal", 0.75, lambda: hand)
+    running = asyncio.ensure_future(watch.run(lambda: obstacles.append(watch.hold.obstacle)))
+    await asyncio.sleep(0.1)
+    hand.held = True
+    await asyncio.sleep(0.1)
+    assert obstacles[-1] == ""
+    hand.trouble = trouble
+    await asyncio.sleep(LOOK_S + 0.001)
+    assert obstacles[-1] == f"the pedal is lost: {trouble}"
+    count = len(obstacles)
+    await asyncio.sleep(0.1)
+    assert len(obstacles) > count
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert hand.closed
 
 
-def test_a_device_that_has_gone_before_the_flight_begins_is_a_loss() -> None:
-    async def main() -> None:
-        def connect() -> Hand:
-            raise ConfigError("operator.device", "there are none")
+@in_virtual_time
+async def test_a_device_that_has_gone_before_the_flight_begins_is_a_loss() -> None:
+    def connect() -> Hand:
+        raise ConfigError("operator.device", "there are none")
 
-        watch = HoldWatch("BTN_TR", 0.75, connect)
-        running = asyncio.ensure_future(watch.run(lambda: None))
-        await asyncio.sleep(0.1)
-        assert watch.hold.obstacle == "BTN_TR is lost: operator.device: there are none"
-        running.cancel()
-
-    in_virtual_time(main())
+    watch = HoldWatch("BTN_TR", 0.75, connect)
+    running = asyncio.ensure_future(watch.run(lambda: None))
+    await asyncio.sleep(0.1)
+    assert watch.hold.obstacle == "BTN_TR is lost: operator.device: there are none"
+    running.cancel()

@@ -35,7 +35,7 @@ def left(deadline_s: float, *, follows_poses: bool, until_s: float = 0.5) -> lis
             await pacing.next(times[-1], deadline_s)
         return times
 
-    return in_virtual_time(main())
+    return in_virtual_time(main)()
 
 
 @pytest.mark.parametrize("follows_poses", [False, True])
@@ -56,4 +56,4 @@ def test_a_last_chance_that_a_timer_meets_a_tick_early_is_taken() -> None:
         await pacing.next(0.0, LAST_CHANCE_S + 5e-10)  # the chance is half a nanosecond ahead
         return asyncio.get_running_loop().time()
 
-    assert in_virtual_time(main()) == pytest.approx(PERIOD_S, abs=1e-8)
+    assert in_virtual_time(main)() == pytest.approx(PERIOD_S, abs=1e-8)

@@ -88,7 +88,7 @@ def visit(
             peer.cancel()
             await asyncio.gather(peer, return_exceptions=True)
 
-    seen.code = in_virtual_time(main())
+    seen.code = in_virtual_time(main)()
     seen.said = "\n".join(lines)
     return seen
 
@@ -277,7 +277,7 @@ def test_nobody_there_is_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[s
         config = from_dict({}, Config, ["link.connect_timeout_s=1"])
         return await run_doctor(config, DoctorOrders("doctor", folder=tmp_path), None)
 
-    assert in_virtual_time(main()) == Exit.UNHEARD
+    assert in_virtual_time(main)() == Exit.UNHEARD
     assert "no HEARTBEAT" in capsys.readouterr().err
 
 

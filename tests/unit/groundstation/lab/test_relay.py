@@ -61,16 +61,16 @@ async def handed_on(sent: list[bytes], *, gone: bool) -> tuple[list[Ear], Relay]
 @settings(max_examples=30)
 @given(st.lists(st.binary(min_size=1, max_size=2000), max_size=10))
 def test_bytes_reach_every_core_unchanged_and_in_order(sent: list[bytes]) -> None:
-    listening, relay = in_virtual_time(handed_on(sent, gone=False))
+    listening, relay = in_virtual_time(handed_on)(sent, gone=False)
     assert [ear.heard for ear in listening] == [sent] * 3
     assert relay.received == len(sent)
     assert not relay.dropped
 
 
 @pytest.mark.parametrize("run", BOTH_LOOPS)
-def test_a_core_that_is_gone_takes_nothing_from_the_others(run: Run[Any]) -> None:
+def test_a_core_that_is_gone_takes_nothing_from_the_others(run: Run) -> None:
     sent = [bytes([number]) * (number + 1) for number in range(50)]
-    listening, relay = run(handed_on(sent, gone=True))
+    listening, relay = run(handed_on)(sent, gone=True)
     assert [ear.heard for ear in listening] == [sent] * 2
     assert f"relay: {len(sent)} datagrams handed on to 3 cores" in relay.summary()
 
@@ -85,14 +85,14 @@ def test_a_copy_that_can_not_leave_is_dropped_and_counted() -> None:
         relay.datagram_received(b"late", None)
         return relay
 
-    relay = in_real_time(main())
+    relay = in_real_time(main)()
     assert relay.dropped == {"undeliverable": 1}
     assert relay.received == 1
     assert "dropped: 1 undeliverable" in relay.summary()
 
 
 @pytest.mark.parametrize("run", BOTH_LOOPS)
-def test_a_group_is_joined(run: Run[Any]) -> None:
+def test_a_group_is_joined(run: Run) -> None:
     async def main() -> list[bytes]:
         target, port = await free_address(), int((await free_address()).split(":")[1])
         relay = Relay(f"127.0.0.1:{port}", [target], group="239.255.42.98")
@@ -110,22 +110,20 @@ def test_a_group_is_joined(run: Run[Any]) -> None:
         await asyncio.sleep(0)
         return ear.heard
 
-    assert run(main()) == [b"frame"]
+    assert run(main)() == [b"frame"]
 
 
 @pytest.mark.real_time
-def test_a_port_that_is_taken_is_named() -> None:
-    async def main() -> None:
-        address = await free_address()
-        (ear,) = await ears([address])
-        try:
-            with pytest.raises(SourceError, match=f"cannot listen for poses to hand on on {address}"):
-                await Relay(address, ["127.0.0.1:51101"]).open()
-        finally:
-            ear.transport.close()
-            await asyncio.sleep(0)
-
-    in_real_time(main())
+@in_real_time
+async def test_a_port_that_is_taken_is_named() -> None:
+    address = await free_address()
+    (ear,) = await ears([address])
+    try:
+        with pytest.raises(SourceError, match=f"cannot listen for poses to hand on on {address}"):
+            await Relay(address, ["127.0.0.1:51101"]).open()
+    finally:
+        ear.transport.close()
+        await asyncio.sleep(0)
 
 
 def test_an_address_that_is_none_is_refused_before_anything_is_opened() -> None:

@@ -47,7 +47,8 @@ def test_what_comes_earlier_ends_the_wait() -> None:
         os.close(theirs)
 
 
-def test_a_task_that_forgets_its_cancellation_is_cancelled_again_and_what_it_fails_with_is_raised() -> None:
+@in_virtual_time
+async def test_a_task_that_forgets_its_cancellation_is_cancelled_again_and_what_it_fails_with_is_raised() -> None:
     async def forget() -> None:
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.sleep(60.0)
@@ -60,18 +61,15 @@ def test_a_task_that_forgets_its_cancellation_is_cancelled_again_and_what_it_fai
             await asyncio.sleep(0.5 * CANCEL_AGAIN_S)  # what cleans up is not cancelled again
             raise OSError("gone")
 
-    async def scene() -> None:
-        loop = asyncio.get_running_loop()
-        forgetful, failing = asyncio.create_task(forget()), asyncio.create_task(fail())
-        await asyncio.sleep(0.1)
-        begun = loop.time()
-        await cancel_task(forgetful)
-        assert forgetful.cancelled()
-        assert loop.time() - begun == pytest.approx(CANCEL_AGAIN_S)
-        with pytest.raises(OSError, match="gone"):
-            await cancel_task(failing)
-
-    in_virtual_time(scene())
+    loop = asyncio.get_running_loop()
+    forgetful, failing = asyncio.create_task(forget()), asyncio.create_task(fail())
+    await asyncio.sleep(0.1)
+    begun = loop.time()
+    await cancel_task(forgetful)
+    assert forgetful.cancelled()
+    assert loop.time() - begun == pytest.approx(CANCEL_AGAIN_S)
+    with pytest.raises(OSError, match="gone"):
+        await cancel_task(failing)
 
 
 def test_a_start_collects_garbage_rarely_and_a_flight_in_real_time_little_at_a_time() -> None:

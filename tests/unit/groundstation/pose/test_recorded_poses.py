@@ -59,7 +59,7 @@ def played(path: Path, until_s: float, **options: Any) -> tuple[list[tuple[float
         await source.close()
         return source.status.latency_s
 
-    return poses, in_virtual_time(main())
+    return poses, in_virtual_time(main)()
 
 
 @pytest.mark.parametrize(("speed", "step_s"), [(1.0, 0.02), (4.0, 0.005), (0.5, 0.04), ("max", 0.0)])
@@ -128,4 +128,4 @@ def test_a_file_that_can_not_be_played_stops_the_start_with_what_is_wrong(
         await make(path=str(path)).build().start(lambda _: None)
 
     with pytest.raises(SourceError, match=rf"^pose\.path: .*{says}"):
-        in_virtual_time(main())
+        in_virtual_time(main)()

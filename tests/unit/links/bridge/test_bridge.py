@@ -108,7 +108,7 @@ def test_a_bridge_with_a_real_module_hears_no_station_on_its_own_machine() -> No
         finally:
             await room.leave()
 
-    said, dropped, armed = in_virtual_time(main())
+    said, dropped, armed = in_virtual_time(main)()
     assert [line for line in said if "not heard" in line] == [
         "a station on this machine (127.0.0.1) is not heard: give the flight the module itself, by "
         "link.kind = 'dsm' and link.port"
@@ -140,386 +140,344 @@ async def soon() -> None:
     await asyncio.sleep(2.0 * MODULE.period_s)
 
 
-def test_the_bridge_tells_the_station_how_it_paces() -> None:
-    async def main() -> None:
-        async with room() as it:
-            assert it.link.period_s == MODULE.period_s
-            assert "bridge answers in 0.0 ms" in it.link.status.text
-            await it.link.serve(Service.RANGE_CHECK, 0.3)
-            assert Service.RANGE_CHECK in it.receiver.services
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_the_bridge_tells_the_station_how_it_paces() -> None:
+    async with room() as it:
+        assert it.link.period_s == MODULE.period_s
+        assert "bridge answers in 0.0 ms" in it.link.status.text
+        await it.link.serve(Service.RANGE_CHECK, 0.3)
+        assert Service.RANGE_CHECK in it.receiver.services
 
 
-def test_what_is_sent_flies_the_vehicle_in_shares_of_the_stations_full_thrust() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(0.5, 0.3)
-            assert it.thrust == pytest.approx(0.25, abs=2e-3)
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_what_is_sent_flies_the_vehicle_in_shares_of_the_stations_full_thrust() -> None:
+    async with room(armed=True) as it:
+        await it.stream(0.5, 0.3)
+        assert it.thrust == pytest.approx(0.25, abs=2e-3)
 
 
-def test_a_datagram_that_comes_twice_or_late_does_nothing() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.5, 0.3)
-            recorded = list(it.network.ups())
-            await it.link.kill()
-            await soon()
-            assert not it.receiver.armed
-            for each in recorded:
-                it.network.again(each)
-            await asyncio.sleep(2.0)
-            assert not it.receiver.armed
-            assert it.bridge.dropped["replayed_or_late"] >= len(recorded)
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_datagram_that_comes_twice_or_late_does_nothing() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.5, 0.3)
+        recorded = list(it.network.ups())
+        await it.link.kill()
+        await soon()
+        assert not it.receiver.armed
+        for each in recorded:
+            it.network.again(each)
+        await asyncio.sleep(2.0)
+        assert not it.receiver.armed
+        assert it.bridge.dropped["replayed_or_late"] >= len(recorded)
 
 
-def test_another_sessions_datagrams_do_nothing_in_this_one() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.5, 0.3)
-            recorded = list(it.network.seen)
-            await it.link.close()
-            await it.restart()
-            await it.link.connect()
-            acts = len(it.vehicle.acts)
-            for each in recorded:
-                it.network.again(each)
-            await asyncio.sleep(1.0)
-            assert not it.receiver.armed
-            assert len(it.vehicle.acts) == acts
-            assert it.bridge.dropped["other_session"] > 10
-            assert it.link.status.state == "connected"
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_another_sessions_datagrams_do_nothing_in_this_one() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.5, 0.3)
+        recorded = list(it.network.seen)
+        await it.link.close()
+        await it.restart()
+        await it.link.connect()
+        acts = len(it.vehicle.acts)
+        for each in recorded:
+            it.network.again(each)
+        await asyncio.sleep(1.0)
+        assert not it.receiver.armed
+        assert len(it.vehicle.acts) == acts
+        assert it.bridge.dropped["other_session"] > 10
+        assert it.link.status.state == "connected"
 
 
-def test_a_recorded_hello_disturbs_nobody() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            hello = next(each for each in it.network.seen if kind_of(each[2]) == HELLO)
-            for _ in range(100):
-                it.network.again(hello)
-            await it.stream(1.0, 0.5)
-            assert it.thrust == pytest.approx(0.5, abs=2e-3)
-            assert it.link.status.state == "armed"
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_recorded_hello_disturbs_nobody() -> None:
+    async with room(armed=True) as it:
+        hello = next(each for each in it.network.seen if kind_of(each[2]) == HELLO)
+        for _ in range(100):
+            it.network.again(hello)
+        await it.stream(1.0, 0.5)
+        assert it.thrust == pytest.approx(0.5, abs=2e-3)
+        assert it.link.status.state == "armed"
 
 
-def test_without_the_key_nothing_is_answered() -> None:
-    async def main() -> None:
-        async with room() as it:
-            stranger = it.station(key=bytes(reversed(KEY)))
-            with pytest.raises(LinkLost, match="with the same key"):
-                await stranger.connect()
-            assert it.bridge.dropped["bad_seal"] > 5
-            assert it.link.status.state == "connected"
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_without_the_key_nothing_is_answered() -> None:
+    async with room() as it:
+        stranger = it.station(key=bytes(reversed(KEY)))
+        with pytest.raises(LinkLost, match="with the same key"):
+            await stranger.connect()
+        assert it.bridge.dropped["bad_seal"] > 5
+        assert it.link.status.state == "connected"
 
 
-def test_a_datagram_changed_in_any_byte_is_dropped() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.5, 0.1)
-            await it.link.kill()
-            source, target, data = it.network.ups()[-1]
-            counter = int.from_bytes(data[13:21], "big") + 1000
-            newer = data[:13] + counter.to_bytes(8, "big") + data[21:]
-            for at in range(len(newer)):
-                it.network.again((source, target, newer[:at] + bytes((newer[at] ^ 1,)) + newer[at + 1 :]))
-            it.network.again((source, target, newer))
-            await asyncio.sleep(0.1)
-            assert sum(it.bridge.dropped.values()) > len(newer)
-            assert it.link.status.state == "connected"
-            await it.link.arm(idle)
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_datagram_changed_in_any_byte_is_dropped() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.5, 0.1)
+        await it.link.kill()
+        source, target, data = it.network.ups()[-1]
+        counter = int.from_bytes(data[13:21], "big") + 1000
+        newer = data[:13] + counter.to_bytes(8, "big") + data[21:]
+        for at in range(len(newer)):
+            it.network.again((source, target, newer[:at] + bytes((newer[at] ^ 1,)) + newer[at + 1 :]))
+        it.network.again((source, target, newer))
+        await asyncio.sleep(0.1)
+        assert sum(it.bridge.dropped.values()) > len(newer)
+        assert it.link.status.state == "connected"
+        await it.link.arm(idle)
 
 
-def test_whoever_delays_datagrams_makes_no_command_live_longer() -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.3)
-            it.network.delay_s = lambda datagram: 0.4 if kind_of(datagram[2]) == UP else 0.0
-            it.vehicle.acts.clear()
-            last = loop.time()
-            await it.stream(1.5, 0.5)
-            await asyncio.sleep(2.0)
-            assert not it.receiver.armed
-            assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3)
-            lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
-            assert lifted[-1] < last + 0.25 + DOWN.duration_s + 0.02
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_whoever_delays_datagrams_makes_no_command_live_longer() -> None:
+    loop = asyncio.get_running_loop()
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.3)
+        it.network.delay_s = lambda datagram: 0.4 if kind_of(datagram[2]) == UP else 0.0
+        it.vehicle.acts.clear()
+        last = loop.time()
+        await it.stream(1.5, 0.5)
+        await asyncio.sleep(2.0)
+        assert not it.receiver.armed
+        assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3)
+        lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+        assert lifted[-1] < last + 0.25 + DOWN.duration_s + 0.02
 
 
-def test_a_network_that_fails_in_flight_is_brought_down_by_the_bridge_and_comes_back_disarmed() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.3)
-            it.network.lose = lambda datagram: True
-            await it.stream(1.0, 0.4)
-            assert it.thrust == pytest.approx(0.4, abs=2e-3), "its bring-down"
-            await it.stream(1.0, 1.2)
-            assert not it.receiver.armed
-            assert it.link.status.state == "lost"
-            assert "is not heard" in it.link.status.text
-            assert it.receiver.heard_s == pytest.approx(asyncio.get_running_loop().time(), abs=0.03), "still disarming"
-            it.network.lose = lambda datagram: False
-            await it.stream(1.0, 2.0)
-            assert it.link.status.state == "connected"
-            assert not it.receiver.armed
-            await it.link.arm(idle)
-            await it.stream(1.0, 0.1)
-            assert it.thrust == pytest.approx(0.5, abs=2e-3)
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_network_that_fails_in_flight_is_brought_down_by_the_bridge_and_comes_back_disarmed() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.3)
+        it.network.lose = lambda datagram: True
+        await it.stream(1.0, 0.4)
+        assert it.thrust == pytest.approx(0.4, abs=2e-3), "its bring-down"
+        await it.stream(1.0, 1.2)
+        assert not it.receiver.armed
+        assert it.link.status.state == "lost"
+        assert "is not heard" in it.link.status.text
+        assert it.receiver.heard_s == pytest.approx(asyncio.get_running_loop().time(), abs=0.03), "still disarming"
+        it.network.lose = lambda datagram: False
+        await it.stream(1.0, 2.0)
+        assert it.link.status.state == "connected"
+        assert not it.receiver.armed
+        await it.link.arm(idle)
+        await it.stream(1.0, 0.1)
+        assert it.thrust == pytest.approx(0.5, abs=2e-3)
 
 
 @pytest.mark.parametrize("both_ways", [False, True])
-def test_a_network_that_comes_back_or_fails_one_way_does_not_cut_a_bring_down_short(both_ways: bool) -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.3)
-            down = (Segment(1.5, 0.8, (0.0, 0.0, 0.0)),)
-            assert it.link.send(command(1.0, bring_down=down))
+@in_virtual_time
+async def test_a_network_that_comes_back_or_fails_one_way_does_not_cut_a_bring_down_short(both_ways: bool) -> None:
+    loop = asyncio.get_running_loop()
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.3)
+        down = (Segment(1.5, 0.8, (0.0, 0.0, 0.0)),)
+        assert it.link.send(command(1.0, bring_down=down))
+        await asyncio.sleep(it.link.period_s)
+        it.network.lose = lambda datagram: both_ways or kind_of(datagram[2]) != UP
+        it.vehicle.acts.clear()
+        failed_s, until_s = loop.time(), loop.time() + 3.5
+        while loop.time() < until_s:
+            if loop.time() > failed_s + 1.1:
+                it.network.lose = lambda datagram: False
+            it.link.send(command(1.0, bring_down=down))
             await asyncio.sleep(it.link.period_s)
-            it.network.lose = lambda datagram: both_ways or kind_of(datagram[2]) != UP
-            it.vehicle.acts.clear()
-            failed_s, until_s = loop.time(), loop.time() + 3.5
-            while loop.time() < until_s:
-                if loop.time() > failed_s + 1.1:
-                    it.network.lose = lambda datagram: False
-                it.link.send(command(1.0, bring_down=down))
-                await asyncio.sleep(it.link.period_s)
-            lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
-            held = 0.0 if both_ways else SILENT_S
-            assert lifted[-1] == pytest.approx(failed_s + held + 0.25 + 1.5, abs=0.25)
-            assert all(share > 0.0 for time_s, share, _ in it.vehicle.acts if time_s < lifted[-1])
-            assert not it.receiver.armed
-
-    in_virtual_time(main())
+        lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+        held = 0.0 if both_ways else SILENT_S
+        assert lifted[-1] == pytest.approx(failed_s + held + 0.25 + 1.5, abs=0.25)
+        assert all(share > 0.0 for time_s, share, _ in it.vehicle.acts if time_s < lifted[-1])
+        assert not it.receiver.armed
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
-def test_orders_arrive_over_a_network_that_loses_much(share: float) -> None:
-    async def main() -> None:
-        luck = itertools.cycle([k * 0.618034 % 1.0 < share for k in range(997)])
-        async with room() as it:
-            it.network.lose = lambda datagram: next(luck)
-            await it.link.arm(idle)
-            await it.stream(1.0, 1.0)
-            assert it.receiver.armed
-            assert it.thrust == pytest.approx(0.5, abs=2e-3)
-            killed = asyncio.create_task(it.link.kill())
-            await asyncio.sleep(0.1)
-            assert not it.receiver.armed
-            await killed
-            await it.link.arm(idle)
-            await it.stream(1.0, 0.2)
-            await it.link.close()
-            assert not it.receiver.armed
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_orders_arrive_over_a_network_that_loses_much(share: float) -> None:
+    luck = itertools.cycle([k * 0.618034 % 1.0 < share for k in range(997)])
+    async with room() as it:
+        it.network.lose = lambda datagram: next(luck)
+        await it.link.arm(idle)
+        await it.stream(1.0, 1.0)
+        assert it.receiver.armed
+        assert it.thrust == pytest.approx(0.5, abs=2e-3)
+        killed = asyncio.create_task(it.link.kill())
+        await asyncio.sleep(0.1)
+        assert not it.receiver.armed
+        await killed
+        await it.link.arm(idle)
+        await it.stream(1.0, 0.2)
+        await it.link.close()
+        assert not it.receiver.armed
 
 
-def test_one_station_commands_and_another_only_after_it_has_left() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            second = it.station()
-            flying = asyncio.create_task(it.stream(1.0, 2.0))
-            with pytest.raises(LinkRejected, match="obeys another station"):
-                await second.connect()
-            assert it.thrust == pytest.approx(0.5, abs=2e-3)
-            await flying
-            await it.link.close()
+@in_virtual_time
+async def test_one_station_commands_and_another_only_after_it_has_left() -> None:
+    async with room(armed=True) as it:
+        second = it.station()
+        flying = asyncio.create_task(it.stream(1.0, 2.0))
+        with pytest.raises(LinkRejected, match="obeys another station"):
             await second.connect()
-            assert second.status.state == "connected"
-            await second.arm(idle)
-            with pytest.raises(LinkRejected, match="obeys another station"):
-                await it.link.connect()
-            await second.close()
+        assert it.thrust == pytest.approx(0.5, abs=2e-3)
+        await flying
+        await it.link.close()
+        await second.connect()
+        assert second.status.state == "connected"
+        await second.arm(idle)
+        with pytest.raises(LinkRejected, match="obeys another station"):
+            await it.link.connect()
+        await second.close()
 
-    in_virtual_time(main())
 
-
-def test_a_station_that_fell_silent_is_followed_by_another_once_the_vehicle_is_down() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            assert it.link.send(command(1.0, bring_down=(Segment(1.5, 0.8, (0.0, 0.0, 0.0)),)))
-            first = it.network.ups()[-1][0]
-            it.network.lose = lambda datagram: first in datagram[:2]
-            await asyncio.sleep(SILENT_S + 0.1)
-            assert it.thrust == pytest.approx(0.4, abs=2e-3)
-            second = it.station()
-            with pytest.raises(LinkRejected, match="brings a vehicle down"):
-                await second.connect()
-            assert it.thrust == pytest.approx(0.4, abs=2e-3)
-            await asyncio.sleep(0.5)
+@in_virtual_time
+async def test_a_station_that_fell_silent_is_followed_by_another_once_the_vehicle_is_down() -> None:
+    async with room(armed=True) as it:
+        assert it.link.send(command(1.0, bring_down=(Segment(1.5, 0.8, (0.0, 0.0, 0.0)),)))
+        first = it.network.ups()[-1][0]
+        it.network.lose = lambda datagram: first in datagram[:2]
+        await asyncio.sleep(SILENT_S + 0.1)
+        assert it.thrust == pytest.approx(0.4, abs=2e-3)
+        second = it.station()
+        with pytest.raises(LinkRejected, match="brings a vehicle down"):
             await second.connect()
-            await second.arm(idle)
-            await second.close()
-
-    in_virtual_time(main())
-
-
-def test_a_bridge_that_is_started_again_is_found_again_and_nothing_is_armed() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.3)
-            await it.restart()
-            await it.stream(1.0, 3.5)
-            assert it.link.status.state == "connected"
-            assert not it.receiver.armed
-            await it.link.arm(idle)
-            await it.stream(1.0, 0.2)
-            assert it.thrust == pytest.approx(0.5, abs=2e-3)
-
-    in_virtual_time(main())
+        assert it.thrust == pytest.approx(0.4, abs=2e-3)
+        await asyncio.sleep(0.5)
+        await second.connect()
+        await second.arm(idle)
+        await second.close()
 
 
-def test_a_plug_pulled_at_the_bridge_is_told_at_the_station() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            it.wire.cut = True
-            await it.stream(1.0, 0.5)
-            assert it.link.status.state == "lost"
-            assert "on the bridge: cannot open the simulated port: it is unplugged" in it.link.status.text
-            it.wire.cut = False
-            await it.stream(1.0, 2.0)
-            assert it.link.status.state == "connected"
-            assert any("unplugged" in line for line in it.said)
-            assert "the port is back, disarmed" in it.said
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_bridge_that_is_started_again_is_found_again_and_nothing_is_armed() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.3)
+        await it.restart()
+        await it.stream(1.0, 3.5)
+        assert it.link.status.state == "connected"
+        assert not it.receiver.armed
+        await it.link.arm(idle)
+        await it.stream(1.0, 0.2)
+        assert it.thrust == pytest.approx(0.5, abs=2e-3)
 
 
-def test_a_pacer_and_a_stand_by_that_die_at_the_bridge_are_started_again_and_the_station_is_told() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.3)
-            pacer: Any = it.wire.pacer
-            pacer._task.cancel()
-            it.bridge._pacer._hear(None)
-            await it.stream(1.0, 0.05)
-            assert not it.link.send(command(1.0))
-            assert "being started again" in it.link.status.text
-            assert not it.receiver.armed, "the new one begins at once, and disarmed"
-            assert "the vehicle is disarmed" not in it.said
-            await it.stream(1.0, 1.0)
-            assert it.said.index("the pacer ended: starting it again, disarmed") < it.said.index(
-                "the vehicle is disarmed"
-            )
-            assert it.link.status.state == "connected"
-            assert not it.receiver.armed
-            await it.link.arm(idle)
-            await it.stream(1.0, 0.1)
-            assert it.thrust == pytest.approx(0.5, abs=2e-3)
+@in_virtual_time
+async def test_a_plug_pulled_at_the_bridge_is_told_at_the_station() -> None:
+    async with room(armed=True) as it:
+        it.wire.cut = True
+        await it.stream(1.0, 0.5)
+        assert it.link.status.state == "lost"
+        assert "on the bridge: cannot open the simulated port: it is unplugged" in it.link.status.text
+        it.wire.cut = False
+        await it.stream(1.0, 2.0)
+        assert it.link.status.state == "connected"
+        assert any("unplugged" in line for line in it.said)
+        assert "the port is back, disarmed" in it.said
 
-    in_virtual_time(main())
+
+@in_virtual_time
+async def test_a_pacer_and_a_stand_by_that_die_at_the_bridge_are_started_again_and_the_station_is_told() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.3)
+        pacer: Any = it.wire.pacer
+        pacer._task.cancel()
+        it.bridge._pacer._hear(None)
+        await it.stream(1.0, 0.05)
+        assert not it.link.send(command(1.0))
+        assert "being started again" in it.link.status.text
+        assert not it.receiver.armed, "the new one begins at once, and disarmed"
+        assert "the vehicle is disarmed" not in it.said
+        await it.stream(1.0, 1.0)
+        assert it.said.index("the pacer ended: starting it again, disarmed") < it.said.index("the vehicle is disarmed")
+        assert it.link.status.state == "connected"
+        assert not it.receiver.armed
+        await it.link.arm(idle)
+        await it.stream(1.0, 0.1)
+        assert it.thrust == pytest.approx(0.5, abs=2e-3)
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_a_pacer_that_dies_or_stands_still_at_the_bridge_is_replaced_and_the_flight_is_over(stopped: bool) -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            loop = asyncio.get_running_loop()
-            await it.stream(1.0, 0.3)
-            heard: list[float] = []
-            it.peer.overhear = lambda time_s, data: heard.append(time_s)
-            heard.append(loop.time())
-            assert it.wire.pacer is not None
-            it.wire.pacer.strike(stopped=stopped)
-            await it.stream(1.0, 0.15)
-            assert it.link.status.state == "lost"
-            assert "on the bridge: the pacer " in it.link.status.text
-            assert not it.link.send(command(1.0))
-            await it.stream(1.0, 0.2)
-            assert it.thrust == pytest.approx(0.4, abs=2e-3), "its bring-down"
-            assert "the vehicle is disarmed" not in it.said
-            await it.stream(1.0, 0.5)
-            assert not it.receiver.armed
-            await it.stream(1.0, 0.5)
-            assert "the vehicle is disarmed" in it.said
-            gaps = [second - first for first, second in zip(heard, heard[1:], strict=False)]
-            assert max(gaps) < (0.12 if stopped else 2.1 * MODULE.period_s)
-            assert it.link.status.state == "connected", "there is another pacer, with a stand-by"
-            assert not it.receiver.armed
-            await it.link.arm(idle)
-            await it.stream(1.0, 0.1)
-            assert it.thrust == pytest.approx(0.5, abs=2e-3)
-
-    in_virtual_time(main())
-
-
-def test_a_bridge_that_ends_takes_no_command_any_more_and_tells_the_station() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            loop = asyncio.get_running_loop()
-            await it.stream(1.0, 0.3)
-            it.vehicle.acts.clear()
-            ended = loop.time()
-            it.running.cancel()
-            await it.stream(1.5, 0.1)
-            assert not it.link.send(command(1.5))
-            assert it.link.status.phase == "fresh"
-            assert "commands count no more" in it.link.status.text
-            await it.stream(1.5, 1.5)
-            assert it.running.done()
-            assert not it.receiver.armed
-            assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3), "the one it held"
-            lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
-            assert lifted[-1] < ended + 0.25 + DOWN.duration_s + MODULE.period_s
-            it.running = asyncio.create_task(asyncio.sleep(0.0))  # nothing is left to end
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_pacer_that_dies_or_stands_still_at_the_bridge_is_replaced_and_the_flight_ends(
+    stopped: bool,
+) -> None:
+    async with room(armed=True) as it:
+        loop = asyncio.get_running_loop()
+        await it.stream(1.0, 0.3)
+        heard: list[float] = []
+        it.peer.overhear = lambda time_s, data: heard.append(time_s)
+        heard.append(loop.time())
+        assert it.wire.pacer is not None
+        it.wire.pacer.strike(stopped=stopped)
+        await it.stream(1.0, 0.15)
+        assert it.link.status.state == "lost"
+        assert "on the bridge: the pacer " in it.link.status.text
+        assert not it.link.send(command(1.0))
+        await it.stream(1.0, 0.2)
+        assert it.thrust == pytest.approx(0.4, abs=2e-3), "its bring-down"
+        assert "the vehicle is disarmed" not in it.said
+        await it.stream(1.0, 0.5)
+        assert not it.receiver.armed
+        await it.stream(1.0, 0.5)
+        assert "the vehicle is disarmed" in it.said
+        gaps = [second - first for first, second in zip(heard, heard[1:], strict=False)]
+        assert max(gaps) < (0.12 if stopped else 2.1 * MODULE.period_s)
+        assert it.link.status.state == "connected", "there is another pacer, with a stand-by"
+        assert not it.receiver.armed
+        await it.link.arm(idle)
+        await it.stream(1.0, 0.1)
+        assert it.thrust == pytest.approx(0.5, abs=2e-3)
 
 
-def test_a_bridge_that_refuses_every_command_is_not_believed_to_fly() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            loop = asyncio.get_running_loop()
-            await it.stream(1.0, 0.3)
-            it.network.delay_s = lambda datagram: 0.3 if kind_of(datagram[2]) == UP else 0.0
-            struck = loop.time()
-            while it.link.send(command(1.0)):
-                await asyncio.sleep(it.link.period_s)
-            assert loop.time() < struck + 0.25 + 0.1, "as soon as the first is refused"
-            assert "commands count no more" in it.link.status.text
-            await it.stream(1.0, 2.0)
-            assert it.link.status.state == "connected"
-            assert not it.link.status.hears_vehicle
-
-    in_virtual_time(main())
-
-
-def test_the_operator_of_the_bridge_can_stop_the_motors() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.3)
-            it.bridge.kill()
-            await it.stream(1.0, 0.1)
-            assert not it.receiver.armed
-            assert it.link.status.state == "connected"
-            assert not it.link.send(command())
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_bridge_that_ends_takes_no_command_any_more_and_tells_the_station() -> None:
+    async with room(armed=True) as it:
+        loop = asyncio.get_running_loop()
+        await it.stream(1.0, 0.3)
+        it.vehicle.acts.clear()
+        ended = loop.time()
+        it.running.cancel()
+        await it.stream(1.5, 0.1)
+        assert not it.link.send(command(1.5))
+        assert it.link.status.phase == "fresh"
+        assert "commands count no more" in it.link.status.text
+        await it.stream(1.5, 1.5)
+        assert it.running.done()
+        assert not it.receiver.armed
+        assert max(share for _, share, _ in it.vehicle.acts) == pytest.approx(0.5, abs=2e-3), "the one it held"
+        lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+        assert lifted[-1] < ended + 0.25 + DOWN.duration_s + MODULE.period_s
+        it.running = asyncio.create_task(asyncio.sleep(0.0))  # nothing is left to end
 
 
-def test_an_address_in_use_ends_the_bridge_in_words() -> None:
-    async def main() -> None:
-        async with room() as it:
-            with pytest.raises(LinkError, match=r"cannot listen at 127\.0\.0\.1:14600"):
-                await it.new_bridge().run()
+@in_virtual_time
+async def test_a_bridge_that_refuses_every_command_is_not_believed_to_fly() -> None:
+    async with room(armed=True) as it:
+        loop = asyncio.get_running_loop()
+        await it.stream(1.0, 0.3)
+        it.network.delay_s = lambda datagram: 0.3 if kind_of(datagram[2]) == UP else 0.0
+        struck = loop.time()
+        while it.link.send(command(1.0)):
+            await asyncio.sleep(it.link.period_s)
+        assert loop.time() < struck + 0.25 + 0.1, "as soon as the first is refused"
+        assert "commands count no more" in it.link.status.text
+        await it.stream(1.0, 2.0)
+        assert it.link.status.state == "connected"
+        assert not it.link.status.hears_vehicle
 
-    in_virtual_time(main())
+
+@in_virtual_time
+async def test_the_operator_of_the_bridge_can_stop_the_motors() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.3)
+        it.bridge.kill()
+        await it.stream(1.0, 0.1)
+        assert not it.receiver.armed
+        assert it.link.status.state == "connected"
+        assert not it.link.send(command())
+
+
+@in_virtual_time
+async def test_an_address_in_use_ends_the_bridge_in_words() -> None:
+    async with room() as it:
+        with pytest.raises(LinkError, match=r"cannot listen at 127\.0\.0\.1:14600"):
+            await it.new_bridge().run()
 
 
 # ---- clocks
@@ -540,33 +498,31 @@ class AnotherClock:
 
 
 @pytest.mark.parametrize("shift_s", [-7654.3, 0.0, 1e6])
-def test_deadlines_hold_whatever_the_other_machines_clock_shows(shift_s: float) -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        it = Room()
-        it.network.delay_s = lambda datagram: 0.04
-        reports: list[PacerReport | None] = []
-        station = RemotePacer(ADDRESS, 2.0, 0.0, KEY, nonce, reports.append)
-        station._loop = AnotherClock(shift_s)  # type: ignore[assignment]  # a loop in all that is used
-        await station.open(0.5)
+@in_virtual_time
+async def test_deadlines_hold_whatever_the_other_machines_clock_shows(shift_s: float) -> None:
+    loop = asyncio.get_running_loop()
+    it = Room()
+    it.network.delay_s = lambda datagram: 0.04
+    reports: list[PacerReport | None] = []
+    station = RemotePacer(ADDRESS, 2.0, 0.0, KEY, nonce, reports.append)
+    station._loop = AnotherClock(shift_s)  # type: ignore[assignment]  # a loop in all that is used
+    await station.open(0.5)
+    here = loop.time() + shift_s
+    station.give(Arm(1, here))
+    for _ in range(80):
         here = loop.time() + shift_s
-        station.give(Arm(1, here))
-        for _ in range(80):
-            here = loop.time() + shift_s
-            station.give(Give(1, Command(1.0, (0.0, 0.0, 0.0), 1, here, here + 0.25)))
-            await asyncio.sleep(0.02)
-        assert it.thrust == pytest.approx(0.5, abs=2e-3)
-        last_s = loop.time() - 0.02 + 0.25
-        await asyncio.sleep(1.0)
-        lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
-        assert last_s - 0.04 - MODULE.period_s < lifted[-1] <= last_s + MODULE.frame_s + 1e-6
-        newest = reports[-1]
-        assert newest is not None
-        assert newest.now_s == pytest.approx(loop.time() + shift_s, abs=0.25)
-        station.forget()
-        await it.leave()
-
-    in_virtual_time(main())
+        station.give(Give(1, Command(1.0, (0.0, 0.0, 0.0), 1, here, here + 0.25)))
+        await asyncio.sleep(0.02)
+    assert it.thrust == pytest.approx(0.5, abs=2e-3)
+    last_s = loop.time() - 0.02 + 0.25
+    await asyncio.sleep(1.0)
+    lifted = [time_s for time_s, share, _ in it.vehicle.acts if share > 0.0]
+    assert last_s - 0.04 - MODULE.period_s < lifted[-1] <= last_s + MODULE.frame_s + 1e-6
+    newest = reports[-1]
+    assert newest is not None
+    assert newest.now_s == pytest.approx(loop.time() + shift_s, abs=0.25)
+    station.forget()
+    await it.leave()
 
 
 @given(
@@ -616,31 +572,27 @@ def test_what_was_true_a_round_trip_ago_is_believed_as_far_as_clocks_have_run_ap
 
 
 @given(st.binary(max_size=300))
-def test_no_bytes_at_all_make_either_side_raise(data: bytes) -> None:
-    async def main() -> None:
-        async with room() as it:
-            station = it.network.ups()[-1][0]
-            bridge = parse_address(ADDRESS)
-            for head in (b"", *(b"RFB1" + bytes((kind,)) for kind in range(6))):
-                it.network.again((station, bridge, head + data))
-                it.network.again((bridge, station, head + data))
-            await soon()
-            assert it.link.status.state == "connected"
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_no_bytes_at_all_make_either_side_raise(data: bytes) -> None:
+    async with room() as it:
+        station = it.network.ups()[-1][0]
+        bridge = parse_address(ADDRESS)
+        for head in (b"", *(b"RFB1" + bytes((kind,)) for kind in range(6))):
+            it.network.again((station, bridge, head + data))
+            it.network.again((bridge, station, head + data))
+        await soon()
+        assert it.link.status.state == "connected"
 
 
-def test_a_sealed_datagram_that_means_nothing_is_counted() -> None:
-    async def main() -> None:
-        async with room() as it:
-            source, target, _ = it.network.ups()[-1]
-            hello = first_seal(KEY, HELLO, bytes(16))
-            it.network.again((source, target, hello.close(BridgeHello(b"short"))))
-            it.network.again((source, target, hello.close(Up(0.0, 0.0, 0.0))))
-            await soon()
-            assert it.bridge.dropped["malformed"] == 2
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_sealed_datagram_that_means_nothing_is_counted() -> None:
+    async with room() as it:
+        source, target, _ = it.network.ups()[-1]
+        hello = first_seal(KEY, HELLO, bytes(16))
+        it.network.again((source, target, hello.close(BridgeHello(b"short"))))
+        it.network.again((source, target, hello.close(Up(0.0, 0.0, 0.0))))
+        await soon()
+        assert it.bridge.dropped["malformed"] == 2
 
 
 def test_a_seal_opens_what_it_closed_once_and_in_order() -> None:

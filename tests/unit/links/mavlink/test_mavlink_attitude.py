@@ -107,7 +107,7 @@ def test_whoever_watches_gets_fifty_attitudes_a_second_on_our_clock(
         await link.close()
         peer.cancel()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     assert len(heard) == pytest.approx(4.0 * ATTITUDE_HZ, abs=3)
     late = [when - told.time_s for when, told in heard[10:]]
     assert max(late) - min(late) < 0.002
@@ -131,7 +131,7 @@ def asked(answer: Callable[[Message], list[Message]] = accept) -> list[tuple[flo
             beating.cancel()
             await link.close()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     return seen
 
 
@@ -167,7 +167,7 @@ def test_one_that_is_wanted_anyhow_is_asked_for_once() -> None:
         beating.cancel()
         await link.close()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     assert [interval for number, interval in seen if number == 31.0] == [10_000.0]
 
 
@@ -188,16 +188,14 @@ def test_a_slow_serial_port_is_not_filled_with_it(way: dict[str, Any], rate_hz: 
     assert wished == [rate_hz]
 
 
-def test_it_can_only_be_watched_from_before_the_link_is_connected() -> None:
-    async def main() -> None:
-        autopilot = await Endpoint(kind=PX4).open()
-        autopilot.answer = accept
-        beating = asyncio.create_task(autopilot.beating())
-        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-        await link.connect()
-        with pytest.raises(LinkMisuse, match="before"):
-            link.watch_attitude(lambda told: None)
-        beating.cancel()
-        await link.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_it_can_only_be_watched_from_before_the_link_is_connected() -> None:
+    autopilot = await Endpoint(kind=PX4).open()
+    autopilot.answer = accept
+    beating = asyncio.create_task(autopilot.beating())
+    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+    await link.connect()
+    with pytest.raises(LinkMisuse, match="before"):
+        link.watch_attitude(lambda told: None)
+    beating.cancel()
+    await link.close()

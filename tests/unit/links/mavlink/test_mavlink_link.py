@@ -99,7 +99,7 @@ def scene(
             beating.cancel()
             await link.close()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
 
 
 def test_we_send_a_heartbeat_every_second_once_somebody_is_there() -> None:
@@ -111,23 +111,21 @@ def test_we_send_a_heartbeat_every_second_once_somebody_is_there() -> None:
     scene(play)
 
 
-def test_the_autopilot_that_is_waiting_for_us_is_spoken_to_first() -> None:
-    async def main() -> None:
-        autopilot = await Endpoint().open(local=("127.0.0.1", 14580))
-        autopilot.answer = lambda m: [D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3), *accept(m)]
-        link = MavlinkLink(MavlinkLinkConfig(remote="127.0.0.1:14580", quiet=False), thrust_max_n=2.0)
-        await link.connect()
-        assert link.status.state == "connected"
-        await link.arm(lambda: command(0.0))
-        await asyncio.sleep(0.1)
-        before = len(autopilot.of("SET_ATTITUDE_TARGET"))
-        assert before > 50
-        assert link.send(command())
-        await asyncio.sleep(0.01)
-        assert len(autopilot.of("SET_ATTITUDE_TARGET")) == before + 1
-        await link.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_the_autopilot_that_is_waiting_for_us_is_spoken_to_first() -> None:
+    autopilot = await Endpoint().open(local=("127.0.0.1", 14580))
+    autopilot.answer = lambda m: [D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3), *accept(m)]
+    link = MavlinkLink(MavlinkLinkConfig(remote="127.0.0.1:14580", quiet=False), thrust_max_n=2.0)
+    await link.connect()
+    assert link.status.state == "connected"
+    await link.arm(lambda: command(0.0))
+    await asyncio.sleep(0.1)
+    before = len(autopilot.of("SET_ATTITUDE_TARGET"))
+    assert before > 50
+    assert link.send(command())
+    await asyncio.sleep(0.01)
+    assert len(autopilot.of("SET_ATTITUDE_TARGET")) == before + 1
+    await link.close()
 
 
 def test_a_question_for_the_time_is_answered_an_answer_is_not() -> None:
@@ -222,116 +220,106 @@ def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed() -> 
     scene(play)
 
 
-def test_only_a_heartbeat_of_the_vehicle_makes_a_connection() -> None:
-    async def main() -> None:
-        link = MavlinkLink(MavlinkLinkConfig(connect_timeout_s=2.0), thrust_max_n=2.0)
-        got: list[str] = []
-        link.connection.subscribe(lambda m, s: got.append(m.get_type()))
-        connecting = asyncio.create_task(link.connect())
-        await asyncio.sleep(0.1)
-        assert link.status.state == "connecting"
-        wrong, right = await Endpoint(system=9).open(), await Endpoint().open()
-        wrong.beat()
-        right.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-        right.say(D.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))  # another ground station with the same system
-        says = r"no HEARTBEAT of MAVLink system 1, component 1 .*got only: 2 messages of other systems, "
-        with pytest.raises(LinkLost, match=says + r"heard instead: system 9, component 1 at 127\.0\.0\.1:"):
-            await connecting
-        assert got == []
-        assert link.status.state == "closed"
-
-    in_virtual_time(main())
-
-
-def test_an_address_in_use_is_told_of() -> None:
-    async def main() -> None:
-        await Endpoint().open(local=HERE)
-        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-        with pytest.raises(LinkLost, match=r"cannot open 127\.0\.0\.1:14540.*already in use.*holds this port"):
-            await link.connect()
-
-    in_virtual_time(main())
-
-
-def test_a_silent_autopilot_is_lost_and_found_again() -> None:
-    async def main() -> None:
-        autopilot = await Endpoint().open()
-        link = MavlinkLink(MavlinkLinkConfig(quiet=False, heartbeat_timeout_s=3.0), thrust_max_n=2.0)
-        connecting = asyncio.create_task(link.connect())
-        await asyncio.sleep(0)
-        autopilot.answer = accept
-        autopilot.armed = True
-        autopilot.beat()
+@in_virtual_time
+async def test_only_a_heartbeat_of_the_vehicle_makes_a_connection() -> None:
+    link = MavlinkLink(MavlinkLinkConfig(connect_timeout_s=2.0), thrust_max_n=2.0)
+    got: list[str] = []
+    link.connection.subscribe(lambda m, s: got.append(m.get_type()))
+    connecting = asyncio.create_task(link.connect())
+    await asyncio.sleep(0.1)
+    assert link.status.state == "connecting"
+    wrong, right = await Endpoint(system=9).open(), await Endpoint().open()
+    wrong.beat()
+    right.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+    right.say(D.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))  # another ground station with the same system
+    says = r"no HEARTBEAT of MAVLink system 1, component 1 .*got only: 2 messages of other systems, "
+    with pytest.raises(LinkLost, match=says + r"heard instead: system 9, component 1 at 127\.0\.0\.1:"):
         await connecting
-        await link.arm(lambda: command(0.0))
-        await asyncio.sleep(1.7)
-        assert link.status.state == "armed"
-        await asyncio.sleep(0.2)
-        assert link.status.state == "lost"
-        await link.arm(lambda: command(0.0))
-        assert link.send(command())  # it may still hear us
-        autopilot.beat()
-        await asyncio.sleep(0.1)
-        assert link.status.state == "armed"
-        await link.close()
-
-    in_virtual_time(main())
+    assert got == []
+    assert link.status.state == "closed"
 
 
-def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_and_waits_for_a_new_arming() -> None:
-    async def main() -> None:
-        first = await Endpoint().open()
-        first.answer = accept
-        link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
-        link.connection.request(lambda kind: {"ODOMETRY": 50.0})
-        beating = asyncio.create_task(first.beating())
+@in_virtual_time
+async def test_an_address_in_use_is_told_of() -> None:
+    await Endpoint().open(local=HERE)
+    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+    with pytest.raises(LinkLost, match=r"cannot open 127\.0\.0\.1:14540.*already in use.*holds this port"):
         await link.connect()
-        await link.arm(command)
-        second = await Endpoint().open()
-        second.answer = accept
-        second.beat()
-        await asyncio.sleep(0.1)
-        assert link.status.dropped == {"other_address": 2}, "a heartbeat, and the answer to who it is"
-        beating.cancel()
-        await asyncio.sleep(3.5)
-        second.beat()
-        await asyncio.sleep(0.1)
-        assert link.status.state == "connected"
-        assert "arm anew" in link.status.text
-        identity = float(D.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
-        asked = [m.param1 for m in second.of("COMMAND_LONG")]
-        assert [number for number in asked if number != identity] == [230.0, 331.0]
+
+
+@in_virtual_time
+async def test_a_silent_autopilot_is_lost_and_found_again() -> None:
+    autopilot = await Endpoint().open()
+    link = MavlinkLink(MavlinkLinkConfig(quiet=False, heartbeat_timeout_s=3.0), thrust_max_n=2.0)
+    connecting = asyncio.create_task(link.connect())
+    await asyncio.sleep(0)
+    autopilot.answer = accept
+    autopilot.armed = True
+    autopilot.beat()
+    await connecting
+    await link.arm(lambda: command(0.0))
+    await asyncio.sleep(1.7)
+    assert link.status.state == "armed"
+    await asyncio.sleep(0.2)
+    assert link.status.state == "lost"
+    await link.arm(lambda: command(0.0))
+    assert link.send(command())  # it may still hear us
+    autopilot.beat()
+    await asyncio.sleep(0.1)
+    assert link.status.state == "armed"
+    await link.close()
+
+
+@in_virtual_time
+async def test_an_autopilot_that_restarts_behind_another_address_is_asked_again_and_waits_for_a_new_arming() -> None:
+    first = await Endpoint().open()
+    first.answer = accept
+    link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
+    link.connection.request(lambda kind: {"ODOMETRY": 50.0})
+    beating = asyncio.create_task(first.beating())
+    await link.connect()
+    await link.arm(command)
+    second = await Endpoint().open()
+    second.answer = accept
+    second.beat()
+    await asyncio.sleep(0.1)
+    assert link.status.dropped == {"other_address": 2}, "a heartbeat, and the answer to who it is"
+    beating.cancel()
+    await asyncio.sleep(3.5)
+    second.beat()
+    await asyncio.sleep(0.1)
+    assert link.status.state == "connected"
+    assert "arm anew" in link.status.text
+    identity = float(D.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    asked = [m.param1 for m in second.of("COMMAND_LONG")]
+    assert [number for number in asked if number != identity] == [230.0, 331.0]
+    link.send(command())
+    await asyncio.sleep(0.1)
+    assert second.of("SET_ATTITUDE_TARGET") == []
+    await link.close()
+
+
+@in_virtual_time
+async def test_what_is_owed_to_a_vehicle_in_the_air_never_goes_to_another_with_its_number() -> None:
+    own, stranger = await Endpoint().open(), await Endpoint().open()
+    own.answer = stranger.answer = accept
+    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+    beating = asyncio.create_task(own.beating())
+    await link.connect()
+    await link.arm(command)
+    beating.cancel()
+    for _ in range(200):  # its heartbeats are lost, and it is commanded all the same
         link.send(command())
-        await asyncio.sleep(0.1)
-        assert second.of("SET_ATTITUDE_TARGET") == []
-        await link.close()
-
-    in_virtual_time(main())
-
-
-def test_what_is_owed_to_a_vehicle_in_the_air_never_goes_to_another_with_its_number() -> None:
-    async def main() -> None:
-        own, stranger = await Endpoint().open(), await Endpoint().open()
-        own.answer = stranger.answer = accept
-        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-        beating = asyncio.create_task(own.beating())
-        await link.connect()
-        await link.arm(command)
-        beating.cancel()
-        for _ in range(200):  # its heartbeats are lost, and it is commanded all the same
-            link.send(command())
-            stranger.beat()
-            await asyncio.sleep(0.02)
-        assert link.status.state == "lost"
-        assert stranger.of("SET_ATTITUDE_TARGET") == []
-        assert own.of("SET_ATTITUDE_TARGET")
-        await link.silent()
         stranger.beat()
-        await asyncio.sleep(0.1)
-        assert link.status.state == "connected"
-        await link.close()
-
-    in_virtual_time(main())
+        await asyncio.sleep(0.02)
+    assert link.status.state == "lost"
+    assert stranger.of("SET_ATTITUDE_TARGET") == []
+    assert own.of("SET_ATTITUDE_TARGET")
+    await link.silent()
+    stranger.beat()
+    await asyncio.sleep(0.1)
+    assert link.status.state == "connected"
+    await link.close()
 
 
 def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
@@ -347,7 +335,7 @@ def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
             await link.close()
             peer.cancel()
 
-        in_virtual_time(main())
+        in_virtual_time(main)()
         return seen
 
     assert play(quiet=True) == {"ESTIMATOR_STATUS", "HEARTBEAT", "SYS_STATUS", "TIMESYNC"}
@@ -405,7 +393,7 @@ def fly_with_poses(autopilot: Px4Autopilot) -> tuple[list[Pose], MavlinkPoseSour
         await link.close()
         peer.cancel()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     return poses, source
 
 
@@ -450,7 +438,7 @@ def test_poses_that_are_a_while_under_way_are_as_old_as_the_configuration_says()
         await link.close()
         running.cancel()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     assert all(pose.arrival_s - pose.time_s == pytest.approx(0.02, abs=2e-6) for pose in poses)
     assert len(poses) >= 8
 
@@ -468,7 +456,7 @@ def test_poses_go_on_counting_after_the_link_was_connected_again() -> None:
             await link.close()
         peer.cancel()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     assert len(poses) > 60
     assert [pose.id for pose in poses] == list(range(len(poses)))
 
@@ -577,22 +565,20 @@ def test_the_autopilots_newest_words_are_in_the_status() -> None:
 
 
 @pytest.mark.parametrize(("own", "share"), [(None, 0.5), (0.0, 0.25), (1.0, 0.5)])
-def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(own: float | None, share: float) -> None:
-    async def main() -> None:
-        autopilot = await Endpoint().open()
-        autopilot.answer = accept
-        config = MavlinkLinkConfig(quiet=False, thrust_curve=own)
-        link = MavlinkLink(config, thrust_max_n=2.0, thrust_curve=1.0)
-        beating = asyncio.create_task(autopilot.beating())
-        await link.connect()
-        await link.arm(lambda: command(0.0))
-        link.send(command(0.5))
-        await asyncio.sleep(0.1)
-        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(share)  # the root of 0.25
-        beating.cancel()
-        await link.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(own: float | None, share: float) -> None:
+    autopilot = await Endpoint().open()
+    autopilot.answer = accept
+    config = MavlinkLinkConfig(quiet=False, thrust_curve=own)
+    link = MavlinkLink(config, thrust_max_n=2.0, thrust_curve=1.0)
+    beating = asyncio.create_task(autopilot.beating())
+    await link.connect()
+    await link.arm(lambda: command(0.0))
+    link.send(command(0.5))
+    await asyncio.sleep(0.1)
+    assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(share)  # the root of 0.25
+    beating.cancel()
+    await link.close()
 
 
 def test_a_motor_curve_in_the_configuration_bends_the_signal() -> None:
@@ -622,7 +608,7 @@ def test_a_refused_arming_is_told_in_px4s_words() -> None:
         await link.close()
         peer.cancel()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
 
 
 def test_a_peer_whose_vehicle_fails_says_so() -> None:
@@ -634,7 +620,7 @@ def test_a_peer_whose_vehicle_fails_says_so() -> None:
         await AutopilotPeer(Px4Autopilot(Broken()), HERE).run()
 
     with pytest.raises(ArithmeticError, match="the vehicle broke"):
-        in_virtual_time(main())
+        in_virtual_time(main)()
 
 
 @pytest.mark.parametrize(
@@ -677,7 +663,7 @@ def test_two_runs_put_the_same_bytes_on_the_wire() -> None:
             await link.close()
             peer.cancel()
 
-        in_virtual_time(main())
+        in_virtual_time(main)()
         return log
 
     first = record()

@@ -50,32 +50,28 @@ def test_on_loopback_nobody_else_reaches_it(remote: str, host: str) -> None:
     assert MavlinkLinkConfig(remote=remote).local_address[0] == host
 
 
-def test_the_vehicle_hears_every_run_from_the_same_port() -> None:
-    async def main() -> None:
-        vehicle = await Endpoint().open(local=("127.0.0.1", 14580))
-        vehicle.answer = lambda m: [vehicle.codec.dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)]
-        heard = []
-        for _ in range(2):
-            link = MavlinkLink(MavlinkLinkConfig(remote=REMOTE, quiet=False), thrust_max_n=2.0)
-            await link.connect()
-            heard.append(vehicle.remote)
-            await link.close()
-        assert heard == [("127.0.0.1", port())] * 2
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_the_vehicle_hears_every_run_from_the_same_port() -> None:
+    vehicle = await Endpoint().open(local=("127.0.0.1", 14580))
+    vehicle.answer = lambda m: [vehicle.codec.dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)]
+    heard = []
+    for _ in range(2):
+        link = MavlinkLink(MavlinkLinkConfig(remote=REMOTE, quiet=False), thrust_max_n=2.0)
+        await link.connect()
+        heard.append(vehicle.remote)
+        await link.close()
+    assert heard == [("127.0.0.1", port())] * 2
 
 
-def test_where_nothing_comes_the_first_port_is_named_as_a_cause() -> None:
-    async def main() -> None:
-        link = MavlinkLink(MavlinkLinkConfig(remote=REMOTE, connect_timeout_s=1.0), thrust_max_n=2.0)
-        with pytest.raises(LinkLost, match=rf"the first port that it heard.*from port {port()}: .*link\.local_port"):
-            await link.connect()
-        there = MavlinkLink(MavlinkLinkConfig(connect_timeout_s=1.0), thrust_max_n=2.0)
-        with pytest.raises(LinkLost, match="nothing came at all") as refused:
-            await there.connect()
-        assert "local_port" not in str(refused.value)
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_where_nothing_comes_the_first_port_is_named_as_a_cause() -> None:
+    link = MavlinkLink(MavlinkLinkConfig(remote=REMOTE, connect_timeout_s=1.0), thrust_max_n=2.0)
+    with pytest.raises(LinkLost, match=rf"the first port that it heard.*from port {port()}: .*link\.local_port"):
+        await link.connect()
+    there = MavlinkLink(MavlinkLinkConfig(connect_timeout_s=1.0), thrust_max_n=2.0)
+    with pytest.raises(LinkLost, match="nothing came at all") as refused:
+        await there.connect()
+    assert "local_port" not in str(refused.value)
 
 
 def test_a_port_that_is_taken_is_told_with_its_holder() -> None:

@@ -149,7 +149,7 @@ def scene(
             beating.cancel()
             await link.close()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
 
 
 def port_of(end: Endpoint) -> str:
@@ -213,7 +213,8 @@ def test_two_vehicles_behind_one_radio_are_told_apart_by_their_hardware_ids() ->
     scene(play)
 
 
-def test_a_vehicle_that_takes_the_place_of_the_examined_one_is_not_armed() -> None:
+@in_virtual_time
+async def test_a_vehicle_that_takes_the_place_of_the_examined_one_is_not_armed() -> None:
     async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
         await link.examine()
         vehicle.transport.abort()
@@ -227,59 +228,55 @@ def test_a_vehicle_that_takes_the_place_of_the_examined_one_is_not_armed() -> No
         await link.arm(lambda: command(0.0))
         beating.cancel()
 
-    async def main() -> None:
-        vehicle, other = await second_vehicle(1), await second_vehicle(2)
-        link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
-        beating = asyncio.create_task(vehicle.beating())
-        beating.add_done_callback(lambda task: task.cancelled() or task.exception())
-        try:
-            await link.connect()
-            await play(link, vehicle, other)
-        finally:
-            beating.cancel()
-            await link.close()
-
-    in_virtual_time(main())
+    vehicle, other = await second_vehicle(1), await second_vehicle(2)
+    link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
+    beating = asyncio.create_task(vehicle.beating())
+    beating.add_done_callback(lambda task: task.cancelled() or task.exception())
+    try:
+        await link.connect()
+        await play(link, vehicle, other)
+    finally:
+        beating.cancel()
+        await link.close()
 
 
-def test_signed_frames_that_are_replayed_from_another_port_are_refused_and_no_second_vehicle(tmp_path: Path) -> None:
+@in_virtual_time
+async def test_signed_frames_replayed_from_another_port_are_refused_and_no_second_vehicle(
+    tmp_path: Path,
+) -> None:
     key = bytes(range(32))
     path = tmp_path / "key"
     path.write_bytes(key)
     path.chmod(0o600)
+    link = MavlinkLink(MavlinkLinkConfig(quiet=False, signing_key_file=str(path)), thrust_max_n=2.0)
+    vehicle, thief = await Endpoint().open(), await Endpoint().open()
+    vehicle.codec = MavlinkCodec(1, 1)
+    first = 400_000_000_000_00
+    loop = asyncio.get_running_loop()
+    vehicle.codec.signer = Signer(key, lambda: first + int(loop.time() * 1e5))
+    vehicle.answer = accept
+    caught: list[bytes] = []
 
-    async def main() -> None:
-        link = MavlinkLink(MavlinkLinkConfig(quiet=False, signing_key_file=str(path)), thrust_max_n=2.0)
-        vehicle, thief = await Endpoint().open(), await Endpoint().open()
-        vehicle.codec = MavlinkCodec(1, 1)
-        first = 400_000_000_000_00
-        loop = asyncio.get_running_loop()
-        vehicle.codec.signer = Signer(key, lambda: first + int(loop.time() * 1e5))
-        vehicle.answer = accept
-        caught: list[bytes] = []
+    async def beat() -> None:
+        while True:
+            frame = vehicle.codec.pack(D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3))
+            caught.append(frame)
+            vehicle.transport.sendto(frame, vehicle.remote)
+            await asyncio.sleep(1.0)
 
-        async def beat() -> None:
-            while True:
-                frame = vehicle.codec.pack(D.MAVLink_heartbeat_message(2, PX4, 0, 0, 3, 3))
-                caught.append(frame)
-                vehicle.transport.sendto(frame, vehicle.remote)
-                await asyncio.sleep(1.0)
-
-        beating = asyncio.create_task(beat())
-        await link.connect()
-        await asyncio.sleep(2.0)
-        stolen = caught.copy()
-        for frame in stolen:
-            thief.transport.sendto(frame, thief.remote)
-            thief.transport.sendto(frame[:-6] + bytes(6), thief.remote)
-        await asyncio.sleep(0.5)
-        assert link.status.conflict == ""
-        assert link.status.dropped["replayed"] == len(stolen)
-        assert link.status.dropped["bad_signature"] == len(stolen)
-        received = link.status.received
-        await asyncio.sleep(1.0)
-        assert link.status.received > received, "the vehicle itself is still heard"
-        beating.cancel()
-        await link.close()
-
-    in_virtual_time(main())
+    beating = asyncio.create_task(beat())
+    await link.connect()
+    await asyncio.sleep(2.0)
+    stolen = caught.copy()
+    for frame in stolen:
+        thief.transport.sendto(frame, thief.remote)
+        thief.transport.sendto(frame[:-6] + bytes(6), thief.remote)
+    await asyncio.sleep(0.5)
+    assert link.status.conflict == ""
+    assert link.status.dropped["replayed"] == len(stolen)
+    assert link.status.dropped["bad_signature"] == len(stolen)
+    received = link.status.received
+    await asyncio.sleep(1.0)
+    assert link.status.received > received, "the vehicle itself is still heard"
+    beating.cancel()
+    await link.close()

@@ -136,12 +136,10 @@ def test_a_kill_works_on_a_link_that_is_lost_or_brings_down_and_waits_for_no_han
     scene(play)
 
 
-def test_a_closed_link_cannot_kill_and_says_so() -> None:
-    async def main() -> None:
-        with pytest.raises(LinkLost, match="kill switch"):
-            await MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0).kill()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_closed_link_cannot_kill_and_says_so() -> None:
+    with pytest.raises(LinkLost, match="kill switch"):
+        await MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0).kill()
 
 
 @pytest.mark.parametrize(("kind", "mode"), [(PX4, (4.0, 6.0)), (ARDUPILOT, (9.0, 0.0))])
@@ -387,38 +385,38 @@ def test_without_a_peer_nothing_leaves() -> None:
 
 
 @pytest.mark.parametrize("commanded", [True, False], ids=["commanded", "left alone"])
-def test_an_autopilot_that_is_back_takes_newer_commands_only_where_it_was_commanded_meanwhile(commanded: bool) -> None:
-    async def main() -> None:
-        autopilot = await Endpoint().open()
-        autopilot.answer = accept
-        link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
-        connecting = asyncio.create_task(link.connect())
-        await asyncio.sleep(0)
-        autopilot.armed = True
-        autopilot.beat()
-        await connecting
-        await link.arm(idle)
-        for _ in range(100):  # it still obeys, its heartbeats get lost
-            assert link.send(flown())
-            await asyncio.sleep(0.02)
-        if not commanded:
-            await asyncio.sleep(0.3)  # the bring-down has begun
-        assert link.status.state == "lost"
-        assert link.status.text.startswith("the link is lost: no HEARTBEAT of the autopilot for")
-        autopilot.heard.clear()
-        autopilot.beat()
-        await asyncio.sleep(0.01)
-        assert link.status.state == "armed"
-        assert link.send(flown()) is commanded
-        await link.silent()
-        thrusts = [round(m.thrust, 2) for m in autopilot.of("SET_ATTITUDE_TARGET")]
-        assert list(dict.fromkeys(thrusts)) == [0.5, 0.4, 0.0] if commanded else [0.4, 0.0]
-        await link.arm(idle)
+@in_virtual_time
+async def test_an_autopilot_that_is_back_takes_newer_commands_only_if_commanded_meanwhile(
+    commanded: bool,
+) -> None:
+    autopilot = await Endpoint().open()
+    autopilot.answer = accept
+    link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
+    connecting = asyncio.create_task(link.connect())
+    await asyncio.sleep(0)
+    autopilot.armed = True
+    autopilot.beat()
+    await connecting
+    await link.arm(idle)
+    for _ in range(100):  # it still obeys, its heartbeats get lost
         assert link.send(flown())
-        await link.kill()
-        await link.close()
-
-    in_virtual_time(main())
+        await asyncio.sleep(0.02)
+    if not commanded:
+        await asyncio.sleep(0.3)  # the bring-down has begun
+    assert link.status.state == "lost"
+    assert link.status.text.startswith("the link is lost: no HEARTBEAT of the autopilot for")
+    autopilot.heard.clear()
+    autopilot.beat()
+    await asyncio.sleep(0.01)
+    assert link.status.state == "armed"
+    assert link.send(flown()) is commanded
+    await link.silent()
+    thrusts = [round(m.thrust, 2) for m in autopilot.of("SET_ATTITUDE_TARGET")]
+    assert list(dict.fromkeys(thrusts)) == [0.5, 0.4, 0.0] if commanded else [0.4, 0.0]
+    await link.arm(idle)
+    assert link.send(flown())
+    await link.kill()
+    await link.close()
 
 
 def test_a_program_that_stood_still_reads_what_waits_before_anything_of_a_bring_down_leaves() -> None:

@@ -143,7 +143,7 @@ def play(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
         gc.collect()  # a task that nobody awaited tells now
         assert escaped == []
 
-    in_real_time(watched())
+    in_real_time(watched)()
 
 
 def troubles(codec: MavlinkCodec, seed: int) -> Iterator[bytes]:

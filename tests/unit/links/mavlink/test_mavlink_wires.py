@@ -167,118 +167,103 @@ async def lost_and_found(link: MavlinkLink, end: Answering, lose: Callable[[], A
     assert "lost" not in link.status.text
 
 
-def test_a_tcp_connection_that_is_closed_is_opened_again_and_waits_for_a_new_arming() -> None:
-    async def main() -> None:
-        address = await free_address()
-        end = await TcpEnd().start(address)
-        link = MavlinkLink(MavlinkLinkConfig(tcp=address, quiet=False), thrust_max_n=2.0)
+@in_real_time
+async def test_a_tcp_connection_that_is_closed_is_opened_again_and_waits_for_a_new_arming() -> None:
+    address = await free_address()
+    end = await TcpEnd().start(address)
+    link = MavlinkLink(MavlinkLinkConfig(tcp=address, quiet=False), thrust_max_n=2.0)
 
-        def lose() -> None:
-            end.server.close()
-            end.drop()
+    def lose() -> None:
+        end.server.close()
+        end.drop()
 
-        await lost_and_found(link, end, lose, lambda: end.start(address))
-        await link.close()
-        await end.stop()
-
-    in_real_time(main())
+    await lost_and_found(link, end, lose, lambda: end.start(address))
+    await link.close()
+    await end.stop()
 
 
-def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_new_arming(tmp_path: Path) -> None:
-    async def main() -> None:
-        end = SerialEnd(tmp_path / "ttyACM0").plug()
-        link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
-        await lost_and_found(link, end, end.unplug, end.plug)
-        await link.close()
-        end.unplug()
-
-    in_real_time(main())
+@in_real_time
+async def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_new_arming(tmp_path: Path) -> None:
+    end = SerialEnd(tmp_path / "ttyACM0").plug()
+    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
+    await lost_and_found(link, end, end.unplug, end.plug)
+    await link.close()
+    end.unplug()
 
 
-def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
+@in_real_time
+async def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(links.mavlink.connection, "LONGEST_PAUSE_S", 0.2)
+    end = SerialEnd(tmp_path / "ttyACM0").plug()
+    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
+    await link.connect()
+    end.unplug()
+    told: dict[str, None] = {}
 
-    async def main() -> None:
-        end = SerialEnd(tmp_path / "ttyACM0").plug()
-        link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
-        await link.connect()
-        end.unplug()
-        told: dict[str, None] = {}
+    def four() -> bool:
+        told[link.status.text.rpartition("trying again in ")[2]] = None
+        return "0.2 s" in told
 
-        def four() -> bool:
-            told[link.status.text.rpartition("trying again in ")[2]] = None
-            return "0.2 s" in told
-
-        await until(four)
-        assert list(told)[-3:] == ["0.05 s", "0.1 s", "0.2 s"]
-        await asyncio.sleep(0.5)
-        assert "no such port; plug in the adapter, or correct its name); trying again in 0.2 s" in link.status.text
-        await link.close()
-
-    in_real_time(main())
+    await until(four)
+    assert list(told)[-3:] == ["0.05 s", "0.1 s", "0.2 s"]
+    await asyncio.sleep(0.5)
+    assert "no such port; plug in the adapter, or correct its name); trying again in 0.2 s" in link.status.text
+    await link.close()
 
 
-def test_garbage_on_a_serial_port_is_counted_and_the_link_lives(tmp_path: Path) -> None:
-    async def main() -> None:
-        end = SerialEnd(tmp_path / "ttyACM0").plug()
-        link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
-        await link.connect()
-        os.write(end.fd, b"\xfd\x05half a frame" + bytes(300))
-        await until(lambda: link.status.dropped.get("garbage", 0) > 100)
-        received = link.status.received
-        await until(lambda: link.status.received > received)
-        assert link.status.state == "connected"
-        await link.close()
-        end.unplug()
-
-    in_real_time(main())
+@in_real_time
+async def test_garbage_on_a_serial_port_is_counted_and_the_link_lives(tmp_path: Path) -> None:
+    end = SerialEnd(tmp_path / "ttyACM0").plug()
+    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
+    await link.connect()
+    os.write(end.fd, b"\xfd\x05half a frame" + bytes(300))
+    await until(lambda: link.status.dropped.get("garbage", 0) > 100)
+    received = link.status.received
+    await until(lambda: link.status.received > received)
+    assert link.status.state == "connected"
+    await link.close()
+    end.unplug()
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "nowhere/ttyACM0"])
-def test_what_is_no_serial_port_is_told_of(path: str) -> None:
-    async def main() -> None:
-        link = MavlinkLink(MavlinkLinkConfig(serial=path), thrust_max_n=2.0)
-        with pytest.raises(LinkLost, match=f"cannot open {path} for MAVLink .*check that it is there"):
-            await link.connect()
-        assert link.status.state == "closed"
-
-    in_real_time(main())
-
-
-def test_a_port_that_another_program_has_is_told_of(tmp_path: Path) -> None:
-    async def main() -> None:
-        end = SerialEnd(tmp_path / "ttyACM0").plug()
-        held = open_port(str(end.name), 57600)
-        link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name)), thrust_max_n=2.0)
-        with pytest.raises(LinkLost, match=r"another program|busy"):
-            await link.connect()
-        os.close(held)
-        end.unplug()
-
-    in_real_time(main())
-
-
-def test_a_port_that_takes_nothing_drops_frames_and_throws_away_what_waits_in_it(tmp_path: Path) -> None:
-    async def main() -> None:
-        end = SerialEnd(tmp_path / "ttyACM0").plug()
-        link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
+@in_real_time
+async def test_what_is_no_serial_port_is_told_of(path: str) -> None:
+    link = MavlinkLink(MavlinkLinkConfig(serial=path), thrust_max_n=2.0)
+    with pytest.raises(LinkLost, match=f"cannot open {path} for MAVLink .*check that it is there"):
         await link.connect()
-        await link.arm(command)
-        asyncio.get_running_loop().remove_reader(end.fd)  # nobody takes what we send
-        async with asyncio.timeout(60.0):
-            while link.status.state == "armed":
-                for _ in range(50):
-                    link.send(command())
-                await asyncio.sleep(0.02)
-        assert link.status.dropped["full"] > 50
-        assert link.status.phase == "over"
-        assert "the port takes nothing any more" in link.status.text
-        await link.close()
-        end.unplug()
+    assert link.status.state == "closed"
 
-    in_real_time(main())
+
+@in_real_time
+async def test_a_port_that_another_program_has_is_told_of(tmp_path: Path) -> None:
+    end = SerialEnd(tmp_path / "ttyACM0").plug()
+    held = open_port(str(end.name), 57600)
+    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name)), thrust_max_n=2.0)
+    with pytest.raises(LinkLost, match=r"another program|busy"):
+        await link.connect()
+    os.close(held)
+    end.unplug()
+
+
+@in_real_time
+async def test_a_port_that_takes_nothing_drops_frames_and_throws_away_what_waits_in_it(tmp_path: Path) -> None:
+    end = SerialEnd(tmp_path / "ttyACM0").plug()
+    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
+    await link.connect()
+    await link.arm(command)
+    asyncio.get_running_loop().remove_reader(end.fd)  # nobody takes what we send
+    async with asyncio.timeout(60.0):
+        while link.status.state == "armed":
+            for _ in range(50):
+                link.send(command())
+            await asyncio.sleep(0.02)
+    assert link.status.dropped["full"] > 50
+    assert link.status.phase == "over"
+    assert "the port takes nothing any more" in link.status.text
+    await link.close()
+    end.unplug()
 
 
 class BreakingWire:
@@ -299,7 +284,10 @@ class BreakingWire:
         self.breaks = False
 
 
-def test_a_port_that_ends_as_the_autopilot_is_heard_again_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+@in_virtual_time
+async def test_a_port_that_ends_as_the_autopilot_is_heard_is_opened_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     wires: list[BreakingWire] = []
 
     async def open_breaking(config: MavlinkLinkConfig, ear: TransportListener) -> BreakingWire:
@@ -307,61 +295,53 @@ def test_a_port_that_ends_as_the_autopilot_is_heard_again_is_opened_again(monkey
         return wires[-1]
 
     monkeypatch.setattr(links.mavlink.connection, "opener", lambda config: open_breaking)
-
-    async def main() -> None:
-        config = MavlinkLinkConfig(serial="/dev/ttyACM0", quiet=False)
-        connection, end = MavlinkConnection(config), Answering()
-        opening = asyncio.create_task(connection.open())
-        await asyncio.sleep(0.01)
-        wires[-1].ear.hear(end.beat(), None)
-        await asyncio.sleep(0.1)
-        opening.cancel()  # what it asks for is not answered here
-        await asyncio.sleep(config.heartbeat_timeout_s + 0.5)
-        assert connection.state == "lost"
-        wires[0].breaks = True
-        wires[-1].ear.hear(end.beat(), None)
-        await asyncio.sleep(1.0)
-        assert len(wires) == 2
-        wires[-1].ear.hear(end.beat(), None)
-        assert connection.state == "connected"
-        connection.close()
-
-    in_virtual_time(main())
+    config = MavlinkLinkConfig(serial="/dev/ttyACM0", quiet=False)
+    connection, end = MavlinkConnection(config), Answering()
+    opening = asyncio.create_task(connection.open())
+    await asyncio.sleep(0.01)
+    wires[-1].ear.hear(end.beat(), None)
+    await asyncio.sleep(0.1)
+    opening.cancel()  # what it asks for is not answered here
+    await asyncio.sleep(config.heartbeat_timeout_s + 0.5)
+    assert connection.state == "lost"
+    wires[0].breaks = True
+    wires[-1].ear.hear(end.beat(), None)
+    await asyncio.sleep(1.0)
+    assert len(wires) == 2
+    wires[-1].ear.hear(end.beat(), None)
+    assert connection.state == "connected"
+    connection.close()
 
 
-def test_nobody_at_a_tcp_address_is_a_lost_link() -> None:
-    async def main() -> None:
-        address = await free_address()
-        link = MavlinkLink(MavlinkLinkConfig(tcp=address), thrust_max_n=2.0)
-        with pytest.raises(LinkLost, match=f"cannot open {address}"):
-            await link.connect()
-
-    in_real_time(main())
-
-
-def test_a_tcp_connection_that_stalls_is_reset_and_what_waits_in_it_never_arrives() -> None:
-    async def main() -> None:
-        address = await free_address()
-        end = await TcpEnd().start(address)
-        link = MavlinkLink(MavlinkLinkConfig(tcp=address, quiet=False), thrust_max_n=2.0)
+@in_real_time
+async def test_nobody_at_a_tcp_address_is_a_lost_link() -> None:
+    address = await free_address()
+    link = MavlinkLink(MavlinkLinkConfig(tcp=address), thrust_max_n=2.0)
+    with pytest.raises(LinkLost, match=f"cannot open {address}"):
         await link.connect()
-        await link.arm(command)
-        end.server.close()
-        for writer in end.writers:
-            writer.transport.pause_reading()  # type: ignore[attr-defined]  # a socket's transport has it
-        left = 0
-        async with asyncio.timeout(60.0):
-            while link.status.state == "armed":
-                for _ in range(2000):  # until the buffers on both sides are full
-                    link.send(command())
-                left += 1
-                await asyncio.sleep(0.01)
-        assert "acknowledges nothing" in link.status.text
-        assert link.status.dropped["full"] > 0
-        await link.close()
-        await end.stop()
 
-    in_real_time(main())
+
+@in_real_time
+async def test_a_tcp_connection_that_stalls_is_reset_and_what_waits_in_it_never_arrives() -> None:
+    address = await free_address()
+    end = await TcpEnd().start(address)
+    link = MavlinkLink(MavlinkLinkConfig(tcp=address, quiet=False), thrust_max_n=2.0)
+    await link.connect()
+    await link.arm(command)
+    end.server.close()
+    for writer in end.writers:
+        writer.transport.pause_reading()  # type: ignore[attr-defined]  # a socket's transport has it
+    left = 0
+    async with asyncio.timeout(60.0):
+        while link.status.state == "armed":
+            for _ in range(2000):  # until the buffers on both sides are full
+                link.send(command())
+            left += 1
+            await asyncio.sleep(0.01)
+    assert "acknowledges nothing" in link.status.text
+    assert link.status.dropped["full"] > 0
+    await link.close()
+    await end.stop()
 
 
 @pytest.mark.parametrize(

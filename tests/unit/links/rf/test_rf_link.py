@@ -45,212 +45,184 @@ async def room(config: DsmLinkConfig | CrsfLinkConfig = CONFIG, *, armed: bool =
         await asyncio.gather(peer, return_exceptions=True)
 
 
-def test_disarm_frames_keep_the_module_alive_before_anything_is_armed() -> None:
-    async def main() -> None:
-        async with room() as it:
-            await asyncio.sleep(1.0)
-            assert it.receiver.frames == pytest.approx(1.0 / CONFIG.period_s, abs=2)
-            assert not it.receiver.armed
-            assert it.link.status.state == "connected"
-            assert "0 lost" in it.link.status.text
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_disarm_frames_keep_the_module_alive_before_anything_is_armed() -> None:
+    async with room() as it:
+        await asyncio.sleep(1.0)
+        assert it.receiver.frames == pytest.approx(1.0 / CONFIG.period_s, abs=2)
+        assert not it.receiver.armed
+        assert it.link.status.state == "connected"
+        assert "0 lost" in it.link.status.text
 
 
-def test_arming_takes_its_stated_time_and_returns_just_ahead_of_a_frame() -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        async with room() as it:
-            begun = loop.time()
-            await it.link.arm(idle)
-            took = loop.time() - begun
-            assert took == pytest.approx(CONFIG.arm_low_s + CONFIG.arm_high_s, abs=2.1 * CONFIG.period_s)
-            assert it.receiver.armed
-            it.link.send(command(1.0))
-            await asyncio.sleep(CONFIG.lead_s + CONFIG.frame_s + 1e-6)
-            assert it.thrust == pytest.approx(0.5, abs=1e-3), "the very next frame took it"
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_arming_takes_its_stated_time_and_returns_just_ahead_of_a_frame() -> None:
+    loop = asyncio.get_running_loop()
+    async with room() as it:
+        begun = loop.time()
+        await it.link.arm(idle)
+        took = loop.time() - begun
+        assert took == pytest.approx(CONFIG.arm_low_s + CONFIG.arm_high_s, abs=2.1 * CONFIG.period_s)
+        assert it.receiver.armed
+        it.link.send(command(1.0))
+        await asyncio.sleep(CONFIG.lead_s + CONFIG.frame_s + 1e-6)
+        assert it.thrust == pytest.approx(0.5, abs=1e-3), "the very next frame took it"
 
 
-def test_commands_that_stop_are_brought_down_and_nothing_resumes() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.5)
-            await asyncio.sleep(0.2)
-            assert it.thrust == pytest.approx(0.5, abs=1e-3)
-            await asyncio.sleep(0.3)
-            assert it.thrust == pytest.approx(0.4, abs=1e-3), "its bring-down"
-            assert it.link.status.state == "armed"
-            await asyncio.sleep(0.5)
-            assert not it.receiver.armed
-            assert it.link.status.state == "connected"
-            assert not it.link.send(command(1.0))
-            await it.stream(1.0, 1.0)
-            assert not it.receiver.armed
-            await it.link.arm(idle)
-            await it.stream(1.0, 0.1)
-            assert it.thrust == pytest.approx(0.5, abs=1e-3)
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_commands_that_stop_are_brought_down_and_nothing_resumes() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.5)
+        await asyncio.sleep(0.2)
+        assert it.thrust == pytest.approx(0.5, abs=1e-3)
+        await asyncio.sleep(0.3)
+        assert it.thrust == pytest.approx(0.4, abs=1e-3), "its bring-down"
+        assert it.link.status.state == "armed"
+        await asyncio.sleep(0.5)
+        assert not it.receiver.armed
+        assert it.link.status.state == "connected"
+        assert not it.link.send(command(1.0))
+        await it.stream(1.0, 1.0)
+        assert not it.receiver.armed
+        await it.link.arm(idle)
+        await it.stream(1.0, 0.1)
+        assert it.thrust == pytest.approx(0.5, abs=1e-3)
 
 
-def test_a_kill_disarms_with_the_next_frame() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.5)
-            killed = asyncio.create_task(it.link.kill())
-            await asyncio.sleep(CONFIG.period_s + CONFIG.frame_s + 1e-6)
-            assert not it.receiver.armed
-            await killed
-            assert not it.link.send(command(1.0))
-            assert it.link.status.state == "connected"
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_kill_disarms_with_the_next_frame() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.5)
+        killed = asyncio.create_task(it.link.kill())
+        await asyncio.sleep(CONFIG.period_s + CONFIG.frame_s + 1e-6)
+        assert not it.receiver.armed
+        await killed
+        assert not it.link.send(command(1.0))
+        assert it.link.status.state == "connected"
 
 
-def test_a_kill_ends_an_arming_and_says_so() -> None:
-    async def main() -> None:
-        async with room() as it:
-            arming = asyncio.create_task(it.link.arm(idle))
-            await asyncio.sleep(0.7)
+@in_virtual_time
+async def test_a_kill_ends_an_arming_and_says_so() -> None:
+    async with room() as it:
+        arming = asyncio.create_task(it.link.arm(idle))
+        await asyncio.sleep(0.7)
+        await it.link.kill()
+        with pytest.raises(LinkError, match="the motors were killed"):
+            await arming
+        assert not it.receiver.armed
+        await it.link.arm(idle)
+        assert it.receiver.armed
+
+
+@in_virtual_time
+async def test_a_kill_that_cannot_leave_says_who_has_to_act() -> None:
+    async with room(armed=True) as it:
+        it.wire.cut = True
+        with pytest.raises(LinkLost, match="the receiver's failsafe has to act: cannot open"):
             await it.link.kill()
-            with pytest.raises(LinkError, match="the motors were killed"):
-                await arming
-            assert not it.receiver.armed
+
+
+@in_virtual_time
+async def test_silent_returns_when_the_bring_down_is_over() -> None:
+    loop = asyncio.get_running_loop()
+    async with room(armed=True) as it:
+        assert it.link.send(command(1.0))
+        begun = loop.time()
+        await it.link.silent()
+        assert loop.time() - begun == pytest.approx(0.75, abs=2 * CONFIG.period_s)
+
+
+@in_virtual_time
+async def test_closing_in_the_air_first_plays_the_bring_down() -> None:
+    loop = asyncio.get_running_loop()
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.5)
+        sent = loop.time()
+        closing = asyncio.create_task(it.link.close())
+        await asyncio.sleep(0.4)
+        assert it.thrust == pytest.approx(0.4, abs=1e-3)
+        with pytest.raises(LinkMisuse):
+            it.link.send(command(1.0))
+        await closing
+        assert not it.receiver.armed
+        assert loop.time() - sent == pytest.approx(0.25 + 0.5 + CONFIG.disarm_s, abs=0.1)
+
+
+@in_virtual_time
+async def test_an_unplugged_port_is_told_and_comes_back_disarmed() -> None:
+    async with room(armed=True) as it:
+        await it.stream(1.0, 0.5)
+        it.wire.cut = True
+        await it.stream(1.0, FAILSAFE_S + 0.2)
+        assert it.link.status.state == "lost"
+        assert "unplugged" in it.link.status.text
+        assert it.receiver.failsafe
+        assert not it.receiver.armed
+        with pytest.raises(LinkLost, match="unplugged"):
             await it.link.arm(idle)
-            assert it.receiver.armed
-
-    in_virtual_time(main())
-
-
-def test_a_kill_that_cannot_leave_says_who_has_to_act() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            it.wire.cut = True
-            with pytest.raises(LinkLost, match="the receiver's failsafe has to act: cannot open"):
-                await it.link.kill()
-
-    in_virtual_time(main())
+        it.wire.cut = False
+        await it.stream(1.0, 2.0)
+        assert it.link.status.state == "connected"
+        assert not it.receiver.failsafe
+        assert not it.receiver.armed
+        await it.link.arm(idle)
+        assert it.link.status.state == "armed"
 
 
-def test_silent_returns_when_the_bring_down_is_over() -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        async with room(armed=True) as it:
-            assert it.link.send(command(1.0))
-            begun = loop.time()
-            await it.link.silent()
-            assert loop.time() - begun == pytest.approx(0.75, abs=2 * CONFIG.period_s)
-
-    in_virtual_time(main())
-
-
-def test_closing_in_the_air_first_plays_the_bring_down() -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.5)
-            sent = loop.time()
-            closing = asyncio.create_task(it.link.close())
-            await asyncio.sleep(0.4)
-            assert it.thrust == pytest.approx(0.4, abs=1e-3)
-            with pytest.raises(LinkMisuse):
-                it.link.send(command(1.0))
-            await closing
-            assert not it.receiver.armed
-            assert loop.time() - sent == pytest.approx(0.25 + 0.5 + CONFIG.disarm_s, abs=0.1)
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_arming_ends_where_the_poses_go_stale() -> None:
+    async with room() as it:
+        old = idle()
+        with pytest.raises(LinkError, match="pose is too old"):
+            await it.link.arm(lambda: old)
+        await asyncio.sleep(3.0)
+        assert it.link.status.state == "connected"
+        assert [on for _, on in it.vehicle.powered] == []
 
 
-def test_an_unplugged_port_is_told_and_comes_back_disarmed() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            await it.stream(1.0, 0.5)
-            it.wire.cut = True
-            await it.stream(1.0, FAILSAFE_S + 0.2)
-            assert it.link.status.state == "lost"
-            assert "unplugged" in it.link.status.text
-            assert it.receiver.failsafe
-            assert not it.receiver.armed
-            with pytest.raises(LinkLost, match="unplugged"):
-                await it.link.arm(idle)
-            it.wire.cut = False
-            await it.stream(1.0, 2.0)
-            assert it.link.status.state == "connected"
-            assert not it.receiver.failsafe
-            assert not it.receiver.armed
+@in_virtual_time
+async def test_arming_twice_is_misuse_and_changes_nothing() -> None:
+    async with room(armed=True) as it:
+        stream = asyncio.create_task(it.stream(1.0, 1.0))
+        await asyncio.sleep(0.1)
+        with pytest.raises(LinkMisuse, match="armed"):
             await it.link.arm(idle)
-            assert it.link.status.state == "armed"
-
-    in_virtual_time(main())
-
-
-def test_arming_ends_where_the_poses_go_stale() -> None:
-    async def main() -> None:
-        async with room() as it:
-            old = idle()
-            with pytest.raises(LinkError, match="pose is too old"):
-                await it.link.arm(lambda: old)
-            await asyncio.sleep(3.0)
-            assert it.link.status.state == "connected"
-            assert [on for _, on in it.vehicle.powered] == []
-
-    in_virtual_time(main())
+        assert it.thrust == pytest.approx(0.5, abs=1e-3)
+        await stream
 
 
-def test_arming_twice_is_misuse_and_changes_nothing() -> None:
-    async def main() -> None:
-        async with room(armed=True) as it:
-            stream = asyncio.create_task(it.stream(1.0, 1.0))
-            await asyncio.sleep(0.1)
-            with pytest.raises(LinkMisuse, match="armed"):
-                await it.link.arm(idle)
-            assert it.thrust == pytest.approx(0.5, abs=1e-3)
-            await stream
-
-    in_virtual_time(main())
-
-
-def test_a_module_binds_and_checks_its_range_only_while_disarmed() -> None:
-    async def main() -> None:
-        async with room() as it:
+@in_virtual_time
+async def test_a_module_binds_and_checks_its_range_only_while_disarmed() -> None:
+    async with room() as it:
+        await it.link.serve(Service.BIND, 0.5)
+        await it.link.serve(Service.RANGE_CHECK, 0.5)
+        assert set(it.receiver.services) == {Service.BIND, Service.RANGE_CHECK}
+        it.receiver.services.clear()
+        await it.link.arm(idle)
+        stream = asyncio.create_task(it.stream(1.0, 1.0))
+        with pytest.raises(LinkRejected, match="disarm first"):
             await it.link.serve(Service.BIND, 0.5)
+        await stream
+        assert it.receiver.services == []
+
+
+@in_virtual_time
+async def test_a_crsf_module_is_told_that_it_has_no_range_check() -> None:
+    async with room(CrsfLinkConfig()) as it:
+        with pytest.raises(LinkRejected, match="see its own menu"):
             await it.link.serve(Service.RANGE_CHECK, 0.5)
-            assert set(it.receiver.services) == {Service.BIND, Service.RANGE_CHECK}
-            it.receiver.services.clear()
-            await it.link.arm(idle)
-            stream = asyncio.create_task(it.stream(1.0, 1.0))
-            with pytest.raises(LinkRejected, match="disarm first"):
-                await it.link.serve(Service.BIND, 0.5)
-            await stream
-            assert it.receiver.services == []
-
-    in_virtual_time(main())
+        await it.link.serve(Service.BIND, 0.1)
+        assert it.receiver.services == [Service.BIND]
 
 
-def test_a_crsf_module_is_told_that_it_has_no_range_check() -> None:
-    async def main() -> None:
-        async with room(CrsfLinkConfig()) as it:
-            with pytest.raises(LinkRejected, match="see its own menu"):
-                await it.link.serve(Service.RANGE_CHECK, 0.5)
-            await it.link.serve(Service.BIND, 0.1)
-            assert it.receiver.services == [Service.BIND]
-
-    in_virtual_time(main())
-
-
-def test_garbage_from_the_module_is_counted() -> None:
-    async def main() -> None:
-        async with room(CrsfLinkConfig()) as it:
-            it.wire.datagram_received(b"\x01\x02garbage" + bytes.fromhex("C8 04 28 EE EA 97"), None)
-            await asyncio.sleep(0.3)
-            status = it.link.status
-            assert status.received == 1
-            assert sum(status.dropped.values()) == 9
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_garbage_from_the_module_is_counted() -> None:
+    async with room(CrsfLinkConfig()) as it:
+        it.wire.datagram_received(b"\x01\x02garbage" + bytes.fromhex("C8 04 28 EE EA 97"), None)
+        await asyncio.sleep(0.3)
+        status = it.link.status
+        assert status.received == 1
+        assert sum(status.dropped.values()) == 9
 
 
 def test_a_receiver_that_hears_nothing_stops_its_motors_and_wants_the_switch_down_again() -> None:
@@ -277,20 +249,18 @@ def test_a_receiver_that_hears_nothing_stops_its_motors_and_wants_the_switch_dow
     assert not receiver.failsafe
 
 
-def test_a_slow_radio_brings_frames_late_and_whole() -> None:
-    async def main() -> None:
-        it = Room(CONFIG)
-        it.peer = RfPeer(it.receiver, CONFIG, 0.05)
-        loop = asyncio.get_running_loop()
-        peer = asyncio.create_task(it.peer.run())
-        await asyncio.sleep(0.0)
-        for k in range(5):
-            it.peer.datagram_received(CONFIG.codec().encode([0.1 * k] * 6), None)
-            await asyncio.sleep(CONFIG.period_s)
-        begun = loop.time()
-        await asyncio.sleep(0.05)
-        assert it.receiver.frames == 5
-        assert it.receiver.heard_s == pytest.approx(begun - CONFIG.period_s + CONFIG.frame_s + 0.05)
-        peer.cancel()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_slow_radio_brings_frames_late_and_whole() -> None:
+    it = Room(CONFIG)
+    it.peer = RfPeer(it.receiver, CONFIG, 0.05)
+    loop = asyncio.get_running_loop()
+    peer = asyncio.create_task(it.peer.run())
+    await asyncio.sleep(0.0)
+    for k in range(5):
+        it.peer.datagram_received(CONFIG.codec().encode([0.1 * k] * 6), None)
+        await asyncio.sleep(CONFIG.period_s)
+    begun = loop.time()
+    await asyncio.sleep(0.05)
+    assert it.receiver.frames == 5
+    assert it.receiver.heard_s == pytest.approx(begun - CONFIG.period_s + CONFIG.frame_s + 0.05)
+    peer.cancel()

@@ -71,7 +71,7 @@ def fly(folder: Path, seconds: float, *, passes: bool = True) -> tuple[Hoverer, 
         flying.cancel()
         await asyncio.gather(flying, return_exceptions=True)
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     return firmware, plant, station
 
 

@@ -261,5 +261,5 @@ def test_poses_of_a_bridge_that_cuts_frames_over_datagrams_arrive_while_another_
         assert source.status.dropped == {"other_system": 5}
         await source.close()
 
-    in_virtual_time(main())
+    in_virtual_time(main)()
     assert [round(pose.position_ned[1], 3) for pose in found] == [0.0, 0.1, 0.2, 0.3, 0.4]

@@ -22,29 +22,27 @@ async def streaming(server: NatNetServer, seconds: float) -> None:
         server.send(n, loop.time() - 0.005, [TrackedBody("quad", (1.0, 2.0, -3.0), so3.IDENTITY, True)])
 
 
-def test_only_the_server_is_heard() -> None:
-    async def main() -> None:
-        config = NatNetConfig(server="127.0.0.1:1510")
-        server = NatNetServer(config)
-        await server.open()
-        source, poses = config.build(), list[Pose]()
-        await source.start(poses.append)
-        await streaming(server, 0.1)
-        await asyncio.sleep(0.1)
-        count = len(poses)
-        loop = asyncio.get_running_loop()
-        stranger, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.9", 1510))
-        (ours,) = server._clients
-        body = natnet_codec.RigidBody(1, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0))
-        forged = natnet_codec.NatNetFrame(10**6, (body,), 10**12, 10**12)
-        stranger.sendto(natnet_codec.encode_frame(forged, (4, 1)), ours)
-        await asyncio.sleep(0.1)
-        assert len(poses) == count
-        assert source.status.dropped["other_address"] == 1
-        await source.close()
-        server.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_only_the_server_is_heard() -> None:
+    config = NatNetConfig(server="127.0.0.1:1510")
+    server = NatNetServer(config)
+    await server.open()
+    source, poses = config.build(), list[Pose]()
+    await source.start(poses.append)
+    await streaming(server, 0.1)
+    await asyncio.sleep(0.1)
+    count = len(poses)
+    loop = asyncio.get_running_loop()
+    stranger, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=("127.0.0.9", 1510))
+    (ours,) = server._clients
+    body = natnet_codec.RigidBody(1, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0))
+    forged = natnet_codec.NatNetFrame(10**6, (body,), 10**12, 10**12)
+    stranger.sendto(natnet_codec.encode_frame(forged, (4, 1)), ours)
+    await asyncio.sleep(0.1)
+    assert len(poses) == count
+    assert source.status.dropped["other_address"] == 1
+    await source.close()
+    server.close()
 
 
 SECOND = "127.0.0.7"
@@ -52,101 +50,92 @@ SECOND = "127.0.0.7"
 
 
 @pytest.mark.parametrize("first", ["nothing", "its name"])
-def test_a_server_that_answers_from_a_second_address_is_named(first: str) -> None:
+@in_virtual_time
+async def test_a_server_that_answers_from_a_second_address_is_named(first: str) -> None:
     """It answers nothing from the address that was asked, or only who it is."""
+    config = NatNetConfig(server="127.0.0.1:1510")
+    source, poses, told = config.build(), list[Pose](), list[PoseEvent]()
+    asked: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()
 
-    async def main() -> None:
-        config = NatNetConfig(server="127.0.0.1:1510")
-        source, poses, told = config.build(), list[Pose](), list[PoseEvent]()
-        asked: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()
+    class Asked(asyncio.DatagramProtocol):
+        def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+            if not asked.done():
+                asked.set_result(addr)
 
-        class Asked(asyncio.DatagramProtocol):
-            def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-                if not asked.done():
-                    asked.set_result(addr)
-
-        loop = asyncio.get_running_loop()
-        own, _ = await loop.create_datagram_endpoint(Asked, local_addr=("127.0.0.1", 1510))
-        second, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
-        gated = GatedSource(source, GateConfig(), asyncio.get_running_loop, lost_s=0.25, tell=told.append)
-        await gated.start(poses.append)
-        station = await asked
-        info = natnet_codec.encode_server_info(natnet_codec.ServerInfo("Motive", (4, 1), 10**7))
-        (own if first == "its name" else second).sendto(info, station)
-        body = natnet_codec.RigidBody(1, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 1.0))
-        for n in range(200):
-            frame = natnet_codec.NatNetFrame(n, (body,), 10**5 * n + 1, 10**5 * n + 2)
-            await asyncio.sleep(0.01)
-            second.sendto(natnet_codec.encode_frame(frame, (4, 1)), station)
-        advice = gated.status.advice
-        assert poses == []
-        assert f"answers from another address, {SECOND}" in advice
-        assert f'write pose.server = "{SECOND}:1510"' in advice
-        assert explain_drops(gated.status) == advice
-        if first == "nothing":
-            assert next(event.text for event in told if event.reason == "other_address") == advice
-        await gated.close()
-        own.close()
-        second.close()
-
-    in_virtual_time(main())
+    loop = asyncio.get_running_loop()
+    own, _ = await loop.create_datagram_endpoint(Asked, local_addr=("127.0.0.1", 1510))
+    second, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
+    gated = GatedSource(source, GateConfig(), asyncio.get_running_loop, lost_s=0.25, tell=told.append)
+    await gated.start(poses.append)
+    station = await asked
+    info = natnet_codec.encode_server_info(natnet_codec.ServerInfo("Motive", (4, 1), 10**7))
+    (own if first == "its name" else second).sendto(info, station)
+    body = natnet_codec.RigidBody(1, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 1.0))
+    for n in range(200):
+        frame = natnet_codec.NatNetFrame(n, (body,), 10**5 * n + 1, 10**5 * n + 2)
+        await asyncio.sleep(0.01)
+        second.sendto(natnet_codec.encode_frame(frame, (4, 1)), station)
+    advice = gated.status.advice
+    assert poses == []
+    assert f"answers from another address, {SECOND}" in advice
+    assert f'write pose.server = "{SECOND}:1510"' in advice
+    assert explain_drops(gated.status) == advice
+    if first == "nothing":
+        assert next(event.text for event in told if event.reason == "other_address") == advice
+    await gated.close()
+    own.close()
+    second.close()
 
 
-def test_a_stranger_beside_a_server_that_streams_is_no_second_address_of_it() -> None:
-    async def main() -> None:
-        config = NatNetConfig(server="127.0.0.1:1510")
-        server = NatNetServer(config)
-        await server.open()
-        source, poses = config.build(), list[Pose]()
-        await source.start(poses.append)
-        await streaming(server, 0.5)
-        loop = asyncio.get_running_loop()
-        stranger, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
-        (ours,) = server._clients
-        stranger.sendto(natnet_codec.encode_server_info(natnet_codec.ServerInfo("x", (4, 1), 10**7)), ours)
-        await streaming(server, 0.5)
-        assert source.status.dropped["other_address"] == 1
-        assert source.status.advice == ""
-        await source.close()
-        stranger.close()
-        server.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_stranger_beside_a_server_that_streams_is_no_second_address_of_it() -> None:
+    config = NatNetConfig(server="127.0.0.1:1510")
+    server = NatNetServer(config)
+    await server.open()
+    source, poses = config.build(), list[Pose]()
+    await source.start(poses.append)
+    await streaming(server, 0.5)
+    loop = asyncio.get_running_loop()
+    stranger, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
+    (ours,) = server._clients
+    stranger.sendto(natnet_codec.encode_server_info(natnet_codec.ServerInfo("x", (4, 1), 10**7)), ours)
+    await streaming(server, 0.5)
+    assert source.status.dropped["other_address"] == 1
+    assert source.status.advice == ""
+    await source.close()
+    stranger.close()
+    server.close()
 
 
-def test_a_unicast_server_that_forgets_its_clients_is_told_again() -> None:
-    async def main() -> None:
-        config = NatNetConfig()
-        server = NatNetServer(config)
-        await server.open()
-        source, poses = config.build(), list[Pose]()
-        await source.start(poses.append)
-        await streaming(server, 10.0)
-        assert len(poses) == pytest.approx(1000, abs=3), "the keep-alive keeps it streaming"
-        server.close()
-        await asyncio.sleep(3.0)
-        again = NatNetServer(config, (3, 0))
-        await again.open()
-        count = len(poses)
-        await streaming(again, 4.0)
-        assert len(poses) > count + 200
-        assert poses[-1].position_ned == pytest.approx((1.0, 2.0, -3.0))
-        await source.close()
-        again.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_unicast_server_that_forgets_its_clients_is_told_again() -> None:
+    config = NatNetConfig()
+    server = NatNetServer(config)
+    await server.open()
+    source, poses = config.build(), list[Pose]()
+    await source.start(poses.append)
+    await streaming(server, 10.0)
+    assert len(poses) == pytest.approx(1000, abs=3), "the keep-alive keeps it streaming"
+    server.close()
+    await asyncio.sleep(3.0)
+    again = NatNetServer(config, (3, 0))
+    await again.open()
+    count = len(poses)
+    await streaming(again, 4.0)
+    assert len(poses) > count + 200
+    assert poses[-1].position_ned == pytest.approx((1.0, 2.0, -3.0))
+    await source.close()
+    again.close()
 
 
 @pytest.mark.real_time
-def test_a_group_on_an_interface_that_is_not_ours_is_refused_in_words() -> None:
-    async def main() -> None:
-        port = parse_address(await free_address())[1]
-        source = NatNetConfig(multicast=True, interface="192.0.2.1", data_port=port).build()
-        with pytest.raises(OSError, match=r"cannot listen for NatNet poses on 192\.0\.2\.1:0 .*give an address of"):
-            await source.start(lambda pose: None)
-        await source.close()
-
-    in_real_time(main())
+@in_real_time
+async def test_a_group_on_an_interface_that_is_not_ours_is_refused_in_words() -> None:
+    port = parse_address(await free_address())[1]
+    source = NatNetConfig(multicast=True, interface="192.0.2.1", data_port=port).build()
+    with pytest.raises(OSError, match=r"cannot listen for NatNet poses on 192\.0\.2\.1:0 .*give an address of"):
+        await source.start(lambda pose: None)
+    await source.close()
 
 
 @pytest.mark.parametrize(

@@ -32,57 +32,54 @@ KINDS: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("pose", KINDS, ids=["vicon", "json", "natnet multicast", "natnet unicast", "qualisys"])
-def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pose: dict[str, Any]) -> None:
+@in_virtual_time
+async def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pose: dict[str, Any]) -> None:
     config = from_dict({"pose": pose}, Config)
     others, poses = Others(("bee", "cat")), list[Pose]()
+    loop = asyncio.get_running_loop()
+    tracked = make_tracker(config.pose)
+    assert tracked is not None
+    own, tracker = tracked
+    await tracker.open()
+    source = make_source(config.pose, make_link(config.link, thrust_max_n=1.0, thrust_curve=0.0), others)
+    frame, bee, cat = 0, (1.0, 0.5, -1.5), (-1.0, 0.25, -0.5)
 
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        tracked = make_tracker(config.pose)
-        assert tracked is not None
-        own, tracker = tracked
-        await tracker.open()
-        source = make_source(config.pose, make_link(config.link, thrust_max_n=1.0, thrust_curve=0.0), others)
-        frame, bee, cat = 0, (1.0, 0.5, -1.5), (-1.0, 0.25, -0.5)
+    async def stream(seconds: float, hidden: bool) -> None:
+        nonlocal frame
+        for _ in range(round(seconds / 0.01)):
+            await asyncio.sleep(0.01)
+            frame += 1
+            x = 1e-5 * frame
+            at = bee if hidden else (bee[0] + x, bee[1], bee[2])
+            bodies = [
+                TrackedBody(own, (x, 0.0, -1.0), so3.IDENTITY, True),
+                TrackedBody("dog", (5.0, 5.0, 5.0), so3.IDENTITY, True),
+                TrackedBody("bee", at, so3.from_euler_zyx(0.1, 0.2, 0.3), not hidden),
+                TrackedBody("cat", (cat[0] + x, cat[1], cat[2]), so3.IDENTITY, True),
+            ]
+            tracker.send(frame, loop.time() - 0.005, bodies)
 
-        async def stream(seconds: float, hidden: bool) -> None:
-            nonlocal frame
-            for _ in range(round(seconds / 0.01)):
-                await asyncio.sleep(0.01)
-                frame += 1
-                x = 1e-5 * frame
-                at = bee if hidden else (bee[0] + x, bee[1], bee[2])
-                bodies = [
-                    TrackedBody(own, (x, 0.0, -1.0), so3.IDENTITY, True),
-                    TrackedBody("dog", (5.0, 5.0, 5.0), so3.IDENTITY, True),
-                    TrackedBody("bee", at, so3.from_euler_zyx(0.1, 0.2, 0.3), not hidden),
-                    TrackedBody("cat", (cat[0] + x, cat[1], cat[2]), so3.IDENTITY, True),
-                ]
-                tracker.send(frame, loop.time() - 0.005, bodies)
-
-        sending = asyncio.ensure_future(stream(3.0, hidden=False))
-        await asyncio.sleep(0.5)
-        await source.start(poses.append)
-        await sending
-        sight = others.sighting("bee")
-        assert sight is not None
-        assert loop.time() - sight.time_s < 0.1
-        # A centre of mass is a vehicle's own: of the others it is not known.
-        assert sight.position_ned == pytest.approx((bee[0] + 1e-5 * frame, bee[1], bee[2]), abs=0.11)
-        if not any(pose.get("alignment", {}).get("centre_of_mass_m", [0])):
-            assert sight.position_ned == pytest.approx((bee[0] + 1e-5 * frame, bee[1], bee[2]), abs=1e-4)
-        await stream(1.0, hidden=True)
-        hidden, visible = others.sighting("bee"), others.sighting("cat")
-        assert hidden is not None
-        assert visible is not None
-        assert loop.time() - hidden.time_s > 0.9
-        assert loop.time() - visible.time_s < 0.1
-        assert visible.velocity_ned == pytest.approx((1e-3, 0.0, 0.0), abs=1e-4)
-        assert len(poses) > 200
-        await source.close()
-        tracker.close()
-
-    in_virtual_time(main())
+    sending = asyncio.ensure_future(stream(3.0, hidden=False))
+    await asyncio.sleep(0.5)
+    await source.start(poses.append)
+    await sending
+    sight = others.sighting("bee")
+    assert sight is not None
+    assert loop.time() - sight.time_s < 0.1
+    # A centre of mass is a vehicle's own: of the others it is not known.
+    assert sight.position_ned == pytest.approx((bee[0] + 1e-5 * frame, bee[1], bee[2]), abs=0.11)
+    if not any(pose.get("alignment", {}).get("centre_of_mass_m", [0])):
+        assert sight.position_ned == pytest.approx((bee[0] + 1e-5 * frame, bee[1], bee[2]), abs=1e-4)
+    await stream(1.0, hidden=True)
+    hidden, visible = others.sighting("bee"), others.sighting("cat")
+    assert hidden is not None
+    assert visible is not None
+    assert loop.time() - hidden.time_s > 0.9
+    assert loop.time() - visible.time_s < 0.1
+    assert visible.velocity_ned == pytest.approx((1e-3, 0.0, 0.0), abs=1e-4)
+    assert len(poses) > 200
+    await source.close()
+    tracker.close()
 
 
 @pytest.mark.parametrize("name", ["vicon", "natnet", "qualisys", "json"])

@@ -15,7 +15,7 @@ from groundstation.pose.sources.qualisys import QualisysSource
 from links.io import parse_address
 from sim.trackers import QtmServer, TrackedBody
 from sim.trackers.trackers import Client
-from tests.loops import BOTH_LOOPS, free_address, in_virtual_time
+from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time
 
 
 class Room:
@@ -50,7 +50,7 @@ class Room:
             client._transport.write(data)
 
 
-def scene(play: Callable[[Room], Any], run: Callable[[Any], None] = in_virtual_time) -> None:
+def scene(play: Callable[[Room], Any], run: Run = in_virtual_time) -> None:
     async def main() -> None:
         room = Room(QualisysConfig(server=await free_address(), latency_s=0.0))
         await room.server.open()
@@ -63,11 +63,11 @@ def scene(play: Callable[[Room], Any], run: Callable[[Any], None] = in_virtual_t
             room.server.close()
             streaming.cancel()
 
-    run(main())
+    run(main)()
 
 
 @pytest.mark.parametrize("run", BOTH_LOOPS)
-def test_a_lost_connection_is_opened_anew(run: Callable[[Any], None]) -> None:
+def test_a_lost_connection_is_opened_anew(run: Run) -> None:
     async def play(room: Room) -> None:
         await room.more()
         for client in tuple(room.server.clients):
@@ -146,14 +146,12 @@ def test_a_misspelt_name_shows_the_names_that_are_there() -> None:
     scene(play)
 
 
-def test_nobody_there_is_said_with_what_to_check() -> None:
-    async def main() -> None:
-        source = QualisysConfig(server="127.0.0.1:22223").build()
-        with pytest.raises(OSError, match=r"cannot reach QTM at 127\.0\.0\.1:22223 .*little-endian port"):
-            await source.start(lambda pose: None)
-        await source.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_nobody_there_is_said_with_what_to_check() -> None:
+    source = QualisysConfig(server="127.0.0.1:22223").build()
+    with pytest.raises(OSError, match=r"cannot reach QTM at 127\.0\.0\.1:22223 .*little-endian port"):
+        await source.start(lambda pose: None)
+    await source.close()
 
 
 class Mute(asyncio.Protocol):
@@ -174,23 +172,21 @@ class Mute(asyncio.Protocol):
     ("refusal", "words"),
     [("", "QTM did not speak version"), ("Version NOT supported", "no version .* from 1.25 down to 1.8: update QTM")],
 )
-def test_a_server_that_does_not_speak_as_qtm_does_is_told_of(refusal: str, words: str) -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        address = await free_address()
-        await loop.create_server(lambda: Mute(refusal), *parse_address(address))
-        source = QualisysConfig(server=address).build()
-        with pytest.raises(OSError, match=words):
-            await source.start(lambda pose: None)
-        await source.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_a_server_that_does_not_speak_as_qtm_does_is_told_of(refusal: str, words: str) -> None:
+    loop = asyncio.get_running_loop()
+    address = await free_address()
+    await loop.create_server(lambda: Mute(refusal), *parse_address(address))
+    source = QualisysConfig(server=address).build()
+    with pytest.raises(OSError, match=words):
+        await source.start(lambda pose: None)
+    await source.close()
 
 
 @pytest.mark.parametrize("run", BOTH_LOOPS)
 @pytest.mark.parametrize("minor", [8, 18, 22, 24])
 def test_an_older_qtm_is_asked_for_older_versions_on_a_new_connection_each(
-    minor: int, run: Callable[[Any], None], monkeypatch: pytest.MonkeyPatch
+    minor: int, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sim.trackers.trackers.NEWEST_MINOR", minor)
     connections = 0
@@ -211,15 +207,13 @@ def test_an_older_qtm_is_asked_for_older_versions_on_a_new_connection_each(
     scene(play, run)
 
 
-def test_without_a_measurement_the_operator_is_asked_for_one() -> None:
-    async def main() -> None:
-        config = QualisysConfig(server=await free_address())
-        server = QtmServer(config)
-        await server.open()
-        source = config.build()
-        with pytest.raises(OSError, match="did not stream; is a measurement or a preview running"):
-            await source.start(lambda pose: None)
-        await source.close()
-        server.close()
-
-    in_virtual_time(main())
+@in_virtual_time
+async def test_without_a_measurement_the_operator_is_asked_for_one() -> None:
+    config = QualisysConfig(server=await free_address())
+    server = QtmServer(config)
+    await server.open()
+    source = config.build()
+    with pytest.raises(OSError, match="did not stream; is a measurement or a preview running"):
+        await source.start(lambda pose: None)
+    await source.close()
+    server.close()
