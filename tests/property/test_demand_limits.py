@@ -80,7 +80,7 @@ def test_inside_nothing_changes_to_the_bit_and_beyond_the_change_is_the_smallest
     assert math.isclose((x - rate_x) * r31, (y - rate_y) * -r32, abs_tol=1e-6, rel_tol=1e-6)
     if r31 * r31 + r32 * r32 > 0.04:
         stopped = third_column(attitude)[2] + (r31 * turns[1] - r32 * turns[0]) / K_OMEGA
-        bound = -(stopped - least) / VEHICLE.frame_period_s
+        bound = (K_OMEGA - 1.0 / VEHICLE.frame_period_s) * (stopped - least)
         assert math.isclose(r31 * y - r32 * x, bound, rel_tol=1e-6, abs_tol=1e-6)
 
 

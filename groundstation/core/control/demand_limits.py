@@ -6,7 +6,7 @@ The law knows no limits of the vehicle. A demand beyond them is cut in this orde
    what the vertical axis needs, so c stays above c_min (:meth:`DemandLimits.find_least_cosine`).
    Rates turn c by c˙ = r31 ω2 - r32 ω1. They are changed as little as possible so that c, where it
    will be once the present rates have died down, approaches c_min and does not pass it
-   (:meth:`DemandLimits.limit_tilt`).
+   (:meth:`DemandLimits.limit_tilt`), no faster than rates follow commands that are held for a frame.
 2. Thrust, clamped to the vehicle's limits. The law is evaluated a moment on with the rate at which
    thrust can still change (:meth:`DemandLimits.limit_thrust_rate`): a thrust that cannot rise must
    not be counted on.
@@ -74,7 +74,7 @@ class DemandLimits:
         r31, r32 = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
         cosine = 1.0 - 2.0 * (x * x + y * y)
         stopped = cosine + (r31 * rates[1] - r32 * rates[0]) / k_omega
-        approach = k_omega * (stopped - least_cosine)
+        approach = max(1.0 / self._vehicle.frame_period_s - k_omega, k_omega) * (stopped - least_cosine)
         spare = r31 * rate_y - r32 * rate_x + approach
         if ops is FLOATS and spare >= 0.0:
             return rate_x, rate_y, False
