@@ -134,7 +134,7 @@ _STEP = re.compile(r"\.([^.\[\]`]+)|\[(\d+)\]|\[\.\.\.\]")
 
 
 def _translate(root: type[msgspec.Struct], whole: dict[str, Any], error: str) -> Problem:
-    """What msgspec says is wrong with ``whole``, in the operator's words."""
+    """Translate msgspec's ``error`` about ``whole`` into the operator's words."""
     text, _, where = error.partition(" - at `")
     info, path = inspect_struct(root), KeyPath()
     value: Any = whole
@@ -240,7 +240,7 @@ def _toml_value(text: str) -> Any:
 
 
 def _blame(path: KeyPath, data: Any, set_paths: Iterable[KeyPath], source: str) -> str:
-    """Who wrote the value at ``path``: an override, or else the file."""
+    """Name the source of the value at ``path``: an override, or else the file."""
     in_file = data
     for part in path:
         in_file = in_file[part] if isinstance(in_file, Mapping) and part in in_file else None

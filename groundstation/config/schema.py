@@ -17,8 +17,10 @@ NAME = f"{_FIRST}{_NEXT}*"
 """A name within a longer pattern."""
 FACTORY = r"\A[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*\Z"
 """``package.module:factory``."""
-VEHICLE_LETTERS, CLIENT_LETTERS = 24, 32
-"""So long may the name of a vehicle be, and that of a client."""
+VEHICLE_LETTERS = 24
+"""Longest name of a vehicle [letters]."""
+CLIENT_LETTERS = 32
+"""Longest name of a client [letters]."""
 
 
 def name_pattern(most: int) -> str:
@@ -27,7 +29,7 @@ def name_pattern(most: int) -> str:
 
 
 def describe_name(most: int) -> str:
-    """The same in words."""
+    """Describe the pattern of a name of at most ``most`` letters in words."""
     return f"a name matching {describe_pattern(name_pattern(most))}"
 
 
@@ -42,7 +44,7 @@ def is_name(text: str, most: int) -> bool:
 
 
 def describe_type(info: mi.Type) -> str:
-    """What a key of this type accepts, in words: ``a number > 0``, ``one of ['vicon', 'natnet']``."""
+    """Describe the accepted values: ``a number > 0``, ``one of ['vicon', 'natnet']``."""
     match info:
         case mi.Metadata():
             return describe_type(info.type)
@@ -102,7 +104,7 @@ def strip_metadata(info: mi.Type) -> mi.Type:
 
 
 def describe_unknown_key(key: str, value: Any, known: list[str]) -> str:
-    """What is wrong with a key that is none of ``known``, and which of them may have been meant."""
+    """Describe a key that is none of ``known``, and suggest the one that may have been meant."""
     what = "unknown section" if isinstance(value, dict) else "unknown key"
     return f"{what}{suggest(key, known)} (known: {', '.join(known) or 'none'})"
 
@@ -115,7 +117,7 @@ def suggest(written: Any, known: Iterable[Any]) -> str:
 
 
 def describe_value(value: Any) -> str:
-    """What was written instead, no longer than a line."""
+    """Describe the value that was written instead, in at most one line."""
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, bool):
@@ -134,7 +136,7 @@ class OpenFactory:
 
     __slots__ = ()
     EXAMPLE: ClassVar[str] = "package.module:factory"
-    """Such a tag, for error messages."""
+    """Example of a tag, for error messages."""
 
     @classmethod
     def expand(cls, table: dict[str, Any]) -> dict[str, Any]:
@@ -156,13 +158,13 @@ class OpenFactory:
 
 @cache
 def inspect_struct(root: type[msgspec.Struct]) -> mi.Type:
-    """What msgspec tells of ``root`` and all that it holds."""
+    """Return msgspec's description of ``root`` and of all structs in it."""
     return mi.type_info(root)
 
 
 @cache
 def field_descriptions(struct: type[msgspec.Struct]) -> dict[str, str]:
-    """What ``Meta(description=…)`` says of each field of ``struct``, by key; what a base says where it says nothing."""
+    """Return each field's ``Meta(description=…)`` by key; a base's where ``struct`` has none."""
     found: dict[str, str] = {}
     for cls in reversed(struct.__mro__):
         if issubclass(cls, msgspec.Struct) and cls is not msgspec.Struct:

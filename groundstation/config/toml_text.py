@@ -17,7 +17,7 @@ TOO_DEEP = f"no configuration: its tables or arrays stand more than {DEEPEST} de
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """What the TOML ``text`` says.
+    """Parse the TOML ``text``.
 
     Raises:
         ValueError: it is no TOML, or nested deeper than any configuration is.
@@ -38,7 +38,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """What the TOML file ``path`` says.
+    """Read and parse the TOML file ``path``.
 
     Raises:
         ConfigError: it can't be read, is an empty file (``/dev/null`` asks for the defaults), or is not TOML.
@@ -116,7 +116,7 @@ def _key(key: str) -> str:
 
 
 def _keys_and_names(struct: type[msgspec.Struct]) -> Iterator[tuple[str, str]]:
-    """Of each field, as it is written and as it is called here; msgspec.structs.fields() looks at all types, too."""
+    """Pair each written key with its Python name; msgspec.structs.fields() is slower."""
     return zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True)
 
 

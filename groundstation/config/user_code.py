@@ -18,7 +18,7 @@ from groundstation.config.errors import ArgumentError, ConfigError
 from groundstation.config.schema import FACTORY
 
 Option = bool | int | float | str | list[bool | int | float | str]
-"""What an option may be; NaN and infinity are refused as everywhere."""
+"""Types of an option's value; NaN and infinity are refused as everywhere."""
 _LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
 
 
@@ -36,11 +36,11 @@ class StepWatch:
         """The step of ``what`` begins."""
 
     def end(self) -> None:
-        """It has returned, or failed."""
+        """The step has returned, or failed."""
 
 
 STEP_WATCH: "ContextVar[StepWatch]" = ContextVar("step_watch", default=StepWatch())  # noqa: B039  # it keeps nothing
-"""What watches the steps of the user's code in this context."""
+"""The watch on the steps of the user's code in this context."""
 
 
 P = ParamSpec("P")
@@ -91,7 +91,7 @@ def without_frames(work: Callable[P, R]) -> Callable[P, R]:
 
 
 def coroutine_hint(answer: object) -> str:
-    """What to say behind the kind of an ``answer`` where it is a coroutine, which is then over; else nothing."""
+    """Return advice where ``answer`` is a coroutine, which is then closed; else nothing."""
     if not inspect.iscoroutine(answer):
         return ""
     answer.close()  # Python would complain that nobody has awaited it
@@ -127,7 +127,7 @@ def name_object(thing: object) -> str:
 
 
 def find_object(key: str, factory: str) -> Any:
-    """What ``factory`` names: what was lent under it, or else what its module has.
+    """Find the object that ``factory`` names: lent under that name, or else in its module.
 
     Raises:
         ConfigError: it can't be imported, or is not there; by ``key``.
@@ -168,7 +168,7 @@ def needed_names(function: Callable[..., Any], options: Mapping[str, Any]) -> li
 
 
 def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], options: Mapping[str, Any]) -> Any:
-    """What the user's ``found`` makes; an object that is one already is copied, so that each flight begins anew.
+    """Call the user's factory; a ready object is copied, so that each flight begins anew.
 
     A factory is given as much of ``told`` as it needs, then the options as one dict where it needs more, or by name.
 

@@ -43,20 +43,31 @@ AT_REST_M_S = 0.02
 FAST_M_S2 = 2.0
 """What leaves the floor faster than it is to climb is slowed down so hard, rather than climb too high; and no climb
 begins harder, as thrust just off the floor allows no more [m/s²]."""
-BLOWN_M_S, HALTS_M_S2, HALTS_PER_S = 0.1, 3.0, 3.5
-"""What leaves the floor faster sideways [m/s] has been moved by wind, and is stopped so hard [m/s²]; by an autopilot's
-own estimate by so much for each m/s of its speed at most [1/s], as 0.3 m/s may be its wander."""
+BLOWN_M_S = 0.1
+"""Above this horizontal speed at lift-off, wind has moved the vehicle and it is braked [m/s]."""
+HALTS_M_S2 = 3.0
+"""Deceleration of that braking [m/s²]."""
+HALTS_PER_S = 3.5
+"""Deceleration per m/s of an autopilot's own speed estimate, at most [1/s]: 0.3 m/s may be its
+wander."""
 ASTRAY_M = 0.3
 """A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
 shoot up to where it should have been."""
-SILENT_S, SILENTS, LOST_S = 0.15, 2.5, 3.0
-"""A vehicle that tells how it turns, and has been silent for so long [s], and so many times [-] longer than usual, may
-not hear us either; for longer than the third [s], it only tells no more."""
-USUAL_S, USUAL = 0.02, 0.1
-"""The usual time from one telling to the next, to begin with [s], and the share of each in its average [-]."""
-UNHEARD_S, DEAF_S = 0.15, 0.5
-"""Answers to what was sent are overdue for so long [s]: who does not hear the commands can't obey them. After the
-second that is told, and what may still arrive brings it down."""
+SILENT_S = 0.15
+"""Shortest silence of a vehicle's telemetry after which it may not receive commands either [s]."""
+SILENTS = 2.5
+"""Shortest such silence as a multiple of its usual telemetry interval [-]."""
+LOST_S = 3.0
+"""After this long a silence only the telemetry counts as lost [s]."""
+USUAL_S = 0.02
+"""Initial value of the usual telemetry interval [s]."""
+USUAL = 0.1
+"""Weight of each interval in its running mean [-]."""
+UNHEARD_S = 0.15
+"""Acknowledgements overdue for this long: the uplink is assumed down [s]."""
+DEAF_S = 0.5
+"""After this long the operator is told, and the commands that may still arrive bring it down
+[s]."""
 LAST_PERIODS = 2.5
 """The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
 LEAST_HEIGHT_M = 0.3
@@ -65,8 +76,10 @@ SEEN_M = 0.005
 """Less than this is no number that a person is told [m]."""
 LOOKS = 40
 """A leg is looked at in so many places before it is flown: less than a millisecond."""
-LONGER_S, LONGER = 10.0, 2.0
-"""A way down may take so much [s], and so many times [-], longer than at the slowest speed that it is told."""
+LONGER_S = 10.0
+"""Time allowed for a landing beside the way down at its slowest speed [s]."""
+LONGER = 2.0
+"""Factor on the time of that way down [-]."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 

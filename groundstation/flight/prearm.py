@@ -354,19 +354,35 @@ LOOK_S = 1.2
 """Poses are looked at for so long before the first checks [s]."""
 STEP_S = 0.05
 """How densely the ways are held against the fence [s]."""
-FEW_HZ, WARN_RATE = 20.0, 0.8
-"""Fewer poses a second fail; a smaller share of what the source should send is a warning."""
-OLD_SHARE, WARN_AGE_S = 0.5, 0.08
-"""A pose older than this share of ``flight.coast_s`` fails; older than this is a warning [s]."""
-NOISE_M, WARN_NOISE_M = 0.005, 0.0025
-"""Noise of the poses, 1σ per axis [m]: the tones move the vehicle by 2 mm, and 4 mm were flown (`alarms --floors`)."""
-NOISE_DEG, WARN_NOISE_DEG = 0.8, 0.4
-"""Noise of their roll and pitch, 1σ [°]: .6 was flown (`alarms --floors`)."""
-MOVED_M, WANDERED_M = 0.03, 0.5
-"""How far the poses of a vehicle that stands may lie apart [m]; the second where the source knows velocities (GPS)."""
-TILT_DEG, WARN_TILT_DEG = 15.0, 6.0
-FLOOR_M, FLOOR_WANDERS_M = 0.1, 1.0
-"""How far ``flight.floor_z_m`` may be from where the vehicle stands [m]; the second as above."""
+FEW_HZ = 20.0
+"""Below this pose rate the check fails [1/s]."""
+WARN_RATE = 0.8
+"""Below this share of the source's nominal rate the check warns [-]."""
+OLD_SHARE = 0.5
+"""A pose older than this share of ``flight.coast_s`` fails [-]."""
+WARN_AGE_S = 0.08
+"""A pose older than this is a warning [s]."""
+NOISE_M = 0.005
+"""Position noise above this fails, 1σ per axis [m]: the tones move the vehicle by 2 mm, and 4 mm
+were flown (`alarms --floors`)."""
+WARN_NOISE_M = 0.0025
+"""Position noise above this is a warning [m]."""
+NOISE_DEG = 0.8
+"""Roll and pitch noise above this fails, 1σ [°]: 0.6 was flown (`alarms --floors`)."""
+WARN_NOISE_DEG = 0.4
+"""Roll and pitch noise above this is a warning [°]."""
+MOVED_M = 0.03
+"""Largest spread of the positions of a vehicle at rest [m]."""
+WANDERED_M = 0.5
+"""Largest such spread where the source measures velocities (GPS) [m]."""
+TILT_DEG = 15.0
+"""Tilt at rest above this fails [°]."""
+WARN_TILT_DEG = 6.0
+"""Tilt at rest above this is a warning [°]."""
+FLOOR_M = 0.1
+"""Largest difference between ``flight.floor_z_m`` and the height of the vehicle at rest [m]."""
+FLOOR_WANDERS_M = 1.0
+"""Largest such difference where the source measures velocities (GPS) [m]."""
 WARN_RTT = 0.5
 """A longer round trip than this share of its limit is a warning."""
 

@@ -501,9 +501,14 @@ def _ardupilot_estimator(facts: VehicleFacts) -> list[Advice]:
     ]
 
 
-FLIGHT_CHANNELS, AUX_CHANNELS, AUX_SLOTS, EMPTY_SLOT = 4, 12, 20, "0 0 900 900 0 0"
-"""Of a Betaflight: channels of sticks and throttle, those beside them, rows that assign modes to them, and a row that
-assigns none."""
+FLIGHT_CHANNELS = 4
+"""Channels of sticks and throttle of a Betaflight."""
+AUX_CHANNELS = 12
+"""Channels of a Betaflight beside these."""
+AUX_SLOTS = 20
+"""Rows of a Betaflight that assign modes to channels."""
+EMPTY_SLOT = "0 0 900 900 0 0"
+"""Such a row that assigns no mode."""
 ARM_MODE = 0
 LEVEL_MODES = {
     1: "ANGLE", 2: "HORIZON", 3: "ALTHOLD", 5: "MAG", 6: "HEADFREE", 11: "POS HOLD", 12: "PASSTHRU", 27: "FAILSAFE",
@@ -511,7 +516,10 @@ LEVEL_MODES = {
     47: "ACRO TRAINER", 49: "LAUNCH CONTROL", 50: "MSP OVERRIDE", 55: "CHIRP",
 }  # fmt: skip
 """Modes in which sticks and throttle are not rates and thrust, or are nobody's; permanent numbers, msp/msp_box.c."""
-RATE_UNIT_DEG_S, RATE_MOST_DEG_S = 10.0, 1998.0
+RATE_UNIT_DEG_S = 10.0
+"""Betaflight stores rates in steps of this [deg/s]."""
+RATE_MOST_DEG_S = 1998.0
+"""Largest rate that Betaflight commands [deg/s]."""
 
 
 class ReceiverFacts(NamedTuple):

@@ -37,8 +37,10 @@ if TYPE_CHECKING:
 
 WINDOW_S = 2.0
 """Jitter and noise are those of the last so many seconds [s]."""
-REST_M, REST_NOISE = 0.002, 4.0
-"""At rest the halves of the window have the same mean within this, and so many times the noise of one pose [m]."""
+REST_M = 0.002
+"""At rest, the means of the window's two halves differ by less than this plus the noise [m]."""
+REST_NOISE = 4.0
+"""Multiple of one pose's noise that is added to it [-]."""
 KEPT_EVENTS = 20
 
 
@@ -202,12 +204,16 @@ def _degrees(angles: Vec3) -> Vec3:
     return x, y, z
 
 
-SHIFT_M, TURN_DEG = 0.3, 25.0
-"""A move has begun once the vehicle is this far, or this much turned, from where it was."""
+SHIFT_M = 0.3
+"""A move has begun once the vehicle is this far from where it was [m]."""
+TURN_DEG = 25.0
+"""A turn has begun once the vehicle is turned by this much [deg]."""
 REST_S = 0.6
 """It is over once the vehicle is held still for so long [s]."""
-STANDS_M, REST_DEG = 0.04, 5.0
-"""Still is a hand that moves it by no more than this meanwhile."""
+STANDS_M = 0.04
+"""The vehicle is held still while it moves by less than this [m]."""
+REST_DEG = 5.0
+"""The vehicle is held still while it turns by less than this [deg]."""
 
 
 class CarryMove(msgspec.Struct, frozen=True):

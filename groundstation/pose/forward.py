@@ -35,7 +35,7 @@ class Forward:
         self._resets = 0
 
     def take(self, pose: Pose, now_s: float) -> Odometry | None:
-        """What to tell of ``pose`` at ``now_s`` [s, event loop's clock]; None where it is not due, or too old."""
+        """Return the odometry of ``pose`` at ``now_s`` [s]; None where not due or too old."""
         recent, config = self._recent, self._config
         if recent and pose.reset_count != recent[-1].reset_count:
             self._resets += 1
@@ -101,7 +101,7 @@ class ForwardingSource:
         await self._source.start(both)
 
     def distrust(self) -> None:
-        """From now on no pose leaves, nor the one that is under way."""
+        """Stop forwarding poses, the one under way included."""
         self._distrusted = True
 
     async def close(self) -> None:

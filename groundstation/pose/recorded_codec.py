@@ -111,7 +111,7 @@ class TlogRecord(NamedTuple):
 
     @property
     def sender(self) -> Sender:
-        """Who sent it."""
+        """The sender of the message."""
         return Sender(self.message.get_srcSystem(), self.message.get_srcComponent())
 
 
@@ -142,7 +142,7 @@ class TlogReader:
 
     @property
     def dropped(self) -> Counter[str]:
-        """By reason: truncated (a last record cut off), bad_crc, unknown (frames), garbage (bytes)."""
+        """Counts by reason: truncated (last record), bad_crc, unknown (frames), garbage (bytes)."""
         return self._codec.dropped
 
     def __iter__(self) -> Iterator[TlogRecord]:

@@ -72,7 +72,7 @@ async def play(items: Iterable[tuple[float, T]], speed: Speed, take: Callable[[T
 
 
 _MCAP = b"\x89MCAP0\r\n"
-"""How a recording of our own begins."""
+"""First bytes of a recording of our own."""
 
 
 def read_recording(path: Path) -> bytes:
@@ -94,7 +94,7 @@ def read_recording(path: Path) -> bytes:
 
 
 def report_no_poses(path: Path, dropped: Mapping[str, int], expected: str) -> SourceError:
-    """What to raise for a file without poses: ``dropped`` counts what it holds instead, by reason."""
+    """Return the error for a file without poses; ``dropped`` counts its contents."""
     found = ", ".join(f"{count} {reason}" for reason, count in sorted(dropped.items())) or "nothing at all"
     return SourceError(f"pose.path: {path} holds no poses (found: {found}); {expected}")
 
@@ -127,7 +127,7 @@ class RecordedSource:
 
 
 IN_RUN_FOLDER = "poses.csv"
-"""What a run's folder calls its poses."""
+"""Name of the file of poses in a run's folder."""
 
 
 class CsvConfig(PoseKind, frozen=True, kw_only=True, tag="csv"):

@@ -395,8 +395,10 @@ def _inline_refs(part: Any, parts: dict[str, Any]) -> Any:
 Message = tuple[str, float, msgspec.Struct]
 """Topic, time on the event loop's clock [s], and what it says."""
 
-INFO, WARNING = 2, 3
-"""Levels of foxglove.Log."""
+INFO = 2
+"""Level of foxglove.Log."""
+WARNING = 3
+"""Level of foxglove.Log."""
 NAME = "groundstation"
 
 

@@ -32,8 +32,11 @@ from links.rf import RfConfig
 
 REHEARSAL = "rehearsal"
 """The name of a rehearsed vehicle, which no other may have: whoever arms by name says that nothing real moves."""
-FIRST_PORT, PORTS = 25000, 5000
-"""Every port becomes one of these, by its own last digits: none is a tracker's, an autopilot's or a broker's usual."""
+FIRST_PORT = 25000
+"""Start of the range that every port is moved into: no tracker, autopilot or broker uses it by
+default."""
+PORTS = 5000
+"""Number of ports in that range; a port keeps its last digits."""
 FOLDER = "rehearsals"
 """Recordings of rehearsals stand apart, in this folder: no real flight is tidied away for them."""
 
@@ -262,8 +265,10 @@ def ensure_served(room: RehearsalConfig, file: Path) -> None:
         raise ConfigError("--rehearse", f"{room.serial} is no pseudo-terminal: remove it, and {serve}")
 
 
-PORT, PORT_TLS = 1883, 8883
-"""What IANA has registered, without and with TLS."""
+PORT = 1883
+"""MQTT port without TLS (IANA)."""
+PORT_TLS = 8883
+"""MQTT port with TLS (IANA)."""
 
 
 class TlsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -47,7 +47,7 @@ from links.mavlink.protocol import (
 
 
 class TransportListener(Protocol):
-    """What an open medium reports to."""
+    """Callbacks of an open transport: data, returned datagrams, loss."""
 
     def hear(self, data: bytes, source: Any) -> None:
         """``data`` came from the address ``source``."""
@@ -117,11 +117,11 @@ TCP_QUEUE_S = 0.1
 TCP_STALL_S = 0.25
 """After this long the connection is cut [s]."""
 TCP_OPEN_S = 5.0
-"""How long the other end may take to accept [s]."""
+"""Timeout of a TCP connect [s]."""
 
 
 class StreamTransport(asyncio.Protocol):
-    """What a connection and a port have in common: bytes in order, until it is cut or ends by itself."""
+    """Common base of the TCP and the serial transport: bytes in order, until cut or lost."""
 
     datagrams = False
     speaks_first = True
@@ -186,7 +186,7 @@ class TcpTransport(StreamTransport):
             self._watch = self._loop.call_later(TCP_QUEUE_S / 4, self._look)
 
     def _waited_s(self) -> float:
-        """How long ago the oldest frame left that is not acknowledged yet [s]."""
+        """Return the age of the oldest unacknowledged frame [s]; 0 where there is none."""
         frames = self._unacknowledged
         if frames:
             socket = self._transport.get_extra_info("socket")
@@ -227,7 +227,8 @@ async def open_tcp(config: MavlinkLinkConfig, ear: TransportListener) -> TcpTran
 SERIAL_QUEUE_S = 0.02
 """A frame is dropped where what waits before it takes the port longer than this [s]."""
 SERIAL_STALL_S = 0.25
-"""What has waited for this long is thrown away [s]: a flow control that blocks must not keep a stale command."""
+"""A port that takes nothing for this long is closed [s]: blocked flow control must not keep a stale
+command."""
 
 
 class SerialTransport(StreamTransport):
@@ -305,8 +306,10 @@ def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> str:
     return f"{says}: {held} this port{'; ' if holder else ', '}{end}"
 
 
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
-"""Before opening a lost wire again [s]; each pause is twice the one before."""
+FIRST_PAUSE_S = 0.5
+"""Pause before the first attempt to open a lost wire again [s]; each further pause is doubled."""
+LONGEST_PAUSE_S = 8.0
+"""Longest pause between two attempts [s]."""
 
 
 class ReconnectingTransport:
@@ -411,20 +414,24 @@ VISION = (
 SET_POINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT")
 """Messages by which somebody steers an autopilot."""
 RIVAL_S = 3.0
-"""Who has sent none for so long steers it no more [s]."""
+"""A second sender of set-points counts as gone after this long without one [s]."""
 NAMED_ADDRESSES = 4
-"""So many other addresses are named to the operator."""
+"""At most this many other addresses are named to the operator."""
 HEARTBEAT_S = 1.0
 """Period of our own HEARTBEAT [s]."""
 
-ASKED_S, ASKED_SLOWLY_S = 0.05, 0.1
-"""A question leaves beside a set-point so often [s]; on slow serial ports."""
+ASKED_S = 0.05
+"""Period of the time questions that leave beside set-points [s]."""
+ASKED_SLOWLY_S = 0.1
+"""Period of the same on slow serial ports [s]."""
 FORGOTTEN_S = 5.0
-"""What has not been answered for so long will not be [s]."""
+"""Unanswered time questions are dropped after this long [s]."""
 HOLE_S = 0.15
 """After it was not heard for so long, nobody knows what of ours it has answered meanwhile [s]."""
-TOO_LATE_S, LASTS_S = 0.5, 0.15
-"""Answers come so much later than usual [s], and that for so long: what we send arrives too late."""
+TOO_LATE_S = 0.5
+"""Answers later than the usual round trip by more than this are late [s]."""
+LASTS_S = 0.15
+"""Late answers for this long mean that our commands arrive too late [s]."""
 
 DROPS = {
     "garbage": "bytes that are no MAVLink",
@@ -438,7 +445,7 @@ DROPS = {
     "other_address": "datagrams from other addresses",
     "undeliverable": "messages given back by the network",
 }
-"""What a reason means where nothing of use has come."""
+"""Sentences for the operator, by the reason for which received data was not used."""
 
 Subscriber = Callable[[Message, float], None]
 
@@ -505,11 +512,11 @@ class Contact:
         self.heard_vision = False
         """Whether somebody else was heard who tells an autopilot its position."""
         self.read = 0
-        """How often the wire has brought something."""
+        """Number of reads from the wire."""
         self._instead: dict[str, None] = {}
         """Other systems that were heard, by number and address."""
         self.other_addresses: tuple[str, ...] = ()
-        """From where else something came to our port, a few of them."""
+        """Addresses other than the vehicle's that sent to our port, at most ``NAMED_ADDRESSES``."""
         self._rival, self._rival_s = "", -math.inf
         self._first_beat = asyncio.Event()
         self._dropped: Counter[str] = Counter()
@@ -521,9 +528,9 @@ class Contact:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._next_beat: asyncio.TimerHandle | None = None
         self.heard = HeartbeatMonitor(self._config.heartbeat_timeout_s)
-        """What its heartbeats say."""
+        """State from the autopilot's heartbeats."""
         self.senders = TargetSenders(self._config.target_system, self._name_address)
-        """From which addresses they come."""
+        """The addresses that its heartbeats come from."""
         self.timesync = Timesync()
         """Its clock against ours."""
 
@@ -534,10 +541,10 @@ class Contact:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """What was received and not used, by reason; and frames of ours that did not leave or came back.
+        """Counts of unused received data and of our undelivered frames, by reason.
 
-        Those are ``congested`` (the network had no room), ``full`` (they would have had to wait), ``undeliverable``
-        (given back), ``no_peer`` (none yet).
+        Our frames are ``congested`` (the network had no room), ``full`` (they would have had to wait),
+        ``undeliverable`` (given back), or had ``no_peer`` yet.
         """
         return dict(self.codec.dropped + self._dropped)
 
@@ -703,7 +710,7 @@ class Contact:
             self._rival_s = now_s
 
     def rival(self, now_s: float) -> str:
-        """Who else steers the autopilot, and by what, as heard here of late; empty where nobody is heard to."""
+        """Describe whoever else sent set-points in the last ``RIVAL_S``; empty where nobody did."""
         return self._rival if now_s - self._rival_s < RIVAL_S else ""
 
     def _publish(self, message: Message, now_s: float) -> None:
@@ -749,7 +756,7 @@ def _is_of_vehicle(heartbeat: Message) -> bool:
 
 
 POLL_S = 0.05
-"""How often a request without a stream of set-points looks at the time [s]."""
+"""Period at which a request without a set-point stream checks the time [s]."""
 
 
 class HandshakeRunner:
@@ -818,7 +825,7 @@ class HandshakeRunner:
 
 
 KEEP_STAMP_BEATS = 10
-"""How often the newest time stamp of signing is written down, in heartbeats; never while armed."""
+"""The newest signing stamp is written to disk every this many heartbeats; never while armed."""
 
 Streams = Callable[[int], Mapping[str, float]]
 
@@ -875,7 +882,7 @@ class MavlinkConnection:
 
     @property
     def text(self) -> str:
-        """What became of the wire or of the autopilot, where it was lost; else the autopilot's newest words."""
+        """The cause of a loss of wire or autopilot, else the autopilot's newest words."""
         if self._loop is not None and self.state == "lost":
             silence_s = self._contact.heard.silence_s(self._loop.time())
             if silence_s < math.inf:
@@ -899,7 +906,7 @@ class MavlinkConnection:
 
     @property
     def rival(self) -> str:
-        """Who else steers the autopilot, and by what, as heard here of late; empty where nobody is heard to."""
+        """Describe whoever else sent set-points in the last ``RIVAL_S``; empty where nobody did."""
         return "" if self._loop is None else self._contact.rival(self._loop.time())
 
     @property
@@ -914,7 +921,7 @@ class MavlinkConnection:
 
     @property
     def other_addresses(self) -> tuple[str, ...]:
-        """From where else something came to our port, a few of them."""
+        """Addresses other than the vehicle's that sent to our port, at most ``NAMED_ADDRESSES``."""
         return self._contact.other_addresses
 
     def note_examined(self) -> None:
@@ -923,12 +930,12 @@ class MavlinkConnection:
 
     @property
     def read(self) -> int:
-        """How often the wire has brought something."""
+        """Number of reads from the wire."""
         return self._contact.read
 
     @property
     def dropped(self) -> dict[str, int]:
-        """What was received and not used, and frames of ours that did not leave or came back, by reason."""
+        """Counts of unused received data and of our undelivered frames, by reason."""
         return self._contact.dropped
 
     def autopilot(self) -> AutopilotAddress:

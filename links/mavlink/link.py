@@ -55,7 +55,8 @@ from links.mavlink.protocol import (
 REPEAT_AFTER = 2.0
 """A command is first repeated after this many periods; before, the next one may just be late."""
 MARGIN_S = 1e-6
-"""So far behind the instant of a change does its turn come [s]: timers fire a clock's tick early."""
+"""A timer's turn is set this long after the deadman's change [s]: timers fire a clock's tick
+early."""
 
 
 STOOD_S = 0.06
@@ -156,7 +157,7 @@ class Transmitter:
 
 
 LOOK_S = 0.01
-"""How often such a request looks at the time [s]."""
+"""Period at which an arming or landing step is polled [s]."""
 
 
 async def beside(connection: MavlinkConnection, step: HandshakeStep) -> None:
@@ -459,7 +460,7 @@ class MavlinkLink:
 
     @property
     def _usual_s(self) -> float:
-        """How long a round trip usually takes [s]."""
+        """Return the usual round-trip time [s]; 0 before the first answer."""
         clock = self.connection.clock
         return 0.0 if clock is None else clock.rtt_s
 

@@ -43,7 +43,8 @@ from links.rf.codec import RfDecoder, RfFrame, RfLinkConfig, RfTelemetry, Servic
 
 DSM_FRAME_BYTES = 14
 DSM_CHANNELS = 6
-_DSM_BIND, _RANGE_CHECK = 0x80, 0x20
+_DSM_BIND = 0x80
+_RANGE_CHECK = 0x20
 _PROTOCOLS = {"rtf": 0x00, "dsm2": 0x10, "dsmx": 0x18}
 _KNOWN_FLAGS = 0xB8
 _DSM_LARGEST = 1023
@@ -145,16 +146,30 @@ def _is_frame(data: bytes, at: int) -> bool:
 
 
 CHANNELS = 16
-RC_CHANNELS, COMMAND = 0x16, 0x32
-BATTERY, LINK, ATTITUDE, MODE, RADIO = 0x08, 0x14, 0x1E, 0x21, 0x3A
-TO_MODULE, SYNC = 0xEE, 0xC8
+RC_CHANNELS = 0x16
+"""Frame types of CRSF, as the next six."""
+COMMAND = 0x32
+BATTERY = 0x08
+LINK = 0x14
+ATTITUDE = 0x1E
+MODE = 0x21
+RADIO = 0x3A
+TO_MODULE = 0xEE
+"""CRSF address of a transmitter module."""
+SYNC = 0xC8
+"""CRSF sync byte; address of a flight controller."""
 FRAME_BYTES = 26
 _RADIO = 0xEA
 _ADDRESSES = frozenset((SYNC, TO_MODULE, _RADIO, 0xEC, 0x00))
-_THIS_SYSTEM, _BIND, _MODEL = 0x10, 0x01, 0x05
+_THIS_SYSTEM = 0x10
+_BIND = 0x01
+_MODEL = 0x05
 _TIMING = 0x10
-_LOW, _HIGH, _LARGEST = 172, 1811, 1984
-_SHORTEST, _LONGEST = 2, 62
+_LOW = 172
+_HIGH = 1811
+_LARGEST = 1984
+_SHORTEST = 2
+_LONGEST = 62
 _CHANNEL_BYTES = 22
 
 ORDER = ChannelMap(
@@ -345,7 +360,8 @@ def _crc8(data: Iterable[int], table: bytes) -> int:
     return crc
 
 
-_D5, _BA = _table(0xD5), _table(0xBA)
+_D5 = _table(0xD5)
+_BA = _table(0xBA)
 
 
 RF_CODECS: dict[str, type[RfLinkConfig]] = {"dsm": DsmLinkConfig, "crsf": CrsfLinkConfig}

@@ -40,7 +40,7 @@ SERVO_PORT = 9102
 STEP_S = 0.001
 """Period of the states [s]: its gyro must come 1.8 times for each turn of its loop, which is 400 a second."""
 BOOT_S = 12.0
-"""So long after the first state its gyros are calibrated and its attitude is aligned [s]."""
+"""Time from the first state to calibrated gyros and an aligned attitude [s]."""
 FEW = 18458
 """Magic number of a packet of 16 outputs [-], SIM_JSON.h."""
 MANY = 29569

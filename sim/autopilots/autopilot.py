@@ -360,7 +360,7 @@ ESTIMATOR_AUTOPILOT = 8
 KNOWN = 831
 """Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS [-]."""
 STILL = 167
-"""The same flags of one without: its position counts as constant [-]."""
+"""ESTIMATOR_STATUS flags of a real autopilot without GPS: its position counts as constant [-]."""
 SAME_INSTANT_S = 1e-9
 """A timer may fire this much early [s]."""
 SHORTEST_S = 0.001

@@ -188,8 +188,11 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         return ACCEPTED if self._streams.set(number, interval_us, now_s) else DENIED, said
 
 
-OFFBOARD, LOITER, PX4_LAND, POSCTL = (6, 0), (4, 3), (4, 6), (3, 0)
-"""PX4's main and sub mode."""
+OFFBOARD = (6, 0)
+"""PX4's main and sub mode, as the next three."""
+LOITER = (4, 3)
+PX4_LAND = (4, 6)
+POSCTL = (3, 0)
 STREAM_GAP_S = 0.5
 """Set-points further apart are no stream [s]: 2 Hz."""
 HOVER_MEMORY_S = 1.0

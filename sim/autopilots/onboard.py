@@ -69,7 +69,8 @@ def find_built(option: str, folder: Path, program: str, built_by: str) -> Path:
 
 
 MOST_AT_ONCE = 10
-"""So many of one firmware run on this machine at once: PX4 has no ports for more."""
+"""At most this many instances of one firmware run on this machine at once: PX4 has no ports for
+more."""
 
 
 def take_number(port: socket.socket, first: int) -> int:

@@ -25,8 +25,10 @@ from sim.runs import fly
 from sim.scenarios import at_desk, world_from
 from sim.world import STILL, World
 
-LEAST_S, LONGEST_S = STEADY_S + 1.0, 60.0
-"""Shorter flights have no steady part to speak of; of longer ones so much is flown again [s]."""
+LEAST_S = STEADY_S + 1.0
+"""Shorter flights have no steady part and get no budget [s]."""
+LONGEST_S = 60.0
+"""Of a longer flight only this much is flown again [s]."""
 LIFTED = 1e3
 """Limits that are switched off are so many times as high."""
 ARRAYS_FROM = 3

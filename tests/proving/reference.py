@@ -42,8 +42,16 @@ ROOT = Path(__file__).resolve().parents[2]
 HOUSES = ("sim", "groundstation", "links")
 OPENED = "groundstation/core"
 """The room whose inner rooms are drawn, too."""
-WIDTH, BOX, HEAD, GAP, MARGIN = 1000, 29, 28, 7, 12
-"""Measures of the picture [px]: a box is as high as one line."""
+WIDTH = 1000
+"""Width of the picture [px]."""
+BOX = 29
+"""Height of a box, one line of text [px]."""
+HEAD = 28
+"""Height of a box's heading [px]."""
+GAP = 7
+"""Gap between boxes [px]."""
+MARGIN = 12
+"""Margin of the picture [px]."""
 TITLE = "The rooms: each imports only what stands below it"
 COLORS = {"sim": "#D55E00", "groundstation": "#0072B2", "links": "#009E73"}
 

@@ -856,8 +856,11 @@ LEANS_S = 0.1
 """Time over which an acceleration must show in the lean [s]."""
 LEANS_M_S2 = 0.5
 """Least such acceleration to a side [m/s²]."""
-LEANS, AGAINST = (0.2, 5.0), -0.4
-"""Wind and drag leave at least one axis so much of what its lean gives, and turn none round by so much [-]."""
+LEANS = (0.2, 5.0)
+"""On at least one axis the acceleration is between these shares of what the tilt gives, wind and
+drag included [-]."""
+AGAINST = -0.4
+"""On no axis is that share below this, wind and drag included [-]."""
 
 
 def doubt_attitude(driven: DrivenFlight) -> str:

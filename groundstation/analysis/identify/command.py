@@ -201,8 +201,10 @@ WHITE = 0.015
 and delay describe. Of 150 flights 6 to 10 % lay outside with 0.01, 1 to 4 % with this."""
 DELAY = "from a command's leaving until it is followed; what pose.latency_s is wrong by is part of it"
 RESPONSE = "lag + delay, from a command's leaving: known better than either, as one may stand for the other"
-LEVEL_RESPONSE, YAW_RESPONSE = ((1.0, 1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.0, 0.0)), ((0.0, 0.0, 0.0, 1.0, 1.0),)
-"""Lag + delay, of roll and of pitch, and of yaw: the share of each of :data:`TURN_NAMES`."""
+LEVEL_RESPONSE = ((1.0, 1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 1.0, 0.0, 0.0))
+"""Lag + delay of roll and of pitch, as shares of each of :data:`TURN_NAMES`."""
+YAW_RESPONSE = ((0.0, 0.0, 0.0, 1.0, 1.0),)
+"""Lag + delay of yaw, as shares of the same."""
 JITTER_NOTE = "early or late by chance: noise along the velocity"
 DRAG_NOTE = "deceleration per speed; the controller is told one for all axes"
 TURNED_RAD_S = 0.05

@@ -315,8 +315,10 @@ class Ask(StrEnum):
 RemoteAsk = Literal["hold", "return", "track", "goto", "land", "descend", "abort", "kill"]
 """What may be asked from afar: everything but to arm."""
 
-FARTHEST_M, TURN_DEG = 1000.0, 360.0
-"""A point of a request lies within these, along each axis and in heading."""
+FARTHEST_M = 1000.0
+"""Largest coordinate of a requested point along each axis [m]."""
+TURN_DEG = 360.0
+"""Largest heading of a request, either way [deg]."""
 _Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 

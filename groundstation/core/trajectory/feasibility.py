@@ -170,8 +170,11 @@ def _scale(by: Real, v: Vec3) -> Vec3:
 
 STEP_S = 0.01
 """The trajectory is looked at so often [s] between two joints, ..."""
-FEWEST, MOST = 8, 1000
-"""... but within these numbers: its formulas are smooth, and the shortest may be the hardest to fly."""
+FEWEST = 8
+"""Fewest samples of a segment: its formulas are smooth, and the shortest may be the hardest to
+fly."""
+MOST = 1000
+"""Most samples of a segment."""
 
 
 DIFFERENCE_S = 0.005

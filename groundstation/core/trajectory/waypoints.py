@@ -344,7 +344,10 @@ def _vector(row: dict[str, float], axes: tuple[tuple[str, ...], ...]) -> list[fl
     return [north, east, row[down] if down in row else 0.0 - row[up]]
 
 
-SMOOTH_ROUNDS, LIMIT_ROUNDS = 30, 12
+SMOOTH_ROUNDS = 30
+"""Iterations that smooth the durations."""
+LIMIT_ROUNDS = 12
+"""Iterations after these that only lengthen them to the limits."""
 LOOKS = 48
 """Speed and acceleration are looked at so often within a leg."""
 MARGIN = 1.001

@@ -117,12 +117,18 @@ def _word(done: bool) -> str:
 
 LIFE_MAX_MS = 10_000
 """No request is good for longer: what is held back on its way is not obeyed later [ms]."""
-CLIENT_HZ, CLIENT_BURST = 2.0, 10.0
-"""So many requests of one client are obeyed [1/s], and at once."""
-ANY_HZ, ANY_BURST = 50.0, 100.0
-"""More messages than this, whoever sends them, and only what may be a kill is looked at [1/s], and at once."""
-MOST_HZ, MOST_BURST = 1000.0, 1000.0
-"""More than this, and nobody listens for a moment: reading them takes time that flights need [1/s], and at once."""
+CLIENT_HZ = 2.0
+"""Mean rate of requests that one client may make [1/s]."""
+CLIENT_BURST = 10.0
+"""Requests that one client may make at once."""
+ANY_HZ = 50.0
+"""Above this rate of messages from all clients, all requests except ``kill`` are ignored [1/s]."""
+ANY_BURST = 100.0
+"""Messages from all clients that are read at once before that."""
+MOST_HZ = 1000.0
+"""Above this rate ``kill`` is ignored too [1/s]: reading takes time that flights need."""
+MOST_BURST = 1000.0
+"""Messages that are read at once before that."""
 TELL_S = 60.0
 """A reason for which requests are dropped is told once in this time [s]."""
 SESSIONS_KEPT = 64

@@ -50,8 +50,12 @@ from groundstation.interfaces.tui.drawing import (
 from groundstation.interfaces.tui.model import ALARM, CALM, ORDERS, BannerText, OperatorOrder, PlotSample, possible
 from links.text import printable
 
-TALL, WORDS_WIDTH, BESIDE = 36, 30, 3
-"""From this height on letters may be large [rows]; they leave this room for the words beside them, and this between."""
+TALL = 36
+"""Large letters are used from this height of the screen on [rows]."""
+WORDS_WIDTH = 30
+"""Room for the words beside large letters [columns]."""
+BESIDE = 3
+"""Gap between the two [columns]."""
 
 
 def content(rows: Sequence[Spans], width: int) -> Content:

@@ -50,17 +50,20 @@ if TYPE_CHECKING:
 
 
 MAX_DRIFT = 0.0015
-"""So much slower than nominal may the source's clock run, as a share: what exceeds it is lateness that grows."""
+"""Largest drift of the source's clock against nominal [-]: beyond it, messages get later and
+later."""
 SLACK_S = 0.02
 """A block whose least delayed message is late by more than this is late, and moves nothing [s]."""
 BLOCK_S = 0.5
 """One least delayed message is kept of each so long [s]."""
 BLOCKS = 40
-"""So many of them tell the slope."""
-FIRST_BLOCKS, SETTLED_BLOCKS = 5, 20
-"""So many at least, where the rate of the frames is not known at all; and where a slope is to be told from jitter."""
+"""The slope is fitted to at most this many blocks."""
+FIRST_BLOCKS = 5
+"""Blocks that the slope needs at least where the frame rate is not known."""
+SETTLED_BLOCKS = 20
+"""Blocks that it needs to tell a slope from jitter."""
 ROUGH = MAX_DRIFT + SLACK_S / (FIRST_BLOCKS * BLOCK_S)
-"""How far a rate that was measured over so few may be off, as a share."""
+"""Largest error of a rate that was measured over so few blocks [-]."""
 RATES = 100.0
 """A rate of frames that is off by more than this factor is none."""
 RESTART_S = 1.0
@@ -71,7 +74,7 @@ without a fresh pose: what rests on one for 1 s at most is followed by a bring-d
 STEP_S = 0.2
 """A message that comes earlier by more than this than any before is a step of the source's clock [s]."""
 BREAKS = 3
-"""So many steps and restarts within ``UNSTEADY_S`` make a clock unsteady."""
+"""This many steps and restarts within ``UNSTEADY_S`` make a clock unsteady."""
 UNSTEADY_S = 30.0
 """A clock without a break for this long is steady again [s]."""
 FAST = 1.2
@@ -93,11 +96,11 @@ class SourceClock:
     def __init__(self, frame_s: float | None = None) -> None:
         """Nothing seen yet. Stamps are seconds; or frame numbers, ``frame_s`` being what the period was told to be."""
         self.restarts = 0
-        """How often the source's clock began anew."""
+        """Number of restarts of the source's clock."""
         self.steps = 0
-        """How often it leapt ahead."""
+        """Number of forward steps of the source's clock."""
         self.gaps = 0
-        """How often messages were missing."""
+        """Number of gaps in the messages."""
         self.interval_s = 0.0
         """Usual time from one message to the next, by the source [s]; 0 before the second."""
         self._frames = frame_s is not None
@@ -130,12 +133,12 @@ class SourceClock:
 
     @property
     def drift(self) -> float:
-        """How much slower than nominal the source's clock runs, as a share of the time that passes."""
+        """Drift of the source's clock: slower than nominal by this share [-]."""
         return self._scale / self._told - 1.0
 
     @property
     def late_s(self) -> float:
-        """How much later than at their best messages have come for the last two blocks [s]; 0 within the slack."""
+        """Delay of the messages of the last two blocks above their best [s]; 0 within the slack."""
         return min(self._late)
 
     @property
@@ -243,7 +246,7 @@ class SourceClock:
         self._breaks.append(arrival_s)
 
     def _lose_rate(self) -> None:
-        """From now on, measure what passes from one stamp to the next."""
+        """Forget the frame rate, and measure the time between stamps from now on."""
         if self._band < math.inf:
             self._band, self._early_blocks = math.inf, 0
             self._blocks.clear()
@@ -296,7 +299,7 @@ class SourceClock:
         self._measure()
 
     def _lateness(self, message: tuple[float, float]) -> float:
-        """How late (stamp, arrival) is by what we know now [s]."""
+        """Return the delay of (stamp, arrival) by the present fit [s]."""
         assert self._stamp is not None, "there is a message"
         return message[1] - self._own_s - (message[0] - self._stamp) * self._scale
 
@@ -331,7 +334,7 @@ class SourceClock:
 
 
 UNIT_TOLERANCE = 1e-3
-"""How far from 1 the length of a unit quaternion may be; 32-bit floats leave it within 1e-6."""
+"""Largest difference from 1 of a unit quaternion's length; 32-bit floats leave it within 1e-6."""
 LATEST = 1e15
 """No stamp is further from zero, be it in seconds or frames: floats would no longer tell two of them apart."""
 _AVERAGED = 50
@@ -375,7 +378,7 @@ class Intake:
         self.accepted = 0
         """Poses made."""
         self.dropped: Counter[str] = Counter()
-        """By reason.
+        """Counts by reason.
 
         Here: not_finite, not_unit, absurd, absurd_stamp, duplicate, same_stamp, out_of_order."""
         self.clock = SourceClock(frame_s)
@@ -499,7 +502,7 @@ UNANNOUNCED = 1 << 32
 
 
 class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a pose may look like beside those before it; far beyond what the vehicle does, well below mix-ups."""
+    """Limits on the change between poses; beyond a vehicle's motion, below mix-ups."""
 
     jump_m: Annotated[
         float,
@@ -560,7 +563,8 @@ class Gate:
 
     def __init__(self, config: GateConfig) -> None:
         self.dropped: Counter[str] = Counter()
-        """By reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump, spin."""
+        """Counts by reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump,
+        spin."""
         self._config = config
         self._cos_tilt = math.cos(math.radians(config.tilt_deg))
         self._track: PoseTrack | None = None
@@ -688,7 +692,7 @@ class PoseTrack:
         return "spin" if turn > TURN_DEG + config.rate_deg_s * elapsed else ""
 
     def off(self, pose: Pose) -> float:
-        """How badly ``pose`` fits, to compare tracks by."""
+        """Return the misfit of ``pose`` to this track, to compare tracks by [-]."""
         turn = turned_deg(self.last.attitude, pose.attitude)
         return self._away_m(pose) / self._config.jump_m + turn / TURN_DEG
 
@@ -699,7 +703,7 @@ class PoseTrack:
         return base if base >= 0.5 * BASE_S else 0.0
 
     def _away_m(self, pose: Pose) -> float:
-        """How far ``pose`` is from where this track was heading [m]."""
+        """Return the distance of ``pose`` from this track's prediction [m]."""
         base, last = self._base_s, self.last
         ahead = (pose.time_s - last.time_s) / base if base else 0.0
         (x, y, z), (a, b, c) = last.position_ned, self._anchor.position_ned
@@ -760,13 +764,13 @@ HINTS = {
     "child_lost": "the program that reads the tracker has ended; it is started again",
     "connection_lost": "the tracker has closed the connection; it is opened again",
 }
-"""What a reason may mean, and what to look at."""
+"""Causes and remedies by reason, for the operator."""
 LATE = (
     "they wait on their way (network, tracking computer); or the tracker's clock was set back, its frame counter "
     "paused or its rate changed, which looks the same. Where they are not that old: on the ground, stop the "
     "tracker's stream for 5 s, or start this program anew"
 )
-"""What late poses may mean, and what to do."""
+"""Cause and remedy of late poses, for the operator."""
 
 
 class Outbreaks:
@@ -794,10 +798,11 @@ class Outbreaks:
         unsteady_clock: bool = False,
         advice: str = "",
     ) -> list[PoseEvent]:
-        """What has happened since the last look: ``dropped`` by reason, and the ``newest`` pose that has passed.
+        """Return the events since the last look.
 
-        ``late_s`` is how much later than at their best poses come now [s]; ``unsteady_clock``:
-        whether the source's clock steps again and again; ``advice`` is the source's own.
+        ``dropped`` counts by reason; ``newest`` is the newest accepted pose; ``late_s`` is the
+        delay of poses above their best [s]; ``unsteady_clock``: whether the source's clock steps
+        again and again; ``advice`` is the source's own.
         """
         events = self._lateness(now_s, late_s) + self._steadiness(unsteady_clock)
         for reason, count in dropped.items():
@@ -858,7 +863,7 @@ class _Outbreak:
 
 
 def describe_unsteady_clock() -> str:
-    """What a clock that steps again and again means, and what to do."""
+    """Describe a clock that steps again and again, and the remedy."""
     return notice("pose.unsteady_clock", count=BREAKS, within_s=UNSTEADY_S)
 
 
@@ -869,9 +874,10 @@ def describe_drop(reason: str) -> str:
 
 
 LOOK_S = 0.0493717
-"""How often counters are looked at: drops are told of, and lost poses found, no later than that [s].
+"""Period at which drop counters and lost poses are looked for [s].
 
-No round number: on the very instants of cameras and frames a timer more would move a simulation in its last bits."""
+No round number: on the very instants of cameras and frames a timer more would move a simulation in
+its last bits."""
 
 
 class GatedSource:

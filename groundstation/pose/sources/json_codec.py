@@ -28,7 +28,7 @@ MAX_BODIES = 32
 MAX_NAME = 64
 """Longest name [characters]."""
 ROUNDING = 0.01
-"""How far from 1 the length of a quaternion may be: whoever prints numbers rounds them."""
+"""Largest difference from 1 of a quaternion's length: printed numbers are rounded."""
 
 _Name = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME)]
 

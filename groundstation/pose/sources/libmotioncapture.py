@@ -23,7 +23,7 @@ from groundstation.runtime import describe_install
 from links.io import is_loopback, open_child
 
 CONNECT_S = 5.0
-"""How long a server may take to answer [s]; some back ends would wait for ever."""
+"""Timeout for a server's answer [s]; some back ends would wait for ever."""
 SILENT_S = 2.0
 """A child that has said nothing for so long is ended and started again [s]."""
 AGAIN_S = 1.0
@@ -89,7 +89,7 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
 
     @property
     def stream(self) -> tuple[object, ...]:
-        """What two vehicles that are seen by the same cameras have in common."""
+        """Key of the camera stream, equal for all vehicles that it shows."""
         return (self.kind, self.backend, self.hostname)
 
     def build(self, others: Others | None = None) -> "LibmotioncaptureSource":

@@ -21,8 +21,12 @@ from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose.sources.intake import Intake
 from links.mavlink.protocol import ARDUPILOT, MavlinkCodec, Message
 
-LOCAL_NED, BODY_NED, BODY_FRD, LOCAL_FRD = 1, 8, 12, 20
-"""MAV_FRAME. LOCAL_FRD is NED but for its heading, which the vehicle chose as it started: it is our north."""
+LOCAL_NED = 1
+"""MAV_FRAME, as the next three."""
+BODY_NED = 8
+BODY_FRD = 12
+LOCAL_FRD = 20
+"""NED but for its heading, which the vehicle chose at its start: it is our north."""
 OLDEST_ATTITUDE_S = 0.05
 """An attitude further from its position than this is not turned on [s]."""
 

@@ -15,8 +15,12 @@ from typing import Any
 from groundstation.machine import follow_parent
 from groundstation.runtime import Exit
 
-MOST_BODIES, MOST_NAME, MOST_BYTES = 32, 64, 4096
-"""What fits into one line, as into one datagram."""
+MOST_BODIES = 32
+"""Most bodies in one line."""
+MOST_NAME = 64
+"""Longest name of a body [bytes]."""
+MOST_BYTES = 4096
+"""Longest line [bytes], as a datagram."""
 
 
 def describe_body(body: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from groundstation.pose.sources.natnet_codec import NatNetReader
 from links.io import NETWORK, beyond, is_loopback, parse_address
 
 BEAT_S = 0.5
-"""How often the server is told that we are there [s]."""
+"""Period of the keep-alive to the server [s]."""
 
 
 class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
@@ -82,7 +82,7 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
 
     @property
     def stream(self) -> tuple[object, ...]:
-        """What two vehicles that are seen by the same cameras have in common."""
+        """Key of the camera stream, equal for all vehicles that it shows."""
         return (*super().stream, self.multicast, self.group, self.data_port)
 
     @property

@@ -95,21 +95,31 @@ def text_of(data: bytes) -> str:
     return data.partition(b"\0")[0].decode("utf-8", "replace")
 
 
-CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF, FRAMEOFDATA, KEEPALIVE = 0, 1, 2, 3, 4, 5, 7, 10
+CONNECT = 0
+"""Message ids of NatNet, as the next seven."""
+SERVERINFO = 1
+REQUEST = 2
+RESPONSE = 3
+REQUEST_MODELDEF = 4
+MODELDEF = 5
+FRAMEOFDATA = 7
+KEEPALIVE = 10
 UNRECOGNIZED = 100
 """Message ids; the last answers a request that a server does not know."""
 MAX_DATAGRAM = 65507
 """No UDP datagram is longer [bytes]."""
 TRACKED = 1
 """Bit of a rigid body's flags."""
-MODELS_CHANGED, EDITED, BITSTREAM_CHANGED = 2, 4, 8
-"""Bits of the suffix's flags."""
+MODELS_CHANGED = 2
+"""Bit of the suffix's flags, as the next two."""
+EDITED = 4
+BITSTREAM_CHANGED = 8
 
 Version: TypeAlias = tuple[int, int]
 OLDEST: Version = (3, 0)
 """Before it, there are no ticks of the exposure."""
 SIZED: Version = (4, 1)
-"""From here on sections tell their bytes."""
+"""Sections state their size from this version on."""
 ASK_BITSTREAM = b"Bitstream,4.1\0"
 """Request of a version that is read here."""
 
@@ -124,7 +134,7 @@ _LABELLED_BYTES = 26
 
 
 class ServerInfo(msgspec.Struct, frozen=True):
-    """Who streams, and how."""
+    """The server's program, versions and address of the stream."""
 
     name: str
     version: Version
@@ -294,7 +304,7 @@ def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_
 
 
 TURNED: Version = (4, 2)
-"""From here on the description of a body holds a quaternion."""
+"""A body's description holds a quaternion from this version on."""
 
 _BODY_DESCRIPTION = struct.Struct("<ii3f")
 _MODEL_POINT_BYTES = 12
@@ -363,7 +373,7 @@ SILENT_BEATS = 4
 OLDEST_S = 1.0
 """A frame that was older than this as it left is absurd [s]."""
 MAX_NAMES = 256
-"""So many bodies' names are kept."""
+"""Names of at most this many bodies are kept."""
 
 
 class NatNetReader:
@@ -403,7 +413,7 @@ class NatNetReader:
         return msgspec.structs.replace(self._intake.status, advice=self._advice)
 
     def due(self) -> list[bytes]:
-        """What to send to the server now; to be asked for once a beat (about half a second)."""
+        """Return the messages to send to the server now; called once a beat (about 0.5 s)."""
         self._silent_beats += 1
         if self.server is None or self._silent_beats > SILENT_BEATS:
             asked = [message(REQUEST, ASK_BITSTREAM)] if self._ask_bitstream else []

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from groundstation.pose.sources.qualisys_connection import QtmConnection
 
 ANSWER_S = 5.0
-"""How long QTM may take to answer [s]."""
+"""Timeout for QTM's answer [s]."""
 BEAT_S = 0.1
 """A frame with more or fewer bodies than QTM has named makes us ask anew within this time [s]."""
 LOOK_BEATS = 10
 """After so many beats QTM is asked in any case: one body may have taken the place of another."""
 AGAIN_S = 1.0
-"""How long to wait before a lost connection is opened anew [s]."""
+"""Pause before a lost connection is opened anew [s]."""
 
 
 class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):

@@ -18,8 +18,13 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose.sources.intake import Intake
 
-ERROR, COMMAND, XML, DATA, NO_DATA, EVENT = 0, 1, 2, 3, 4, 6
-"""Types of packets that come where bodies are streamed."""
+ERROR = 0
+"""Packet types of the RT protocol, as the next five."""
+COMMAND = 1
+XML = 2
+DATA = 3
+NO_DATA = 4
+EVENT = 6
 LAST_TYPE = 9
 """The protocol has no more of them."""
 MAX_PACKET = 1 << 20

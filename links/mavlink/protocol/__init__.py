@@ -1,4 +1,4 @@
-"""What is said in MAVLink, sans-IO: codec, signing, clocks, status, parameters, and the procedures of an autopilot."""
+"""MAVLink sans-IO: codec, signing, clocks, status, parameters, an autopilot's procedures."""
 
 from links.mavlink.protocol.autopilot_state import STALE_NEWS_S, HeartbeatMonitor, Vitals, Words
 from links.mavlink.protocol.codec import (

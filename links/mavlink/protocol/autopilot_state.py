@@ -28,12 +28,16 @@ ARDUPILOT_MODES = {
 ESTIMATE = {PX4: "ESTIMATOR_STATUS", ARDUPILOT: "EKF_STATUS_REPORT"}
 """The message that tells what its estimator knows; the flags of both mean the same but for the last."""
 ESTIMATE_HZ = 2.0
-"""How often it is asked for."""
+"""Requested rate of the estimator's status [Hz]."""
 ESTIMATE_OLD_S = 2.5
-"""What it told so long ago does not count [s]; unasked, autopilots tell once a second."""
-_SPEED, _PLACE, _HEIGHT = 2 | 4, 8 | 16, 32 | 64
-_CONSTANT, _LAST = 128, 1024
-"""It believes that it stands still; PX4: GPS jumps, ArduPilot: not initialised yet."""
+"""An estimator status older than this does not count [s]; unasked, autopilots send one a second."""
+_SPEED = 2 | 4
+_PLACE = 8 | 16
+_HEIGHT = 32 | 64
+_CONSTANT = 128
+"""Flag: the estimator believes that the vehicle stands still."""
+_LAST = 1024
+"""Flag: GPS jumps (PX4) or estimator not initialised yet (ArduPilot)."""
 FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
 """Modes in which an autopilot follows set-points."""
 
@@ -96,7 +100,7 @@ def knows_itself(flags: int) -> bool:
 
 
 def mode_name(autopilot: int, custom_mode: int) -> str:
-    """What ``custom_mode`` of HEARTBEAT is called on ``autopilot`` (MAV_AUTOPILOT); empty on any other."""
+    """Return the mode's name on ``autopilot`` (MAV_AUTOPILOT); empty where it is not known."""
     if autopilot == ARDUPILOT:
         return ARDUPILOT_MODES.get(custom_mode, f"mode {custom_mode}")
     if autopilot != PX4:
@@ -185,7 +189,7 @@ class HeartbeatMonitor:
     """The one autopilot at the other end. Times are on the event loop's clock [s]."""
 
     def __init__(self, timeout_s: float) -> None:
-        """Not heard yet; silent where it is not heard for longer than ``timeout_s`` [s]."""
+        """Start without a heartbeat; ``timeout_s`` [s] without one is silence."""
         self.kind: int | None = None
         """Its newest HEARTBEAT.autopilot, of when it was heard first or again; None before the first."""
         self.vehicle = 0

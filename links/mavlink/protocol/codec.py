@@ -136,8 +136,9 @@ class MavlinkCodec:
         self.received = 0
         """Messages understood."""
         self.dropped: Counter[str] = Counter()
-        """By reason: garbage (bytes that begin no frame), bad_crc, unknown (frames), truncated (frames
-        whose rest did not come). With a signer also unsigned, bad_signature, replayed."""
+        """Counts by reason: garbage (bytes that begin no frame), bad_crc, unknown (frames),
+        truncated (frames whose rest did not come). With a signer also unsigned, bad_signature,
+        replayed."""
         self._reader = self.dialect.MAVLink(None)  # without a key: the signer judges signatures
         self._writer = self.dialect.MAVLink(None, system_id, component_id)
         self._signer: Signer | None = None

@@ -1,4 +1,4 @@
-"""What a MAVLink link can be told."""
+"""Configuration of a MAVLink link."""
 
 from typing import Annotated, ClassVar, Literal
 from zlib import crc32
@@ -17,7 +17,8 @@ LOCAL_PORTS = range(20_000, 30_000)
 ODOMETRY_BYTES = 258
 """Longest frame that forwarding sends."""
 FORWARD_SHARE = 0.3
-"""So much of a serial port's room may forwarding take: the rest is for commands and what the autopilot sends."""
+"""Forwarding takes at most this share of a serial port's rate: the rest is for commands and the
+autopilot's telemetry."""
 
 
 class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

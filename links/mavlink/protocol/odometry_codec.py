@@ -25,7 +25,7 @@ _DIAGONAL = (0, 6, 11, 15, 18, 20)
 
 
 class Odometry(NamedTuple):
-    """What is told."""
+    """State of the vehicle for the autopilot's own estimator."""
 
     time_s: float
     """When it was true, on the clock that answers TIMESYNC [s]."""

@@ -54,12 +54,12 @@ TRIES = 6
 
 
 class AutopilotAddress(NamedTuple):
-    """Who is asked, and how."""
+    """Autopilot to ask: its codec, ids and kind."""
 
     codec: MavlinkCodec
     """Packs the requests."""
     words: Words
-    """What it says of late."""
+    """Its latest status texts."""
     system: int
     """Its MAVLink system."""
     component: int
@@ -71,7 +71,7 @@ class AutopilotAddress(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What to call it."""
+        """The autopilot's name for the operator."""
         return {PX4: "PX4", ARDUPILOT: "ArduPilot"}.get(self.kind, "the autopilot")
 
     @property
@@ -143,7 +143,7 @@ class Wait:
     failure: LinkError | None = None
 
     def __init__(self, duration_s: float) -> None:
-        """From the first poll on."""
+        """Wait for ``duration_s`` [s] from the first poll on."""
         self._duration = duration_s
         self._until: float | None = None
         self.done = False
@@ -227,9 +227,13 @@ PATIENCE_S = 4.0
 AGAIN_S = 1.0
 """Pause before asking again after such a refusal [s]."""
 WORDS_S = 0.3
-"""How long after a refusal the autopilot's explanation may still arrive [s]."""
+"""The autopilot's explanation of a refusal is awaited for this long [s]."""
 
-ACCEPTED, TEMPORARILY_REJECTED, FAILED, IN_PROGRESS = 0, 1, 4, 5
+ACCEPTED = 0
+"""MAV_RESULT, as the next three."""
+TEMPORARILY_REJECTED = 1
+FAILED = 4
+IN_PROGRESS = 5
 _MAY_PASS = (TEMPORARILY_REJECTED, FAILED)
 
 
@@ -309,10 +313,11 @@ class ReadVersion:
     failure: LinkError | None = None
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
-        """What it told is in ``firmware`` when done."""
+        """Ask ``autopilot`` for its firmware; the answer is in ``firmware`` when done."""
         self.done = False
         self.firmware = ""
-        """Such as ``PX4 1.16.0 release 0a1b2c3d4e5f6071``; empty where it does not tell."""
+        """Version text, e.g. ``PX4 1.16.0 release 0a1b2c3d4e5f6071``; empty where the autopilot
+        reports none."""
         self._autopilot = autopilot
         self._asked = 0
         self._next_s = 0.0
@@ -348,8 +353,10 @@ def version(message: Message) -> str:
     return f"{major}.{minor}.{patch} {KINDS.get(kind, kind)} {commit}"
 
 
-MODE_AGAIN_S, MODE_PATIENCE_S = 0.1, 1.5
-"""An autopilot that does not tell is asked again after so long, and not at all after the second [s]."""
+MODE_AGAIN_S = 0.1
+"""Period of the questions for an autopilot's mode [s]."""
+MODE_PATIENCE_S = 1.5
+"""The question for the mode is given up after this long [s]."""
 
 
 class AskMode:
@@ -400,9 +407,10 @@ def make_mode_request(autopilot: AutopilotAddress, repetition: int = 0) -> bytes
 KILL_AGAIN_S = 0.05
 """Time between two requests [s]."""
 KILL_PATIENCE_S = 5.0
-"""How long it is asked for [s]."""
+"""The kill is requested for this long [s]."""
 CERTAIN = 2
-"""So many acceptances end it: one alone may answer an order to arm that was under way."""
+"""Number of acceptances that end the request: one alone may answer an order to arm that was under
+way."""
 KILL_HINT = "Use the remote control's kill switch"
 
 
@@ -515,7 +523,7 @@ class ReadAll:
     failure: LinkError | None = None
 
     def __init__(self, autopilot: AutopilotAddress, names: Iterable[str]) -> None:
-        """What came is in ``found`` when done."""
+        """Ask ``autopilot`` for parameters ``names``; the answers are in ``found`` when done."""
         self.found: dict[str, AutopilotParameter] = {}
         self._autopilot = autopilot
         self._left = dict.fromkeys(names, 0)
@@ -619,7 +627,7 @@ STREAM_S = 1.2
 ARMING_DELAY_S = 2.5
 """ArduCopter's rotors turn by then after it was armed [s]: 2 s (ARMING_DELAY_SEC in its config.h), on a slow clock."""
 LAND_S = 10.0
-"""How long mode LAND may take to disarm a vehicle that stands on the ground [s]."""
+"""Mode LAND must disarm a vehicle on the ground within this time [s]."""
 
 GUIDED_MODES = {"GUIDED": (1.0, 4.0), "GUIDED_NOGPS": (1.0, 20.0)}
 """ArduPilot's modes that follow set-points: parameters of DO_SET_MODE."""
@@ -632,7 +640,7 @@ _THRUST_AS_THRUST = 8
 
 
 def fitness(autopilot: AutopilotAddress) -> Handshake:
-    """What it is asked before it is armed, and can be asked without arming.
+    """Return the checks before arming that can be made without arming.
 
     Raises:
         LinkRejected: the autopilot is neither PX4 nor ArduPilot, or the vehicle no multirotor.
@@ -660,7 +668,7 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
 
 
 def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
-    """What we insist on; raises LinkRejected, see :func:`arming`."""
+    """Return the steps that every arming requires; raises LinkRejected, see :func:`arming`."""
     if autopilot.kind not in (PX4, ARDUPILOT):
         raise LinkRejected(
             f"system {autopilot.system} is no PX4 and no ArduPilot ({autopilot.kind_name}): "
@@ -733,7 +741,7 @@ QUIETENED = (
     "ATTITUDE_TARGET", "HIGHRES_IMU", "RAW_IMU", "SERVO_OUTPUT_RAW", "RC_CHANNELS", "VFR_HUD", "ALTITUDE",
     "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT",
 )  # fmt: skip
-"""What autopilots send by default, ten times a second or more, and what nobody here reads unless asked for."""
+"""Messages that autopilots send by default at 10 Hz or more and that nobody here reads unasked."""
 
 
 async def choose_streams(

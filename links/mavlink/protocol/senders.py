@@ -13,7 +13,8 @@ from links.mavlink.protocol.codec import Message
 BOTH_S = 3.0
 """Two senders count while both sent a heartbeat within this time [s]: three periods of HEARTBEAT."""
 MOST_OTHERS = 16
-"""So many other addresses are remembered; of one more, the one that was silent longest is forgotten."""
+"""At most this many other addresses are remembered; beyond it the one silent longest is
+forgotten."""
 
 
 def hardware_id(version: Message) -> str:
@@ -34,7 +35,7 @@ class HeardAddress:
 
 
 class TargetSenders:
-    """Who sends as the vehicle. Times are on the event loop's clock [s]."""
+    """The addresses that send with the vehicle's ids. Times are on the event loop's clock [s]."""
 
     def __init__(self, system: int, describe: Any) -> None:
         """``system`` is the vehicle's; ``describe(address)`` names an address for the operator."""

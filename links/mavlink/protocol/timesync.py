@@ -24,7 +24,7 @@ class Trip(NamedTuple):
     """One question and its answer."""
 
     rtt_s: float
-    """From the question's leaving to the answer's arrival [s]."""
+    """Round-trip time from question to answer [s]."""
     offset_s: float
     """The autopilot's clock less ours [s], wrong by at most half of ``rtt_s``."""
 
@@ -63,19 +63,24 @@ class Timesync:
 ATTITUDES = ("ATTITUDE_QUATERNION", "ATTITUDE")
 """The messages that tell it; the first is tried first."""
 ATTITUDE_HZ = 50.0
-"""How often it is asked for: 2 kB a second [1/s]."""
-SLOW_BAUD, SLOW_HZ = 115_200, 12.5
-"""Serial ports up to that speed [bit/s] may lead to a telemetry radio; there it comes so often [1/s]."""
-EARLY_S, LATE_S = 0.1, 1.0
-"""A stamp further before or after its arrival comes from another clock than TIMESYNC's [s]."""
+"""Requested attitude rate [1/s]: 2 kB a second."""
+SLOW_BAUD = 115_200
+"""Serial ports up to this speed may lead to a telemetry radio [bit/s]."""
+SLOW_HZ = 12.5
+"""Requested attitude rate on such a port [1/s]."""
+EARLY_S = 0.1
+"""A stamp further ahead of its arrival comes from another clock than TIMESYNC's [s]."""
+LATE_S = 1.0
+"""A stamp older than this at its arrival comes from another clock than TIMESYNC's [s]."""
 _UNIT = 0.01
 """A quaternion whose squared length is farther from one is none."""
 
 
 def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attitude | None:
-    """What ``message``, which arrived at ``arrival_s`` [s, our clock], tells; None where that is nothing.
+    """Return the attitude in ``message``; None where it has none.
 
-    ``clock`` is the autopilot's against ours. Without it, or where the stamp contradicts it, the arrival is the time.
+    It arrived at ``arrival_s`` [s, our clock]. ``clock`` is the autopilot's against ours. Without it,
+    or where the stamp contradicts it, the arrival is the time.
     """
     match message.get_type():
         case "ATTITUDE_QUATERNION":
@@ -98,7 +103,7 @@ def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attit
 
 
 def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Of angles [rad] about z, then y, then x."""
+    """Convert angles [rad] about z, then y, then x to a unit quaternion w, x, y, z."""
     cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     return (

@@ -194,7 +194,10 @@ def _fly_job(job: Sequence[Planned], overrides: tuple[str, ...]) -> list[Row]:
     return [planned.row([next(flown) for _ in planned.copies()]) for planned in job]
 
 
-CONNECT, PUBLISH, PINGREQ = 1, 3, 12
+CONNECT = 1
+"""MQTT packet types, as the next two."""
+PUBLISH = 3
+PINGREQ = 12
 CONNACK = b"\x20\x03\x00\x00\x00"
 PINGRESP = b"\xd0\x00"
 

@@ -193,8 +193,10 @@ MOVES_AFTER_S = 0.5
 """A point is asked for after so long in the first hold, and the way back after so long in the next one [s]."""
 MOVES_BY = (0.9, 0.6, -0.3)
 """Where that point is from where it holds [m, NED]."""
-LIFTED_M, CLIMBED_M = 0.1, 0.3
-"""A lift-off and a take-off are struck so high above the floor [m]."""
+LIFTED_M = 0.1
+"""Faults at lift-off begin at this height above the floor [m]."""
+CLIMBED_M = 0.3
+"""Faults during take-off begin at this height above the floor [m]."""
 
 PLANNED = {
     (State.IDLE, State.CONNECTING),

@@ -44,15 +44,28 @@ from tests.proving.faults.pictures import WIFI_S, Picture, Way, jitter, late
 
 LOAD_M_S2 = 3.2
 """What a load had pulled [m/s²]."""
-GUST_M_S2, GUST_S = (3.0, 2.0, 1.0), 1.5
-"""A gust, as the acceleration that it gives, and how long it lasts."""
-WAVE_M_S2, WAVE_PERIOD_S, WAVE_S = 1.5, 5.0, 12.5
-"""A wind that goes up and down: how much of it, how slowly, and how long it lasts."""
+GUST_M_S2 = (3.0, 2.0, 1.0)
+"""Acceleration by a gust, NED [m/s²]."""
+GUST_S = 1.5
+"""Duration of a gust [s]."""
+WAVE_M_S2 = 1.5
+"""Amplitude of a slowly changing wind, as acceleration [m/s²]."""
+WAVE_PERIOD_S = 5.0
+"""Period of that wind [s]."""
+WAVE_S = 12.5
+"""Duration of that wind [s]."""
 SILENT_S = 4.0
 """How long one way of the link passes nothing [s]: an autopilot is lost after 3."""
-SAG_SHARE, SAG_S, SAG_STEP_S = 0.75, 6.0, 0.1
-"""What a battery that collapses leaves of the thrust, and how fast."""
-FULL_V, EMPTY_V = 3.9, 3.1
+SAG_SHARE = 0.75
+"""Share of the thrust that a collapsing battery leaves [-]."""
+SAG_S = 6.0
+"""Time that the collapse takes [s]."""
+SAG_STEP_S = 0.1
+"""Time between its steps [s]."""
+FULL_V = 3.9
+"""Cell voltage before the collapse [V]."""
+EMPTY_V = 3.1
+"""Cell voltage after it [V]."""
 LOST_FRAMES = 0.7
 """Share of the command frames that get lost on a bad radio."""
 STALL_S = 1.5
@@ -73,21 +86,34 @@ GRASP_MOST_M_S2 = 60.0
 """Strongest pull of a hand, for the vehicle's mass [m/s²]."""
 STEP_S = 0.01
 """How finely a hand's motion is told [s]."""
-SLACK_M, TETHER_PER_S2 = 0.3, 40.0
-"""A cable that is caught on the floor: how much farther it lets the vehicle, and how stiff it is for its mass: 3.2 N/m
-at 80 g."""
-ROTOR_M, CUSHION = 0.05, 0.25
-"""Near the floor the rotors give more: by this share on the floor, falling with the height over twice their radius."""
-LED_M_S, LED_TILT_DEG, GRIP_S = 0.5, 20.0, 0.3
-"""An operator takes the vehicle out of the air: how fast a hand leads it down, how far it leans, and how long it takes
-to close."""
+SLACK_M = 0.3
+"""Distance that a cable caught on the floor still lets the vehicle fly [m]."""
+TETHER_PER_S2 = 40.0
+"""Stiffness of that cable per mass [1/s²]: 3.2 N/m at 80 g."""
+ROTOR_M = 0.05
+"""Rotor radius in the ground effect's model [m]."""
+CUSHION = 0.25
+"""Thrust that ground effect adds on the floor, as a share; it falls with the height over two rotor
+radii [-]."""
+LED_M_S = 0.5
+"""Speed at which a hand leads the vehicle down [m/s]."""
+LED_TILT_DEG = 20.0
+"""Tilt in that hand [deg]."""
+GRIP_S = 0.3
+"""Time constant of the hand's grip [s]."""
 
 LONG_HOLD, FADES_S = ("takeoff.hold_s=30",), 4.0
 """``--set`` of a hold that lasts; how long a coordinate takes to become one that stands [s]."""
-SINKS_M_S, SINKS_S = 0.5, 0.8
-"""A height that leaves the true one downwards: how fast [m/s] and for how long [s], before it stands."""
-RESET_DEG, ASTRAY_S, ASTRAY_STEP_S = 19.0, 3.0, 0.01
-"""A heading that an estimator corrects [deg]: PX4 was seen to do so. How long it goes astray [s], in what steps."""
+SINKS_M_S = 0.5
+"""Speed at which a shown height leaves the true one downwards [m/s]."""
+SINKS_S = 0.8
+"""Duration of that drift [s]."""
+RESET_DEG = 19.0
+"""Heading step of an estimator's correction [deg]: PX4 was seen to do so."""
+ASTRAY_S = 3.0
+"""Duration of a heading's drift [s]."""
+ASTRAY_STEP_S = 0.01
+"""Time between its steps [s]."""
 ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
 """How much another wind a partner feels that flies beside ours."""
 

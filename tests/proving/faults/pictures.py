@@ -13,16 +13,22 @@ from typing import NamedTuple
 from groundstation.core.geometry import Quat, Vec3, so3
 from sim.trackers import TrackedBody
 
-NOISE_M, NOISE_RAD = 0.0003, 0.002
-"""Of what is not measured any more but looks as if [m, rad], 1 sigma an axis: as much as the cameras' own."""
+NOISE_M = 0.0003
+"""Position noise of invented poses [m], 1σ an axis: as much as the cameras' own."""
+NOISE_RAD = 0.002
+"""Attitude noise of invented poses [rad], 1σ an axis."""
 FLICKER_M = 1e-9
 """By so much a picture flickers that stands still [m]."""
 TELEPORT_M = 1.0
 """How far away a vehicle is seen that teleports [m]."""
 NEAR_M = 0.08
 """How far from ours another body is that is taken for it in flight [m]: too near for a jump to be seen."""
-CARRY_M_S, CARRY_TILT_DEG, CARRY_RAMP_S = 0.5, 10.0, 0.5
-"""How a hand moves a body: its speed [m/s], how far that leans [deg], and how long it takes to get going [s]."""
+CARRY_M_S = 0.5
+"""Speed at which a hand carries a body [m/s]."""
+CARRY_TILT_DEG = 10.0
+"""Tilt of the carried body [deg]."""
+CARRY_RAMP_S = 0.5
+"""Time to reach that speed [s]."""
 TURNING_DEG_S = 20.0
 """How fast axes turn that are lost slowly [deg/s]."""
 
@@ -309,8 +315,10 @@ CLOCK_STEP_S = 5.0
 """How far ahead the tracking computer's clock leaps [s]."""
 COPIES = 3
 """How often a datagram comes that comes more than once."""
-GROWS_PER_S, GROWN_S = 0.050, 0.400
-"""How fast a delay grows [s/s], and up to what [s]."""
+GROWS_PER_S = 0.050
+"""Growth of a growing delay [s/s]."""
+GROWN_S = 0.400
+"""Delay at which it stops growing [s]."""
 WIFI_S = 0.060
 """By how much a wireless network delays a frame at most [s]."""
 
