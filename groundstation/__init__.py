@@ -103,7 +103,7 @@ _MODULES = {
     "ControllerComparison": "sim.studies.comparison",
     "compare": "sim.studies.comparison",
 }
-"""What is handed on, and the module that is loaded when it is first asked for (PEP 562)."""
+"""Module of each public name, loaded when it is first asked for (PEP 562)."""
 
 
 if not TYPE_CHECKING:  # a type checker shall know a name that is not there
@@ -124,5 +124,5 @@ if not TYPE_CHECKING:  # a type checker shall know a name that is not there
 
 
 def __dir__() -> list[str]:
-    """What a notebook offers at the tab key, before any of it is loaded."""
+    """Return the names for a notebook's tab key, before any of them is loaded."""
     return sorted({*globals(), *_MODULES})

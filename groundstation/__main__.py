@@ -104,7 +104,7 @@ def _radio_bridge(parser: argparse.ArgumentParser) -> None:
 
 
 def _port_or_log(text: str) -> "int | Path":
-    """What stands behind --browser: a port, or else the recording, where no port is named."""
+    """Read the value of --browser: a port, or else the recording, where no port is named."""
     return int(text) if text.removeprefix("-").isdecimal() else path(text)
 
 

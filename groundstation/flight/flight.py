@@ -131,11 +131,12 @@ def _wake(waiting: "asyncio.Future[None]") -> None:
 
 
 LOOK_S = 0.02
-"""How often :meth:`StallDetector.look` is to be called, at least [s]."""
+"""Longest time between two calls of :meth:`StallDetector.look` [s]."""
 STALL_S = 0.06
-"""Not having looked for longer than that is standing still [s]."""
+"""A longer time without a look means that the program stood still [s]."""
 DRAIN_S = 0.01
-"""For so long afterwards nothing that is read counts: what waits in a socket is read within some milliseconds [s]."""
+"""Data read within this time after a stall does not count [s]: a socket is drained within some
+milliseconds."""
 
 
 class StallDetector:
@@ -160,11 +161,11 @@ class StallDetector:
 
 
 LINK_LOOK_S = 0.5
-"""How often it is asked whether the autopilot is still there and armed [s]."""
+"""Period at which the autopilot's presence and arming are checked [s]."""
 DISARM_WAIT_S = 8.0
-"""How long a landed autopilot may refuse to disarm: it must first believe that it stands."""
+"""Time for a landed autopilot to accept disarming [s]: it must first detect the landing."""
 AFTERMATH_S = 1.0
-"""How long the controller may take to notice that the link has fallen silent [s]; then it hangs."""
+"""The controller must notice a silent link within this time [s]; else it hangs."""
 
 
 class CommandLoop:
@@ -191,8 +192,7 @@ class CommandLoop:
         self._say = say
         self._warned = {""}
         self.drops: LinkDropWatch | None = None
-        """Of the link, from the arming on."""
-        """What the link warns of that the operator knows."""
+        """Watch on warnings of the link that the operator does not know yet; None before arming."""
         self._pacing = Pacing(link)
         self._stalls = StallDetector()
 
@@ -384,7 +384,7 @@ class FrameLateness:
         self._due_s = None
 
     def late_s(self, now_s: float, pose_id: int, arrival_s: float) -> float | None:
-        """How late the command of this instant is [s]; None for one in between, that is no frame's and no new pose's.
+        """Return the delay of this command [s]; None without a frame or a new pose.
 
         It rests on the pose ``pose_id``, which came at ``arrival_s`` [s].
         """
@@ -528,9 +528,10 @@ def make_ends(
 
 
 STAY_LOOK_S = 0.1
-"""How often it is looked whether an autopilot that was left still needs us after the flight [s]."""
+"""Period at which an autopilot left in the air is checked after the flight [s]."""
 STAYS_S = 30.0
-"""So long is an autopilot that lands by itself heard, and can be killed, after the last command [s]."""
+"""An autopilot that lands by itself is heard, and can be killed, for this long after the last
+command [s]."""
 
 
 class Shutdown:
@@ -629,18 +630,18 @@ class Shutdown:
 
 
 UNSEEN = 64
-"""So many poses wait at most for the vehicle to tell its attitude."""
+"""At most this many poses wait for the vehicle's attitude."""
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING})
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
 
 
 class FlightOutcome(msgspec.Struct, frozen=True):
-    """How a flight ended."""
+    """Outcome of a flight."""
 
     state: State
     reason: str
     fault: str = ""
-    """What made it come down early, where nobody had asked for it; empty where it went as it was meant to."""
+    """Cause of an early landing that nobody requested; empty where there was none."""
 
 
 class Flight:
@@ -916,7 +917,7 @@ class Flight:
     # ---- what comes in, and what is told
 
     def _check_hold(self) -> None:
-        """How the operator's hold stands is known anew: let go or lost, it lands."""
+        """Land where the operator's hold was released or lost."""
         assert self._hold is not None, "somebody has looked"
         why = self._hold.hold.obstacle
         if why and self.state in HELD_IN:
@@ -934,7 +935,7 @@ class Flight:
             self._prearm.first_pose.set()
 
     def witness(self) -> Witness:
-        """What the vehicle's own attitude says of the poses, the newest among them."""
+        """Return the comparison of all poses so far with the vehicle's own attitude."""
         unseen, self._unseen = self._unseen, []
         for pose in unseen:
             self._witness.pose(pose)
@@ -942,7 +943,7 @@ class Flight:
         return self._witness
 
     def _late_by_attitude(self) -> tuple[float, float] | None:
-        """How much later the poses are than told, by the vehicle's own attitude, and one deviation of that [s]."""
+        """Return the extra delay of poses by the vehicle's own attitude, and its 1σ [s]."""
         self.witness()
         return self._latency.estimate
 

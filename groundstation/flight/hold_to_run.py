@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 NAMES_MAX = 24
-"""So many keys of a device are listed."""
+"""At most this many keys of a device are listed."""
 
 
 class DeviceInput:
@@ -41,7 +41,7 @@ class DeviceInput:
         self._is_axis = hold.startswith("ABS_")
 
     def share(self) -> float:
-        """How far it is pressed: a key 0 or 1, an axis by its range.
+        """Return how far the input is pressed, 0 to 1: a key 0 or 1, an axis by its range.
 
         Raises:
             InputLost: the device was unplugged, or taken from us.
@@ -126,9 +126,9 @@ def _devices(path: str) -> "Iterator[InputDevice[str]]":
 
 
 RATE_HZ = 25.0
-"""How often it is asked for [1/s]."""
+"""Requested rate of RC_CHANNELS [1/s]."""
 OLD_S = 0.5
-"""What was told so long ago is not known any more [s]."""
+"""A channel value older than this does not count [s]."""
 _RECEIVER = 0x10000
 """MAV_SYS_STATUS_SENSOR_RC_RECEIVER."""
 _UNUSED = (0, 0xFFFF)
@@ -177,7 +177,8 @@ class ChannelInput:
 
 
 LOOK_S = 0.01
-"""How often it is asked how it stands [s]: letting go is known after this, and the time of a bounce, twice at most."""
+"""Period at which the input is read [s]: a release is known after this, and the time of a bounce,
+twice at most."""
 
 
 class Input(Protocol):
@@ -187,7 +188,7 @@ class Input(Protocol):
     """Its name, for the operator."""
 
     def share(self) -> float | None:
-        """How far it is pressed, 0 to 1; None before anything was heard of it.
+        """Return how far the input is pressed, 0 to 1; None before its first value.
 
         Raises:
             InputLost: it can't be asked any more.
@@ -231,7 +232,7 @@ class HoldWatch:
 
 
 def make_hold(config: OperatorConfig, link: CommandLink) -> HoldWatch | None:
-    """What watches over the hold of ``config``; None where nothing must be held. A device is opened by the flight."""
+    """Make the watch on the hold; None where nothing must be held. The flight opens a device."""
     if not config.hold:
         return None
     number = config.channel

@@ -37,12 +37,12 @@ from groundstation.settings import Config
 from links.core import IN_TIME, Arrival, Attitude, Command, LinkStatus
 
 LAST_CHANCE_S = 0.004
-"""So long before a command's deadline does the next one leave [s]."""
+"""The next command leaves this long before the deadline of the one before [s]."""
 AT_REST_M_S = 0.02
 """Slower than this a reference need not be stopped first [m/s]."""
 FAST_M_S2 = 2.0
-"""What leaves the floor faster than it is to climb is slowed down so hard, rather than climb too high; and no climb
-begins harder, as thrust just off the floor allows no more [m/s²]."""
+"""Deceleration after a lift-off faster than the climb speed, and largest acceleration of a climb
+[m/s²]: just off the floor thrust allows no more."""
 BLOWN_M_S = 0.1
 """Above this horizontal speed at lift-off, wind has moved the vehicle and it is braked [m/s]."""
 HALTS_M_S2 = 3.0
@@ -73,7 +73,7 @@ LAST_PERIODS = 2.5
 LEAST_HEIGHT_M = 0.3
 """A point that is asked for lies at least so high above the floor [m]: whoever wants less lands."""
 SEEN_M = 0.005
-"""Less than this is no number that a person is told [m]."""
+"""Smaller lengths are not named to the operator [m]."""
 LOOKS = 40
 """A leg is looked at in so many places before it is flown: less than a millisecond."""
 LONGER_S = 10.0
@@ -102,7 +102,7 @@ class MissionMove(NamedTuple):
 
 
 class Course:
-    """What is flown in each state of the mission: climb, hold, onto the trajectory and along it, back, and down."""
+    """Ways of the mission's states: climb, hold, onto and along the trajectory, back, down."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -118,7 +118,7 @@ class Course:
         self._touchdown = Touchdown(config.weight_n)
 
     def stood(self, place_ned: Vec3) -> None:
-        """It takes off from here [m]."""
+        """Set the place of the take-off, NED [m]."""
         self._home = place_ned
 
     def plan(self, points: tuple[Waypoint, ...]) -> None:
@@ -139,7 +139,7 @@ class Course:
         )
 
     def arrive(self) -> bool:
-        """It has come to a point; True where another one follows."""
+        """Count a reached point; True where another one follows."""
         self._reached += 1
         return self._reached < len(self._points)
 
@@ -148,7 +148,7 @@ class Course:
         return Leg(self._trajectory, time_s)
 
     def leg(self, event: Event, state: State, now: Reference, time_s: float) -> Leg:
-        """What is flown from the motion ``now`` on at ``time_s`` [s], as ``event`` leads to ``state``."""
+        """Return the way from the motion ``now`` at ``time_s`` [s] into ``state``."""
         match state:
             case State.TAKEOFF:
                 climb = self._climb
@@ -176,9 +176,10 @@ class Course:
         return [*ways, blend(at_rest, begin.at(0.0), self._transit), begin]
 
     def over(self, state: State, tick: Tick, *, heard: bool) -> MissionMove | None:
-        """What ends ``state``, by one more command in it; None while it goes on, or may while no command is ``heard``.
+        """Return the move that ends ``state``; None while it goes on, or no command is ``heard``.
 
-        One that does not hear may fly on where a landing's thrust is told: only poses that rest say that it has landed.
+        A vehicle that does not hear may fly on while a landing commands its thrust: only poses at
+        rest show that it has landed.
         """
         if not heard and state not in (State.LANDING, State.DESCENT):
             return None
@@ -301,13 +302,13 @@ def _leg(ways: list[Blend], last: Trajectory, time_s: float) -> Leg:
 
 
 class Hearing:
-    """How often the vehicle tells how it turns, and whether it has fallen silent. Times are on the loop's clock [s]."""
+    """Monitor of the telemetry's interval and silence. Times are on the loop's clock [s]."""
 
     def __init__(self) -> None:
         self._heard_s, self._usual_s = -math.inf, USUAL_S
 
     def hear(self, now_s: float) -> None:
-        """It has just told."""
+        """Take the time of a telemetry message."""
         since_s, self._heard_s = now_s - self._heard_s, now_s
         if since_s < LOST_S:
             self._usual_s += USUAL * (since_s - self._usual_s)
@@ -376,7 +377,7 @@ class MissionExecutive:
         self.tick: Tick | None = None
         """The newest command of the controller that left."""
         self.fault = ""
-        """What made the flight come down early, where nobody had asked for it."""
+        """Cause of an early landing that nobody requested; empty where there was none."""
         self.started_s: float | None = None
         """When the trajectory starts [s]; None before that is known."""
 
@@ -443,7 +444,7 @@ class MissionExecutive:
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
 
     def _way_down_s(self) -> float:
-        """So long may the way down take from here [s]."""
+        """Return the longest plausible duration of the way down from here [s]."""
         pose, flight = self._pilot.newest_pose, self._config.flight
         height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
         return LONGER_S + LONGER * height_m / min(flight.descent_m_s, self._config.landing.touchdown_m_s)
@@ -461,7 +462,7 @@ class MissionExecutive:
         return ""
 
     def _find_obstacle(self, place: Vec3) -> str:
-        """What forbids to stay at ``place``; empty where nothing does."""
+        """Describe the obstacle to a stay at ``place``; empty where there is none."""
         height = self._config.flight.floor_z_m - place[2]
         if not (math.isfinite(sum(place)) and height >= LEAST_HEIGHT_M):
             side = "above" if height >= 0.0 else "below"
@@ -472,7 +473,7 @@ class MissionExecutive:
         return "lies on the fence itself" if room > -SEEN_M else f"is {-room:.2f} m outside the fence"
 
     def _find_way_out(self, leg: Leg, now_s: float) -> str:
-        """What the way of ``leg`` would come too near to, brakes, fence and other vehicles counted; empty: nothing."""
+        """Describe the obstacle on the way of ``leg``, braking included; empty: none."""
         separation, limits = self._separation, self._config.limits
         if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
             return f"nobody sees {', '.join(lost)}"
@@ -616,7 +617,7 @@ class MissionExecutive:
             self.go(move.event, move.reason, tick.time_s, fault=move.fault)
 
     def _find_overtime(self, tick: Tick) -> MissionMove | None:
-        """What ends a way down that has taken so long that the floor is not where it is believed to be."""
+        """End a way down that takes so long that the floor is not where it is configured."""
         if not tick.time_s > self._down_by_s:
             return None
         why = "it should long have come down, and the floor was not felt (check flight.floor_z_m)"
@@ -691,7 +692,7 @@ class MissionExecutive:
         self._course.stood(spooling.place_ned)
 
     def _climb_away(self, now_s: float) -> None:
-        """It has just left the floor: it flies by poses from now on."""
+        """Climb off the floor; from now on it flies by poses."""
         self._say("off the floor: climbing")
         self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
 

@@ -221,7 +221,8 @@ def _line(demand: Demand) -> str:
 
 
 SECTIONS = ("vehicle", "pose", "gate", "link", "flight", "guards")
-"""What decides how motors start and stop: a test is of no worth once one of these has changed."""
+"""Sections that decide how motors start and stop: a test on file is void once one of them has
+changed."""
 COMMAND = "groundstation props-off CONFIG"
 
 
@@ -231,9 +232,9 @@ class Proof(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     vehicle: str
     """The vehicle's name."""
     digest: str
-    """Of the configuration, see :func:`digest`."""
+    """Hash of the configuration, see :func:`digest`."""
     firmware: str
-    """Of the autopilot, in its own words; empty where it does not tell."""
+    """Firmware of the autopilot as it reports it; empty where it reports none."""
     date: str
     """When the test was over (ISO 8601, UTC)."""
     steps: dict[str, str]
@@ -241,7 +242,7 @@ class Proof(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 def digest(config: Config) -> str:
-    """Of the sections that decide how motors start and stop; names of files, and how long it flies, do not count."""
+    """Hash the sections that start and stop motors, without file names and duration."""
     told = msgspec.to_builtins(config)
     sections = {name: _without_files(told[name]) for name in SECTIONS}
     del sections["flight"]["duration_s"]
@@ -315,7 +316,7 @@ def ensure_named(arm: str | None, config: Config) -> None:
 
 
 def confirmation(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:
-    """Who confirms arming: ``--arm``, or the operator at the terminal."""
+    """Make the question that confirms arming: ``--arm``, or the operator at the terminal."""
 
     async def confirm_by_option() -> bool:
         return True
@@ -353,7 +354,7 @@ async def line_from_terminal(prompt: str) -> str:
 LOOK_S = 1.2
 """Poses are looked at for so long before the first checks [s]."""
 STEP_S = 0.05
-"""How densely the ways are held against the fence [s]."""
+"""Step at which trajectories are checked against the fence [s]."""
 FEW_HZ = 20.0
 """Below this pose rate the check fails [1/s]."""
 WARN_RATE = 0.8
@@ -405,7 +406,7 @@ def tilt_noise_deg(poses: Sequence[Pose]) -> float:
 
 
 def explain_drops(source: PoseStatus) -> str:
-    """What the source itself advises, or for what reason most poses were dropped; empty where none was."""
+    """Return the source's advice, or the commonest reason of dropped poses; else empty."""
     dropped = source.dropped
     if source.advice:
         return source.advice
@@ -419,9 +420,10 @@ class Checks:
     """The checks of one configuration. Times are on the event loop's clock [s]."""
 
     def __init__(self, config: Config, others: Others | None = None, proof: Proof | None = None) -> None:
-        """What needs no vehicle is looked at here, once: it takes some tenths of a second.
+        """Make the checks that need no vehicle, once: they take some tenths of a second.
 
-        ``others`` are vehicles to keep away from; ``proof`` is the test with the propellers off that is on file.
+        ``others`` are vehicles to keep away from; ``proof`` is the test with the propellers off
+        that is on file.
         """
         self._config = config
         self._proof, self._real = proof, real(config) is not None
@@ -507,7 +509,7 @@ class Checks:
         return Check("props-off test", Verdict.PASS, f"passed on {self._proof.date}")
 
     def _deadline(self) -> Check:
-        """How old the pose may be that a command rests on; the configuration may say more than the defaults."""
+        """Check the pose age up to which commands are sent against the defaults."""
         coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
         usual_s = FlightConfig().coast_s + GuardsConfig().level_s
         says = (
@@ -520,7 +522,7 @@ class Checks:
         return Check("deadline", Verdict.WARN, says)
 
     def _noise(self, noise_m: float, noise_deg: float) -> Check:
-        """Of position and of roll and pitch, whichever is the worse by its limits."""
+        """Check the noise of position and of roll and pitch; the worse by its limits decides."""
         quiet = noise_m <= WARN_NOISE_M and noise_deg <= WARN_NOISE_DEG
         more = (
             "" if quiet else ": calibrate the volume, and have more cameras see the body; with more of it flights end"
@@ -678,7 +680,7 @@ class Checks:
         return Check(name, Verdict.WARN, says)
 
     def _failsafe(self) -> Check:
-        """What nobody can see from here: whether the other end stops by itself when we fall silent."""
+        """State that the receiver's failsafe can't be checked from here."""
         if self._config.link.has_autopilot:
             return Check("failsafe", Verdict.OFF, "the autopilot's own: `groundstation doctor CONFIG` looks at it")
         says = (
@@ -689,7 +691,7 @@ class Checks:
         return Check("failsafe", Verdict.WARN, says)
 
     def _take_off(self) -> Check:
-        """How far thrust goes on the floor, where nobody knows yet whether the poses are this vehicle's."""
+        """Check the thrust limit on the floor, where the poses may not yet be this vehicle's."""
         config, weight = self._config, self._config.weight_n
         most, usual = (limit(config) for limit in (limit_n, usual_limit_n))
         says = f"thrust goes to {most:.3g} N before lift-off, {100.0 * most / weight:.0f} % of the weight"
@@ -728,7 +730,7 @@ class Checks:
 
 
 def describe_failures(checks: list[Check]) -> str:
-    """What fails, as one sentence; empty where nothing does."""
+    """Join the failed checks into one sentence; empty where none failed."""
     return "; ".join(f"{check.name}: {check.says}" for check in checks if check.verdict is Verdict.FAIL)
 
 
@@ -758,7 +760,7 @@ class Company:
         return [self._names(), self._bodies_near(standing, now_s), self._hand(Verdict.FAIL if arming else Verdict.WARN)]
 
     def leave(self) -> None:
-        """It takes off: bodies that nobody looks for cost no time any more."""
+        """Stop looking for other bodies: take-off begins."""
         if self._bodies is not None:
             self._bodies.every = False
 
@@ -809,7 +811,7 @@ class Company:
 
 
 def entry_of(config: Config, command: str, pid: int) -> Running:
-    """What the register tells of a flight with this configuration."""
+    """Return the register's entry for a flight with this configuration."""
     pose = config.pose
     return Running(
         pid=pid,
@@ -823,7 +825,7 @@ def entry_of(config: Config, command: str, pid: int) -> Running:
 
 
 LOOK_AGAIN_S = 1.0
-"""How often the checks are made anew while the operator has not armed yet [s]."""
+"""Period at which the checks are repeated until the operator arms [s]."""
 
 
 class FlightEnded(Exception):
@@ -924,7 +926,7 @@ class PrearmSequence:
         await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
 
     def _check(self, *, arming: bool = False) -> tuple[str, list[Check]]:
-        """What fails, and all checks; ``arming`` where the motors start next."""
+        """Return the failures as a sentence, and all checks; ``arming``: motors start next."""
         assert self._look is not None, "nobody has looked yet"
         now = asyncio.get_running_loop().time()
         evidence = self._witness().verdict(now)

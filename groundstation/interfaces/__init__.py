@@ -1,1 +1,1 @@
-"""How people and programs reach a flight: command line, sockets, MQTT, service, dashboard."""
+"""Access of people and programs to a flight: command line, sockets, MQTT, service, dashboard."""

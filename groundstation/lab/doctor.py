@@ -59,7 +59,7 @@ class Restore(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     @property
     def parameter(self) -> Setting:
-        """What is to be set."""
+        """The setting to write."""
         return Setting(self.name, self.value, self.kind)
 
 
@@ -101,7 +101,7 @@ def load_restore(path: Path) -> Restore:
 
 
 BEAT_S = 3.0
-"""How long the heartbeat that tells whether it is armed may take [s]."""
+"""Timeout for the heartbeat that reports arming [s]."""
 TABLES: dict[int, Callable[[VehicleFacts], list[Advice]]] = {PX4: px4_advice, ARDUPILOT: ardupilot_advice}
 """HEARTBEAT.autopilot → its advice."""
 
@@ -136,7 +136,7 @@ class BoardVisit:
 
     @property
     def advice(self) -> list[Advice]:
-        """By the settings and rows of modes that were read."""
+        """Return the advice for the settings and mode rows that were read."""
         return betaflight_advice(self.facts, {name: one.value for name, one in self.parameters.items()})
 
     async def open(self) -> None:
@@ -190,7 +190,7 @@ class BoardVisit:
 
 
 def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
-    """What a Betaflight behind the receiver of ``link`` gets."""
+    """Describe the signals that a Betaflight behind the receiver of ``link`` gets."""
     half_us, order = describe_pulses(link)
     sticks = {"roll": link.map.roll, "pitch": link.map.pitch, "yaw": link.map.yaw}
     for axis, stick in sticks.items():
@@ -224,7 +224,7 @@ def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
 
 
 class MavlinkVisit:
-    """The same for PX4 and ArduPilot."""
+    """Visit to PX4 and ArduPilot by MAVLink."""
 
     def __init__(self, config: Config) -> None:
         link = config.link
@@ -268,7 +268,7 @@ class MavlinkVisit:
 
     @property
     def advice(self) -> list[Advice]:
-        """What is known about this kind of autopilot."""
+        """Return the advice for this kind of autopilot."""
         return TABLES[self._connection.autopilot().kind](self.facts)
 
     async def examine(self) -> list[ParameterFinding]:
@@ -319,7 +319,7 @@ class MavlinkVisit:
             raise LinkRejected(conflict)
 
     async def _is_armed(self) -> bool:
-        """What the next heartbeat says; the one before may be old."""
+        """Return the arming state from the next heartbeat; the one before may be old."""
         beat: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
 
         def hear(message: Any, _: float) -> None:
@@ -378,10 +378,10 @@ Ask = Callable[[str], Awaitable[str]]
 
 
 class DoctorOrders(NamedTuple):
-    """What the operator wants."""
+    """Options of the operator."""
 
     command: str
-    """How this command was called, to be shown with ``--fix``."""
+    """The command as it was called, to be shown with ``--fix``."""
     fix: tuple[str, ...] = ()
     """Each ``NAME`` or ``NAME=VALUE``."""
     restore: Path | None = None

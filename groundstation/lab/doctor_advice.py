@@ -34,11 +34,11 @@ def show(value: Value) -> str:
 
 
 HOVER_SHARE = 0.2
-"""How far the hover thrust may be from ours, as a share of it."""
+"""Largest difference of the hover thrust from ours, as a share of it [-]."""
 
 
 class Weight(StrEnum):
-    """How much hangs on a parameter."""
+    """Weight of a parameter."""
 
     MUST = "must"
     """With any other value it does not fly, or not safely."""
@@ -82,7 +82,7 @@ class Advice(NamedTuple):
 
 
 class VehicleFacts(NamedTuple):
-    """What the tables must know of our own configuration."""
+    """Facts of our own configuration for the tables."""
 
     own_system: int
     """Our MAVLink system."""
@@ -107,7 +107,7 @@ class ParameterFinding(msgspec.Struct, frozen=True):
     value: Value | None
     accepted: str
     recommended: Value | None
-    """What --fix would set; None where nothing is wrong or absent."""
+    """The value that --fix would set; None where nothing is wrong or absent."""
     why: str
     reboot: bool
 
@@ -157,7 +157,7 @@ def without_bit(bit: int, meaning: str) -> Rule:
 
 
 def judge(advice: Advice, found: Mapping[str, Setting]) -> ParameterFinding:
-    """What ``advice`` says of the parameters that were ``found``."""
+    """Judge the parameters ``found`` by ``advice``."""
     for name in advice.names:
         if name in found:
             value = found[name].value
@@ -508,7 +508,7 @@ AUX_CHANNELS = 12
 AUX_SLOTS = 20
 """Rows of a Betaflight that assign modes to channels."""
 EMPTY_SLOT = "0 0 900 900 0 0"
-"""Such a row that assigns no mode."""
+"""Row that assigns no mode."""
 ARM_MODE = 0
 LEVEL_MODES = {
     1: "ANGLE", 2: "HORIZON", 3: "ALTHOLD", 5: "MAG", 6: "HEADFREE", 11: "POS HOLD", 12: "PASSTHRU", 27: "FAILSAFE",
@@ -523,10 +523,10 @@ RATE_MOST_DEG_S = 1998.0
 
 
 class ReceiverFacts(NamedTuple):
-    """What Betaflight's table must know of our own configuration; pulses are in µs."""
+    """Facts of our own configuration for Betaflight's table; pulses are in µs."""
 
     order: str
-    """What the first eight channels are, in letters of its ``map``."""
+    """Order of the first eight channels, in letters of Betaflight's ``map``."""
     half_us: float
     """Half of what the receiver's pulses can move."""
     rates_deg_s: tuple[float, float, float]

@@ -17,7 +17,7 @@ MOST = 64
 
 
 class FleetFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a fleet file says, but for the sections of each vehicle."""
+    """Contents of a fleet file, but for the sections of each vehicle."""
 
     config: Annotated[
         str, msgspec.Meta(description="The configuration that all vehicles share; relative to the fleet file.")

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 
 class Ears(msgspec.Struct, frozen=True):
-    """What is open."""
+    """Open sources."""
 
     source: PoseSource
     """Behind the gate."""
@@ -110,7 +110,7 @@ async def open_ears(
 
 
 JSON_S = 5.0
-"""How long a look for a program takes, where it does not say [s]."""
+"""Duration of a look for a program, where it gives none [s]."""
 REFRESH_S = 0.25
 
 
@@ -140,7 +140,7 @@ def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit
 async def listen(
     config: Config, seconds: float | None, show: Callable[[PoseStreamSummary], None] | None = None
 ) -> PoseStreamSummary:
-    """What the source of ``config`` is like after ``seconds`` [s]; ``show`` is called a few times a second.
+    """Observe the source of ``config`` for ``seconds`` [s]; ``show`` is called a few times a second.
 
     Raises:
         ConfigError: the poses need another link.
@@ -171,7 +171,7 @@ async def listen(
 
 
 def _find_stamp_fault(status: PoseStatus, kind: PoseKind) -> str:
-    """What is wrong with the stamps: their unit, or their clock; empty where nothing is."""
+    """Describe the fault of the stamps, unit or clock; empty where there is none."""
     rate = check_stamp_rate(status, kind)
     if rate is not None and rate.verdict is Verdict.FAIL:
         return rate.says
@@ -210,7 +210,7 @@ SHOWN_EVENTS = 5
 
 
 def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
-    """What is known, in words."""
+    """Describe the stream in words."""
     lines = [
         ("poses", f"{seen.poses}, {seen.rate_hz:.1f} per second arrive, {seen.source_rate_hz:.1f} by their stamps"),
         ("age", _age(seen)),
@@ -238,7 +238,7 @@ def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
 
 
 def summary_table(title: str, seen: PoseStreamSummary) -> "Table":
-    """The same as rich draws it."""
+    """Draw the stream as a table of rich."""
     from rich.table import Table
     from rich.text import Text
 
@@ -333,7 +333,7 @@ def _line(item: tuple[str, Value]) -> str:
 ATTITUDE_HZ = 100.0
 """The autopilot is asked for its attitude so often [1/s]."""
 PATIENCE_S = 120.0
-"""How long one move may take [s]."""
+"""Timeout of one move [s]."""
 NOT_SEEN = "This link does not tell whether the vehicle is armed: see that it is not."
 LOOK_S = 0.1
 LATE_S = 0.002
@@ -341,7 +341,7 @@ LATE_S = 0.002
 
 
 class CarryRecord(NamedTuple):
-    """What was seen of the moves."""
+    """Record of the moves."""
 
     carry: Carry
     autopilot: list[Sample]
@@ -507,7 +507,7 @@ def calibrated_config(config: Config, found: AxisCalibration) -> tuple[dict[str,
 def describe_calibration(
     found: AxisCalibration, tables: Mapping[str, Mapping[str, Value]], *, synchronised: bool
 ) -> list[str]:
-    """What was found, for people."""
+    """Describe the calibration for people."""
     lines = [f"the lab's axes are '{found.world}', the body's are '{found.body}'"]
     if any(found.lab_rotation_deg):
         lines.append(f"the lab's north lies {found.lab_rotation_deg[2]:+.1f}° to the right of where the nose was")

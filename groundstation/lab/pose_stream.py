@@ -54,11 +54,11 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
     rate_hz: float
     """Arrivals per second, over the window [1/s]."""
     source_rate_hz: float
-    """By the source's own stamps [1/s]; 0 where there are too few."""
+    """Rate by the source's own stamps [1/s]; 0 where there are too few."""
     age_s: float | None
     """Time since the newest pose was true [s]; None before the first, and of a recording."""
     latency_s: float
-    """From the instant of a pose to its arrival, averaged [s]."""
+    """Mean time from the instant of a pose to its arrival [s]."""
     latency_max_s: float
     """The longest [s]."""
     jitter_s: float
@@ -66,15 +66,15 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
     longest_s: float
     """The longest time from one arrival to the next, of all [s]."""
     gaps: int
-    """How often poses were missing."""
+    """Number of gaps."""
     clock_steps: int
-    """How often the source's clock leapt ahead or began anew."""
+    """Number of steps and restarts of the source's clock."""
     drift: float | None
-    """How much slower than ours the source's clock runs, as a share; None of a recording."""
+    """Drift of the source's clock: slower than ours by this share [-]; None of a recording."""
     advice: str
-    """What the source has found out about why no poses come; empty where nothing."""
+    """The source's finding why no poses come; empty where there is none."""
     stamp_fault: str
-    """What is wrong with the time stamps: their unit, or their clock; empty where nothing is."""
+    """Fault of the time stamps, unit or clock; empty where there is none."""
     position_ned: Vec3 | None
     """[m]"""
     floor_z_m: float
@@ -85,9 +85,9 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
     noise_m: Vec3 | None
     """Standard deviation north, east, down while at rest [m]; None where it moves."""
     noise_deg: Vec3 | None
-    """The same about its own axes forward, right, down [deg]."""
+    """Attitude noise about the body's axes forward, right, down, 1σ [deg]."""
     dropped: dict[str, int]
-    """By reason."""
+    """Counts by reason."""
     bodies: tuple[str, ...]
     """Names that the source has told, where ours was not among them or it tells all."""
     events: tuple[str, ...]
@@ -209,7 +209,7 @@ SHIFT_M = 0.3
 TURN_DEG = 25.0
 """A turn has begun once the vehicle is turned by this much [deg]."""
 REST_S = 0.6
-"""It is over once the vehicle is held still for so long [s]."""
+"""A move is over once the vehicle is held still for this long [s]."""
 STANDS_M = 0.04
 """The vehicle is held still while it moves by less than this [m]."""
 REST_DEG = 5.0
@@ -225,7 +225,7 @@ class CarryMove(msgspec.Struct, frozen=True):
     axis: Vec3
     """Unit vector forward, right, down on the vehicle; turns are right-handed."""
     say: str
-    """What the operator is to do."""
+    """Instruction to the operator."""
 
 
 MOVES = (
@@ -308,12 +308,12 @@ class Carry:
 
 
 def angle_deg(a: Quat, b: Quat) -> float:
-    """From one attitude to the other [deg]."""
+    """Return the angle between two attitudes [deg]."""
     return math.degrees(math.hypot(*so3.turn_between(a, b)))
 
 
 def mean_attitude(attitudes: list[Quat]) -> Quat:
-    """Of attitudes that are near each other."""
+    """Return the mean of attitudes that are near each other."""
     first = attitudes[0]
     signed = [q if sum(a * b for a, b in zip(first, q, strict=True)) >= 0.0 else _negative(q) for q in attitudes]
     w, x, y, z = (fmean(parts) for parts in zip(*signed, strict=True))
@@ -342,7 +342,7 @@ def _rest(recent: deque[Sample]) -> Rest:
 WRONG_DEG = 40.0
 """A hand is no gauge: a move may be off by this much [deg]."""
 APART_DEG = 15.0
-"""So much may tracker and autopilot differ about one turn [deg]."""
+"""Largest difference between tracker and autopilot about one turn [deg]."""
 LEVEL_DEG = 12.0
 """The vehicle stands, and the lab's axes lie, no more askew than this [deg]."""
 NORTH_DEG = 10.0
@@ -368,7 +368,7 @@ class CarryContradiction(Exception):
 
 
 class AxisCalibration(msgspec.Struct, frozen=True, kw_only=True):
-    """What is to be written into the configuration."""
+    """Values for the configuration."""
 
     world: World
     body: Body
@@ -377,16 +377,16 @@ class AxisCalibration(msgspec.Struct, frozen=True, kw_only=True):
     body_rotation_deg: Vec3
     """All zero without an autopilot: a hand is no gauge."""
     late_s: float | None
-    """How much later than it is stamped each pose was true, negative for earlier, by the autopilot [s]; None where that
-    is not known."""
+    """Delay of each pose's stamp after its instant by the autopilot, negative for earlier [s]; None
+    where unknown."""
     match: float
-    """How alike the two speeds of turning are: 1 is the same [-]; 0 without an autopilot."""
+    """Correlation of the two angular speeds [-]: 1 is equal; 0 without an autopilot."""
     autopilot_north_deg: float | None
-    """How far the autopilot's north lies right of ours [deg]."""
+    """Direction of the autopilot's north, to the right of ours [deg]."""
 
 
 def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) -> AxisCalibration:
-    """What all the moves say.
+    """Solve for the axes by all moves.
 
     ``poses`` are in the tracker's own axes; ``autopilot``, which may be empty, are attitudes FRD to its NED. Stamps are
     on our clock [s].
@@ -512,7 +512,7 @@ def _nearest_axes(matrix: "NDArray[Any]", names: tuple[str, ...]) -> tuple[Any, 
 
 
 def _late(poses: list[Sample], autopilot: list[Sample]) -> tuple[float | None, float]:
-    """By how much poses are stamped too late [s], where both turn alike; and how alike."""
+    """Return the excess of the poses' stamps [s], and the correlation of the two turns [-]."""
     import numpy as np
 
     if len(autopilot) < 100 or len(poses) < 100:

@@ -29,19 +29,21 @@ from groundstation.settings import Config
 from links.io import open_child
 
 ARM_S = 90.0
-"""How long a hand may take to connect and to arm [s]."""
+"""Timeout to connect and to arm [s]."""
 LOOK_S = 3.0
-"""How long the motors turn before the program is killed; and how long they are watched to stay off [s]."""
+"""The motors turn this long before the program is killed, and are watched this long to stay off
+[s]."""
 ACT_S = 60.0
-"""How long the operator may take to do what a step asks for [s]."""
+"""Timeout for the operator's action in a step [s]."""
 STOP_S = 15.0
-"""How long the motors may take to stop where nobody here can stop them [s]: the longest failsafe of an autopilot."""
+"""Timeout for motors to stop that nobody here can stop [s]: the longest failsafe of an
+autopilot."""
 HEAR_S = 0.05
-"""What was told meanwhile is heard within this time [s]."""
+"""Time in which everything reported meanwhile is read [s]."""
 NEWS_S = 3.0
-"""So old may be what the vehicle tells [s]; it tells once a second."""
+"""Largest age of the vehicle's report [s]; it reports once a second."""
 TRIES = 3
-"""How often a step is begun that the vehicle ended by disarming itself, and how often a disarming is tried."""
+"""Attempts at a step that the vehicle ends by disarming itself, and at a disarming."""
 AGAIN_S = 3.0
 """Wait before it is tried again to disarm [s]: the pacer of a radio that was killed holds the port for so long."""
 
@@ -59,7 +61,7 @@ class _StepAgain(Exception):
 
 
 class Hand(Protocol):
-    """What holds one vehicle armed, or has disarmed it."""
+    """Holder of one armed vehicle, which can also disarm it."""
 
     heard: list[News]
     """All that it has told."""
@@ -104,7 +106,7 @@ class Guide:
         self._tells = config.link.has_autopilot
         """Whether the vehicle tells that it is disarmed."""
         self.firmware = ""
-        """What the autopilot runs, as it told."""
+        """The autopilot's firmware as reported."""
 
     async def run(self) -> dict[str, str]:
         """Go through all steps; returns each with what it has shown.
@@ -252,7 +254,7 @@ class Guide:
             raise _StepAgain
 
     async def _event(self, hand: Hand, event: str, otherwise: str) -> News:
-        """What the operator has just been asked to bring about."""
+        """Wait for the event that the operator was asked for."""
         try:
             news = await hand.until(event, ACT_S)
         except TimeoutError:
@@ -262,7 +264,7 @@ class Guide:
         return news
 
     async def _time_stop(self, says: str) -> float:
-        """How long the motors took to stop, as the operator sees it [s]."""
+        """Measure the time until the motors stop, as the operator sees it [s]."""
         since_s = _now()
         try:
             async with asyncio.timeout(STOP_S):

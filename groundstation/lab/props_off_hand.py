@@ -31,7 +31,7 @@ Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"
 
 
 class News(msgspec.Struct, frozen=True):
-    """What has become of the vehicle."""
+    """Report of the vehicle."""
 
     event: Event
     """``arming``: from here on the motors may turn. ``armed``: they do. ``silent``: nothing leaves any more. ``lost``:
@@ -44,7 +44,7 @@ class News(msgspec.Struct, frozen=True):
     pose_s: float | None = None
     """Stamp of the newest pose [s, the same clock]."""
     firmware: str = ""
-    """What the autopilot runs, as it tells itself."""
+    """The autopilot's firmware as reported."""
 
 
 Tell = Callable[[News], None]

@@ -76,12 +76,12 @@ class Relay(asyncio.DatagramProtocol):
                 self.dropped[reason] += 1
 
     def title(self) -> str:
-        """What is done, for the operator."""
+        """Return the title for the operator."""
         where = f"{self._group}, port {self._local[1]}" if self._group else self._listen
         return f"relaying {where} to {', '.join(f'{host}:{port}' for host, port in self._targets)}"
 
     def summary(self) -> str:
-        """What was done, for the operator."""
+        """Return the summary for the operator."""
         drops = ", ".join(f"{count} {reason}" for reason, count in sorted(self.dropped.items()))
         return f"relay: {self.received} datagrams handed on to {len(self._targets)} cores; dropped: {drops or 'none'}"
 

@@ -1,4 +1,4 @@
-"""What a process of ours needs of its machine: clocks, sockets' places, locks, folders of recordings."""
+"""Machine services for a process of ours: clocks, sockets' places, locks, folders of recordings."""
 
 from groundstation.machine.clock import IdleSlots, cancel_task, precise_loop, sleep_until, to_the_end, wall_ms
 from groundstation.machine.document import fill_markers, replace_between_markers, split_at_markers

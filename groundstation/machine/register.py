@@ -99,7 +99,7 @@ async def served_sockets(vehicle: str | None, services: Path = SERVICES) -> list
 
 
 def owner(path: Path) -> str:
-    """Who owns ``path``, or else what can be seen of it: the nearest folder above."""
+    """Return the owner of ``path``, or else of the nearest folder above that can be seen."""
     for seen in (path, *path.parents):
         try:
             return seen.owner()
@@ -269,7 +269,7 @@ def registration(one: Running) -> Iterator[None]:
 
 
 def running_processes(services: Path = SERVICES) -> list[Running]:
-    """What runs for this user, but for this process; what dead ones have left is removed."""
+    """Return this user's other running processes, and remove what dead ones have left."""
     found = []
     for folder in sorted({*_folders(), *_services(services)}):
         with suppress(OSError):
@@ -299,7 +299,7 @@ def _services(services: Path) -> list[Path]:
 
 
 def _read_entry(path: Path) -> Running | None:
-    """What ``path`` tells; None where its process is dead, or it is none of ours."""
+    """Read the entry at ``path``; None where its process is dead, or it is none of ours."""
     try:
         number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

@@ -27,13 +27,12 @@ from groundstation.recording.writer import FLUSH_S, FlightLog
 from links.io import start_child
 
 NICE = 5
-"""By so much the recorder stands behind what flies (nice(2))."""
+"""Nice value of the recorder, below the flight (nice(2))."""
 SLICE_NS = 20_000_000
-"""It asks for as long slices of the processor as this, and so for few [ns].
+"""Scheduler slice that the recorder asks for [ns].
 
-Whoever wakes up and asks for shorter ones, as everybody does who does not ask, then need not wait until its slice of
-some milliseconds is used up (Linux 6.12 and later, sched(7) and sched_setattr(2); earlier ones pay no heed). Its share
-stays the same: on a machine that is busy it writes as much as ever.
+Long slices let others wake up at once instead of after its slice (Linux 6.12 and later, sched(7)
+and sched_setattr(2); earlier ones pay no heed). Its share of the processor stays the same.
 """
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274, "riscv64": 274, "armv7l": 380}
 """The number of the system call; the C library has had no function for it for long."""
@@ -54,7 +53,7 @@ def stand_back() -> None:
 
 _READ_BYTES = 1 << 18
 SYNC_S = 1.0
-"""What was written has reached the disk itself after so long, or the operator is told that it has not [s]."""
+"""Written data must reach the disk itself within this time, or the operator is told [s]."""
 
 
 def main() -> None:

@@ -156,18 +156,18 @@ class TappedTransport:
         return getattr(self._original, name)
 
     def write(self, data: bytes) -> None:
-        """Of a connection."""
+        """Write to a connection."""
         self._original.write(data)
         self._wires.note_sent(self._wire, data, None)
 
     def sendto(self, data: bytes, addr: Any = None) -> Any:
-        """Of a datagram endpoint or of a socket."""
+        """Send by a datagram endpoint or a socket."""
         done = self._original.sendto(data, addr)
         self._wires.note_sent(self._wire, data, addr)
         return done
 
     def send(self, data: bytes) -> Any:
-        """Of a socket, or of a serial port."""
+        """Send by a socket or a serial port."""
         done = self._original.send(data)
         self._wires.note_sent(self._wire, data, None)
         return done
@@ -178,7 +178,7 @@ class TappedTransport:
         return TappedTransport(found, self._wires, self._wire) if name == "socket" and found is not None else found
 
     def dup(self) -> Any:
-        """Of a socket: a second handle."""
+        """Return a second handle of a socket."""
         return TappedTransport(self._original.dup(), self._wires, self._wire)
 
 
@@ -187,7 +187,7 @@ Give = Callable[[Record], None]
 
 
 STATUS_S = 0.2
-"""How often the state of link and source is noted [s]."""
+"""Period of the link's and the source's status records [s]."""
 
 
 class FlightRecorder:
@@ -241,7 +241,7 @@ class FlightRecorder:
 
 
 def about(config: Config, **more: Any) -> About:
-    """What is known before the flight; ``more`` of it about a simulated one."""
+    """Collect the facts known before the flight; ``more`` of them about a simulated one."""
     link = config.link
     return About(
         config=dump(config),
@@ -320,7 +320,7 @@ async def recorder(
     *,
     view: str = "",
 ) -> AsyncIterator[Give | None]:
-    """What records a flight in real time, in a process of its own; None where ``recording.enabled`` is false.
+    """Record a flight in real time by a process of its own; None without ``recording.enabled``.
 
     Records are handed over when it is ``quiet``. ``keep`` is asked at the end whether the recording shall stay.
     ``view`` names a viewer that the recorder opens on it.

@@ -46,7 +46,7 @@ from links.core import Command, LinkStatus, Segment
 WORLD, VEHICLE = "world_ned", "vehicle"
 """Frames of /tf and /pose."""
 DISPLAY = "world"
-"""The same world with z up, for screens: its x is north, its y is west."""
+"""World with z up, for screens: its x is north, its y is west."""
 
 
 class Vector3(msgspec.Struct, frozen=True, gc=False):
@@ -67,7 +67,7 @@ class Quaternion(msgspec.Struct, frozen=True, gc=False):
 
 
 def quaternion(q: Quat) -> Quaternion:
-    """The same, with names."""
+    """Name the parts of ``q``."""
     w, x, y, z = q
     return Quaternion(x, y, z, w)
 
@@ -225,7 +225,7 @@ class LyapunovMessage(msgspec.Struct, frozen=True, gc=False):
 
 
 class TimingMessage(msgspec.Struct, frozen=True, gc=False):
-    """How late the command was for its frame (or after its pose came), how old its pose, how long after the last."""
+    """Delay of the command (for frame or pose), age of its pose, time since the last."""
 
     time_s: float
     pose_age_s: float
@@ -264,21 +264,21 @@ class FlightRequestMessage(msgspec.Struct, frozen=True, gc=False):
 
 
 class LostMessage(msgspec.Struct, frozen=True, gc=False):
-    """So many records are missing here."""
+    """Number of records that are missing here."""
 
     time_s: float
     count: int
 
 
 class LinkMessage(msgspec.Struct, frozen=True, gc=False):
-    """How the command link is."""
+    """State of the command link."""
 
     time_s: float
     status: LinkStatus
 
 
 class SourceMessage(msgspec.Struct, frozen=True, gc=False):
-    """How the pose source is."""
+    """State of the pose source."""
 
     time_s: float
     status: PoseStatus
@@ -314,7 +314,7 @@ class RawSent(msgspec.Struct, frozen=True, gc=False):
 
 
 class TruthMessage(msgspec.Struct, frozen=True, gc=False):
-    """Of a simulated flight: where the vehicle really is, how far from the reference, and the true wind."""
+    """Truth of a simulated flight: true place, distance from the reference, wind."""
 
     time_s: float
     position_ned: Vector3

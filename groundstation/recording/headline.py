@@ -27,7 +27,8 @@ class FlightHeadline(msgspec.Struct, frozen=True, kw_only=True):
     max_m: float | None
     """Largest such distance [m]."""
     true_rms_m: float | None = None
-    """The same of a simulated vehicle's true place, at every step of the simulation; None of a real flight [m]."""
+    """RMS error of a simulated vehicle's true place, at every step of the simulation [m]; None of a
+    real flight."""
     true_max_m: float | None = None
     lost: int
     """Records that are missing because the recorder could not keep up."""

@@ -14,16 +14,16 @@ from groundstation.recording.records import About, LossRecord, Record
 from links.io import start_child
 
 PIPE_BYTES = 1 << 20
-"""What the pipe holds, where the system allows it: several seconds of flight."""
+"""Size of the pipe, where the system allows it: several seconds of flight."""
 BACKLOG_BYTES = 8 << 20
-"""So much may wait beyond it; what comes then is left out, and counted."""
+"""At most this much waits beyond the pipe; what comes then is left out, and counted."""
 GATHER_S = 0.03
 """Records wait for one another for so long [s], so that the recorder wakes up less often than the flight does; then
 for a quiet moment, which comes with the next command."""
 FORGET = b"forget"
 """A message: the recording is not worth keeping."""
 END_S = 5.0
-"""How long the recorder may take to write its end [s]."""
+"""Timeout for the recorder to write its end [s]."""
 
 
 class RecorderSetup(msgspec.Struct, frozen=True):
@@ -36,7 +36,7 @@ class RecorderSetup(msgspec.Struct, frozen=True):
 
 
 Word = tuple[str, Severity]
-"""What the recorder tells the operator, a line each in JSON."""
+"""Line of JSON from the recorder for the operator."""
 
 
 class RecorderProcess:

@@ -21,7 +21,7 @@ from groundstation.recording.headline import TOPICS, FlightHeadline, HeadlineCou
 from groundstation.recording.records import MAGIC
 
 _RECORD = struct.Struct("<BQ")
-"""How each begins: its kind, and how many bytes follow."""
+"""Head of a record: its kind, and its number of bytes."""
 _FOOTER = struct.Struct("<BQQQI")
 """The last record: its kind, its length, where the index begins, where its offsets do, and a sum."""
 _DATA_END = struct.Struct("<BQI")
@@ -30,7 +30,7 @@ _BLOCK_BYTES = 1 << 20
 _RECORD_BYTES = 1 << 28
 """No record of ours is longer: a length beyond it is damage."""
 _DATA = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
-"""What stands in a recording before its index. mcap passes over other records; here they are damaged chunks."""
+"""Records before the index. mcap passes over other records; here they are damaged chunks."""
 
 
 @contextmanager

@@ -17,13 +17,13 @@ from groundstation.core.messages import (
 Peer = tuple[str, int] | None
 """Address of the other end; None on a wire that has only one."""
 MAGIC = b"\x89MCAP0\r\n"
-"""How an MCAP file begins, and ends."""
+"""First and last bytes of an MCAP file."""
 NO_PORT = -1
 """Stands behind the name of a serial port, which is no network address."""
 
 
 class About(msgspec.Struct, frozen=True, kw_only=True):
-    """What is known before the flight: the first thing in a recording."""
+    """Facts known before the flight: the first record of a recording."""
 
     config: str
     """The whole configuration, as TOML."""
@@ -41,7 +41,7 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
     started: str = ""
     """Wall time when the recording began; empty in virtual time."""
     scenario: str = ""
-    """Of a simulated flight, as all below."""
+    """Name of a simulated flight's scenario."""
     seed: int | None = None
     sim: str = ""
     """The simulated truth, as TOML."""
@@ -89,7 +89,7 @@ class LineRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
 
 
 class LossRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=11):
-    """So many records are missing here: whoever writes them could not keep up."""
+    """Number of records that are missing here: the writer could not keep up."""
 
     time_s: float
     count: int
@@ -105,7 +105,7 @@ class TruthRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=14
     wind_m_s2: Vec3
     """The true disturbance, without the effect of wrong thrust or mass."""
     error_m: float | None
-    """From the reference of that instant; None where no trajectory is flown yet."""
+    """Distance from the reference of that instant [m]; None before a trajectory is flown."""
 
 
 Record = (

@@ -51,7 +51,8 @@ def add_channel(writer: "Writer", form: ChannelForm) -> int:
 
 
 PATIENCE_BYTES = 16 << 20
-"""So much may wait for room; at more, writing ends for good. About a minute and a half of flight."""
+"""At most this much waits for room; at more, writing ends for good. About a minute and a half of
+flight."""
 
 
 class PatientFile:
@@ -186,7 +187,7 @@ FLUSH_S = 0.15
 With the 0.03 s that records wait in the flight's process, and the time that a busy machine takes, a
 crash loses less than 0.25 s (tests/e2e/test_recorder_process.py kills recorders at random)."""
 PACKAGES = ("mcap", "msgspec", "numpy", "pymavlink", "zstandard")
-"""Whose versions are noted beside ours."""
+"""Packages whose versions are noted beside ours."""
 
 
 class FlightLog:

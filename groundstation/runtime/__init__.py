@@ -1,4 +1,4 @@
-"""How a program begins and ends: launcher, command line, exit codes, version. Quick to load, for ``--help``."""
+"""Start and end of a program: launcher, command line, exit codes, version. Quick to load."""
 
 from groundstation.runtime.entry import (
     VIEWERS,

@@ -197,7 +197,7 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
 
 
 def _hush() -> None:
-    """What is still to be written goes nowhere: Python would complain of it at its end."""
+    """Discard the output still to be written: Python would complain of it at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
@@ -250,7 +250,8 @@ CODES: dict[str, dict[int, str]] = {
         1: "it differs, or the recording is damaged",
     },
 }
-"""What the codes of a command mean; those not named here have 0 for done and 1 for not done. 2 is usage in all."""
+"""Meanings of a command's exit codes; those not named here have 0 for done and 1 for not done. 2 is
+usage in all."""
 
 
 def require_package(package: str, key: str, extra: str, more: str = "") -> None:

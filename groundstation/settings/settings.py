@@ -146,7 +146,7 @@ group of a multicast that is off."""
 
 
 def _as_datagrams(pose: LibmotioncaptureConfig) -> JsonConfig:
-    """What is played in its place: its servers' protocols are the library's own."""
+    """Return the JSON source that replaces ``pose``: the library has its own protocols."""
     told = {key: getattr(pose, key) for key in ("name", "world", "body", "alignment", "latency_s")}
     return JsonConfig(**told)
 
@@ -174,7 +174,7 @@ def turn_sections(config: "Config", room: RehearsalConfig) -> dict[str, msgspec.
 
 
 def find_way_out(config: "Config") -> str:
-    """What leads out of the rehearsal that ``config`` says it is, or brings another flight into it; empty: nothing."""
+    """Describe what leaves the rehearsal or brings another flight into it; empty: nothing."""
     room = config.rehearsal
     if room is None:
         says = f"vehicle.name: {config.vehicle.name!r} is kept for rehearsals (--rehearse): call it otherwise"
@@ -454,7 +454,7 @@ LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
 
 
 class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a flight begins, rests on its poses, and ends."""
+    """Start of a flight, age of its poses, and its end."""
 
     start: Annotated[
         Literal["floor", "air"],
@@ -579,7 +579,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @property
     def forwards(self) -> ForwardConfig | None:
-        """How the autopilot gets our poses for its own estimator; None where it gets none."""
+        """Forwarding of our poses to the autopilot's own estimator; None where it gets none."""
         if isinstance(self.link, MavlinkLinkConfig) and self.link.forward.enabled:
             return self.link.forward
         return None

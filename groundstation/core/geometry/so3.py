@@ -83,7 +83,7 @@ FLOATS = Ops(
 
 
 def arrays() -> Ops:
-    """The same functions on numpy arrays (numpy is imported only here: one vehicle never needs it)."""
+    """Return these functions on numpy arrays (imported only here: a flight needs none)."""
     import numpy as np
 
     where: Any = np.where
@@ -284,7 +284,7 @@ _Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 
 
 class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a source's axes lie against ours, beyond their names; all zero where the names say it all."""
+    """Rotation and shift from a source's axes to ours, beyond the axes' names."""
 
     lab_rotation_deg: Annotated[
         tuple[_Degrees, _Degrees, _Degrees],
@@ -316,7 +316,7 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Axes(Protocol):
-    """What the config of a source says of its axes."""
+    """Axes in a source's configuration."""
 
     @property
     def world(self) -> World:
@@ -330,7 +330,7 @@ class Axes(Protocol):
 
     @property
     def alignment(self) -> Alignment:
-        """How they lie against ours."""
+        """Rotation and shift against our axes."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What the parts of a flight hand to each other, and show to others: poses, estimates, decisions, requests."""
+"""Messages between the parts of a flight, and to others: poses, estimates, decisions, requests."""
 
 from groundstation.core.messages.disturbance import FLOWN, MEAN_S, QUANTILE_95, DisturbanceMeter
 from groundstation.core.messages.drops import LinkDropWatch, find_link_drops, find_pose_drops

@@ -22,7 +22,7 @@ EACH = 0.0
 TOLD_AGAIN = 10.0
 """In flight a reason is told again when it counts this many times as much."""
 FEW = 3
-"""So many losses are no share of anything yet."""
+"""Fewer losses than this give no share."""
 
 
 class DropLimit(NamedTuple):
@@ -66,7 +66,7 @@ class DropCount(NamedTuple):
 
 
 def find_link_drops(link: LinkStatus, before: LinkStatus | None = None) -> list[DropCount]:
-    """What must be told of the drops of ``link``, since ``before`` (None: since it was opened)."""
+    """Find the drops of ``link`` to report since ``before`` (None: since it was opened)."""
     counts = _count_since(link.dropped, {} if before is None else before.dropped)
     heard = link.received - (0 if before is None else before.received)
     sent = link.sent - (0 if before is None else before.sent)
@@ -96,7 +96,7 @@ class LinkDropWatch:
     """Tells of a link's drops in one flight: as they become too many, and again when they are tenfold."""
 
     def __init__(self, begin: LinkStatus) -> None:
-        """What was dropped before ``begin`` was told by the pre-flight checks."""
+        """Start at ``begin``: the pre-flight checks reported earlier drops."""
         self._begin = begin
         self._told: dict[str, int] = {}
 

@@ -17,7 +17,7 @@ class NoticeTemplate(msgspec.Struct, frozen=True):
     sentence: str
     """The fact, its number and its limit."""
     remedy: str = ""
-    """What to do; empty where nothing is to be done."""
+    """Advice on what to do; empty where nothing is to be done."""
     severity: Severity = Severity.INFO
     """Importance for the operator."""
 

@@ -30,7 +30,7 @@ class Pose(msgspec.Struct, frozen=True, gc=False):
 
 
 class PoseStatus(msgspec.Struct, frozen=True):
-    """What a source can tell about itself, for screens and telemetry."""
+    """State of a source, for screens and telemetry."""
 
     accepted: int
     """Poses delivered."""
@@ -39,25 +39,25 @@ class PoseStatus(msgspec.Struct, frozen=True):
     rate_hz: float = 0.0
     """Poses per second by the source's own stamps [1/s]; 0 before the second pose."""
     latency_s: float = 0.0
-    """From the instant of a pose to its arrival here, averaged over some fifty poses [s]."""
+    """Time from the instant of a pose to its arrival here, averaged over some fifty poses [s]."""
     latency_max_s: float = 0.0
     """The longest of them [s]."""
     drift: float = 0.0
-    """How much slower than ours, or than the rate it was told to have, the source's clock runs, as a share."""
+    """Drift of the source's clock: slower than ours, or than its configured rate, by this share."""
     gaps: int = 0
-    """How often poses were missing between two stamps."""
+    """Number of gaps between two stamps."""
     clock_steps: int = 0
-    """How often the source's clock leapt ahead."""
+    """Number of forward steps of the source's clock."""
     clock_restarts: int = 0
-    """How often it began anew."""
+    """Number of restarts of the source's clock."""
     late_s: float = 0.0
-    """How much later than at their best poses come now, and go on to [s]; 0 where they do not."""
+    """Lasting delay of poses above their best [s]; 0 where there is none."""
     stamp_rate: float | None = None
     """Seconds that pass by the stamps in one second of ours [-]; None where it is not known."""
     unsteady_clock: bool = False
     """Whether the source's clock steps again and again: it does not tell how old a pose is."""
     advice: str = ""
-    """What the source has found out about why no poses come, for the operator; empty where nothing."""
+    """The source's finding why no poses come, for the operator; empty where there is none."""
 
 
 class PoseEvent(msgspec.Struct, frozen=True):
@@ -72,7 +72,7 @@ class PoseEvent(msgspec.Struct, frozen=True):
     ``moved``: poses are elsewhere, as the source said or did not say; ``strays``: two in a row were dropped that fit
     each other, and not those before."""
     reason: str
-    """Of an outbreak: what the pose or datagram was dropped for; else empty."""
+    """Reason of an outbreak of drops; else empty."""
     text: str
     """For the operator; empty where it is for the safety rules alone."""
 
@@ -117,7 +117,7 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def body_id(self) -> str:
-        """The same, as others of this machine can compare it."""
+        """The body's name as other flights of this machine compare it."""
         return self.body_name
 
     @property
@@ -127,7 +127,7 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def stream(self) -> tuple[object, ...]:
-        """What two vehicles that are seen by the same cameras have in common."""
+        """Key of the camera stream, equal for all vehicles that it shows."""
         return (self.kind, self.address)
 
     @property
@@ -216,7 +216,7 @@ GAP_S = 0.5
 FAR_M = 1e6
 """Nothing is further from an origin than this; more is absurd [m]. An autopilot's may lie beyond the horizon."""
 BODIES_MAX = 64
-"""So many bodies are remembered that were not looked for."""
+"""At most this many other bodies are remembered."""
 
 
 class BodySighting(NamedTuple):

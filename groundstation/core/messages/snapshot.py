@@ -23,7 +23,8 @@ STEADY_S = 15.0
 SATURATION_FROM_S = 5.0
 """Commands at a limit count from here on the trajectory [s]: the approach may use all there is."""
 ROUNDING_S = 1e-9
-"""So much earlier still counts: a sample at that very instant must not depend on how its time was summed up [s]."""
+"""Tolerance for a sample's instant [s]: rounding of summed times must not decide whether it
+counts."""
 
 
 class SteadyError:
@@ -54,7 +55,7 @@ class SteadyError:
 
 
 class Verdict(StrEnum):
-    """What came of a check."""
+    """Result of a check."""
 
     OFF = "OFF"
     PASS = "PASS"  # noqa: S105  # not a password
@@ -71,7 +72,7 @@ class Check(msgspec.Struct, frozen=True):
 
 
 class Severity(StrEnum):
-    """How grave it is what the operator is told."""
+    """Severity of a message to the operator."""
 
     INFO = "info"
     WARNING = "warning"
@@ -81,7 +82,7 @@ NoticeKind: TypeAlias = Literal["state", "course", "certificate", "latency", "su
 
 
 class Notice(msgspec.Struct, frozen=True):
-    """What the operator is told of a flight, once."""
+    """Message to the operator about a flight, given once."""
 
     time_s: Annotated[float, msgspec.Meta(description="On the event loop's clock [s].")]
     state: Annotated[str, msgspec.Meta(description="Mission state (see mission.py).")]
@@ -104,7 +105,7 @@ class Notice(msgspec.Struct, frozen=True):
 
     @property
     def line(self) -> str:
-        """The same behind its time."""
+        """The message behind its time."""
         return f"{self.time_s:.3f} {self.says}"
 
 
@@ -117,7 +118,7 @@ class Say(Protocol):
 
 
 class Diagnostics(msgspec.Struct, frozen=True, gc=False):
-    """What the control law says about itself at one step (symbols of the paper, see control/backstepping.py)."""
+    """Internal values of the control law (symbols of the paper: control/backstepping.py)."""
 
     z1: Annotated[Vec3, msgspec.Meta(description="Position error p - pd [m], NED.")]
     z2: Annotated[Vec3, msgspec.Meta(description="Second backstepping error [m/s], NED.")]
@@ -290,7 +291,7 @@ class Snapshot(msgspec.Struct, frozen=True):
 
 
 class Ask(StrEnum):
-    """What is asked for. Whether it is possible now, the mission's table says."""
+    """Requests. The mission's table says whether one is possible now."""
 
     ARM = "arm"
     """Start the motors and take off."""
@@ -313,7 +314,7 @@ class Ask(StrEnum):
 
 
 RemoteAsk = Literal["hold", "return", "track", "goto", "land", "descend", "abort", "kill"]
-"""What may be asked from afar: everything but to arm."""
+"""Requests that may come from afar: all but to arm."""
 
 FARTHEST_M = 1000.0
 """Largest coordinate of a requested point along each axis [m]."""
@@ -365,9 +366,9 @@ class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One request, and why."""
 
     ask: Ask
-    """What for."""
+    """The requested action."""
     why: str = ""
-    """Who asks and why, as the operator shall read it."""
+    """Requester and reason, for the operator to read."""
     points: Waypoints = ()
     """Where to, for ``goto``."""
 
@@ -376,11 +377,11 @@ class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Reply(msgspec.Struct, frozen=True):
-    """What became of a request."""
+    """Answer to a request."""
 
     done: bool
     says: str
-    """What it does now, or why not, for the operator."""
+    """The action taken, or the reason against it, for the operator."""
 
 
 def decode(text: bytes) -> Request | None:
@@ -401,7 +402,8 @@ class Estimate(NamedTuple):
     disturbance: Vec3
     """The observer's disturbance d̂ [m/s², NED]."""
     disturbance_step: Vec3
-    """What innovations since the last estimate ask b̂ to change by [m/s²] (raw composite form; else zero)."""
+    """Change of b̂ by the innovations since the last estimate [m/s²] (raw composite form; else
+    zero)."""
     effectiveness: Real = 1.0
     """λ̂: true thrust over told thrust [-]; the vehicle's told mass over it is what thrust seems to lift."""
     effectiveness_deviation: Real = 0.0
@@ -409,7 +411,7 @@ class Estimate(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What a controller wants, and why."""
+    """Command of a controller, and its derivation."""
 
     drive: ActuatorCommand
     """Thrust [N] and body rates [rad/s, FRD], within the vehicle's limits."""
@@ -427,7 +429,7 @@ class Controller(Protocol):
 
 
 class CertificateReading(NamedTuple):
-    """What the watch says at one command."""
+    """State of the certificate's watch at one command."""
 
     state: str
     """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no promise)."""
@@ -479,7 +481,7 @@ class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
 
     tick: Tick
     late_s: float | None = None
-    """How late, for its frame or after its pose came [s]; None for one in between."""
+    """Delay for its frame or after its pose came [s]; None for one in between."""
 
 
 class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
@@ -491,7 +493,7 @@ class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=
 
 
 class StatusRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=10):
-    """How link and pose source are, now and then."""
+    """State of link and pose source, at intervals."""
 
     time_s: float
     link: LinkStatus
@@ -507,7 +509,7 @@ class EndRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
 
 
 GAIN = "gain "
-"""What was switched, where a gain was changed in flight: this and its name."""
+"""Prefix of the event of a gain changed in flight, followed by the gain's name."""
 
 
 class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):

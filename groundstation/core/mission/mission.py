@@ -42,7 +42,7 @@ class State(StrEnum):
 
 
 class Event(StrEnum):
-    """What may happen to it. Requests are called as in :class:`groundstation.core.messages.snapshot.Ask`."""
+    """Events of a mission. Requests are named as in :class:`Ask`."""
 
     START = "start"
     CONNECTED = "connected"
@@ -77,7 +77,7 @@ IN_AIR = (State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNI
 
 
 def _everywhere() -> dict[tuple[State, Event], State]:
-    """What works in every state: descent, abort and kill; and on what has ended it changes nothing, but for a kill."""
+    """Return the moves that work in every state; after the end only a kill does."""
     table: dict[tuple[State, Event], State] = {}
     for state in State:
         over = state in FINAL

@@ -12,11 +12,11 @@ STEPS = (
     (Ask.DESCEND, "failsafe descent", "once more: motors off, AND IT FALLS"),
     (Ask.KILL, "motors off, now", "there is nothing stronger"),
 )
-"""What each press asks for, what is said, and what comes next."""
+"""Action, confirmation and outlook of each press."""
 
 
 class Interrupts:
-    """What an impatient operator means: the first Ctrl-C lands, the second brings down, the third kills.
+    """Requests by repeated Ctrl-C: the first lands, the second descends, the third kills.
 
     Times are on the event loop's clock [s].
     """
@@ -26,7 +26,7 @@ class Interrupts:
         self._last_s: float | None = None
 
     def press(self, name: str, now_s: float) -> tuple[Request | None, str]:
-        """What the press asks for, and what to tell the operator; None where it belongs to the one before."""
+        """Return the request of a press, or None for a bounce, and the operator's text."""
         again = self._last_s is not None and now_s - self._last_s < ONCE_S
         if not again:
             self._last_s = now_s
@@ -44,7 +44,7 @@ HYSTERESIS = 0.1
 
 
 class InputLost(Exception):
-    """What is held can't be asked any more; the text says why."""
+    """Input that can't be read any more; the text says why."""
 
 
 class HoldToRun:
@@ -66,7 +66,7 @@ class HoldToRun:
         self._what = what
 
     def see(self, share: float | None, now_s: float) -> None:
-        """It stands at ``share`` of its travel, 0 to 1 for free and held [-]; None where nothing was heard yet."""
+        """Take the input's position, 0 (free) to 1 (held); None before its first value."""
         self._lost = "" if share is not None else "nothing was heard of it yet"
         if share is not None and share >= self._above - (HYSTERESIS if self._held else 0.0):
             self._open_s = None
@@ -79,7 +79,7 @@ class HoldToRun:
             self._was_free = self._was_free or share is not None
 
     def lose(self, why: str) -> None:
-        """It can't be asked; once it can again, it must be let go before it counts."""
+        """Mark the input as lost; once it is back, it must be released before it counts."""
         self._held = self._was_free = False
         self._lost = why
 
@@ -99,7 +99,7 @@ class HoldToRun:
 
     @property
     def advice(self) -> str:
-        """What the operator is to do about it."""
+        """Advice to the operator."""
         if self._lost:
             return "connect it; a device that was unplugged is found by the next flight"
         if self._held:

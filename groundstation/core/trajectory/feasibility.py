@@ -1,9 +1,8 @@
-"""What a trajectory asks of a vehicle in still air, held against what the vehicle and its operator allow. Pure.
+"""Demand of a trajectory in still air against the limits of vehicle and operator. Pure.
 
-What a motion asks of a vehicle in still air, figure by figure. Pure.
-
-To follow the acceleration a and jerk j with the heading ψ, the rotors must push F = g e3 - a per mass (section 1 of
-docs/explanation/law.md): thrust m |F|, tilted by the angle between F and e3, turning with F's direction z,
+To follow the acceleration a and jerk j with the heading ψ, the rotors must push F = g e3 - a per
+mass (section 1 of docs/explanation/law.md): thrust m |F|, tilted by the angle between F and e3,
+turning with F's direction z,
     z˙ = -(j - (z·j) z) / |F|,    ω1 = -y·z˙,    ω2 = x·z˙,    ω3 = (cosθ ψ˙ - sinφ ω2) / cosφ
 about the body axes x, y, z of that direction and heading.
 """
@@ -37,7 +36,7 @@ class Demand(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MotionDemand(NamedTuple):
-    """What is asked at one instant. Elementwise."""
+    """Thrust, tilt and rates that one instant demands. Elementwise."""
 
     speed: Real
     """[m/s]."""
@@ -52,7 +51,7 @@ class MotionDemand(NamedTuple):
 
 
 class PathMotion(NamedTuple):
-    """What a way is like at one instant, world NED. Elementwise."""
+    """Motion along a trajectory at one instant, world NED. Elementwise."""
 
     velocity: Vec3
     acceleration: Vec3
@@ -61,7 +60,7 @@ class PathMotion(NamedTuple):
     yaw_rate: Real
 
     def slow_down(self, share: float) -> "PathMotion":
-        """The same way at ``share`` of the speed."""
+        """Return the motion at ``share`` of the speed [-]."""
         return PathMotion(
             _scale(share, self.velocity),
             _scale(share**2, self.acceleration),
@@ -72,7 +71,7 @@ class PathMotion(NamedTuple):
 
 
 def compute_demand(motion: PathMotion, gravity: float, ops: Ops = FLOATS) -> MotionDemand:
-    """What ``motion`` asks, with ``gravity`` in [m/s²]."""
+    """Compute the demand of ``motion``, with ``gravity`` in [m/s²]."""
     sqrt, where = ops.sqrt, ops.where
     (u, v, w), (x, y, z), jerk, yaw, yaw_rate = motion
     a, b, c = -x, -y, gravity - z
@@ -180,10 +179,10 @@ MOST = 1000
 DIFFERENCE_S = 0.005
 """Derivatives are compared with the differences over at most this time [s]."""
 FURTHER_S = 60.0
-"""So much of a trajectory without end is looked at beyond its first turn [s]."""
+"""An endless trajectory is examined for this long beyond its first turn [s]."""
 FURTHER_LOOKS = 200
 BOX_SPARE_M = 0.05
-"""How far it may go beyond the box of its first turn [m]."""
+"""Margin around the box of the first turn that later turns may use [m]."""
 JUMP_M = 0.01
 """A step of the position that is smaller is rounding [m]."""
 JUMP_M_S = 0.05
@@ -198,7 +197,7 @@ class Inconsistency(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     """When [s after the start of the trajectory]."""
     name: str
-    """What is declared: velocity, acceleration, jerk, yaw rate or period."""
+    """Name of the declared quantity: velocity, acceleration, jerk, yaw rate or period."""
     declared: float
     """Its length as declared, in ``unit``."""
     found: float
@@ -207,7 +206,7 @@ class Inconsistency(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def of(self) -> str:
-        """What the declared figure is the derivative of."""
+        """Name of the quantity whose derivative is declared."""
         parents = {"acceleration": "velocity", "jerk": "acceleration", "yaw rate": "yaw"}
         return parents.get(self.name, "position")
 
@@ -218,7 +217,7 @@ class FeasibilityReport(msgspec.Struct, frozen=True, kw_only=True):
     duration_s: float | None
     """None where it never ends."""
     span_s: float
-    """How much of it was looked at [s]."""
+    """Examined duration [s]."""
     length_m: float
     """Way flown in that time [m]."""
     start_speed_m_s: float

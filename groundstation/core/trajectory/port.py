@@ -84,7 +84,7 @@ Degrees: TypeAlias = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 Acceleration: TypeAlias = Annotated[float, msgspec.Meta(ge=0.001, le=50.0)]
 """An acceleration [m/s²]."""
 Ramp: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=600.0)]
-"""How long it takes to get up to speed, and to stop [s]."""
+"""Time to reach full speed, and to stop [s]."""
 Moment: TypeAlias = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 """A time stamp [s], from wherever its clock counts."""
 
@@ -105,7 +105,7 @@ class Paced:
     __slots__ = ("_curve", "_end", "_length", "_ramp", "_start", "duration_s", "period_s")
 
     duration_s: float | None
-    """It ends where ``length_s`` of the curve are flown; None where it does not."""
+    """Time at which ``length_s`` of the curve are flown [s]; None where it has no end."""
     period_s: float
     """One turn of the curve at full speed [s]; its whole length if it ends by itself."""
 
@@ -222,7 +222,7 @@ Coefficients = tuple[float, float, float, float, float, float, float, float]
 
 
 class Limits(NamedTuple):
-    """How fast a blend may be flown."""
+    """Limits on the speed and acceleration of a blend."""
 
     speed_m_s: float
     acceleration_m_s2: float
@@ -254,12 +254,12 @@ def blend(start: Reference, end: Reference, limits: Limits) -> "Blend":
 
 
 def stop(start: Reference, limits: Limits) -> "Blend":
-    """From ``start`` to rest, where its motion leads while it dies away; from rest to rest it stays."""
+    """Make the blend to rest along the dying motion; from rest to rest it stays."""
     return _dying(start, limits, 1.0)
 
 
 def run_in(end: Reference, limits: Limits) -> "Blend":
-    """From rest into the motion ``end``: :func:`stop`, seen backwards."""
+    """Make the blend from rest into the motion ``end``: :func:`stop`, time-reversed."""
     return _dying(end, limits, -1.0)
 
 
@@ -290,7 +290,7 @@ def _dying(moving: Reference, limits: Limits, way: float) -> "Blend":
 
 
 class Blend:
-    """From one state of motion to another without a step. See the port; it stays in its end's motion afterwards.
+    """Blend between two states of motion without a step. It stays in its end's motion.
 
     Each coordinate is the polynomial of degree 7 that meets position, velocity, acceleration and jerk at both ends, so
     what is joined by it is C³: thrust and body rates, which follow acceleration and jerk, have no step. With x = t/T:
@@ -305,7 +305,7 @@ class Blend:
     duration_s: float
 
     def __init__(self, start: Reference, end: Reference, duration_s: float) -> None:
-        """From ``start`` to ``end`` in ``duration_s`` [s] > 0; the heading turns the shorter way."""
+        """Blend in ``duration_s`` [s] > 0; the heading turns the shorter way."""
         self.duration_s = duration_s
         self._start, self._end = start, end
         ends = zip(
@@ -362,11 +362,11 @@ class Chain:
         self._ways = tuple(ways)
         self._last = last
         self.before_s = sum(way.duration_s for way in ways)
-        """How long the ways before the last one take [s]."""
+        """Duration of the ways before the last one [s]."""
 
     @property
     def duration_s(self) -> float | None:
-        """Of the last way [s]."""
+        """The last way's duration [s]."""
         return self._last.duration_s
 
     @property
@@ -442,7 +442,7 @@ class Hold:
     __slots__ = ("_reference",)
 
     duration_s: float | None = None
-    """It never ends."""
+    """None: a hold never ends."""
     joints_s = (0.0,)
     """Nothing ever happens."""
 
@@ -489,7 +489,7 @@ class TransitConfig(
 
 
 class Transit:
-    """From rest straight to rest, in the shortest time that keeps both limits. See the port for its methods.
+    """Way straight from rest to rest, in the shortest time that keeps both limits. See the port.
 
         pd = start + (end - start) f(x),    x = t / duration,    f = x⁴ (35 - 84x + 70x² - 20x³)
 

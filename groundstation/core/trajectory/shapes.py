@@ -46,7 +46,8 @@ from groundstation.core.trajectory.waypoints import SamplesConfig, WaypointsConf
 
 KEY = "trajectory.kind"
 LOOKED_AT_S = 60.0
-"""So much of a curve is looked at before the flight that does not say when it ends or repeats [s]."""
+"""A curve that gives neither its end nor its period is examined for this long before the flight
+[s]."""
 
 
 class OwnTrajectoryConfig(
@@ -94,7 +95,8 @@ class OwnTrajectory:
         """
         self._at, self._name = at, name
         self.duration_s = self._time_of(curve, "duration_s")
-        """It rests at its last point from then on [s]; None where it never ends, or does not say."""
+        """Time at which it comes to rest at its last point [s]; None where it never ends, or does
+        not say."""
         end = self.duration_s or self._time_of(curve, "period_s") or LOOKED_AT_S
         self.joints_s: Sequence[float] = self._joints_of(curve, (0.0, end))
         """Its own, or from its beginning to its end, to one turn, or to where nobody looks further [s]."""
@@ -306,7 +308,7 @@ class Circle:
     __slots__ = ("_down", "_east", "_north", "_radius", "_rate", "_start", "_yaw", "period_s")
 
     duration_s: float | None = None
-    """It never ends."""
+    """None: a circle never ends."""
 
     def __init__(self, config: CircleConfig) -> None:
         self._north, self._east, down = config.centre_ned
@@ -413,7 +415,7 @@ class Lemniscate:
     __slots__ = ("_cos", "_down", "_east", "_north", "_rate", "_scale", "_sin", "_speed", "_yaw", "period_s")
 
     duration_s: float | None = None
-    """It never ends."""
+    """None: a lemniscate never ends."""
 
     def __init__(self, config: LemniscateConfig) -> None:
         self._north, self._east, down = config.centre_ned
@@ -558,7 +560,7 @@ class Excitation:
     __slots__ = ("_axes", "_middle", "_yaw", "_yaw_sines", "period_s")
 
     duration_s: float | None = None
-    """It never ends."""
+    """None: an excitation never ends."""
 
     def __init__(self, config: ExcitationConfig) -> None:
         self.period_s = config.period_s

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 DEGREE = 7
-"""Of all polynomials here; quintics end in two zeros."""
+"""Degree of all polynomials here; quintics end in two zeros."""
 
 
 def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
@@ -92,7 +92,7 @@ def smoothest(times_s: "Array", known: "Array", order: int) -> "Array":
 
 
 def _solve(own: "Array", next_: "Array", given: "Array", free: "npt.NDArray[np.bool_]") -> "Array":
-    """What the free derivatives must be, (N, order, axes), and 0 elsewhere."""
+    """Solve for the free derivatives, (N, order, axes); 0 elsewhere."""
     import numpy as np
 
     count, order = free.shape
@@ -410,7 +410,7 @@ def _slope(coefficients: "Array", legs: "Array", order: int) -> "Array":
 
 
 def _find_demand(coefficients: "Array", legs: "Array", max_speed: float, max_acceleration: float) -> "Array":
-    """How many times slower each leg must be flown to keep both limits, (M,)."""
+    """Return the factor by which each leg must be slowed to keep both limits, (M,)."""
     import numpy as np
 
     x = np.linspace(0.0, 1.0, LOOKS + 1)[:, None]

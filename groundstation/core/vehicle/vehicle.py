@@ -178,7 +178,7 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
 
     @property
     def acting_delay_s(self) -> float:
-        """From a command leaving us until all of it acts [s]: it is computed for that instant."""
+        """Time from sending a command until all of it acts [s]: it is computed for that instant."""
         return self.command_delay_s + max(self.thrust_delay_s, self.rate_delay_s)
 
     def wind_bound_m_s2(self, gravity: float) -> float:
@@ -188,12 +188,12 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
 
     @property
     def rate_response_per_s(self) -> float:
-        """How fast a body rate answers a command that is held for one frame, delay included [1/s]."""
+        """Bandwidth of the body rates for a command held for one frame, delay included [1/s]."""
         return 1.0 / (lead(FLOATS, self.frame_period_s, self.rate_lag_s) + self.rate_delay_s)
 
     @property
     def sooner_s(self) -> float:
-        """How much sooner one of thrust and rates begins to act than the other [s]; 0 where that is next to nothing."""
+        """Difference between the thrust's and the rates' delay [s]; 0 where it is negligible."""
         apart_s = abs(self.thrust_delay_s - self.rate_delay_s)
         return apart_s if apart_s > APART_S else 0.0
 
@@ -229,7 +229,7 @@ _OPTIONAL = (
     "preset", "file", "command_delay_s", "thrust_delay_s", "rate_delay_s", "drag_per_s", "thrust_curve",
     "hover_thrust", "hover_range", "size_m", "hover_n", "wind_share",
 )  # fmt: skip
-"""What a vehicle file may leave out."""
+"""Keys that a vehicle file may omit."""
 
 
 class LimitsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -276,7 +276,7 @@ class Motion(NamedTuple):
     attitude: Quat
     """Unit quaternion w, x, y, z, body FRD to world NED."""
     thrust: Real
-    """What the rotors push now [N], along minus z of the body."""
+    """Present thrust of the rotors [N], along minus z of the body."""
     rates: Vec3
     """Body rates about x forward, y right, z down [rad/s, FRD]."""
 
@@ -320,11 +320,9 @@ def schedule(
 
 
 ActuatorResponse: TypeAlias = tuple[Quat, Real, Vec3, Vec3, Vec3]
-"""What commands have made of a motion since a roll began: attitude, thrust [N], rates [rad/s, FRD], and what thrust
-pushes against, as impulse ∫ T R e3 dt [N s, NED] and reach ∫∫ T R e3 dt dt [N s², NED].
-
-A plain tuple: some four are made a command and taken apart at once, for a third of what a named one costs.
-"""
+"""Result of commands on a motion since a roll began: attitude, thrust [N], rates [rad/s, FRD], and
+the thrust's impulse ∫ T R e3 dt [N s, NED] and reach ∫∫ T R e3 dt dt [N s², NED]. A plain tuple:
+about four are made per command, for a third of a named one's cost."""
 
 
 def integrate_actuators(
@@ -442,7 +440,7 @@ def integrate(
 
 
 def approach(ops: Ops, duration: Real, lag: float) -> Real:
-    """How much of a step has arrived after ``duration`` [s] through a lag [s]: 1 - e^(-h/τ); 1 without lag."""
+    """Return the step response of a lag [s] after ``duration`` [s]: 1 - e^(-h/τ)."""
     return 1.0 - ops.exp(-duration / lag) if lag > 0.0 else 1.0
 
 

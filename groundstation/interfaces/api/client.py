@@ -52,16 +52,16 @@ from groundstation.runtime import Exit
 from links.text import printable
 
 ANSWER_S = 3.0
-"""How long a ground station may take to say hello, or to answer [s]."""
+"""Timeout for a station's hello, and for its answer [s]."""
 
 
 class StationClient(asyncio.Protocol):
     """One connection; iterate over it for the newest snapshot and every change of control. Made by client.py."""
 
     hello: StationHello
-    """Who serves here."""
+    """The station's introduction."""
     control: Control
-    """Who holds control."""
+    """The newest message on who holds control."""
 
     def __init__(self, path: Path, name: str) -> None:
         """``path`` is named in errors; ``name`` is what the other clients read of this one."""
@@ -338,7 +338,7 @@ def _find_flight(vehicle: str | None, socket: Path | None) -> Running | None:
 
 
 async def ask_station(request: Request, vehicle: str | None = None, socket: Path | str | None = None) -> OrderAnswer:
-    """What the ground station answers to ``request``; control is taken for as long as it takes, where it is needed.
+    """Send ``request`` and return the answer; control is taken meanwhile where it is needed.
 
     ``vehicle`` is the name of the one that is meant; without it, it is the only one that is flown here.
 
@@ -389,7 +389,7 @@ def _as_sent(request: object) -> Request:
 
 
 class StopReport(msgspec.Struct, frozen=True):
-    """What became of one of them."""
+    """Result of stopping one flight."""
 
     answered: bool
     says: str
@@ -419,7 +419,7 @@ async def _stop(one: Running, ask: Ask, why: str) -> StopReport:
 
 
 def _stop_by_signal(one: Running, ask: Ask, trouble: str) -> StopReport:
-    """Who can't be asked gets the signal that means the same."""
+    """Stop a station that can't be asked by the signal of the same meaning."""
     who = f"{one.vehicle} (process {one.pid})"
     number = signal.SIGQUIT if ask is Ask.KILL else signal.SIGTERM
     if not send_signal(one, number):

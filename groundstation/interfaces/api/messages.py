@@ -1,4 +1,4 @@
-"""What a ground station and its local clients say to each other: one JSON object a line, UTF-8. Sans-IO.
+"""Messages of a ground station and its local clients: one JSON object a line, UTF-8. Sans-IO.
 
 To a client, told apart by their one key::
 
@@ -35,7 +35,7 @@ from groundstation.core.messages import Ask, Notice, Reply, Request, Snapshot, W
 from links.text import printable
 
 VERSION = 2
-"""Of this protocol."""
+"""Version of this protocol."""
 ORDER_MAX_BYTES = 65536
 """No order is longer."""
 LINE_MAX_BYTES = 1 << 20
@@ -43,7 +43,7 @@ LINE_MAX_BYTES = 1 << 20
 
 
 class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """What a client wants: exactly one of ``ask``, ``control`` and ``set``."""
+    """Order of a client: exactly one of ``ask``, ``control`` and ``set``."""
 
     id: Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
     """Greater than that of any order before it on this connection."""
@@ -60,7 +60,7 @@ class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
     vehicle: Annotated[str, msgspec.Meta(max_length=64)] = ""
     """Which vehicle shall be armed."""
     name: Annotated[str, msgspec.Meta(max_length=32)] = ""
-    """What the client calls itself; remembered from then on."""
+    """The client's name for itself; remembered from then on."""
     until_s: float | None = None
     """When it is too late for what starts or steers, on this machine's monotonic clock [s]; what brings the vehicle
     down is done at any time."""
@@ -72,7 +72,7 @@ class ClientOrder(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True,
 
 
 class StationHello(msgspec.Struct, frozen=True):
-    """Who serves here."""
+    """The station's introduction."""
 
     version: int
     vehicle: str
@@ -84,21 +84,21 @@ class StationHello(msgspec.Struct, frozen=True):
 
 
 class Control(msgspec.Struct, frozen=True):
-    """Who holds control."""
+    """Message on who holds control."""
 
     holder: str | None
     yours: bool
 
 
 class OrderAnswer(msgspec.Struct, frozen=True):
-    """What became of an order."""
+    """Answer to an order."""
 
     id: int
     """The order's number, which its sender gave it."""
     done: bool
     """Whether it was followed."""
     says: str
-    """What the station has to say of it: what it did, or why not."""
+    """The action taken, or the reason against it."""
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -224,11 +224,11 @@ def _with_nan(body: Any, kind: Any) -> Any:
 
 
 ANYONE = frozenset({Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL})
-"""What needs no control: it only ever brings the vehicle down."""
+"""Requests that need no control: each only brings the vehicle down."""
 
 
 class Core(Protocol):
-    """What is asked: a flight, or a daemon with one flight after the other."""
+    """Receiver of orders: a flight, or a daemon with one flight after the other."""
 
     def ask(self, request: Request) -> Reply:
         """Do it, or say why not."""
@@ -273,11 +273,11 @@ class Party:
 
     @property
     def label(self) -> str:
-        """What it calls itself, and its process."""
+        """The client's name for itself, and its process."""
         return f"{self._name}{self._pid}"
 
     def introduce(self, name: str) -> None:
-        """It has told its name."""
+        """Take the client's name for itself."""
         self._name = printable(name).strip() or self._name
 
     def replays(self, order: ClientOrder) -> bool:
@@ -296,7 +296,7 @@ class Desk:
         self._holder: Party | None = None
 
     def control(self, party: Party) -> Control:
-        """Who holds control, as told to ``party``."""
+        """Return the message on who holds control, as ``party`` gets it."""
         return Control(None if self._holder is None else self._holder.label, self._holder is party)
 
     @property

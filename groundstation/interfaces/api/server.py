@@ -33,15 +33,16 @@ from groundstation.machine import (
 )
 
 CLIENTS_MAX = 16
-"""So many clients stay for as long as they like."""
+"""At most this many clients stay for as long as they like."""
 GUESTS_MAX = 4
-"""So many more may be there; the next one takes the place of one of them, so that an order always gets in."""
+"""At most this many more may attach; the next takes the place of one of them, so that an order
+always gets in."""
 BACKLOG_MAX_BYTES = 65536
 """A client that leaves more than this unread, beyond what the kernel holds for it, is dropped."""
 ORDERS_HZ = 20.0
-"""So many lines a second are read of a client; more wait in its own socket [1/s]."""
+"""Lines read of a client [1/s]; more wait in its own socket."""
 ORDERS_BURST = 20.0
-"""So many at once."""
+"""Lines read of a client at once."""
 BAD_MAX = 10
 """A client that has sent so many lines that were no order is dropped; one with a line without an end, at once."""
 

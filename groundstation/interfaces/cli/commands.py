@@ -113,7 +113,7 @@ def daemon(args: argparse.Namespace) -> Exit:
 
 
 def daemon_health(args: argparse.Namespace) -> Exit:
-    """How a running daemon is."""
+    """Show a running daemon's health."""
     from groundstation.interfaces.service import health_command
 
     return health_command(args.vehicle, args.socket, as_json=args.json)
@@ -380,7 +380,7 @@ def report(args: argparse.Namespace) -> Exit:
 
 
 def identify(args: argparse.Namespace) -> Exit:
-    """What a recorded flight tells of its vehicle."""
+    """Identify the vehicle from a recorded flight."""
     from groundstation.analysis.identify import identify_command
 
     return identify_command(_find_recording(args.file), args.out, args.page, as_json=args.json)
@@ -394,7 +394,7 @@ def logs_import(args: argparse.Namespace) -> Exit:
 
 
 def replay_evidence(args: argparse.Namespace) -> Exit:
-    """What recorded flights say of our estimator."""
+    """Replay recorded flights against our estimator."""
     from groundstation.analysis.evidence import evidence_command
 
     return evidence_command(

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 KEEPALIVE_S = 5
 """The broker declares us lost after one and a half times this [s]."""
 TIMEOUT_S = 3.0
-"""How long the broker may take to answer, or to take what we send [s]."""
+"""Timeout for the broker's answer, and for its taking what we send [s]."""
 HEARD_MAX_BYTES = 4096
 """The broker keeps a longer packet from a station: nothing that it asks for is as long."""
 SEND_BUFFER_BYTES = 16384
-"""What may wait in the system for a broker that reads slowly: some snapshots, not some minutes of them."""
+"""Send buffer for a broker that reads slowly [bytes]: some snapshots, not some minutes of them."""
 
 log = logging.getLogger("groundstation.mqtt")
 _PAHO = logging.getLogger("groundstation.mqtt.paho")
@@ -105,7 +105,7 @@ def heed_cancellation() -> None:
 
 
 def describe_error(error: Exception) -> str:
-    """What has gone wrong with a broker, without the numbers of the libraries below."""
+    """Describe a broker's failure without the numbers of the libraries below."""
     return re.sub(r"^\[[^\]]*\] *| *\(_ssl\.c:\d+\)", "", printable(str(error))) or "the connection was lost"
 
 

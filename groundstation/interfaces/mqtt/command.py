@@ -82,13 +82,13 @@ def _schemas(args: argparse.Namespace) -> None:
 
 
 LIFE_MS = 4000
-"""How long the request is good for [ms]."""
+"""Validity of a request [ms]."""
 AGAIN_S = 0.3
 """A kill that is not answered is published again so often, the same, and obeyed once [s]."""
 SESSIONS_TRIED = 2
 """Sessions that one request is sealed for: the retained one may be of a station that has ended."""
 PATIENCE_S = 5.0
-"""How long we wait, for everything [s]."""
+"""Timeout of the whole exchange [s]."""
 
 
 class Unanswered(Exception):
@@ -133,7 +133,7 @@ async def request_by_mqtt(
     why: str = "",
     points: tuple[Waypoint, ...] = (),
 ) -> SealedAnswer:
-    """What the station of ``vehicle`` answers.
+    """Send a request to the station of ``vehicle`` and return its answer.
 
     Raises:
         Unanswered: no broker, no station, or no answer.

@@ -36,7 +36,7 @@ class EventMessage(msgspec.Struct, frozen=True):
 
 
 class HealthMessage(msgspec.Struct, frozen=True):
-    """How the station's telemetry itself is doing."""
+    """Health of the station's telemetry itself."""
 
     groundstation: Annotated[str, msgspec.Meta(description="The program's version.")]
     connections: Annotated[int, msgspec.Meta(description="How often it has connected to the broker.")]
@@ -53,7 +53,7 @@ class HealthMessage(msgspec.Struct, frozen=True):
 
 
 class SessionMessage(msgspec.Struct, frozen=True):
-    """What a request must name."""
+    """Session that a request must name."""
 
     session: Annotated[Session, msgspec.Meta(description="Random; another one after every start of the station.")]
 
@@ -85,7 +85,7 @@ class SealedRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class SealedAnswer(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of a request that was sealed, new and in time; any other is not answered."""
+    """Answer to a request that was sealed, new and in time; any other gets none."""
 
     session: Annotated[Session, msgspec.Meta(description="Of the request.")]
     client: Annotated[Client, msgspec.Meta(description="Who has asked.")]
@@ -129,7 +129,7 @@ TOPICS = (STATE, SNAPSHOT, EVENT, HEALTH, SESSION, REQUEST, ANSWER)
 
 
 def properties(topic: Topic, expires_s: int | None = None) -> Any:
-    """What goes along with a message to ``topic``: when it expires, where it does; ``expires_s`` comes first."""
+    """Return a message's MQTT properties: ``expires_s``, else the topic's expiry, if any."""
     from paho.mqtt.packettypes import PacketTypes
     from paho.mqtt.properties import Properties
 
@@ -144,9 +144,9 @@ def properties(topic: Topic, expires_s: int | None = None) -> Any:
 SILENCE_S = 3.0
 """Without a snapshot for this long, what was true is no longer known [s]."""
 DRIFT = 1e-4
-"""How fast two clocks may run apart [-]."""
+"""Largest relative drift of two clocks [-]."""
 VEHICLES_MAX = 500
-"""More are not taken in: a broker may carry anything."""
+"""Most vehicles that are taken in: a broker may carry anything."""
 EVENTS_KEPT = 20
 
 
@@ -193,7 +193,7 @@ class VehicleView:
         return True
 
     def age_s(self, now_s: float) -> float:
-        """How old the newest snapshot is: since its arrival, and how much later than others it came [s]."""
+        """Return the newest snapshot's age: since its arrival, and its extra delay [s]."""
         if self.snapshot is None:
             return math.inf
         return max(0.0, now_s - (self.snapshot.time_s + self._offset_s))

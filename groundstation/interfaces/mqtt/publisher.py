@@ -51,9 +51,9 @@ if TYPE_CHECKING:
 
 
 PAUSE_S = 1.0
-"""How long nobody listens after far too many messages: a kill is asked again and again for 4 s [s]."""
+"""Pause in reading after a flood of messages [s]: a kill is repeated for 4 s."""
 ANSWERS_KEPT = 16
-"""So many answers wait for a slow broker; no request waits for them."""
+"""At most this many answers wait for a slow broker; no request waits for them."""
 
 Put = Callable[["aiomqtt.Client", Topic, bytes], Awaitable[None]]
 """Publishes to a topic."""
@@ -111,7 +111,7 @@ class RequestListener:
 
     @property
     def counts(self) -> Counter[str]:
-        """What became of them."""
+        """Number of requests by result."""
         return self._gate.counts
 
     def session_message(self) -> bytes:
@@ -180,7 +180,7 @@ class RequestListener:
 RETRY_FIRST_S = 0.5
 RETRY_MAX_S = 10.0
 EVENTS_KEPT = 100
-"""So many events wait for a broker that is away; older ones are lost, and counted."""
+"""At most this many events wait for a broker that is away; older ones are lost, and counted."""
 HEARD_QUEUE = 256
 """Messages that wait for us; more of them are dropped by the library."""
 
@@ -237,7 +237,7 @@ async def publish_forever(
 
 
 class _Publisher:
-    """What was published already, and what waits, kept from one connection to the next."""
+    """Published and waiting messages, kept from one connection to the next."""
 
     def __init__(self, config: MqttConfig, vehicle: str, latest: Latest[Snapshot]) -> None:
         self._root = f"{config.prefix}/{vehicle}"

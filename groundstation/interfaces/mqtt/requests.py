@@ -34,7 +34,7 @@ REQUEST_MAX_BYTES = 3072
 
 
 class Place(msgspec.Struct, frozen=True):
-    """Whose request topic it is."""
+    """Vehicle whose request topic it is."""
 
     prefix: str
     vehicle: str
@@ -60,9 +60,9 @@ def seal_request(  # every field of it
 
 
 def _point_line(points: tuple[Waypoint, ...]) -> tuple[str, ...]:
-    """What is sealed of them, one line that a ``goto`` has and nothing else: ``1.0000 0.5000 -1.2000 -; …``.
+    """Write the sealed line of points, only in a ``goto``: ``1.0000 0.5000 -1.2000 -; …``.
 
-    Of each its numbers with four digits behind the point, a dash for no heading. It stands before the free words.
+    Each number has four decimals; a dash means no heading. The line stands before the free words.
     """
     told = (
         " ".join("-" if number is None else f"{number:.4f}" for number in (*point.place_ned, point.yaw_deg))
@@ -132,7 +132,7 @@ MOST_BURST = 1000.0
 TELL_S = 60.0
 """A reason for which requests are dropped is told once in this time [s]."""
 SESSIONS_KEPT = 64
-"""So many sessions of one station count; more begin only where a client's clock is wrong again and again."""
+"""At most this many sessions of one station count; only a client's wrong clock begins more."""
 
 
 class ClientKey(msgspec.Struct, frozen=True):
@@ -151,7 +151,7 @@ class Dropped(NamedTuple):
 
 FLOODED = Dropped("flooded", "too many messages, of whomever: only a kill is heard")
 KILL_WORD = b'"kill"'
-"""What every kill has in it; so cheap to look for that it can be done in a flood."""
+"""Bytes that every kill contains; quick to search for in a flood."""
 
 
 class Gatekeeper:
@@ -186,7 +186,7 @@ class Gatekeeper:
 
     @property
     def session(self) -> str:
-        """What new requests shall name."""
+        """The session that new requests shall name."""
         return next(reversed(self._sessions))
 
     def _begin(self) -> None:

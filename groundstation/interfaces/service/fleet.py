@@ -31,7 +31,7 @@ from groundstation.settings import REHEARSAL, Config, describe_rehearsal, ensure
 from links.io import open_child
 
 AGAIN_S = 0.2
-"""How often a core that does not serve its socket yet is asked again [s]."""
+"""Period at which a core without a socket yet is asked again [s]."""
 
 
 async def until_ready(socket: Path) -> None:
@@ -56,9 +56,9 @@ async def arm_vehicle(name: str, socket: Path) -> str:
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 """Passed on to every core, each of which knows what it means: land, failsafe descent, motors off."""
 READY_S = 120.0
-"""How long all cores together may take until they are ready to be armed [s]."""
+"""Timeout for all cores until they are ready to be armed [s]."""
 RELAY_WAIT_S = 20.0
-"""How long the relay may take to begin [s]."""
+"""Timeout for the relay's start [s]."""
 LINE_BYTES = 1 << 20
 """Longest line that is read of a core."""
 
@@ -293,7 +293,7 @@ def _require_flyable(fleet: FleetPlan, file: Path) -> None:
 
 
 def _rehearse(fleet: FleetPlan, args: argparse.Namespace) -> FleetPlan:
-    """The same fleet on the loopback network, once it may fly in earnest."""
+    """Move the fleet to the loopback network, once it may fly in earnest."""
     _require_flyable(fleet, args.fleet)
     turned = read_fleet(args.fleet, args.overrides, rehearsed=True)
     for now, before in zip(turned.members, fleet.members, strict=True):

@@ -73,7 +73,7 @@ from links.core import LinkError
 from links.io import make_child_command
 
 WRITE_S = 1.0
-"""How often it is written [s]."""
+"""Period of the health file [s]."""
 STALE_S = 3.5
 """An older one is of a daemon that hangs or is no more [s]."""
 TICK_S = 1.0
@@ -92,9 +92,9 @@ class DaemonHealth(msgspec.Struct, frozen=True):
     tick_age_s: float | None
     """Age of the newest command of the controller [s]; None before the first of a flight."""
     flights: int
-    """How many have been armed since it started."""
+    """Number of armings since the daemon's start."""
     refused: dict[str, int]
-    """What clients have sent that was no order, by reason."""
+    """Counts by reason of clients' lines that were no order."""
 
 
 def health_path(socket: Path) -> Path:
@@ -132,7 +132,7 @@ class HealthFile:
 
 
 def find_fault(health: DaemonHealth, now_s: float) -> str:
-    """What is wrong with it; empty for nothing."""
+    """Describe the daemon's fault; empty for none."""
     age = now_s - health.written_s
     if not -0.1 <= age <= STALE_S:
         return f"stale: written {age:.1f} s ago, by process {health.pid}"
@@ -173,7 +173,7 @@ def _only(vehicle: str | None) -> Path:
 
 
 class Format(StrEnum):
-    """What a line looks like."""
+    """Format of a line."""
 
     TEXT = "text"
     LOGFMT = "logfmt"
@@ -245,7 +245,7 @@ BRING_DOWN_S = 15.0
 
 
 def longest_landing_s(config: Config) -> float:
-    """From SIGTERM to the end of the process, at most, for what this configuration can fly [s].
+    """Return the longest time from SIGTERM to the process's end for this configuration [s].
 
     From the top of the fence, or else the highest point that it flies to, at the speeds of the landing.
     """
@@ -292,7 +292,7 @@ class Notify:
         usec = environment.get("WATCHDOG_USEC", "")
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.feed_s = float(usec) / 1e6 * WATCHDOG_SHARE if usec.isdigit() and ours and int(usec) > 0 else None
-        """How often to feed the watchdog [s]; None for never."""
+        """Period of feeding the watchdog [s]; None for never."""
         self._transport: asyncio.DatagramTransport | None = None
 
     async def open(self) -> None:
@@ -337,7 +337,7 @@ class Notify:
 
 
 class WatchedCore(Core, Protocol):
-    """What clients watch and ask: a flight, or a daemon with one flight after the other."""
+    """Flight or daemon that clients watch and command."""
 
     def snapshot(self) -> Snapshot:
         """As it is now."""
@@ -353,7 +353,7 @@ async def crew(
     *,
     needed: bool = False,
 ) -> AsyncIterator[Server]:
-    """Who watches ``core`` and asks of it: clients of the socket, and MQTT. What fails is told of and left behind.
+    """Run the clients' socket and MQTT beside ``core``. Failures are reported and left behind.
 
     Snapshots are made, and sent to clients, when it is ``quiet``.
 
@@ -422,7 +422,8 @@ PAUSE_S = 2.0
 PAUSE_MAX_S = 30.0
 """... up to this [s]."""
 RENEW_S = 3600.0
-"""What has waited so long to be armed begins anew, and its recording with it [s]: poses at rest would fill the disk."""
+"""A flight not armed for this long begins anew with a new recording [s]: poses at rest would fill
+the disk."""
 
 
 class Daemon:

@@ -179,9 +179,9 @@ class Attached:
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 TURN_S = 0.1
-"""How often it looks whether something is to be shown [s]."""
+"""Period at which the player looks for snapshots to show [s]."""
 WIND_S = 5.0
-"""So far one key winds [s]."""
+"""Step of one key through a recording [s]."""
 
 
 class Playback(Feed):
@@ -305,7 +305,7 @@ class Tape:
         self._gains = {PREFIX + name: float(value) for name, value in named.items() if value is not None}
 
     def snapshots(self) -> Iterator[PlayedSnapshot]:
-        """From its beginning to its end, or to its damage."""
+        """Yield the recording's snapshots to its end, or to its damage."""
         shift: float | None = None
         due = now = -math.inf
         for entry in self._recording.entries(_TOPICS):
@@ -589,7 +589,7 @@ class Ordering:
 FRAME_S = 0.2
 """Time between two drawings [s]."""
 NOTICE_S = 20.0
-"""How long the notice of a new dashboard stays in sight [s]."""
+"""Time for which the notice of a new dashboard is shown [s]."""
 PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
 NO_SCREEN = frozenset((*ON_GROUND, *FINAL))
 """In these states a flight needs nobody to look at it."""
@@ -722,7 +722,7 @@ class Dashboard(App[None]):
                     knobs.show(None if newest is None else newest.state, frame.again)
 
     def _beside(self) -> str:
-        """What the banner says last: where a recording is, or who holds control."""
+        """Return the banner's last words: the place in a recording, or who holds control."""
         if isinstance(self._feed, Playback):
             return self._feed.where()
         if self._read_only:
@@ -854,9 +854,9 @@ def normal(svg: str) -> str:
 
 
 NICE = 5
-"""By so much the dashboard stands behind what flies (nice(2)): a key still gets through on a machine that is busy."""
+"""Nice value of the dashboard, below the flight: a key still gets through on a busy machine."""
 END_S = 20.0
-"""How long a ground station on the ground may take to end [s]."""
+"""Timeout for a ground station on the ground to end [s]."""
 PORT = 8000
 """Where browsers find it, if nobody says."""
 AGAIN_S = 1.0

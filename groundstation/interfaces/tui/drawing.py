@@ -15,7 +15,7 @@ from links.text import printable
 LABEL, NORMAL, WARNING = "$label", "", "bold $warn"
 FLOWN, WANTED, ERROR, WIND = "$flown", "$wanted", "$mark", "$wind"
 AXES = ("$axis-1", "$axis-2", "$axis-3")
-"""Of three numbers that are drawn together."""
+"""Styles of three numbers that are drawn together."""
 
 Point = tuple[float, float]
 Spans = list[tuple[str, str]]
@@ -84,7 +84,7 @@ class Canvas:
             self._cells[y // 4][x // 2] = (letter, style)
 
     def rows(self) -> list[Spans]:
-        """What was drawn."""
+        """Return the drawn rows."""
         return [
             _join_spans([(mark or chr(0x2800 + bit), style) for (mark, style), bit in zip(marks, bits, strict=True)])
             for marks, bits in zip(self._cells, self._bits, strict=True)
@@ -313,7 +313,7 @@ def number_rows(snapshot: Snapshot, room: float = math.inf) -> list[Spans]:
 
 
 def _errors(snapshot: Snapshot) -> list[Spans]:
-    """How far off by the estimate; of a simulated flight that is played, by the truth below it."""
+    """Show the position error by the estimate, and for a played simulation by the truth."""
     told = f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"
     if not isinstance(snapshot, PlayedSnapshot) or snapshot.true_error_m is None:
         return [row("error", told)]
@@ -434,7 +434,7 @@ ROOM = 35
 
 
 def fit(told: Sequence[str]) -> str:
-    """What there is room for, the most important first: a piece that would be cut off is left out whole."""
+    """Join the pieces that fit, the most important first: one that would be cut off is left out."""
     text = ""
     for piece in told:
         longer = f"{text}  {piece}" if text else piece
@@ -481,7 +481,7 @@ def _centimetres(metres: float) -> str:
 
 
 def flight_time(time_s: float) -> str:
-    """How long the trajectory is flown, or when it begins, from its time [s]."""
+    """Write the time on the trajectory [s], or until it begins."""
     return f"{time_s:.1f} s" if time_s >= 0.0 else f"trajectory in {-time_s:.1f} s"
 
 

@@ -31,11 +31,11 @@ COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7)
 """Heading and width of all columns but the last, which is the newest event."""
 EVENT_HEADING, EVENT_LEAST = "newest event", 10
 LEFT_OUT = ("RMS", "link", "batt", "error")
-"""What a narrow screen is spared first; below the table all is told of the vehicle under the cursor."""
+"""Columns that a narrow screen omits first; all are shown for the vehicle under the cursor."""
 TONES = (ALARM, FLYING, CALM, CALM)
-"""By urgency."""
+"""Tone by urgency."""
 MARKS = ("!!", "▲ ", "· ", "  ")
-"""The same for those who see no colours."""
+"""Mark by urgency, for those who see no colours."""
 
 
 class FleetRow(NamedTuple):
@@ -48,7 +48,7 @@ class FleetRow(NamedTuple):
 
 
 def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
-    """What is known of it."""
+    """Make a vehicle's row."""
     urgency = seen.urgency(now_s)
     state = MARKS[urgency] + seen.word(now_s)
     event = seen.events[-1].text if seen.events else ""
@@ -89,7 +89,7 @@ SORT_KEYS: dict[str, Key] = {
     "error": lambda seen, _: (math.inf if seen.snapshot is None else _number(seen.snapshot.error_m), seen.name),
     "age of data": lambda seen, now: (_number(round(seen.age_s(now))), seen.name),
 }
-"""What the rows can be sorted by."""
+"""Orders in which the rows can be sorted."""
 
 
 def fleet_rows(fleet: Iterable[VehicleView], order: str, now_s: float) -> list[FleetRow]:
@@ -183,7 +183,7 @@ class FleetScreen(App[None]):
         self.theme = THEMES[0].name
         self._broker = broker
         self.fleet = FleetMonitor(broker.config.prefix)
-        """What is known."""
+        """State of all vehicles."""
         self._order = next(iter(SORT_KEYS))
         self._trouble = f"connecting to {broker}"
         self._drawn: list[FleetRow] = []

@@ -26,7 +26,7 @@ class FlightIdentity(msgspec.Struct, frozen=True):
 
 
 class Holder(msgspec.Struct, frozen=True):
-    """Who holds control."""
+    """Holder of control."""
 
     name: str
     """Empty: nobody."""
@@ -40,7 +40,7 @@ class FeedTrouble(msgspec.Struct, frozen=True):
 
 
 class Jump(msgspec.Struct, frozen=True):
-    """What follows does not follow on what came before: a recording was wound on or back."""
+    """Break in a recording, wound forward or back."""
 
 
 News = FlightIdentity | Snapshot | Holder | FeedTrouble | Jump
@@ -102,7 +102,7 @@ class BannerText(msgspec.Struct, frozen=True):
 
 
 def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> BannerText:
-    """What matters most now.
+    """Choose the most important fact of now.
 
     Args:
         snapshot: The newest; None before the first.
@@ -224,7 +224,7 @@ def possible(order: OperatorOrder, state: str | None) -> bool:
 
 
 class Twice:
-    """What needs its key twice."""
+    """Keys that must be pressed twice."""
 
     def __init__(self) -> None:
         self._first_s = -math.inf
@@ -291,7 +291,7 @@ class PlayedSnapshot(Snapshot, frozen=True):
 
 
 class PlotSample(msgspec.Struct, frozen=True):
-    """What the plots remember of a snapshot."""
+    """Values of a snapshot for the plots."""
 
     time_s: float
     position_ned: Vec3
@@ -320,7 +320,7 @@ class Picture:
         self.flown: deque[PlotSample] = deque(maxlen=KEPT)
         self.events: deque[Notice] = deque(maxlen=EVENTS_KEPT)
         self.count = 0
-        """How many news there were: a screen that has drawn this number needs no new drawing."""
+        """Number of changes: a screen that has drawn this number needs no new drawing."""
 
     def take(self, news: News, now_s: float) -> None:
         """One more piece of news."""
@@ -340,7 +340,7 @@ class Picture:
                 self._begin_anew()
 
     def headline(self, now_s: float) -> BannerText:
-        """What matters most now."""
+        """Choose the most important fact of now."""
         return headline(self.newest, now_s - self.arrived_s, self.trouble)
 
     def config(self) -> dict[str, Any]:

@@ -58,7 +58,7 @@ SMALL = 72
 
 
 class PageFrame(msgspec.Struct, frozen=True):
-    """What is drawn at one instant."""
+    """Data of one drawing."""
 
     picture: Picture
     now_s: float
@@ -70,11 +70,11 @@ class PageFrame(msgspec.Struct, frozen=True):
     whose: str
     """Vehicle and time."""
     holder: str
-    """Who holds control, or where a recording is."""
+    """Holder of control, or the place in a recording."""
 
 
 UNDRAWN: tuple[int, bool, tuple[int, ...]] = (-1, False, ())
-"""What a page was last drawn of, where it is to be drawn anew: count, stale, and the widths of its parts."""
+"""Key of a page that must be drawn anew: count, stale, and the widths of its parts."""
 
 
 class Page(Screen[None]):
@@ -99,7 +99,7 @@ class Page(Screen[None]):
         self._drawn = UNDRAWN
 
     def compose(self) -> ComposeResult:
-        """From top to bottom."""
+        """Yield the parts from top to bottom."""
         yield Banner()
         yield from self.matter()
         if self._orders:
@@ -129,12 +129,12 @@ class Page(Screen[None]):
             self.draw(frame)
 
     def on_resize(self, event: Resize) -> None:
-        """What stands side by side stands one below the other where there is no room for both."""
+        """Stack the parts where there is no room for them side by side."""
         self.set_class(event.size.width < SMALL and self.NAME != "Fly", "small")
         self._drawn = UNDRAWN
 
     def on_screen_resume(self) -> None:
-        """It is seen again: all of it is new."""
+        """Draw all anew once the page is in sight again."""
         self._drawn = UNDRAWN
 
 
@@ -195,7 +195,7 @@ class FlyPage(Page):
         self.query_one(Events).show(list(picture.events)[-40:])
 
     def action_plots(self) -> None:
-        """From above, or in time; before take-off the list, or all numbers: a narrow screen has room for one."""
+        """Switch plots from above and in time, or before take-off list and numbers."""
         self.toggle_class("times")
 
 
@@ -389,7 +389,7 @@ def _uplink(status: LinkStatus) -> str:
 
 
 def lateness_rows(snapshot: Snapshot) -> list[Spans]:
-    """How late commands left, after their frame or their pose."""
+    """Show the delays of commands after their frame or their pose."""
     if snapshot.late_us is None:
         return [row("late", "not known")]
     p50, p99, p999 = snapshot.late_us
@@ -405,7 +405,7 @@ def lateness_rows(snapshot: Snapshot) -> list[Spans]:
 
 
 def histogram_rows(values: Iterable[float]) -> list[Spans]:
-    """How often values lay where, in at most eight steps of a round width."""
+    """Show a histogram of ``values`` in at most eight steps of a round width."""
     known = [value for value in values if math.isfinite(value)]
     if not known:
         return [[("-", LABEL)]]
@@ -456,7 +456,7 @@ class TextPage(Page):
         self.query_one(VerticalScroll).focus()
 
     def lines(self, frame: PageFrame) -> list[Spans]:
-        """What is to be read, where the words that are searched for do not matter."""
+        """Return the page's lines without regard to the search."""
         raise NotImplementedError
 
     def draw(self, frame: PageFrame) -> None:

@@ -1,4 +1,4 @@
-"""What is typed in a terminal, whatever bytes come: no paste or line noise orders anything, or takes the kill key away.
+"""Terminal input: no paste or line noise orders anything, or takes the kill key away.
 
 Terminals mark what is pasted; a paste without these marks (a serial line, an old terminal, line noise) looks like keys.
 It is told from them by how many different ones come at once, and dropped: a key waits until nothing follows it.
@@ -20,17 +20,19 @@ from groundstation.interfaces.tui.model import STOP_KEYS
 from links.text import printable
 
 MOST_KEYS = 10
-"""More keys than these are not pressed at once; a slow connection may hold back the word "rehearsal", and Enter."""
+"""More keys than this at once are a paste; a slow connection may hold back the word "rehearsal",
+and Enter."""
 QUIET_S = 0.02
 """Keys between which it is never quiet for so long come at once [s]."""
 WAIT_S = 0.1
 """No key waits longer [s]."""
 AFTER_S = 0.3
-"""For so long after a paste keys are dropped, too: the rest of it may come late [s]."""
+"""Keys are dropped for this long after a paste, too: the rest of it may come late [s]."""
 PASTE_S = 1.0
-"""What follows the mark of a paste is its text for no longer, with or without the mark of its end [s]."""
+"""Text after a paste's mark counts as the paste for at most this long [s], with or without the mark
+of its end."""
 SELECT_S = 0.1
-"""So often it is looked whether an escape key is one, and whether to end [s]."""
+"""Period at which a lone escape key, and a request to end, are looked for [s]."""
 READ_BYTES = 4096
 
 
@@ -67,7 +69,7 @@ class KeyGate:
                 self._drops_until_s = now_s + AFTER_S
 
     def release(self, now_s: float, *, quiet: bool) -> list[Message]:
-        """What goes on now; ``quiet``: nothing came for QUIET_S."""
+        """Return the messages to pass on now; ``quiet``: nothing came for QUIET_S."""
         if quiet:
             self._count, self._before = 0, ""
         elif now_s - self._held_s < WAIT_S and any(isinstance(one, Key) for one in self._held):
@@ -98,7 +100,7 @@ class InputParser:
         """Pastes that had to be ended since this was last set to 0."""
 
     def read(self, data: bytes, now_s: float) -> Iterator[Message]:
-        """What ``data`` say, with what came before; to be asked again and again, also where there are none."""
+        """Yield the messages in ``data`` and earlier bytes; called often, also without data."""
         text = self._decoder.decode(data)
         if text:
             seen = self._tail + text
@@ -171,5 +173,5 @@ def find_multiplexer(environment: Mapping[str, str]) -> str:
 
 
 def driver_class() -> type[Driver] | None:
-    """What an App shall read its terminal with; None where Textual was told another one (as for a browser)."""
+    """Return the terminal driver; None where Textual has its own (as for a browser)."""
     return None if constants.DRIVER else TolerantDriver

@@ -474,7 +474,7 @@ class Dialog(ModalScreen[T]):
             yield Knobs(always_only=True)
 
     def answers(self) -> ComposeResult:
-        """What is to be answered."""
+        """Yield the widgets that take the answer."""
         yield from ()
 
     def action_leave(self) -> None:
@@ -590,7 +590,7 @@ COLOURS = {
     "flying_text": ("#FFFFFF", "#FFFFFF", "#000000"),
     "flying_back": ("#005A9C", "#0067A5", "#5CC8FF"),
 }
-"""Of each name its colour in the dark theme, in the light one, and in the one with most contrast."""
+"""Colours by name: in the dark theme, in the light one, and in the one with most contrast."""
 THEMES = tuple(
     _theme(name, dark=name != "light", **{key: colours[number] for key, colours in COLOURS.items()})
     for number, name in enumerate(("dark", "light", "contrast"))
