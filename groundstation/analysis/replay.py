@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core import Pilot
 from groundstation.core.control import Custom
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import GAIN, Pose, notice
+from groundstation.core.pilot import Pilot
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import make_ends
@@ -33,14 +33,13 @@ from groundstation.recording import (
     Recording,
     about_texts,
     read_command,
-    read_config,
     read_pose,
     read_reference,
     refuse_recordings,
 )
 from groundstation.recording import channels as ch
 from groundstation.runtime import Exit
-from groundstation.settings import Config
+from groundstation.settings import Config, read_flown_config
 from links.core import Command
 from links.io import NETWORK, Network
 
@@ -73,7 +72,7 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
     """
     with refuse_recordings():
         recording = Recording(path)
-        config, left_out = read_config(recording, overrides)
+        config, left_out = read_flown_config(recording.about, recording.path, overrides)
         if not trust_modules and not {"controller.kind", "controller.factory"} & set(map(_key, overrides)):
             _ensure_own(config, path)
         result = fly_again(recording, config)

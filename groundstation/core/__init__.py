@@ -1,3 +1,1 @@
 """The heart of a flight, sans-IO: what is computed from poses to commands, and what is refused."""
-
-from groundstation.core.pilot import NOISE_POSES, Pilot

@@ -1,5 +1,6 @@
 """One flight: pre-arm checks, mission, command loop, shutdown, statistics."""
 
+from groundstation.flight.assembly import Give, WireTaps, about, make_flight, recorder
 from groundstation.flight.flight import DISARM_WAIT_S, Flight, FlightOutcome, FrameLateness, make_ends
 from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
 from groundstation.flight.prearm import (

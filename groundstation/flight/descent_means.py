@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable
 from enum import IntEnum
 
-from groundstation.core import Pilot
 from groundstation.core.geometry import Quat
+from groundstation.core.pilot import Pilot
 from links.core import Attitude
 
 AUTOPILOT_S = 0.3

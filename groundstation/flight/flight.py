@@ -18,7 +18,6 @@ from typing import Any
 import msgspec
 
 from groundstation.config import STEP_WATCH
-from groundstation.core import Pilot
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
     FLOWN,
@@ -54,6 +53,7 @@ from groundstation.core.messages import (
     notice,
 )
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GROUND, Event, State
+from groundstation.core.pilot import Pilot
 from groundstation.core.safety import MONITORS, Failure, LiveGains, Monitors, PoseHealth, PoseLatency, Witness
 from groundstation.core.vehicle import Vehicle
 from groundstation.flight.hold_to_run import HoldWatch

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.core import Pilot
 from groundstation.core.geometry import Quat, Vec3, third_column
 from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint, notice
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
+from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
     MONITORS,
     Escalation,

@@ -18,7 +18,6 @@ from pathlib import Path
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core import Pilot
 from groundstation.core.control import Law, thrust_bound
 from groundstation.core.geometry import Vec3, angle_deg, third_column
 from groundstation.core.messages import (
@@ -35,6 +34,7 @@ from groundstation.core.messages import (
     notice,
 )
 from groundstation.core.mission import Event
+from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
     ASKEW_DEG,
     Agreement,

@@ -19,8 +19,8 @@ from typing import Literal
 import msgspec
 
 from groundstation.config import from_dict
-from groundstation.core import Pilot
 from groundstation.core.messages import Pose, PoseSource, SourceError
+from groundstation.core.pilot import Pilot
 from groundstation.flight import make_ends
 from groundstation.machine import precise_loop, to_the_end
 from groundstation.pose.sources import GatedSource

@@ -7,7 +7,6 @@ the file at once. Nothing here is imported before somebody records or reads.
 """
 
 from groundstation.recording import channels as channels
-from groundstation.recording.assembly import Give, about, make_flight, recorder
 from groundstation.recording.channels import (
     CHANNELS,
     ChannelForm,
@@ -24,16 +23,18 @@ from groundstation.recording.channels import (
     read_reference,
     schema,
 )
-from groundstation.recording.flown_config import read_config
 from groundstation.recording.headline import FlightHeadline
 from groundstation.recording.process import END_S, RecorderProcess
 from groundstation.recording.reader import Entry, NoRecording, Recording, quick_headline, refuse_recordings
 from groundstation.recording.records import (
+    NO_PORT,
     About,
     LineRecord,
+    Peer,
     ReceivedRecord,
     Record,
     SentRecord,
     TruthRecord,
+    WireRecord,
 )
 from groundstation.recording.writer import FlightLog, about_texts, add_channel, begin_mcap

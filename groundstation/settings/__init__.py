@@ -1,5 +1,6 @@
 """The whole configuration of a ground station: one section a struct."""
 
+from groundstation.settings.flown_config import read_flown_config
 from groundstation.settings.settings import (
     REHEARSAL,
     Config,

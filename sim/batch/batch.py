@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from groundstation.config import ConfigError
-from groundstation.core import NOISE_POSES
 from groundstation.core.control import LASTING_S, Adaptive, Gains, Law, measure, noise_power
 from groundstation.core.estimation import (
     NOISE_FLOOR_M2,
@@ -47,6 +46,7 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.geometry import Ops, Real, Vec3, arrays, rotate
 from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Decision, Estimate
+from groundstation.core.pilot import NOISE_POSES
 from groundstation.core.vehicle import (
     ZERO,
     ActuatorCommand,

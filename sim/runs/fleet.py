@@ -20,9 +20,9 @@ import msgspec
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import FlightEvent, Notice, Subscriber
 from groundstation.core.mission import State
-from groundstation.flight import Flight
+from groundstation.flight import Flight, make_flight
 from groundstation.lab import FleetPlan, Relay, read_fleet
-from groundstation.recording import NoRecording, Recording, make_flight
+from groundstation.recording import NoRecording, Recording
 from groundstation.settings import Config
 from links.io import open_child
 from sim.runs.flight import LIMIT_S, MISSION_CONFIRM_S, REST_S, confirm_at, run_missions

@@ -19,9 +19,9 @@ from groundstation.core.messages import CommandSent, FlightEvent, Notice, Pose, 
 from groundstation.core.mission import State
 from groundstation.core.safety import MONITORS, Monitors
 from groundstation.core.trajectory import Trajectory
-from groundstation.flight import Flight, FlightOutcome
+from groundstation.flight import Flight, FlightOutcome, Give, make_flight
 from groundstation.machine import sleep_until
-from groundstation.recording import Give, Record, TruthRecord, make_flight
+from groundstation.recording import Record, TruthRecord
 from groundstation.settings import Config
 from sim.autopilots import Airworthy
 from sim.runs.referee import FlightVerdict, MissionVerdict, Referee, StateEntry, TrueTrack

@@ -92,7 +92,7 @@ class Stage:
             return plant.released_s is not None and next(luck)[0] < self.frame_loss
 
         self.wires: dict[str, Any] = {}
-        """Simulated hardware of the link; see :func:`groundstation.recording.assembly.make_flight`."""
+        """Simulated hardware of the link; see :func:`groundstation.flight.make_flight`."""
         self._pty = pty
         self._mavlink: tuple[SimulatedAutopilot, AutopilotPeer] | None = None
         self._bridge: Bridge | None = None

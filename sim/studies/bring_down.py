@@ -9,8 +9,8 @@ import msgspec
 
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import CommandSent, FlightEvent
+from groundstation.flight import make_flight
 from groundstation.machine import sleep_until
-from groundstation.recording import make_flight
 from sim.runs import CONFIRM_S, Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import in_virtual_time

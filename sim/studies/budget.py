@@ -18,8 +18,7 @@ from groundstation.config import ConfigError
 from groundstation.core.control import Custom
 from groundstation.core.messages import STEADY_S
 from groundstation.core.trajectory import OwnTrajectoryConfig
-from groundstation.recording import read_config
-from groundstation.settings import Config
+from groundstation.settings import Config, read_flown_config
 from sim.batch import fly_batch, require_batchable
 from sim.runs import fly
 from sim.scenarios import at_desk, world_from
@@ -168,7 +167,7 @@ def error_budget(flight: FlightData | FlightColumns | Path | str) -> ErrorBudget
     if duration_s < LEAST_S:
         return ErrorBudget(of=f"No error budget: it flew less than {LEAST_S:g} s on the trajectory.")
     try:
-        config = read_config(flown.recording).config
+        config = read_flown_config(flown.recording.about, flown.recording.path).config
         if isinstance(config.controller, Custom) or isinstance(config.trajectory, OwnTrajectoryConfig):
             return ErrorBudget(of="No error budget: no code that a recording names is run, and its own is needed.")
         world, config = _stage(about, config, flown)

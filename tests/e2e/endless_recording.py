@@ -6,10 +6,11 @@ Prints the time of every command once it was handed over.
 import asyncio
 import sys
 
-from groundstation.core import Pilot
 from groundstation.core.messages import Pose, Tick, TickRecord
+from groundstation.core.pilot import Pilot
+from groundstation.flight import about
 from groundstation.machine import RecordingConfig
-from groundstation.recording import ReceivedRecord, RecorderProcess, SentRecord, about
+from groundstation.recording import ReceivedRecord, RecorderProcess, SentRecord
 from groundstation.settings import Config
 
 

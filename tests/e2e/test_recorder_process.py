@@ -16,9 +16,10 @@ from statistics import median
 import pytest
 
 from groundstation.core.messages import TickRecord
+from groundstation.flight import about
 from groundstation.machine import RecordingConfig, is_being_written
 from groundstation.pose import TlogReader
-from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord, about
+from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.settings import Config
 from tests.e2e.endless_recording import a_tick

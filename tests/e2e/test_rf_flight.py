@@ -13,7 +13,7 @@ import pytest
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
-from groundstation.recording import make_flight
+from groundstation.flight import make_flight
 from links.rf import Channels, CrsfLinkConfig, DsmLinkConfig, RfFrame, Service
 from sim.radio import PtyWire
 from sim.runs import Stage

@@ -7,9 +7,8 @@ import pytest
 
 from groundstation.core.messages import Check, Verdict, tell_lines
 from groundstation.core.mission import State
-from groundstation.flight import FlightOutcome
+from groundstation.flight import FlightOutcome, make_flight
 from groundstation.machine import sleep_until
-from groundstation.recording import make_flight
 from sim.autopilots import AUTOPILOTS
 from sim.runs import Stage, fly
 from sim.scenarios import SCENARIOS, prepare

@@ -11,10 +11,9 @@ import pytest
 from groundstation.config import UserCodeFault
 from groundstation.core.messages import CommandSent, FlightEvent, Notice
 from groundstation.core.mission import State
-from groundstation.flight import Flight
+from groundstation.flight import Flight, make_flight
 from groundstation.flight.flight import Pacing, StallDetector
 from groundstation.machine import sleep_until
-from groundstation.recording import make_flight
 from links.core import Command
 from links.io import Sleep
 from sim.runs import Stage

@@ -9,9 +9,8 @@ import msgspec
 import pytest
 
 from groundstation.core.mission import State
-from groundstation.flight import Flight, FlightOutcome
+from groundstation.flight import Flight, FlightOutcome, make_flight
 from groundstation.machine import sleep_until
-from groundstation.recording import make_flight
 from groundstation.settings import Config
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare

@@ -14,10 +14,9 @@ from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Ask, Pose, PoseStatus, Reply, Request
 from groundstation.core.mission import State
-from groundstation.flight import Flight
+from groundstation.flight import Flight, make_flight
 from groundstation.pose import ForwardingSource
 from groundstation.pose.forward import Forward
-from groundstation.recording import make_flight
 from groundstation.settings import Config
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry

@@ -9,9 +9,8 @@ import pytest
 from groundstation.core.messages import Ask, Request, Verdict
 from groundstation.core.mission import InputLost, State
 from groundstation.core.mission.operator import DEBOUNCE_S
-from groundstation.flight import Flight, HoldWatch
+from groundstation.flight import Flight, HoldWatch, assembly
 from groundstation.flight.hold_to_run import LOOK_S
-from groundstation.recording import assembly
 from sim.autopilots import SimulatedAutopilot
 from sim.runs import MissionResult, Stage, from_floor
 from sim.runs import fly_mission as fly

@@ -10,7 +10,8 @@ import pytest
 
 from groundstation.__main__ import main
 from groundstation.analysis.replay import replay_facts, text_of
-from groundstation.recording import Recording, quick_headline, read_config
+from groundstation.recording import Recording, quick_headline
+from groundstation.settings import read_flown_config
 
 FOLDER = Path(__file__).parents[1] / "golden" / "recordings"
 EXPECTED: dict[str, dict[str, Any]] = json.loads((FOLDER / "expected.json").read_text())
@@ -81,10 +82,10 @@ def test_the_replay_of_an_old_recording_tells_both_versions_and_the_largest_diff
 
 def test_settings_that_this_version_does_not_know_are_left_out_and_named() -> None:
     recording = Recording(FOLDER / "radio.mcap")
-    known = read_config(recording)
+    known = read_flown_config(recording.about, recording.path)
     old = recording.about["config"].replace("[vehicle]", "[lost_section]\nkey = 1\n\n[vehicle]\nlost_key = 2", 1)
     recording.about["config"] = old.replace("coast_s =", "coast_s = -1 #", 1)
-    config, left_out = read_config(recording, ["vehicle.mass_kg=0.5"])
+    config, left_out = read_flown_config(recording.about, recording.path, ["vehicle.mass_kg=0.5"])
     assert set(left_out) - set(known.left_out) == {"lost_section", "vehicle.lost_key", "flight.coast_s"}
     assert config.vehicle.mass_kg == 0.5
     assert config.pose == known.config.pose

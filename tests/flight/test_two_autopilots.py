@@ -6,8 +6,7 @@ from typing import Any, TypeVar
 
 from groundstation.core.messages import Check, Verdict, tell_lines
 from groundstation.core.mission import State
-from groundstation.flight import FlightOutcome
-from groundstation.recording import make_flight
+from groundstation.flight import FlightOutcome, make_flight
 from links.io import parse_address
 from links.mavlink.protocol import ARM_DISARM, PX4, MavlinkCodec
 from sim.runs import Stage

@@ -15,9 +15,9 @@ import pytest
 
 from groundstation.analysis.replay import replay_facts
 from groundstation.core.messages import CommandSent, FlightEvent, Tick
-from groundstation.flight import Flight
+from groundstation.flight import Flight, about, make_flight
 from groundstation.pose import TlogReader
-from groundstation.recording import FlightLog, about, make_flight
+from groundstation.recording import FlightLog
 from links.io import parse_address
 from links.mavlink.protocol import frame_end
 from sim.runs import Stage

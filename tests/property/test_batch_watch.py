@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.core import NOISE_POSES
 from groundstation.core.control import SUSPENDED, VIOLATED, CertificateMonitor, Gains
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Decision, Diagnostics
+from groundstation.core.pilot import NOISE_POSES
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 from sim.batch.batch import BatchWatch
 

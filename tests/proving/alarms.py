@@ -18,8 +18,8 @@ import msgspec
 
 from groundstation.analysis.evidence import OpenedRecording, flying, open_recording
 from groundstation.config import ConfigError
-from groundstation.core import Pilot
 from groundstation.core.messages import Pose
+from groundstation.core.pilot import Pilot
 from groundstation.core.safety import WANDERING_M, HealthState, Monitors, PoseHealth
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.flight import Flight, ensure_flyable

@@ -19,9 +19,8 @@ import numpy as np
 from groundstation.analysis.identify import identify, read_stretch
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
-from groundstation.flight import Flight
+from groundstation.flight import Flight, make_flight
 from groundstation.machine import replace_between_markers, split_at_markers
-from groundstation.recording import make_flight
 from groundstation.runtime import Exit
 from sim import autopilots
 from sim.autopilots import GAINS, STEP_S, FlightBoard, describe_settings

@@ -22,10 +22,9 @@ import msgspec
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
-from groundstation.flight import Flight
+from groundstation.flight import Flight, make_flight
 from groundstation.lab import DoctorOrders, run_doctor
 from groundstation.machine import replace_between_markers, split_at_markers
-from groundstation.recording import make_flight
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec

@@ -16,8 +16,9 @@ from pathlib import Path
 import msgspec
 
 from groundstation.config import dump
+from groundstation.flight import about
 from groundstation.machine import RecordingConfig, free_name, list_recordings, tidy
-from groundstation.recording import FlightLog, about
+from groundstation.recording import FlightLog
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.proving.faults import BROKEN, STATES, Fault, NotReached, Row, Scene, fly_here

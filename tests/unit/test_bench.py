@@ -7,8 +7,8 @@ from statistics import median
 
 import pytest
 
-from groundstation.core import Pilot
 from groundstation.core.geometry import FLOATS, arrays
+from groundstation.core.pilot import Pilot
 from sim.__main__ import main
 from sim.runs import percentile
 from tests.proving.bench import allocation as bench_allocation

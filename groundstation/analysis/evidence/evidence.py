@@ -59,9 +59,9 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import GRAVITY, ActuatorCommand
 from groundstation.machine import replace_between_markers, split_at_markers
-from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_config, read_pose
+from groundstation.recording import MeasuredMessage, NoRecording, Recording, read_pose
 from groundstation.runtime import Exit
-from groundstation.settings import Config
+from groundstation.settings import Config, read_flown_config
 from links.core import signal
 
 GAINS = np.geomspace(1.5, 30.0, 22)
@@ -233,7 +233,7 @@ def load_flight(path: Path) -> EvidenceFlight:
         ours = "imported" not in recording.about
         may_fly, config = not ours, None
         if ours:
-            config = read_config(recording).config
+            config = read_flown_config(recording.about, recording.path).config
         for entry in recording.entries((MEASURED, SETPOINT, STATE, "/command", "/idle")):
             if entry.topic == MEASURED:
                 poses.append(read_pose(msgspec.json.decode(entry.data, type=MeasuredMessage)))

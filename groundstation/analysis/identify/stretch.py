@@ -14,8 +14,8 @@ from groundstation.config import ConfigError
 from groundstation.core.messages import Pose
 from groundstation.core.mission import State
 from groundstation.core.safety import PoseLatency
-from groundstation.recording import Recording, read_config
-from groundstation.settings import Config
+from groundstation.recording import Recording
+from groundstation.settings import Config, read_flown_config
 from links.mavlink.protocol import LONGEST_S, MavlinkCodec, Trip, attitude_of
 
 Column = NDArray[np.float64]
@@ -178,7 +178,7 @@ def find_stretch(sent_s: Column, poses: Column) -> slice:
 
 def _config(recording: Recording) -> Config:
     try:
-        return read_config(recording).config
+        return read_flown_config(recording.about, recording.path).config
     except ConfigError as error:
         path = recording.path
         raise StretchTooShort(f"{path} was flown with a configuration that this version cannot read: {error}") from None

@@ -472,10 +472,9 @@ def check(args: argparse.Namespace) -> Exit:
 
         return watch_poses(_load(args), seconds=args.seconds, as_json=args.json)
     from groundstation.core.safety import list_limits
-    from groundstation.flight import describe_checks, describe_failures
+    from groundstation.flight import describe_checks, describe_failures, make_flight
     from groundstation.interfaces.service import require_flyable
     from groundstation.machine import running_processes
-    from groundstation.recording import make_flight
 
     config = _load(args, require_flyable)
 

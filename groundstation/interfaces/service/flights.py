@@ -49,6 +49,8 @@ from groundstation.flight import (
     entry_of,
     examine_trajectory,
     make_ends,
+    make_flight,
+    recorder,
 )
 from groundstation.interfaces.api import Core, Server
 from groundstation.machine import (
@@ -66,7 +68,7 @@ from groundstation.machine import (
     socket_folder,
     socket_path,
 )
-from groundstation.recording import END_S, make_flight, recorder
+from groundstation.recording import END_S
 from groundstation.runtime import Exit, __version__
 from groundstation.settings import Config
 from links.core import LinkError

@@ -6,8 +6,8 @@ The flight is `fly`'s without its referee, which keeps every step, and without a
 import asyncio
 from typing import Any
 
+from groundstation.flight import make_flight
 from groundstation.machine import sleep_until
-from groundstation.recording import make_flight
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import in_virtual_time

@@ -8,10 +8,11 @@ from statistics import median
 from time import thread_time
 from typing import Any
 
-from groundstation.core import Pilot
 from groundstation.core.messages import FlightEvent, Pose, Tick, TickRecord
+from groundstation.core.pilot import Pilot
+from groundstation.flight import about
 from groundstation.machine import RecordingConfig, sleep_until
-from groundstation.recording import ReceivedRecord, Record, RecorderProcess, SentRecord, about
+from groundstation.recording import ReceivedRecord, Record, RecorderProcess, SentRecord
 from groundstation.settings import Config
 from tests.proving.bench.bench import Options
 

@@ -11,9 +11,9 @@ from statistics import median
 from time import perf_counter_ns, thread_time, thread_time_ns
 from typing import Any
 
-from groundstation.core import Pilot
 from groundstation.core.control import Adaptive
 from groundstation.core.estimation import ModelEstimator
+from groundstation.core.pilot import Pilot
 from groundstation.core.safety import Witness
 from sim.runs import fly, percentile
 from sim.scenarios import SCENARIOS, prepare

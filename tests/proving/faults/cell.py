@@ -17,9 +17,9 @@ from msgspec.structs import replace
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Ask, CommandSent, FlightEvent, Notice, Request, Waypoint
 from groundstation.core.mission import State
-from groundstation.flight import Flight
+from groundstation.flight import Flight, Give, make_flight
 from groundstation.machine import sleep_until
-from groundstation.recording import Give, Record, make_flight
+from groundstation.recording import Record
 from groundstation.settings import Config
 from links.core import thrust as thrust_of
 from sim.autopilots import Px4Autopilot

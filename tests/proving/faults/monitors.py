@@ -7,8 +7,8 @@ import math
 from typing import Any
 
 from groundstation.config import ConfigError
-from groundstation.core import Pilot
 from groundstation.core.messages import NOTICES, Pose
+from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
     GuardFinding,
     Guards,
@@ -116,7 +116,7 @@ class DeckMonitors:
         self._guards: DeckGuards | None = None
 
     def factories(self) -> Monitors:
-        """Return what :func:`groundstation.recording.make_flight` takes."""
+        """Return what :func:`groundstation.flight.make_flight` takes."""
         return Monitors(health=self._make_health, guards=self._make_guards)
 
     def go_on(self, pilot: Pilot, watch: str, from_s: float) -> None:

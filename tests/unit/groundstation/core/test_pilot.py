@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from groundstation.core import Pilot
 from groundstation.core.control import Gains, push, sine_error
 from groundstation.core.geometry import Quat
 from groundstation.core.messages import Pose, SwitchRecord
+from groundstation.core.pilot import Pilot
 from groundstation.core.trajectory import Hold
 from groundstation.core.vehicle import Vehicle
 

@@ -1,10 +1,10 @@
-"""groundstation/recording/assembly.py: what is seen of wires, and whose."""
+"""groundstation/flight/assembly.py: what is seen of wires, and whose."""
 
 import asyncio
 from typing import Any
 
+from groundstation.flight import WireTaps
 from groundstation.recording import ReceivedRecord, Record, SentRecord
-from groundstation.recording.assembly import WireTaps
 from groundstation.recording.records import WireRecord
 from groundstation.recording.writer import TlogCutter
 from links.io import NETWORK, parse_address

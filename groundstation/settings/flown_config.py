@@ -1,11 +1,11 @@
 """Configuration that a flight was flown with, read from its recording, also of another version."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from groundstation.config import RETIRED_KEYS, ConfigError, from_dict, parse_toml
-from groundstation.recording.reader import Recording
-from groundstation.settings import Config
+from groundstation.settings.settings import Config
 
 
 class FlownConfig(NamedTuple):
@@ -16,20 +16,20 @@ class FlownConfig(NamedTuple):
     """Settings that this version does not know, or not with such values; they are left out."""
 
 
-def read_config(recording: Recording, overrides: Sequence[str] = ()) -> FlownConfig:
-    """Read the configuration in ``recording`` and apply ``overrides`` to it.
+def read_flown_config(about: Mapping[str, str], path: Path, overrides: Sequence[str] = ()) -> FlownConfig:
+    """Read the configuration in ``about`` of the recording at ``path``, and apply ``overrides`` to it.
 
     Raises:
         ConfigError: it is no TOML, a value in a list is refused, or an override is bad.
     """
     try:
-        settings = parse_toml(recording.about.get("config", ""))
+        settings = parse_toml(about.get("config", ""))
     except ValueError as error:
-        raise ConfigError("", f"the configuration in it is {error}", str(recording.path)) from None
+        raise ConfigError("", f"the configuration in it is {error}", str(path)) from None
     left_out = [key for key in RETIRED_KEYS if _remove(settings, key)]
     while True:
         try:
-            return FlownConfig(from_dict(settings, Config, overrides, source=str(recording.path)), left_out)
+            return FlownConfig(from_dict(settings, Config, overrides, source=str(path)), left_out)
         except ConfigError as error:
             if not _remove(settings, error.key):
                 raise

@@ -29,17 +29,20 @@ from groundstation.core.messages import (
     Subscriber,
 )
 from groundstation.core.safety import MONITORS, Monitors
-from groundstation.flight import Company, Flight, make_ends, make_hold
+from groundstation.flight.flight import Flight, make_ends
+from groundstation.flight.hold_to_run import make_hold
+from groundstation.flight.prearm import Company
 from groundstation.machine import IdleSlots, Running
 from groundstation.pose import ForwardingSource
 from groundstation.pose.sources import GatedSource
-from groundstation.recording.records import (
+from groundstation.recording import (
     NO_PORT,
     About,
     LineRecord,
     Peer,
     ReceivedRecord,
     Record,
+    RecorderProcess,
     SentRecord,
     WireRecord,
 )
@@ -328,8 +331,6 @@ async def recorder(
     if not config.recording.enabled:
         yield None
         return
-    from groundstation.recording.process import RecorderProcess
-
     process = RecorderProcess(config.recording, about(config), say, quiet, view=view)
     try:
         yield process.give
