@@ -8,13 +8,12 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from datetime import UTC, datetime
-from typing import Protocol
+from typing import Literal, Protocol
 
 import msgspec
 
 from groundstation.config import ConfigError, dump
 from groundstation.flight import Proof, digest, line_from_terminal, place, save
-from groundstation.lab.props_off_hand import News
 from groundstation.machine import (
     ApiError,
     Taken,
@@ -46,6 +45,26 @@ TRIES = 3
 """Attempts at a step that the vehicle ends by disarming itself, and at a disarming."""
 AGAIN_S = 3.0
 """Wait before it is tried again to disarm [s]: the pacer of a radio that was killed holds the port for so long."""
+
+
+Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
+
+
+class News(msgspec.Struct, frozen=True):
+    """Report of the vehicle."""
+
+    event: Event
+    """``arming``: from here on the motors may turn. ``armed``: they do. ``silent``: nothing leaves any more. ``lost``:
+    the link is. ``disarmed``: the vehicle tells so. ``failed``: it can't go on. ``off``: the order to stop was
+    acknowledged, and that is the last."""
+    at_s: float
+    """On the machine's monotonic clock [s]."""
+    text: str = ""
+    """Why."""
+    pose_s: float | None = None
+    """Stamp of the newest pose [s, the same clock]."""
+    firmware: str = ""
+    """The autopilot's firmware as reported."""
 
 
 class GuideStopped(Exception):

@@ -14,7 +14,6 @@ import signal
 import sys
 import tomllib
 from collections.abc import Awaitable, Callable
-from typing import Literal
 
 import msgspec
 
@@ -22,30 +21,11 @@ from groundstation.config import from_dict
 from groundstation.core.messages import Pose, PoseSource, SourceError
 from groundstation.core.pilot import Pilot
 from groundstation.flight import make_ends
+from groundstation.lab.props_off import Event, News
 from groundstation.machine import precise_loop, to_the_end
 from groundstation.pose.sources import GatedSource
 from groundstation.settings import Config
 from links.core import CommandLink, LinkError
-
-Event = Literal["arming", "armed", "silent", "lost", "disarmed", "failed", "off"]
-
-
-class News(msgspec.Struct, frozen=True):
-    """Report of the vehicle."""
-
-    event: Event
-    """``arming``: from here on the motors may turn. ``armed``: they do. ``silent``: nothing leaves any more. ``lost``:
-    the link is. ``disarmed``: the vehicle tells so. ``failed``: it can't go on. ``off``: the order to stop was
-    acknowledged, and that is the last."""
-    at_s: float
-    """On the machine's monotonic clock [s]."""
-    text: str = ""
-    """Why."""
-    pose_s: float | None = None
-    """Stamp of the newest pose [s, the same clock]."""
-    firmware: str = ""
-    """The autopilot's firmware as reported."""
-
 
 Tell = Callable[[News], None]
 

@@ -18,6 +18,18 @@ import msgspec
 from links.core import Command, Deadman, Lateness, LinkMisuse, Phase, Segment
 from links.rf.channel_map import Channels
 from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
+from links.rf.module_codec import RfConfig
+
+MESSAGE_BYTES = 65536
+"""Longest message between a link and its pacer [bytes]."""
+
+
+class PacerSetup(msgspec.Struct, frozen=True):
+    """First message to a pacer."""
+
+    config: RfConfig
+    thrust_max_n: float
+    """[N]"""
 
 
 class Arm(msgspec.Struct, frozen=True, tag="arm"):

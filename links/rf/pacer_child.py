@@ -18,16 +18,13 @@ import time
 import msgspec
 
 from links.io import Sleep
-from links.rf.module_codec import RfConfig
-from links.rf.pacer import FramePacer, Give, Order, PacerReport
+from links.rf.pacer import MESSAGE_BYTES, FramePacer, Give, Order, PacerReport, PacerSetup
 from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox, SharedPort
 
 PREPARE_S = 0.0004
 """Lead with which a frame is made [s]; then only the write is left to do."""
 SPIN_S = 0.00012
 """The last part of the wait is spent awake [s]: about what the kernel takes to wake a process up."""
-MESSAGE_BYTES = 65536
-"""Longest message on the socket pair."""
 ALONE = (
     "should the pacer end too, nothing but the receiver's failsafe brings the vehicle down; land, and connect the link "
     "again"
@@ -35,14 +32,6 @@ ALONE = (
 """Meaning of a missing stand-by, and the remedy."""
 _MOST_ORDERS = 256
 """Most orders taken between two frames, so that nobody who floods us delays a frame."""
-
-
-class PacerSetup(msgspec.Struct, frozen=True):
-    """The first message."""
-
-    config: RfConfig
-    thrust_max_n: float
-    """[N]"""
 
 
 class Clock:

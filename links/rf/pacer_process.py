@@ -13,8 +13,7 @@ import msgspec
 from links.core import LinkError, LinkLost
 from links.io import start_child
 from links.rf.codec import Manner, RfLinkConfig
-from links.rf.pacer import Arm, End, Give, Order, PacerReport, Stop
-from links.rf.pacer_child import MESSAGE_BYTES, PacerSetup
+from links.rf.pacer import MESSAGE_BYTES, Arm, End, Give, Order, PacerReport, PacerSetup, Stop
 from links.rf.shared_memory import CAPACITY_BYTES, Mailbox
 
 START_LIMIT_S = 30.0

@@ -16,8 +16,8 @@ import sys
 import msgspec
 
 from links.io import start_child
-from links.rf.pacer import FramePacer, Held, StandbyWatch
-from links.rf.pacer_child import MESSAGE_BYTES, PREPARE_S, Clock, Commander, PacerSetup, deafen, hush, pace, prioritise
+from links.rf.pacer import MESSAGE_BYTES, FramePacer, Held, PacerSetup, StandbyWatch
+from links.rf.pacer_child import PREPARE_S, Clock, Commander, deafen, hush, pace, prioritise
 from links.rf.shared_memory import PACER, STANDBY, HeldPort, Lease, Mailbox, SharedPort
 
 VOUCH_S = 0.5

@@ -9,8 +9,8 @@ import msgspec
 import pytest
 
 from groundstation.flight import make_ends
-from groundstation.lab.props_off import Guide, GuideStopped, NotProven
-from groundstation.lab.props_off_hand import News, disarm, hold, idle_n
+from groundstation.lab.props_off import Guide, GuideStopped, News, NotProven
+from groundstation.lab.props_off_hand import disarm, hold, idle_n
 from groundstation.settings import Config
 from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import AUTOPILOTS

@@ -73,3 +73,16 @@ def test_a_child_is_in_a_session_of_its_own_unless_it_is_told_otherwise(apart: b
         session, *words = said.decode().split()
         assert words == ["''", "a", "b"]
         assert (int(session) != os.getsid(0)) is apart
+
+
+CHILDREN = re.compile(r'(?:start_child|open_child)\(\s*"((?:links|groundstation)\.[\w.]+\.\w+)"')
+
+
+def test_what_runs_as_a_program_is_not_there_already_as_a_module() -> None:
+    """Else Python warns on the operator's terminal, and its classes are there twice."""
+    names = {name for file in SOURCES for name in CHILDREN.findall(file.read_text("utf-8"))}
+    assert len(names) >= 3
+    look = "import sys, importlib; importlib.import_module(sys.argv[1]); sys.exit(sys.argv[2] in sys.modules)"
+    for name in names:
+        done = run([sys.executable, "-c", look, name.rpartition(".")[0], name], ROOT, "")
+        assert done.returncode == 0, (name, done.stderr)
