@@ -16,14 +16,14 @@ LIMIT_S = 0.5
 """A step that has not returned after this time is interrupted [s]. By then no command may rest on a pose
 (flight.coast_s and guards.level_s: 0.5 s), and the link plays its bring-down."""
 AGAIN_S = 0.05
-"""It is interrupted again this often [s]: code that catches every exception may go on."""
+"""Period of repeated interrupts [s]: code that catches every exception may go on."""
 SLOW_S = 0.1
 """A step that takes longer is named [s]: a command must leave within 0.25 s of its pose (flight.coast_s),
 and the pose's own latency and the link take their share."""
 SLOWER = 1.5
-"""It is named again where it is slower by this factor [-]."""
+"""A slower step is named again from this factor on [-]."""
 RECENT_S = 1.0
-"""What ended in the last so many seconds may be why no command left in time [s]."""
+"""Steps that ended within this time may be why no command left in time [s]."""
 
 
 class StepTimeout(BaseException):
@@ -56,7 +56,7 @@ class StepTimer(StepWatch):
         signal.setitimer(signal.ITIMER_REAL, LIMIT_S, AGAIN_S)
 
     def end(self) -> None:
-        """It has returned."""
+        """Note that the step has returned."""
         what, self._what = self._what, ""
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         now_s = self._now_s()

@@ -73,7 +73,7 @@ if sys.platform == "linux":
         """
 
         def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-            """What is ready, after ``timeout`` [s] at most."""
+            """Return the ready events, after ``timeout`` [s] at most."""
             if timeout is not None and timeout > 0.0:
                 select.select((self.fileno(),), (), (), timeout)
                 timeout = 0.0

@@ -7,7 +7,7 @@ from groundstation.core.messages import Check, PoseKind, PoseStatus, Verdict, no
 FAIL_RATE = 2.0
 """Stamps that run faster or slower than ours by more than this factor are in the wrong unit [-]."""
 WARN_RATE = 1.2
-"""From this ratio of rates on it is a warning [-]: a network that stalled for 0.3 s of 2 s looks
+"""Ratio of rates that is a warning [-]: a network that stalled for 0.3 s of 2 s looks
 like 1.18."""
 UNITS = {1.0: "seconds", 1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 """Units of time stamps, by their length [s]."""

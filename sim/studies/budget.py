@@ -27,7 +27,7 @@ from sim.world import STILL, World
 LEAST_S = STEADY_S + 1.0
 """Shorter flights have no steady part and get no budget [s]."""
 LONGEST_S = 60.0
-"""Of a longer flight only this much is flown again [s]."""
+"""Longest part of a flight that is flown again [s]."""
 LIFTED = 1e3
 """Limits that are switched off are so many times as high."""
 ARRAYS_FROM = 3

@@ -1,1 +1,1 @@
-"""What only proves, and no laboratory needs: faults, fuzzing, false alarms, long runs, measurements."""
+"""Proofs that no laboratory needs: faults, fuzzing, false alarms, long runs, measurements."""

@@ -70,7 +70,7 @@ class WatchedFlight(msgspec.Struct, frozen=True, kw_only=True):
     alarm: float
     """Largest test statistic as a share of its threshold [-]."""
     suspected: int
-    """How often its poses were suspected."""
+    """Number of times that its poses were suspected."""
     failed: str
     """Id of the reason for which its poses failed; empty where they did not."""
     landed: bool
@@ -128,7 +128,7 @@ class WatchedHealth(PoseHealth):
         self.largest = 0.0
         """Largest alarm so far [-]."""
         self.doubts = 0
-        """How often the poses became suspect."""
+        """Number of times that the poses became suspect."""
 
     def see(self, pose: Pose, *args: Any, **kwargs: Any) -> None:
         """Take one pose, as the real one does."""
@@ -143,7 +143,7 @@ class WatchedHealth(PoseHealth):
 
 
 class Watch(NamedTuple):
-    """What is flown, with each seed."""
+    """Flights of a campaign, flown with each seed."""
 
     scenario: str
     floor: Floor | None = None

@@ -43,7 +43,7 @@ FLIGHT_S = 240.0
 EARTH_M_DEG = 111_319.5
 """A degree of the great circle [m]."""
 TRUTH_US = 10_000.0
-"""How often the truth is asked for [µs]."""
+"""Period of the requested truth [µs]."""
 
 
 class Built(NamedTuple):
@@ -55,13 +55,13 @@ class Built(NamedTuple):
     folder: Path
     """Where it was built."""
     boots_s: float
-    """From its start until it knows where it is [s]."""
+    """Time from its start until it knows its position [s]."""
     link: str
     """The key that says where it is spoken to, and where that is: a format of its number on this machine."""
     truth_port: int
     """Where it tells the truth, less what its number adds."""
     ports: int
-    """How many ports its number adds."""
+    """Number of ports that its number adds."""
 
     def port(self, number: int) -> int:
         """Where it is spoken to, or speaks to."""
@@ -80,7 +80,7 @@ class Built(NamedTuple):
 
 PARAMETERS = {"GUID_OPTIONS": 8, "ATC_ANGLE_BOOST": 0, "GUID_TIMEOUT": 0.5, "FS_GCS_ENABLE": 5, "FS_GCS_TIMEOUT": 2,
               "MAV_GCS_SYSID": 245, "SYSID_MYGCS": 245}  # fmt: skip
-"""What `groundstation doctor` asks of ArduPilot."""
+"""Parameters of ArduPilot that `groundstation doctor` asks for."""
 ENVIRONMENT = {
     "PX4_SIM_MODEL": "sihsim_quadx",
     **{f"PX4_PARAM_{k}": v for k, v in {"COM_RC_IN_MODE": "4", "COM_OF_LOSS_T": "0.4", "COM_OBL_RC_ACT": "4"}.items()},
@@ -99,7 +99,7 @@ def find(name: str, folder: Path) -> Built:
 
 
 class TruthReceiver(asyncio.DatagramProtocol):
-    """What one simulator tells of its vehicle; times are of the event loop's clock [s], as in a recording."""
+    """Receiver of one simulator's truth; times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[float, ...]] = []
@@ -128,7 +128,7 @@ class TruthReceiver(asyncio.DatagramProtocol):
             self.rows.append((asyncio.get_running_loop().time(), *place, *speed, lean))
 
     async def hear_px4(self, port: int) -> None:
-        """It sends to ``port`` unasked."""
+        """Receive PX4's truth, which it sends to ``port`` unasked."""
         transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
             lambda: self, local_addr=("127.0.0.1", port)
         )
@@ -138,7 +138,7 @@ class TruthReceiver(asyncio.DatagramProtocol):
             transport.close()
 
     async def hear_ardupilot(self, port: int) -> None:
-        """It listens at ``port``, boots once somebody is connected, and is asked until it tells."""
+        """Receive ArduPilot's truth: it boots once connected at ``port``, and is asked for it."""
         cutter = FrameCutter(self.datagram_received)
         number = self._codec.dialect.MAVLINK_MSG_ID_SIM_STATE
         while True:
@@ -187,7 +187,7 @@ class FirmwareFlight(NamedTuple):
     why: str
     """The last line that `fly` printed, or the last five where it did not land."""
     rms_cm: float | None
-    """Of the error against the autopilot's own estimate, over the steady part of the figure."""
+    """RMS error against the autopilot's own estimate over the steady part of the figure [cm]."""
     max_cm: float | None
     start: TakeoffStart
     """The first second after it left the floor, by the simulator's truth; of thrust what was commanded."""
@@ -196,7 +196,7 @@ class FirmwareFlight(NamedTuple):
     lean_deg: float
     """Farthest that it leant, from the law's first command until the motors were off."""
     home_m: float
-    """From where it stood before to where it stands now."""
+    """Distance from the place before the flight to the place after it [m]."""
 
 
 class Flown(NamedTuple):
@@ -212,7 +212,7 @@ class Flown(NamedTuple):
 
 
 async def fly(built: Built, number: int, words: Sequence[str], folder: Path) -> Flown:
-    """From the floor, along what ``words`` (``KEY=VALUE``) say, and down again; ``folder`` is its own."""
+    """Fly from the floor along ``words`` (``KEY=VALUE``), and down again; ``folder`` is its own."""
     vehicle = f"{built.name.lower()}{number}"
     told = [built.link.format(built.port(number)), f"vehicle.name={vehicle}", f"recording.folder={folder}", *words]
     if built.name == "PX4":
@@ -233,7 +233,7 @@ async def fly(built: Built, number: int, words: Sequence[str], folder: Path) -> 
 
 
 def look(flown: Flown) -> FirmwareFlight:
-    """What came of a flight, by its recording and the simulator's rows."""
+    """Evaluate a flight by its recording and the simulator's rows."""
     folder, truth, config, landed, why = flown
     (recording,) = folder.glob("*.mcap")
     log, start = FlightData(recording), TakeoffStart()
@@ -276,7 +276,7 @@ def look(flown: Flown) -> FirmwareFlight:
 
 
 def eight(speed_m_s: float) -> tuple[str, ...]:
-    """What flies an eight of 1 m so fast."""
+    """Return the settings of an eight of 1 m at ``speed_m_s``."""
     return ("trajectory.kind=lemniscate", "trajectory.scale_m=1.0", "trajectory.altitude_m=2.0",
             f"trajectory.speed_m_s={speed_m_s}", "flight.duration_s=60")  # fmt: skip
 
@@ -289,7 +289,7 @@ FIGURES: Mapping[str, tuple[str, ...]] = {
 MUSTS = {"PX4": (15.0, 15.0, 17.0), "ArduCopter": (0.4, 1.0, 2.0)}
 """RMS against its own estimate [cm]."""
 FLOWN = 3
-"""How often each of these is flown: from one flight to the next an estimate wanders otherwise."""
+"""Number of flights of each: an estimate wanders otherwise from one flight to the next."""
 SHORT = ("flight.duration_s=5",)
 
 

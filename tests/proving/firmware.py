@@ -1,4 +1,4 @@
-"""What Betaflight's own firmware does with ours, ``groundstation-sim dev firmware``: the tables of docs/evidence.md.
+"""Flights of Betaflight's firmware, ``groundstation-sim dev firmware``, for docs/evidence.md.
 
 All of it in virtual time, through the RF link's bytes, on the rotor-level plant.
 """
@@ -33,19 +33,19 @@ from tests.proving.takeoff_start import TakeoffStart
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
 WATCHED_S = 5.0
-"""How long the world goes on after a strike [s]."""
+"""Time that the world goes on after a strike [s]."""
 TAKE_OFFS = {"paper": range(20), "adverse": range(10)}
 """Seeds; every other take-off is over CRSF."""
 SEEDS = range(3)
 
 
 class StrikeOutcome(NamedTuple):
-    """What came of a strike in flight."""
+    """Outcome of a strike in flight."""
 
     motors: list[tuple[float, FourRotors]]
     """The firmware's own motor signals (0..1), and when since the strike [s]."""
     hit_m_s: float | None
-    """How it met the floor."""
+    """Speed at which it met the floor [m/s]."""
 
     @property
     def off_s(self) -> float:
@@ -105,13 +105,13 @@ def cut_wire(stage: Stage) -> None:
 
 
 def hold_for_ever(stage: Stage) -> None:
-    """The same, before a receiver that holds its last pulses."""
+    """Cut the wire before a receiver that holds its last pulses."""
     _set_failsafe(stage).failsafe_gives = "hold"
     cut_wire(stage)
 
 
 def give_invalid(stage: Stage) -> None:
-    """The same, before a receiver whose pulses then mean nothing."""
+    """Cut the wire before a receiver whose pulses then mean nothing."""
     _set_failsafe(stage).failsafe_gives = "invalid"
     cut_wire(stage)
 
@@ -194,7 +194,8 @@ def _fit(told: Any, seen: Any) -> tuple[float, float]:
 
 
 TO_RECEIVER_S = 0.005 + 14 * 10 / 125000
-"""From a command's leaving to the receiver's last bit of it [s]: the link's lead, and DSM's frame on the wire."""
+"""Time from a command's leaving to the receiver's last bit of it [s]: the link's lead, and DSM's
+frame on the wire."""
 
 
 def measure_rates() -> dict[str, Any]:
@@ -223,7 +224,7 @@ FLIGHTS: tuple[tuple[str, str, Sequence[str], float, str], ...] = (
     ("adverse, 0.5 m/s", "adverse", [], 60.0, "2.0"),
     ("hover, rotors 15 % weak", "paper", ["trajectory.kind=hold", "sim.thrust_gain=0.85"], 30.0, "–"),
 )
-"""What is flown, and what it must stay under [cm RMS]."""
+"""Flights, and their limits [cm RMS]."""
 
 
 OWN_GAINS: tuple[tuple[str, Sequence[str]], ...] = (

@@ -78,7 +78,7 @@ def natnet(frames: int, version: natnet_codec.Version = (4, 1)) -> PoseFlight:
 
 
 def natnet_handshake(version: natnet_codec.Version) -> list[bytes]:
-    """What a server says before its first frame is of use."""
+    """Return a server's messages before its first usable frame."""
     server = NatNetServer(NatNetConfig(), version)
     server.encode(0, 0.0, 0.0, _bodies(0))
     return [natnet_codec.encode_server_info(server.info), server.models()]
@@ -167,7 +167,7 @@ FLIGHTS: dict[str, Callable[[int], PoseFlight]] = {
     "vision": vision,
     "json": json,
 }
-"""By name; a new source adds its own here."""
+"""Streams by name; a new source adds its own here."""
 
 
 class Subject(NamedTuple):
@@ -178,11 +178,11 @@ class Subject(NamedTuple):
     feed: Callable[[bytes, float], int]
     """Decodes one datagram at a time [s]; returns how many events came of it."""
     drops: Callable[[], Mapping[str, int]]
-    """What was dropped so far."""
+    """Counts of drops so far."""
     repair: Callable[[bytes], bytes] = bytes
     """A damaged datagram with lengths and checksums that fit, so that damage gets past them."""
     decode_stream: Callable[[Sequence[bytes]], object] | None = None
-    """What a stream in these pieces says; None for a decoder of datagrams."""
+    """Decoding of a stream in these pieces; None for a decoder of datagrams."""
 
 
 def read_poses(
@@ -280,11 +280,11 @@ SOURCES: dict[str, Callable[[], Subject]] = {
 
 
 SHOWN = 1000
-"""Of a datagram that made a decoder raise [hex digits]."""
+"""Part of a datagram that made a decoder raise which is shown [hex digits]."""
 LONGEST = 2000
-"""Of random datagrams [bytes]."""
+"""Longest random datagram [bytes]."""
 STREAM_PACKETS = 6
-"""So many datagrams make one stream, which is fed whole and in pieces."""
+"""Datagrams in one stream, which is fed whole and in pieces."""
 _AWKWARD = (
     bytes(8), b"\xff" * 8, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", struct.pack("<d", float("nan")),
     struct.pack("<f", float("inf")), struct.pack("<f", float("nan")), struct.pack("<d", -1e308), b"1e999", b"null",
@@ -293,7 +293,7 @@ _AWKWARD = (
 
 
 class FuzzReport(msgspec.Struct, frozen=True):
-    """What came of one decoder."""
+    """Result of one decoder."""
 
     name: str
     tried: int
@@ -301,16 +301,16 @@ class FuzzReport(msgspec.Struct, frozen=True):
     events: int
     """Poses or messages that came out."""
     drops: dict[str, int]
-    """What was counted as no use, by reason."""
+    """Counts of drops by reason."""
     exceptions: int
     mismatches: int
     """Streams that said something else in pieces."""
     memory_growth_mb: float
-    """By how much the peak of the process's memory grew, after the first tenth."""
+    """Growth of the process's peak memory after the first tenth [MB]."""
 
 
 class Total(msgspec.Struct, frozen=True):
-    """What came of all."""
+    """Result of all decoders."""
 
     tried: int
     events: int
@@ -462,7 +462,7 @@ CRSF_TELLS = (
     b"\x21ACRO\0",
     bytes.fromhex("3a ea ee 10 00009c40 fffffed4"),
 )
-"""What comes back through a module: type and payload of battery, link, attitude, mode and timing."""
+"""Telemetry through a module: type and payload of battery, link, attitude, mode and timing."""
 
 
 def read_rf(kind: str) -> Subject:
@@ -527,7 +527,7 @@ def read_board() -> Subject:
 
 
 def read_bridge() -> Subject:
-    """What a bridge hears: commands, arming, services, the end; damage is sealed, or else none would be looked into."""
+    """Fuzz a bridge's input; damage is sealed, or it would not be looked into."""
     from links.bridge import codec
     from links.rf import Service
 

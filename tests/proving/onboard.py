@@ -45,7 +45,7 @@ WIRED = ("link.forward.enabled=true",)
 ALIGNED_S = 12.0
 """When arming is confirmed: its estimator has taken in the poses by then [s]."""
 SAVED_S = 4.0
-"""How long parameters that were set take to reach its memory, and more [s]."""
+"""Time for parameters to reach the autopilot's memory, and more [s]."""
 VISITS = 5
 """After so many restarts the doctor has nothing left to ask for."""
 
@@ -129,7 +129,7 @@ def step_of(acceleration: float) -> tuple[str, ...]:
 STEP_AT_S = 35.0
 """When the wind steps [s after the floor was left]."""
 FIGURE_S = 40.0
-"""How long each figure is flown; errors count from 15 s on [s]."""
+"""Duration of each figure; errors count from 15 s on [s]."""
 TOLD: Mapping[str, tuple[str, ...]] = {
     "px4": (
         "vehicle.thrust_lag_s=0.0399",
@@ -195,12 +195,12 @@ class Struck(NamedTuple):
     off_s: float | None
     """When the rotors last turned faster than they idle [s since the strike]; None where they still do."""
     up_m: float
-    """How far it rose above where it was struck."""
+    """Largest rise above the place of the strike [m]."""
     aside_m: float
-    """How far it went sideways from there."""
+    """Largest distance sideways from there [m]."""
     speed_m_s: float
     hit_m_s: float | None
-    """How fast it met the floor; None where it did not."""
+    """Speed at which it met the floor [m/s]; None where it did not."""
     height_m: float
     """Above the floor when it was struck."""
 
@@ -227,13 +227,13 @@ FLOOR_M_S = 1.0
 IDLES = 0.12
 """Mean motor output of rotors that lift nothing [-]."""
 WATCHED_S = 20.0
-"""How long the world goes on after a strike [s]."""
+"""Time that the world goes on after a strike [s]."""
 ODOMETRY_NUMBER = bytes((0x4B, 0x01, 0x00))
 """Message number of ODOMETRY, low byte first: it forwards poses."""
 LATE_S = 0.2
-"""How much later poses come where they come late [s]."""
+"""Extra delay of late poses [s]."""
 STOPPED_S = 1.5
-"""How long a stopped process stands still [s]."""
+"""Duration of a stopped process's standstill [s]."""
 PROCESS: ContextVar[bool] = ContextVar("process", default=False)
 """True in what belongs to the ground station's process."""
 
@@ -315,7 +315,7 @@ STRIKES: Mapping[str, tuple[Strike, bool]] = {
 }
 """Strikes by name, and whether the flight ends by them."""
 STRUCK_S = 6.0
-"""How long the figure is flown before the strike [s]."""
+"""Duration of the figure before the strike [s]."""
 STRUCK_FIGURE = ("sim.speed_m_s=1.0",)
 """Settings of the figure that is struck: an eight of 1 m/s."""
 

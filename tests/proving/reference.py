@@ -1,4 +1,4 @@
-"""What the pages of docs/reference have from the code: ``groundstation-sim dev reference --write docs/reference``.
+"""Pages of docs/reference from the code: ``groundstation-sim dev reference --write docs/reference``.
 
 The words of a page stand in the page, and between its markers what is made here.
 Every key of a configuration, every command of both programs with its arguments, every channel of a recording with its
@@ -356,12 +356,12 @@ def describe_guards() -> str:
 
 
 GIVEN = ("Vehicle", "Estimate", "Motion", "Reference", "ActuatorCommand", "Decision", "Diagnostics")
-"""What a controller gets and gives."""
+"""Types that a controller gets and gives."""
 SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.M)
 
 
 def describe_calls() -> str:
-    """What Python code calls first, and what it gets."""
+    """Describe the first calls of Python code, and their results."""
     gs = groundstation
     calls: tuple[Callable[..., Any], ...] = (gs.simulate, gs.compare, gs.load, gs.error_budget)
     results = (gs.Run, gs.FlightData, Track, Channel, gs.ControllerComparison, gs.ErrorBudget, Contribution)
@@ -374,14 +374,14 @@ def describe_structs(*classes: type[Any]) -> str:
 
 
 def describe_helpers() -> str:
-    """What helps a controller."""
+    """Describe the helpers of a controller."""
     gs = groundstation
     helpers = (gs.push, gs.half_angle_error, gs.sine_error, gs.turning, gs.clamp_command, gs.make_decision)
     return "\n\n".join([*(_call(one, 3) for one in helpers), *(_result(one, 3) for one in (gs.Baseline, gs.InnerLoop))])
 
 
 def describe_asking() -> str:
-    """How a vehicle in flight is asked."""
+    """Describe requests to a vehicle in flight."""
     return (
         _call(groundstation.ask_station, 3)
         + "\n\n"

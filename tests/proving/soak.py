@@ -24,27 +24,28 @@ from sim.time import VirtualTimeLoop, in_virtual_time
 from tests.proving.faults import BROKEN, STATES, Fault, NotReached, Row, Scene, fly_here
 
 FAULTY_SHARE = 0.4
-"""So many of the flights are struck by a fault, which is drawn, as is the state that it strikes in."""
+"""Share of the flights struck by a fault, which is drawn, as is the state that it strikes in
+[-]."""
 FIGURE_S = (20.0, 90.0)
-"""How long the figure is flown at least and at most [s]."""
+"""Shortest and longest duration of the figure [s]."""
 PAUSE_S = 5.0
 """Between two flights [s, virtual]."""
 RECORDED_EACH = 4
-"""So many flights come to one that is recorded: recording takes longer than the flight itself."""
+"""Flights per recorded one: recording takes longer than the flight itself."""
 KEEP_GB = 0.02
-"""What the recordings of the soak may take [GB]."""
+"""Limit of the soak's recordings [GB]."""
 GROWTH = 0.05
 """Memory may grow by this share."""
 WARM_FLIGHTS = 3
 """Memory of the first flights is not looked at: modules are imported and caches fill."""
 NOTHING = "nothing"
-"""What strikes a flight that no fault does."""
+"""Name of the strike of a flight without a fault."""
 
 PAGE_BYTES = 4096
 
 
 def look() -> dict[str, int]:
-    """What the interpreter holds now, after a full collection."""
+    """Count the interpreter's objects and memory after a full collection."""
     gc.collect()
     statm = Path("/proc/self/statm")
     resident = int(statm.read_text(encoding="utf-8").split()[1]) * PAGE_BYTES if statm.exists() else 0
@@ -52,23 +53,24 @@ def look() -> dict[str, int]:
 
 
 class Soak(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of it."""
+    """Result of a soak."""
 
     scenario: str
     seed: int
     hours: float
-    """Of virtual time."""
+    """Virtual time flown [h]."""
     flights: int
     struck: int
-    """How many of them a fault was to strike."""
+    """Number of flights that a fault was to strike."""
     unsafe: tuple[Row, ...]
-    """What did not end safely: the fault deck is judged elsewhere, in air that is not as bad as ``adverse``."""
+    """Flights that did not end safely: the fault deck is judged elsewhere, in air not as bad as
+    ``adverse``."""
     resident_first_mb: float
     """Resident memory, the mean of the first hour, or of the first quarter where that is shorter [MiB]."""
     resident_last_mb: float
-    """The same of the end."""
+    """Resident memory at the end [MB]."""
     resident_growth: float
-    """By how much that is more, as a share."""
+    """Relative growth of the resident memory [-]."""
     objects_grown: int
     """Objects that the garbage collector knows, from the first to the last look."""
     orphan_tasks: int
@@ -78,7 +80,7 @@ class Soak(msgspec.Struct, frozen=True, kw_only=True):
     recordings_mb: float
     """The most that recordings took [MB]."""
     recordings_limit_mb: float
-    """What they may take: what is kept, and the one being written."""
+    """Limit of the recordings [MB]: kept ones, and the one being written."""
     wall_s: float
     early: tuple[str, ...]
     """Flights that ended before anything struck them, each with its seed and why."""
@@ -118,7 +120,7 @@ def soak(
 
 
 class _Ledger:
-    """What is noted after every flight; numbers only, so that noting grows nothing itself."""
+    """Numbers noted after every flight; numbers only, so that noting grows nothing itself."""
 
     def __init__(self) -> None:
         self.looks: list[tuple[float, float]] = []
@@ -196,7 +198,7 @@ async def _record(
 
 
 def _size_mb(path: Path) -> float:
-    """What a recording takes, with its .tlog [MB]."""
+    """Return the size of a recording with its .tlog [MB]."""
     files = (path, path.with_suffix(".tlog"))
     return sum(file.stat().st_size for file in files if file.exists()) / 1e6
 

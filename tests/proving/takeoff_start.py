@@ -13,18 +13,18 @@ from sim.world import World
 
 
 class TakeoffStart:
-    """What the vehicle did in the first second of a flight's law after the floor, at each command, by the truth."""
+    """True motion in the first second of a flight's law after the floor, at each command."""
 
     def __init__(self) -> None:
         self.thrust: list[float] = []
-        """Of the rotors, as a share of the weight."""
+        """Thrust of the rotors as a share of the weight [-]."""
         self.climb: list[float] = []
-        """How far the speed upwards is from the reference's [m/s]."""
+        """Upward speed above the reference's [m/s]."""
         self.tilt_deg: list[float] = []
         self.b: list[float] = []
         """|b̂| as a share of its bound."""
         self.off_m: list[float] = []
-        """How far it is from the reference [m]."""
+        """Distance from the reference [m]."""
         self.aside_m: list[float] = []
         """And from over where it stood [m]."""
         self.least_tilt_deg = 0.0

@@ -20,7 +20,7 @@ from groundstation.interfaces.tui.model import STOP_KEYS
 from links.text import printable
 
 MOST_KEYS = 10
-"""More keys than this at once are a paste; a slow connection may hold back the word "rehearsal",
+"""A paste has more keys at once than this; a slow connection may hold back the word "rehearsal",
 and Enter."""
 QUIET_S = 0.02
 """Keys between which it is never quiet for so long come at once [s]."""

@@ -29,7 +29,7 @@ class Bench(NamedTuple):
     vehicle_steps: int
     """Vehicles times steps of one run."""
     note: str
-    """What a reader must know of it; may be empty."""
+    """Note for the reader; may be empty."""
 
 
 def crazyflow(**settings: Any) -> Bench:

@@ -19,14 +19,14 @@ WHAT = {name: f"tests.proving.bench.{name}" for name in MEASUREMENTS}
 
 
 class Options(NamedTuple):
-    """What the command line says."""
+    """Options of the command line."""
 
     peers: bool = False
     """Measure crazyflow and rotorpy beside ours, where they are installed."""
     hours: float = 1.0
-    """How long the flight of ``allocation`` lasts, in virtual time."""
+    """Duration of the flight of ``allocation``, in virtual time [h]."""
     seconds: float = 60.0
-    """How long ``mqtt``, ``screen`` and each part of ``links`` last [s]."""
+    """Duration of ``mqtt``, ``screen`` and each part of ``links`` [s]."""
 
 
 def measure_all(names: list[str], options: Options) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What whole commands take, from their start to their end: `fly`, recording included, beside RotorPy's own flight."""
+"""Run times of whole commands: `fly`, recording included, beside RotorPy's own flight."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ PEER = "rotorpy: a circle of 20 s, nothing recorded"
 PEER_S = 20.0
 ROUNDS = 5
 GOAL_SHARE = 0.08
-"""Of the peer's time for a flight as long."""
+"""Share of the peer's time for a flight as long [-]."""
 
 
 def measure(options: Options) -> dict[str, Any]:

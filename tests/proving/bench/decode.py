@@ -1,4 +1,4 @@
-"""What one datagram costs, from bytes to a pose in our frames, beside pymavlink's bare parse of ODOMETRY."""
+"""Cost of one datagram, bytes to pose, beside pymavlink's bare parse of ODOMETRY."""
 
 import gc
 from collections.abc import Callable
@@ -26,7 +26,7 @@ class Timed:
         self.bytes = len(datagrams[-1])
         """Length of a datagram."""
         self.took_us: list[float] = []
-        """Of each call that counts [µs]."""
+        """Duration of each call that counts [µs]."""
         self._datagrams = datagrams
         self._decode = decode
 

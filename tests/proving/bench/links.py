@@ -1,4 +1,4 @@
-"""How commands keep time: the pacer's frames beside a bare sleep loop, and pose to command beside a bare echo.
+"""Timing of frames beside a bare sleep loop, and of pose to command beside a bare echo.
 
 ``groundstation daemon`` flies a simulated vehicle that lives here; poses leave at 50, 100 and 250 Hz, and between any
 two of them a datagram of the same size goes to a bare asyncio echo in a process of its own. Both times are taken here,
@@ -40,7 +40,7 @@ class LatencyFailed(Exception):
 
 
 class Answers(NamedTuple):
-    """How long what was sent had to wait for its answer [s]."""
+    """Times from sending to the answer [s]."""
 
     latencies_s: list[float]
     sent: int
@@ -98,13 +98,13 @@ SHOWN = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
 RATES_HZ = (50, 100, 250)
 """Poses per second."""
 START_LIMIT_S = 20.0
-"""How long the program may take to arm the vehicle [s]."""
+"""Timeout for the program to arm the vehicle [s]."""
 SETTLE_S = 1.0
-"""What is left out at the beginning of each flight [s]."""
+"""Time at the beginning of each flight that is left out [s]."""
 SLIDE = 1.001
 """The time between two poses, in nominal periods."""
 LAST_S = 0.1
-"""How long the last answers are waited for [s]."""
+"""Timeout for the last answers [s]."""
 _SET_POINT = b"\x52\x00\x00"
 
 
@@ -416,7 +416,7 @@ def _figures(these: dict[str, float]) -> str:
 
 
 def lost_words(these: dict[str, float]) -> str:
-    """What became of the poses that had no command of their own."""
+    """Describe the poses that had no command of their own."""
     return f"{these['overtaken']} overtaken by a newer pose, {these['unanswered']} unanswered"
 
 

@@ -1,4 +1,4 @@
-"""How many stations one broker bears: a hundred publish to a mosquitto on this machine, and one listens to all."""
+"""Load of one broker: a hundred stations publish to a mosquitto, one client listens to all."""
 
 import asyncio
 import contextlib
@@ -25,7 +25,7 @@ from tests.proving.bench.bench import Options
 STATIONS = 100
 RATE_HZ = 10.0
 SETTLE_S = 3.0
-"""Until all have connected [s]."""
+"""Time until all have connected [s]."""
 PROGRAM_PATH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/local/sbin", "/usr/sbin"])
 
 
@@ -128,7 +128,7 @@ def _snapshot(name: str, time_s: float) -> Snapshot:
 
 
 class ListenedMessages(msgspec.Struct):
-    """What the listener reads of a snapshot."""
+    """Part of a snapshot that the listener reads."""
 
     vehicle: str
     time_s: float

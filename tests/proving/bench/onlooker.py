@@ -9,7 +9,7 @@ import aiohttp
 
 
 async def subscribe(port: int) -> Counter[str]:
-    """How many messages of each topic a client of Foxglove's server gets until it ends."""
+    """Count the messages of each topic that a client of Foxglove's server gets until it ends."""
     names: dict[int, str] = {}
     got: Counter[str] = Counter()
     async with (

@@ -1,4 +1,4 @@
-"""What recording costs a flight: a pilot at 100 Hz on a real event loop, with its recorder's process and without."""
+"""Cost of recording: a pilot at 100 Hz on a real event loop, with and without a recorder."""
 
 import asyncio
 import resource

@@ -1,4 +1,4 @@
-"""What a dashboard, and a viewer, cost the flight that they show: pose to command without and with each, in turns.
+"""Cost of a dashboard and of a viewer: pose to command without and with each, in turns.
 
 The flight records in every turn, so that what is compared is who looks on.
 """
@@ -116,7 +116,7 @@ async def _free_port() -> int:
 
 @asynccontextmanager
 async def _measure(processes: Sequence[asyncio.subprocess.Process], shares: list[float]) -> AsyncIterator[None]:
-    """What the first of ``processes`` has taken of a processor goes into ``shares``; all are ended at the end."""
+    """Add the processor share of the first of ``processes`` to ``shares``; end all."""
     loop = asyncio.get_running_loop()
     begun_s = loop.time()
     try:

@@ -24,7 +24,7 @@ GOAL_SHARE = 0.1
 MONITOR_TICKS = 1500
 """Commands in the flight that is recorded."""
 ROUNDS = 15
-"""How often each is made again; the fastest counts, which other programs disturbed least."""
+"""Repetitions of each measurement; the fastest counts, which other programs disturbed least."""
 
 
 class UnmonitoredPilot(Pilot):

@@ -58,15 +58,16 @@ from tests.proving.faults.monitors import UNGUARDED, DeckMonitors
 LANDS = ("sim.own_estimate=true",)
 """The autopilot of the deck knows where it is, so it is asked to land where we can't see it."""
 AUTOPILOT = {"COM_OF_LOSS_T": 0.3}
-"""How long it holds the last set-point when they stop [s]; its default is 1 s, docs/how-to/px4.md asks for 0.2 to 1."""
+"""Time for which PX4 holds the last set-point [s]; its default is 1 s, docs/how-to/px4.md asks for
+0.2 to 1."""
 CONFIRM_S = 3.0
 """When arming is confirmed, in virtual time [s]."""
 FIGURE_S = 5.0
-"""How long the figure is flown where nothing ends it early [s]."""
+"""Duration of the figure where nothing ends it early [s]."""
 NEAR = ("trajectory.centre_ned=[0.093,-1.507,0]",)
 """The figure begins 1 m above the place at which the scenario's vehicle holds after its take-off: a short way."""
 LOOK_S = 0.005
-"""How often it is looked whether the moment has come [s]."""
+"""Period at which the moment of the strike is looked for [s]."""
 HONEST_FIGURE_S = 9.0
 """Time that the figure is flown in an honest flight: longer than it is looked at [s]."""
 HONEST_S = 7.0
@@ -78,7 +79,7 @@ FORCED_WITHIN_S = 3.0
 LIMIT_S = 60.0
 """A flight that goes on for longer after a fault than this does not end [s]."""
 REST_LIMIT_S = 12.0
-"""How long after a flight's end the vehicle may take to come to rest [s]."""
+"""Time after a flight's end in which the vehicle must come to rest [s]."""
 STILL_SHARE = 0.05
 """Motors that give less than this share of the weight are off [-]."""
 BLIND_S = 0.2
@@ -130,7 +131,7 @@ def not_struck(case: str, fault: Fault, state: str, why: str, scenario: str = "p
 
 
 class _Broken(Exception):
-    """What the controller dies of."""
+    """Failure of the controller."""
 
 
 async def fly_here(
@@ -362,7 +363,7 @@ async def _fly_on(stage: Stage, for_s: float) -> None:
 
 
 class _Autopilot:
-    """What the autopilot does beside obeying."""
+    """Reactions of the autopilot beside obeying."""
 
     def __init__(self, on_act: Callable[[float], None]) -> None:
         """Nothing yet; ``on_act(time_s)`` hears once when it acts by itself."""
@@ -406,7 +407,7 @@ def hover_n(world: World) -> float:
 
 
 def _left_wrongly(fault: Fault, state: str, config: Config, wire: WireJudge, pushing: Thrust, struck_s: float) -> str:
-    """What must not have left; empty where there is nothing."""
+    """Describe a command that must not have left; empty where there is none."""
     if wire.wrong:
         return wire.wrong
     most = config.flight.coast_s + config.guards.level_s + 2.0 + BLIND_S
@@ -426,7 +427,7 @@ class _Copies:
 
     def __init__(self, copies: Sequence[Copy]) -> None:
         self.rows: list[Row] = []
-        """What they have found, in their order."""
+        """Rows found so far, in their order."""
         self.out: int | None = None
         """Where a copy tells what it has found; None in the process that is none."""
         self._copies = copies

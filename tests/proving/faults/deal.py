@@ -61,7 +61,8 @@ SPREAD = ("tracking", "hold", "take-off", "landing", "returning", "descent", "mo
 AGAIN = ("dropout", "mode stolen", "controller exception", "frame loss")
 """Faults that it strikes with once more, in another state."""
 TOGETHER = 12
-"""So many cells at most are flown together by one process, that all processes have enough to do."""
+"""At most this many cells are flown together by one process, so that all processes have enough to
+do."""
 
 
 class Cell(msgspec.Struct, frozen=True):
@@ -208,7 +209,7 @@ class Broker:
     def __init__(self) -> None:
         self.port = 0
         self.published = 0
-        """How many messages have come."""
+        """Number of messages that have come."""
         self._server: asyncio.Server | None = None
         self._writers: list[asyncio.StreamWriter] = []
 
@@ -256,7 +257,7 @@ async def _length(reader: asyncio.StreamReader) -> int:
 
 
 PACER = "links.rf.pacer_child"
-"""What paces the frames of a radio, in a process of its own."""
+"""Module of the process that paces a radio's frames."""
 
 
 class LiveScene:
@@ -270,7 +271,7 @@ class LiveScene:
         self.station: asyncio.subprocess.Process
         self.screen: asyncio.subprocess.Process | None = None
         self.bridge: asyncio.subprocess.Process | None = None
-        """It has the radio module, where the station itself has none."""
+        """Process that has the radio module, where the station itself has none."""
         self.log: list[str] = []
         self.frames: list[tuple[float, float]] = []
         """When, and thrust as a share."""
@@ -401,24 +402,24 @@ STRIKES: dict[str, Callable[[LiveScene], None]] = {
     "MQTT broker gone": _kill_broker,
     "TUI crash": _kill_screen,
 }
-"""What strikes each fault; its name as in :data:`tests.proving.faults.faults.FAULTS`."""
+"""Action of each fault, by its name in :data:`tests.proving.faults.faults.FAULTS`."""
 
 
 UNDER_WAY_S = 0.06
-"""What a killed process has sent may be under way for so long on a busy machine [s]."""
+"""Data of a killed process may be under way this long on a busy machine [s]."""
 GAP_S = 0.3
 """A flight that goes on leaves no longer gap between two frames [s]: the coast limit, and a moment more."""
 RADIO_S = 2.0 + 0.25 + 0.25 + 0.1
-"""How long after its station's death a pacer may lift: to the deadline, and its bring-down [s]."""
+"""A pacer may lift this long after its station's death: to the deadline, and its bring-down [s]."""
 TAKEN_OVER_S = 0.15
-"""How long the last frame of a pacer that is gone may be held [s]: a sign of life 60 ms old on two looks, and what a
-busy machine takes."""
+"""The last frame of a pacer that is gone may be held this long [s]: a sign of life 60 ms old on two
+looks, and a busy machine's delay."""
 
 
 def evidence(
     scene: LiveScene, name: str, state: str, *, struck_s: float, acts_s: float | None, rests: bool
 ) -> tuple[list[Answer], str]:
-    """What ``scene`` answered to the fault ``name`` in ``state``, and what is wrong with that; empty where nothing is.
+    """Return the answers of ``scene`` to a fault, and what is wrong; empty: nothing.
 
     ``acts_s`` is when the autopilot acted by itself, where it did, and ``rests`` whether the vehicle stands in the end.
     """
@@ -438,7 +439,7 @@ def evidence(
 
 
 def _after_death(scene: LiveScene, state: str, struck_s: float, answers: list[Answer]) -> str:
-    """Of a station that was killed. A pacer that outlives it is an answer."""
+    """Judge a station that was killed. A pacer that outlives it is an answer."""
     wrong = ""
     if scene.stage.radio is None and scene.bytes_s[-1] > struck_s + UNDER_WAY_S:
         wrong = f"something left {scene.bytes_s[-1] - struck_s:.2f} s after the station was dead"
@@ -455,7 +456,7 @@ def _after_death(scene: LiveScene, state: str, struck_s: float, answers: list[An
 
 
 def _after_pacing(scene: LiveScene, struck_s: float) -> str:
-    """Of a radio whose pacer is gone, or told to end: somebody goes on, with a bring-down, and last of all disarmed."""
+    """Judge a radio whose pacer is gone: a bring-down follows, and last of all disarmed."""
     after = [(t, thrust) for t, thrust in scene.frames if t > struck_s]
     if not after:
         return "no frame came any more: the receiver held one that flies"
@@ -469,7 +470,7 @@ def _after_pacing(scene: LiveScene, struck_s: float) -> str:
 
 
 def _flying_on(scene: LiveScene, struck_s: float, answers: list[Answer]) -> str:
-    """Of a station that lives."""
+    """Judge a station that lives."""
     times = [t for t, _ in scene.frames if t >= struck_s - 0.1]
     gap = max((b - a for a, b in zip(times, times[1:], strict=False)), default=0.0)
     if gap > GAP_S and not answers:
@@ -481,7 +482,7 @@ def _flying_on(scene: LiveScene, struck_s: float, answers: list[Answer]) -> str:
 
 
 AT_ONCE = 3
-"""So many are flown side by side: each is mostly waiting."""
+"""At most this many are flown side by side: each is mostly waiting."""
 SHORT = (
     "takeoff.height_m=0.6", "takeoff.hold_s=1.5", "takeoff.climb_m_s=1.0", "trajectory.altitude_m=-0.4",
     "guards.overruns=30",
@@ -489,7 +490,7 @@ SHORT = (
 """Low and quick; a machine that does other things meanwhile may be late."""
 FIGURE_S = 4.0
 TRIES = 3
-"""How often a cell is flown at most, where this machine disturbs it."""
+"""Attempts at a cell that this machine disturbs."""
 STILL_S = 0.1
 """A simulated vehicle that was not looked after for so long is no judge [s]."""
 LIMIT_S = 90.0

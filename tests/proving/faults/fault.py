@@ -23,9 +23,9 @@ class Meddler:
 
     def __init__(self, tracker: Tracker) -> None:
         self.picture: Picture | None = None
-        """What becomes of what is seen; None: it is true."""
+        """Change of the seen poses; None: they are true."""
         self.way: Way | None = None
-        """What becomes of the frames; None: each is sent at once, as it is."""
+        """Change of the frames' way; None: each is sent at once, as it is."""
         self.shown: TrackedBody | None = None
         """Our body in the newest frame."""
         self._tracker = tracker
@@ -50,7 +50,7 @@ class Meddler:
 
 
 class Kind(StrEnum):
-    """How the rows of a family are judged."""
+    """Rule by which the rows of a family are judged."""
 
     REQUIRED = "required"
     """False or missing poses: at least :data:`judge.REQUIRED_SHARE` of the cells within the limits."""
@@ -80,7 +80,7 @@ def name_of(case: str) -> str:
 FALLS = (Exemption.NO_LINK, Exemption.NO_MOTORS, Exemption.WEAK)
 """Nothing that anybody could tell the vehicle holds it up."""
 TUMBLES = (Exemption.NO_LINK, Exemption.NO_MOTORS)
-"""Nor upright."""
+"""Exemptions of vehicles that need not stay upright either."""
 
 REASONS: dict[Exemption, str] = {
     Exemption.NO_LINK: (
@@ -104,7 +104,7 @@ REASONS: dict[Exemption, str] = {
 
 
 class Poses(StrEnum):
-    """What becomes of the poses."""
+    """Effect on the poses."""
 
     TRUE = "true"
     """They are true, and come; perhaps late, seldom or twice."""
@@ -138,13 +138,13 @@ class Scene:
 
     @property
     def between(self) -> Meddler:
-        """What stands between the cameras and the network."""
+        """The meddler between the cameras and the network."""
         assert self._meddler is not None, "this one needs cameras"
         return self._meddler
 
     @property
     def struck(self) -> Struck:
-        """What a wrong picture begins with, now."""
+        """Return the state at which a wrong picture begins, now."""
         truth, shown = self.stage.plant.truth(self.now_s), self.between.shown
         place = (truth.position_ned, truth.attitude) if shown is None else (shown.position_ned, shown.attitude)
         return Struck(self.now_s, *place, self.normals)
@@ -157,7 +157,7 @@ class Fault(NamedTuple):
     """One case of a fault: a fault and the value that it is flown with."""
 
     says: str
-    """What happens, for people."""
+    """Description for people."""
     strike: Strike | None = None
     """Lets it happen; None where it needs processes of its own (:mod:`tests.proving.faults.deal`)."""
     link: str = "mavlink"
@@ -168,11 +168,11 @@ class Fault(NamedTuple):
     overrides: tuple[str, ...] = ()
     """``--set`` of the flight that it happens to."""
     poses: Poses = Poses.TRUE
-    """What they are from then on."""
+    """The poses from then on."""
     obeys: bool = False
     """Whether the vehicle goes on doing what it is told, and the poses say so: then to convict them is wrong."""
     exemption: Exemption = Exemption.NONE
-    """What can't be asked of it in the air."""
+    """Demands that can't be made in the air."""
     silences: bool = False
     """Whether nothing may leave once the autopilot has told of it."""
     live: tuple[str, ...] = ()
@@ -182,7 +182,7 @@ class Fault(NamedTuple):
     family: str = ""
     """Family that it is counted in."""
     kind: Kind = Kind.OTHER
-    """How it is judged."""
+    """Rule by which it is judged."""
     flies_on: tuple[str, ...] = ()
     """States in which the mission must go on as planned."""
 
@@ -281,5 +281,5 @@ MOMENTS: dict[str, Moment] = {
     "landing": Moment(State.LANDING, 0.7),
     "descent": Moment(State.DESCENT, 0.3),
 }
-"""By the name that the deck gives them. ``start`` is before the first pose comes; ``spool-up``, ``lift-off`` and
-``take-off`` are parts of one state."""
+"""Moments by the names in the deck. ``start`` is before the first pose; ``spool-up``, ``lift-off``
+and ``take-off`` are parts of one state."""

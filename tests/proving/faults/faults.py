@@ -43,7 +43,7 @@ from tests.proving.faults.fault import (
 from tests.proving.faults.pictures import WIFI_S, Picture, Way, jitter, late
 
 LOAD_M_S2 = 3.2
-"""What a load had pulled [m/s²]."""
+"""Acceleration by a load that falls off [m/s²]."""
 GUST_M_S2 = (3.0, 2.0, 1.0)
 """Acceleration by a gust, NED [m/s²]."""
 GUST_S = 1.5
@@ -55,7 +55,7 @@ WAVE_PERIOD_S = 5.0
 WAVE_S = 12.5
 """Duration of that wind [s]."""
 SILENT_S = 4.0
-"""How long one way of the link passes nothing [s]: an autopilot is lost after 3."""
+"""Duration of a one-way silence of the link [s]: an autopilot is lost after 3."""
 SAG_SHARE = 0.75
 """Share of the thrust that a collapsing battery leaves [-]."""
 SAG_S = 6.0
@@ -69,9 +69,9 @@ EMPTY_V = 3.1
 LOST_FRAMES = 0.7
 """Share of the command frames that get lost on a bad radio."""
 STALL_S = 1.5
-"""How long nothing passes either way on a link that stalls [s]."""
+"""Duration of a two-way stall of the link [s]."""
 REBOOT_S = 2.0
-"""How long an autopilot takes to restart [s]."""
+"""Duration of an autopilot's restart [s]."""
 TURN_PER_SEED_RAD = math.radians(137.5)
 """Angle from one seed's disturbances to the next one's: no two of some seeds are alike [rad]."""
 PICKED_UP_SHARE = 0.1
@@ -85,7 +85,7 @@ GRASP_DAMPING_PER_S = 40.0
 GRASP_MOST_M_S2 = 60.0
 """Strongest pull of a hand, for the vehicle's mass [m/s²]."""
 STEP_S = 0.01
-"""How finely a hand's motion is told [s]."""
+"""Step of a hand's motion [s]."""
 SLACK_M = 0.3
 """Distance that a cable caught on the floor still lets the vehicle fly [m]."""
 TETHER_PER_S2 = 40.0
@@ -115,7 +115,7 @@ ASTRAY_S = 3.0
 ASTRAY_STEP_S = 0.01
 """Time between its steps [s]."""
 ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
-"""How much another wind a partner feels that flies beside ours."""
+"""Difference of the wind that a partner feels beside ours [m/s²]."""
 
 
 def shows(make: Callable[..., Picture], *told: Any) -> Strike:
@@ -209,7 +209,7 @@ async def reset(scene: Scene) -> None:
 
 
 async def nothing(scene: Scene) -> None:
-    """What is wrong has been so from the beginning."""
+    """Do nothing: the fault has been there from the beginning."""
 
 
 async def dropout(scene: Scene) -> None:
@@ -513,7 +513,7 @@ BROKEN: dict[str, Fault] = {
 """Something breaks, and shows it."""
 
 MIRRORED = {"x": "north is south", "y": "east is west", "z": "up is down"}
-"""Of each coordinate, what it is to whoever sees it with the other sign."""
+"""Meaning of each mirrored coordinate."""
 
 
 def _mirror(name: str) -> tuple[Vec3, ...]:

@@ -53,7 +53,7 @@ class Truth:
         self.plant: Quadrotor
         """To be set before the first step."""
         self.struck_s = math.inf
-        """From when on it counts."""
+        """Time from which on it counts [s]."""
         self.off_m = 0.0
         """Farthest from the reference, or sideways from where there was none any more."""
         self.highest_m = 0.0
@@ -91,7 +91,7 @@ class Truth:
         return self._told is not None
 
     def strike(self, time_s: float) -> Vec3:
-        """From now on it counts; where that is [m, NED]."""
+        """Begin to judge at ``time_s``; returns the place [m, NED]."""
         self.struck_s = time_s
         self._struck = self._course = place = self.plant.truth(time_s).position_ned
         self._top = place[2]
@@ -154,7 +154,8 @@ class Thrust:
         A signal (0..1) counts until the next one, or for as long as it is held: ``held_s`` [s].
         """
         self.answered_s = math.inf
-        """From when on it counts: a descent in open loop, and what was under way then has left."""
+        """Time from which on it counts [s]: a descent in open loop, and commands then under way
+        have left."""
         self.decided_s = math.inf
         """When the first answer came."""
         self.decided_height_m = 0.0
@@ -201,11 +202,11 @@ SIDEWAYS_M = 3.0
 FASTEST_M_S = 3.0
 """Fastest that it may move [m/s]."""
 KNOWN_HIGHEST_M = 2.0
-"""The same height for a known limit [m]."""
+"""Largest height for a known limit [m]."""
 KNOWN_SIDEWAYS_M = 5.0
-"""The same distance for a known limit [m]."""
+"""Largest distance sideways for a known limit [m]."""
 KNOWN_FASTEST_M_S = 4.5
-"""The same speed for a known limit [m/s]."""
+"""Largest speed for a known limit [m/s]."""
 SPOOL_M = 0.8
 """Highest without a lift-off that is seen: thrust rises, and then the motors stop [m]."""
 SPOOL_M_S = 3.0
@@ -271,7 +272,7 @@ LIMITS = (
         f"{GUARDED_SHARE:g}x + {GUARDED_M_S:g} m/s, {GUARDED_SHARE:g}x + {GUARDED_M:g} m",
     ),
 )
-"""What is limited, and by how much; for people."""
+"""Limits and their values, for people."""
 
 
 class MotionLimits(NamedTuple):
@@ -319,7 +320,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """Value that the fault is flown with; empty where there is one only."""
     family: str = ""
     kind: str = ""
-    """How it is judged, a word of :class:`tests.proving.faults.fault.Kind`."""
+    """Rule of judgement, a word of :class:`tests.proving.faults.fault.Kind`."""
     state: str
     link: str
     scenario: str
@@ -329,7 +330,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     reaction: str
     """The states that it led to; ``flies on`` where the flight went on as planned."""
     answer_ms: float | None
-    """From the fault to the first of these; None where there was none."""
+    """Time from the fault to the first answer [ms]; None where there was none."""
     highest_m: float
     """Highest above where it was struck or its course."""
     sideways_m: float
@@ -348,9 +349,9 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     over_hover_s: float
     """For how long commands pushed more than what hovers after the answer."""
     exemption: str
-    """What was not asked of it, a word of :class:`tests.proving.faults.fault.Exemption`; mostly empty."""
+    """Waived demands, a word of :class:`tests.proving.faults.fault.Exemption`; mostly empty."""
     ended: str = ""
-    """How: flies on, holds, lands, descends (each in closed loop), open loop."""
+    """Ending: flies on, holds, lands, descends (each in closed loop), open loop."""
     worst: float = 0.0
     """Largest figure as a share of its limit [-]."""
     unguarded_m_s: float | None = None
@@ -365,7 +366,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def exemption_of(fault: Fault, state: str) -> Exemption:
-    """What can't be asked of ``fault`` in ``state``: who has not left the floor does not fall."""
+    """Return the demands waived in ``state``: a vehicle on the floor does not fall."""
     flying = MOMENTS[state].flying or fault.exemption is Exemption.NOT_OBSERVABLE
     return fault.exemption if flying else Exemption.NONE
 
@@ -484,7 +485,7 @@ ENDS = {
     State.LANDING: "lands",
     State.HOLD: "holds",
 }
-"""How a flight ends that an answer leads to; the first one counts that is among the answers."""
+"""Ending by the states that answers lead to; the first one counts that is among the answers."""
 
 
 def name_end(answers: Sequence[Answer], *, blind: bool, lands: bool, aborted_m: float = math.inf) -> str:
@@ -678,7 +679,7 @@ class WireJudge:
 
 
 def _due(command: Command, time_s: float) -> Command | Segment | None:
-    """What of ``command`` may leave at ``time_s`` [s], where no other came."""
+    """Return the part of ``command`` that may leave at ``time_s`` [s], where no other came."""
     end = command.deadline_s
     if time_s <= end:
         return command

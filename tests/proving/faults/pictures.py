@@ -18,11 +18,11 @@ NOISE_M = 0.0003
 NOISE_RAD = 0.002
 """Attitude noise of invented poses [rad], 1σ an axis."""
 FLICKER_M = 1e-9
-"""By so much a picture flickers that stands still [m]."""
+"""Flicker of a frozen picture [m]."""
 TELEPORT_M = 1.0
-"""How far away a vehicle is seen that teleports [m]."""
+"""Distance of a teleport [m]."""
 NEAR_M = 0.08
-"""How far from ours another body is that is taken for it in flight [m]: too near for a jump to be seen."""
+"""Distance of another body that is taken for ours in flight [m]: too near for a visible jump."""
 CARRY_M_S = 0.5
 """Speed at which a hand carries a body [m/s]."""
 CARRY_TILT_DEG = 10.0
@@ -30,7 +30,7 @@ CARRY_TILT_DEG = 10.0
 CARRY_RAMP_S = 0.5
 """Time to reach that speed [s]."""
 TURNING_DEG_S = 20.0
-"""How fast axes turn that are lost slowly [deg/s]."""
+"""Turning rate of axes that are lost slowly [deg/s]."""
 
 
 class Struck(NamedTuple):
@@ -39,7 +39,7 @@ class Struck(NamedTuple):
     time_s: float
     """[s]"""
     position_ned: Vec3
-    """What was shown last, or where it stood before anything was shown [m]."""
+    """Position shown last, or the place before anything was shown [m]."""
     attitude: Quat
     normals: Iterator[tuple[float, ...]]
     """Rows of six standard normal numbers."""
@@ -76,7 +76,7 @@ def freeze(struck: Struck) -> Picture:
 
 
 def flicker(struck: Struck) -> Picture:
-    """The same, but for a nanometre."""
+    """Freeze the pose but for a nanometre."""
 
     def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
         x, y, z = struck.position_ned
@@ -87,7 +87,7 @@ def flicker(struck: Struck) -> Picture:
 
 
 def still(struck: Struck) -> Picture:
-    """The same, with noise."""
+    """Freeze the pose under noise."""
     return _ours(lambda time_s, position, attitude: _noisy(struck, struck.position_ned, struck.attitude))
 
 
@@ -312,15 +312,15 @@ def flip_signs(struck: Struck, roll: float, pitch: float) -> Picture:
 
 
 CLOCK_STEP_S = 5.0
-"""How far ahead the tracking computer's clock leaps [s]."""
+"""Forward step of the tracking computer's clock [s]."""
 COPIES = 3
-"""How often a datagram comes that comes more than once."""
+"""Number of copies of a repeated datagram."""
 GROWS_PER_S = 0.050
 """Growth of a growing delay [s/s]."""
 GROWN_S = 0.400
 """Delay at which it stops growing [s]."""
 WIFI_S = 0.060
-"""By how much a wireless network delays a frame at most [s]."""
+"""Largest delay of a frame by a wireless network [s]."""
 
 Send = Callable[[int, float, Sequence[TrackedBody]], None]
 """Frame number, instant of its exposure [s], bodies."""
