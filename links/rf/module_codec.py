@@ -34,6 +34,7 @@ Source: EdgeTX e2bcbd6c, radio/src/pulses/dsm2.cpp; captures on noisebridge.net,
 
 import math
 from collections.abc import Iterable, Sequence
+from enum import IntEnum
 from typing import Annotated, Literal
 
 import msgspec
@@ -146,14 +147,20 @@ def _is_frame(data: bytes, at: int) -> bool:
 
 
 CHANNELS = 16
-RC_CHANNELS = 0x16
-"""Frame types of CRSF, as the next six."""
-COMMAND = 0x32
-BATTERY = 0x08
-LINK = 0x14
-ATTITUDE = 0x1E
-MODE = 0x21
-RADIO = 0x3A
+
+
+class CrsfFrame(IntEnum):
+    """Frame types of CRSF."""
+
+    BATTERY = 0x08
+    LINK = 0x14
+    RC_CHANNELS = 0x16
+    ATTITUDE = 0x1E
+    MODE = 0x21
+    COMMAND = 0x32
+    RADIO = 0x3A
+
+
 TO_MODULE = 0xEE
 """CRSF address of a transmitter module."""
 SYNC = 0xC8
@@ -245,7 +252,7 @@ class CrsfCodec:
         packed = 0
         for i, at in enumerate(positions):
             packed |= counts(at, _LOW, _HIGH, _LARGEST) << (11 * i)
-        return _frame(self._address, RC_CHANNELS, packed.to_bytes(_CHANNEL_BYTES, "little"))
+        return _frame(self._address, CrsfFrame.RC_CHANNELS, packed.to_bytes(_CHANNEL_BYTES, "little"))
 
     def decoder(self) -> "CrsfDecoder":
         """A decoder."""
@@ -282,17 +289,17 @@ class CrsfDecoder(RfDecoder):
         return heard
 
     def _decode_frame(self, kind: int, payload: bytes) -> RfFrame:
-        if kind == RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:
+        if kind == CrsfFrame.RC_CHANNELS and len(payload) >= _CHANNEL_BYTES:
             packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
             found = (packed >> (11 * i) & 0x7FF for i in range(CHANNELS))
             return RfFrame(tuple(position(count, _LOW, _HIGH) for count in found))
-        is_order = kind == COMMAND and len(payload) >= 5 and payload[2] == _THIS_SYSTEM
+        is_order = kind == CrsfFrame.COMMAND and len(payload) >= 5 and payload[2] == _THIS_SYSTEM
         if is_order and _crc8((kind, *payload[:-1]), _BA) == payload[-1]:
             if payload[3] == _BIND:
                 return RfFrame(None, Service.BIND)
             if payload[3] == _MODEL and len(payload) == 6:
                 return RfFrame(None, None, payload[4])
-        if kind == ATTITUDE and len(payload) >= 6:
+        if kind == CrsfFrame.ATTITUDE and len(payload) >= 6:
             pitch, roll, yaw = (1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4))
             return RfFrame(None, tells=RfTelemetry(attitude=_quaternion(roll, self._pitch * pitch, yaw)))
         return RfFrame(None, tells=_decode_telemetry(kind, payload))
@@ -311,19 +318,19 @@ def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, fl
 
 def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:
     size = len(payload)
-    if kind == BATTERY and size >= 8:
+    if kind == CrsfFrame.BATTERY and size >= 8:
         volts = 0.1 * int.from_bytes(payload[:2], "big")
         # No voltage: nobody measures it, and nobody knows the charge.
         return RfTelemetry(battery_v=volts, battery_share=min(payload[7], 100) / 100) if volts else RfTelemetry()
-    if kind == LINK and size >= 10:
+    if kind == CrsfFrame.LINK and size >= 10:
         first, second, percent, noise = payload[:4]
         strongest = min((x for x in (first, second) if x), default=0)
         snr = noise - 256 if noise > 127 else noise
         return RfTelemetry(uplink_share=min(percent, 100) / 100, uplink_dbm=-strongest, uplink_snr_db=snr)
-    if kind == MODE:
+    if kind == CrsfFrame.MODE:
         text = payload.split(b"\0")[0].decode("ascii", "replace")
         return RfTelemetry(mode="".join(c for c in text if c.isprintable()))
-    if kind == RADIO and size >= 11 and payload[2] == _TIMING:
+    if kind == CrsfFrame.RADIO and size >= 11 and payload[2] == _TIMING:
         return RfTelemetry(early_s=1e-7 * int.from_bytes(payload[7:11], "big", signed=True))
     return None
 
@@ -331,12 +338,12 @@ def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:
 def encode_attitude(pitch: float, roll: float, yaw: float) -> bytes:
     """The frame by which a module hands on an attitude [rad]."""
     angles = (round(1e4 * math.remainder(angle, math.tau)) for angle in (pitch, roll, yaw))
-    return _frame(_RADIO, ATTITUDE, b"".join(angle.to_bytes(2, "big", signed=True) for angle in angles))
+    return _frame(_RADIO, CrsfFrame.ATTITUDE, b"".join(angle.to_bytes(2, "big", signed=True) for angle in angles))
 
 
 def _command(what: int, *data: int) -> bytes:
     payload = bytes((TO_MODULE, _RADIO, _THIS_SYSTEM, what, *data))
-    return _frame(SYNC, COMMAND, payload + bytes((_crc8((COMMAND, *payload), _BA),)))
+    return _frame(SYNC, CrsfFrame.COMMAND, payload + bytes((_crc8((CrsfFrame.COMMAND, *payload), _BA),)))
 
 
 def _frame(address: int, kind: int, payload: bytes) -> bytes:

@@ -29,15 +29,16 @@ from links.mavlink.protocol import (
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
     WHOLE_BITS,
+    EstimatorKind,
+    MavFrame,
     MavlinkCodec,
+    MavResult,
     Message,
     decode,
     encode,
 )
 from sim.world import Airframe, TrueState
 
-ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
-"""MAV_RESULT."""
 CRITICAL = 2
 """MAV_SEVERITY_CRITICAL [-]."""
 WARNING = 4
@@ -352,11 +353,6 @@ class Descend(Climb):
         return thrust, (-ATTITUDE_GAIN * y * n, ATTITUDE_GAIN * x * n, 0.0)
 
 
-LOCAL_NED = 1
-"""MAV_FRAME_LOCAL_NED: PX4 sends position and, unlike most, also velocity in it."""
-ESTIMATOR_AUTOPILOT = 8
-"""MAV_ESTIMATOR_TYPE_AUTOPILOT."""
-
 KNOWN = 831
 """Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS [-]."""
 STILL = 167
@@ -429,8 +425,9 @@ def builders(
     def odometry(now_s: float, boot_s: float) -> Message:
         seen = airframe.measure(now_s)
         return odometry_message(
-            int(boot_s * 1e6), LOCAL_NED, LOCAL_NED, *seen.position_ned, seen.attitude, *seen.velocity_ned,
-            *seen.rates_rad_s, _UNKNOWN, _UNKNOWN, seen.resets, ESTIMATOR_AUTOPILOT, 0,
+            int(boot_s * 1e6), MavFrame.LOCAL_NED, MavFrame.LOCAL_NED, *seen.position_ned,
+            seen.attitude, *seen.velocity_ned, *seen.rates_rad_s, _UNKNOWN, _UNKNOWN,
+            seen.resets, EstimatorKind.AUTOPILOT, 0,
         )  # fmt: skip
 
     def local_position(now_s: float, boot_s: float) -> Message:
@@ -468,20 +465,6 @@ def statustext(codec: MavlinkCodec, number: int, severity: int, text: str) -> li
     return [message(severity, piece.encode("ascii"), number & 0xFFFF, n) for n, piece in enumerate(pieces)]
 
 
-NED = 1
-"""MAV_FRAME_LOCAL_NED [-]."""
-BODY_FRD = 12
-"""MAV_FRAME_BODY_FRD [-]."""
-LOCAL_FRD = 20
-"""MAV_FRAME_LOCAL_FRD [-]."""
-UNKNOWN = 0
-"""MAV_ESTIMATOR_TYPE_UNKNOWN [-]."""
-VISION = 2
-"""MAV_ESTIMATOR_TYPE_VISION [-]."""
-VIO = 3
-"""MAV_ESTIMATOR_TYPE_VIO [-]."""
-
-
 class Fused(msgspec.Struct, frozen=True):
     """One pose that the estimator has taken."""
 
@@ -510,13 +493,13 @@ class ExternalPoses:
         """One message."""
         velocity: Vec3 | None = (m.vx, m.vy, m.vz)
         if self._kind == ARDUPILOT:
-            if (m.frame_id, m.child_frame_id) != (LOCAL_FRD, BODY_FRD):
+            if (m.frame_id, m.child_frame_id) != (MavFrame.LOCAL_FRD, MavFrame.BODY_FRD):
                 self.left["frame"] += 1
                 return
-        elif m.estimator_type not in (UNKNOWN, VISION, VIO):
+        elif m.estimator_type not in (EstimatorKind.UNKNOWN, EstimatorKind.VISION, EstimatorKind.VIO):
             self.left["estimator"] += 1
             return
-        elif m.frame_id not in (NED, LOCAL_FRD):
+        elif m.frame_id not in (MavFrame.LOCAL_NED, MavFrame.LOCAL_FRD):
             self.left["frame"] += 1
             return
         elif not all(map(math.isfinite, (m.vx, m.vy, m.vz))):
@@ -716,11 +699,11 @@ class SimulatedAutopilot(Dialect):
             case c if c == SET_MESSAGE_INTERVAL:
                 result, said = self._set_interval(whole(message.param1), message.param2, now_s)
             case c if c == REQUEST_MESSAGE and whole(message.param1) == self._version_number:
-                result, said = ACCEPTED, [self.codec.pack(self._version())]
+                result, said = MavResult.ACCEPTED, [self.codec.pack(self._version())]
             case c if c == REQUEST_MESSAGE and whole(message.param1) == self._heartbeat_number:
-                result, said = ACCEPTED, [self.codec.pack(self._heartbeat())]
+                result, said = MavResult.ACCEPTED, [self.codec.pack(self._heartbeat())]
             case _:
-                result = UNSUPPORTED
+                result = MavResult.UNSUPPORTED
         ack = self.codec.dialect.MAVLink_command_ack_message(
             message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
         )
@@ -728,22 +711,22 @@ class SimulatedAutopilot(Dialect):
 
     def _arm(self, now_s: float) -> tuple[int, list[bytes]]:
         if self.armed:
-            return ACCEPTED, []
-        result, words = (TEMPORARILY_REJECTED, self.lacks) if self.lacks else self._refuses_to_arm(now_s)
-        if result != ACCEPTED:
+            return MavResult.ACCEPTED, []
+        result, words = (MavResult.TEMPORARILY_REJECTED, self.lacks) if self.lacks else self._refuses_to_arm(now_s)
+        if result != MavResult.ACCEPTED:
             return result, self._say(CRITICAL, words)
         self.armed = True
         self._ground_since_s = None
         self._airframe.power(now_s, True)
-        return ACCEPTED, self._say(INFO, "Armed by external command")
+        return MavResult.ACCEPTED, self._say(INFO, "Armed by external command")
 
     def _try_to_disarm(self, message: Message, now_s: float) -> tuple[int, list[bytes]]:
         if not self.armed:
-            return ACCEPTED, []
+            return MavResult.ACCEPTED, []
         result, words = self._refuses_to_disarm(now_s)
-        if message.param2 != FORCE and result != ACCEPTED:
+        if message.param2 != FORCE and result != MavResult.ACCEPTED:
             return result, self._say(CRITICAL, words) if words else []
-        return ACCEPTED, self._disarm(now_s, "Disarmed by external command")
+        return MavResult.ACCEPTED, self._disarm(now_s, "Disarmed by external command")
 
     def _disarm(self, now_s: float, words: str) -> list[bytes]:
         self.armed = False

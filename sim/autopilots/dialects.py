@@ -30,16 +30,12 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol import ARDUPILOT, PX4
+from links.mavlink.protocol import ARDUPILOT, PX4, MavResult
 from sim.autopilots.autopilot import (
-    ACCEPTED,
     ARDUPILOT_PARAMETERS,
     CRITICAL,
-    DENIED,
-    FAILED,
     INFO,
     PX4_PARAMETERS,
-    TEMPORARILY_REJECTED,
     WARNING,
     Climb,
     Descend,
@@ -158,34 +154,34 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
         if mode[0] not in (STABILIZE, LAND, *FOLLOWING):
-            return FAILED, self._say(CRITICAL, "Mode change failed: no such mode")
+            return MavResult.FAILED, self._say(CRITICAL, "Mode change failed: no such mode")
         if mode[0] == GUIDED and not self.parameters["EK3_SRC1_POSXY"]:
-            return FAILED, self._say(WARNING, "Mode change to GUIDED failed: requires position")
+            return MavResult.FAILED, self._say(WARNING, "Mode change to GUIDED failed: requires position")
         self.mode = mode[0]
         self._setpoint_s = math.inf
         self._levelling = False
         if self.armed and self.mode == LAND:
             self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
-        return ACCEPTED, []
+        return MavResult.ACCEPTED, []
 
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
         if self.mode == LAND:
-            return FAILED, "Arm: Land mode not armable"
+            return MavResult.FAILED, "Arm: Land mode not armable"
         if self.mode == STABILIZE:
-            return FAILED, "Arm: RC not found"
+            return MavResult.FAILED, "Arm: RC not found"
         self._has_flown = False
         self._armed_s, self._spooled_s = now_s, math.inf
-        return ACCEPTED, ""
+        return MavResult.ACCEPTED, ""
 
     def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
-        return (FAILED if self._has_flown else ACCEPTED), ""
+        return (MavResult.FAILED if self._has_flown else MavResult.ACCEPTED), ""
 
     def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
         said: list[bytes] = []
         if 0.0 < interval_us < SHORTEST_US:
             said = self._say(INFO, f"SET_MESSAGE_INTERVAL: {1e6 / interval_us:.0f} Hz is too fast, 250 Hz it is")
             interval_us = SHORTEST_US
-        return ACCEPTED if self._streams.set(number, interval_us, now_s) else DENIED, said
+        return MavResult.ACCEPTED if self._streams.set(number, interval_us, now_s) else MavResult.DENIED, said
 
 
 OFFBOARD = (6, 0)
@@ -303,25 +299,29 @@ class Px4Autopilot(SimulatedAutopilot):
 
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
         if mode not in (OFFBOARD, LOITER, PX4_LAND) or (mode == LOITER and self.armed):
-            return DENIED, []
+            return MavResult.DENIED, []
         if mode == OFFBOARD and self.armed and not self._streaming(now_s):
-            return TEMPORARILY_REJECTED, []
+            return MavResult.TEMPORARILY_REJECTED, []
         self._intended = mode
         self.failsafe = False
         if mode == PX4_LAND and self.armed:
             self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
-        return ACCEPTED, []
+        return MavResult.ACCEPTED, []
 
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
         if self._intended != OFFBOARD or not self._streaming(now_s):
-            return TEMPORARILY_REJECTED, "Arming denied: Resolve system health failures first"
-        return ACCEPTED, ""
+            return MavResult.TEMPORARILY_REJECTED, "Arming denied: Resolve system health failures first"
+        return MavResult.ACCEPTED, ""
 
     def _passes_checks(self, now_s: float) -> bool:
         return super()._passes_checks(now_s) and (self._intended != OFFBOARD or self._streaming(now_s))
 
     def _refuses_to_disarm(self, now_s: float) -> tuple[int, str]:
-        return (ACCEPTED, "") if self._has_landed(now_s) else (TEMPORARILY_REJECTED, "Disarming denied: not landed")
+        return (
+            (MavResult.ACCEPTED, "")
+            if self._has_landed(now_s)
+            else (MavResult.TEMPORARILY_REJECTED, "Disarming denied: not landed")
+        )
 
     def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
-        return ACCEPTED if self._streams.set(number, interval_us, now_s) else FAILED, []
+        return MavResult.ACCEPTED if self._streams.set(number, interval_us, now_s) else MavResult.FAILED, []

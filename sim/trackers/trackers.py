@@ -329,7 +329,7 @@ class Client(asyncio.Protocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._server.clients.add(self)
-        self._say(qtm.COMMAND, "QTM RT Interface connected")
+        self._say(qtm.RtPacket.COMMAND, "QTM RT Interface connected")
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget (called by the event loop)."""
@@ -347,17 +347,17 @@ class Client(asyncio.Protocol):
         match command.split():
             case ["version", version]:
                 if int(version.rpartition(".")[2]) <= NEWEST_MINOR:
-                    self._say(qtm.COMMAND, f"Version set to {version}")
+                    self._say(qtm.RtPacket.COMMAND, f"Version set to {version}")
                 else:
-                    self._say(qtm.ERROR, "Version NOT supported")
+                    self._say(qtm.RtPacket.ERROR, "Version NOT supported")
             case ["getparameters", *_]:
-                self._say(qtm.XML, qtm.parameters_xml(self._server.names))
+                self._say(qtm.RtPacket.XML, qtm.parameters_xml(self._server.names))
             case ["streamframes", "stop"]:
                 self._streaming = False
             case ["streamframes", *_]:
                 self._streaming = True
             case _:
-                self._say(qtm.ERROR, "Parse error")
+                self._say(qtm.RtPacket.ERROR, "Parse error")
 
     def _say(self, kind: int, text: str) -> None:
         if self._transport is not None:
@@ -417,9 +417,9 @@ class NatNetServer(asyncio.DatagramProtocol):
             return
         if addr in self._clients or len(self._clients) < MOST_CLIENTS:
             self._clients[addr] = asyncio.get_running_loop().time()
-        if number == natnet.CONNECT:
+        if number == natnet.NatNetMessage.CONNECT:
             self._answer(natnet.encode_server_info(self.info), addr)
-        elif number == natnet.REQUEST_MODELDEF:
+        elif number == natnet.NatNetMessage.REQUEST_MODELDEF:
             self._answer(self.models(), addr)
 
     def _answer(self, data: bytes, addr: Any) -> None:

@@ -19,14 +19,8 @@ from typing import NamedTuple
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose.sources.intake import Intake
-from links.mavlink.protocol import ARDUPILOT, MavlinkCodec, Message
+from links.mavlink.protocol import ARDUPILOT, MavFrame, MavlinkCodec, Message
 
-LOCAL_NED = 1
-"""MAV_FRAME, as the next three."""
-BODY_NED = 8
-BODY_FRD = 12
-LOCAL_FRD = 20
-"""NED but for its heading, which the vehicle chose at its start: it is our north."""
 OLDEST_ATTITUDE_S = 0.05
 """An attitude further from its position than this is not turned on [s]."""
 
@@ -81,14 +75,14 @@ class OdometryDecoder(PoseDecoder):
         """The pose in ``message``, or None."""
         if message.get_type() != "ODOMETRY":
             return None
-        if message.frame_id not in (LOCAL_NED, LOCAL_FRD):
+        if message.frame_id not in (MavFrame.LOCAL_NED, MavFrame.LOCAL_FRD):
             return self._intake.drop("wrong_frame")
         if message.quality < 0:
             return self._intake.drop("failed")
         w, x, y, z = message.q
         velocity: Vec3 = (message.vx, message.vy, message.vz)
         match message.child_frame_id:
-            case c if c in (BODY_FRD, BODY_NED):
+            case MavFrame.BODY_FRD | MavFrame.BODY_NED:
                 velocity = so3.to_world((w, x, y, z), velocity)
             case c if c != message.frame_id:
                 return self._intake.drop("wrong_frame")

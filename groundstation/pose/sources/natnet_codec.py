@@ -30,6 +30,7 @@ read for the layout only.
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from enum import IntEnum
 from typing import Any, TypeAlias
 
 import msgspec
@@ -95,25 +96,33 @@ def text_of(data: bytes) -> str:
     return data.partition(b"\0")[0].decode("utf-8", "replace")
 
 
-CONNECT = 0
-"""Message ids of NatNet, as the next seven."""
-SERVERINFO = 1
-REQUEST = 2
-RESPONSE = 3
-REQUEST_MODELDEF = 4
-MODELDEF = 5
-FRAMEOFDATA = 7
-KEEPALIVE = 10
-UNRECOGNIZED = 100
-"""Message ids; the last answers a request that a server does not know."""
+class NatNetMessage(IntEnum):
+    """Message ids of NatNet."""
+
+    CONNECT = 0
+    SERVERINFO = 1
+    REQUEST = 2
+    RESPONSE = 3
+    REQUEST_MODELDEF = 4
+    MODELDEF = 5
+    FRAMEOFDATA = 7
+    KEEPALIVE = 10
+    UNRECOGNIZED = 100
+    """Answer to a request that a server does not know."""
+
+
+class SuffixFlag(IntEnum):
+    """Bits of the flags in a frame's suffix."""
+
+    MODELS_CHANGED = 2
+    EDITED = 4
+    BITSTREAM_CHANGED = 8
+
+
 MAX_DATAGRAM = 65507
 """No UDP datagram is longer [bytes]."""
 TRACKED = 1
 """Bit of a rigid body's flags."""
-MODELS_CHANGED = 2
-"""Bit of the suffix's flags, as the next two."""
-EDITED = 4
-BITSTREAM_CHANGED = 8
 
 Version: TypeAlias = tuple[int, int]
 OLDEST: Version = (3, 0)
@@ -217,7 +226,7 @@ def encode_server_info(info: ServerInfo) -> bytes:
     version = bytes([*info.version, 0, 0])
     group = bytes(map(int, info.group.split(".")))
     return message(
-        SERVERINFO,
+        NatNetMessage.SERVERINFO,
         _SERVER.pack(info.name.encode(), version, version, info.ticks_per_s, info.data_port, info.multicast, group),
     )
 
@@ -247,7 +256,9 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
     if sized:
         walk.take(_PRECISION)
     (flags,) = walk.take(_FLAGS)
-    changed, edited, bitstream = (bool(flags & bit) for bit in (MODELS_CHANGED, EDITED, BITSTREAM_CHANGED))
+    changed, edited, bitstream = (
+        bool(flags & bit) for bit in (SuffixFlag.MODELS_CHANGED, SuffixFlag.EDITED, SuffixFlag.BITSTREAM_CHANGED)
+    )
     return NatNetFrame(number, bodies, exposure, transmit, changed, not edited, bitstream)
 
 
@@ -294,13 +305,13 @@ def encode_frame(frame: NatNetFrame, version: Version, *, ticks_per_s: int = 10_
         _SUFFIX.pack(0, 0, ticks / ticks_per_s, ticks, frame.transmit_ticks, frame.transmit_ticks),
         _PRECISION.pack(ticks // ticks_per_s, 0) if sized else b"",
         _FLAGS.pack(
-            MODELS_CHANGED * frame.models_changed
-            | EDITED * (not frame.live)
-            | BITSTREAM_CHANGED * frame.bitstream_changed
+            SuffixFlag.MODELS_CHANGED * frame.models_changed
+            | SuffixFlag.EDITED * (not frame.live)
+            | SuffixFlag.BITSTREAM_CHANGED * frame.bitstream_changed
         ),
         U32.pack(0),  # end of data
     ]
-    return message(FRAMEOFDATA, b"".join(payload))
+    return message(NatNetMessage.FRAMEOFDATA, b"".join(payload))
 
 
 TURNED: Version = (4, 2)
@@ -363,7 +374,7 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
         turn = bytes(_QUATERNION_BYTES) if version >= TURNED else b""
         body = name.encode() + b"\0" + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0) + turn + U32.pack(0)
         parts += [U32.pack(1), U32.pack(len(body)) if version >= SIZED else b"", body]
-    return message(MODELDEF, b"".join(parts))
+    return message(NatNetMessage.MODELDEF, b"".join(parts))
 
 
 ANSWER_BEATS = 1
@@ -416,13 +427,13 @@ class NatNetReader:
         """Return the messages to send to the server now; called once a beat (about 0.5 s)."""
         self._silent_beats += 1
         if self.server is None or self._silent_beats > SILENT_BEATS:
-            asked = [message(REQUEST, ASK_BITSTREAM)] if self._ask_bitstream else []
-            return [*asked, message(CONNECT, b"Ping\0")]
-        messages = [message(CONNECT, b"Ping\0")] if self._ask_server else []
+            asked = [message(NatNetMessage.REQUEST, ASK_BITSTREAM)] if self._ask_bitstream else []
+            return [*asked, message(NatNetMessage.CONNECT, b"Ping\0")]
+        messages = [message(NatNetMessage.CONNECT, b"Ping\0")] if self._ask_server else []
         if self._ask_names:
-            messages.append(message(REQUEST_MODELDEF))
+            messages.append(message(NatNetMessage.REQUEST_MODELDEF))
         if self._keep_alive:
-            messages.append(message(KEEPALIVE))
+            messages.append(message(NatNetMessage.KEEPALIVE))
         return messages
 
     def take_from_other(self, datagram: bytes, address: str, port: int) -> None:
@@ -434,7 +445,7 @@ class NatNetReader:
         if self.server is not None and self._silent_beats <= ANSWER_BEATS:
             return
         with suppress(UnreadableNatNet):
-            if split(datagram)[0] in (SERVERINFO, MODELDEF, FRAMEOFDATA):
+            if split(datagram)[0] in (NatNetMessage.SERVERINFO, NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
                 self._advice = notice("pose.other_server", address=address, port=port)
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
@@ -446,18 +457,18 @@ class NatNetReader:
         return () if pose is None else (pose,)
 
     def _take(self, number: int, payload: bytes, arrival_s: float) -> Pose | None:
-        if number == SERVERINFO:
+        if number == NatNetMessage.SERVERINFO:
             self._ask_bitstream = self._keep_alive  # of its own stream a unicast client may choose the version
             self.server = decode_server_info(payload)
             self._ask_server = self._ask_bitstream = False
             self._silent_beats = 0
-        elif number in (RESPONSE, UNRECOGNIZED):
+        elif number in (NatNetMessage.RESPONSE, NatNetMessage.UNRECOGNIZED):
             pass
-        elif number not in (MODELDEF, FRAMEOFDATA):
+        elif number not in (NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
             return self._intake.drop("unknown_message")
         elif self.server is None:
             return self._intake.drop("no_server_info")
-        elif number == MODELDEF:
+        elif number == NatNetMessage.MODELDEF:
             models = decode_models(payload, self.server.version)
             self.names = tuple(models)[:MAX_NAMES]
             self._id = models.get(self._name) if self._fixed_id is None else self._fixed_id

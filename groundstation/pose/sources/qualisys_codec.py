@@ -13,20 +13,26 @@ Source: qtm-rt 3.1.0 (Qualisys' own package, MIT); the order of the matrix from 
 import math
 import struct
 from collections.abc import Iterable, Sequence
+from enum import IntEnum
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose.sources.intake import Intake
 
-ERROR = 0
-"""Packet types of the RT protocol, as the next five."""
-COMMAND = 1
-XML = 2
-DATA = 3
-NO_DATA = 4
-EVENT = 6
+
+class RtPacket(IntEnum):
+    """Packet types of the RT protocol."""
+
+    ERROR = 0
+    COMMAND = 1
+    XML = 2
+    DATA = 3
+    NO_DATA = 4
+    EVENT = 6
+
+
 LAST_TYPE = 9
-"""The protocol has no more of them."""
+"""Highest packet type of the protocol."""
 MAX_PACKET = 1 << 20
 """A longer packet is none: bodies and parameters need a few kilobytes."""
 MAX_BODIES = 512
@@ -71,7 +77,7 @@ class Framer:
 
 def is_sane(packet: bytes) -> bool:
     """Whether the components of a data packet have a size and end within it; other packets are taken as they are."""
-    if _HEADER.unpack_from(packet)[1] != DATA:
+    if _HEADER.unpack_from(packet)[1] != RtPacket.DATA:
         return True
     _, _, components = _DATA.unpack_from(packet, _HEADER.size)
     at = _HEADER.size + _DATA.size
@@ -107,7 +113,7 @@ def encode_data(stamp_us: int, frame: int, bodies: Iterable[tuple[Vec3, Quat] | 
         parts.append(_BODY.pack(1e3 * x, 1e3 * y, 1e3 * z, *columns))
     content = _SIX_D.pack(len(parts), 0, 0) + b"".join(parts)
     component = _HEADER.pack(_HEADER.size + len(content), _SIX_D_TYPE) + content
-    return packet(DATA, _DATA.pack(stamp_us, frame, 1) + component)
+    return packet(RtPacket.DATA, _DATA.pack(stamp_us, frame, 1) + component)
 
 
 def parameters_xml(names: Iterable[str]) -> str:
@@ -131,7 +137,7 @@ def body_names(xml: bytes) -> tuple[str, ...]:
     try:
         root = ElementTree.fromstring(xml.rstrip(b"\0"))  # noqa: S314  # no entities, bounded: just checked
     except (ElementTree.ParseError, LookupError) as error:
-        raise ValueError(f"the parameters are no XML: {error}") from None
+        raise ValueError(f"the parameters are no RtPacket.XML: {error}") from None
     return tuple((body.findtext("Name") or "").strip() for body in root.iterfind("The_6D//Body"))
 
 

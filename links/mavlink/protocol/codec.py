@@ -24,6 +24,7 @@ import importlib
 import re
 import sys
 from collections import Counter
+from enum import IntEnum
 from typing import Any, TypeAlias
 
 from links.mavlink.protocol.signing import SIGNATURE_BYTES, SIGNED, Signer
@@ -41,6 +42,37 @@ GROUND_STATION = 6
 """HEARTBEAT.type of a ground station (MAV_TYPE_GCS)."""
 ARMED = 128
 """Bit of HEARTBEAT.base_mode that says that the motors are on (MAV_MODE_FLAG_SAFETY_ARMED)."""
+
+
+class MavFrame(IntEnum):
+    """MAV_FRAME: axes of a position, a velocity or an attitude."""
+
+    LOCAL_NED = 1
+    BODY_NED = 8
+    BODY_FRD = 12
+    LOCAL_FRD = 20
+    """NED but for its heading, which the vehicle chose at its start: it is our north."""
+
+
+class MavResult(IntEnum):
+    """MAV_RESULT: answer to a command."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+
+
+class EstimatorKind(IntEnum):
+    """MAV_ESTIMATOR_TYPE: origin of an estimate."""
+
+    UNKNOWN = 0
+    VISION = 2
+    VIO = 3
+    AUTOPILOT = 8
+
 
 NAV_LAND = 21
 DO_SET_MODE = 176

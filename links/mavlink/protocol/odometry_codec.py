@@ -3,16 +3,8 @@
 import math
 from typing import NamedTuple
 
-from links.mavlink.protocol.codec import ARDUPILOT, MavlinkCodec
+from links.mavlink.protocol.codec import ARDUPILOT, EstimatorKind, MavFrame, MavlinkCodec
 
-LOCAL_NED = 1
-"""MAV_FRAME_LOCAL_NED."""
-LOCAL_FRD = 20
-"""MAV_FRAME_LOCAL_FRD."""
-BODY_FRD = 12
-"""MAV_FRAME_BODY_FRD."""
-VISION = 2
-"""MAV_ESTIMATOR_TYPE_VISION."""
 BEST_QUALITY = 100
 ORIGIN_DEG = (47.397742, 8.545594)
 """Latitude and longitude that a room stands at for ArduPilot [deg]: where PX4's simulators begin.
@@ -64,8 +56,8 @@ def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
     velocity = told.velocity if kind == ARDUPILOT or told.measured_velocity else _UNKNOWN
     message = codec.dialect.MAVLink_odometry_message(
         max(round(told.time_s * 1e6), 0),
-        LOCAL_FRD if kind == ARDUPILOT else LOCAL_NED,
-        BODY_FRD,
+        MavFrame.LOCAL_FRD if kind == ARDUPILOT else MavFrame.LOCAL_NED,
+        MavFrame.BODY_FRD,
         *told.position,
         told.attitude,
         *velocity,
@@ -73,7 +65,7 @@ def odometry(codec: MavlinkCodec, kind: int, told: Odometry) -> bytes:
         _covariance(told.noise_m, told.noise_rad),
         _covariance(told.noise_m_s, math.nan),
         told.resets & 0xFF,
-        VISION,
+        EstimatorKind.VISION,
         BEST_QUALITY,
     )
     return codec.pack(message)

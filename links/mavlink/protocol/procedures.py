@@ -44,6 +44,7 @@ from links.mavlink.protocol.codec import (
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
     MavlinkCodec,
+    MavResult,
     Message,
 )
 
@@ -229,12 +230,7 @@ AGAIN_S = 1.0
 WORDS_S = 0.3
 """The autopilot's explanation of a refusal is awaited for this long [s]."""
 
-ACCEPTED = 0
-"""MAV_RESULT, as the next three."""
-TEMPORARILY_REJECTED = 1
-FAILED = 4
-IN_PROGRESS = 5
-_MAY_PASS = (TEMPORARILY_REJECTED, FAILED)
+_MAY_PASS = (MavResult.TEMPORARILY_REJECTED, MavResult.FAILED)
 
 
 def _answers(message: Message, command: int, autopilot: AutopilotAddress) -> bool:
@@ -291,9 +287,9 @@ class Exchange(Repeated):
             return
         result = message.result
         began_s = now_s if self._since_s is None else self._since_s
-        if result == ACCEPTED or self._any_answer:
+        if result == MavResult.ACCEPTED or self._any_answer:
             self.done = True
-        elif result == IN_PROGRESS:
+        elif result == MavResult.IN_PROGRESS:
             self._await_more(now_s + ANSWER_S * TRIES)
         elif result in _MAY_PASS and now_s < began_s + self._patience:
             self._await_more(now_s + AGAIN_S)
@@ -341,7 +337,7 @@ class ReadVersion:
         if name == "AUTOPILOT_VERSION":
             self.firmware = f"{self._autopilot.name} {version(message)}"
             self.done = True
-        elif _answers(message, REQUEST_MESSAGE, self._autopilot) and message.result != ACCEPTED:
+        elif _answers(message, REQUEST_MESSAGE, self._autopilot) and message.result != MavResult.ACCEPTED:
             self.done = True
 
 
@@ -446,7 +442,7 @@ class Kill:
         """Take the answer, where ``message`` is one."""
         if not self._sent or not _answers(message, ARM_DISARM, self._autopilot):
             return
-        if message.result == ACCEPTED:
+        if message.result == MavResult.ACCEPTED:
             self._accepted += 1
             self.done = self._accepted >= CERTAIN
         else:

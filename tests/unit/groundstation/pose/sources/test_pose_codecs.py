@@ -17,7 +17,7 @@ from groundstation.pose.sources import (
     natnet_codec,
     qualisys_codec,
 )
-from groundstation.pose.sources.natnet_codec import SILENT_BEATS
+from groundstation.pose.sources.natnet_codec import SILENT_BEATS, NatNetMessage
 from links.mavlink.protocol import MavlinkCodec
 from tests.pose_tables import TABLES, Row, fresh_reader
 
@@ -71,7 +71,7 @@ def test_natnets_writer_is_read_back(name: str) -> None:
         7, (natnet_codec.RigidBody(2, (0.5, 1.0, 2.0), (0.0, 0.0, 0.0, 1.0), 0.25, False),), 10, 20, True
     )
     number, payload = natnet_codec.split(natnet_codec.encode_frame(frame, version))
-    assert number == natnet_codec.FRAMEOFDATA
+    assert number == NatNetMessage.FRAMEOFDATA
     assert natnet_codec.decode_frame(payload, version) == frame
 
 
@@ -127,7 +127,7 @@ def test_a_frame_of_edit_mode_or_playback_is_never_flown_and_the_server_is_asked
     reader.due()
     assert reader.read(natnet_frame(OURS, live=False), 0.01) == ()
     assert reader.status.dropped == {"not_live": 1}
-    assert natnet_codec.CONNECT in ids(reader.due())
+    assert NatNetMessage.CONNECT in ids(reader.due())
 
 
 def test_a_changed_bit_stream_has_the_descriptions_asked_for_again() -> None:
@@ -135,7 +135,11 @@ def test_a_changed_bit_stream_has_the_descriptions_asked_for_again() -> None:
     heard(reader, "natnet 4.1", 0)
     assert len(reader.read(natnet_frame(OURS, bitstream_changed=True), 0.01)) == 1
     reader.read(natnet_frame(OURS), 0.02)
-    asks = [natnet_codec.CONNECT, natnet_codec.REQUEST_MODELDEF, natnet_codec.KEEPALIVE]
+    asks = [
+        NatNetMessage.CONNECT,
+        NatNetMessage.REQUEST_MODELDEF,
+        NatNetMessage.KEEPALIVE,
+    ]
     assert ids(reader.due()) == asks
     reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[0]), 0.03)
     assert ids(reader.due()) == asks[1:]
@@ -147,11 +151,11 @@ def test_a_server_with_an_older_bit_stream_is_asked_for_ours_and_the_operator_to
     reader.read(natnet_codec.encode_server_info(old), 0.0)
     assert reader.status.dropped == {"wrong_version": 1} and "bit stream version" in describe_drop("wrong_version")
     asked = reader.due()
-    assert ids(asked) == [natnet_codec.REQUEST, natnet_codec.CONNECT]
+    assert ids(asked) == [NatNetMessage.REQUEST, NatNetMessage.CONNECT]
     assert natnet_codec.split(asked[0])[1] == b"Bitstream,4.1\0"
-    reader.read(natnet_codec.message(natnet_codec.RESPONSE, b"Bitstream,4.1\0"), 0.1)
+    reader.read(natnet_codec.message(NatNetMessage.RESPONSE, b"Bitstream,4.1\0"), 0.1)
     reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[0]), 0.2)
-    assert natnet_codec.REQUEST not in ids(reader.due()) and reader.status.dropped == {"wrong_version": 1}
+    assert NatNetMessage.REQUEST not in ids(reader.due()) and reader.status.dropped == {"wrong_version": 1}
 
 
 def test_bodies_of_another_size_than_ours_are_no_bodies() -> None:
@@ -177,20 +181,20 @@ def ids(messages: Sequence[bytes]) -> list[int]:
 
 def test_a_client_connects_then_asks_for_names_then_keeps_alive() -> None:
     reader = NatNetReader("quad", Intake(0.0))
-    assert ids(reader.due()) == ids(reader.due()) == [natnet_codec.CONNECT]
+    assert ids(reader.due()) == ids(reader.due()) == [NatNetMessage.CONNECT]
     reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[0]), 0.0)
-    assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF, natnet_codec.KEEPALIVE]
+    assert ids(reader.due()) == [NatNetMessage.REQUEST_MODELDEF, NatNetMessage.KEEPALIVE]
     reader.read(bytes.fromhex(TABLES["natnet 4.1"].prelude[1]), 0.0)
     assert reader.names == ("wand", "quad")
-    assert ids(reader.due()) == [natnet_codec.KEEPALIVE]
+    assert ids(reader.due()) == [NatNetMessage.KEEPALIVE]
 
 
 def test_a_silent_server_is_asked_anew() -> None:
     reader = NatNetReader("quad", Intake(0.0))
     heard(reader, "natnet 4.1", 0)
     beats = [ids(reader.due()) for _ in range(SILENT_BEATS + 1)]
-    assert beats[:-1] == [[natnet_codec.KEEPALIVE]] * SILENT_BEATS
-    assert beats[-1] == [natnet_codec.CONNECT]
+    assert beats[:-1] == [[NatNetMessage.KEEPALIVE]] * SILENT_BEATS
+    assert beats[-1] == [NatNetMessage.CONNECT]
 
 
 def test_names_are_asked_for_again_where_the_models_change_and_poses_go_on() -> None:
@@ -201,8 +205,8 @@ def test_names_are_asked_for_again_where_the_models_change_and_poses_go_on() -> 
         natnet_codec.NatNetFrame(78, (body,), 10_000_100_000, 10_000_150_000, True), (4, 1)
     )
     assert len(reader.read(frame, 0.01)) == 1
-    assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF]
-    assert ids(reader.due()) == [natnet_codec.REQUEST_MODELDEF]
+    assert ids(reader.due()) == [NatNetMessage.REQUEST_MODELDEF]
+    assert ids(reader.due()) == [NatNetMessage.REQUEST_MODELDEF]
     reader.read(natnet_codec.encode_models({"quad": 3}, (4, 1)), 0.02)
     assert reader.due() == []
     assert reader.read(frame, 0.03) == ()
@@ -276,9 +280,9 @@ def test_parameters_that_are_no_plain_xml_are_refused_in_words(xml: bytes) -> No
 
 def test_a_stream_cut_anywhere_gives_the_same_packets() -> None:
     packets = [
-        qualisys_codec.text_packet(qualisys_codec.COMMAND, "QTM RT Interface connected"),
+        qualisys_codec.text_packet(qualisys_codec.RtPacket.COMMAND, "QTM RT Interface connected"),
         qualisys_codec.encode_data(1, 1, [None]),
-        qualisys_codec.packet(qualisys_codec.NO_DATA, b""),
+        qualisys_codec.packet(qualisys_codec.RtPacket.NO_DATA, b""),
     ]
     stream = b"".join(packets)
     for size in (1, 2, 3, 7, 50, len(stream)):

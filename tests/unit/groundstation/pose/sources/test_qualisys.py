@@ -99,16 +99,16 @@ BEYOND = struct.pack("<qII", 0, 0, 1) + struct.pack("<II", 1 << 20, 5)
 @pytest.mark.parametrize(
     "packet",
     [
-        qtm.packet(qtm.DATA, b"short"),
-        qtm.packet(qtm.EVENT, b"\x63"),
-        qtm.packet(qtm.DATA, ENDLESS),
-        qtm.packet(qtm.DATA, BEYOND),
+        qtm.packet(qtm.RtPacket.DATA, b"short"),
+        qtm.packet(qtm.RtPacket.EVENT, b"\x63"),
+        qtm.packet(qtm.RtPacket.DATA, ENDLESS),
+        qtm.packet(qtm.RtPacket.DATA, BEYOND),
     ],
 )
 def test_a_packet_that_qtm_rt_cant_read_ends_the_connection_and_not_the_flight(packet: bytes) -> None:
     async def play(room: Room) -> None:
         await room.more()
-        room.say(qtm.text_packet(qtm.ERROR, "nobody asked"))
+        room.say(qtm.text_packet(qtm.RtPacket.ERROR, "nobody asked"))
         room.say(packet)
         await asyncio.sleep(0.1)
         await room.more()
@@ -165,7 +165,7 @@ class Mute(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         if self._refusal and isinstance(self._transport, asyncio.Transport):
-            self._transport.write(qtm.text_packet(qtm.ERROR, self._refusal))
+            self._transport.write(qtm.text_packet(qtm.RtPacket.ERROR, self._refusal))
 
 
 @pytest.mark.parametrize(
