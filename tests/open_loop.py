@@ -9,14 +9,14 @@ time goes exactly to each of them, and two that are a nanosecond apart are two.
 import math
 import selectors
 import time
-from asyncio import SelectorEventLoop, TimerHandle
+from asyncio import TimerHandle
 from collections.abc import Callable
 from contextvars import Context
 from heapq import heappush
 from typing import Any
 
 from sim.time import VirtualTimeLoop
-from sim.time.virtual_time import SimulationStuck, _Idle
+from sim.time.virtual_time import SimulationStuck
 
 OUTSIDE_S = 20.0
 """How long a loop on which nothing is scheduled waits for something from outside, in real time [s]."""
@@ -30,7 +30,7 @@ class _Timer(TimerHandle):
         return (self._when, self.number) < (other._when, other.number)  # type: ignore[attr-defined]  # asyncio's own
 
 
-class _Open(_Idle):
+class _Open(selectors.BaseSelector):
     """Watches what is real, without waiting unless virtual time would run ahead of its pace."""
 
     def __init__(self, next_s: Callable[[], float]) -> None:
@@ -72,13 +72,7 @@ class _Open(_Idle):
 class OpenLoop(VirtualTimeLoop):
     """Serves what is outside, too; see above."""
 
-    _scheduled: list[_Timer]
     _selector: selectors.BaseSelector
-    # Time passes by the selector, as in asyncio's own loop.
-    call_soon = SelectorEventLoop.call_soon
-    call_later = SelectorEventLoop.call_later
-    _run_once = SelectorEventLoop._run_once  # type: ignore[attr-defined]
-    _timer_handle_cancelled = SelectorEventLoop._timer_handle_cancelled  # type: ignore[attr-defined]
 
     def __init__(self) -> None:
         super().__init__()

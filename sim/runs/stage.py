@@ -39,7 +39,7 @@ from sim.autopilots import (
 from sim.radio import PtyWire, PulseReceiver, Receiver, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
 from sim.scenarios import BETAFLIGHT
 from sim.trackers import Mocap, TrackedBody, Tracker, make_tracker
-from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, rows, stream, with_noise
+from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, rows, with_noise
 
 if TYPE_CHECKING:
     from links.bridge import Bridge
@@ -75,14 +75,14 @@ class Stage:
             ConfigError: the signing key can't be used.
         """
         self.world = world
-        self.wind = Wind(world, rows(stream(seed, "turbulence").standard_normal, 3))
-        gyro = rows(stream(seed, "gyro").standard_normal, 3) if world.plant == "rotors" else None
+        self.wind = Wind(world, rows(generator(seed, "turbulence").standard_normal, 3))
+        gyro = rows(generator(seed, "gyro").standard_normal, 3) if world.plant == "rotors" else None
         self.plant = plant = Quadrotor(world, self.wind, on_step, gyro)
-        estimate, wander = stream(seed, "estimate").standard_normal, stream(seed, "wander").standard_normal
+        estimate, wander = generator(seed, "estimate").standard_normal, generator(seed, "wander").standard_normal
         tracked = make_tracker(config.pose)
-        horizon = Horizon(rows(stream(seed, "horizon").standard_normal, 3), world.gravity) if tracked else None
+        horizon = Horizon(rows(generator(seed, "horizon").standard_normal, 3), world.gravity) if tracked else None
         self.vehicle = vehicle = SimulatedVehicle(plant, world, rows(estimate, 6), rows(wander, 3), horizon)
-        luck = rows(stream(seed, "frame loss").random, 1)
+        luck = rows(generator(seed, "frame loss").random, 1)
 
         self.frame_loss = world.frame_loss
         """Share of the command frames that get lost; may be changed in flight [-]."""
@@ -109,7 +109,7 @@ class Stage:
         """Real firmware at the end of a MAVLink link; None where a simulated autopilot is."""
         if not isinstance(autopilot, str):
             assert isinstance(config.link, MavlinkLinkConfig), "real firmware speaks MAVLink"
-            noise = rows(stream(seed, "sensors of the firmware").standard_normal, 10)
+            noise = rows(generator(seed, "sensors of the firmware").standard_normal, 10)
             self.onboard = autopilot.fit(plant, parse_address(config.link.endpoint), noise)
         elif isinstance(config.link, MavlinkLinkConfig):
             made = AUTOPILOTS[autopilot](
@@ -212,7 +212,7 @@ def _switch_on(plant: Quadrotor, world: World, radio: RfConfig, seed: int) -> "F
 
     sticks = radio.map.roll, radio.map.pitch, radio.map.yaw
     settings = describe_settings(*describe_pulses(radio), [stick.full_rate_deg_s for stick in sticks])
-    gyro = rows(stream(seed, "gyro of Betaflight").standard_normal, 3)
+    gyro = rows(generator(seed, "gyro of Betaflight").standard_normal, 3)
     return FlightBoard(plant, [*settings, *GAINS], gyro, world.rotors.gyro_noise_rad_s)
 
 
@@ -285,11 +285,11 @@ class FleetMocap:
     def __init__(self, stages: Sequence[Stage], names: Sequence[str], tracker: Tracker, seed: int) -> None:
         """Have ``tracker`` send where the vehicle of each stage is, by its name."""
         self._bodies = [
-            (name, stage, rows(stream(seed + SEEDS_APART * number, "noise").standard_normal, 6))
+            (name, stage, rows(generator(seed + SEEDS_APART * number, "noise").standard_normal, 6))
             for number, (name, stage) in enumerate(zip(names, stages, strict=True))
         ]
         self._tracker = tracker
-        self._phase = stream(seed, "phase").random()
+        self._phase = generator(seed, "phase").random()
         self.hidden: set[str] = set()
         """Names of the bodies that the cameras do not see now."""
         self._last: dict[str, TrackedBody] = {}

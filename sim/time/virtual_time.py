@@ -10,10 +10,10 @@ import asyncio
 import errno
 import selectors
 from collections import deque
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, MutableSequence
 from contextvars import Context, ContextVar, copy_context
 from functools import wraps
-from heapq import heapify, heappop, heappush
+from heapq import heapify, heappush
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 P = ParamSpec("P")
@@ -116,8 +116,6 @@ FREE_PORTS = range(61000, 65536)
 
 RESOLUTION_S = 1e-9
 """Timers that are less apart are due in the same turn [s]."""
-MANY_CANCELLED = 100
-"""Timers that were cancelled are forgotten when there are more, and half of all."""
 
 Tap: TypeAlias = Callable[[float, Address, Address, bytes], None]
 
@@ -126,10 +124,11 @@ class SimulationStuck(RuntimeError):
     """Every task waits and nothing is scheduled: a deadlock, found for free."""
 
 
-class _Idle(selectors.BaseSelector):
-    """A selector that watches nothing: in virtual time nobody waits."""
+class _Clock(selectors.BaseSelector):
+    """A selector that watches nothing: instead of waiting for the next timer, time jumps to it."""
 
     def __init__(self) -> None:
+        self.now_s = 0.0
         self._map: dict[int, selectors.SelectorKey] = {}
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
@@ -141,39 +140,13 @@ class _Idle(selectors.BaseSelector):
         return self._map.pop(fileobj if isinstance(fileobj, int) else fileobj.fileno())
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        if timeout is None:
+            raise SimulationStuck("the simulation is stuck: every task waits and nothing is scheduled")
+        self.now_s += timeout
         return []
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
         return self._map
-
-
-class _Handle(asyncio.TimerHandle):
-    """A callback that is due; made with fewer steps than asyncio's own, as a flight makes a thousand a second."""
-
-    __slots__ = ()
-    __eq__, __hash__ = object.__eq__, object.__hash__  # asyncio's own compare all that is in them
-    _scheduled: bool  # whether it waits for its time
-
-    def __init__(
-        self, when: float, callback: Callable[..., object], args: tuple[Any, ...], loop: Any, context: Context | None
-    ) -> None:
-        self._context = copy_context() if context is None else context
-        self._loop = loop
-        self._callback = callback
-        self._args = args
-        self._cancelled = False
-        self._repr = None
-        self._source_traceback = None
-        self._when = when
-        self._scheduled = False
-
-    def cancel(self) -> None:
-        """Do not call it."""
-        if not self._cancelled:
-            self._cancelled = True
-            if self._scheduled:
-                self._loop.forget()
-            self._callback = self._args = None  # type: ignore[assignment]  # as asyncio's own does
 
 
 class _Endpoint(asyncio.DatagramTransport):
@@ -247,22 +220,26 @@ class _Socket:
         """The endpoint stays: this was but a handle on it."""
 
 
+H = TypeVar("H", bound=asyncio.Handle)
+
+
+def _move(which: Callable[[H], bool], source: MutableSequence[H], target: list[H]) -> None:
+    """Move the handles for which ``which`` is true from ``source`` to the end of ``target``."""
+    for handle in [handle for handle in source if which(handle)]:
+        source.remove(handle)
+        target.append(handle)
+
+
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """``asyncio.Runner(loop_factory=VirtualTimeLoop)`` runs a simulation as fast as the processor allows."""
 
-    __slots__ = (  # with those of asyncio's own it would have so many that a dictionary is slow
-        "_held", "_later", "_later_cancelled", "_next_port", "_now", "_suspended", "endpoints", "groups", "listeners",
-        "tap",
-    )  # fmt: skip
     _ready: deque[asyncio.Handle]  # asyncio's own, of which typeshed does not tell
-    _closed: bool
-    _stopping: bool
+    _scheduled: list[asyncio.TimerHandle]
 
     def __init__(self) -> None:
-        super().__init__(_Idle())
-        self._now = 0.0
-        self._later: list[tuple[float, _Handle]] = []
-        self._later_cancelled = 0
+        self._clock = _Clock()
+        super().__init__(self._clock)
+        self._clock_resolution = RESOLUTION_S
         self.endpoints: dict[Address, _Endpoint] = {}
         self.groups: dict[Address, list[_Endpoint]] = {}
         self.listeners: dict[Address, Listener] = {}
@@ -270,6 +247,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self._next_port = FREE_PORTS.start
         self._suspended: ContextVar[bool] | None = None
         self._held: list[asyncio.Handle] = []
+        self._held_timers: list[asyncio.TimerHandle] = []
 
     def suspend(self, process: ContextVar[bool]) -> None:
         """Run nothing in whose context ``process`` is true, until :meth:`resume`: its timers and datagrams wait."""
@@ -279,77 +257,24 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Let what was suspended go on: all that has waited is due now, in its order."""
         self._suspended = None
         self._ready.extend(self._held)
-        self._held.clear()
+        for timer in self._held_timers:
+            heappush(self._scheduled, timer)
+        self._held, self._held_timers = [], []
 
     def time(self) -> float:
         """Virtual time [s]."""
-        return self._now
-
-    # ---- what asyncio's own does in more steps: no threads, no sockets, no debugging of slow callbacks here
-
-    def call_soon(  # type: ignore[override]  # typeshed's has a type for each number of arguments
-        self, callback: Callable[..., object], *args: Any, context: Context | None = None
-    ) -> asyncio.Handle:
-        """Call ``callback`` in the next turn of the loop."""
-        if self._closed:
-            raise RuntimeError("Event loop is closed")
-        handle = _Handle(0.0, callback, args, self, context)
-        self._ready.append(handle)
-        return handle
-
-    def call_at(  # type: ignore[override]
-        self, when: float, callback: Callable[..., object], *args: Any, context: Context | None = None
-    ) -> asyncio.TimerHandle:
-        """Call ``callback`` at ``when`` [s]."""
-        if self._closed:
-            raise RuntimeError("Event loop is closed")
-        handle = _Handle(when, callback, args, self, context)
-        handle._scheduled = True
-        heappush(self._later, (when, handle))
-        return handle
-
-    def call_later(  # type: ignore[override]
-        self, delay: float, callback: Callable[..., object], *args: Any, context: Context | None = None
-    ) -> asyncio.TimerHandle:
-        """Call ``callback`` after ``delay`` [s]."""
-        return self.call_at(self._now + delay, callback, *args, context=context)
-
-    def forget(self) -> None:
-        """A callback that waits for its time was cancelled."""
-        self._later_cancelled += 1
+        return self._clock.now_s
 
     def _run_once(self) -> None:
-        """One turn: let time pass to the next callback, where none is due; then call those that are.
+        if self._suspended is not None:
+            _move(self._is_suspended, self._ready, self._held)
+            _move(self._is_suspended, self._scheduled, self._held_timers)
+            heapify(self._scheduled)
+        super()._run_once()  # type: ignore[misc]  # asyncio's own, of which typeshed does not tell
 
-        What is due at the same instant comes in the order that asyncio's own heap gives it.
-        """
-        due, timers = self._ready, self._later
-        if len(timers) > MANY_CANCELLED and self._later_cancelled > 0.5 * len(timers):
-            timers[:] = [timer for timer in timers if not timer[1]._cancelled]
-            heapify(timers)
-            self._later_cancelled = 0
-        while timers and timers[0][1]._cancelled:
-            heappop(timers)
-            self._later_cancelled -= 1
-        if not due and not self._stopping:
-            if not timers:
-                raise SimulationStuck("the simulation is stuck: every task waits and nothing is scheduled")
-            wait = timers[0][0] - self._now
-            if wait > 0.0:
-                self._now += wait
-        by = self._now + RESOLUTION_S
-        while timers and timers[0][0] < by:
-            timer = heappop(timers)[1]
-            timer._scheduled = False
-            due.append(timer)
-        for _ in range(len(due)):
-            handle = due.popleft()
-            if handle._cancelled:
-                continue
-            if self._suspended is not None and handle._context.get(self._suspended, False):  # type: ignore[attr-defined]  # asyncio's own, of which typeshed does not tell
-                self._held.append(handle)
-            else:
-                handle._run()
+    def _is_suspended(self, handle: asyncio.Handle) -> bool:
+        context: Context = handle._context  # type: ignore[attr-defined]  # as above
+        return self._suspended is not None and context.get(self._suspended, False)
 
     # ---- the network
 
@@ -425,7 +350,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def carry(self, source: Address, target: Address, data: bytes) -> None:
         """Bring one datagram to ``target`` in the next turn of the loop; lost where nobody listens, as in UDP."""
         if self.tap is not None:
-            self.tap(self._now, source, target, data)
+            self.tap(self.time(), source, target, data)
         members = self.groups.get(target)
         if members is not None:
             for member in members:

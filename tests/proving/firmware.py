@@ -28,7 +28,7 @@ from sim.radio import InlinePacer, PulseReceiver
 from sim.runs import RECORDING, MissionResult, Stage, confirm_at, fly, fly_mission, from_floor, simulate
 from sim.scenarios import BETAFLIGHT, SCENARIOS, by_betaflight, prepare
 from sim.time import in_virtual_time
-from sim.world import FourRotors, Quadrotor, Wind, World, rows, stream
+from sim.world import FourRotors, Quadrotor, Wind, World, generator, rows
 from tests.proving.takeoff_start import TakeoffStart
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
@@ -138,7 +138,7 @@ STRIKES: tuple[tuple[str, Callable[[Stage], None], str], ...] = (
 def respond(axis: int, rate_deg_s: float, gains: Sequence[str] = GAINS) -> tuple[float, float, float]:
     """Lag and delay [s] that fit its body rate best after steps of the stick, and the overshoot [-]."""
     world, _ = prepare(by_betaflight(SCENARIOS["paper"]), ["sim.wind_mean=[0,0,0]", "sim.floor_z_m=1000"], link="crsf")
-    plant = Quadrotor(world, Wind(world, rows(stream(0, "turbulence").standard_normal, 3)))
+    plant = Quadrotor(world, Wind(world, rows(generator(0, "turbulence").standard_normal, 3)))
     full = (200.0, 200.0, 300.0)
     board = FlightBoard(plant, [*describe_settings(512.0, "AETR1234", full), *gains], _quiet(), 0.0)
     seen, told = list[float](), list[float]()

@@ -33,7 +33,7 @@ from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop, in_virtual_time
 from sim.trackers import Tracker
-from sim.world import FourRotors, World, rows, stream
+from sim.world import FourRotors, World, generator, rows
 from tests.proving.faults import Meddler, late, still
 from tests.proving.faults import Struck as StruckPose
 from tests.proving.takeoff_start import TakeoffStart, describe_worst
@@ -274,7 +274,7 @@ async def freeze(scene: Scene) -> None:
     """Frames go on, the picture stands still but for noise."""
     shown, loop = scene.between.shown, asyncio.get_running_loop()
     assert shown is not None, "something was shown"
-    noise = rows(stream(0, "frozen").standard_normal, 6)
+    noise = rows(generator(0, "frozen").standard_normal, 6)
     struck = StruckPose(loop.time(), shown.position_ned, shown.attitude, noise)
     scene.between.picture = still(struck)
 

@@ -31,7 +31,7 @@ from sim.radio import PtyWire
 from sim.runs import percentile
 from sim.scenarios import SCENARIOS, prepare
 from sim.trackers import TrackedBody, vicon_encoder
-from sim.world import Quadrotor, SimulatedVehicle, Wind, rows, stream
+from sim.world import Quadrotor, SimulatedVehicle, Wind, generator, rows
 from tests.proving.bench.bench import Options
 
 
@@ -212,9 +212,9 @@ async def _free_address() -> str:
 async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: int) -> tuple[Answers, Answers]:
     loop = asyncio.get_running_loop()
     world = SCENARIOS["paper"].world
-    plant = Quadrotor(world, Wind(world, rows(stream(0, "turbulence").standard_normal, 3)))
+    plant = Quadrotor(world, Wind(world, rows(generator(0, "turbulence").standard_normal, 3)))
     plant.advance(loop.time())
-    noise, wander = (rows(stream(0, what).standard_normal, n) for what, n in (("estimate", 6), ("wander", 3)))
+    noise, wander = (rows(generator(0, what).standard_normal, n) for what, n in (("estimate", 6), ("wander", 3)))
     vehicle = SimulatedVehicle(plant, world, noise, wander)
     autopilot = Px4Autopilot(vehicle)
     assert isinstance(config.link, MavlinkLinkConfig)

@@ -28,7 +28,7 @@ from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.trackers import Tracker
-from sim.world import World, stream
+from sim.world import World, generator
 from tests.proving.faults.fault import (
     DESCENT_AFTER_S,
     MOMENTS,
@@ -253,7 +253,7 @@ async def fly_here(
     if split is not None:
         name, watch_as = split()
         fault = find_fault(name, state, fault.link)
-    forced_s = stream(seed, f"doubt {name}").random() * FORCED_WITHIN_S
+    forced_s = generator(seed, f"doubt {name}").random() * FORCED_WITHIN_S
     monitors.go_on(flight._pilot, watch_as, struck_s + float(forced_s))
     exemption = exemption_of(fault, state)
     autopilot = _Autopilot(note_open_loop)

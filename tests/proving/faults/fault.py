@@ -14,7 +14,7 @@ from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import Stage
 from sim.trackers import TrackedBody, Tracker
-from sim.world import rows, stream
+from sim.world import generator, rows
 from tests.proving.faults.pictures import Picture, Struck, Way
 
 
@@ -124,7 +124,7 @@ class Scene:
         self._meddler = meddler
         self.seed = seed
         """Seed of the flight."""
-        self.normals = rows(stream(seed, "fault").standard_normal, 6)
+        self.normals = rows(generator(seed, "fault").standard_normal, 6)
         """Rows of six standard normal numbers for what a fault draws."""
         self.controller_raises = False
         """The next step of the controller raises."""

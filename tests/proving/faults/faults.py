@@ -28,7 +28,7 @@ import msgspec
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.mission import Interrupts
 from sim.autopilots import Px4Autopilot
-from sim.world import Body, Wind, rows, stream
+from sim.world import Body, Wind, generator, rows
 from tests.proving.faults import pictures
 from tests.proving.faults.fault import (
     MOMENTS,
@@ -194,7 +194,7 @@ async def partner(scene: Scene) -> None:
     x, y, z = stage.world.wind_mean
     north, east, down = ELSEWHERE_M_S2
     world = msgspec.structs.replace(stage.world, wind_mean=(x + north, y + east, z + down))
-    other = stage.plant.twin(scene.now_s, world, Wind(world, rows(stream(0, "partner").standard_normal, 3)))
+    other = stage.plant.twin(scene.now_s, world, Wind(world, rows(generator(0, "partner").standard_normal, 3)))
     stage.plant.partner = other
     stage.mocap.see(other)
 

@@ -10,7 +10,7 @@ from sim.autopilots import onboard
 from sim.autopilots.onboard import Firmware, OnboardFirmware, take_number
 from sim.runs import from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.world import FourRotors, Quadrotor, TrueState, Wind, rows, stream
+from sim.world import FourRotors, Quadrotor, TrueState, Wind, generator, rows
 from tests.loops import in_virtual_time
 
 STATION = ("127.0.0.1", 14540)
@@ -56,7 +56,7 @@ class Station(asyncio.DatagramProtocol):
 
 def fly(folder: Path, seconds: float, *, passes: bool = True) -> tuple[Hoverer, Quadrotor, Station]:
     world, _ = from_floor(*prepare(SCENARIOS["rotors_quad1kg"], []), None)
-    plant = Quadrotor(world, Wind(world, rows(stream(0, "turbulence").standard_normal, 3)))
+    plant = Quadrotor(world, Wind(world, rows(generator(0, "turbulence").standard_normal, 3)))
     firmware, station = Hoverer(folder), Station()
 
     async def main() -> None:

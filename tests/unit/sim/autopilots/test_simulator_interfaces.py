@@ -12,7 +12,7 @@ from links.mavlink.protocol import MavlinkCodec
 from sim.autopilots import ardupilot, onboard, px4
 from sim.autopilots.onboard import read_parameters
 from sim.autopilots.px4 import Outputs, SimulatorCodec
-from sim.world import TrueState, rows, stream
+from sim.world import TrueState, generator, rows
 
 STATE = TrueState(
     2.5, (1.0, -2.0, -1.5), (0.25, 0.5, -0.125), (1.0, 0.0, 0.0, 0.0), (0.5, -0.25, 0.125), 9.81, on_ground=False
@@ -63,7 +63,7 @@ def test_the_state_for_ardupilot_has_its_golden_bytes() -> None:
 def test_sensors_of_px4_have_the_noise_of_its_own_simulator(thrust_n: float) -> None:
     codec, reader = SimulatorCodec(), MavlinkCodec(1, 1)
     state = TrueState(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), thrust_n, True)
-    noise = rows(stream(0, "test").standard_normal, 10)
+    noise = rows(generator(0, "test").standard_normal, 10)
     frames = [codec.pack_sensors(4000 * k, state, (0.0, 0.0, -9.81), next(noise), k) for k in range(2000)]
     seen = [message for frame in frames for message in reader.feed(frame)]
     expected = {

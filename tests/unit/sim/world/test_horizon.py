@@ -3,7 +3,7 @@
 import math
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from sim.world import Horizon, TrueState, rows, stream
+from sim.world import Horizon, TrueState, generator, rows
 from sim.world.quadrotor import LOOP_S, WANDER_RAD
 
 GRAVITY = 9.81
@@ -11,7 +11,7 @@ ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 def horizon(seed: int = 0) -> Horizon:
-    return Horizon(rows(stream(seed, "horizon").standard_normal, 3), GRAVITY)
+    return Horizon(rows(generator(seed, "horizon").standard_normal, 3), GRAVITY)
 
 
 def truth(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
-from sim.world import Quadrotor, Wind, World, begin_eddies, compute_turbulence, rows, stir, stream
+from sim.world import Quadrotor, Wind, World, begin_eddies, compute_turbulence, generator, rows, stir
 from sim.world.world import CORRELATION_S, GRID_S
 
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
@@ -15,7 +15,7 @@ CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
 
 def vehicle(world: World, seen: list[tuple[float, Vec3]] | None = None) -> Quadrotor:
     on_step = None if seen is None else lambda t, p: seen.append((t, p))
-    return Quadrotor(world, Wind(world, rows(stream(1, "wind").standard_normal, 3)), on_step)
+    return Quadrotor(world, Wind(world, rows(generator(1, "wind").standard_normal, 3)), on_step)
 
 
 def test_it_is_held_until_released() -> None:
@@ -142,7 +142,7 @@ def test_the_battery_sags_over_the_flight() -> None:
 
 
 def test_turbulence_has_the_asked_rms_and_correlation_on_every_axis() -> None:
-    normals = rows(stream(3, "wind").standard_normal, 3)
+    normals = rows(generator(3, "wind").standard_normal, 3)
     eddies = begin_eddies((0.1, 0.1, 0.1))
     values = np.empty((200_000, 3))
     for i in range(len(values)):
@@ -163,6 +163,6 @@ def test_wind_is_mean_plus_gust_plus_step() -> None:
     world = msgspec.structs.replace(
         CALM, wind_mean=(1.0, 0.0, 0.0), wind_gust=(0.0, 0.5, 0.0), wind_step=(0.0, 0.0, 2.0), wind_step_time_s=30.0
     )
-    wind = Wind(world, rows(stream(0, "wind").standard_normal, 3))
+    wind = Wind(world, rows(generator(0, "wind").standard_normal, 3))
     assert wind.at(1.25) == pytest.approx((1.0, 0.5, 0.0))
     assert wind.at(30.0) == pytest.approx((1.0, 0.0, 2.0), abs=1e-9)

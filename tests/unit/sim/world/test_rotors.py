@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim.scenarios import SCENARIOS
-from sim.world import FourRotors, Quadrotor, Wind, World, rows, stream
+from sim.world import FourRotors, Quadrotor, Wind, World, generator, rows
 
 
 def vehicle(scenario: str, seed: int | None = None, **keys: Any) -> Quadrotor:
@@ -18,7 +18,7 @@ def vehicle(scenario: str, seed: int | None = None, **keys: Any) -> Quadrotor:
     world = msgspec.structs.replace(
         SCENARIOS[scenario].world, wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6, start_thrust=1.0, **keys
     )
-    gyro = None if seed is None else rows(stream(seed, "gyro").standard_normal, 3)
+    gyro = None if seed is None else rows(generator(seed, "gyro").standard_normal, 3)
     plant = Quadrotor(world, Wind(world, iter(())), None, gyro)
     plant.release(0.0)
     return plant

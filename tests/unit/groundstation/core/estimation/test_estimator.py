@@ -16,7 +16,7 @@ from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, lead
 from groundstation.core.vehicle.vehicle import approach
-from sim.world import Quadrotor, Wind, World, rows, stream
+from sim.world import Quadrotor, Wind, World, generator, rows
 
 VEHICLE = Vehicle()
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
@@ -39,7 +39,7 @@ def flown(
     world: World, seconds: float, composite: str = "provable", seed: int = 5, **gains: float | None
 ) -> tuple[ModelEstimator, Quadrotor]:
     """An estimator that has watched the plant under gently changing commands, perfectly told."""
-    plant = Quadrotor(world, Wind(world, rows(stream(seed, "wind").standard_normal, 3)))
+    plant = Quadrotor(world, Wind(world, rows(generator(seed, "wind").standard_normal, 3)))
     plant.release(0.0)
     gauss = random.Random(seed).gauss
     estimator = ModelEstimator(VEHICLE, msgspec.structs.replace(Gains(), composite=composite, **gains))
@@ -83,7 +83,7 @@ def test_without_lag_the_lead_is_the_hold_time_and_for_short_holds_the_lag() -> 
 
 
 def test_the_rolled_model_agrees_with_the_plant() -> None:
-    plant = Quadrotor(CALM, Wind(CALM, rows(stream(0, "wind").standard_normal, 3)))
+    plant = Quadrotor(CALM, Wind(CALM, rows(generator(0, "wind").standard_normal, 3)))
     plant.release(0.0)
     drive = ActuatorCommand(0.9, (1.0, -0.8, 0.5))
     plant.command(0.0, *drive)
