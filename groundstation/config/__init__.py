@@ -33,12 +33,15 @@ from groundstation.config.sections import (
 )
 from groundstation.config.toml_text import dump, parse_toml, read_toml, write_value
 from groundstation.config.user_code import (
+    MAKING_LIMIT_S,
+    STEP_LIMIT_S,
     STEP_WATCH,
     Option,
     StepWatch,
     UserCodeFault,
     call_factory,
     coroutine_hint,
+    describe_error,
     find_object,
     lend,
     name_object,

@@ -20,6 +20,12 @@ from groundstation.config.schema import FACTORY
 Option = bool | int | float | str | list[bool | int | float | str]
 """Types of an option's value; NaN and infinity are refused as everywhere."""
 _LENT: "ContextVar[Mapping[str, object]]" = ContextVar("lent")
+STEP_LIMIT_S = 0.5
+"""A step that has not returned after this time is interrupted [s]. By then no command may rest on a pose
+(flight.coast_s and guards.level_s: 0.5 s), and the link plays its bring-down."""
+MAKING_LIMIT_S = 20.0
+"""An import or a factory that has not returned after this time is interrupted [s]. Nothing flies yet; large
+numerical packages take several seconds to import on a small computer."""
 
 
 class StepWatch:
@@ -32,8 +38,8 @@ class StepWatch:
         """Return the newest step that was too slow, where it was within a second; else nothing."""
         return ""
 
-    def begin(self, what: str) -> None:
-        """The step of ``what`` begins."""
+    def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
+        """The step of ``what`` begins, and has ``limit_s`` [s] to return."""
 
     def end(self) -> None:
         """The step has returned, or failed."""
@@ -136,8 +142,13 @@ def find_object(key: str, factory: str) -> Any:
     if factory in lent:
         return lent[factory]
     module_name, _, name = factory.partition(":")
+    watch = STEP_WATCH.get()
     try:
-        module = importlib.import_module(module_name)
+        watch.begin(module_name, MAKING_LIMIT_S)
+        try:
+            module = importlib.import_module(module_name)
+        finally:
+            watch.end()
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # whatever the user's module raises, sys.exit too, the operator must hear of it
@@ -183,8 +194,13 @@ def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], opti
     as_dict = any(one.name == "options" and one.kind is not one.VAR_KEYWORD for one in _parameters(found) or ())
     if needed is not None and len(needed) <= len(told) and not as_dict:
         arguments, named = told[: len(needed)], dict(options)
+    watch = STEP_WATCH.get()
     try:
-        return found(*arguments, **named)
+        watch.begin(factory, MAKING_LIMIT_S)
+        try:
+            return found(*arguments, **named)
+        finally:
+            watch.end()
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # as above

@@ -25,4 +25,4 @@ from groundstation.flight.prearm import (
     place,
     save,
 )
-from groundstation.flight.step_timer import StepTimeout, StepTimer
+from groundstation.flight.step_timer import StepTimeout, StepTimer, start_step_timer

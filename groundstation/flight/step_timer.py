@@ -1,20 +1,20 @@
 """Step timer: raises in a step of the user's code that does not return, and remembers one that was slow.
 
 For flights in real time. A timer signal (SIGALRM) interrupts Python code wherever it is, also where it
-sleeps or waits for a socket. Compiled code that never returns is not interrupted: Python runs no handler
-before it does.
+sleeps or waits for a socket; code that catches every exception is interrupted again at its next line. Compiled
+code that never returns is not interrupted: Python runs no handler before it does.
 """
 
 import signal
+import sys
+import time  # noqa: TID251  # the timer of the process is one of real time
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
-from groundstation.config import STEP_WATCH, StepWatch
+from groundstation.config import STEP_LIMIT_S, STEP_WATCH, StepWatch
 from groundstation.core.messages import notice
 
-LIMIT_S = 0.5
-"""A step that has not returned after this time is interrupted [s]. By then no command may rest on a pose
-(flight.coast_s and guards.level_s: 0.5 s), and the link plays its bring-down."""
 AGAIN_S = 0.05
 """Period of repeated interrupts [s]: code that catches every exception may go on."""
 SLOW_S = 0.1
@@ -33,12 +33,17 @@ class StepTimeout(BaseException):
 class StepTimer(StepWatch):
     """Watches steps by the timer of this process; one at a time, and in the main thread."""
 
-    def __init__(self, now_s: Callable[[], float], on_alarm: Callable[[], object]) -> None:
-        """``now_s`` is a clock of real time [s]; ``on_alarm`` hears of a SIGALRM that somebody else has sent."""
-        self._now_s = now_s
-        self._on_alarm = on_alarm
+    def __init__(self) -> None:
+        """A timer that is not yet started."""
+        self.on_alarm: Callable[[], object] = lambda: None
+        """Called on a SIGALRM that somebody else has sent."""
         self._what = ""
         self._begun_s = 0.0
+        self._limit_s = STEP_LIMIT_S
+        self._caller: FrameType | None = None
+        """The frame that has begun the step: those above it are the user's."""
+        self._interrupts = 0
+        """Interrupts of the step that is [-]."""
         self._slowest_s = SLOW_S
         self._newest = ""
         self._newest_s = 0.0
@@ -50,21 +55,25 @@ class StepTimer(StepWatch):
         signal.signal(signal.SIGALRM, self._interrupt)
         STEP_WATCH.set(self)
 
-    def begin(self, what: str) -> None:
-        """The step of ``what`` begins."""
-        self._what, self._begun_s = what, self._now_s()
-        signal.setitimer(signal.ITIMER_REAL, LIMIT_S, AGAIN_S)
+    def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
+        """The step of ``what`` begins, and has ``limit_s`` [s] to return."""
+        self._what, self._begun_s, self._limit_s = what, time.monotonic(), limit_s
+        self._caller, self._interrupts = sys._getframe(1), 0
+        signal.setitimer(signal.ITIMER_REAL, limit_s, AGAIN_S)
 
     def end(self) -> None:
         """Note that the step has returned."""
         what, self._what = self._what, ""
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        now_s = self._now_s()
+        self._caller = None
+        if self._interrupts > 1:
+            sys.settrace(None)
+        now_s = time.monotonic()
         took_s = now_s - self._begun_s
-        if took_s <= SLOW_S:
-            return
-        if took_s > LIMIT_S - AGAIN_S:
+        if took_s > self._limit_s - AGAIN_S:
             self._ours_until_s = now_s + 2.0 * AGAIN_S
+        if took_s <= SLOW_S or self._limit_s > STEP_LIMIT_S:
+            return
         self._newest_s = now_s
         self._newest = notice("code.slow", what=what, took_ms=1e3 * took_s, limit_ms=1e3 * SLOW_S)
         if took_s > SLOWER * self._slowest_s or not self.slow:
@@ -72,11 +81,39 @@ class StepTimer(StepWatch):
 
     def find_recent(self) -> str:
         """Return the newest step that was too slow, where it was within a second; else nothing."""
-        return self._newest if self._now_s() - self._newest_s < RECENT_S else ""
+        return self._newest if time.monotonic() - self._newest_s < RECENT_S else ""
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        now_s = self._now_s()
-        if self._what and now_s - self._begun_s > LIMIT_S - AGAIN_S:
-            raise StepTimeout(notice("code.hangs", limit_ms=1e3 * LIMIT_S))
+        now_s = time.monotonic()
+        if self._what and now_s - self._begun_s > self._limit_s - AGAIN_S:
+            self._interrupts += 1
+            if self._interrupts > 1:  # the code has caught the one before
+                self._raise_at_next_line(frame)
+            raise self._timeout()
         if not self._what and now_s > self._ours_until_s:
-            self._on_alarm()
+            self.on_alarm()
+
+    def _raise_at_next_line(self, frame: FrameType | None) -> None:
+        """Have each of the user's frames raise once more at its next line: in the handler that catches everything."""
+
+        def raise_again(_frame: FrameType, event: str, _argument: object) -> Any:
+            if event == "line":
+                raise self._timeout()
+            return raise_again
+
+        while frame is not None and frame is not self._caller:
+            frame.f_trace = raise_again
+            frame = frame.f_back
+        sys.settrace(lambda *_: None)  # no function that is called from now on is traced
+
+    def _timeout(self) -> StepTimeout:
+        if self._limit_s > STEP_LIMIT_S:
+            return StepTimeout(notice("code.hangs_making", limit_s=self._limit_s))
+        return StepTimeout(notice("code.hangs", limit_ms=1e3 * self._limit_s))
+
+
+def start_step_timer() -> StepTimer:
+    """Watch code of the user's own from now on; to be called in the main thread."""
+    timer = StepTimer()
+    timer.start()
+    return timer

@@ -12,7 +12,7 @@ from tests.e2e.stations import served
 CODE = """
 import time
 
-from groundstation import ActuatorCommand
+from groundstation import ActuatorCommand, Reference
 
 
 class Own:
@@ -44,6 +44,27 @@ class Deaf(Own):
                 time.sleep(100.0)
             except Exception:
                 pass
+
+
+class DeafToAll(Own):
+    def dawdle(self, flown_s):
+        while flown_s > 1.0:
+            try:
+                time.sleep(100.0)
+            except:
+                pass
+
+
+class NeverMade(Own):
+    def __init__(self, vehicle, options=None):
+        while True:
+            pass
+
+
+def stuck(time_s):
+    while time_s > 3.0:
+        pass
+    return Reference((0.0, 0.0, -1.0))
 """
 
 
@@ -62,7 +83,7 @@ def fly(folder: Path, *sets: str) -> "subprocess.CompletedProcess[str]":
         )
 
 
-@pytest.mark.parametrize("name", ["Busy", "Deaf"])
+@pytest.mark.parametrize("name", ["Busy", "Deaf", "DeafToAll"])
 def test_a_controller_that_never_returns_is_interrupted_and_told(name: str, tmp_path: Path) -> None:
     begun_s = time.monotonic()
     run = fly(tmp_path, f"controller.kind=mine:{name}")
@@ -73,9 +94,21 @@ def test_a_controller_that_never_returns_is_interrupted_and_told(name: str, tmp_
     assert "in dawdle" in run.stderr, "the user's own lines"
 
 
+def test_a_controller_that_is_never_made_is_told(tmp_path: Path) -> None:
+    run = fly(tmp_path, "controller.kind=mine:NeverMade")
+    assert run.returncode == 2, run.stdout + run.stderr
+    assert "controller.kind: mine:NeverMade failed: StepTimeout: it did not return within 20 s" in run.stderr
+
+
 def test_a_controller_that_is_slow_is_named_with_its_time(tmp_path: Path) -> None:
     run = fly(tmp_path, "controller.kind=mine:Slow", "flight.duration_s=4.0")
     told = [line for line in run.stdout.splitlines() if "controller mine:Slow took 2" in line]
     assert told, run.stdout + run.stderr
     assert "ms, limit 100 ms: make its step faster" in told[0]
     assert len([line for line in told if "warning" in line]) <= 3, "not each of its steps"
+
+
+def test_a_trajectory_that_never_returns_is_told_before_the_flight(tmp_path: Path) -> None:
+    run = fly(tmp_path, "trajectory.kind=mine:stuck")
+    assert run.returncode == 2, run.stdout + run.stderr
+    assert "trajectory mine:stuck failed: StepTimeout: it did not return within 500 ms" in run.stderr

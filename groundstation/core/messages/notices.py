@@ -83,6 +83,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("code.hangs", "it did not return within {limit_ms:.0f} ms", severity=Severity.WARNING),
     NoticeTemplate(
+        "code.hangs_making",
+        "it did not return within {limit_s:.0f} s",
+        "compute before the flight what takes long, and load it from a file",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
         "code.slow_end",
         "{slow}. No command left in time, and the link plays its bring-down",
         severity=Severity.WARNING,

@@ -16,6 +16,8 @@ import msgspec
 
 from groundstation.config import (
     FACTORY,
+    MAKING_LIMIT_S,
+    STEP_LIMIT_S,
     STEP_WATCH,
     ConfigError,
     OpenFactory,
@@ -23,6 +25,7 @@ from groundstation.config import (
     UserCodeFault,
     call_factory,
     coroutine_hint,
+    describe_error,
     find_object,
     needed_names,
 )
@@ -101,12 +104,26 @@ class OwnTrajectory:
         self.joints_s: Sequence[float] = self._joints_of(curve, (0.0, end))
         """Its own, or from its beginning to its end, to one turn, or to where nobody looks further [s]."""
         try:
-            self.at(0.0)
+            self._ask(0.0, MAKING_LIMIT_S)  # it may be compiled at its first call
         except UserCodeFault as fault:
             raise ConfigError(KEY, str(fault)) from fault.__cause__
 
+    def _read(self, curve: Any, name: str) -> Any:
+        """What ``curve`` tells under ``name``, which may be code too; None where it does not."""
+        watch = STEP_WATCH.get()
+        try:
+            watch.begin(self._name, MAKING_LIMIT_S)
+            try:
+                return getattr(curve, name, None)
+            finally:
+                watch.end()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            raise ConfigError(KEY, f"{self._name}.{name} failed: {describe_error(error)}") from error
+
     def _time_of(self, curve: Any, name: str) -> float | None:
-        told = getattr(curve, name, None)
+        told = self._read(curve, name)
         if told is None:
             return None
         if not isinstance(told, Real) or not 0.0 <= float(told) < math.inf:
@@ -114,7 +131,7 @@ class OwnTrajectory:
         return float(told)
 
     def _joints_of(self, curve: Any, ends: Sequence[float]) -> Sequence[float]:
-        told = getattr(curve, "joints_s", None)
+        told = self._read(curve, "joints_s")
         if told is None:
             return ends
         with suppress(TypeError):
@@ -135,10 +152,13 @@ class OwnTrajectory:
         Raises:
             UserCodeFault: the user's code failed, or this is no reference of finite numbers.
         """
+        return self._ask(time_s, STEP_LIMIT_S)
+
+    def _ask(self, time_s: float, limit_s: float) -> Reference:
         rests = self.duration_s is not None and time_s >= self.duration_s
         watch, what = STEP_WATCH.get(), f"trajectory {self._name}"
         try:
-            watch.begin(what)
+            watch.begin(what, limit_s)
             try:
                 found = self._at(self.duration_s if rests else time_s)
             finally:

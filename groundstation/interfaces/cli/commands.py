@@ -54,10 +54,11 @@ def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda
 
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
-    from groundstation.flight import confirmation, ensure_named
+    from groundstation.flight import confirmation, ensure_named, start_step_timer
     from groundstation.interfaces.service import fly_command, require_flyable
     from groundstation.runtime import require_package
 
+    start_step_timer()
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
     if args.view:
@@ -104,9 +105,10 @@ def _mark_lines(say: Say) -> Say:
 
 def daemon(args: argparse.Namespace) -> Exit:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
-    from groundstation.flight import ensure_named
+    from groundstation.flight import ensure_named, start_step_timer
     from groundstation.interfaces.service import Format, daemon_command, require_flyable
 
+    start_step_timer()
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
     return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
@@ -444,8 +446,10 @@ def trajectory(args: argparse.Namespace) -> Exit:
         examine_trajectory,
         explain_fence,
         explain_refusal,
+        start_step_timer,
     )
 
+    start_step_timer()
     config = load(args.config, Config, args.overrides)
     report = examine_trajectory(config)
     refusal = explain_refusal(config, report) or explain_fence(config)
@@ -472,10 +476,11 @@ def check(args: argparse.Namespace) -> Exit:
 
         return watch_poses(_load(args), seconds=args.seconds, as_json=args.json)
     from groundstation.core.safety import list_limits
-    from groundstation.flight import describe_checks, describe_failures, make_flight
+    from groundstation.flight import describe_checks, describe_failures, make_flight, start_step_timer
     from groundstation.interfaces.service import require_flyable
     from groundstation.machine import running_processes
 
+    start_step_timer()
     config = _load(args, require_flyable)
 
     async def never() -> bool:

@@ -51,6 +51,7 @@ from groundstation.flight import (
     make_ends,
     make_flight,
     recorder,
+    start_step_timer,
 )
 from groundstation.interfaces.api import Core, Server
 from groundstation.machine import (
@@ -598,9 +599,12 @@ class Daemon:
 
 
 def obey(
-    ask: Callable[[Request], Reply], say: Callable[[str], None], on_stop: Callable[[], None] = lambda: None
+    ask: Callable[[Request], Reply],
+    say: Callable[[str], None],
+    timer: StepTimer,
+    on_stop: Callable[[], None] = lambda: None,
 ) -> None:
-    """Have ``ask`` do what signals mean from now on; ``on_stop`` hears of each."""
+    """Have ``ask`` do what signals mean from now on; ``timer`` has SIGALRM, ``on_stop`` hears of each."""
     loop = asyncio.get_running_loop()
     interrupts = Interrupts()
 
@@ -632,7 +636,7 @@ def obey(
     loop.add_signal_handler(signal.SIGHUP, hang_up)
     for number in (signal.SIGUSR1, signal.SIGUSR2):  # by default they end the program at once
         loop.add_signal_handler(number, land, number.name)
-    StepTimer(loop.time, lambda: loop.call_soon_threadsafe(land, signal.SIGALRM.name)).start()
+    timer.on_alarm = lambda: loop.call_soon_threadsafe(land, signal.SIGALRM.name)
     loop.add_signal_handler(signal.SIGTSTP, say, "Ctrl-Z is ignored: nobody would fly the vehicle. Ctrl-C lands")
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # one in the background would be stopped as it prints
 
@@ -660,12 +664,13 @@ def fly_command(
 async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say, view: str) -> Exit:
     """Fly until landed or aborted, and land on the first signal."""
     quiet = IdleSlots()
+    timer = start_step_timer()
     async with recorder(config, say, quiet, view=view) as give:
         subscribers = (tell_lines(say),)
         flight = make_flight(
             config, confirm=confirm, subscribers=subscribers, give=give, quiet=quiet, running=running_processes
         )
-        obey(flight.ask, say)
+        obey(flight.ask, say, timer)
         calm_memory()
         try:
             async with crew(config, flight, say, quiet):
@@ -708,8 +713,9 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
 
 
 async def _serve(config: Config, *, arm: bool, once: bool) -> Exit:
+    timer = start_step_timer()
     daemon = Daemon(config, Notify(), arm=arm, once=once)
-    obey(daemon.ask, _log, daemon.stop)
+    obey(daemon.ask, _log, timer, daemon.stop)
     calm_memory()
     return await daemon.run()
 

@@ -4,16 +4,20 @@ import asyncio
 import contextvars
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from groundstation.config import STEP_WATCH, UserCodeFault
+from groundstation.config import STEP_LIMIT_S, STEP_WATCH, ConfigError, UserCodeFault, find_object
+from groundstation.core.control import Custom, make_controller
 from groundstation.core.trajectory import OwnTrajectoryConfig, Reference
+from groundstation.core.vehicle import Vehicle
 from groundstation.flight import StepTimeout, StepTimer
-from groundstation.flight.step_timer import LIMIT_S, SLOW_S
+from groundstation.flight.step_timer import SLOW_S
 
 ALARMS: list[str] = []
 
@@ -27,12 +31,13 @@ def alarms() -> Iterator[None]:
     signal.signal(signal.SIGALRM, before)
 
 
-def watched(work: Callable[[StepTimer, Callable[[], float]], Any]) -> Any:
-    """``work`` where a timer watches, in a context of its own."""
+def watched(work: Callable[[StepTimer, Callable[[], float]], Any], kind: type[StepTimer] = StepTimer) -> Any:
+    """``work`` where a timer of that ``kind`` watches, in a context of its own."""
     loop = asyncio.new_event_loop()
 
     def do() -> Any:
-        timer = StepTimer(loop.time, lambda: ALARMS.append("told"))
+        timer = kind()
+        timer.on_alarm = lambda: ALARMS.append("told")
         timer.start()
         assert STEP_WATCH.get() is timer
         return work(timer, loop.time)
@@ -60,7 +65,7 @@ def test_a_step_that_hangs_is_interrupted_and_the_timer_is_off_afterwards() -> N
         spend(now_s, 0.2)
         return took_s
 
-    assert LIMIT_S - 0.06 < watched(work) < 10.0
+    assert STEP_LIMIT_S - 0.06 < watched(work) < 10.0
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
     assert ALARMS == []
 
@@ -77,6 +82,36 @@ def test_code_that_swallows_exceptions_is_interrupted_all_the_same() -> None:
 
     with pytest.raises(StepTimeout):
         watched(work)
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_code_that_swallows_everything_is_interrupted_at_its_next_line(nested: bool) -> None:
+    def swallow(now_s: Callable[[], float]) -> None:
+        while True:
+            try:
+                spend(now_s, 30.0)
+            except:  # noqa: E722  # as a user may write it
+                now_s()
+
+    def outer(now_s: Callable[[], float]) -> None:
+        try:
+            swallow(now_s)
+        except BaseException:  # noqa: BLE001  # as a user may write it
+            swallow(now_s)
+
+    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+        begun_s = now_s()
+        timer.begin("controller mine:Deaf")
+        try:
+            (outer if nested else swallow)(now_s)
+        finally:
+            timer.end()
+            assert now_s() - begun_s < 10.0
+
+    before = sys.gettrace()
+    with pytest.raises(StepTimeout):
+        watched(work)
+    assert sys.gettrace() in (None, before)
 
 
 def test_a_slow_step_is_named_with_its_time_and_again_only_where_it_is_much_slower() -> None:
@@ -126,6 +161,66 @@ def test_the_step_of_a_trajectory_is_watched_too() -> None:
 
     with pytest.raises(UserCodeFault, match="hanging failed: StepTimeout: it did not return within 500 ms"):
         watched(work)
+
+
+class Hasty(StepTimer):
+    """Makers have a second."""
+
+    def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
+        super().begin(what, limit_s if limit_s == STEP_LIMIT_S else 1.0)
+
+
+def made_never() -> Reference:
+    while True:
+        pass
+
+
+class EndsNever:
+    @property
+    def duration_s(self) -> float:
+        while True:
+            pass
+
+    def at(self, time_s: float) -> Reference:
+        return Reference((0.0, 0.0, -1.0))
+
+
+@pytest.mark.parametrize("factory", ["made_never", "EndsNever"])
+def test_what_makes_a_trajectory_and_never_returns_is_interrupted(factory: str) -> None:
+    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+        OwnTrajectoryConfig(factory=f"{__name__}:{factory}").build()
+
+    with pytest.raises(ConfigError, match="did not return within 1 s: compute before the flight what takes long"):
+        watched(work, Hasty)
+
+
+def test_what_makes_a_controller_and_never_returns_is_interrupted() -> None:
+    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+        make_controller(Custom(factory=f"{__name__}:made_never"), Vehicle())
+
+    with pytest.raises(ConfigError, match="made_never failed: StepTimeout: it did not return within 1 s"):
+        watched(work, Hasty)
+
+
+def test_a_module_whose_import_never_returns_is_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "imported_never.py").write_text("while True:\n    pass\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+        find_object("controller.kind", "imported_never:Own")
+
+    with pytest.raises(ConfigError, match="can't import imported_never: StepTimeout"):
+        watched(work, Hasty)
+
+
+def test_making_may_take_longer_than_a_step_and_is_not_named() -> None:
+    def work(timer: StepTimer, now_s: Callable[[], float]) -> str:
+        timer.begin("mine:Own", 20.0)
+        spend(now_s, STEP_LIMIT_S + 0.1)
+        timer.end()
+        return timer.slow
+
+    assert watched(work) == ""
 
 
 def test_nothing_is_timed_where_nobody_has_started_a_timer() -> None:
