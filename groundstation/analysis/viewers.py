@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from groundstation.config import ConfigError
-from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.geometry import IDENTITY, Quat, Vec3
 from groundstation.machine import is_being_written
 from groundstation.recording import CHANNELS, ChannelForm, Entry, Recording, describe_channels, refuse_recordings
 from groundstation.runtime import Exit, require_package
@@ -39,7 +39,6 @@ ROTORS = tuple((x * ARM_M, y * ARM_M, 0.0) for x in (1.0, -1.0) for y in (1.0, -
 COLOURS = {"estimate": (0.0, 0.45, 0.7), "reference": (0.5, 0.5, 0.5), "truth": (0.84, 0.37, 0.0)}
 """Red, green, blue; told apart by everybody."""
 DISPLAY, WORLD, VEHICLE = "world", "world_ned", "vehicle"
-LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
 OVER: Quat = (0.0, 1.0, 0.0, 0.0)
 """Rotation from a world with z up to north, east, down."""
 
@@ -170,7 +169,7 @@ class FoxgloveScene:
         for shape in self._scene.shapes(entry):
             match shape:
                 case Trail(name, points):
-                    poses = [self._pose(point, LEVEL) for point in points]
+                    poses = [self._pose(point, IDENTITY) for point in points]
                     made = m.PosesInFrame(timestamp=self._stamp(stamp_ns), frame_id=WORLD, poses=poses)
                     yield f"/scene/{name}", made.encode()
                 case WindArrow(name):
@@ -193,11 +192,11 @@ class FoxgloveScene:
         arms = [m.Point3(x=x, y=y, z=z) for rotor in ROTORS for x, y, z in ((0.0, 0.0, 0.0), rotor)]
         kind = m.LinePrimitiveLineType.LineList
         lines = [
-            m.LinePrimitive(type=kind, pose=self._pose((0, 0, 0), LEVEL), thickness=0.015, points=arms, color=colour)
+            m.LinePrimitive(type=kind, pose=self._pose((0, 0, 0), IDENTITY), thickness=0.015, points=arms, color=colour)
         ]
         size = m.Vector3(x=2.0 * ROTOR_M, y=2.0 * ROTOR_M, z=0.01)
         rotors = [
-            m.CylinderPrimitive(pose=self._pose(at, LEVEL), size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
+            m.CylinderPrimitive(pose=self._pose(at, IDENTITY), size=size, bottom_scale=1.0, top_scale=1.0, color=colour)
             for at in ROTORS
         ]
         return self._entity(stamp_ns, VEHICLE, VEHICLE, lines=lines, cylinders=rotors, frame_locked=True)
@@ -345,7 +344,7 @@ def turn_to(v: Vec3) -> Quat:
     """The shortest turn of the x axis to the direction of ``v``, as a unit quaternion w, x, y, z."""
     length = math.hypot(*v)
     if length == 0.0:
-        return LEVEL
+        return IDENTITY
     x, y, z = (part / length for part in v)
     whole = math.hypot(1.0 + x, y, z)
     return ((1.0 + x) / whole, 0.0, -z / whole, y / whole) if whole > 1e-12 else (0.0, 0.0, 0.0, 1.0)

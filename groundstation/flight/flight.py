@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config import STEP_WATCH
-from groundstation.core.geometry import Quat, Vec3
+from groundstation.core.geometry import IDENTITY, ZERO
 from groundstation.core.messages import (
     FLOWN,
     Ask,
@@ -366,10 +366,6 @@ class CommandLoop:
             await asyncio.sleep(self._link.period_s)
 
 
-ZERO: Vec3 = (0.0, 0.0, 0.0)
-LEVEL: Quat = (1.0, 0.0, 0.0, 0.0)
-
-
 class FrameLateness:
     """When the next frame is due; a late one is skipped, never made up for (:class:`Pacing` has the same rule)."""
 
@@ -456,7 +452,7 @@ class FlightStatistics:
     ) -> Snapshot:
         """The flight as it is now; before the first command, position and attitude are the newest pose's."""
         now = asyncio.get_running_loop().time()
-        position, velocity, attitude = ZERO, ZERO, LEVEL
+        position, velocity, attitude = ZERO, ZERO, IDENTITY
         if self._tick is not None:
             motion = self._tick.estimate.motion
             position, velocity, attitude = motion.position, motion.velocity, motion.attitude

@@ -132,6 +132,7 @@ OLD_S = 0.5
 _RECEIVER = 0x10000
 """MAV_SYS_STATUS_SENSOR_RC_RECEIVER."""
 _UNUSED = (0, 0xFFFF)
+"""Values of a channel that is not there."""
 
 
 class ChannelInput:

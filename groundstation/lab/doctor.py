@@ -341,6 +341,7 @@ Visit = BoardVisit | MavlinkVisit
 _MARKS = {"ok": "ok", "must": "MUST", "should": "SHOULD", "note": "note", "absent": "-"}
 _ORDER = list(_MARKS)
 WIDTH = 100
+"""Width of the printed text [columns]."""
 
 
 def doctor_report(title: str, findings: Sequence[ParameterFinding], command: str) -> str:

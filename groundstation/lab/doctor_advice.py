@@ -510,6 +510,7 @@ AUX_SLOTS = 20
 EMPTY_SLOT = "0 0 900 900 0 0"
 """Row that assigns no mode."""
 ARM_MODE = 0
+"""Number of Betaflight's mode ARM."""
 LEVEL_MODES = {
     1: "ANGLE", 2: "HORIZON", 3: "ALTHOLD", 5: "MAG", 6: "HEADFREE", 11: "POS HOLD", 12: "PASSTHRU", 27: "FAILSAFE",
     29: "3D DISABLE", 30: "FPV ANGLE MIX", 35: "FLIP OVER AFTER CRASH", 45: "PARALYZE", 46: "GPS RESCUE",

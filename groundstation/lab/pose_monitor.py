@@ -112,6 +112,7 @@ async def open_ears(
 JSON_S = 5.0
 """Duration of a look for a program, where it gives none [s]."""
 REFRESH_S = 0.25
+"""Period of the shown summary [s]."""
 
 
 def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit:
@@ -207,6 +208,7 @@ def _interrupt(loop: asyncio.AbstractEventLoop) -> Iterator[asyncio.Event]:
 NOTHING = "nothing has come: check the address in [pose], that the tracker streams to this machine, and the firewall"
 NOT_RESTING = "moves: let it stand to measure"
 SHOWN_EVENTS = 5
+"""Newest events shown."""
 
 
 def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
@@ -336,6 +338,7 @@ PATIENCE_S = 120.0
 """Timeout of one move [s]."""
 NOT_SEEN = "This link does not tell whether the vehicle is armed: see that it is not."
 LOOK_S = 0.1
+"""Period at which a move's progress is looked at [s]."""
 LATE_S = 0.002
 """A smaller error of the configured latency is none [s]."""
 

@@ -42,6 +42,7 @@ REST_M = 0.002
 REST_NOISE = 4.0
 """Multiple of one pose's noise that is added to it [-]."""
 KEPT_EVENTS = 20
+"""Newest events kept."""
 
 
 class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -352,6 +353,7 @@ SNAP_DEG = 1.0
 LONGEST_S = 0.4
 """Latency that is looked for, to both sides of what is configured [s]."""
 LAG_STEP_S = 0.005
+"""Step between tried latencies [s]."""
 LEAST_MATCH = 0.8
 """Correlation of the two speeds of turning, below which nothing is said of time [-]."""
 SPEED_BASE_S = 0.08

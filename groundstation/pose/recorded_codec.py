@@ -78,6 +78,7 @@ def read_csv(lines: Iterable[str], dropped: Counter[str]) -> Iterator[CsvRow]:
 
 
 _STAMP_BYTES = 8
+"""Length of a record's time stamp [bytes]."""
 AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1, of common.xml."""
 RECORDS_SHARE = 0.5

@@ -52,6 +52,7 @@ def stand_back() -> None:
 
 
 _READ_BYTES = 1 << 18
+"""Most bytes read from the pipe at once."""
 SYNC_S = 1.0
 """Written data must reach the disk itself within this time, or the operator is told [s]."""
 

@@ -27,6 +27,7 @@ _FOOTER = struct.Struct("<BQQQI")
 _DATA_END = struct.Struct("<BQI")
 """The record before the index: its kind, its length, and the sum of all bytes before it."""
 _BLOCK_BYTES = 1 << 20
+"""Bytes read from the file at once."""
 _RECORD_BYTES = 1 << 28
 """No record of ours is longer: a length beyond it is damage."""
 _DATA = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)

@@ -36,12 +36,15 @@ UP = 3
 DOWN = 4
 """Kind of datagram: from the bridge to the station [-]."""
 NONCE_BYTES = 16
+"""Length of a side's random number in the greeting [bytes]."""
 TAG_BYTES = 16
+"""Length of the seal behind a datagram [bytes]: HMAC-SHA-256, cut."""
 LARGEST_BYTES = 8192
 """Size limit of a datagram [B]; a command with its bring-down takes about 400."""
 _MAGIC = b"RFB1"
 _HEAD = struct.Struct(">4sB8sQ")
 _NAME = slice(5, 13)
+"""Place of the session's name in a datagram."""
 
 T = TypeVar("T")
 

@@ -7,6 +7,7 @@ import stat
 from pathlib import Path
 
 KEY_BYTES = 32
+"""Length of a key [bytes]."""
 
 
 def read_key(path: Path) -> bytes:

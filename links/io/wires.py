@@ -28,9 +28,12 @@ if TYPE_CHECKING:
     import asyncio
 
 _TCGETS2 = 0x802C542A
+"""ioctl number of Linux: read the port's settings with any speed."""
 _TCSETS2 = 0x402C542B
+"""ioctl number of Linux: write them."""
 _TERMIOS2 = struct.Struct("=IIIIB19sII")
 _ANY_SPEED = 0o010000
+"""Bit of c_cflag: the speed is a number (BOTHER)."""
 _FLAGS = termios.CS8 | termios.CREAD | termios.CLOCAL | _ANY_SPEED
 _SPEED_TOLERANCE = 0.03
 """UARTs work with clocks this far apart."""

@@ -1103,6 +1103,7 @@ class MavlinkConnection:
 
 
 _EPOCH = datetime(2015, 1, 1, tzinfo=UTC)
+"""Zero of MAVLink's signing time stamps."""
 
 
 class StampFile:

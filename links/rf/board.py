@@ -24,6 +24,7 @@ from links.rf.betaflight_codec import (
 )
 
 BAUD = 115200
+"""Speed of the port [bit/s]; a USB port takes any."""
 OPEN_S = 3.0
 """Timeout of a board's first answer [s]."""
 RESTART_S = 20.0
@@ -33,6 +34,7 @@ ANSWER_S = 0.5
 LINE_S = 5.0
 """Timeout of an answer by the command line [s]."""
 TRIES = 3
+"""Attempts at each question."""
 APART_S = 0.2
 """Between the two questions whether it is armed [s]."""
 AGAIN_S = 0.25

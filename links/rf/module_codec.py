@@ -43,12 +43,18 @@ from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
 from links.rf.codec import RfDecoder, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
 
 DSM_FRAME_BYTES = 14
+"""Length of a DSM frame [bytes]."""
 DSM_CHANNELS = 6
+"""Channels in a DSM frame."""
 _DSM_BIND = 0x80
+"""Flag of a DSM frame: bind."""
 _RANGE_CHECK = 0x20
+"""Flag of a DSM frame: reduced power for the range check."""
 _PROTOCOLS = {"rtf": 0x00, "dsm2": 0x10, "dsmx": 0x18}
 _KNOWN_FLAGS = 0xB8
+"""Flags that a DSM frame may have: bind, range check and the two protocols."""
 _DSM_LARGEST = 1023
+"""Largest count of a DSM channel."""
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=_DSM_LARGEST)]
 
@@ -147,6 +153,7 @@ def _is_frame(data: bytes, at: int) -> bool:
 
 
 CHANNELS = 16
+"""Channels in a CRSF frame."""
 
 
 class CrsfFrame(IntEnum):
@@ -166,18 +173,31 @@ TO_MODULE = 0xEE
 SYNC = 0xC8
 """CRSF sync byte; address of a flight controller."""
 FRAME_BYTES = 26
+"""Length of a CRSF frame of channels [bytes]."""
 _RADIO = 0xEA
+"""CRSF address of a radio transmitter."""
 _ADDRESSES = frozenset((SYNC, TO_MODULE, _RADIO, 0xEC, 0x00))
+"""First bytes that a CRSF frame may have."""
 _THIS_SYSTEM = 0x10
+"""CRSF command group: this system."""
 _BIND = 0x01
+"""CRSF command: bind."""
 _MODEL = 0x05
+"""CRSF command: select a model."""
 _TIMING = 0x10
+"""CRSF sub-type of RADIO: period and offset of our frames."""
 _LOW = 172
+"""CRSF count of the position -1."""
 _HIGH = 1811
+"""CRSF count of the position 1."""
 _LARGEST = 1984
+"""Largest CRSF count."""
 _SHORTEST = 2
+"""Least value of a CRSF frame's length byte."""
 _LONGEST = 62
+"""Largest value of a CRSF frame's length byte."""
 _CHANNEL_BYTES = 22
+"""Length of the packed channels [bytes]."""
 
 ORDER = ChannelMap(
     roll=Stick(channel=1),
@@ -368,7 +388,9 @@ def _crc8(data: Iterable[int], table: bytes) -> int:
 
 
 _D5 = _table(0xD5)
+"""Table of the CRC-8 of every CRSF frame."""
 _BA = _table(0xBA)
+"""Table of the CRC-8 inside a CRSF command."""
 
 
 RF_CODECS: dict[str, type[RfLinkConfig]] = {"dsm": DsmLinkConfig, "crsf": CrsfLinkConfig}

@@ -42,10 +42,14 @@ from links.io import discard, open_port, waiting
 CAPACITY_BYTES = 16384
 """Largest value."""
 _HEAD = 24
+"""Bytes before a slot's value: number, length and checksum."""
 _SLOT = _HEAD + CAPACITY_BYTES
 _SIZE = 64 + 2 * _SLOT
+"""Length of the memory [bytes]: signs of life, then two slots."""
 _WORD = 8
+"""Length of one word [bytes]."""
 _TRIES = 3
+"""Attempts at reading a slot that is being written."""
 
 
 class Mailbox:

@@ -363,7 +363,9 @@ SHORTEST_S = 0.001
 """Nothing is sent more often [s]."""
 
 _TEXT_BYTES = 50
+"""Length of STATUSTEXT.text [bytes]."""
 _UNKNOWN = (math.nan,) * 21
+"""Covariance that is not sent."""
 
 
 class Streams:
@@ -521,8 +523,11 @@ FIRMWARE, COMMIT = 0x01_10_00_FF, b"simulate"
 """The version that it says it runs, 1.16.0, and the first bytes of its commit."""
 
 _CUSTOM_MODE_ENABLED = 1
+"""Bit of HEARTBEAT.base_mode (MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)."""
 _PREARM_CHECK = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+"""Bit of SYS_STATUS (MAV_SYS_STATUS_PREARM_CHECK)."""
 _QUADROTOR = 2
+"""HEARTBEAT.type (MAV_TYPE_QUADROTOR)."""
 _STANDBY = 3
 """MAV_STATE_STANDBY [-]."""
 _ACTIVE = 4

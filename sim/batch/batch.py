@@ -44,11 +44,10 @@ from groundstation.core.estimation import (
     weigh_along,
     widen_covariance,
 )
-from groundstation.core.geometry import Ops, Real, Vec3, arrays, rotate
+from groundstation.core.geometry import ZERO, Ops, Real, Vec3, arrays, rotate
 from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Decision, Estimate
 from groundstation.core.pilot import NOISE_POSES
 from groundstation.core.vehicle import (
-    ZERO,
     ActuatorCommand,
     ActuatorResponse,
     Motion,

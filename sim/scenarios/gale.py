@@ -12,6 +12,7 @@ from groundstation.core.geometry import Vec3
 from groundstation.core.vehicle import GRAVITY
 
 MASS_KG = 2.6
+"""Mass of the vehicle [kg]."""
 HOVER = 0.48
 """Signal that hovers, of the full one [-]."""
 THRUST_CURVE = 0.55
@@ -39,9 +40,11 @@ SINK_INFLOW = 0.19
 LIFT = 0.035
 """Lift of that inflow [N s²/m²]."""
 REST_N: Vec3 = (0.3, 0.15, 0.5)
+"""Deviation of the random push, per axis [N]."""
 REST_S = 0.6
 """Correlation time of the random push that differs from lap to lap (Ornstein-Uhlenbeck noise) [s]."""
 BIAS_N: Vec3 = (1.2, -0.43, 0.0)
+"""Constant push, NED [N]."""
 FULL_N = MASS_KG * GRAVITY / (THRUST_CURVE * HOVER**2 + (1.0 - THRUST_CURVE) * HOVER)
 """Thrust of the full signal [N]."""
 POSE_LATENCY_S = 0.010
@@ -81,6 +84,7 @@ def _wind(speed: float, gust: float, gain: float, jitter_ms: float, *rms: float)
 
 
 GUST_PHASE = 5.0
+"""Phase of the swinging wind [rad]."""
 WINDS = {
     "gale_0": _wind(0.0, 0.0, 1.0, 0.9, 11.2, 7.7, 5.1, 3.1),
     "gale_4": _wind(4.2, 0.0, 1.1, 0.1, 10.3, 6.3, 6.7, 4.9),

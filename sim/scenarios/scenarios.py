@@ -30,6 +30,7 @@ from sim.world import RotorConstants, WindTunnel, World
 BETAFLIGHT = "betaflight"
 """Name of Betaflight's firmware for ``--autopilot``."""
 NO_LIMIT = (1e5, 1e5, 1e5)
+"""Body rates that nothing reaches [deg/s]."""
 MQX = World()
 _IDEAL = msgspec.structs.replace(
     MQX,

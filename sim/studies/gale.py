@@ -28,7 +28,9 @@ Column = NDArray[np.float64]
 LAWS = ("pid", "indi", "l1")
 """PID baseline, incremental dynamic inversion, L1 adaptation."""
 STEP_S = 0.0025
+"""Step of the integration [s]."""
 PERIOD_S = 1.0 / gale.POSE_HZ
+"""Time between two poses [s]."""
 VELOCITY_NOISE_M_S = 2e-3
 """Velocity noise of their motion capture's filter [m/s]; not in the logs, and without weight in the result."""
 CLOSE = 0.3

@@ -380,6 +380,7 @@ TICKS_PER_S = 10_000_000
 FORGET_S = 5.0
 """A unicast client that has not been heard for so long is gone [s]."""
 MOST_CLIENTS = 16
+"""Most unicast clients at once."""
 
 
 class NatNetServer(asyncio.DatagramProtocol):

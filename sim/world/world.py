@@ -208,6 +208,7 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 # MIL-F-8785C, low altitude: at 1 m height the scale lengths are 7.9 m along and across the wind and 1 m
 # vertically; flown through at 3 m/s they become these correlation times. Indoors nothing better is known.
 CORRELATION_S = (2.6, 2.6, 0.33)
+"""Correlation times of the turbulence, along and across the wind and vertical [s]."""
 
 
 GRID_S = 0.0025
@@ -215,13 +216,17 @@ GRID_S = 0.0025
 # The lateral form (1 + √3 τs)/(1 + τs)² is √3 x - (√3 - 1) y: x has time τ and unit variance, y is x through one more
 # lag τ; E[x²] = 1, E[xy] = E[y²] = 1/2.
 ROOT3 = math.sqrt(3.0)
+"""Root of 3, of Dryden's lateral filter."""
 LATERAL_RMS = math.sqrt(3.0 - ROOT3 * (ROOT3 - 1.0) + 0.5 * (ROOT3 - 1.0) ** 2)
+"""RMS of that filter's output for unit inputs."""
 KEEP: Vec3 = (
     math.exp(-GRID_S / CORRELATION_S[0]),
     math.exp(-GRID_S / CORRELATION_S[1]),
     math.exp(-GRID_S / CORRELATION_S[2]),
 )
+"""Share of each state that a step keeps."""
 SPREAD: Vec3 = (math.sqrt(1.0 - KEEP[0] ** 2), math.sqrt(1.0 - KEEP[1] ** 2), math.sqrt(1.0 - KEEP[2] ** 2))
+"""Weight of the new random number in a step, which keeps the variance 1."""
 
 
 class Eddies(NamedTuple):

@@ -37,6 +37,7 @@ WATCHED_S = 5.0
 TAKE_OFFS = {"paper": range(20), "adverse": range(10)}
 """Seeds; every other take-off is over CRSF."""
 SEEDS = range(3)
+"""Seeds of the flights."""
 
 
 class StrikeOutcome(NamedTuple):

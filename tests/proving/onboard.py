@@ -157,7 +157,9 @@ FLIGHTS: Mapping[str, tuple[tuple[str, ...], str]] = {
 }
 """Flights by name: their settings, and the RMS aimed at [cm]."""
 SEEDS = range(3)
+"""Seeds of the figures."""
 STRIKE_SEEDS = range(1)
+"""Seeds of the strikes."""
 SOURCES = ("vicon", "natnet")
 """Trackers in turn."""
 

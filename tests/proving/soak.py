@@ -42,6 +42,7 @@ NOTHING = "nothing"
 """Name of the strike of a flight without a fault."""
 
 PAGE_BYTES = 4096
+"""Size of a memory page [bytes]."""
 
 
 def look() -> dict[str, int]:

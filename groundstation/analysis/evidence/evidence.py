@@ -65,7 +65,9 @@ from groundstation.settings import Config, read_flown_config
 from links.core import signal
 
 GAINS = np.geomspace(1.5, 30.0, 22)
+"""Gains of an attitude loop that are tried [1/s]."""
 LAGS_S = np.array([0.003, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22])
+"""Lags of its rates that are tried [s]."""
 LATEST_S = 0.25
 """Longest delay tried [s]."""
 STEP_S = 0.01
@@ -73,10 +75,13 @@ STEP_S = 0.01
 CLOSER = np.geomspace(0.65, 1.0 / 0.65, 9)
 """About the best of the grid, a finer one."""
 PARTS = 8
+"""Parts of a flight; the spread of fits without one of them gives the deviation."""
 LOOP_SETTLES_S = 1.0
+"""Time until the tried loop has forgotten its start [s]."""
 EXPLAINED = 0.5
 """A loop that explains a smaller share of what the attitude did is none."""
 WIDE = 1.96
+"""Deviations to either side of a 95 % interval."""
 
 
 class AttitudeLoop(NamedTuple):
@@ -163,6 +168,7 @@ def respond(asked: Column, step_s: float, gains: Column, lags_s: Column) -> Colu
 
 
 HORIZONS_MS = (20, 40, 60, 100)
+"""Times ahead at which predictions are judged [ms]."""
 AT_MS = 60
 """At this one tables tell of it, and the filter that is told nothing is judged."""
 NEAR = 0.25
@@ -192,6 +198,7 @@ LOOKED_AT_S = 180.0
 LEAST_FLOWN_S = 3.0
 """A shorter hop tells nothing: the filter has hardly found what is not told of the thrust [s]."""
 LEAST_POSES = 50
+"""Fewer poses tell nothing."""
 STILL_M = 0.001
 """Motion of the mean over half a second below which a vehicle never flew [m]."""
 

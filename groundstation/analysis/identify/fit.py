@@ -33,6 +33,7 @@ from groundstation.settings import Config
 from links.core import signal, thrust
 
 ROUNDS = 15
+"""Most steps of the fit."""
 CLOSE = 0.01
 """Step, as a share of each deviation, below which the fit has converged [-]."""
 MEMORY_S = 1.0
@@ -156,6 +157,7 @@ LOOKS = 800
 COARSE = np.arange(-4.0, 4.1, 1.0)
 """Powers of ten that are tried first, about where the search begins; the next ones fill in between."""
 FINE = np.arange(-0.75, 0.76, 0.25)
+"""Finer grid of the noises' decimal powers, about the best of the coarse one."""
 
 
 class Noise(NamedTuple):
@@ -385,7 +387,9 @@ LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
 TURN_NAMES = ("delay", "roll_lag", "pitch_lag", "yaw_delay", "yaw_lag")
 """Parameters [s]; the first delay is of roll and pitch."""
 LEAST = np.array([-0.05, 0.0, 0.0, -0.05, 0.0])
+"""Lower bounds of these parameters [s]."""
 MOST = np.array([0.5, 1.0, 1.0, 0.5, 1.0])
+"""Upper bounds of these parameters [s]."""
 
 
 class TurnFit(NamedTuple):
@@ -498,6 +502,7 @@ SMOOTH_S = 0.06
 """Attitudes are smoothed over this time to either side [s]: their noise, which the controller answers, would pass for
 thrust."""
 UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Unit vectors along x, y and z."""
 
 
 class ThrustModel:
@@ -586,8 +591,11 @@ positions' variance."""
 THRUST_LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
 """Where the fit may begin."""
 LEAST_THRUST = np.array([-0.05, 0.0, 0.2, -0.5, -0.5, *[-2.0] * 3, -1.0, *[-0.5] * 3])
+"""Lower bounds of the parameters :data:`THRUST_NAMES`."""
 MOST_THRUST = np.array([0.5, 1.0, 4.0, 0.5, 1.5, *[5.0] * 3, 1.0, *[0.5] * 3])
+"""Upper bounds of the same."""
 MOVED = np.array([2e-4, 2e-4, 1e-3, 1e-3, 1e-2, *[1e-3] * 3, 1e-3, *[1e-3] * 3])
+"""Steps for their derivatives."""
 THRUST_ROUNDS = 6
 """Model and noise are fitted in turn, so often at most: the better the model, the weaker the noise that is left."""
 SAG_PER_MIN = 0.1

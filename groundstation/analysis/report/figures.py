@@ -458,9 +458,11 @@ def saturation(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 
 DPI = 140
+"""Resolution of pictures for the screen [dots per inch]."""
 LONG_S = 120.0
 """Length of a flight from which curves hide each other [s]."""
 CLOSE_S = 20.0
+"""Time at the end of a flight that is shown enlarged [s]."""
 PLOT_STYLE: Any = {
     "font.size": 9.0,
     "axes.grid": True,
@@ -538,6 +540,7 @@ def choose_figures(flights: Sequence[FlightColumns]) -> list[ReportFigure]:
 COLUMN_IN = 3.5
 """A column of a journal is so wide [in]."""
 PRINT_DPI = 600
+"""Resolution of what a printed figure holds as a picture [dots per inch]."""
 PRINT_STYLE: Any = {
     **PLOT_STYLE,
     "font.size": 7.0,

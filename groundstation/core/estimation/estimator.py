@@ -41,11 +41,21 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, conjugate, multiply, rotate, rotation_vector
+from groundstation.core.geometry import (
+    FLOATS,
+    ZERO,
+    Ops,
+    Quat,
+    Real,
+    Vec3,
+    conjugate,
+    multiply,
+    rotate,
+    rotation_vector,
+)
 from groundstation.core.messages import Estimate, Pose
 from groundstation.core.vehicle import (
     GRAVITY,
-    ZERO,
     ActuatorCommand,
     ActuatorResponse,
     Motion,

@@ -4,6 +4,7 @@ from groundstation.core.geometry import so3 as so3
 from groundstation.core.geometry.so3 import (
     FLOATS,
     IDENTITY,
+    ZERO,
     Alignment,
     Body,
     Frames,

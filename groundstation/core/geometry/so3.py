@@ -100,6 +100,9 @@ def arrays() -> Ops:
 
 
 IDENTITY: Quat = (1.0, 0.0, 0.0, 0.0)
+"""Quaternion of no rotation."""
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+"""Vector of length 0."""
 
 
 def multiply(a: Quat, b: Quat) -> Quat:

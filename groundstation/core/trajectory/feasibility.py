@@ -161,6 +161,7 @@ def _rates(axis: Vec3, jerk: Vec3, yaw: Real, yaw_rate: Real, strength: Real, op
 
 
 _DEGREES = 180.0 / math.pi
+"""Degrees in a radian."""
 
 
 def _scale(by: Real, v: Vec3) -> Vec3:
@@ -181,6 +182,7 @@ DIFFERENCE_S = 0.005
 FURTHER_S = 60.0
 """An endless trajectory is examined for this long beyond its first turn [s]."""
 FURTHER_LOOKS = 200
+"""Samples of a trajectory beyond its first turn."""
 BOX_SPARE_M = 0.05
 """Margin around the box of the first turn that later turns may use [m]."""
 JUMP_M = 0.01

@@ -11,9 +11,7 @@ from typing import Annotated, NamedTuple, Protocol, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry import Vec3
-
-ZERO: Vec3 = (0.0, 0.0, 0.0)
+from groundstation.core.geometry import ZERO, Vec3
 
 
 class Reference(msgspec.Struct, frozen=True, gc=False):
@@ -208,6 +206,7 @@ LOOKS = 24
 LONGER = 1.08
 """Each next duration that is tried is longer by this factor; the first that keeps the limits is flown."""
 TRIES = 30
+"""Most steps of the search for a blend's duration."""
 SPARE = 1.05
 """The limits are raised to this times what the ends themselves have, where that is more [-]."""
 SWING = 1.15
@@ -218,6 +217,7 @@ on turning as the motion turned."""
 LEAST_S = 0.4
 """No blend is shorter, so that rounding in its ends is no step [s]."""
 _LOOKS_AT = tuple(i / LOOKS for i in range(LOOKS + 1))
+"""Sampled shares of a blend's duration."""
 Coefficients = tuple[float, float, float, float, float, float, float, float]
 
 

@@ -543,6 +543,7 @@ def _plan(config: WaypointsConfig) -> Spline:
 
 
 MAX_SAMPLES = 50_000
+"""Most samples in a file of a course."""
 
 
 class SamplesConfig(

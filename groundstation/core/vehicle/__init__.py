@@ -2,7 +2,6 @@
 
 from groundstation.core.vehicle.vehicle import (
     GRAVITY,
-    ZERO,
     ActuatorCommand,
     ActuatorResponse,
     LimitsConfig,

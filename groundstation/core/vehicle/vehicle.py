@@ -24,7 +24,7 @@ from groundstation.config import (
     parse_toml,
     presets,
 )
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, rotate
+from groundstation.core.geometry import FLOATS, ZERO, Ops, Quat, Real, Vec3, rotate
 
 Mass = Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
 """A mass [kg]; heavier is one in grams."""
@@ -262,8 +262,6 @@ class LimitsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 new = tuple.__new__
 """Makes a named tuple in a third to a half of the time that its own name takes; this runs some five times a command."""
-
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 class Motion(NamedTuple):

@@ -148,6 +148,7 @@ DRIFT = 1e-4
 VEHICLES_MAX = 500
 """Most vehicles that are taken in: a broker may carry anything."""
 EVENTS_KEPT = 20
+"""Newest events kept of a vehicle."""
 
 
 class VehicleView:

@@ -178,7 +178,9 @@ class RequestListener:
 
 
 RETRY_FIRST_S = 0.5
+"""Pause before the first attempt to connect again [s]; each further pause is doubled."""
 RETRY_MAX_S = 10.0
+"""Longest pause between two attempts [s]."""
 EVENTS_KEPT = 100
 """At most this many events wait for a broker that is away; older ones are lost, and counted."""
 HEARD_QUEUE = 256

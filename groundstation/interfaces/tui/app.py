@@ -178,6 +178,7 @@ class Attached:
 
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+"""Speeds of a playback, as multiples of the flight's."""
 TURN_S = 0.1
 """Period at which the player looks for snapshots to show [s]."""
 WIND_S = 5.0

@@ -23,6 +23,7 @@ Spans = list[tuple[str, str]]
 
 # Bit of each of the 2 x 4 dots of a braille character, by [row][column].
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+"""Bits of Braille's dots, by row and column."""
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 

@@ -147,6 +147,7 @@ FRAME_S = 0.5
 RETRY_S = 1.0
 """Time between two tries to connect [s]."""
 HEARD_QUEUE = 5000
+"""Most messages that wait to be read; more are dropped."""
 STYLES = {ALARM: "bold white on dark_red", FLYING: "bold", BUSY: "bold", CALM: ""}
 
 

@@ -279,6 +279,7 @@ def gains(config: Mapping[str, Any], now: Mapping[str, float]) -> list[GainRow]:
 KEPT = 600
 """Snapshots kept for the plots: two minutes at 5 Hz."""
 EVENTS_KEPT = 2000
+"""Newest events kept for the list."""
 
 
 class PlayedSnapshot(Snapshot, frozen=True):

@@ -292,6 +292,7 @@ def law_rows(snapshot: Snapshot) -> list[Spans]:
 
 
 BINS = 8
+"""Most steps of a histogram."""
 
 
 class LinksPage(Page):

@@ -34,6 +34,7 @@ of its end."""
 SELECT_S = 0.1
 """Period at which a lone escape key, and a request to end, are looked for [s]."""
 READ_BYTES = 4096
+"""Most bytes read from the terminal at once."""
 
 
 class KeyGate:

@@ -338,6 +338,7 @@ UNIT_TOLERANCE = 1e-3
 LATEST = 1e15
 """No stamp is further from zero, be it in seconds or frames: floats would no longer tell two of them apart."""
 _AVERAGED = 50
+"""Poses over which the latency is averaged."""
 
 
 def _median(values: list[float]) -> float:

@@ -29,6 +29,7 @@ SILENT_S = 2.0
 AGAIN_S = 1.0
 """Pause before it is started again [s]."""
 LINE_BYTES = 1 << 16
+"""Longest line from the child [bytes]."""
 
 
 class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotioncapture"):

@@ -139,7 +139,9 @@ _SUFFIX = struct.Struct("<IIdQQQ")
 _PRECISION = struct.Struct("<II")
 _FLAGS = struct.Struct("<H")
 _POINT_BYTES = 12
+"""Length of a marker without label [bytes]: x, y, z."""
 _LABELLED_BYTES = 26
+"""Length of a labelled marker [bytes]."""
 
 
 class ServerInfo(msgspec.Struct, frozen=True):
@@ -319,7 +321,9 @@ TURNED: Version = (4, 2)
 
 _BODY_DESCRIPTION = struct.Struct("<ii3f")
 _MODEL_POINT_BYTES = 12
+"""Length of a marker in a description [bytes]."""
 _QUATERNION_BYTES = 16
+"""Length of a quaternion [bytes]."""
 
 
 def decode_models(payload: bytes, version: Version) -> dict[str, int]:

@@ -43,6 +43,7 @@ _DATA = struct.Struct("<qII")
 _SIX_D, _SIX_D_TYPE = struct.Struct("<ihh"), 5
 _BODY = struct.Struct("<12f")
 _ORTHOGONAL = 1e-3
+"""Largest difference of a rotation matrix from an orthogonal one [-]."""
 
 
 class Framer:

@@ -41,6 +41,7 @@ MAX_ROTATION_RAD = 7.0
 _HEADER = struct.Struct("<IB")
 _ITEM = struct.Struct("<BH24s6d")
 _ITEM_DATA_BYTES = _ITEM.size - 3
+"""Length of an item behind its head [bytes]."""
 
 UnreadableVicon: TypeAlias = Literal["truncated", "oversized", "wrong_item"]
 """Why a datagram is no frame of this stream."""

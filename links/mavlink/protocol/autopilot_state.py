@@ -32,8 +32,11 @@ ESTIMATE_HZ = 2.0
 ESTIMATE_OLD_S = 2.5
 """An estimator status older than this does not count [s]; unasked, autopilots send one a second."""
 _SPEED = 2 | 4
+"""Flags: horizontal and vertical velocity are good."""
 _PLACE = 8 | 16
+"""Flags: relative or absolute horizontal position is good."""
 _HEIGHT = 32 | 64
+"""Flags: absolute height or height above ground is good."""
 _CONSTANT = 128
 """Flag: the estimator believes that the vehicle stands still."""
 _LAST = 1024

@@ -27,7 +27,7 @@ from collections import Counter
 from enum import IntEnum
 from typing import Any, TypeAlias
 
-from links.mavlink.protocol.signing import SIGNATURE_BYTES, SIGNED, Signer
+from links.mavlink.protocol.signing import SIGNATURE_BYTES, SIGNED, V2, Signer
 
 Message: TypeAlias = Any
 """A ``MAVLink_message`` of pymavlink, whose fields no type checker knows."""
@@ -75,16 +75,21 @@ class EstimatorKind(IntEnum):
 
 
 NAV_LAND = 21
+"""MAV_CMD_NAV_LAND."""
 DO_SET_MODE = 176
+"""MAV_CMD_DO_SET_MODE."""
 ARM_DISARM = 400
+"""MAV_CMD_COMPONENT_ARM_DISARM."""
 SET_MESSAGE_INTERVAL = 511
+"""MAV_CMD_SET_MESSAGE_INTERVAL."""
 REQUEST_MESSAGE = 512
+"""MAV_CMD_REQUEST_MESSAGE."""
 FORCE = 21196.0
 """Second parameter of ARM_DISARM that overrides every check: with it, disarming stops the motors in the air."""
 
-_V2 = 0xFD
 _V1 = 0xFE
-_MAGIC = re.compile(b"[%c%c]" % (_V1, _V2))
+"""First byte of a frame of MAVLink 1."""
+_MAGIC = re.compile(b"[%c%c]" % (_V1, V2))
 _ACTIVE = 4
 """HEARTBEAT.system_status of ours (MAV_STATE_ACTIVE)."""
 _MAVLINK_VERSION = 3
@@ -144,7 +149,7 @@ def frame_end(data: bytes, start: int) -> int:
     0 where no frame can begin there; more than ``len(data)`` where its end has not arrived.
     """
     magic = data[start]
-    if magic == _V2:
+    if magic == V2:
         if start + 3 > len(data):
             return len(data) + 1
         flags = data[start + 2]
@@ -242,7 +247,7 @@ class MavlinkCodec:
                 # Its checksum can't be checked: it is a frame if the next one begins behind it.
                 if end == size:
                     break
-                if data[end] not in (_V1, _V2):
+                if data[end] not in (_V1, V2):
                     message = None
             if message is None:  # no frame began here; a true one may begin inside
                 self.dropped["bad_crc"] += 1

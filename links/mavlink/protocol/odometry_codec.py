@@ -6,6 +6,7 @@ from typing import NamedTuple
 from links.mavlink.protocol.codec import ARDUPILOT, EstimatorKind, MavFrame, MavlinkCodec
 
 BEST_QUALITY = 100
+"""ODOMETRY.quality of a pose that nothing is known against [%]."""
 ORIGIN_DEG = (47.397742, 8.545594)
 """Latitude and longitude that a room stands at for ArduPilot [deg]: where PX4's simulators begin.
 ArduPilot wants some before it believes its position; a flight by poses takes nothing from them."""
@@ -13,7 +14,9 @@ ORIGIN_M = 488.0
 """Its height above the sea [m]."""
 
 _UNKNOWN = (math.nan,) * 3
+"""Body rates that are not sent."""
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
+"""Places of the variances in the upper triangle of a covariance of 6 by 6."""
 
 
 class Odometry(NamedTuple):

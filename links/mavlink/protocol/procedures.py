@@ -631,8 +631,10 @@ MULTIROTORS = {2: "quadrotor", 3: "coaxial", 13: "hexarotor", 14: "octorotor", 1
 """HEARTBEAT.type of vehicles that thrust and body rates fly."""
 
 _OFFBOARD = (1.0, 6.0)
+"""Mode as DO_SET_MODE takes it: custom mode enabled, PX4's main mode OFFBOARD."""
 _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
 _THRUST_AS_THRUST = 8
+"""Bit of ArduCopter's GUID_OPTIONS: the thrust field is a thrust, no climb rate."""
 
 
 def fitness(autopilot: AutopilotAddress) -> Handshake:

@@ -28,7 +28,8 @@ TICKS_PER_S = 100_000
 MINUTE = 60 * TICKS_PER_S
 """A sender that was not heard yet may be this far behind our own time stamp (rule of the guide)."""
 
-_V2 = 0xFD
+V2 = 0xFD
+"""First byte of a frame of MAVLink 2."""
 _RADIO_STATUS = 109
 """Telemetry radios insert RADIO_STATUS by themselves, and know no key."""
 
@@ -63,8 +64,8 @@ class Signer:
         by link id, system and component, not by address: a copy from another port is refused too.
         With ``keep`` false nothing is remembered: the frame comes from an address that is not used.
         """
-        if frame[0] != _V2 or not frame[2] & SIGNED:
-            is_radio = frame[0] == _V2 and int.from_bytes(frame[7:10], "little") == _RADIO_STATUS
+        if frame[0] != V2 or not frame[2] & SIGNED:
+            is_radio = frame[0] == V2 and int.from_bytes(frame[7:10], "little") == _RADIO_STATUS
             return "" if is_radio else "unsigned"
         if not compare_digest(sha256(self.key + frame[:-6]).digest()[:6], frame[-6:]):
             return "bad_signature"

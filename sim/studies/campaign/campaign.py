@@ -557,9 +557,11 @@ def _compare(sample: Sequence[CampaignRow], flights: Iterable[tuple[bool, float 
 
 
 PERCENTILES = (50, 90, 99)
+"""Percentiles of the errors in a summary [%]."""
 LIMITS_CM = (8, 4)
 """RMS that 99 % of the flights must and should stay below [cm]."""
 WORST = 5
+"""Worst flights that a summary names."""
 STEP_S = 0.0025
 """A vehicle-step of the plant, with its share of the law's [s]."""
 

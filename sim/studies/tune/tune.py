@@ -408,7 +408,9 @@ class Flyers:
 
 
 TIMES_NOMINAL = 5.0
+"""A flight with a larger multiple of the nominal error has failed [-]."""
 FLOOR_CM = 10.0
+"""Smaller errors never count as a failure [cm]."""
 LARGEST = 8.0
 """Factors tried go no further."""
 LONGEST_S = 0.320

@@ -267,7 +267,9 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
 
 
 PERIOD_S = 0.0225
+"""Period of the paced frames [s]."""
 PRIORITY = 50
+"""Real-time priority of the pacer."""
 HOGS_PER_CPU = 1.5
 """Processes that compute and never wait, for each processor."""
 

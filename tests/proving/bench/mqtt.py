@@ -23,7 +23,9 @@ from sim.runs import percentile
 from tests.proving.bench.bench import Options
 
 STATIONS = 100
+"""Stations that publish."""
 RATE_HZ = 10.0
+"""Snapshots of each a second [1/s]."""
 SETTLE_S = 3.0
 """Time until all have connected [s]."""
 PROGRAM_PATH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/local/sbin", "/usr/sbin"])

@@ -17,6 +17,7 @@ from groundstation.settings import Config
 from tests.proving.bench.bench import Options
 
 RATE_HZ = 100.0
+"""Rate of the recorded commands [1/s]."""
 TICKS = 300
 """In each turn."""
 TURNS = 5

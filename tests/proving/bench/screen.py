@@ -22,6 +22,7 @@ from tests.proving.bench.links import Answers, figures_of, lost_words, together
 from tests.proving.bench.links import fly_latency as fly
 
 RATE_HZ = 50
+"""Rate of the poses [1/s]."""
 TURNS = 2
 """Flights that nobody looks at, as many with a dashboard, and as many with a viewer."""
 SIZE = 48, 160

@@ -489,6 +489,7 @@ SHORT = (
 )  # fmt: skip
 """Low and quick; a machine that does other things meanwhile may be late."""
 FIGURE_S = 4.0
+"""Duration of the figure [s]."""
 TRIES = 3
 """Attempts at a cell that this machine disturbs."""
 STILL_S = 0.1
@@ -496,6 +497,7 @@ STILL_S = 0.1
 LIMIT_S = 90.0
 """A cell that takes longer has failed [s]."""
 REST_LIMIT_S = 12.0
+"""Time after a flight's end in which the vehicle must come to rest [s]."""
 TWICE_S = 1.15
 """Between two signals that are to count as two [s]."""
 

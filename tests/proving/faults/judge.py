@@ -591,7 +591,9 @@ def _find_false_alarm(fault: Fault, failure: Failure | None) -> str:
 SET_POINT = b"\x52\x00\x00"
 """SET_ATTITUDE_TARGET, in bytes 7 to 9 of a MAVLink 2 frame."""
 PAYLOAD = 10
+"""Place of the payload in a frame of MAVLink 2 [bytes]."""
 LONGEST_BYTES = 60
+"""Length of the longest frame that is judged [bytes]; zeros at its end may be cut."""
 AGREES = 2e-6
 """32-bit floats agree so well with what they were made of [-]."""
 INSTANT_S = 2e-6

@@ -4,9 +4,10 @@ import math
 
 import pytest
 
+from groundstation.core.geometry import ZERO
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.messages import DisturbanceMeter, DisturbanceReading, Estimate
-from groundstation.core.vehicle import ZERO, Motion
+from groundstation.core.vehicle import Motion
 
 MASS_KG = 0.08
 THRUST_N = 0.9
