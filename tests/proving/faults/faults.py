@@ -443,7 +443,6 @@ RADIO_STATES = ("spool-up", "lift-off", "take-off", "hold", "tracking", "descent
 """Where a false pose over a radio meets something else than over MAVLink: nobody could land the vehicle."""
 SEEN_IN_TIME = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "descent")
 """Where a coordinate that is frozen, or a position that comes late, is flown."""
-BEHIND_RADIO = ", on a vehicle behind a radio"
 
 
 def _live(says: str, states: tuple[str, ...], link: str = "mavlink", poses: Poses = Poses.TRUE) -> Fault:

@@ -114,16 +114,11 @@ def test_what_is_not_finite_is_a_bug_of_the_caller(field: str, bad: float) -> No
     assert deadman.at(1.0) is None
 
 
-def test_a_bring_down_has_a_longest_time() -> None:
-    long = msgspec.structs.replace(command(1.0), bring_down=(msgspec.structs.replace(SINK, duration_s=2.1),))
-    with pytest.raises(LinkMisuse, match="at most 2 s"):
-        armed().take(long, 1.0)
-
-
-def test_a_bring_down_has_no_part_that_lasts_less_than_no_time() -> None:
-    back = msgspec.structs.replace(command(1.0), bring_down=(LEVEL, msgspec.structs.replace(SINK, duration_s=-0.1)))
-    with pytest.raises(LinkMisuse, match="no duration"):
-        armed().take(back, 1.0)
+@pytest.mark.parametrize(("duration_s", "says"), [(2.1, "at most 2 s"), (-0.1, "no duration")])
+def test_a_bring_down_has_a_longest_time_and_no_part_of_less_than_no_time(duration_s: float, says: str) -> None:
+    parts = (LEVEL, msgspec.structs.replace(SINK, duration_s=duration_s))
+    with pytest.raises(LinkMisuse, match=says):
+        armed().take(msgspec.structs.replace(command(1.0), bring_down=parts), 1.0)
 
 
 def test_a_deadline_far_away_is_a_bug_of_the_caller() -> None:

@@ -24,17 +24,13 @@ def test_the_signal_that_carries_the_vehicle_tells_the_full_thrust(weight_share:
     assert full_thrust_n(20.0 * weight_share, signal(weight_share, factor), factor) == pytest.approx(20.0)
 
 
-def test_without_a_curve_the_signal_is_the_thrust() -> None:
-    assert signal(0.37, 0.0) == 0.37
-
-
-def test_a_motor_whose_thrust_is_the_square_of_its_signal_takes_the_root() -> None:
-    assert signal(0.25, 1.0) == pytest.approx(0.5)
-
-
-def test_ardupilots_default_curve_at_half_signal() -> None:
-    # MOT_THST_EXPO 0.65: 0.65 * 0.25 + 0.35 * 0.5
-    assert signal(0.3375, 0.65) == pytest.approx(0.5)
+@pytest.mark.parametrize(("thrust", "curve", "half"), [
+    (0.37, 0.0, 0.37),  # no curve
+    (0.25, 1.0, 0.5),  # thrust is the square of the signal
+    (0.3375, 0.65, 0.5),  # MOT_THST_EXPO 0.65: 0.65 * 0.25 + 0.35 * 0.5
+])  # fmt: skip
+def test_the_signal_is_the_inverse_of_the_curve(thrust: float, curve: float, half: float) -> None:
+    assert signal(thrust, curve) == pytest.approx(half)
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.65, 1.0])

@@ -235,18 +235,12 @@ def test_the_first_set_point_after_arming_lets_the_vehicle_go() -> None:
     assert rates == pytest.approx((0.1, -0.2, 0.3))
 
 
-def test_masked_thrust_lets_the_vehicle_fall() -> None:
+@pytest.mark.parametrize(("mask", "part", "acts"), [(192, 1, 0.0), (135, 2, (0.0, 0.0, 0.0))])
+def test_masked_thrust_lets_the_vehicle_fall_and_masked_rates_are_zero(mask: int, part: int, acts: object) -> None:
     flight = Flight().arm()
-    set_point = flight.codec.dialect.MAVLink_set_attitude_target_message(0, 1, 1, 192, (1, 0, 0, 0), 0, 0, 0, 0.5)
+    set_point = flight.codec.dialect.MAVLink_set_attitude_target_message(0, 1, 1, mask, (1, 0, 0, 0), 1, 2, 3, 0.5)
     flight.send(flight.codec.pack(set_point))
-    assert flight.airframe.acts[-1][1] == 0.0
-
-
-def test_masked_rates_are_zero() -> None:
-    flight = Flight().arm()
-    set_point = flight.codec.dialect.MAVLink_set_attitude_target_message(0, 1, 1, 135, (1, 0, 0, 0), 1, 2, 3, 0.5)
-    flight.send(flight.codec.pack(set_point))
-    assert flight.airframe.acts[-1][2] == (0.0, 0.0, 0.0)
+    assert flight.airframe.acts[-1][part] == acts
 
 
 def test_an_attitude_that_is_not_masked_wins_over_the_rates() -> None:

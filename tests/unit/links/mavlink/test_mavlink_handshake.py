@@ -358,19 +358,19 @@ def test_ardupilot_that_stays_armed_is_told_of() -> None:
     assert "still armed 10 s after mode LAND" in str(failure)
 
 
-def test_a_stream_is_asked_for_by_its_interval() -> None:
-    scene = Scene(PX4, lambda autopilot: stream(autopilot, "ODOMETRY", 100.0), accept).run()
+@pytest.mark.parametrize(("rate_hz", "result", "interval_us"), [
+    (100.0, 0, 10_000.0), (None, 0, -1.0), (None, 2, -1.0), (None, 4, -1.0)
+])  # fmt: skip
+def test_a_stream_is_asked_for_by_its_interval_and_stopped_whatever_the_answer(
+    rate_hz: float | None, result: int, interval_us: float
+) -> None:
+    def ask(autopilot: AutopilotAddress) -> Any:
+        return silence(autopilot, "ODOMETRY") if rate_hz is None else stream(autopilot, "ODOMETRY", rate_hz)
+
+    scene = Scene(PX4, ask, refuse(511, result)).run()
     assert scene.handshake.done
     ((_, request),) = scene.asked
-    assert (request.command, request.param1, request.param2) == (511, 331.0, 10_000.0)
-
-
-@pytest.mark.parametrize("result", [0, 2, 4])
-def test_a_stream_is_stopped_whatever_the_answer(result: int) -> None:
-    scene = Scene(PX4, lambda autopilot: silence(autopilot, "ODOMETRY"), refuse(511, result)).run()
-    assert scene.handshake.done
-    ((_, request),) = scene.asked
-    assert (request.command, request.param1, request.param2) == (511, 331.0, -1.0)
+    assert (request.command, request.param1, request.param2) == (511, 331.0, interval_us)
 
 
 def test_a_stream_that_is_refused_is_not_asked_for_again() -> None:

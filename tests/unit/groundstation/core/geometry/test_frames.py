@@ -43,78 +43,48 @@ def assert_axes(turn: Quat, forward: Vec3, right: Vec3) -> None:
     assert so3.to_world(turn, Y) == pytest.approx(right, abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("world", "given"),
-    [("ned", (0.0, 2.0, -1.0)), ("enu", (2.0, 0.0, 1.0)), ("nwu", (0.0, -2.0, 1.0)), ("nue", (0.0, 1.0, 2.0))],
-)
-def test_a_vehicle_two_metres_east_of_the_origin_and_one_up(world: World, given: Vec3) -> None:
-    assert position(given, world) == (0.0, 2.0, -1.0)
+@pytest.mark.parametrize(("ned", "world", "given"), [
+    # Two metres east of the origin and one up.
+    ((0.0, 2.0, -1.0), "ned", (0.0, 2.0, -1.0)), ((0.0, 2.0, -1.0), "enu", (2.0, 0.0, 1.0)),
+    ((0.0, 2.0, -1.0), "nwu", (0.0, -2.0, 1.0)), ((0.0, 2.0, -1.0), "nue", (0.0, 1.0, 2.0)),
+    # Three metres north and half a metre below.
+    ((3.0, 0.0, 0.5), "ned", (3.0, 0.0, 0.5)), ((3.0, 0.0, 0.5), "enu", (0.0, 3.0, -0.5)),
+    ((3.0, 0.0, 0.5), "nwu", (3.0, 0.0, -0.5)), ((3.0, 0.0, 0.5), "nue", (3.0, -0.5, 0.0)),
+])  # fmt: skip
+def test_a_place_is_the_same_in_all_axes(ned: Vec3, world: World, given: Vec3) -> None:
+    assert position(given, world) == ned
 
 
-@pytest.mark.parametrize(
-    ("world", "given"),
-    [("ned", (3.0, 0.0, 0.5)), ("enu", (0.0, 3.0, -0.5)), ("nwu", (3.0, 0.0, -0.5)), ("nue", (3.0, -0.5, 0.0))],
-)
-def test_a_vehicle_three_metres_north_and_half_a_metre_below(world: World, given: Vec3) -> None:
-    assert position(given, world) == (3.0, 0.0, 0.5)
+# What the vehicle does: where its nose and its right side point, NED. Up is -z.
+NORTH = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+EAST = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+NOSE_UP = ((C10, 0.0, -S10), (0.0, 1.0, 0.0))
+NOSE_UP_EAST = ((0.0, C10, -S10), (-1.0, 0.0, 0.0))
+ROLLED_RIGHT = ((1.0, 0.0, 0.0), (0.0, C10, S10))
+ROLLED_RIGHT_EAST = ((0.0, 1.0, 0.0), (-C10, 0.0, S10))
 
 
-@pytest.mark.parametrize(
-    ("world", "body", "given"),
-    [
-        # Level, nose to the north. In enu the x axis of the lab is east: the nose is turned 90° to the left of it.
-        ("ned", "frd", so3.IDENTITY),
-        ("nwu", "flu", so3.IDENTITY),
-        ("enu", "flu", about(Z, 90.0)),
-        ("ned", "flu", about(X, 180.0)),
-        ("nwu", "frd", about(X, 180.0)),
-        ("nue", "fur", so3.IDENTITY),
-    ],
-)
-def test_level_and_nose_north(world: World, body: Body, given: Quat) -> None:
-    assert_axes(attitude(given, world, body), forward=(1.0, 0.0, 0.0), right=(0.0, 1.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("world", "body", "given"),
-    [
-        ("ned", "frd", about(Z, 90.0)),  # z down: right-handed is north to east
-        ("nwu", "flu", about(Z, -90.0)),  # z up
-        ("enu", "flu", so3.IDENTITY),
-        ("enu", "frd", about(X, 180.0)),
-        ("nue", "fur", about(Y, -90.0)),  # y up
-    ],
-)
-def test_level_and_nose_east(world: World, body: Body, given: Quat) -> None:
-    assert_axes(attitude(given, world, body), forward=(0.0, 1.0, 0.0), right=(-1.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("world", "body", "given"),
-    [
-        ("ned", "frd", about(Y, 10.0)),  # y right: right-handed lifts the nose
-        ("nwu", "flu", about(Y, -10.0)),  # y left: right-handed lowers it
-        ("nue", "fur", about(Z, 10.0)),  # z right
-    ],
-)
-def test_nose_up_ten_degrees_raises_the_x_axis(world: World, body: Body, given: Quat) -> None:
-    # Up is -z in NED.
-    assert_axes(attitude(given, world, body), forward=(C10, 0.0, -S10), right=(0.0, 1.0, 0.0))
-
-
-def test_nose_up_ten_degrees_while_facing_east_in_enu() -> None:
+@pytest.mark.parametrize(("points", "world", "body", "given"), [
+    # In enu the x axis of the lab is east: a nose to the north is turned 90° to the left of it.
+    (NORTH, "ned", "frd", so3.IDENTITY), (NORTH, "nwu", "flu", so3.IDENTITY), (NORTH, "enu", "flu", about(Z, 90.0)),
+    (NORTH, "ned", "flu", about(X, 180.0)), (NORTH, "nwu", "frd", about(X, 180.0)), (NORTH, "nue", "fur", so3.IDENTITY),
+    (EAST, "ned", "frd", about(Z, 90.0)),  # z down: right-handed is north to east
+    (EAST, "nwu", "flu", about(Z, -90.0)),  # z up
+    (EAST, "enu", "flu", so3.IDENTITY), (EAST, "enu", "frd", about(X, 180.0)),
+    (EAST, "nue", "fur", about(Y, -90.0)),  # y up
+    (NOSE_UP, "ned", "frd", about(Y, 10.0)),  # y right: right-handed lifts the nose
+    (NOSE_UP, "nwu", "flu", about(Y, -10.0)),  # y left: right-handed lowers it
+    (NOSE_UP, "nue", "fur", about(Z, 10.0)),  # z right
     # Body and lab axes coincide but for the tilt: about y, which points left (north), by minus 10°.
-    assert_axes(attitude(about(Y, -10.0), "enu", "flu"), forward=(0.0, C10, -S10), right=(-1.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize(("world", "body"), [("ned", "frd"), ("nwu", "flu"), ("nue", "fur")])
-def test_rolled_right_ten_degrees_lowers_the_right_side(world: World, body: Body) -> None:
-    # x is forward in all, so rolling right is right-handed in all. Down is +z in NED.
-    assert_axes(attitude(about(X, 10.0), world, body), forward=(1.0, 0.0, 0.0), right=(0.0, C10, S10))
-
-
-def test_rolled_right_while_facing_east_in_enu_lowers_the_south_side() -> None:
-    assert_axes(attitude(about(X, 10.0), "enu", "flu"), forward=(0.0, 1.0, 0.0), right=(-C10, 0.0, S10))
+    (NOSE_UP_EAST, "enu", "flu", about(Y, -10.0)),
+    # x is forward in all, so rolling right is right-handed in all.
+    (ROLLED_RIGHT, "ned", "frd", about(X, 10.0)), (ROLLED_RIGHT, "nwu", "flu", about(X, 10.0)),
+    (ROLLED_RIGHT, "nue", "fur", about(X, 10.0)), (ROLLED_RIGHT_EAST, "enu", "flu", about(X, 10.0)),
+])  # fmt: skip
+def test_an_attitude_points_the_same_way_in_all_axes(
+    points: tuple[Vec3, Vec3], world: World, body: Body, given: Quat
+) -> None:
+    assert_axes(attitude(given, world, body), forward=points[0], right=points[1])
 
 
 def test_thrust_of_a_level_vehicle_points_up_whatever_the_frames() -> None:

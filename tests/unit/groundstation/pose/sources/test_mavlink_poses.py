@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.core.geometry import so3
+from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.pose.sources import (
     LocalPositionDecoder,
@@ -183,18 +183,17 @@ def test_a_single_absurd_stamp_silences_the_source_for_a_second_only() -> None:
     assert taken[-1].time_s == pytest.approx(taken[-1].arrival_s)
 
 
-def test_an_attitude_a_little_older_is_turned_on_by_its_own_rates() -> None:
+@pytest.mark.parametrize(("attitude_ms", "rates", "position_ms", "angles"), [
+    (1000, (0.0, 1.0, 0.0), 1020, (0.0, 0.02, 0.0)),
+    (1010, (2.0, 0.0, 0.0), 1000, (-0.02, 0.0, 0.0)),
+])  # fmt: skip
+def test_an_attitude_a_little_older_or_newer_is_turned_by_its_own_rates(
+    attitude_ms: int, rates: Vec3, position_ms: int, angles: Vec3
+) -> None:
     decoder = LocalPositionDecoder(0.0)
-    decoder.decode(attitude(1000, rates=(0.0, 1.0, 0.0)), 1.0)
-    pose = decode(decoder, position(1020), 1.02)
-    assert so3.euler_zyx(pose.attitude) == pytest.approx((0.0, 0.02, 0.0), abs=1e-6)
-
-
-def test_an_attitude_a_little_newer_is_turned_back() -> None:
-    decoder = LocalPositionDecoder(0.0)
-    decoder.decode(attitude(1010, rates=(2.0, 0.0, 0.0)), 1.0)
-    pose = decode(decoder, position(1000), 1.0)
-    assert so3.euler_zyx(pose.attitude) == pytest.approx((-0.02, 0.0, 0.0), abs=1e-6)
+    decoder.decode(attitude(attitude_ms, rates=rates), 1.0)
+    pose = decode(decoder, position(position_ms), 1e-3 * position_ms)
+    assert so3.euler_zyx(pose.attitude) == pytest.approx(angles, abs=1e-6)
 
 
 def test_a_position_without_an_attitude_near_it_is_dropped() -> None:
