@@ -207,12 +207,6 @@ def _export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=path, metavar="PATH", help="folder or file to write (default: beside the recording)"
     )
-    parser.add_argument(
-        "--truth",
-        type=path,
-        metavar="FILE",
-        help="for mcap and foxglove: what `groundstation-sim serve --truth` wrote",
-    )
 
 
 def _view(parser: argparse.ArgumentParser) -> None:

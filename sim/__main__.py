@@ -335,12 +335,6 @@ def _serve(parser: argparse.ArgumentParser) -> None:
         metavar="HOST:PORT",
         help="a second ground station here, such as QGroundControl, hears the autopilot (default 127.0.0.1:14550)",
     )
-    parser.add_argument(
-        "--truth",
-        type=path,
-        metavar="FILE",
-        help="write where the vehicle really is: `groundstation export --truth`",
-    )
     parser.add_argument("--duration", type=seconds, metavar="S", help="stop after so many seconds")
 
 

@@ -13,9 +13,7 @@ Flight data is a recorded flight as arrays, tables and pictures, for notebooks a
 import argparse
 import csv
 import json
-import math
 import sys
-from bisect import bisect
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from functools import cached_property
@@ -25,7 +23,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import SteadyError
 from groundstation.machine import (
     RecordingConfig,
     folder_of,
@@ -38,9 +35,6 @@ from groundstation.machine import (
 from groundstation.pose import CSV_COLUMNS, CsvRow, encode_csv
 from groundstation.recording import (
     CHANNELS,
-    ReferenceMessage,
-    TruthMessage,
-    Vector3,
     describe_channels,
 )
 from groundstation.runtime import Exit, require_package
@@ -53,7 +47,7 @@ if TYPE_CHECKING:
 
     from groundstation.analysis.report import FlightColumns
     from groundstation.analysis.viewers import FoxgloveScene
-    from groundstation.recording import Entry, FlightHeadline, Recording  # read where one is: it takes a while to load
+    from groundstation.recording import FlightHeadline, Recording  # read where one is: it takes a while to load
 
     Column = NDArray[np.float64]
     Tables = Mapping[str, Mapping[str, NDArray[Any]]]
@@ -66,16 +60,14 @@ SUFFIXES = {
 """Suffix of each format behind the recording's name, by default."""
 
 
-def export_command(path: Path, form: str, channels: list[str], out: Path | None, truth: Path | None = None) -> Exit:
-    """Do it, say what was written, and return 0; ``truth`` is what ``groundstation-sim serve --truth`` has written.
+def export_command(path: Path, form: str, channels: list[str], out: Path | None) -> Exit:
+    """Write the recording at ``path`` in another format, say what was written, and return 0.
 
     Raises:
-        ConfigError: a file is no recording or no truth, a channel has another name, or the result can't be written.
+        ConfigError: a file is no recording, a channel has another name, or the result can't be written.
     """
     from groundstation.recording import NoRecording, Recording
 
-    if truth is not None and form not in ("mcap", "foxglove"):
-        raise ConfigError("--truth", f"is for --format mcap or foxglove, got {form}")
     wanted = [name if name.startswith("/") else f"/{name}" for name in channels]
     for name in wanted:
         if name not in CHANNELS:
@@ -89,13 +81,12 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None,
         raise ConfigError("--out", f"expected a name that ends in {ending}, as viewers go by it, got {target.name!r}")
     try:
         recording = Recording(path)
-        known = None if truth is None else TruthTrack(truth)
         if form == "mcap":
-            print(f"{target}: {rewrite(recording, target, wanted, truth=known)} messages{_short_of(recording)}")
+            print(f"{target}: {rewrite(recording, target, wanted)} messages{_short_of(recording)}")
         elif form == "foxglove":
             from groundstation.analysis.viewers import FoxgloveScene
 
-            count = rewrite(recording, target, wanted, FoxgloveScene("--format"), known)
+            count = rewrite(recording, target, wanted, FoxgloveScene("--format"))
             print(f"{target}: {count} messages{_short_of(recording)}; Foxglove and Rerun open it")
         elif form == "poses":
             count = write_poses(recording, target)
@@ -200,88 +191,15 @@ def flatten(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-class TruthTrack:
-    """Where the vehicle of ``groundstation-sim serve`` really was, as its file tells, on the flight's own clock."""
-
-    def __init__(self, path: Path) -> None:
-        """Read all of it.
-
-        Raises:
-            ConfigError: it can't be read, or is no such file.
-        """
-        self._path = path
-        self._state, self._flight_time_s, self._steady = "", 0.0, SteadyError()
-        try:
-            self._rows = [msgspec.json.decode(line, type=TruthMessage) for line in path.read_bytes().splitlines()]
-        except OSError as error:
-            raise ConfigError("--truth", f"cannot read {path}: {error.strerror}") from None
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise ConfigError("--truth", f"{path} is not of `groundstation-sim serve --truth`: {error}") from None
-        if not self._rows:
-            raise ConfigError("--truth", f"{path} is empty: nothing flew there")
-        self._times = [row.time_s for row in self._rows]
-
-    def entries(self, recording: "Recording") -> "Iterator[Entry]":
-        """All of ``recording``, and behind each reference the truth at its instant, with the error against it.
-
-        Raises:
-            ConfigError: the recording has its truth already, or was made at another time.
-        """
-        for entry in recording.entries():
-            yield entry
-            if entry.topic == "/truth":
-                raise ConfigError("--truth", f"{recording.path} has its own: it was simulated in virtual time")
-            if entry.topic == "/mission":
-                self._state = entry.message().state
-            elif entry.topic == "/command":
-                self._flight_time_s = entry.message().flight_time_s
-            elif entry.topic == "/reference":
-                told = self._beside(entry.message())
-                yield entry._replace(topic="/truth", data=msgspec.json.encode(told))
-
-    def errors(self) -> dict[str, str]:
-        """Return the headline's true errors as text; empty before the steady part."""
-        steady = self._steady
-        return {} if steady.rms_m is None else {"true_rms_m": str(steady.rms_m), "true_max_m": str(steady.max_m)}
-
-    def _beside(self, wanted: ReferenceMessage) -> TruthMessage:
-        time_s, (first_s, last_s) = wanted.time_s, (self._times[0], self._times[-1])
-        if not first_s - APART_S <= time_s <= last_s + APART_S:
-            says = (
-                f"{self._path} tells of {first_s:.1f} to {last_s:.1f} s, and the flight has a command at {time_s:.1f} s"
-            )
-            raise ConfigError("--truth", f"{says}: it is of another time")
-        after = min(max(bisect(self._times, time_s), 1), len(self._rows) - 1)
-        a, b = self._rows[after - 1], self._rows[after]
-        share = 0.0 if b is a else min(max((time_s - a.time_s) / (b.time_s - a.time_s), 0.0), 1.0)
-
-        def between(name: str) -> Vector3:
-            p, q = getattr(a, name), getattr(b, name)
-            return Vector3(*(u + share * (v - u) for u, v in ((p.x, q.x), (p.y, q.y), (p.z, q.z))))
-
-        at, to, error = between("position_ned"), wanted.position_ned, None
-        if self._state == "tracking" and self._flight_time_s >= 0.0:
-            error = math.dist((at.x, at.y, at.z), (to.x, to.y, to.z))
-            self._steady.add(self._flight_time_s, error)
-        attitude = (a if share < 0.5 else b).attitude
-        return TruthMessage(time_s, at, between("velocity_ned"), attitude, between("wind_m_s2"), error)
-
-
-APART_S = 1.0
-"""A command may lie so far outside of what the truth tells: before it is let go of a vehicle stands [s]."""
-
-
 def rewrite(
     recording: "Recording",
     target: Path,
     topics: list[str],
     scene: "FoxgloveScene | None" = None,
-    truth: TruthTrack | None = None,
 ) -> int:
     """Write what can be read of ``recording`` to ``target``, whole and with an index; the number of messages.
 
-    With a ``scene``, what viewers draw is made of it and stands beside the messages on ``topics``; with a ``truth``,
-    that, too.
+    With a ``scene``, what viewers draw is made of it and stands beside the messages on ``topics``.
     """
     from groundstation.recording import add_channel, begin_mcap
 
@@ -292,13 +210,13 @@ def rewrite(
         channels = scene.channels(kept) if scene else describe_channels(kept)
         ids = {form[0]: add_channel(writer, form) for form in channels}
         wanted = () if scene else topics
-        for entry in recording.entries(wanted) if truth is None else truth.entries(recording):
+        for entry in recording.entries(wanted):
             for topic, data in scene.messages(entry) if scene else ((entry.topic, entry.data),):
                 if topic in ids:
                     writer.add_message(ids[topic], entry.stamp_ns, data, entry.stamp_ns)
                     count += 1
         if recording.result:
-            writer.add_metadata("result", recording.result | ({} if truth is None else truth.errors()))
+            writer.add_metadata("result", recording.result)
         writer.finish()
     return count
 

@@ -559,8 +559,6 @@ def serve(args: argparse.Namespace) -> Exit:
     from sim.runs import serve as serve_stage
 
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
-    if args.truth is not None and args.truth.exists():
-        raise ConfigError("--truth", f"{args.truth} is there already: name another, or remove it")
     for option in ("config", "fleet"):
         if args.autopilot == BETAFLIGHT and getattr(args, option) is not None:
             raise ConfigError(f"--{option}", "Betaflight flies one vehicle of a scenario")
@@ -572,8 +570,6 @@ def serve(args: argparse.Namespace) -> Exit:
     if args.carried and args.config is None:
         raise ConfigError("--carried", "expected --config FILE.toml beside it: what is carried is of a room")
     if args.fleet is not None:
-        if args.truth is not None:
-            raise ConfigError("--truth", "is of one vehicle: leave it out with --fleet")
         from groundstation.lab import read_fleet
 
         truth, told = by_side(args.overrides, None)
@@ -588,7 +584,7 @@ def serve(args: argparse.Namespace) -> Exit:
         from sim.runs import from_floor
 
         world, config = from_floor(world, config, None)
-    return asyncio.run(serve_stage(scenario.name, world, config, second=args.gcs, truth=args.truth, **common))
+    return asyncio.run(serve_stage(scenario.name, world, config, second=args.gcs, **common))
 
 
 def parse_gcs(text: str) -> str:
@@ -612,8 +608,6 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
     served = f"{args.config} for --rehearse{f', wrong by {args.wrong}' if args.wrong else ''}"
     truth, told = by_side(args.overrides, None)
     if "vehicles" in read_toml(args.config):
-        if args.truth is not None:
-            raise ConfigError("--truth", "is of one vehicle: leave it out with a fleet file")
         labs = [member.lab for member in read_fleet(args.config, told, rehearsed=True).members]
         made = [make_mistakes(world_as_told(air, lab, truth), lab, args.wrong) for lab in labs]
         del common["parameters"]
@@ -622,7 +616,7 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
     if config.pose.recorded:
         raise ConfigError("pose.kind", "a recording is played by the ground station itself", str(args.config))
     world, room = make_mistakes(world_as_told(air, config, truth), config, args.wrong)
-    more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried, "truth": args.truth}
+    more = {"standing": others_of(config), "second": args.gcs, "carried": args.carried}
     return asyncio.run(serve_stage(served, world, room, **more, **common))
 
 

@@ -2,25 +2,21 @@
 
 import asyncio
 import contextlib
-import math
 import os
 import shutil
 import socket
 import sys
 import tempfile
 from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import BinaryIO
 
 import msgspec
 
-from groundstation.config import ConfigError, refuse_io
+from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.machine import ApiError, own_directory
 from groundstation.pose import PoseConfig
 from groundstation.pose.sources import JsonConfig, NatNetConfig, QualisysConfig, ViconConfig, VisionConfig
-from groundstation.recording import Quaternion, TruthMessage, Vector3
 from groundstation.runtime import Exit
 from groundstation.settings import Config, RehearsalConfig, beacon
 from links.bridge import BridgeLinkConfig
@@ -95,32 +91,21 @@ async def serve(
     standing: Sequence[tuple[str, Vec3]] = (),
     second: str | None = None,
     carried: bool = False,
-    truth: Path | None = None,
 ) -> Exit:
     """Serve until ``duration_s`` [s] have passed (None: until interrupted); returns the exit code.
 
     ``standing`` are further bodies that stand still; ``second`` is the address of a second ground station. With
-    ``carried`` a hand makes the moves of ``groundstation carry`` for each line on standard input. ``truth`` is a file
-    for where the vehicle really is, a line of JSON each :data:`TRUTH_S`, from when it is let go of.
+    ``carried`` a hand makes the moves of ``groundstation carry`` for each line on standard input.
 
     Raises:
-        ConfigError: another one serves the same, or an address of this machine or the file can't be used.
+        ConfigError: another one serves the same, or an address of this machine can't be used.
     """
     link, room = config.link, config.rehearsal
-    async with _alone(room, *_describe_wires(config)), _broker(config) as broker, AsyncExitStack() as files:
+    async with _alone(room, *_describe_wires(config)), _broker(config) as broker:
         pty = None
         if not link.has_autopilot or link.way == "serial":
             pty = PtyWire(None if room is None else _ours(Path(room.serial)))
-        track: TruthWriter | None = None
-        if truth is not None:
-            with refuse_io("--truth", f"cannot write {truth}"):
-                track = TruthWriter(files.enter_context(truth.open("xb")))
-        stage = Stage(
-            world, config, seed, None if track is None else track.note, autopilot=autopilot, parameters=parameters,
-            pty=pty, standing=standing,
-        )  # fmt: skip
-        if track is not None:
-            track.stage = stage
+        stage = Stage(world, config, seed, autopilot=autopilot, parameters=parameters, pty=pty, standing=standing)
         if link.has_autopilot:
             stage.autopilot.uid = os.getpid()  # two simulators are two vehicles
         more = ""
@@ -148,32 +133,6 @@ async def serve(
     if touchdown is not None:
         print(f"touched down at {touchdown:.2f} m/s", flush=True)
     return Exit.DONE
-
-
-TRUTH_S = 0.01
-"""Period of the truth's lines [s]."""
-
-
-class TruthWriter:
-    """Writes where a stage's vehicle really is, as the recording of a simulated flight has it (``/truth``)."""
-
-    stage: Stage
-    """Stage of the vehicle; set before it runs."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        """A line of JSON each into ``file``."""
-        self._file, self._due_s = file, -math.inf
-
-    def note(self, time_s: float, place: Vec3) -> None:
-        """A step of the plant has ended at ``time_s`` [s], at ``place`` [m, NED]."""
-        plant = self.stage.plant
-        if time_s < self._due_s or plant.released_s is None:
-            return
-        self._due_s = time_s + TRUTH_S
-        wind = self.stage.wind.at(time_s - plant.released_s)
-        w, x, y, z = plant.attitude
-        told = TruthMessage(time_s, Vector3(*place), Vector3(*plant.velocity), Quaternion(x, y, z, w), Vector3(*wind))
-        self._file.write(msgspec.json.encode(told) + b"\n")
 
 
 async def _run(stage: Stage | FleetStage) -> None:

@@ -11,18 +11,16 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable
 from io import BytesIO
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from groundstation.analysis import export_command, logs_command
-from groundstation.analysis.recordings import load, rewrite
+from groundstation.analysis.recordings import load
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import STEADY_S, PoseRecord, TickRecord
 from groundstation.interfaces.tui.app import Tape
@@ -32,21 +30,17 @@ from groundstation.recording import (
     CHANNELS,
     LineRecord,
     NoRecording,
-    Quaternion,
     ReceivedRecord,
     Record,
     Recording,
     SentRecord,
-    TruthMessage,
-    Vector3,
     quick_headline,
     schema,
 )
 from groundstation.recording.writer import FLUSH_S, PatientFile
 from groundstation.settings import Config
 from sim.__main__ import main
-from sim.runs import RECORDING, Stage, fly
-from sim.runs.server import TruthWriter
+from sim.runs import RECORDING, fly
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.flights import flown
@@ -413,61 +407,3 @@ def test_of_a_simulated_flight_that_ends_in_an_error_everything_up_to_it_is_reco
         main()
     told = list(Recording(tmp_path / "flight.mcap").entries(["/mission"]))
     assert len(told) == 507
-
-
-NOWHERE = Vector3(0.0, 0.0, 0.0)
-LATE = msgspec.json.encode(TruthMessage(1000.0, NOWHERE, NOWHERE, Quaternion(0.0, 0.0, 0.0, 1.0), NOWHERE))
-
-
-def test_what_a_served_room_writes_is_where_its_vehicle_really_is(tmp_path: Path) -> None:
-    world, config = prepare(SCENARIOS["paper"], [])
-    with (tmp_path / "truth").open("wb") as file:
-        writer = TruthWriter(file)
-        writer.stage = stage = Stage(world, config, 0, writer.note)
-        stage.plant.advance(5.0)
-        stage.plant.release(5.0)
-        stage.plant.advance(5.3)  # it falls, and is not down yet
-    rows = [msgspec.json.decode(line, type=TruthMessage) for line in (tmp_path / "truth").read_bytes().splitlines()]
-    assert 28 <= len(rows) <= 31 and rows[0].time_s < 5.01
-    for before, after in pairwise(rows):
-        moved = after.position_ned.x - before.position_ned.x
-        assert moved == pytest.approx(before.velocity_ned.x * (after.time_s - before.time_s), abs=1e-4)
-    assert rows[-1].wind_m_s2.x == pytest.approx(0.1)
-
-
-def test_the_truth_of_a_served_room_gives_the_flight_its_true_error(tmp_path: Path) -> None:
-    """A flight without its own truth, and that truth as a room would have written it: the same comes out."""
-    whole, bare, truth = recorded(duration_s=18.0)[0], tmp_path / "bare.mcap", tmp_path / "truth"
-    rewrite(Recording(whole), bare, [topic for topic in CHANNELS if topic != "/truth"])
-    rows = [entry.data for entry in Recording(whole).entries(("/truth",))]
-    truth.write_bytes(b"\n".join(rows))
-    assert export_command(bare, "mcap", [], tmp_path / "with.mcap", truth) == 0
-    known = [msgspec.json.decode(row, type=TruthMessage) for row in rows]
-    found = [entry.value() for entry in Recording(tmp_path / "with.mcap").entries(("/truth",))]
-    assert len(found) == len(known)
-    for one in found:
-        near = min(known, key=lambda row: abs(row.time_s - one["time_s"]))
-        at = near.position_ned
-        assert math.dist(tuple(one["position_ned"].values()), (at.x, at.y, at.z)) < 0.03
-    result, wanted = quick_headline(tmp_path / "with.mcap")[1], quick_headline(whole)[1]
-    assert wanted.true_rms_m is not None
-    assert result.true_rms_m == pytest.approx(wanted.true_rms_m, rel=0.1)
-    assert result.true_rms_m != wanted.true_rms_m, "at the commands, not at every step of the plant"
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (None, "cannot read .*: No such file"),
-        (b"", "is empty: nothing flew there"),
-        (b"\x80\xff\x00", "is not of `groundstation-sim serve --truth`"),
-        (b'{"time_s": 3}', "is not of `groundstation-sim serve --truth`"),
-        (LATE, "tells of 1000.0 to 1000.0 s, and the flight has a command at .* it is of another time"),
-    ],
-)
-def test_a_truth_that_is_none_is_refused_and_leaves_no_file(text: bytes | None, says: str, tmp_path: Path) -> None:
-    if text is not None:
-        (tmp_path / "truth").write_bytes(text)
-    with pytest.raises(ConfigError, match=f"^--truth: .*{says}"):
-        export_command(recorded()[0], "mcap", [], tmp_path / "made.mcap", tmp_path / "truth")
-    assert not (tmp_path / "made.mcap").exists()

@@ -355,7 +355,7 @@ def export(args: argparse.Namespace) -> Exit:
     """Channels of a recording as CSV, or a whole file from one that was cut off."""
     from groundstation.analysis import export_command
 
-    return export_command(_find_recording(args.file), args.format, args.channel, args.out, args.truth)
+    return export_command(_find_recording(args.file), args.format, args.channel, args.out)
 
 
 def view(args: argparse.Namespace) -> Exit:
