@@ -52,6 +52,7 @@ from groundstation.core.vehicle import (
     ActuatorResponse,
     Motion,
     Vehicle,
+    begin_response,
     integrate_actuators,
     integrate_motion,
 )
@@ -160,7 +161,7 @@ class BatchEstimator:
             AlongTrack(zeros(n, 3), zeros(n, 10)),
             tuple(zero - np.inf for _ in range(5)),
             tuple(zeros(n, 3) for _ in range(5)),
-            (zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
+            ActuatorResponse(zeros(n, 4), zero, zeros(n, 3), zeros(n, 3), zeros(n, 3)),
         )
         self._state = state
         self.release()
@@ -269,7 +270,7 @@ class BatchEstimator:
         """Let the commands sent act on ``who`` from their newest poses to ``end`` [s]."""
         period, vehicle, driven = self._period, self._vehicle, self._state.driven
         motion = pick(self._state.motion, who)
-        put(driven, who, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO))
+        put(driven, who, begin_response(motion))
         time = self._state.stamp[who]
         while (going := time < end - 1e-9).any():
             part, now, last = who[going], time[going], end[going]

@@ -27,7 +27,14 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.estimation.estimator import EFFECTIVENESS_LIMITS
 from groundstation.core.geometry import FLOATS, Vec3
-from groundstation.core.vehicle import ActuatorCommand, ActuatorResponse, Motion, integrate_actuators, integrate_motion
+from groundstation.core.vehicle import (
+    ActuatorCommand,
+    ActuatorResponse,
+    Motion,
+    begin_response,
+    integrate_actuators,
+    integrate_motion,
+)
 
 DENSITIES = Densities(0.0, 1e-4, 1e-2, 2.9)
 ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -45,7 +52,7 @@ def transition(h: float) -> np.ndarray:
 def thrust_gives(velocity: Sequence[float], place: Sequence[float]) -> ActuatorResponse:
     """Commands that give that velocity [m/s] and place [m], NED, to one kilogram: thrust pushes against R e3."""
     (a, b, c), (x, y, z) = velocity, place
-    return ((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
+    return ActuatorResponse((1.0, 0.0, 0.0, 0.0), 0.0, ZERO, (-a, -b, -c), (-x, -y, -z))
 
 
 def dense(s: Covariance) -> np.ndarray:
@@ -132,8 +139,7 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         def roll(
             motion: Motion, share: float, wind: Vec3, rate: Vec3, drive: ActuatorCommand = drive
         ) -> tuple[Motion, ActuatorResponse]:
-            still = motion.attitude, motion.thrust, motion.rates, ZERO, ZERO
-            push = integrate_actuators(FLOATS, still, drive, h, lag, lag)
+            push = integrate_actuators(FLOATS, begin_response(motion), drive, h, lag, lag)
             return integrate_motion(motion, push, h, mass / share, (wind[0], wind[1], wind[2] + 9.81), rate), push
 
         truth, _ = roll(truth, true, wind, ZERO)

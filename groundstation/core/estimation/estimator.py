@@ -60,6 +60,7 @@ from groundstation.core.vehicle import (
     ActuatorResponse,
     Motion,
     Vehicle,
+    begin_response,
     integrate_actuators,
     integrate_motion,
     new,
@@ -773,7 +774,7 @@ class ModelEstimator:
         """The vehicle was at ``motion`` at the newest pose's time stamp, whatever that pose says; hold the rest."""
         self.hold(disturbance, effectiveness, at_once=True)
         self._motion = motion
-        self._path = [(self._stamp, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO), 0)]
+        self._path = [(self._stamp, begin_response(motion), 0)]
 
     def see_again(self, motion: Motion) -> None:
         """Believe ``motion`` at the newest pose's time stamp, and learn again what disturbs it, from nothing known."""
@@ -883,7 +884,7 @@ class ModelEstimator:
         while len(drives) > 1 and drives[1][0] <= stamp:
             drives.popleft()
         self._motion, self._stamp, self._reset_count = motion, stamp, pose.reset_count
-        self._path = [(stamp, (motion.attitude, motion.thrust, motion.rates, ZERO, ZERO), 0)]
+        self._path = [(stamp, begin_response(motion), 0)]
 
     def _expect(self, pose: Pose, dt: float, velocity: Vec3) -> tuple[Covariance, AlongTrack | None, float, float]:
         """Before ``pose``: covariance across the motion, that along it, and the noise of the two [m²].
@@ -1008,7 +1009,7 @@ class ModelEstimator:
             while changes <= time + 1e-9:
                 index += 1
                 changes = drives[index + 1][0] if index < last else math.inf
-            drive = drives[index][1] if drives else ActuatorCommand(state[1], state[2])
+            drive = drives[index][1] if drives else ActuatorCommand(state.thrust, state.rates)
             longest = time + STEP_LIMIT
             until = changes if changes < longest else longest
             if until > end:

@@ -7,6 +7,7 @@ from groundstation.core.vehicle.vehicle import (
     LimitsConfig,
     Motion,
     Vehicle,
+    begin_response,
     integrate,
     integrate_actuators,
     integrate_motion,

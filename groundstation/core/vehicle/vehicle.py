@@ -10,7 +10,7 @@ thrust over mass, gravity and wind. Elementwise: floats, or arrays of shape (N,)
 
 import math
 from collections import deque
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import msgspec
 
@@ -24,7 +24,20 @@ from groundstation.config import (
     parse_toml,
     presets,
 )
-from groundstation.core.geometry import FLOATS, ZERO, Ops, Quat, Real, Vec3, rotate
+from groundstation.core.geometry import (
+    FLOATS,
+    ZERO,
+    Ops,
+    Quat,
+    Real,
+    Vec3,
+    add,
+    add_scaled,
+    rotate,
+    scale,
+    subtract,
+    to_world,
+)
 
 Mass = Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
 """A mass [kg]; heavier is one in grams."""
@@ -317,10 +330,24 @@ def schedule(
     return first_s
 
 
-ActuatorResponse: TypeAlias = tuple[Quat, Real, Vec3, Vec3, Vec3]
-"""Result of commands on a motion since a roll began: attitude, thrust [N], rates [rad/s, FRD], and
-the thrust's impulse ∫ T R e3 dt [N s, NED] and reach ∫∫ T R e3 dt dt [N s², NED]. A plain tuple:
-about four are made per command, for a third of a named one's cost."""
+class ActuatorResponse(NamedTuple):
+    """Result of commands on a motion since a roll began."""
+
+    attitude: Quat
+    """Unit quaternion w, x, y, z, body FRD to world NED."""
+    thrust: Real
+    """[N]"""
+    rates: Vec3
+    """[rad/s, FRD]"""
+    impulse: Vec3
+    """∫ T R e3 dt [N s, NED]."""
+    reach: Vec3
+    """∫∫ T R e3 dt dt [N s², NED]."""
+
+
+def begin_response(motion: Motion) -> ActuatorResponse:
+    """Return the response at ``motion``, before any command has acted."""
+    return ActuatorResponse(motion.attitude, motion.thrust, motion.rates, ZERO, ZERO)
 
 
 def integrate_actuators(
@@ -331,36 +358,22 @@ def integrate_actuators(
     The lags are exact; attitude turns by the exact integral of the rates; what thrust gives is its exact integral
     along the attitude at mid-step, so the error is of third order in ``duration`` (keep it below 25 ms).
     """
-    h = duration
-    half = 0.5 * h
-    attitude, thrust, (wx, wy, wz), (ix, iy, iz), (sx, sy, sz) = before
-    w, x, y, z = attitude
-    wanted, (cx, cy, cz) = drive
-    # approach(), written out like to_world() below: this runs three times a command.
-    exp = ops.exp
-    rate_rise = 1.0 - exp(-h / rate_lag) if rate_lag > 0.0 else 1.0
-    half_rise = 1.0 - exp(-half / rate_lag) if rate_lag > 0.0 else 1.0
-    thrust_rise = rate_rise
-    if thrust_lag != rate_lag:
-        thrust_rise = 1.0 - exp(-h / thrust_lag) if thrust_lag > 0.0 else 1.0
-    dx, dy, dz = cx - wx, cy - wy, cz - wz
-    # ∫ω = h ω_c - (lagged part), whose integral is τ (1 - e^(-h/τ)); a, b, c is that at mid-step.
-    lagged, half_lagged = rate_lag * rate_rise, rate_lag * half_rise
-    a, b, c = half * cx - half_lagged * dx, half * cy - half_lagged * dy, half * cz - half_lagged * dz
-    # R e3 at mid-step: e3 rotate by (a, b, c) to second order, in the world.
-    e, f, g = b + 0.5 * a * c, 0.5 * b * c - a, 1.0 - 0.5 * (a * a + b * b)
-    p, q, r = 2.0 * (y * g - z * f), 2.0 * (z * e - x * g), 2.0 * (x * f - y * e)
-    step = wanted - thrust
-    push = h * wanted - thrust_lag * thrust_rise * step
-    jx = push * (e + w * p + y * r - z * q)
-    jy = push * (f + w * q + z * p - x * r)
-    jz = push * (g + w * r + x * q - y * p)
-    return (
-        rotate(attitude, (h * cx - lagged * dx, h * cy - lagged * dy, h * cz - lagged * dz)),
-        thrust + thrust_rise * step,
-        (wx + rate_rise * dx, wy + rate_rise * dy, wz + rate_rise * dz),
-        (ix + jx, iy + jy, iz + jz),
-        (sx + h * ix + half * jx, sy + h * iy + half * jy, sz + h * iz + half * jz),
+    h, half, attitude = duration, 0.5 * duration, before.attitude
+    rate_rise, half_rise = approach(ops, h, rate_lag), approach(ops, half, rate_lag)
+    thrust_rise = approach(ops, h, thrust_lag)
+    missing = subtract(drive.rates, before.rates)
+    # ∫ω = h ω_c - (lagged part), whose integral is τ (1 - e^(-h/τ)).
+    a, b, c = add_scaled(scale(half, drive.rates), -rate_lag * half_rise, missing)
+    # R e3 at mid-step: e3 rotated by (a, b, c) to second order, in the world.
+    down = to_world(attitude, (b + 0.5 * a * c, 0.5 * b * c - a, 1.0 - 0.5 * (a * a + b * b)))
+    step = drive.thrust - before.thrust
+    impulse = scale(h * drive.thrust - thrust_lag * thrust_rise * step, down)
+    return ActuatorResponse(
+        rotate(attitude, add_scaled(scale(h, drive.rates), -rate_lag * rate_rise, missing)),
+        before.thrust + thrust_rise * step,
+        add_scaled(before.rates, rate_rise, missing),
+        add(before.impulse, impulse),
+        add_scaled(add_scaled(before.reach, h, before.impulse), half, impulse),
     )
 
 
@@ -384,37 +397,17 @@ def integrate_motion(
         other_rate: how it moves [m/s³, NED].
         drag: linear drag c, -c v on top of it [1/s]; to third order in c ``duration``.
     """
-    h, k = duration, -1.0 / mass
-    half, third = 0.5 * h, h / 3.0
-    attitude, thrust, rates, (ix, iy, iz), (sx, sy, sz) = after
-    (px, py, pz), (vx, vy, vz), (ax, ay, az), (cx, cy, cz) = motion[0], motion[1], other, other_rate
-    moved = (
-        (
-            px + k * sx + h * (vx + half * (ax + third * cx)),
-            py + k * sy + h * (vy + half * (ay + third * cy)),
-            pz + k * sz + h * (vz + half * (az + third * cz)),
-        ),
-        (
-            vx + k * ix + h * (ax + half * cx),
-            vy + k * iy + h * (ay + half * cy),
-            vz + k * iz + h * (az + half * cz),
-        ),
-        attitude,
-        thrust,
-        rates,
-    )
+    h, half, per_kg = duration, 0.5 * duration, -1.0 / mass
+    pushed = add_scaled(motion.position, per_kg, after.reach)
+    speed = add_scaled(motion.velocity, half, add_scaled(other, h / 3.0, other_rate))
+    position = add_scaled(pushed, h, speed)
+    velocity = add_scaled(add_scaled(motion.velocity, per_kg, after.impulse), h, add_scaled(other, half, other_rate))
     if drag:
-        (x, y, z), (u, v, w) = moved[0], moved[1]
         # ∫v dt is the way itself; ∫∫v dt dt by the way and the speed at its beginning, exact for a steady push.
-        k, share = drag * h / 3.0, drag * h * h / 6.0
-        way = (
-            x - px - k * (x - px) - share * vx,
-            y - py - k * (y - py) - share * vy,
-            z - pz - k * (z - pz) - share * vz,
-        )
-        place = (px + way[0], py + way[1], pz + way[2])
-        moved = (place, (u - drag * way[0], v - drag * way[1], w - drag * way[2]), attitude, thrust, rates)
-    return new(Motion, moved)
+        free = subtract(position, motion.position)
+        way = add_scaled(add_scaled(free, -drag * h / 3.0, free), -drag * h * h / 6.0, motion.velocity)
+        position, velocity = add(motion.position, way), add_scaled(velocity, -drag, way)
+    return Motion(position, velocity, after.attitude, after.thrust, after.rates)
 
 
 def integrate(
@@ -431,9 +424,8 @@ def integrate(
     drag: float = 0.0,
 ) -> Motion:
     """``motion`` after ``duration`` [s] of one ``drive``, a constant ``disturbance`` [m/s², NED], and linear drag."""
-    still = motion.attitude, motion.thrust, motion.rates, ZERO, ZERO
     x, y, z = disturbance
-    after = integrate_actuators(ops, still, drive, duration, thrust_lag, rate_lag)
+    after = integrate_actuators(ops, begin_response(motion), drive, duration, thrust_lag, rate_lag)
     return integrate_motion(motion, after, duration, mass, (x, y, z + gravity), ZERO, drag)
 
 
