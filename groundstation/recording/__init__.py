@@ -12,8 +12,6 @@ from groundstation.recording.channels import (
     ChannelForm,
     MeasuredMessage,
     Quaternion,
-    ReferenceMessage,
-    TruthMessage,
     Vector3,
     channel_form,
     describe_channels,
