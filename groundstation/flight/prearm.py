@@ -75,14 +75,20 @@ def examine_trajectory(config: Config) -> FeasibilityReport:
     )
 
 
+ALIKE = 0.1
+"""Lengths of two vectors that differ by less than this share are told as one, which has two directions [-]: of the
+trajectory's own tolerance."""
+
+
 def explain_refusal(config: Config, report: FeasibilityReport) -> str | None:
     """Why the trajectory must not fly, with the time, the limit and what to do; None if it may."""
     odd = report.inconsistency
     if odd is not None and odd.name == "period":
         return notice("trajectory.period", at_s=odd.time_s, span_s=odd.declared, far_m=odd.found)
     if odd is not None:
+        alike = math.isclose(odd.declared, odd.found, rel_tol=ALIKE)
         return notice(
-            "trajectory.derivative",
+            "trajectory.direction" if alike else "trajectory.derivative",
             at_s=odd.time_s,
             name=odd.name,
             declared=odd.declared,

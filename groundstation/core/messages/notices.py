@@ -100,6 +100,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         Severity.WARNING,
     ),
     NoticeTemplate(
+        "trajectory.direction",
+        "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} has another direction",
+        "correct the signs and axes of the {name} that it returns: limits and fence are checked by it",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
         "trajectory.fence",
         "at {at_s:.2f} s it could not be braked within the fence, by {short_m:.2f} m",
         "move it, slow it down, or correct [fence]",
