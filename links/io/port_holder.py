@@ -7,6 +7,8 @@ holds a socket where one of its /proc/PID/fd leads to that inode.
 from contextlib import suppress
 from pathlib import Path
 
+from links.text import printable
+
 _TABLES = ("/proc/net/udp", "/proc/net/udp6")
 _ADDRESS_COLUMN = 1
 """Column of a table with the local address, HEX:HEXPORT."""
@@ -27,7 +29,7 @@ def name_holder(port: int) -> str:
             if any(str(one.readlink()) in sockets for one in (process / "fd").iterdir()):
                 words = (process / "cmdline").read_bytes().decode(errors="replace").split("\0")
                 command = " ".join(Path(word).name if word.startswith("/") else word for word in words)
-                return f"{command.strip()[:LONGEST_COMMAND]} (process {process.name})"
+                return f"{printable(' '.join(command.split()))[:LONGEST_COMMAND]} (process {process.name})"
     return "a program of another user"
 
 
