@@ -21,19 +21,25 @@ import math
 import re
 import struct
 from collections import Counter
+from enum import IntEnum
 from typing import NamedTuple
 
 from links.rf.codec import RfLinkConfig
 from links.rf.module_codec import DsmLinkConfig
 
-FC_VARIANT = 2
-"""MSP command for the name of the firmware [-]."""
-FC_VERSION = 3
-"""MSP command for its version [-]."""
-STATUS = 101
-"""MSP command for the board's status [-]."""
-UID = 160
-"""MSP command for the processor's unique id [-]."""
+
+class MspCommand(IntEnum):
+    """Commands of MSP."""
+
+    FC_VARIANT = 2
+    """Name of the firmware."""
+    FC_VERSION = 3
+    STATUS = 101
+    """State of the board."""
+    UID = 160
+    """Unique id of the processor."""
+
+
 VARIANT = b"BTFL"
 PROMPT = "\n# "
 """Prompt of the command line."""
@@ -101,7 +107,7 @@ class MspReader:
 
 
 def is_armed(status: bytes) -> bool:
-    """Return whether the payload of a :data:`STATUS` says that the board is armed.
+    """Return whether the payload of a :attr:`MspCommand.STATUS` says that the board is armed.
 
     Raises:
         ValueError: it is too short to say it.

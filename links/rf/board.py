@@ -10,13 +10,10 @@ from typing import Any, Self
 from links.core import LinkError, LinkLost, LinkRejected
 from links.io import NETWORK, parse_address
 from links.rf.betaflight_codec import (
-    FC_VARIANT,
-    FC_VERSION,
     PROMPT,
-    STATUS,
-    UID,
     VARIANT,
     MspAnswer,
+    MspCommand,
     MspReader,
     encode_request,
     find_refusal,
@@ -101,10 +98,10 @@ class Board:
                     why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
                     raise LinkLost(f"{self.port}: {why.removeprefix(f'{self.port}: ')}") from None
                 await asyncio.sleep(AGAIN_S)
-        if (variant := (await self.ask(FC_VARIANT)).payload) != VARIANT:
+        if (variant := (await self.ask(MspCommand.FC_VARIANT)).payload) != VARIANT:
             raise LinkRejected(f"{self.port}: expected Betaflight, this is {variant.decode('ascii', 'replace')!r}")
-        version = (await self.ask(FC_VERSION)).payload
-        uid = (await self.ask(UID)).payload.hex()
+        version = (await self.ask(MspCommand.FC_VERSION)).payload
+        uid = (await self.ask(MspCommand.UID)).payload.hex()
         if self.uid and uid != self.uid:
             raise LinkRejected(f"{self.port}: another board than before answers there; nothing more was changed")
         self.version, self.uid = ".".join(map(str, version[:3])), uid
@@ -116,7 +113,7 @@ class Board:
         else:
             async with asyncio.timeout(OPEN_S):
                 self._transport, _ = await NETWORK.get().open_stream(lambda: self._ear, *self._address)
-        await self.ask(FC_VARIANT)
+        await self.ask(MspCommand.FC_VARIANT)
 
     async def ask(self, command: int) -> MspAnswer:
         """Its answer by MSP.
@@ -150,7 +147,7 @@ class Board:
         for wait_s in (0.0, APART_S):
             await asyncio.sleep(wait_s)
             try:
-                armed = is_armed((await self.ask(STATUS)).payload)
+                armed = is_armed((await self.ask(MspCommand.STATUS)).payload)
             except ValueError as error:
                 raise LinkRejected(f"nobody knows whether it is armed: {error}") from None
             if armed:

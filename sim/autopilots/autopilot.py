@@ -33,18 +33,13 @@ from links.mavlink.protocol import (
     MavFrame,
     MavlinkCodec,
     MavResult,
+    MavSeverity,
+    MavState,
     Message,
     decode,
     encode,
 )
 from sim.world import Airframe, TrueState
-
-CRITICAL = 2
-"""MAV_SEVERITY_CRITICAL [-]."""
-WARNING = 4
-"""MAV_SEVERITY_WARNING [-]."""
-INFO = 6
-"""MAV_SEVERITY_INFO [-]."""
 
 _IGNORE_THRUST = 64
 """Bit of SET_ATTITUDE_TARGET.type_mask: thrust is ignored."""
@@ -528,12 +523,6 @@ _PREARM_CHECK = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 """Bit of SYS_STATUS (MAV_SYS_STATUS_PREARM_CHECK)."""
 _QUADROTOR = 2
 """HEARTBEAT.type (MAV_TYPE_QUADROTOR)."""
-_STANDBY = 3
-"""MAV_STATE_STANDBY [-]."""
-_ACTIVE = 4
-"""MAV_STATE_ACTIVE [-]."""
-_CRITICAL = 5
-"""MAV_STATE_CRITICAL [-]."""
 
 
 class SimulatedAutopilot(Dialect):
@@ -719,18 +708,18 @@ class SimulatedAutopilot(Dialect):
             return MavResult.ACCEPTED, []
         result, words = (MavResult.TEMPORARILY_REJECTED, self.lacks) if self.lacks else self._refuses_to_arm(now_s)
         if result != MavResult.ACCEPTED:
-            return result, self._say(CRITICAL, words)
+            return result, self._say(MavSeverity.CRITICAL, words)
         self.armed = True
         self._ground_since_s = None
         self._airframe.power(now_s, True)
-        return MavResult.ACCEPTED, self._say(INFO, "Armed by external command")
+        return MavResult.ACCEPTED, self._say(MavSeverity.INFO, "Armed by external command")
 
     def _try_to_disarm(self, message: Message, now_s: float) -> tuple[int, list[bytes]]:
         if not self.armed:
             return MavResult.ACCEPTED, []
         result, words = self._refuses_to_disarm(now_s)
         if message.param2 != FORCE and result != MavResult.ACCEPTED:
-            return result, self._say(CRITICAL, words) if words else []
+            return result, self._say(MavSeverity.CRITICAL, words) if words else []
         return MavResult.ACCEPTED, self._disarm(now_s, "Disarmed by external command")
 
     def _disarm(self, now_s: float, words: str) -> list[bytes]:
@@ -738,7 +727,7 @@ class SimulatedAutopilot(Dialect):
         self.failsafe = False
         self._fly_by(None, now_s)
         self._airframe.power(now_s, False)
-        return self._say(INFO, words)
+        return self._say(MavSeverity.INFO, words)
 
     # ---- what it says
 
@@ -749,7 +738,7 @@ class SimulatedAutopilot(Dialect):
 
     def _heartbeat(self) -> Message:
         base = _CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
-        status = _CRITICAL if self.failsafe else _ACTIVE if self.armed else _STANDBY
+        status = MavState.CRITICAL if self.failsafe else MavState.ACTIVE if self.armed else MavState.STANDBY
         return self.codec.dialect.MAVLink_heartbeat_message(_QUADROTOR, self.kind, base, self.custom_mode, status, 3)
 
     def _version(self) -> Message:

@@ -30,13 +30,10 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol import ARDUPILOT, PX4, MavResult
+from links.mavlink.protocol import ARDUPILOT, PX4, MavResult, MavSeverity
 from sim.autopilots.autopilot import (
     ARDUPILOT_PARAMETERS,
-    CRITICAL,
-    INFO,
     PX4_PARAMETERS,
-    WARNING,
     Climb,
     Descend,
     HoldAttitude,
@@ -154,9 +151,9 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
         if mode[0] not in (STABILIZE, LAND, *FOLLOWING):
-            return MavResult.FAILED, self._say(CRITICAL, "Mode change failed: no such mode")
+            return MavResult.FAILED, self._say(MavSeverity.CRITICAL, "Mode change failed: no such mode")
         if mode[0] == GUIDED and not self.parameters["EK3_SRC1_POSXY"]:
-            return MavResult.FAILED, self._say(WARNING, "Mode change to GUIDED failed: requires position")
+            return MavResult.FAILED, self._say(MavSeverity.WARNING, "Mode change to GUIDED failed: requires position")
         self.mode = mode[0]
         self._setpoint_s = math.inf
         self._levelling = False
@@ -179,7 +176,9 @@ class ArduPilotAutopilot(SimulatedAutopilot):
     def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
         said: list[bytes] = []
         if 0.0 < interval_us < SHORTEST_US:
-            said = self._say(INFO, f"SET_MESSAGE_INTERVAL: {1e6 / interval_us:.0f} Hz is too fast, 250 Hz it is")
+            said = self._say(
+                MavSeverity.INFO, f"SET_MESSAGE_INTERVAL: {1e6 / interval_us:.0f} Hz is too fast, 250 Hz it is"
+            )
             interval_us = SHORTEST_US
         return MavResult.ACCEPTED if self._streams.set(number, interval_us, now_s) else MavResult.DENIED, said
 
@@ -263,7 +262,7 @@ class Px4Autopilot(SimulatedAutopilot):
         self._setpoint_s = now_s
         if self.failsafe:
             self.failsafe = False
-            frames += self._say(INFO, "Offboard signal regained")
+            frames += self._say(MavSeverity.INFO, "Offboard signal regained")
         if self.armed and self._intended == OFFBOARD:
             thrust = min(max(set_point.thrust or 0.0, 0.0), 1.0)
             attitude = set_point.attitude
@@ -290,7 +289,7 @@ class Px4Autopilot(SimulatedAutopilot):
     def _fall_silent(self, now_s: float) -> list[bytes]:
         self.failsafe = True
         self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
-        return self._say(CRITICAL, "Failsafe activated: no offboard signal, landing")
+        return self._say(MavSeverity.CRITICAL, "Failsafe activated: no offboard signal, landing")
 
     def _streaming(self, now_s: float) -> bool:
         return now_s - self._setpoint_s <= STREAM_GAP_S and now_s - self._stream_since_s >= STREAM_S

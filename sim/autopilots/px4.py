@@ -13,6 +13,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
+from enum import IntFlag
 from pathlib import Path
 from select import select
 from typing import NamedTuple
@@ -71,18 +72,20 @@ HPA_PER_M = 0.12
 TEMPERATURE_DEG_C = 20.0
 """Temperature of the air [°C]."""
 
-_ACCELEROMETER = 0b111
-"""Bits of HIL_SENSOR.fields_updated: accelerometer."""
-_GYRO = 0b111 << 3
-"""Bits of HIL_SENSOR.fields_updated: gyro."""
-_MAGNETOMETER = 0b111 << 6
-"""Bits of HIL_SENSOR.fields_updated: magnetometer."""
-_BAROMETER = 0b1101 << 9
-"""Bits of HIL_SENSOR.fields_updated: pressure, height and temperature."""
 _SIMULATOR_SYSTEM = 142
 """MAVLink system of a simulator [-]; PX4 does not look at it."""
 _SIMULATOR_COMPONENT = 200
 """MAVLink component of a simulator [-]; PX4 does not look at it."""
+
+
+class SensorFields(IntFlag):
+    """HIL_SENSOR.fields_updated."""
+
+    ACCELEROMETER = 0b111
+    GYRO = 0b111 << 3
+    MAGNETOMETER = 0b111 << 6
+    BAROMETER = 0b1101 << 9
+    """Pressure, height and temperature."""
 
 
 class Outputs(NamedTuple):
@@ -113,9 +116,11 @@ class SimulatorCodec:
         north, east, down = _add_noise(so3.to_body(truth.attitude, FIELD_NED), MAGNETOMETER, normals[6:9])
         height = -truth.position_ned[2]
         pressure = SEA_LEVEL_HPA - HPA_PER_M * height + BAROMETER_HPA * normals[9]
-        fields = _ACCELEROMETER | _GYRO
-        fields |= 0 if count % MAGNETOMETER_EVERY else _MAGNETOMETER
-        fields |= 0 if count % BAROMETER_EVERY else _BAROMETER
+        fields = SensorFields.ACCELEROMETER | SensorFields.GYRO
+        if count % MAGNETOMETER_EVERY == 0:
+            fields |= SensorFields.MAGNETOMETER
+        if count % BAROMETER_EVERY == 0:
+            fields |= SensorFields.BAROMETER
         return self._codec.pack(
             self._codec.dialect.MAVLink_hil_sensor_message(
                 time_us, x, y, z, p, q, r, north, east, down, pressure, 0.0, height, TEMPERATURE_DEG_C, fields, 0

@@ -18,6 +18,8 @@ from links.mavlink.protocol.codec import (
     MavFrame,
     MavlinkCodec,
     MavResult,
+    MavSeverity,
+    MavState,
     Message,
     frame_end,
     load_dialect,

@@ -4,7 +4,7 @@ import math
 from collections import deque
 from typing import Any
 
-from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4, Message
+from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4, MavSeverity, Message
 from links.text import printable
 
 PX4_MODES = {
@@ -113,10 +113,6 @@ def mode_name(autopilot: int, custom_mode: int) -> str:
     return f"{name}.{PX4_AUTO.get(sub, sub)}" if name == "AUTO" else name
 
 
-_WARNING = 4
-"""MAV_SEVERITY_WARNING; lower is graver."""
-
-
 GAP = "[…]"
 """Mark in a text of the autopilot where a part of it was lost."""
 PART_LETTERS = 50
@@ -180,7 +176,7 @@ class Words:
 
     def complaints(self) -> str:
         """The last warnings and errors, newest last, each once; an empty string where there are none."""
-        texts = [text.show() for text in self._texts if text.severity <= _WARNING]
+        texts = [text.show() for text in self._texts if text.severity <= MavSeverity.WARNING]
         return "; ".join(f"“{text}”" for text in list(dict.fromkeys(texts))[-QUOTED_TEXTS:])
 
 

@@ -65,6 +65,22 @@ class MavResult(IntEnum):
     IN_PROGRESS = 5
 
 
+class MavSeverity(IntEnum):
+    """MAV_SEVERITY of a status text: lower is graver."""
+
+    CRITICAL = 2
+    WARNING = 4
+    INFO = 6
+
+
+class MavState(IntEnum):
+    """MAV_STATE: HEARTBEAT.system_status."""
+
+    STANDBY = 3
+    ACTIVE = 4
+    CRITICAL = 5
+
+
 class EstimatorKind(IntEnum):
     """MAV_ESTIMATOR_TYPE: origin of an estimate."""
 
@@ -90,8 +106,6 @@ FORCE = 21196.0
 _V1 = 0xFE
 """First byte of a frame of MAVLink 1."""
 _MAGIC = re.compile(b"[%c%c]" % (_V1, V2))
-_ACTIVE = 4
-"""HEARTBEAT.system_status of ours (MAV_STATE_ACTIVE)."""
 _MAVLINK_VERSION = 3
 """HEARTBEAT.mavlink_version, which every sender fills in so."""
 _IGNORE_ATTITUDE = 128
@@ -308,7 +322,7 @@ class MavlinkCodec:
     def heartbeat(self) -> bytes:
         """HEARTBEAT of a ground station; due once a second."""
         beat = self.dialect.MAVLink_heartbeat_message
-        return self.pack(beat(GROUND_STATION, INVALID, 0, 0, _ACTIVE, _MAVLINK_VERSION))
+        return self.pack(beat(GROUND_STATION, INVALID, 0, 0, MavState.ACTIVE, _MAVLINK_VERSION))
 
     def attitude_target(
         self, time_s: float, system: int, component: int, thrust: float, rates_rad_s: tuple[float, float, float]

@@ -21,7 +21,7 @@ from links.rf import (
     find_settings,
     is_armed,
 )
-from links.rf.betaflight_codec import STATUS, UID, MspAnswer
+from links.rf.betaflight_codec import MspAnswer, MspCommand
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
 from sim.__main__ import main
 from sim.autopilots import Firmware, betaflight
@@ -67,7 +67,7 @@ MSP = [
     (b"$M>\x03\x03\x04\x06\x00\x02", 3, bytes((4, 6, 0)), True),
     (
         b"$M>\x0b\x65\x7d\x00\x00\x00\x21\x00\x01\x00\x00\x00\x00\x33",
-        STATUS,
+        MspCommand.STATUS,
         bytes.fromhex("7d00000021000100000000"),
         True,
     ),
@@ -89,9 +89,9 @@ def test_frames_of_msp_are_written_and_read_as_their_document_says(
 
 
 def test_the_payload_of_a_request_has_its_limit() -> None:
-    assert len(encode_request(UID, bytes(255))) == 261
+    assert len(encode_request(MspCommand.UID, bytes(255))) == 261
     with pytest.raises(ValueError, match="at most 255"):
-        encode_request(UID, bytes(256))
+        encode_request(MspCommand.UID, bytes(256))
 
 
 def test_a_status_tells_whether_it_is_armed_and_a_short_one_does_not() -> None:
@@ -104,7 +104,7 @@ def test_a_status_tells_whether_it_is_armed_and_a_short_one_does_not() -> None:
 @given(st.lists(st.binary(max_size=40)))
 def test_whatever_comes_nothing_raises_and_pieces_say_the_same(pieces: list[bytes]) -> None:
     whole, cut = MspReader(), MspReader()
-    stream = b"".join(pieces) + encode_request(UID).replace(b"<", b">") * 2
+    stream = b"".join(pieces) + encode_request(MspCommand.UID).replace(b"<", b">") * 2
     assert whole.feed(stream) == [one for k in range(len(stream)) for one in cut.feed(stream[k : k + 1])]
     find_settings(stream.decode("ascii", "replace"))
 
