@@ -70,6 +70,12 @@ def test_a_file_that_is_there_comes_before_one_that_logs_lists(folder: Path, run
     assert code != 0 and str(folder) not in err
 
 
+def test_a_folder_beside_a_recording_does_not_take_its_name(folder: Path, run: Run) -> None:
+    put(folder / OLD, 0.0)
+    (folder / OLD).with_suffix("").mkdir()
+    assert "Is a directory" not in run("replay", OLD.removesuffix(".mcap"))[2]
+
+
 @pytest.mark.parametrize("command", ["replay", "report", "identify", "export", "view"])
 def test_without_any_recording_it_is_said_where_they_would_be(folder: Path, run: Run, command: str) -> None:
     code, _, err = run(command)

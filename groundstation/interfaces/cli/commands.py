@@ -91,7 +91,7 @@ def _find_recording(name: Path | None) -> Path:
     folder = folder_of(RecordingConfig())
     if name is not None:
         listed = (folder / name, folder / f"{name}.mcap")
-        return next((path for path in (name, *listed) if path.exists()), name)
+        return next((path for path in (name, *listed) if path.is_file()), name)
     newest = max(list_flights(folder), key=lambda path: path.stat().st_mtime, default=None)
     if newest is None:
         raise ConfigError("LOG", notice("recording.none", folder=folder))
