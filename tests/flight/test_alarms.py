@@ -36,6 +36,22 @@ def test_no_flight_in_bad_air_ends_by_its_poses(scenario: str, first: int) -> No
     assert found.alarm > 0.0, "and it saw something"
 
 
+@pytest.mark.parametrize(
+    ("scenario", "seed", "what"),
+    [
+        ("adverse", 7000036, "wind that the law answered held the height still while it climbed"),
+        ("adverse", 7000029, "the same in a hold"),
+        ("storm", 7000019, "speed that the model alone had after an outage"),
+        ("storm", 7000017, "a short window knew its own scatter too well"),
+        ("storm", 8000082, "a window that rested on the pose after an outage"),
+    ],
+)
+def test_flights_that_a_monitor_ended_once_are_flown(scenario: str, seed: int, what: str) -> None:
+    (found,) = watch_all([Watch(scenario)], (seed,), workers=1)
+    assert ended(found) == [], what
+    assert found.alarm < 0.75, what
+
+
 @pytest.mark.parametrize("floor", FLOORS, ids=lambda floor: floor.name)
 def test_no_flight_ends_by_its_poses_where_something_is_configured_wrong(floor: object) -> None:
     (*_, watch) = [one for one in plan_floors(Watch("", figure_s=5.0)) if one.floor == floor]

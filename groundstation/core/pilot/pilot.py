@@ -80,6 +80,26 @@ NOISE_POSES = 50
 """Number of poses after which the certificate is told their noise and interval again."""
 
 
+class _MeanDisturbance:
+    """Mean of the disturbance since the beginning, and of the last seconds later on."""
+
+    def __init__(self) -> None:
+        self.value: Vec3 | None = None
+        """[m/s², NED]; None before the first command."""
+        self._over_s = 0.0
+
+    def add(self, now: Vec3, interval_s: float) -> Vec3:
+        """Take the disturbance of one command, ``interval_s`` [s] after the one before; return the mean."""
+        if self.value is None:
+            self.value = now
+        elif interval_s > 0.0:
+            self._over_s = min(self._over_s + interval_s, WIND_MEMORY_S)
+            k = interval_s / (interval_s + self._over_s)
+            (a, b, c), (x, y, z) = self.value, now
+            self.value = (a + k * (x - a), b + k * (y - b), c + k * (z - c))
+        return self.value
+
+
 class Pilot:
     """One vehicle's pose → command pipeline. The caller owns time, wires and the mission."""
 
@@ -121,7 +141,7 @@ class Pilot:
         self.response = ResponseLatency()
         """Latency of the vehicle's turns beyond the configured one."""
         self._is_released = self._has_climbed = False
-        self._wind: Vec3 | None = None
+        self._wind = _MeanDisturbance()
         self._reckoning = Reckoning(vehicle, config.gravity)
         self._received = _ReceivedPoses()
         self._last_s: float | None = None
@@ -322,7 +342,7 @@ class Pilot:
             self._coast += rest_s
         if self._descent is None or (blind and not self._descent.blind):
             self._estimator.frozen = True  # the thrust is not learnt from poses that may be at fault
-            before, wind = self._trusted_before(), self._wind
+            before, wind = self._trusted_before(), self._wind.value
             if blind and not self.health.position_answers:
                 motion, wind = self._reckoning.reckon(before, self._newest_s), before.disturbance
                 self._estimator.believe(motion, wind, before.effectiveness)
@@ -366,12 +386,12 @@ class Pilot:
         if descent is None:
             decision = self._envelope.limit_first_climb(time_s, pose.position_ned[2], decision)
             if self._mode.is_limited or self.health.asks:
-                down = (self._wind or (0.0, 0.0, 0.0))[2]
+                down = (self._wind.value or (0.0, 0.0, 0.0))[2]
                 limits_fall = self._mode.is_limited
                 decision = self._envelope.limit_transit(time_s, decision, estimate, down, limits_fall=limits_fall)
             if self._mode.touches:
                 decision = self._keep_level(decision, estimate)
-            self._ask_on_new_wind(time_s, estimate.disturbance)
+            self._ask_on_new_wind(time_s, estimate)
         if self._mode.is_unheard:
             decision = self._soften(decision, estimate)
         decision = self._excite(time_s, decision)
@@ -379,7 +399,7 @@ class Pilot:
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
-        wind = self._mean_wind(estimate.disturbance, interval)
+        wind = self._wind.add(estimate.disturbance, interval)
         if descent is not None and descent.blind:
             wind = descent.wind
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
@@ -398,10 +418,14 @@ class Pilot:
         sooner = self._tones.take_out(sooner, heading(sooner.motion.attitude))
         return law.decide_apart(sooner, estimate, reference, interval_s)
 
-    def _ask_on_new_wind(self, time_s: float, disturbance: Vec3) -> None:
-        """Ask the poses where the disturbance is new: wind is that, and what false poses do not show."""
-        known = self._wind if self._envelope.has_lifted_off else None
-        if known is not None and math.dist(disturbance, known) > SUSPECT_M_S2:
+    def _ask_on_new_wind(self, time_s: float, estimate: Estimate) -> None:
+        """Ask the poses where the disturbance is new: wind is that, and what false poses do not show.
+
+        Near the floor it is the floor.
+        """
+        height_m = self._floor - estimate.motion.position[2]
+        known = self._wind.value if self._envelope.has_lifted_off and height_m > NEAR_FLOOR_M else None
+        if known is not None and math.dist(estimate.disturbance, known) > SUSPECT_M_S2:
             self.health.suspect(time_s)
 
     def _excite(self, time_s: float, decision: Decision) -> Decision:
@@ -415,7 +439,7 @@ class Pilot:
 
     def _keep_level(self, decision: Decision, estimate: Estimate) -> Decision:
         """Return ``decision`` with rates that only level: sideways control would tip what stands."""
-        rates = level(estimate.motion.attitude, self._wind or (0.0, 0.0, 0.0), self._gravity)
+        rates = level(estimate.motion.attitude, self._wind.value or (0.0, 0.0, 0.0), self._gravity)
         return decision._replace(drive=clamp_command(self._vehicle, decision.drive.thrust, rates)[0])
 
     def let_go(self, time_s: float, hold_s: float) -> Command:
@@ -480,14 +504,14 @@ class Pilot:
         is_high = height > NEAR_FLOOR_M or (self._descent is None and meant > 2.0 * NEAR_FLOOR_M)
         self._has_climbed = self._has_climbed or is_high
         asked, tilted = self._tones.advance(pose.time_s, heading(pose.attitude))
-        wind, asked_before = self._wind or (0.0, 0.0, 0.0), health.asks
+        wind, asked_before = self._wind.value or (0.0, 0.0, 0.0), health.asks
         health.see(
             pose, before, given, asked, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
         if asked_before and health.is_confirmed and not health.asks:  # the wind that was new is true
-            self._wind = wind = estimator.disturbance
+            self._wind.value = wind = estimator.disturbance
         if is_high and self._descent is None:
             self.response.pose(pose.attitude, health.turn, dt)
         if health.calm_s == pose.time_s and not self._mode.is_unheard:
@@ -512,16 +536,6 @@ class Pilot:
         pose = self._received.newest
         assert pose is not None, "a command needs a pose"
         return Command(drive.thrust, drive.rates, pose.id, pose.time_s, pose.time_s + self._coast, parts)
-
-    def _mean_wind(self, now: Vec3, interval_s: float) -> Vec3:
-        """Return the disturbance [m/s², NED] without its gusts."""
-        mean = self._wind
-        if mean is not None:
-            k = interval_s / (interval_s + WIND_MEMORY_S)
-            (a, b, c), (x, y, z) = mean, now
-            now = (a + k * (x - a), b + k * (y - b), c + k * (z - c))
-        self._wind = now
-        return now
 
     def _bring_down(
         self, now: Estimate, drive: ActuatorCommand, held_s: float, disturbance: Vec3

@@ -156,7 +156,7 @@ class Scatter:
         # wider interval, as Student's distribution has it.
         self._prior = 3.0 * memory_s * least * least + MODEL_ERROR * MODEL_ERROR * own2
         self._freedom_s = time_s - 2.0 * memory_s
-        self._wider = 1.0 + 2.0 / (time_s / memory_s - 2.0)
+        self._wider = 1.0 + 4.0 / (time_s / memory_s - 2.0)
         self._memory_s, self._noise2 = memory_s, noise * noise
         self._white = time_s * self._noise2
         self._least2 = self.error(0.0, 1.0) ** 2

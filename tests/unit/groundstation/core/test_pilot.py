@@ -9,6 +9,7 @@ from groundstation.core.control import Gains, push, sine_error
 from groundstation.core.geometry import Quat
 from groundstation.core.messages import Pose, SwitchRecord
 from groundstation.core.pilot import Pilot
+from groundstation.core.pilot.pilot import _MeanDisturbance
 from groundstation.core.trajectory import Hold
 from groundstation.core.vehicle import Vehicle
 
@@ -47,3 +48,15 @@ def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
     assert r == 0.0
     assert thrust == pytest.approx(free.thrust, rel=0.2, abs=0.06)
     assert [one.values for one in told if isinstance(one, SwitchRecord)] == [(1.0,)]
+
+
+def test_the_mean_disturbance_is_that_since_the_beginning_and_later_that_of_late() -> None:
+    mean = _MeanDisturbance()
+    for n in range(300):  # 3 s: what the observer began with counts as any other
+        mean.add((0.0, 0.0, -5.0 if n == 0 else 1.0), 0.01)
+    assert mean.value is not None
+    assert mean.value[2] == pytest.approx(1.0 - 6.0 / 300, abs=1e-3)
+    for _ in range(900):
+        mean.add((0.0, 0.0, 2.0), 0.01)
+    assert mean.value[2] == pytest.approx(2.0 - math.exp(-3.0), abs=0.02)
+    assert mean.add((9.0, 9.0, 9.0), 0.0) == mean.value
