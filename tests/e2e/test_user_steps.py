@@ -110,5 +110,5 @@ def test_a_controller_that_is_slow_is_named_with_its_time(tmp_path: Path) -> Non
 
 def test_a_trajectory_that_never_returns_is_told_before_the_flight(tmp_path: Path) -> None:
     run = fly(tmp_path, "trajectory.kind=mine:stuck")
-    assert run.returncode == 2, run.stdout + run.stderr
+    assert run.returncode == 1, run.stdout + run.stderr
     assert "trajectory mine:stuck failed: StepTimeout: it did not return within 500 ms" in run.stderr

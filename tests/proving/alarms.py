@@ -315,7 +315,7 @@ class RecordedPilot(Pilot):
     def take_command(self, time_s: float, drive: ActuatorCommand, interval_s: float) -> None:
         """Take a command that left at ``time_s`` [s], so long after the one before."""
         self._send(time_s, drive)
-        self._wind.add(self._estimator.disturbance, interval_s)
+        self._wind.add(self._estimator.predict(time_s), interval_s)
 
 
 def watch_capture(file: Path, overrides: Sequence[str]) -> Alarms:

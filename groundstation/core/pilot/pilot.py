@@ -81,15 +81,20 @@ NOISE_POSES = 50
 
 
 class _MeanDisturbance:
-    """Mean of the disturbance since the beginning, and of the last seconds later on."""
+    """Mean of the disturbance since the beginning, and of the last seconds later on, for λ̂ as it is now."""
 
-    def __init__(self) -> None:
+    def __init__(self, gravity: float) -> None:
         self.value: Vec3 | None = None
         """[m/s², NED]; None before the first command."""
-        self._over_s = 0.0
+        self._over_s, self._effectiveness, self._gravity = 0.0, 1.0, gravity
 
-    def add(self, now: Vec3, interval_s: float) -> Vec3:
-        """Take the disturbance of one command, ``interval_s`` [s] after the one before; return the mean."""
+    def add(self, estimate: Estimate, interval_s: float) -> Vec3:
+        """Take the estimate of one command, ``interval_s`` [s] after the one before; return the mean."""
+        now, scale = estimate.disturbance, estimate.effectiveness
+        if self.value is not None:  # only the sum with what thrust lacks is observable: that is what has been the same
+            north, east, down = self.value
+            self.value = (north, east, down + (scale - self._effectiveness) * self._gravity)
+        self._effectiveness = scale
         if self.value is None:
             self.value = now
         elif interval_s > 0.0:
@@ -141,7 +146,7 @@ class Pilot:
         self.response = ResponseLatency()
         """Latency of the vehicle's turns beyond the configured one."""
         self._is_released = self._has_climbed = False
-        self._wind = _MeanDisturbance()
+        self._wind = _MeanDisturbance(config.gravity)
         self._reckoning = Reckoning(vehicle, config.gravity)
         self._received = _ReceivedPoses()
         self._last_s: float | None = None
@@ -399,7 +404,7 @@ class Pilot:
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
-        wind = self._wind.add(estimate.disturbance, interval)
+        wind = self._wind.add(estimate, interval)
         if descent is not None and descent.blind:
             wind = descent.wind
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)

@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 
 from groundstation.core.control import Gains, push, sine_error
-from groundstation.core.geometry import Quat
-from groundstation.core.messages import Pose, SwitchRecord
+from groundstation.core.geometry import IDENTITY, ZERO, Quat
+from groundstation.core.messages import Estimate, Pose, SwitchRecord
 from groundstation.core.pilot import Pilot
 from groundstation.core.pilot.pilot import _MeanDisturbance
 from groundstation.core.trajectory import Hold
-from groundstation.core.vehicle import Vehicle
+from groundstation.core.vehicle import Motion, Vehicle
 
 G, PERIOD_S = 9.81, 0.01
 VEHICLE = Vehicle()
@@ -50,13 +50,26 @@ def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
     assert [one.values for one in told if isinstance(one, SwitchRecord)] == [(1.0,)]
 
 
+def blown(down: float, effectiveness: float = 1.0) -> Estimate:
+    """Estimate of a disturbance downwards [m/s²] and a thrust scale [-]."""
+    return Estimate(0.0, Motion(ZERO, ZERO, IDENTITY, 0.8, ZERO), (0.0, 0.0, down), ZERO, effectiveness, 0.0)
+
+
 def test_the_mean_disturbance_is_that_since_the_beginning_and_later_that_of_late() -> None:
-    mean = _MeanDisturbance()
+    mean = _MeanDisturbance(G)
     for n in range(300):  # 3 s: what the observer began with counts as any other
-        mean.add((0.0, 0.0, -5.0 if n == 0 else 1.0), 0.01)
+        mean.add(blown(-5.0 if n == 0 else 1.0), 0.01)
     assert mean.value is not None
     assert mean.value[2] == pytest.approx(1.0 - 6.0 / 300, abs=1e-3)
     for _ in range(900):
-        mean.add((0.0, 0.0, 2.0), 0.01)
+        mean.add(blown(2.0), 0.01)
     assert mean.value[2] == pytest.approx(2.0 - math.exp(-3.0), abs=0.02)
-    assert mean.add((9.0, 9.0, 9.0), 0.0) == mean.value
+    assert mean.add(blown(9.0), 0.0) == mean.value
+
+
+def test_the_mean_disturbance_goes_with_the_thrust_scale_of_now() -> None:
+    """A scale that is learnt is no change of the wind."""
+    mean = _MeanDisturbance(G)
+    for n in range(100):
+        mean.add(blown(0.55 if n < 99 else 0.55 - 0.035 * G, 1.035 if n < 99 else 1.0), 0.01)
+    assert mean.value == pytest.approx((0.0, 0.0, 0.55 - 0.035 * G), abs=1e-6)
