@@ -44,6 +44,14 @@ class StepWatch:
     def end(self) -> None:
         """The step has returned, or failed."""
 
+    def run(self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
+        """Call ``code`` of the user's as a step of ``what``, which has ``limit_s`` [s] to return."""
+        self.begin(what, limit_s)
+        try:
+            return code(*arguments, **named)
+        finally:
+            self.end()
+
 
 STEP_WATCH: "ContextVar[StepWatch]" = ContextVar("step_watch", default=StepWatch())  # noqa: B039  # it keeps nothing
 """The watch on the steps of the user's code in this context."""
@@ -65,13 +73,17 @@ class UserCodeFault(Exception):
 
 
 def _strip_caller(error: BaseException) -> None:
-    """Leave ``error`` the frames of the user's code alone, without that of whoever called it and caught it."""
-    error.__traceback__ = error.__traceback__ and error.__traceback__.tb_next
+    """Leave ``error`` the frames of the user's code alone, without :meth:`StepWatch.run` and whoever called that."""
+    frames = error.__traceback__ and error.__traceback__.tb_next
+    if frames and frames.tb_frame.f_code is StepWatch.run.__code__:
+        frames = frames.tb_next
+    error.__traceback__ = frames
 
 
 def _strip_import(error: BaseException) -> None:
     """Leave ``error`` the frames of the module that was imported, if it was found, without those of the import."""
-    frames = error.__traceback__ and error.__traceback__.tb_next
+    _strip_caller(error)
+    frames = error.__traceback__
     while frames and frames.tb_frame.f_globals.get("__name__", "").startswith("importlib"):
         frames = frames.tb_next
     error.__traceback__ = frames
@@ -142,13 +154,8 @@ def find_object(key: str, factory: str) -> Any:
     if factory in lent:
         return lent[factory]
     module_name, _, name = factory.partition(":")
-    watch = STEP_WATCH.get()
     try:
-        watch.begin(module_name, MAKING_LIMIT_S)
-        try:
-            module = importlib.import_module(module_name)
-        finally:
-            watch.end()
+        module = STEP_WATCH.get().run(module_name, MAKING_LIMIT_S, importlib.import_module, module_name)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # whatever the user's module raises, sys.exit too, the operator must hear of it
@@ -194,13 +201,8 @@ def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], opti
     as_dict = any(one.name == "options" and one.kind is not one.VAR_KEYWORD for one in _parameters(found) or ())
     if needed is not None and len(needed) <= len(told) and not as_dict:
         arguments, named = told[: len(needed)], dict(options)
-    watch = STEP_WATCH.get()
     try:
-        watch.begin(factory, MAKING_LIMIT_S)
-        try:
-            return found(*arguments, **named)
-        finally:
-            watch.end()
+        return STEP_WATCH.get().run(factory, MAKING_LIMIT_S, found, *arguments, **named)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # as above

@@ -19,6 +19,7 @@ import msgspec
 
 from groundstation.config import (
     FACTORY,
+    STEP_LIMIT_S,
     STEP_WATCH,
     ConfigError,
     OpenFactory,
@@ -564,13 +565,10 @@ class Guarded:
         Raises:
             UserCodeFault: it failed, or what it returned is not a command of four finite numbers.
         """
-        watch, what = STEP_WATCH.get(), f"controller {self._name}"
+        what = f"controller {self._name}"
         try:
-            watch.begin(what)
-            try:
-                decision: Any = self._controller.decide(estimate, reference, interval_s)
-            finally:
-                watch.end()
+            decide = self._controller.decide
+            decision: Any = STEP_WATCH.get().run(what, STEP_LIMIT_S, decide, estimate, reference, interval_s)
         except KeyboardInterrupt:
             raise  # somebody stops the program
         except BaseException as error:  # sys.exit is no end of a flight either

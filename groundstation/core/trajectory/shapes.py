@@ -109,14 +109,9 @@ class OwnTrajectory:
             raise ConfigError(KEY, str(fault)) from fault.__cause__
 
     def _read(self, curve: Any, name: str) -> Any:
-        """What ``curve`` tells under ``name``, which may be code too; None where it does not."""
-        watch = STEP_WATCH.get()
+        """Return the attribute ``name`` of ``curve``, which may be computed; None where there is none."""
         try:
-            watch.begin(self._name, MAKING_LIMIT_S)
-            try:
-                return getattr(curve, name, None)
-            finally:
-                watch.end()
+            return STEP_WATCH.get().run(self._name, MAKING_LIMIT_S, getattr, curve, name, None)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -156,13 +151,9 @@ class OwnTrajectory:
 
     def _ask(self, time_s: float, limit_s: float) -> Reference:
         rests = self.duration_s is not None and time_s >= self.duration_s
-        watch, what = STEP_WATCH.get(), f"trajectory {self._name}"
+        what = f"trajectory {self._name}"
         try:
-            watch.begin(what, limit_s)
-            try:
-                found = self._at(self.duration_s if rests else time_s)
-            finally:
-                watch.end()
+            found = STEP_WATCH.get().run(what, limit_s, self._at, self.duration_s if rests else time_s)
         except KeyboardInterrupt:
             raise  # somebody stops the program
         except BaseException as error:  # sys.exit is no end of a flight either
