@@ -315,11 +315,13 @@ def test_honest_flights_are_told_with_the_same_flight_without_guards(
     assert one["far_m"] != other["far_m"], "each seed has a direction of its own"
 
 
-def test_cells_that_are_flown_together_are_those_of_flights_of_their_own() -> None:
-    cases = ["dropout", "gust", "controller exception"]
+@pytest.mark.parametrize(
+    ("cases", "link"), [(["dropout", "gust", "controller exception"], "mavlink"), (["freeze", "mirrored: x"], "dsm")]
+)
+def test_cells_that_are_flown_together_are_those_of_flights_of_their_own(cases: list[str], link: str) -> None:
     copies = [Copy(case) for case in cases]
-    together = fly_together(copies, "hold", link="mavlink", seed=0, scenario="paper")
-    assert together == [fly_cell(case, "hold") for case in cases]
+    together = fly_together(copies, "hold", link=link, seed=0, scenario="paper")
+    assert together == [fly_cell(case, "hold", link=link) for case in cases]
 
 
 def test_a_flight_that_never_comes_to_its_strike_is_a_row_that_is_unsafe() -> None:

@@ -189,7 +189,7 @@ async def fly_here(
             if moves.answers and event.state == State.ABORTED:
                 nonlocal aborted_m
                 aborted_m = min(aborted_m, height_m())
-            if moves.answers and event.state in opens:
+            if moves.answers and is_open_loop(event.state):
                 note_open_loop(loop.time())
             if moves.answers and pushing.decided_s == math.inf:
                 pushing.decided_s = loop.time()
@@ -219,8 +219,9 @@ async def fly_here(
     def note_open_loop(time_s: float) -> None:
         pushing.answered_s = min(pushing.answered_s, time_s + world.frame_period_s)
 
-    # Without poses a failsafe descent is flown in open loop, too.
-    opens = (State.ABORTED, State.DESCENT) if fault.poses is Poses.GONE else (State.ABORTED,)
+    def is_open_loop(state: State) -> bool:
+        """Whether commands in ``state`` follow no pose: without poses a failsafe descent follows none, too."""
+        return state is State.ABORTED or (state is State.DESCENT and fault.poses is Poses.GONE)
 
     async def confirm() -> bool:
         await sleep_until(begun_s + CONFIRM_S)
