@@ -9,7 +9,7 @@ import math
 import struct
 import time
 from collections.abc import Callable, Coroutine, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 
@@ -77,6 +77,19 @@ class WireLog:
 _STAMP = struct.Struct("<dHHI")
 
 
+class Watchers(msgspec.Struct, frozen=True, kw_only=True):
+    """Callbacks of who watches a simulated flight; each may be missing."""
+
+    on_tick: Callable[[Tick], None] | None = None
+    """Takes each command as it has left."""
+    on_event: Callable[[Notice], None] | None = None
+    on_pose: Callable[[Pose], None] | None = None
+    give: Give | None = None
+    """Takes what is to be recorded."""
+    on_step: Callable[[float, Vec3], None] | None = None
+    """Takes the true position [m, NED] at every step of the plant, by the event loop's clock [s]."""
+
+
 @in_virtual_time
 async def fly(
     world: World,
@@ -95,87 +108,130 @@ async def fly(
 ) -> Result:
     """Fly ``config`` in ``world`` for ``duration_s`` [s] after the release; never raises for a bad flight.
 
-    ``give`` takes what is to be recorded. ``autopilot`` is one of :data:`sim.autopilots.peer.AUTOPILOTS`.
-    ``on_step`` sees the true position [m, NED] at every step of the plant, by the event loop's clock.
+    ``autopilot`` is one of :data:`sim.autopilots.peer.AUTOPILOTS`; the callbacks are :class:`Watchers`.
     """
-    start, loop = time.perf_counter(), asyncio.get_running_loop()
-    assert isinstance(loop, VirtualTimeLoop)
-    log = loop.tap = WireLog(on_datagram)
-    referee = Referee(world, config.vehicle, config.controller.kb if isinstance(config.controller, Law) else None)
-
-    def step(time_s: float, position: Vec3) -> None:
-        referee.track.step(time_s, position)
-        if on_step is not None:
-            on_step(time_s, position)
-
-    trajectory = config.trajectory.build()
-    warnings: list[str] = []
-    over = False  # then the world has come to its end, and what is cancelled is no part of the flight
-    stage = Stage(world, config, seed, referee.track.step if on_step is None else step, autopilot=autopilot)
-    plant = stage.plant
-
-    def watch(event: FlightEvent) -> None:
-        if isinstance(event, Notice):
-            if event.severity is Severity.WARNING and event.kind not in ("certificate", "state") and not over:
-                warnings.append(f"{event.time_s - (flight.started_s or 0.0):.2f} {event.text}")
-            if on_event is not None:
-                on_event(event)
-        if not isinstance(event, CommandSent):
-            return
-        tick = event.tick
-        # First the plant: the wind answers forward in time only, so asking it must not run ahead of the flight.
-        truth = plant.truth(tick.time_s)
-        released = plant.released_s
-        wind = stage.wind.at(tick.time_s - released) if released is not None else world.wind_mean
-        referee.tick(tick, wind, truth.velocity_ned)
-        if give is not None:
-            record(make_truth(truth, wind, trajectory, flight.started_s))
-        if on_tick is not None:
-            on_tick(tick)
-        if referee.find_crash(truth.position_ned, lands=flight.state in DOWN):
-            clock.cancel()
-
-    def record(record: Record) -> None:
-        if give is not None and not over:
-            give(record)
-
-    flight = make_flight(
-        config,
-        confirm=confirm_at(CONFIRM_S),
-        subscribers=(watch,),
-        on_pose=on_pose,
-        wires=stage.wires,
-        give=record if give is not None else None,
-    )
-    stage_task = asyncio.create_task(stage.run())
-    flight_task = asyncio.create_task(flight.run())
-    clock = asyncio.create_task(_end_of(flight_task, lambda: flight.started_s, duration_s, on_progress))
-    await asyncio.wait({stage_task, flight_task, clock}, return_when=asyncio.FIRST_COMPLETED)
-    begun, now = flight.started_s, loop.time()
-    if begun is not None and referee.crash is None:
-        # Nobody has asked for the last steps: the errors in them count too.
-        plant.advance(min(now, begun + duration_s))
-    over = True
-    # The world ends first: what the link does to bring down a vehicle that is no more is not part of the flight.
-    for task in (clock, stage_task, flight_task):
-        task.cancel()
-    failure, _ = await asyncio.gather(stage_task, clock, return_exceptions=True)
-    loop.tap = None
-    (outcome,) = await asyncio.gather(flight_task, return_exceptions=True)
-    flown = 0.0 if begun is None else min(now - begun, duration_s)
-    complete = begun is not None and referee.crash is None and flown >= duration_s - 1e-6
-    if isinstance(outcome, FlightOutcome) and outcome.state is State.LANDED:
-        complete = True
+    begun_s, log = time.perf_counter(), WireLog(on_datagram)
+    watchers = Watchers(on_tick=on_tick, on_event=on_event, on_pose=on_pose, give=give, on_step=on_step)
+    flight = FlightFromAir(world, config, seed, autopilot, watchers)
+    end = await flight.run(duration_s, log, on_progress)
     return Result(
-        completed=complete,
-        why="flown to the end" if complete else _why(referee, outcome, failure),
-        duration_s=flown,
-        verdict=referee.verdict(trajectory, begun or 0.0),
-        warnings=tuple(warnings),
+        completed=end.complete,
+        why=end.why,
+        duration_s=end.flown_s,
+        verdict=flight.referee.verdict(flight.trajectory, end.started_s or 0.0),
+        warnings=tuple(flight.warnings),
         log_sha256=log.sha256(),
         datagrams=log.count,
-        wall_s=time.perf_counter() - start,
+        wall_s=time.perf_counter() - begun_s,
     )
+
+
+class FlightEnd(NamedTuple):
+    """How a flight from the air ended."""
+
+    complete: bool
+    why: str
+    """As a sentence."""
+    started_s: float | None
+    """When it was released, on the event loop's clock [s]."""
+    flown_s: float
+    """How long it flew since then [s]."""
+
+
+class FlightFromAir:
+    """One flight that begins in the air: ground station and simulated side, watched by the referee."""
+
+    def __init__(self, world: World, config: Config, seed: int, autopilot: str, watchers: Watchers) -> None:
+        """Set up both sides; the arguments are those of :func:`fly`."""
+        self._world, self._watchers = world, watchers
+        self.referee = Referee(
+            world, config.vehicle, config.controller.kb if isinstance(config.controller, Law) else None
+        )
+        self.trajectory = config.trajectory.build()
+        self.warnings: list[str] = []
+        """Warnings to the operator, the certificate's apart, with the time on the trajectory."""
+        self._world_ended = False
+        """Nothing that happens from then on, as the tasks are cancelled, is part of the flight."""
+        step = self.referee.track.step if watchers.on_step is None else self._show_step
+        self._stage = Stage(world, config, seed, step, autopilot=autopilot)
+        self._flight = make_flight(
+            config,
+            confirm=confirm_at(CONFIRM_S),
+            subscribers=(self._hear,),
+            on_pose=watchers.on_pose,
+            wires=self._stage.wires,
+            give=self._record if watchers.give is not None else None,
+        )
+        self._clock: asyncio.Task[None]
+        """Ends with the flight's time; a crash cancels it."""
+
+    async def run(
+        self, duration_s: float, log: WireLog, on_progress: Callable[[float], None] | None = None
+    ) -> FlightEnd:
+        """Fly for ``duration_s`` [s] after the release; ``log`` takes the wire bytes of both ways."""
+        loop, flight = asyncio.get_running_loop(), self._flight
+        assert isinstance(loop, VirtualTimeLoop)
+        loop.tap = log
+        stage_task = asyncio.create_task(self._stage.run())
+        flight_task = asyncio.create_task(flight.run())
+        self._clock = asyncio.create_task(_end_of(flight_task, lambda: flight.started_s, duration_s, on_progress))
+        await asyncio.wait({stage_task, flight_task, self._clock}, return_when=asyncio.FIRST_COMPLETED)
+        started_s, now, crash = flight.started_s, loop.time(), self.referee.crash
+        if started_s is not None and crash is None:
+            # Nobody has asked for the last steps: the errors in them count too.
+            self._stage.plant.advance(min(now, started_s + duration_s))
+        # The world ends first: what the link does to bring down a vehicle that is no more is not part of the flight.
+        self._world_ended = True
+        for task in (self._clock, stage_task, flight_task):
+            task.cancel()
+        failure, _ = await asyncio.gather(stage_task, self._clock, return_exceptions=True)
+        loop.tap = None
+        (outcome,) = await asyncio.gather(flight_task, return_exceptions=True)
+        flown_s = 0.0 if started_s is None else min(now - started_s, duration_s)
+        complete = started_s is not None and crash is None and flown_s >= duration_s - 1e-6
+        if isinstance(outcome, FlightOutcome) and outcome.state is State.LANDED:
+            complete = True
+        why = "flown to the end" if complete else _why(crash, outcome, failure)
+        return FlightEnd(complete, why, started_s, flown_s)
+
+    def _show_step(self, time_s: float, position: Vec3) -> None:
+        self.referee.track.step(time_s, position)
+        if self._watchers.on_step is not None:
+            self._watchers.on_step(time_s, position)
+
+    def _record(self, record: Record) -> None:
+        if self._watchers.give is not None and not self._world_ended:
+            self._watchers.give(record)
+
+    def _hear(self, event: FlightEvent) -> None:
+        if isinstance(event, Notice):
+            self._keep_warning(event)
+            if self._watchers.on_event is not None:
+                self._watchers.on_event(event)
+        elif isinstance(event, CommandSent):
+            self._judge(event.tick)
+
+    def _keep_warning(self, notice: Notice) -> None:
+        if (
+            notice.severity is Severity.WARNING
+            and notice.kind not in ("certificate", "state")
+            and not self._world_ended
+        ):
+            self.warnings.append(f"{notice.time_s - (self._flight.started_s or 0.0):.2f} {notice.text}")
+
+    def _judge(self, tick: Tick) -> None:
+        """Show the referee one command beside the truth; a crash ends the flight."""
+        # First the plant: the wind answers forward in time only, so asking it must not run ahead of the flight.
+        truth = self._stage.plant.truth(tick.time_s)
+        released_s = self._stage.plant.released_s
+        wind = self._stage.wind.at(tick.time_s - released_s) if released_s is not None else self._world.wind_mean
+        self.referee.tick(tick, wind, truth.velocity_ned)
+        if self._watchers.give is not None:
+            self._record(make_truth(truth, wind, self.trajectory, self._flight.started_s))
+        if self._watchers.on_tick is not None:
+            self._watchers.on_tick(tick)
+        if self.referee.find_crash(truth.position_ned, lands=self._flight.state in DOWN):
+            self._clock.cancel()
 
 
 def make_truth(truth: TrueState, wind: Vec3, trajectory: Trajectory, started_s: float | None) -> TruthRecord:
@@ -209,9 +265,9 @@ async def _end_of(
     await sleep_until(start + duration_s)
 
 
-def _why(referee: Referee, outcome: Any, failure: Any) -> str:
-    if referee.crash is not None:
-        return f"crashed: {referee.crash}"
+def _why(crash: str | None, outcome: Any, failure: Any) -> str:
+    if crash is not None:
+        return f"crashed: {crash}"
     if isinstance(outcome, FlightOutcome):
         return f"{outcome.state}: {outcome.reason}"
     for error in (outcome, failure):
@@ -272,59 +328,84 @@ async def fly_mission(
     what is to be recorded; ``monitors`` makes what may end the flight; arming is confirmed at ``confirm_s``.
     """
     begun_s, loop = time.perf_counter(), asyncio.get_running_loop()
-    track, states, upright = TrueTrack(), list[StateEntry](), 1.0
-    warnings: list[StateEntry] = []
-
-    def step(time_s: float, position: Vec3) -> None:
-        nonlocal upright
-        track.step(time_s, position)
-        x, y = stage.plant.attitude[1:3]
-        upright = min(upright, 1.0 - 2.0 * (x * x + y * y))
-
-    stage = Stage(world, config, seed, step, autopilot=autopilot)
-    trajectory = config.trajectory.build()
-
-    def hear(event: FlightEvent) -> None:
-        if isinstance(event, Notice):
-            if on_event is not None:
-                on_event(event)
-            if event.kind == "state" or event.severity is Severity.WARNING:
-                entry = StateEntry(event.state, round(event.time_s, 6), event.text)
-                (states if event.kind == "state" else warnings).append(entry)
-        elif isinstance(event, CommandSent) and give is not None:
-            tick = event.tick
-            truth, released = stage.plant.truth(tick.time_s), stage.plant.released_s
-            # The wind answers forward in time only: it is asked for no later than the plant has been.
-            flown = released is not None and bool(track.times)
-            wind = stage.wind.at(track.times[-1] - (released or 0.0)) if flown else world.wind_mean
-            started = flight.started_s if flight.state is State.TRACKING else None
-            give(make_truth(truth, wind, trajectory, started))
-
-    flight = make_flight(
-        config,
-        confirm=confirm_at(confirm_s),
-        subscribers=(hear,),
-        wires=stage.wires,
-        give=give,
-        monitors=monitors,
-    )
-    limit = LIMIT_S + (config.flight.duration_s or 0.0)
-    (outcome,), ended_s = await run_missions(stage.run(), [flight], limit, script and script(flight, stage))
+    mission = MissionFromFloor(world, config, seed, autopilot, monitors, confirm_s, give, on_event)
+    stage, flight, track = mission.stage, mission.flight, mission.track
+    limit_s = LIMIT_S + (config.flight.duration_s or 0.0)
+    (outcome,), ended_s = await run_missions(stage.run(), [flight], limit_s, script and script(flight, stage))
     stage.plant.advance(loop.time())
     start, end = world.start_ned, stage.plant.truth(loop.time()).position_ned
     return MissionResult(
         landed=outcome is not None and outcome.state is State.LANDED and not outcome.fault,
-        why=f"not over after {limit:g} s" if outcome is None else f"{outcome.state}: {outcome.reason}",
+        why=f"not over after {limit_s:g} s" if outcome is None else f"{outcome.state}: {outcome.reason}",
         fault="" if outcome is None else outcome.fault,
-        states=tuple(states),
-        warnings=tuple(warnings),
+        states=tuple(mission.states),
+        warnings=tuple(mission.warnings),
         touchdown_m_s=stage.plant.hardest_m_s,
-        **track.judge_figure(trajectory, flight.started_s, states, world.step_s),
+        **track.judge_figure(mission.trajectory, flight.started_s, mission.states, world.step_s),
         home_m=math.dist(start[:2], end[:2]),
-        tilt_max_deg=math.degrees(math.acos(max(upright, -1.0))),
+        tilt_max_deg=math.degrees(math.acos(max(mission.upright, -1.0))),
         duration_s=ended_s,
         wall_s=time.perf_counter() - begun_s,
     )
+
+
+class MissionFromFloor:
+    """One mission that begins on the floor: ground station and simulated side, and what is noted of both."""
+
+    def __init__(
+        self,
+        world: World,
+        config: Config,
+        seed: int,
+        autopilot: str | Airworthy,
+        monitors: Monitors,
+        confirm_s: float,
+        give: Give | None,
+        on_event: Callable[[Notice], None] | None,
+    ) -> None:
+        """Set up both sides; the arguments are those of :func:`fly_mission`."""
+        self._world, self._give, self._on_event = world, give, on_event
+        self.track = TrueTrack()
+        self.states: list[StateEntry] = []
+        self.warnings: list[StateEntry] = []
+        """Warnings to the operator, each with the mission's state."""
+        self.upright = 1.0
+        """Cosine of the largest tilt [-]."""
+        self.stage = Stage(world, config, seed, self._see_step, autopilot=autopilot)
+        self.trajectory = config.trajectory.build()
+        self.flight = make_flight(
+            config,
+            confirm=confirm_at(confirm_s),
+            subscribers=(self._hear,),
+            wires=self.stage.wires,
+            give=give,
+            monitors=monitors,
+        )
+
+    def _see_step(self, time_s: float, position: Vec3) -> None:
+        self.track.step(time_s, position)
+        x, y = self.stage.plant.attitude[1:3]
+        self.upright = min(self.upright, 1.0 - 2.0 * (x * x + y * y))
+
+    def _hear(self, event: FlightEvent) -> None:
+        if isinstance(event, Notice):
+            if self._on_event is not None:
+                self._on_event(event)
+            if event.kind == "state" or event.severity is Severity.WARNING:
+                entry = StateEntry(event.state, round(event.time_s, 6), event.text)
+                (self.states if event.kind == "state" else self.warnings).append(entry)
+        elif isinstance(event, CommandSent) and self._give is not None:
+            self._give(self._find_truth(event.tick.time_s))
+
+    def _find_truth(self, time_s: float) -> TruthRecord:
+        """The truth at one command, with the error of the figure while it is flown."""
+        truth, released_s = self.stage.plant.truth(time_s), self.stage.plant.released_s
+        wind = self._world.wind_mean
+        if released_s is not None and self.track.times:
+            # The wind answers forward in time only: it is asked for no later than the plant has been.
+            wind = self.stage.wind.at(self.track.times[-1] - released_s)
+        started_s = self.flight.started_s if self.flight.state is State.TRACKING else None
+        return make_truth(truth, wind, self.trajectory, started_s)
 
 
 async def run_missions(

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from functools import partial
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TextIO, TypeVar
+from typing import Any, NamedTuple, TextIO, TypeVar
 
 import msgspec
 
@@ -31,7 +31,7 @@ from groundstation.runtime import rare_collections
 from groundstation.settings import Config
 from sim.radio import MODULE
 from sim.runs.flight import Result, fly
-from sim.scenarios import BETAFLIGHT, choose, prepare, prepare_own
+from sim.scenarios import BETAFLIGHT, Scenario, choose, prepare, prepare_own
 from sim.world import World
 
 DURATION_S = 60.0
@@ -144,70 +144,118 @@ def simulate(
     if trajectory is not None:
         told.append(f"trajectory.kind={lend_name(trajectory, own)}")
     flown, link = choose(scenario, autopilot, link, source)
-    if duration is not None and not (isinstance(duration, Real) and 0.0 < duration <= LONGEST_S):
-        raise ConfigError("--duration", f"expected seconds, more than 0 and at most {LONGEST_S:g}, got {duration!r}")
-    if not (isinstance(seed, Integral) and seed >= 0):
-        raise ConfigError("--seed", f"expected a whole number, 0 or more, got {seed!r}")
-    seed, duration = int(seed), None if duration is None else float(duration)  # NumPy's are no JSON
-    if config is not None and autopilot == BETAFLIGHT:
-        raise ConfigError("--config", "Betaflight flies one vehicle of a scenario")
-    if config is not None and (source, link) != ("vicon", "mavlink"):
-        raise ConfigError(
-            "--source" if source != "vicon" else "--link",
-            "expected vicon with a configuration: the simulated cameras see its vehicle"
-            if source != "vicon"
-            else "expected mavlink with a configuration",
-        )
+    seed, duration = _check_numbers(seed, duration)
+    ends = Ends(source, autopilot, link)
     with lend(own):
-        wanted_s = None
-        if config is None:
-            world, settings = prepare(flown, told, controller=kind, source=source, link=link)
-        else:
-            world, settings, wanted_s = prepare_own(flown, Path(config), told, controller=kind)
-        duration_s = duration or wanted_s or DURATION_S
-        asked = ensure_flyable(settings)
-        name = flown.name if config is None else f"{Path(config).stem} in the air of {flown.name}"
+        plan = _plan(flown, told, kind, ends, seed, duration, None if config is None else Path(config))
         path = Path(_make_temporary() if record and out is None else out or ".")
-        folder = RunFolder(path, settings, world, scenario=name, seed=seed) if record else None
-        if on_progress is not None:
-            on_progress(0.0, duration_s)
-        flight = partial(
-            fly,
-            world,
-            settings,
-            seed=seed,
-            duration_s=duration_s,
-            autopilot=autopilot,
-            on_datagram=folder.datagram if folder is not None else None,
-            on_pose=folder.pose if folder is not None else None,
-            give=folder.give if folder is not None else None,
-            on_progress=None if on_progress is None else lambda done_s: on_progress(done_s, duration_s),
-        )
+        folder = RunFolder(path, plan.config, plan.world, scenario=plan.name, seed=seed) if record else None
         with rare_collections(), _keep_on_error(folder):
-            result = run_beside(flight)
-            facts: dict[str, Any] = {
-                "scenario": name,
-                "seed": seed,
-                "controller": settings.controller.kind,
-                "source": source,
-                "autopilot": autopilot,
-                "link": link,
-                "completed": result.completed,
-                "why": result.why,
-                "duration_s": result.duration_s,
-                **msgspec.to_builtins(result.verdict),
-                "thrust_bound_m_s2": _thrust_bound(settings, asked, result.verdict.lyapunov_start),
-                "log_sha256": result.log_sha256,
-                "warnings": list(result.warnings),
-                "datagrams": result.datagrams,
-                "wall_s": result.wall_s,
-            }
+            result = run_beside(partial(_fly, plan, folder, on_progress))
+            facts = _state_facts(plan, result)
     if folder is not None:
         folder.close(facts)
     run = Run(path / RECORDING if record else None, facts, result)
     if out is None and record:
         weakref.finalize(run, _remove, path)
     return run
+
+
+class Ends(NamedTuple):
+    """Where poses come from, the autopilot that flies, and how commands reach it; see :func:`simulate`."""
+
+    source: str
+    autopilot: str
+    link: str
+
+
+class Plan(NamedTuple):
+    """A flight that was checked and can be flown."""
+
+    name: str
+    """The scenario's, as the recording has it."""
+    world: World
+    config: Config
+    ends: Ends
+    seed: int
+    duration_s: float
+    asked: FeasibilityReport
+    """Demands of the trajectory on the vehicle."""
+
+
+def _check_numbers(seed: int, duration: float | None) -> tuple[int, float | None]:
+    """Return seed and duration [s] as plain numbers: NumPy's are no JSON."""
+    if duration is not None and not (isinstance(duration, Real) and 0.0 < duration <= LONGEST_S):
+        raise ConfigError("--duration", f"expected seconds, more than 0 and at most {LONGEST_S:g}, got {duration!r}")
+    if not (isinstance(seed, Integral) and seed >= 0):
+        raise ConfigError("--seed", f"expected a whole number, 0 or more, got {seed!r}")
+    return int(seed), None if duration is None else float(duration)
+
+
+def _plan(
+    scenario: Scenario,
+    overrides: list[str],
+    controller: str | None,
+    ends: Ends,
+    seed: int,
+    duration: float | None,
+    file: Path | None,
+) -> Plan:
+    """Prepare the scenario, or a vehicle of the user's own ``file`` in its air."""
+    wanted_s, name = None, scenario.name
+    if file is None:
+        world, config = prepare(scenario, overrides, controller=controller, source=ends.source, link=ends.link)
+    else:
+        _require_own_ends(ends)
+        world, config, wanted_s = prepare_own(scenario, file, overrides, controller=controller)
+        name = f"{file.stem} in the air of {scenario.name}"
+    return Plan(name, world, config, ends, seed, duration or wanted_s or DURATION_S, ensure_flyable(config))
+
+
+def _require_own_ends(ends: Ends) -> None:
+    """Refuse what a vehicle of the user's own configuration is not simulated with."""
+    if ends.autopilot == BETAFLIGHT:
+        raise ConfigError("--config", "Betaflight flies one vehicle of a scenario")
+    if ends.source != "vicon":
+        raise ConfigError("--source", "expected vicon with a configuration: the simulated cameras see its vehicle")
+    if ends.link != "mavlink":
+        raise ConfigError("--link", "expected mavlink with a configuration")
+
+
+def _fly(plan: Plan, folder: "RunFolder | None", on_progress: Callable[[float, float], None] | None) -> Result:
+    """Fly ``plan`` into ``folder``; ``on_progress`` hears how much of how long is flown [s]."""
+    if on_progress is not None:
+        on_progress(0.0, plan.duration_s)
+    return fly(
+        plan.world,
+        plan.config,
+        seed=plan.seed,
+        duration_s=plan.duration_s,
+        autopilot=plan.ends.autopilot,
+        on_datagram=folder.datagram if folder is not None else None,
+        on_pose=folder.pose if folder is not None else None,
+        give=folder.give if folder is not None else None,
+        on_progress=None if on_progress is None else lambda done_s: on_progress(done_s, plan.duration_s),
+    )
+
+
+def _state_facts(plan: Plan, result: Result) -> dict[str, Any]:
+    """Figures of the flight, as ``groundstation-sim fly --json`` prints them."""
+    return {
+        "scenario": plan.name,
+        "seed": plan.seed,
+        "controller": plan.config.controller.kind,
+        **plan.ends._asdict(),
+        "completed": result.completed,
+        "why": result.why,
+        "duration_s": result.duration_s,
+        **msgspec.to_builtins(result.verdict),
+        "thrust_bound_m_s2": _thrust_bound(plan.config, plan.asked, result.verdict.lyapunov_start),
+        "log_sha256": result.log_sha256,
+        "warnings": list(result.warnings),
+        "datagrams": result.datagrams,
+        "wall_s": result.wall_s,
+    }
 
 
 def _make_temporary() -> str:

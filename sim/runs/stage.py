@@ -39,7 +39,7 @@ from sim.autopilots import (
 from sim.radio import PtyWire, PulseReceiver, Receiver, RfPeer, RfReceiver, WirePort, bridge_to, module, wires
 from sim.scenarios import BETAFLIGHT
 from sim.trackers import Mocap, TrackedBody, Tracker, make_tracker
-from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, rows, with_noise
+from sim.world import Body, Horizon, Quadrotor, SimulatedVehicle, Wind, World, generator, normals, rows, with_noise
 
 if TYPE_CHECKING:
     from links.bridge import Bridge
@@ -65,9 +65,9 @@ class Stage:
         """Set up a vehicle that is held in the air; ``config`` tells the addresses and formats to speak.
 
         ``autopilot`` is one of ``AUTOPILOTS``, Betaflight, or real firmware behind MAVLink over UDP; ``parameters``
-        differ from its usual ones. A radio link,
-        or a serial one of MAVLink, ends at ``pty``, or else a radio's on the network in memory. Without ``alone``,
-        cameras of its own are left out: others see it. ``standing``: see :class:`sim.trackers.trackers.Mocap`.
+        differ from its usual ones. A radio link, or a serial one of MAVLink, ends at ``pty``, or else a radio's on
+        the network in memory. Without ``alone``, cameras of its own are left out: others see it. ``standing``: see
+        :class:`sim.trackers.trackers.Mocap`.
 
         Raises:
             KeyError: it has no such parameter.
@@ -75,22 +75,16 @@ class Stage:
             ConfigError: the signing key can't be used.
         """
         self.world = world
-        self.wind = Wind(world, rows(generator(seed, "turbulence").standard_normal, 3))
-        gyro = rows(generator(seed, "gyro").standard_normal, 3) if world.plant == "rotors" else None
-        self.plant = plant = Quadrotor(world, self.wind, on_step, gyro)
-        estimate, wander = generator(seed, "estimate").standard_normal, generator(seed, "wander").standard_normal
+        self.wind = Wind(world, normals(seed, "turbulence", 3))
+        gyro = normals(seed, "gyro", 3) if world.plant == "rotors" else None
+        self.plant = Quadrotor(world, self.wind, on_step, gyro)
         tracked = make_tracker(config.pose)
-        horizon = Horizon(rows(generator(seed, "horizon").standard_normal, 3), world.gravity) if tracked else None
-        self.vehicle = vehicle = SimulatedVehicle(plant, world, rows(estimate, 6), rows(wander, 3), horizon)
-        luck = rows(generator(seed, "frame loss").random, 1)
-
+        horizon = Horizon(normals(seed, "horizon", 3), world.gravity) if tracked else None
+        estimate, wander = normals(seed, "estimate", 6), normals(seed, "wander", 3)
+        self.vehicle = SimulatedVehicle(self.plant, world, estimate, wander, horizon)
         self.frame_loss = world.frame_loss
         """Share of the command frames that get lost; may be changed in flight [-]."""
-
-        def lose() -> bool:
-            # Hand-shakes repeat what gets lost; losses that count begin with the flight.
-            return plant.released_s is not None and next(luck)[0] < self.frame_loss
-
+        self._luck = rows(generator(seed, "frame loss").random, 1)
         self.wires: dict[str, Any] = {}
         """Simulated hardware of the link; see :func:`groundstation.flight.make_flight`."""
         self._pty = pty
@@ -107,41 +101,58 @@ class Stage:
         """Betaflight behind it; None where the receiver flies the vehicle itself."""
         self.onboard: OnboardFirmware | None = None
         """Real firmware at the end of a MAVLink link; None where a simulated autopilot is."""
-        if not isinstance(autopilot, str):
-            assert isinstance(config.link, MavlinkLinkConfig), "real firmware speaks MAVLink"
-            noise = rows(generator(seed, "sensors of the firmware").standard_normal, 10)
-            self.onboard = autopilot.fit(plant, parse_address(config.link.endpoint), noise)
-        elif isinstance(config.link, MavlinkLinkConfig):
-            made = AUTOPILOTS[autopilot](
-                vehicle,
-                lose=lose,
-                hover=signal(world.mass_kg * world.gravity / world.thrust_max_n, world.thrust_curve),
-                parameters=parameters,
-                own_estimate=world.own_estimate,
-            )
-            if config.link.signing_key_file is not None:
-                made.codec.signer = _signer(Path(config.link.signing_key_file))
+        if not isinstance(config.link, MavlinkLinkConfig):
+            assert isinstance(autopilot, str), "real firmware speaks MAVLink"
+            self._fit_receiver(config, seed, betaflight=autopilot == BETAFLIGHT)
+        elif isinstance(autopilot, str):
             # Where its own estimate serves as the poses, it comes as late as the cameras' would.
-            delay = 0.0 if tracked is not None else world.pose_latency_s
-            open_wire = _wire(config.link, pty)
-            address = ("", 0) if open_wire is not None else parse_address(config.link.endpoint)
-            peer = AutopilotPeer(made, address, delay_s=delay, hearing_s=world.command_delay_s, open_wire=open_wire)
-            self._mavlink = made, peer
+            pose_delay_s = 0.0 if tracked is not None else world.pose_latency_s
+            self._fit_autopilot(config.link, autopilot, parameters, pose_delay_s)
         else:
-            radio = module(config, world, betaflight=autopilot == BETAFLIGHT)
-            receiver: Receiver
-            if autopilot == BETAFLIGHT:
-                self.board = _switch_on(plant, world, radio, seed)
-                receiver = PulseReceiver(self.board.hear, radio, lose=lose)
-            else:
-                receiver = RfReceiver(vehicle, radio, lose=lose)
-            self.radio = RfPeer(receiver, radio, world.command_delay_s)
-            self._telemetry_hz = world.telemetry_hz if isinstance(radio, CrsfLinkConfig) else 0.0
-            if pty is None:
-                self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
-            elif isinstance(config.link, BridgeLinkConfig):
-                self._bridge = bridge_to(config.link, radio, pty)
+            noise = normals(seed, "sensors of the firmware", 10)
+            self.onboard = autopilot.fit(self.plant, parse_address(config.link.endpoint), noise)
         self.mocap = Mocap(world, self.plant, seed, *tracked, standing) if tracked is not None and alone else None
+
+    def _fit_autopilot(
+        self, link: MavlinkLinkConfig, name: str, parameters: Mapping[str, float] | None, pose_delay_s: float
+    ) -> None:
+        """Fit the simulated autopilot ``name`` at the end of ``link``; its poses are ``pose_delay_s`` [s] late."""
+        world = self.world
+        autopilot = AUTOPILOTS[name](
+            self.vehicle,
+            lose=self._lose_frame,
+            hover=signal(world.mass_kg * world.gravity / world.thrust_max_n, world.thrust_curve),
+            parameters=parameters,
+            own_estimate=world.own_estimate,
+        )
+        if link.signing_key_file is not None:
+            autopilot.codec.signer = _signer(Path(link.signing_key_file))
+        open_wire = _wire(link, self._pty)
+        address = ("", 0) if open_wire is not None else parse_address(link.endpoint)
+        peer = AutopilotPeer(
+            autopilot, address, delay_s=pose_delay_s, hearing_s=world.command_delay_s, open_wire=open_wire
+        )
+        self._mavlink = autopilot, peer
+
+    def _fit_receiver(self, config: Config, seed: int, *, betaflight: bool) -> None:
+        """Fit a radio receiver, which flies the vehicle itself or gives Betaflight its pulses."""
+        world, radio = self.world, module(config, self.world, betaflight=betaflight)
+        receiver: Receiver
+        if betaflight:
+            self.board = _switch_on(self.plant, world, radio, seed)
+            receiver = PulseReceiver(self.board.hear, radio, lose=self._lose_frame)
+        else:
+            receiver = RfReceiver(self.vehicle, radio, lose=self._lose_frame)
+        self.radio = RfPeer(receiver, radio, world.command_delay_s)
+        self._telemetry_hz = world.telemetry_hz if isinstance(radio, CrsfLinkConfig) else 0.0
+        if self._pty is None:
+            self.wires, self._bridge = wires(config, radio, generator(seed, "nonces").bytes, self.port)
+        elif isinstance(config.link, BridgeLinkConfig):
+            self._bridge = bridge_to(config.link, radio, self._pty)
+
+    def _lose_frame(self) -> bool:
+        """Whether a command frame gets lost: hand-shakes repeat theirs, losses that count begin with the flight."""
+        return self.plant.released_s is not None and next(self._luck)[0] < self.frame_loss
 
     @property
     def autopilot(self) -> SimulatedAutopilot:
@@ -212,7 +223,7 @@ def _switch_on(plant: Quadrotor, world: World, radio: RfConfig, seed: int) -> "F
 
     sticks = radio.map.roll, radio.map.pitch, radio.map.yaw
     settings = describe_settings(*describe_pulses(radio), [stick.full_rate_deg_s for stick in sticks])
-    gyro = rows(generator(seed, "gyro of Betaflight").standard_normal, 3)
+    gyro = normals(seed, "gyro of Betaflight", 3)
     return FlightBoard(plant, [*settings, *GAINS], gyro, world.rotors.gyro_noise_rad_s)
 
 
@@ -285,7 +296,7 @@ class FleetMocap:
     def __init__(self, stages: Sequence[Stage], names: Sequence[str], tracker: Tracker, seed: int) -> None:
         """Have ``tracker`` send where the vehicle of each stage is, by its name."""
         self._bodies = [
-            (name, stage, rows(generator(seed + SEEDS_APART * number, "noise").standard_normal, 6))
+            (name, stage, normals(seed + SEEDS_APART * number, "noise", 6))
             for number, (name, stage) in enumerate(zip(names, stages, strict=True))
         ]
         self._tracker = tracker

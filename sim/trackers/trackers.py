@@ -28,7 +28,7 @@ from groundstation.pose.sources import natnet_codec as natnet
 from groundstation.pose.sources import qualisys_codec as qtm
 from links.io import parse_address
 from links.mavlink.protocol import MavlinkCodec
-from sim.world import PositionWander, Quadrotor, TrueState, World, generator, rows, with_noise
+from sim.world import PositionWander, Quadrotor, TrueState, World, generator, normals, rows, with_noise
 
 CLOCK_AHEAD_S = 1000.0
 """Lead of the tracking computer's clock over ours [s]: the clocks are not synchronized."""
@@ -183,9 +183,9 @@ class Mocap:
         self._world = world
         self._plant = plant
         self._phase = generator(seed, "phase").random()
-        self._noise = rows(generator(seed, "noise").standard_normal, 6)
+        self._noise = normals(seed, "noise", 6)
         self._luck = rows(generator(seed, "pose loss").random, 1)
-        self._wander = PositionWander(world, rows(generator(seed, "cameras' wander").standard_normal, 3))
+        self._wander = PositionWander(world, normals(seed, "cameras' wander", 3))
         self._name = name
         self._tracker = tracker
         self._covered = False

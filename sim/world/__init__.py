@@ -1,6 +1,6 @@
 """The truth of a simulated flight: plant, wind, vehicle, and the scenarios."""
 
-from sim.world.draws import generator, rows
+from sim.world.draws import generator, normals, rows
 from sim.world.hand import HOLD_S, MOVE_S, make_hand
 from sim.world.plant import (
     Actuators,
