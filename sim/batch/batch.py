@@ -458,7 +458,97 @@ BODY = 14
 ACTUATORS = 17
 """Numbers that make Actuators: four rotor speeds and a rate loop."""
 BLOCK = 512
-"""Grid steps of turbulence drawn at a time."""
+"""Rows of random numbers drawn at a time [-]."""
+
+
+def column(worlds: Sequence[World], name: str) -> Any:
+    """The values of one key in all ``worlds``, the last axis counting them."""
+    return np.array([getattr(world, name) for world in worlds], np.float64).T.copy()
+
+
+class BatchWind:
+    """Disturbances of N vehicles: mean, gust, step or push, and turbulence; see :class:`sim.world.world.Wind`."""
+
+    def __init__(self, worlds: Sequence[World], seeds: Sequence[int]) -> None:
+        """Take the first eddies."""
+        self._mean, self._gust, self._step = (column(worlds, key) for key in ("wind_mean", "wind_gust", "wind_step"))
+        self._gust_hz, self._step_time_s = column(worlds, "wind_gust_hz"), column(worlds, "wind_step_time_s")
+        self._push_s = column(worlds, "wind_push_s")
+        self._turbulence = column(worlds, "wind_turbulence")
+        self._draws = [generator(seed, "turbulence") for seed in seeds] if self._turbulence.any() else []
+        self._grid = 0
+        """Step of the turbulence's grid in time [-]."""
+        self._block = self._draw() if self._draws else np.zeros((1, 3, len(worlds)))
+        self._eddies = begin_eddies(tuple(self._block[0]))
+
+    def at(self, time_s: float) -> Any:
+        """The disturbance [m/s², NED] at ``time_s`` after the release; questions go forward in time."""
+        while self._draws and self._grid < cell(time_s):
+            self._grid += 1
+            if self._grid % BLOCK == 0:
+                self._block = self._draw()
+            self._eddies = stir(self._eddies, tuple(self._block[self._grid % BLOCK]))
+        sine = OPS.sin(2.0 * np.pi * self._gust_hz * time_s)
+        since = (time_s - self._step_time_s) / np.where(self._push_s > 0.0, self._push_s, 1.0)
+        push = OPS.sin(np.pi * np.clip(since, 0.0, 1.0))
+        share = np.where(self._push_s > 0.0, push, 1.0) * (time_s >= self._step_time_s)
+        steady = self._mean + self._gust * sine + self._step * share
+        return steady + np.array(compute_turbulence(self._eddies, self._turbulence))
+
+    def _draw(self) -> Array:
+        return np.stack([draw.standard_normal((BLOCK, 3)) for draw in self._draws], axis=2)
+
+
+class GyroNoise:
+    """Noise of the gyros of N vehicles with rotors, in each step of a frame."""
+
+    def __init__(self, worlds: Sequence[World], seeds: Sequence[int], steps: int) -> None:
+        """``steps`` make a frame."""
+        self._draws = [generator(seed, "gyro") for seed in seeds]
+        self._sigma = np.array([world.rotors.gyro_noise_rad_s for world in worlds])
+        self._steps = steps
+        self._block = np.zeros((0, 3, len(seeds)))
+
+    def draw(self) -> Array:
+        """The noise of one frame, (steps, 3, N) [rad/s]."""
+        if not len(self._block):
+            count = self._steps * (BLOCK // self._steps)
+            self._block = np.stack([draw.standard_normal((count, 3)) for draw in self._draws], axis=2) * self._sigma
+        noise, self._block = self._block[: self._steps], self._block[self._steps :]
+        return noise
+
+
+class DelayedCommands:
+    """Commands of N vehicles that act late; see :class:`sim.world.quadrotor.DelayLine`."""
+
+    def __init__(self, worlds: Sequence[World], thrust: Array) -> None:
+        """Until the first command acts it is ``thrust`` [N] without rates."""
+        thrust_s, rates_s = column(worlds, "thrust_delay_s"), column(worlds, "rate_delay_s")
+        self._delays: Array = np.stack([thrust_s, *[rates_s] * 3])
+        """Dead times of thrust and of each rate, (4, N) [s]."""
+        self._period = worlds[0].frame_period_s
+        self.late = bool(self._delays.any())
+        """Whether any command acts late."""
+        self._commands = np.zeros((3 + int(np.max(self._delays) / self._period), 4, len(worlds)))
+        """The newest commands of as many frames as may still act, the newest first."""
+        self._commands[:, 0] = thrust
+
+    def put(self, thrust: Array, rates: Any) -> None:
+        """The command of the frame that begins."""
+        self._commands = np.roll(self._commands, 1, axis=0)
+        self._commands[0] = (thrust, *rates)
+
+    def compute_mean(self, since_s: Any, span_s: Any, who: Any) -> Array:
+        """Commands of ``who``, (4, n), that act on average from ``since_s`` into the frame on, over ``span_s`` [s]."""
+        delays = self._delays[:, who]
+        # What acts changes once a frame, so long after the frame's begin.
+        frames = np.floor(delays / self._period + 1e-9)
+        change = delays - frames * self._period
+        share = np.clip((since_s + span_s - np.maximum(change, since_s)) / span_s, 0.0, 1.0)
+        newer = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int), axis=0)[0]
+        older = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int) + 1, axis=0)[0]
+        mean: Array = older + share * (newer - older)
+        return mean
 
 
 class Fleet:
@@ -469,85 +559,53 @@ class Fleet:
     ``felt`` has shape (steps + 1, 3, N): the disturbance b [m/s², NED] at the start of the frame, and in each step.
     """
 
-    def __init__(
-        self,
-        worlds: Sequence[World],
-        seeds: Sequence[int],
-        *,
-        duration_s: float,
-        release_s: float,
-        steps: int,
-        told_latency_s: float,
-    ) -> None:
-        """``release_s`` [s] is when the flights begin, counted from the start of the cameras."""
-        first = worlds[0]
-        self.count = n = len(worlds)
-
-        def column(name: str) -> Any:
-            return np.array([getattr(w, name) for w in worlds], np.float64)
-
-        self._physics: Any = Physics(
-            column("mass_kg"),
-            column("thrust_lag_s"),
-            column("rate_lag_s"),
-            column("drag_per_s"),
-            column("rate_leak"),
-            first.gravity,
-        )
-        self._thrust_max, self._thrust_curve = column("thrust_max_n"), column("thrust_curve")
-        self._gain, self._sag = column("thrust_gain"), column("thrust_sag")
-        self._limits = np.radians(np.array([w.rate_limits_deg_s for w in worlds])).T
-        self._floor = column("floor_z_m")
-        self.start = np.array([w.start_ned for w in worlds]).T
+    def __init__(self, worlds: Sequence[World], seeds: Sequence[int], steps: int, duration_s: float) -> None:
+        """Hold them; ``steps`` of the plant make a frame."""
+        first, n = worlds[0], len(worlds)
+        self.count = n
+        self._thrust_max, self._thrust_curve = column(worlds, "thrust_max_n"), column(worlds, "thrust_curve")
+        self._gain, self._sag = column(worlds, "thrust_gain"), column(worlds, "thrust_sag")
+        self._limits = np.radians(column(worlds, "rate_limits_deg_s"))
+        self._floor = column(worlds, "floor_z_m")
+        self.start = column(worlds, "start_ned")
         self._steps, self._step_s = steps, first.frame_period_s / steps
-        turns = first.plant == "rotors"
-        self.track = np.zeros((steps + 1, BODY + ACTUATORS * turns, n))
+        self._gains_now = self._gain.copy()
+        self._plant: Any = self._describe_plant(worlds)
+        physics, _, rotors = self._plant
+        thrust = column(worlds, "start_thrust") * physics.mass_kg * first.gravity
+        self.track = np.zeros((steps + 1, BODY + (0 if rotors is None else ACTUATORS), n))
         self.track[-1, :3] = self.start
         self.track[-1, 6] = 1.0
-        self.track[-1, 10] = thrust = column("start_thrust") * self._physics.mass_kg * first.gravity
-        self.felt = np.zeros((steps + 1, 3, n))
-
-        def of(get: Callable[[World], float]) -> Any:
-            return np.array([get(w) for w in worlds], np.float64)
-
-        drag: Any = describe_air(of)
-        drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
-        self._gains_now = self._gain.copy()
-        rotors: Any = (*describe_rotors(of, first.gravity), self._gains_now) if turns else None
-        self._gyros = [generator(seed, "gyro") for seed in seeds] if turns else []
-        self._gyro_sigma, self._gyro_block = of(lambda w: w.rotors.gyro_noise_rad_s), np.zeros((0, 3, n))
-        if turns:
+        self.track[-1, 10] = thrust
+        if rotors is not None:
             put(_vehicle(self.track[-1])[1], slice(None), begin_rotors(OPS, thrust, rotors[1]))
+        self._gyros = None if rotors is None else GyroNoise(worlds, seeds, steps)
+        self._wind = BatchWind(worlds, seeds)
+        self.felt = np.zeros((steps + 1, 3, n))
         self._thrust_command: Any = np.zeros(n)
         self._rate_command: Any = zeros(n, 3)
-        delays = of(lambda w: w.thrust_delay_s), of(lambda w: w.rate_delay_s)
-        self._delays: Array | None = np.stack([delays[0], *[delays[1]] * 3]) if np.any(delays) else None
-        """Dead times of thrust and of each rate, (4, N) [s]."""
-        behind = 2 + int(np.max(delays) / first.frame_period_s)
-        self._commands = np.zeros((behind + 1, 4, n))
-        """The newest commands of as many frames as may still act, the newest first."""
-        self._commands[:, 0] = thrust
-        self._gust_hz, self._wind_step_s = column("wind_gust_hz"), column("wind_step_time_s")
-        self._push_s = column("wind_push_s")
-        self._mean, self._gust, self._wind_step = (
-            np.array([getattr(w, key) for w in worlds], np.float64).T.copy()
-            for key in ("wind_mean", "wind_gust", "wind_step")
-        )
-        self._turbulence = column("wind_turbulence")
-        self._normals = [generator(seed, "turbulence") for seed in seeds]
-        self._stirs = bool(self._turbulence.any())
-        self._grid, self._block = 0, self._draw() if self._stirs else np.zeros((1, 3, n))
-        self._eddies = begin_eddies(tuple(self._block[0]))
-        self._plant: Any = self._physics, drag if drags else None, rotors
-        self._cameras = Cameras(worlds, seeds, duration_s, release_s, told_latency_s)
-        self.arrived = self._cameras.take_arrivals
+        self._delayed = DelayedCommands(worlds, thrust)
         losses = [generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
-        self._frame_lost = column("frame_loss") > np.array(losses).T
+        self._frame_lost = column(worlds, "frame_loss") > np.array(losses).T
 
-    def hold(self, time_s: float) -> None:
-        """A frame before the release: nothing moves, but the cameras run."""
-        body = _body(self.track[-1, :BODY])
-        self._cameras.expose(np.array([time_s + self._steps * self._step_s]), lambda _, who, __: pick(body, who))
+    def _describe_plant(self, worlds: Sequence[World]) -> Any:
+        """Physics, drag and rotors; None for the latter two where there are none."""
+        first = worlds[0]
+        keys = ("mass_kg", "thrust_lag_s", "rate_lag_s", "drag_per_s", "rate_leak")
+
+        def of(get: Callable[[World], float]) -> Any:
+            return np.array([get(world) for world in worlds], np.float64)
+
+        physics: Any = Physics(*(column(worlds, key) for key in keys), first.gravity)
+        drag: Any = describe_air(of)
+        drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
+        rotors = (*describe_rotors(of, first.gravity), self._gains_now) if first.plant == "rotors" else None
+        return physics, drag if drags else None, rotors
+
+    @property
+    def body(self) -> Any:
+        """The Body of each at the end of the newest frame."""
+        return _body(self.track[-1, :BODY])
 
     def command(self, frame: int, time_s: float, drive: ActuatorCommand, told_full_n: float, told_curve: float) -> None:
         """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
@@ -568,82 +626,36 @@ class Fleet:
         for now, new, limit in zip(self._rate_command, rates, self._limits, strict=True):
             now[...] = np.where(lost, now, np.clip(new, -limit, limit))
 
-    def fly(self, time_s: float) -> None:
-        """All steps of the frame that begins at ``time_s`` after the release, and the pictures taken meanwhile."""
+    def fly(self, time_s: float) -> Seen:
+        """All steps of the frame that begins at ``time_s`` after the release; returns what cameras see in it."""
         h, track = self._step_s, self.track
         track[0] = track[-1]
         starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
         for row, time in zip(self.felt, (time_s, *(starts + 0.5 * h).tolist()), strict=True):
-            row[...] = self._blow(time)
+            row[...] = self._wind.at(time)
         held: list[Any] = [(self._thrust_command, self._rate_command)] * self._steps
-        if self._delays is not None:
-            self._commands = np.roll(self._commands, 1, axis=0)
-            self._commands[0] = (self._thrust_command, *self._rate_command)
-            means = (self._compute_mean(step * h, h, slice(None)) for step in range(self._steps))
+        if self._delayed.late:
+            self._delayed.put(self._thrust_command, self._rate_command)
+            means = (self._delayed.compute_mean(step * h, h, slice(None)) for step in range(self._steps))
             held = [(thrust, tuple(rates)) for thrust, *rates in means]
-        noise = self._draw_gyros()
+        noise = None if self._gyros is None else self._gyros.draw()
         vehicle = _vehicle(track[0])
         for step, command in enumerate(held):
-            gyro = tuple(noise[step]) if len(noise) else None
+            gyro = None if noise is None else tuple(noise[step])
             vehicle = _step(OPS, vehicle, command, gyro, tuple(self.felt[step + 1]), h, self._plant)
             put(_vehicle(track[step + 1]), slice(None), vehicle)
 
-        def observe(step: Any, who: Any, taken: Any) -> Any:
+        def see(step: Any, who: Any, taken: Any) -> Any:
             before, wind = _vehicle(track[step, :, who].T), tuple(self.felt[step + 1, :, who].T)
             since = np.maximum(taken - starts[step], 1e-12)
             thrust, rates = self._thrust_command[who], pick(self._rate_command, who)
-            if self._delays is not None:
-                thrust, *rates = self._compute_mean(step * h, since, who)
-            gyro = tuple(noise[step, :, who].T) if len(noise) else None
+            if self._delayed.late:
+                thrust, *rates = self._delayed.compute_mean(step * h, since, who)
+            gyro = None if noise is None else tuple(noise[step, :, who].T)
             plant = pick(self._plant, who)
             return _step(OPS, before, (thrust, tuple(rates)), gyro, wind, since, plant)[0]
 
-        self._cameras.expose(starts + h, observe)
-
-    def _compute_mean(self, since_s: Any, span_s: Any, who: Any) -> Array:
-        """Commands of ``who``, (4, n), that act on average from ``since_s`` into the frame on, over ``span_s`` [s]."""
-        assert self._delays is not None
-        delays, period = self._delays[:, who], self._steps * self._step_s
-        # What acts changes once a frame, so long after the frame's begin.
-        frames = np.floor(delays / period + 1e-9)
-        change = delays - frames * period
-        share = np.clip((since_s + span_s - np.maximum(change, since_s)) / span_s, 0.0, 1.0)
-        newer = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int), axis=0)[0]
-        older = np.take_along_axis(self._commands[:, :, who], frames[None].astype(int) + 1, axis=0)[0]
-        mean: Array = older + share * (newer - older)
-        return mean
-
-    def _draw_gyros(self) -> Array:
-        """Noise of the gyros in each step of a frame, (steps, 3, N) [rad/s]; no steps without rotors."""
-        if not self._gyros:
-            return self._gyro_block
-        if not len(self._gyro_block):
-            rows = self._steps * (BLOCK // self._steps)
-            self._gyro_block = np.stack([g.standard_normal((rows, 3)) for g in self._gyros], axis=2) * self._gyro_sigma
-        noise, self._gyro_block = self._gyro_block[: self._steps], self._gyro_block[self._steps :]
-        return noise
-
-    def _blow(self, time_s: float) -> Any:
-        """The disturbance [m/s², NED] at ``time_s`` after the release; questions go forward in time."""
-        for normals in self._new_normals(time_s):
-            self._eddies = stir(self._eddies, normals)
-        sine = OPS.sin(2.0 * np.pi * self._gust_hz * time_s)
-        since = (time_s - self._wind_step_s) / np.where(self._push_s > 0.0, self._push_s, 1.0)
-        push = OPS.sin(np.pi * np.clip(since, 0.0, 1.0))
-        share = np.where(self._push_s > 0.0, push, 1.0) * (time_s >= self._wind_step_s)
-        steady = self._mean + self._gust * sine + self._wind_step * share
-        return steady + np.array(compute_turbulence(self._eddies, self._turbulence))
-
-    def _new_normals(self, time_s: float) -> Iterator[Any]:
-        """Yield the turbulence's normal numbers until ``time_s`` after the release."""
-        while self._stirs and self._grid < cell(time_s):
-            self._grid += 1
-            if self._grid % BLOCK == 0:
-                self._block = self._draw()
-            yield tuple(self._block[self._grid % BLOCK])
-
-    def _draw(self) -> Array:
-        return np.stack([g.standard_normal((BLOCK, 3)) for g in self._normals], axis=2)
+        return see
 
     def find_crashes(self, steps: int) -> Any:
         """Find the vehicles that hit the floor or left every room within ``steps`` steps of this frame.
@@ -849,62 +861,82 @@ def fly_batch(
         ValueError: the worlds differ in a period or in the reference.
         ConfigError: see :func:`require_batchable`.
     """
-    gains, vehicle, pose = config.controller, config.vehicle, config.pose
-    first = worlds[0]
     for name in ("frame_period_s", "pose_rate_hz", "speed_m_s", "gravity", "plant"):
-        if any(getattr(w, name) != getattr(first, name) for w in worlds):
+        if any(getattr(world, name) != getattr(worlds[0], name) for world in worlds):
             raise ValueError(f"all flights of a batch need the same sim.{name}")
     for world in worlds:
         require_batchable(world, config)
-    assert isinstance(gains, Gains) and isinstance(pose, ViconConfig)
-    period = first.frame_period_s
-    steps = math.ceil(period / first.step_s - 1e-9)
-    h = period / steps
-    release_s = CONFIRM_S + math.ceil(HANDSHAKE_S / period - 1e-9) * period
-    fleet = Fleet(
-        worlds,
-        seeds,
-        duration_s=duration_s,
-        release_s=release_s,
-        steps=steps,
-        told_latency_s=pose.latency_s,
-    )
-    weight = vehicle.mass_kg * gains.gravity
-    estimator = BatchEstimator(vehicle, gains, fleet.start, config.flight.idle_thrust * weight, period)
-    pilot = Adaptive(vehicle, gains, OPS)
-    trajectory = config.trajectory.build()
-    watch = BatchWatch(fleet.count, gains, period)
-    marks = Marks(fleet.count, duration_s, vehicle, gains, watch)
-    everyone = np.arange(fleet.count)
-    for frame in range(-math.ceil(release_s / period), math.ceil(duration_s / period - 1e-9)):
-        time = frame * period
-        for who, stamp, position, attitude in fleet.arrived(time):
-            estimator.pose(who, stamp, position, attitude)
-            watch.pose(who, stamp, estimator.noise_m2)
-        if frame < 0:
-            fleet.hold(time)
-            continue
+    batch = Batch(worlds, config, seeds, duration_s)
+    for frame in range(-math.ceil(batch.release_s / batch.period_s), 0):
+        batch.hold(frame * batch.period_s)
+    for frame in range(math.ceil(duration_s / batch.period_s - 1e-9)):
+        batch.fly(frame)
+    return batch.marks.flights()
+
+
+class Batch:
+    """N flights under way: truth, cameras, ground stations and score, one frame at a time."""
+
+    def __init__(self, worlds: Sequence[World], config: Config, seeds: Sequence[int], duration_s: float) -> None:
+        """Hold the vehicles at their starts; the arguments are those of :func:`fly_batch`."""
+        gains, vehicle, pose, first = config.controller, config.vehicle, config.pose, worlds[0]
+        assert isinstance(gains, Gains) and isinstance(pose, ViconConfig)
+        self.period_s = first.frame_period_s
+        self.release_s = CONFIRM_S + math.ceil(HANDSHAKE_S / self.period_s - 1e-9) * self.period_s
+        """When the flights begin, from the start of the cameras [s]."""
+        self._config, self._duration_s = config, duration_s
+        steps = math.ceil(self.period_s / first.step_s - 1e-9)
+        self._step_s = self.period_s / steps
+        self._starts: Array = np.arange(steps, dtype=np.float64) * self._step_s
+        """Beginning of each plant step in a frame [s]."""
+        self._fleet = Fleet(worlds, seeds, steps, duration_s)
+        self._cameras = Cameras(worlds, seeds, duration_s, self.release_s, pose.latency_s)
+        idle_n = config.flight.idle_thrust * (vehicle.mass_kg * gains.gravity)
+        self._estimator = BatchEstimator(vehicle, gains, self._fleet.start, idle_n, self.period_s)
+        self._controller = Adaptive(vehicle, gains, OPS)
+        self._trajectory = config.trajectory.build()
+        self._watch = BatchWatch(self._fleet.count, gains, self.period_s)
+        self.marks = Marks(self._fleet.count, duration_s, vehicle, gains, self._watch)
+
+    def hold(self, time_s: float) -> None:
+        """One frame before the release: nothing moves, but the cameras run."""
+        self._take_poses(time_s)
+        body = self._fleet.body
+        self._cameras.expose(np.array([time_s + self.period_s]), lambda _, who, __: pick(body, who))
+
+    def fly(self, frame: int) -> None:
+        """One frame after the release: poses, a command, the vehicles' motion, and its marks."""
+        time_s, fleet, estimator = frame * self.period_s, self._fleet, self._estimator
+        self._take_poses(time_s)
         if frame == 0:
             estimator.release()
         # Where poses stay away too long commands stop, and with them the flight.
-        marks.mark_failed(time > estimator.stamp_s + config.flight.coast_s)
-        acting = time + vehicle.acting_delay_s
-        reference, interval = trajectory.at(acting), period if frame > 0 else 0.0
-        if vehicle.sooner_s:
-            # A copy: what is predicted shares arrays with the estimator's state, which the later one moves on.
-            sooner = pick(estimator.predict(acting - vehicle.sooner_s), everyone)
-            estimate = estimator.predict(acting)
-            decision = pilot.decide_apart(sooner, estimate, reference, interval)
-        else:
-            estimate = estimator.predict(acting)
-            decision = pilot.decide(estimate, reference, interval)
+        self.marks.mark_failed(time_s > estimator.stamp_s + self._config.flight.coast_s)
+        estimate, decision = self._decide(time_s, self.period_s if frame > 0 else 0.0)
         estimator.take_command(frame, decision.drive)
-        fleet.command(frame, time, decision.drive, config.full_thrust_n, config.thrust_curve)
-        fleet.fly(time)
-        marks.command(time, decision, estimate, fleet.felt[0])
-        ends = time + np.arange(steps, dtype=np.float64) * h + h
-        ends = ends[ends <= duration_s + 1e-9]  # the last frame is held beyond the end of the flight
-        wanted = np.array([trajectory.position_at(end) for end in ends.tolist()]).reshape(-1, 3, 1)
-        marks.steps(ends, np.sqrt(((fleet.track[1 : ends.size + 1, :3] - wanted) ** 2).sum(axis=1)))
-        marks.mark_failed(fleet.find_crashes(ends.size))
-    return marks.flights()
+        fleet.command(frame, time_s, decision.drive, self._config.full_thrust_n, self._config.thrust_curve)
+        seen, ends = fleet.fly(time_s), time_s + self._starts + self._step_s
+        self._cameras.expose(ends, seen)
+        self.marks.command(time_s, decision, estimate, fleet.felt[0])
+        ends = ends[ends <= self._duration_s + 1e-9]  # the last frame is held beyond the end of the flight
+        wanted = np.array([self._trajectory.position_at(end) for end in ends.tolist()]).reshape(-1, 3, 1)
+        self.marks.steps(ends, np.sqrt(((fleet.track[1 : ends.size + 1, :3] - wanted) ** 2).sum(axis=1)))
+        self.marks.mark_failed(fleet.find_crashes(ends.size))
+
+    def _take_poses(self, time_s: float) -> None:
+        for who, stamp, position, attitude in self._cameras.take_arrivals(time_s):
+            self._estimator.pose(who, stamp, position, attitude)
+            self._watch.pose(who, stamp, self._estimator.noise_m2)
+
+    def _decide(self, time_s: float, interval_s: float) -> tuple[Estimate, Decision]:
+        """Estimate and command at ``time_s``, ``interval_s`` [s] after the last one."""
+        vehicle, estimator = self._config.vehicle, self._estimator
+        acting_s = time_s + vehicle.acting_delay_s
+        reference = self._trajectory.at(acting_s)
+        if not vehicle.sooner_s:
+            estimate = estimator.predict(acting_s)
+            return estimate, self._controller.decide(estimate, reference, interval_s)
+        # A copy: what is predicted shares arrays with the estimator's state, which the later one moves on.
+        sooner = pick(estimator.predict(acting_s - vehicle.sooner_s), np.arange(self._fleet.count))
+        estimate = estimator.predict(acting_s)
+        return estimate, self._controller.decide_apart(sooner, estimate, reference, interval_s)
