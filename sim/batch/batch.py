@@ -591,12 +591,18 @@ class Fleet:
     def _describe_plant(self, worlds: Sequence[World]) -> Any:
         """Physics, drag and rotors; None for the latter two where there are none."""
         first = worlds[0]
-        keys = ("mass_kg", "thrust_lag_s", "rate_lag_s", "drag_per_s", "rate_leak")
 
         def of(get: Callable[[World], float]) -> Any:
             return np.array([get(world) for world in worlds], np.float64)
 
-        physics: Any = Physics(*(column(worlds, key) for key in keys), first.gravity)
+        physics: Any = Physics(
+            column(worlds, "mass_kg"),
+            column(worlds, "thrust_lag_s"),
+            column(worlds, "rate_lag_s"),
+            column(worlds, "drag_per_s"),
+            column(worlds, "rate_leak"),
+            first.gravity,
+        )
         drag: Any = describe_air(of)
         drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
         rotors = (*describe_rotors(of, first.gravity), self._gains_now) if first.plant == "rotors" else None

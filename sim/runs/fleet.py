@@ -125,7 +125,7 @@ def judge(
         landed=last.state == State.LANDED and not fault,
         why=fault or last.reason,
         states=tuple(StateEntry(one.state, round(one.time_s - begun, 6), one.reason) for one in record.states),
-        touchdown_m_s=plant.hardest_m_s,
+        touchdown_m_s=plant.floor.hardest_m_s,
         **tracks.of[number].judge_figure(config.trajectory.build(), record.started_s, record.states, world.step_s),
         home_m=math.dist(world.start_ned[:2], tracks.last(number, world.start_ned)[:2]),
     )

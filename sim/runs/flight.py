@@ -340,7 +340,7 @@ async def fly_mission(
         fault="" if outcome is None else outcome.fault,
         states=tuple(mission.states),
         warnings=tuple(mission.warnings),
-        touchdown_m_s=stage.plant.hardest_m_s,
+        touchdown_m_s=stage.plant.floor.hardest_m_s,
         **track.judge_figure(mission.trajectory, flight.started_s, mission.states, world.step_s),
         home_m=math.dist(start[:2], end[:2]),
         tilt_max_deg=math.degrees(math.acos(max(mission.upright, -1.0))),

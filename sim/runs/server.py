@@ -129,7 +129,7 @@ async def serve(
         finally:
             if pty is not None:
                 pty.close()
-    touchdown = stage.plant.touchdown_m_s
+    touchdown = stage.plant.floor.touchdown_m_s
     if touchdown is not None:
         print(f"touched down at {touchdown:.2f} m/s", flush=True)
     return Exit.DONE
@@ -187,8 +187,8 @@ async def serve_fleet(
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(_run(stage), duration_s)
     for lab, one in zip(labs, stage.stages, strict=True):
-        if one.plant.touchdown_m_s is not None:
-            print(f"{lab.vehicle.name} touched down at {one.plant.touchdown_m_s:.2f} m/s", flush=True)
+        if one.plant.floor.touchdown_m_s is not None:
+            print(f"{lab.vehicle.name} touched down at {one.plant.floor.touchdown_m_s:.2f} m/s", flush=True)
     return Exit.DONE
 
 

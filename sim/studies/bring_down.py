@@ -89,7 +89,7 @@ async def cut(scenario: str, cause: str, at_s: float, *, seed: int = 0, override
         at_s=at_s,
         height_m=world.floor_z_m - begun.position_ned[2],
         speed_m_s=math.hypot(*begun.velocity_ned),
-        touchdown_m_s=stage.plant.touchdown_m_s,
+        touchdown_m_s=stage.plant.floor.touchdown_m_s,
         after_s=None if met is None else met - when,
         tilt_deg=max((tilt for t, _, tilt in path if met is not None and met - 0.05 <= t < met), default=0.0),
         drift_m=math.dist(begun.position_ned[:2], ends.position_ned[:2]),

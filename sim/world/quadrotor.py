@@ -131,14 +131,188 @@ class DelayLine:
         return tuple(mean)
 
 
+class ActuationChain:
+    """From a told thrust and told rates to those that act: gain, limits and dead times."""
+
+    __slots__ = ("_late_rates", "_late_thrust", "_limits", "_rates", "_thrust", "_world", "gain", "strength", "told")
+
+    def __init__(self, world: World, thrust: float) -> None:
+        """``thrust`` [N] acts until a command does, where commands act late."""
+        self._world = world
+        x, y, z = world.rate_limits_deg_s
+        self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
+        self.told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
+        """Newest command: thrust [N] and rates [rad/s, FRD]."""
+        self.strength = 1.0
+        """Thrust of the rotors, as a share of the healthy ones' [-]."""
+        self.gain = world.thrust_gain
+        """Thrust that comes of what is told, as a share, at the newest command [-]."""
+        self._thrust = 0.0
+        self._rates: Vec3 = (0.0, 0.0, 0.0)
+        self._late_thrust = DelayLine(world.thrust_delay_s, (thrust,)) if world.thrust_delay_s else None
+        self._late_rates = DelayLine(world.rate_delay_s, (0.0, 0.0, 0.0)) if world.rate_delay_s else None
+
+    def command(self, time_s: float, flown_s: float | None, thrust_n: float, rates: Vec3) -> None:
+        """Take a command at ``time_s`` [s], so long after the release."""
+        self.told = thrust_n, rates
+        a, b, c = self._limits
+        self.gain = gain = self.compute_gain(flown_s)
+        self._thrust = gain * min(max(thrust_n, 0.0), self._world.thrust_max_n)
+        self._rates = (
+            min(max(rates[0], -a), a),
+            min(max(rates[1], -b), b),
+            min(max(rates[2], -c), c),
+        )
+        if self._late_thrust is not None:
+            self._late_thrust.put(time_s, (self._thrust,))
+        if self._late_rates is not None:
+            self._late_rates.put(time_s, self._rates)
+
+    def compute_gain(self, flown_s: float | None) -> float:
+        """Thrust that comes of what is told, as a share, so long after the release: batteries sag."""
+        gain, sag = self.strength * self._world.thrust_gain, self._world.thrust_sag
+        if sag and flown_s is not None:
+            gain *= 1.0 - sag * min(1.0, flown_s / 60.0)
+        return gain
+
+    def compute_mean(self, start_s: float, span_s: float) -> tuple[float, Vec3]:
+        """Mean of thrust [N] and rates [rad/s] that act over ``span_s`` [s] from ``start_s`` on."""
+        thrust, rates = self._thrust, self._rates
+        if self._late_thrust is not None:
+            (thrust,) = self._late_thrust.compute_mean(start_s, span_s)
+        if self._late_rates is not None:
+            p, q, r = self._late_rates.compute_mean(start_s, span_s)
+            rates = (p, q, r)
+        return thrust, rates
+
+    def continue_from(self, other: "ActuationChain") -> None:
+        """Go on with what ``other`` was told, in a world of its own."""
+        self.told, self.strength, self.gain = other.told, other.strength, other.gain
+        self._thrust, self._rates = other._thrust, other._rates
+        self._late_thrust, self._late_rates = copy.deepcopy((other._late_thrust, other._late_rates))
+
+
+class Rotors:
+    """Four rotors, and the rate loop that drives them: ours, or another autopilot's."""
+
+    __slots__ = ("_frame", "_gains", "_gyro", "_gyro_noise", "_gyro_noise_rad_s", "actuators", "signals")
+
+    def __init__(self, world: World, thrust: float, gyro: Iterator[tuple[float, ...]] | None) -> None:
+        """Turn as for a total ``thrust`` [N]; ``gyro``: see :class:`Quadrotor`."""
+        self._frame, self._gains = describe_rotors(lambda get: get(world), world.gravity)
+        self._gyro = repeat((0.0, 0.0, 0.0)) if gyro is None else gyro
+        self._gyro_noise_rad_s = world.rotors.gyro_noise_rad_s
+        self._gyro_noise = self._draw_noise()
+        self.actuators: Actuators = begin_rotors(FLOATS, thrust, self._gains)
+        self.signals: FourRotors | None = None
+        """Signals of another autopilot; None while our rate loop drives the rotors."""
+
+    def compute_turn(
+        self, body: Body, thrust: float, rates: Vec3, gain: float, push: Vec3, h: float
+    ) -> tuple[Body, Actuators]:
+        """``body`` and actuators after ``h`` [s]; nothing is kept of it: see :func:`sim.world.plant.turn_rotors`."""
+        old, gains = self.actuators, self._gains
+        if self.signals is None:
+            noise = self._gyro_noise
+            return turn_rotors(FLOATS, body, old, thrust, rates, noise, gain, push, h, self._frame, gains)
+        full = gain * gains.full_n
+        body, speeds = integrate_rotors(FLOATS, body, old.speeds, self.signals, full, rates, push, h, self._frame)
+        return body, old._replace(speeds=speeds)
+
+    def keep(self, actuators: Actuators, *, on_floor: bool) -> None:
+        """The step is done; a rate loop on the floor does not wind up."""
+        if on_floor:
+            actuators = actuators._replace(loop=actuators.loop._replace(integral=(0.0, 0.0, 0.0)))
+        self.actuators = actuators
+        self._gyro_noise = self._draw_noise()
+
+    def _draw_noise(self) -> Vec3:
+        (a, b, c), noise = next(self._gyro), self._gyro_noise_rad_s
+        return noise * a, noise * b, noise * c
+
+
+class FloorContact:
+    """Contact of one vehicle with its floor: what it meets it with, friction, and a floor that holds it."""
+
+    __slots__ = ("_held_s", "_highest_m", "_world", "felt", "hardest_m_s", "is_down", "touchdown_m_s")
+
+    def __init__(self, world: World) -> None:
+        """Not in contact."""
+        self._world = world
+        self.is_down = False
+        """True while it rests on the floor (not while it is held in the air)."""
+        self._highest_m = 0.0
+        self._held_s: float | None = None
+        """Since when the floor has held a vehicle that gathers speed upwards [s of flight]."""
+        self.touchdown_m_s: float | None = None
+        """Sink rate at the first touchdown [m/s]."""
+        self.hardest_m_s: float | None = None
+        """Largest sink rate of all touchdowns [m/s]: a vehicle may hop."""
+        self.felt = (0.0, 0.0)
+        """Error of the autopilot's own estimate while the floor holds the vehicle: height [m] and upward speed [m/s].
+        Only with ``sim.floor_hold_s``."""
+
+    def meets(self, body: Body, flight_time: float) -> bool:
+        """Whether ``body`` is on the floor after a step from ``flight_time`` [s] on."""
+        hold_s = self._world.floor_hold_s
+        held = self.is_down and hold_s > 0.0 and (self._held_s is None or flight_time - self._held_s < hold_s)
+        return held or body.position[2] >= self._world.floor_z_m
+
+    def stand(self, body: Body, before: Body, flight_time: float, h: float) -> Body:
+        """State of ``body`` after ``h`` [s] on the floor; it was ``before`` at their start."""
+        self.is_down = True
+        if self._highest_m > HOP_M:
+            self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
+            self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
+            self._highest_m = 0.0
+        body = self.slide(body, before, h)
+        rises = body.velocity[2] < 0.0
+        self._held_s = (flight_time if self._held_s is None else self._held_s) if rises else None
+        return body
+
+    def slide(self, body: Body, before: Body, h: float) -> Body:
+        """On the floor after ``h`` [s]: it does not sink, slides against friction, levels out, and does not turn."""
+        (x, y, _), (u, v, w) = body.position, body.velocity
+        speed, stops = math.hypot(u, v), self._world.floor_friction * max(w, 0.0)  # w is what the floor takes of it
+        slides = 1.0 - stops / speed if stops < speed else 0.0
+        if not slides:
+            x, y, _ = before.position
+        roll, pitch, yaw = so3.euler_zyx(body.attitude)
+        keep = math.exp(-h / LEVELS_S)
+        return Body(
+            (x, y, self._world.floor_z_m),
+            (slides * u, slides * v, min(w, 0.0)),
+            so3.from_euler_zyx(keep * roll, keep * pitch, yaw),
+            body.thrust,
+            (0.0, 0.0, 0.0),
+        )
+
+    def leave(self, body: Body) -> None:
+        """``body`` is in the air."""
+        self.is_down, self._held_s = False, None
+        height = self._world.floor_z_m - body.position[2]
+        if height > self._highest_m:  # noqa: PLR1730  # at every step of the plant
+            self._highest_m = height
+
+    def feel(self, before: Body, body: Body, h: float) -> None:
+        """Let the autopilot's own estimate go on by the ``h`` [s] from ``before`` to ``body``."""
+        higher, up = self.felt
+        moves = 0.0 if self.is_down else -body.velocity[2]
+        gained_m_s = before.velocity[2] - body.velocity[2]
+        up += gained_m_s + (moves - up) * h / NOTICES_S
+        self.felt = higher * math.exp(-h / FORGETS_S) + (up - moves) * h, up
+
+    def continue_from(self, other: "FloorContact") -> None:
+        """Go on as ``other`` stands."""
+        self.is_down, self._highest_m = other.is_down, other._highest_m
+
+
 class Quadrotor:
     """One simulated vehicle. It is held at ``world.start_ned`` until released. Implements Airframe's physics."""
 
     __slots__ = (  # with so many, a dictionary is slow
-        "_actuators", "_body", "_cut", "_decay", "_drag", "_frame", "_gain_now", "_gains", "_gyro", "_gyro_noise",
-        "_held_s", "_highest_m", "_late_rates", "_late_thrust", "_limits", "_on_ground", "_on_step", "_physics",
-        "_rate_command", "_signals", "_steps", "_strength", "_thrust_command", "_time", "_told", "_tunnel", "_wind",
-        "_world", "felt", "hardest_m_s", "lead", "partner", "pull", "released_s", "specific_force", "touchdown_m_s",
+        "_body", "_chain", "_cut", "_drag", "_on_step", "_physics", "_rotors", "_steps", "_time", "_tunnel", "_wind",
+        "_world", "floor", "lead", "partner", "pull", "released_s", "specific_force",
     )  # fmt: skip
 
     def __init__(
@@ -153,9 +327,7 @@ class Quadrotor:
         ``gyro`` gives rows of three standard normal numbers, one for each step of a rate loop; without them its gyro
         has no noise.
         """
-        self._world = world
-        self._wind = wind
-        self._on_step = on_step
+        self._world, self._wind, self._on_step = world, wind, on_step
         self._time = 0.0
         self._cut = 0.0
         """When the whole steps began to be counted [s], and how many there were since."""
@@ -173,64 +345,26 @@ class Quadrotor:
         begins = so3.from_euler_zyx(0.0, math.radians(world.tunnel.start_pitch_deg), 0.0)
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), begins, thrust, (0.0, 0.0, 0.0))
         self._tunnel = None if world.tunnel == STILL else world.tunnel
-        self._thrust_command = 0.0
-        self._rate_command: Vec3 = (0.0, 0.0, 0.0)
-        self._late_thrust = DelayLine(world.thrust_delay_s, (thrust,)) if world.thrust_delay_s else None
-        self._late_rates = DelayLine(world.rate_delay_s, (0.0, 0.0, 0.0)) if world.rate_delay_s else None
         drag = describe_air(lambda get: get(world))
         self._drag: AirDrag | None = drag if any((*drag.linear, drag.within, drag.along, drag.lift)) else None
-        self._frame, self._gains = describe_rotors(lambda get: get(world), world.gravity)
-        self._actuators: Actuators | None = None
-        if world.plant == "rotors":
-            self._actuators = begin_rotors(FLOATS, thrust, self._gains)
-        self._signals: FourRotors | None = None
-        """Rotor signals of another autopilot; None while our rate loop drives the rotors."""
-        self._gyro = repeat((0.0, 0.0, 0.0)) if gyro is None else gyro
-        self._gyro_noise = self._draw_noise()
+        self._chain = ActuationChain(world, thrust)
+        self._rotors = Rotors(world, thrust, gyro) if world.plant == "rotors" else None
         self.specific_force: Vec3 = (0.0, 0.0, -world.gravity)
         """Specific force over the newest whole step [m/s², FRD]; computed with ``sim.plant = "rotors"`` only."""
-        self._told: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
-        self._strength = 1.0
-        self._gain_now = world.thrust_gain
-        """Thrust that comes of what is told, as a share, at the newest command [-]."""
-        self._on_ground = False
+        self.floor = FloorContact(world)
         self.pull: Callable[[Body], Vec3] | None = None
         """Additional acceleration by position and speed [m/s², NED]; may be changed in flight."""
         self.lead: Callable[[float, float], Body] | None = None
         """A hand that holds it: time [s] and thrust [N] → where it is, whatever its motors do."""
         self.partner: Quadrotor | None = None
         """Another one that is told the same."""
-        self._held_s: float | None = None
-        """Since when the floor has held a vehicle that gathers speed upwards [s of flight]."""
-        self.felt = (0.0, 0.0)
-        """Error of the autopilot's own estimate while the floor holds the vehicle: height [m] and upward speed [m/s].
-        Only with ``sim.floor_hold_s``."""
-        x, y, z = world.rate_limits_deg_s
-        self._limits: Vec3 = (math.radians(x), math.radians(y), math.radians(z))
-        self._highest_m = 0.0
-        self.touchdown_m_s: float | None = None
-        """Sink rate at the first touchdown [m/s]."""
-        self.hardest_m_s: float | None = None
-        """Largest sink rate of all touchdowns [m/s]: a vehicle may hop."""
 
     def command(self, time_s: float, thrust_n: float, rates: Vec3) -> None:
         """Follow a commanded thrust [N] and rates [rad/s, FRD] from ``time_s`` on; gain and limits apply here."""
         self._settle(time_s)
-        self._told = thrust_n, rates
         if self.partner is not None:
             self.partner.command(time_s, thrust_n, rates)
-        a, b, c = self._limits
-        self._gain_now = gain = self._gain(time_s)
-        self._thrust_command = gain * min(max(thrust_n, 0.0), self._world.thrust_max_n)
-        self._rate_command = (
-            min(max(rates[0], -a), a),
-            min(max(rates[1], -b), b),
-            min(max(rates[2], -c), c),
-        )
-        if self._late_thrust is not None:
-            self._late_thrust.put(time_s, (self._thrust_command,))
-        if self._late_rates is not None:
-            self._late_rates.put(time_s, self._rate_command)
+        self._chain.command(time_s, self._flown_s(time_s), thrust_n, rates)
 
     def drive_rotors(self, time_s: float, signals: FourRotors) -> None:
         """Drive the rotors by signals (0..1) from ``time_s`` on, without a rate loop; see plant.py for their order.
@@ -238,27 +372,24 @@ class Quadrotor:
         Raises:
             ValueError: ``sim.plant`` is not "rotors".
         """
-        if self._actuators is None:
+        if self._rotors is None:
             raise ValueError('rotors are driven with sim.plant = "rotors" only')
         self._settle(time_s)
         a, b, c, d = (min(max(signal, 0.0), 1.0) for signal in signals)
-        self._signals = (a, b, c, d)
+        self._rotors.signals = (a, b, c, d)
 
-    def _gain(self, time_s: float) -> float:
-        """Thrust that comes of what is told, as a share."""
-        gain, sag = self._strength * self._world.thrust_gain, self._world.thrust_sag
-        if sag and self.released_s is not None:
-            gain *= 1.0 - sag * min(1.0, (time_s - self.released_s) / 60.0)
-        return gain
+    def _flown_s(self, time_s: float) -> float | None:
+        """Time since the release [s]; None before it."""
+        return None if self.released_s is None else time_s - self.released_s
 
     def most_n(self, time_s: float) -> float:
         """The thrust that its rotors give at their fullest, as they are at ``time_s`` [N]."""
-        return self._gain(time_s) * self._world.thrust_max_n
+        return self._chain.compute_gain(self._flown_s(time_s)) * self._world.thrust_max_n
 
     def weaken(self, time_s: float, share: float) -> None:
         """Reduce the rotors' thrust to ``share`` of the healthy one from ``time_s`` on."""
-        self._strength = share
-        self.command(time_s, *self._told)
+        self._chain.strength = share
+        self.command(time_s, *self._chain.told)
 
     def release(self, time_s: float) -> None:
         """Let go of the vehicle; does nothing the second time."""
@@ -273,12 +404,11 @@ class Quadrotor:
         self._settle(time_s)
         other = Quadrotor(world, wind)
         other._time = other._cut = self._time
-        other.released_s, other._body, other._on_ground = self.released_s, self._body, self._on_ground
-        other._told, other._strength, other._gain_now = self._told, self._strength, self._gain_now
-        other._thrust_command, other._rate_command = self._thrust_command, self._rate_command
-        other._late_thrust, other._late_rates = copy.deepcopy((self._late_thrust, self._late_rates))
-        other._actuators, other._signals = self._actuators, self._signals
-        other._highest_m = self._highest_m
+        other.released_s, other._body = self.released_s, self._body
+        other._chain.continue_from(self._chain)
+        if other._rotors is not None and self._rotors is not None:
+            other._rotors.actuators, other._rotors.signals = self._rotors.actuators, self._rotors.signals
+        other.floor.continue_from(self.floor)
         return other
 
     def truth(self, time_s: float) -> TrueState:
@@ -288,15 +418,17 @@ class Quadrotor:
         rates.
         """
         self.advance(time_s)
-        body, down, rest = self._body, self._on_ground, time_s - self._time
+        body, down, rest = self._body, self.floor.is_down, time_s - self._time
         if self.released_s is not None and rest < -_INSTANT_S:
             wx, wy, wz = body.rates
             place = add_scaled(body.position, rest, body.velocity)
             body = body._replace(position=place, attitude=so3.rotate(body.attitude, (rest * wx, rest * wy, rest * wz)))
         if self.released_s is not None and rest > _INSTANT_S:
             # Only a look into the step under way: the questions asked must not change the flight.
-            body, down, _ = self._after(self._time - self.released_s, rest)
-            body = self._on_floor(body, rest) if down else body
+            flight_time = self._time - self.released_s
+            body, _ = self._after(flight_time, rest)
+            if down := self.floor.meets(body, flight_time):
+                body = self.floor.slide(body, self._body, rest)
         p, v, q, thrust, rates = body
         return TrueState(time_s, p, v, q, rates, thrust, down)
 
@@ -328,118 +460,61 @@ class Quadrotor:
             self._step(self._time - self.released_s, rest, time_s)
         self._cut, self._steps = self._time, 0
 
-    def _after(self, flight_time: float, h: float) -> tuple[Body, bool, Actuators | None]:
-        """The body ``h`` [s] after ``flight_time`` [s], whether it is on the floor then, and its actuators."""
-        world, body, actuators = self._world, self._body, self._actuators
-        wind = self._wind.at(flight_time + 0.5 * h)
+    def _after(self, flight_time: float, h: float) -> tuple[Body, Actuators | None]:
+        """The body ``h`` [s] after ``flight_time`` [s], as if there were no floor, and its actuators."""
+        push = self._find_push(flight_time, h)
+        thrust, rates = self._chain.compute_mean(self._time, h)
+        body, actuators = self._body, None
+        if self._tunnel is not None:
+            rates = self._tunnel.turn(rates, body.velocity)
+        if self._rotors is None:
+            body = integrate(FLOATS, body, thrust, rates, push, h, self._physics)
+        else:
+            body, actuators = self._rotors.compute_turn(body, thrust, rates, self._chain.gain, push, h)
+        if self.lead is not None and self.released_s is not None:
+            body = self.lead(self.released_s + flight_time + h, body.thrust)
+        return body, actuators
+
+    def _find_push(self, flight_time: float, h: float) -> Vec3:
+        """Acceleration beside thrust and weight in a step [m/s², NED]: wind, pull, ground effect, and drag."""
+        world, body = self._world, self._body
+        push = self._wind.at(flight_time + 0.5 * h)
         if self.pull is not None:
             x, y, z = self.pull(body)
-            wind = wind[0] + x, wind[1] + y, wind[2] + z
+            push = push[0] + x, push[1] + y, push[2] + z
         if world.ground_effect:
-            push = (_ground_effect(world, body.position[2]) - 1.0) * body.thrust / world.mass_kg
-            (x, y, z), (u, v, w) = so3.third_column(body.attitude), wind
-            wind = u - push * x, v - push * y, w - push * z
+            cushion = (_ground_effect(world, body.position[2]) - 1.0) * body.thrust / world.mass_kg
+            (x, y, z), (u, v, w) = so3.third_column(body.attitude), push
+            push = u - cushion * x, v - cushion * y, w - cushion * z
         if self._drag is not None:
-            tunnel, drag, (u, v, w) = world.tunnel, self._drag, wind
+            tunnel, drag, (u, v, w) = world.tunnel, self._drag, push
             if tunnel.gust_m_s:
                 north, east, down = drag.air
                 north += tunnel.gust_m_s * math.sin(tunnel.gust_rad_s * flight_time + tunnel.gust_phase_rad)
                 drag = drag._replace(air=(north, east, down))
             x, y, z = compute_drag(FLOATS, body, drag)
-            wind = u + x, v + y, w + z
-        thrust, rates = self._thrust_command, self._rate_command
-        if self._late_thrust is not None:
-            (thrust,) = self._late_thrust.compute_mean(self._time, h)
-        if self._late_rates is not None:
-            p, q, r = self._late_rates.compute_mean(self._time, h)
-            rates = (p, q, r)
-        if self._tunnel is not None:
-            rates = self._tunnel.turn(rates, body.velocity)
-        if actuators is None:
-            body = integrate(FLOATS, body, thrust, rates, wind, h, self._physics)
-        else:
-            gain, frame, gains = self._gain_now, self._frame, self._gains
-            if self._signals is None:
-                noise = self._gyro_noise
-                body, actuators = turn_rotors(
-                    FLOATS, body, actuators, thrust, rates, noise, gain, wind, h, frame, gains
-                )
-            else:
-                full = gain * gains.full_n
-                body, speeds = integrate_rotors(
-                    FLOATS, body, actuators.speeds, self._signals, full, rates, wind, h, frame
-                )
-                actuators = actuators._replace(speeds=speeds)
-        if self.lead is not None and self.released_s is not None:
-            body = self.lead(self.released_s + flight_time + h, body.thrust)
-        held = self._on_ground and world.floor_hold_s > 0.0
-        held = held and (self._held_s is None or flight_time - self._held_s < world.floor_hold_s)
-        return body, held or body.position[2] >= world.floor_z_m, actuators
-
-    def _draw_noise(self) -> Vec3:
-        a, b, c = next(self._gyro)
-        noise = self._world.rotors.gyro_noise_rad_s
-        return noise * a, noise * b, noise * c
+            push = u + x, v + y, w + z
+        return push
 
     def _step(self, flight_time: float, h: float, until_s: float) -> None:
         """One step of ``h`` [s] from ``flight_time`` [s] on; it ends at ``until_s`` [s, event loop's clock]."""
-        world, before = self._world, self._body
-        body, self._on_ground, self._actuators = self._after(flight_time, h)
-        if self._on_ground:
-            self._body = self._stand(body, flight_time, h)
+        world, before, floor = self._world, self._body, self.floor
+        body, actuators = self._after(flight_time, h)
+        if floor.meets(body, flight_time):
+            self._body = floor.stand(body, before, flight_time, h)
         else:
-            height = world.floor_z_m - body.position[2]
-            if height > self._highest_m:  # noqa: PLR1730  # at every step of the plant
-                self._highest_m = height
-            self._body, self._held_s = body, None
-        if self._actuators is not None:
-            self._gyro_noise = self._draw_noise()
+            floor.leave(body)
+            self._body = body
+        if self._rotors is not None and actuators is not None:
+            self._rotors.keep(actuators, on_floor=floor.is_down)
             (u, v, w), (a, b, c) = before.velocity, self._body.velocity
             force = ((a - u) / h, (b - v) / h, (c - w) / h - world.gravity)
             self.specific_force = so3.to_body(self._body.attitude, force)
         if world.floor_hold_s > 0.0:
-            self._feel(before.velocity[2] - self._body.velocity[2], h)
+            floor.feel(before, self._body, h)
         self._time = until_s
         if self._on_step is not None:
             self._on_step(until_s, self._body.position)
-
-    def _stand(self, body: Body, flight_time: float, h: float) -> Body:
-        """State of ``body`` after contact with the floor."""
-        if self._highest_m > HOP_M:
-            self.touchdown_m_s = body.velocity[2] if self.touchdown_m_s is None else self.touchdown_m_s
-            self.hardest_m_s = max(self.hardest_m_s or 0.0, body.velocity[2])
-            self._highest_m = 0.0
-        body = self._on_floor(body, h)
-        if self._actuators is not None:  # a rate loop on the floor does not wind up
-            loop = self._actuators.loop._replace(integral=(0.0, 0.0, 0.0))
-            self._actuators = self._actuators._replace(loop=loop)
-        rises = body.velocity[2] < 0.0
-        self._held_s = (flight_time if self._held_s is None else self._held_s) if rises else None
-        return body
-
-    def _feel(self, gained_m_s: float, h: float) -> None:
-        """Let the autopilot's own estimate go on by ``h`` [s], in which it was accelerated upwards by so much [m/s]."""
-        higher, up = self.felt
-        moves = 0.0 if self._on_ground else -self._body.velocity[2]
-        up += gained_m_s + (moves - up) * h / NOTICES_S
-        self.felt = higher * math.exp(-h / FORGETS_S) + (up - moves) * h, up
-
-    def _on_floor(self, body: Body, h: float) -> Body:
-        """On the floor after ``h`` [s]: it does not sink, slides against friction, levels out, and does not turn."""
-        (x, y, _), (u, v, w) = body.position, body.velocity
-        speed, stops = math.hypot(u, v), self._world.floor_friction * max(w, 0.0)  # w is what the floor takes of it
-        slides = 1.0 - stops / speed if stops < speed else 0.0
-        if not slides:
-            x, y, _ = self._body.position
-        roll, pitch, yaw = so3.euler_zyx(body.attitude)
-        keep = math.exp(-h / LEVELS_S)
-        return Body(
-            (x, y, self._world.floor_z_m),
-            (slides * u, slides * v, min(w, 0.0)),
-            so3.from_euler_zyx(keep * roll, keep * pitch, yaw),
-            body.thrust,
-            (0.0, 0.0, 0.0),
-        )
 
 
 def _ground_effect(world: World, down_m: float) -> float:
@@ -553,7 +628,7 @@ class SimulatedVehicle:
         """The state with the noise that the scenario gives to poses, as its own estimator has it."""
         truth = with_noise(self.plant.truth(time_s), self._world, next(self._noise))
         if self._world.floor_hold_s > 0.0:
-            (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.felt
+            (north, east, down), (u, v, _), (higher, up) = truth.position_ned, truth.velocity_ned, self.plant.floor.felt
             truth = msgspec.structs.replace(truth, position_ned=(north, east, down - higher), velocity_ned=(u, v, -up))
         if any(bias := self._world.velocity_bias):
             (u, v, w), (i, j, k) = truth.velocity_ned, bias

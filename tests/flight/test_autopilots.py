@@ -52,8 +52,8 @@ def test_a_flight_ends_on_the_floor_and_disarmed_on_either(autopilot: str) -> No
     outcome, stage, _ = ended(autopilot)
     assert outcome.state is State.LANDED, outcome.reason
     assert not stage.autopilot.armed
-    assert stage.plant.touchdown_m_s is not None
-    assert stage.plant.touchdown_m_s < 0.5
+    assert stage.plant.floor.touchdown_m_s is not None
+    assert stage.plant.floor.touchdown_m_s < 0.5
 
 
 def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_in_guided_nogps() -> None:
@@ -97,8 +97,8 @@ def test_poses_that_end_in_the_air_are_landed_by_the_autopilot_where_it_is_told_
     assert outcome.reason.startswith("no pose for ")
     assert stage.autopilot.custom_mode == {"px4": 4 << 16 | 6 << 24, "ardupilot": 9}[autopilot]
     assert not stage.autopilot.armed
-    assert stage.plant.touchdown_m_s is not None
-    assert stage.plant.touchdown_m_s < 0.7, "by its own position, not by falling"
+    assert stage.plant.floor.touchdown_m_s is not None
+    assert stage.plant.floor.touchdown_m_s < 0.7, "by its own position, not by falling"
     assert later == 0, "nothing leaves after the link has closed"
 
 

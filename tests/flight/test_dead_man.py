@@ -140,8 +140,8 @@ def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
         command.deadline_s + sum(p.duration_s for p in command.bring_down), abs=0.03
     )
     assert wire.frames[-1][1] == 0.0
-    assert wire.stage.plant.touchdown_m_s is not None
-    assert wire.stage.plant.touchdown_m_s < 2.0
+    assert wire.stage.plant.floor.touchdown_m_s is not None
+    assert wire.stage.plant.floor.touchdown_m_s < 2.0
 
 
 @pytest.mark.parametrize("seed", range(16))

@@ -78,7 +78,7 @@ def test_a_request_to_land_ends_softly_on_the_floor_and_disarmed() -> None:
     scene = play(script, {})
     assert scene.outcome.state is State.LANDED
     assert not scene.stage.autopilot.armed
-    touchdown = scene.stage.plant.touchdown_m_s
+    touchdown = scene.stage.plant.floor.touchdown_m_s
     assert touchdown is not None
     assert touchdown < 0.5
 
@@ -110,7 +110,7 @@ def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and
     assert final == 0.0
     # Nothing at all leaves afterwards, not even a heartbeat: the socket is closed.
     assert max(t for t, _ in scene.sent) <= stopped[0] + 2.30
-    touchdown = scene.stage.plant.touchdown_m_s
+    touchdown = scene.stage.plant.floor.touchdown_m_s
     assert touchdown is not None
     assert touchdown < 2.0
 

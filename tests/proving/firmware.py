@@ -75,7 +75,7 @@ def strike_down(strike: Callable[[Stage], None], link: str) -> StrikeOutcome:
         for task in running:
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
-        return StrikeOutcome(motors, stage.plant.hardest_m_s)
+        return StrikeOutcome(motors, stage.plant.floor.hardest_m_s)
 
     world, config = prepare(by_betaflight(SCENARIOS["paper"]), list(SHORT), link=link)
     world, config = from_floor(world, config, 30.0)

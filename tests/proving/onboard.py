@@ -349,7 +349,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     struck_s, at = loop.time(), stage.plant.truth(loop.time()).position_ned
     stage.onboard.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
     path.clear()
-    stage.plant.hardest_m_s = None
+    stage.plant.floor.hardest_m_s = None
     scene = Scene(stage, flight, flying, between[0])
     await strike(scene)
     await asyncio.sleep(WATCHED_S)
@@ -367,7 +367,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
         max(at[2] - place[2] for _, place in path),
         max(math.dist(at[:2], place[:2]) for _, place in path),
         max(speeds),
-        stage.plant.hardest_m_s,
+        stage.plant.floor.hardest_m_s,
         world.floor_z_m - at[2],
     )
 

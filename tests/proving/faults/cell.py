@@ -296,7 +296,7 @@ async def fly_here(
         exemption=exemption or (Exemption.WEAK if too_weak else Exemption.NONE),
         begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
-        touchdown_m_s=stage.plant.hardest_m_s,
+        touchdown_m_s=stage.plant.floor.hardest_m_s,
         thrust=pushing,
         land_s=autopilot.land_s,
         failure=flight.failure,

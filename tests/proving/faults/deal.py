@@ -629,7 +629,7 @@ async def _fly(folder: Path, name: str, fault: Fault, state: str) -> Row:
         exemption=exemption_of(fault, state),
         begun_s=begun_s,
         drift_m=math.dist(where[:2], end[:2]),
-        touchdown_m_s=stage.plant.hardest_m_s,
+        touchdown_m_s=stage.plant.floor.hardest_m_s,
         thrust=pushing,
         how="in real time",
     )  # fmt: skip
