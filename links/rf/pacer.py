@@ -207,6 +207,112 @@ class Port(Protocol):
         ...
 
 
+class ArmingWindow(msgspec.Struct, gc=False):
+    """The newest arming: when it is over, and what has gone wrong since."""
+
+    number: int = 0
+    """0 before the first."""
+    high_s: float = math.inf
+    """From then on the arm channel is up [s]."""
+    obey_s: float = math.inf
+    """From then on commands leave [s]."""
+    slept_s: float = 0.0
+    """Sleep of the computer since [s]."""
+    deaf: bool = False
+    """Whether commands have come that could not count any more."""
+
+
+class FrameCounts(msgspec.Struct):
+    """Numbers of frames; see :class:`PacerReport`."""
+
+    frames: int = 0
+    lost: int = 0
+    repeated: int = 0
+    errors: Counter[str] = msgspec.field(default_factory=Counter)
+
+
+class KeptPort:
+    """A port that is opened again, at growing intervals, whenever it was lost."""
+
+    __slots__ = ("_reopen_s", "_wait_s", "fresh", "port", "why_closed")
+
+    def __init__(self, port: Port, now_s: float) -> None:
+        """Not open yet."""
+        self.port = port
+        self.why_closed = "not opened yet"
+        """Why it can't be used; empty where it can."""
+        self.fresh = False
+        """True from its opening until the first frame has left."""
+        self._reopen_s, self._wait_s = now_s, REOPEN_S
+
+    def reopen(self, now_s: float) -> bool:
+        """Open it where that is due; whether it was opened."""
+        if now_s < self._reopen_s:
+            return False
+        try:
+            self.port.open()
+        except OSError as error:
+            self.why_closed = error.strerror or str(error)
+            self._reopen_s, self._wait_s = now_s + self._wait_s, min(2.0 * self._wait_s, REOPEN_LIMIT_S)
+            return False
+        self.why_closed, self.fresh, self._wait_s = "", True, REOPEN_S
+        return True
+
+    def lose(self, error: OSError, now_s: float) -> None:
+        """It is gone."""
+        self.close(error.strerror or str(error))
+        self._reopen_s = now_s + self._wait_s
+
+    def close(self, why: str) -> None:
+        """Let go of it."""
+        self.port.close()
+        self.why_closed = why
+
+
+class Downlink:
+    """Telemetry of the module, and the phase of the frames that it asks for."""
+
+    __slots__ = ("_early_s", "_newest", "_period_s", "decoder", "received")
+
+    def __init__(self, config: RfLinkConfig) -> None:
+        """Nothing has come."""
+        self.decoder = config.codec().decoder()
+        self.received = 0
+        """Frames that came back."""
+        self._period_s = config.period_s
+        self._newest: dict[str, tuple[float, Any]] = {}
+        """Newest telemetry by name, with its time."""
+        self._early_s = 0.0
+        """Remaining shift towards the module's own timing [s]."""
+
+    def hear(self, data: bytes, now_s: float) -> bool:
+        """Take received bytes; whether they told an attitude."""
+        attitude = False
+        for heard in self.decoder.feed(data):
+            self.received += 1
+            if heard.tells is not None:
+                told = msgspec.structs.asdict(heard.tells)
+                self._newest |= {name: (now_s, value) for name, value in told.items() if value is not None}
+                attitude = attitude or heard.tells.attitude is not None
+                if heard.tells.early_s is not None:
+                    self._early_s = math.remainder(heard.tells.early_s, self._period_s)
+        return attitude
+
+    def steer(self) -> float:
+        """Return the shift of the next frame [s], and count it as done."""
+        most = STEER * self._period_s
+        shift = min(max(self._early_s, -most), most)
+        self._early_s -= shift
+        return shift
+
+    def collect(self, now_s: float) -> RfTelemetry:
+        """Recent telemetry."""
+        told = {name: value for name, (at_s, value) in self._newest.items() if now_s - at_s < TELLS_S}
+        if "attitude" in told:
+            told["attitude_s"] = self._newest["attitude"][0] - TOLD_LATE_S
+        return RfTelemetry(**told)
+
+
 class FramePacer:
     """The frames of one link. Times are on the commands' clock [s]."""
 
@@ -215,32 +321,21 @@ class FramePacer:
         self._config = config
         self._codec = config.codec()
         self._channels = Channels(config.map, count=self._codec.channels, thrust_max_n=thrust_max_n)
-        self._decoder = self._codec.decoder()
+        self._downlink = Downlink(config)
         self._deadman = Deadman()
-        self._lateness = Lateness()
-        self._errors: Counter[str] = Counter()
-        self._deaf = False
-        self._frames = self._lost = self._repeated = self._received = self._arming = 0
+        self._arming = ArmingWindow()
+        self._counts, self._lateness = FrameCounts(), Lateness()
         self._says: Command | Segment | None = None
         self._said: Command | Segment | None = None
-        self._high_s = self._obey_s = math.inf
         self._service: tuple[Service, float] | None = None
         self._served = 0
-        self._slept_s = 0.0
         self._linger_s: float | None = None
         self._quiet_since_s = now_s
         self._frame = b""
         self._due_s = self._made_s = now_s
-        self._telemetry: dict[str, tuple[float, Any]] = {}
-        """Newest telemetry of the module by name, with its time."""
-        self._early_s = 0.0
-        """Remaining shift towards the module's own timing [s]."""
         self._heir = ""
-        self._port = port
-        self._why_closed = "not opened yet"
-        self._greet = False
         self._tell_s, self._told = now_s, (0, True, False)
-        self._reopen_s, self._wait_s = now_s, REOPEN_S
+        self._port = KeptPort(port, now_s)
         self._reopen(now_s)
 
     # ---- what it is told
@@ -250,18 +345,19 @@ class FramePacer:
         match order:
             case Give(arming, command):
                 try:
-                    if arming == self._arming:
+                    if arming == self._arming.number:
                         seen_s = min(now_s, self._made_s)
                         taken = self._deadman.take(command, now_s, seen_s)
-                        self._deaf = self._deaf or not (taken or self._obeys(seen_s))
+                        self._arming.deaf = self._arming.deaf or not (taken or self._obeys(seen_s))
                 except LinkMisuse:
-                    self._errors["bad_command"] += 1
+                    self._counts.errors["bad_command"] += 1
             case Arm(number, at_s) if self._deadman.phase(now_s) is Phase.OVER:
-                self._arming, self._slept_s, self._deaf = number, 0.0, False
-                if self._linger_s is None and not self._why_closed and not self._heir:
+                window = self._arming
+                window.number, window.slept_s, window.deaf = number, 0.0, False
+                if self._linger_s is None and not self._port.why_closed and not self._heir:
                     self._service = None
-                    self._high_s = at_s + self._config.arm_low_s
-                    self._obey_s = self._high_s + self._config.arm_high_s
+                    window.high_s = at_s + self._config.arm_low_s
+                    window.obey_s = window.high_s + self._config.arm_high_s
                     self._deadman.arm()
             case Stop():
                 self._deadman.stop()
@@ -277,7 +373,8 @@ class FramePacer:
 
     def make_estate(self) -> Held:
         """Return the state that a stand-by needs to take over."""
-        return Held(self._due_s, self._arming, self._obey_s, self._deadman.command, self._linger_s)
+        arming = self._arming
+        return Held(self._due_s, arming.number, arming.obey_s, self._deadman.command, self._linger_s)
 
     def inherit(self, held: Held, why: str, now_s: float) -> None:
         """Go on in the place of a pacer that held this: to the end of its newest command and bring-down, and no arming.
@@ -285,8 +382,8 @@ class FramePacer:
         ``why`` says what became of it. The port is the one that it had, open as it was.
         """
         self._heir = f"{why}; its stand-by has taken over and brings down: close the link, and connect it again"
-        self._greet = False
-        self._arming, self._obey_s, self._linger_s = held.arming, held.obey_s, held.linger_s
+        self._port.fresh = False
+        self._arming.number, self._arming.obey_s, self._linger_s = held.arming, held.obey_s, held.linger_s
         if held.command is not None and now_s >= held.obey_s:
             self._deadman.arm()
             with contextlib.suppress(LinkMisuse):  # it was taken once: here nothing may fail
@@ -296,7 +393,7 @@ class FramePacer:
 
     def note_sleep(self, slept_s: float, now_s: float) -> None:
         """The computer has slept for ``slept_s`` [s]: what was to leave is older by that."""
-        self._slept_s += slept_s
+        self._arming.slept_s += slept_s
         self._deadman.stop()
         self.prepare(now_s)
 
@@ -317,64 +414,53 @@ class FramePacer:
         """Let the prepared frame go."""
         if now_s > self._due_s + STALE_S:
             self._frame = self._make_frame(now_s)
-        if self._why_closed:
+        kept, counts = self._port, self._counts
+        if kept.why_closed:
             return
         try:
-            left = self._port.write(self._frame)
+            left = kept.port.write(self._frame)
         except OSError as error:
             self._lose(error, now_s)
             return
-        self._greet = False
+        kept.fresh = False
         if left:
-            self._frames += 1
-            self._repeated += self._says is not None and self._says is self._said
+            counts.frames += 1
+            counts.repeated += self._says is not None and self._says is self._said
             self._said = self._says
             self._served += 1
         else:
-            self._lost += 1
-            self._errors["port_stuck"] += 1
+            counts.lost += 1
+            counts.errors["port_stuck"] += 1
 
     def count_frame(self, now_s: float, skipped: int) -> None:
         """The prepared frame was gone at ``now_s``, and after it ``skipped`` instants had passed already."""
         self._lateness.add(now_s - self._due_s)
-        self._lost += skipped if not self._why_closed else 0
+        self._counts.lost += skipped if not self._port.why_closed else 0
 
     def tidy(self, now_s: float) -> None:
         """Use the time between two frames: hear the module, or look for the port."""
-        if self._why_closed:
-            if now_s >= self._reopen_s:
-                self._reopen(now_s)
+        if self._port.why_closed:
+            self._reopen(now_s)
             return
         try:
-            data = self._port.read(READ_BYTES)
+            data = self._port.port.read(READ_BYTES)
         except OSError as error:
             self._lose(error, now_s)
             return
-        for heard in self._decoder.feed(data) if data else ():
-            self._received += 1
-            if heard.tells is not None:
-                told = msgspec.structs.asdict(heard.tells)
-                self._telemetry |= {name: (now_s, value) for name, value in told.items() if value is not None}
-                if heard.tells.attitude is not None:
-                    self._tell_s = now_s
-                if heard.tells.early_s is not None:
-                    self._early_s = math.remainder(heard.tells.early_s, self._config.period_s)
+        if data and self._downlink.hear(data, now_s):
+            self._tell_s = now_s
 
     def steer(self) -> float:
         """Return the shift of the next frame [s] towards the module's own timing; it moves the phase only.
 
         No deadline moves: what a frame says is decided for the instant at which it leaves.
         """
-        most = STEER * self._config.period_s
-        shift = min(max(self._early_s, -most), most)
-        self._early_s -= shift
-        return shift
+        return self._downlink.steer()
 
     def close(self) -> None:
         """Let go of the port."""
         self._deadman.stop()
-        self._port.close()
-        self._why_closed = "closed"
+        self._port.close("closed")
 
     def has_news(self, now_s: float) -> bool:
         """Whether a report is due: after each arming, when all is over, and every so often."""
@@ -383,7 +469,7 @@ class FramePacer:
     def _stands(self, now_s: float) -> tuple[int, bool, bool]:
         """Number of the arming; whether nothing lifts any more; and whether commands of it come that count no more."""
         over = self._deadman.phase(now_s) is Phase.OVER
-        return self._arming, over, self._deaf and not over
+        return self._arming.number, over, self._arming.deaf and not over
 
     def _obeys(self, seen_s: float) -> bool:
         """Whether a command that is fresh could still count, by what was last seen to leave."""
@@ -395,38 +481,36 @@ class FramePacer:
         """The pacer as it is now."""
         self._tell_s, self._told = now_s + REPORT_S, self._stands(now_s)
         arming, over, deaf = self._told
-        told = {name: value for name, (at_s, value) in self._telemetry.items() if now_s - at_s < TELLS_S}
-        if "attitude" in told:
-            told["attitude_s"] = self._telemetry["attitude"][0] - TOLD_LATE_S
+        counts, downlink = self._counts, self._downlink
         return PacerReport(
             now_s=now_s,
             frame_s=self._due_s,
             arming=arming,
             over=over,
-            frames=self._frames,
-            lost=self._lost,
-            repeated=self._repeated,
+            frames=counts.frames,
+            lost=counts.lost,
+            repeated=counts.repeated,
             refused=self._deadman.refused,
-            port=self._why_closed,
-            received=self._received,
-            dropped={**self._errors, **self._decoder.dropped},
+            port=self._port.why_closed,
+            received=downlink.received,
+            dropped={**counts.errors, **downlink.decoder.dropped},
             late_us=self._lateness.percentiles_us(),
             late_octaves=tuple(self._lateness.octaves),
-            slept_s=self._slept_s,
+            slept_s=self._arming.slept_s,
             note=note,
             fifo=fifo,
             deaf=deaf,
             heir=self._heir,
             alone=alone,
             warning=warning,
-            telemetry=RfTelemetry(**told),
+            telemetry=downlink.collect(now_s),
         )
 
     def _make_frame(self, at_s: float) -> bytes:
         self._made_s = at_s
-        if self._greet and (greeting := self._codec.greeting()):
+        if self._port.fresh and (greeting := self._codec.greeting()):
             return greeting
-        if at_s >= self._obey_s and self._deadman.phase(at_s) is Phase.WAITING:
+        if at_s >= self._arming.obey_s and self._deadman.phase(at_s) is Phase.WAITING:
             self._deadman.stop()  # no command has come all through the arming: it has failed
         what = self._says = self._deadman.at(at_s)
         if what is None:
@@ -436,11 +520,11 @@ class FramePacer:
                 return self._codec.encode(idle)
             return self._codec.encode(idle, *self._serving(at_s))
         self._quiet_since_s = at_s
-        if at_s < self._obey_s:
+        if at_s < self._arming.obey_s:
             if self._deadman.phase(at_s) is not Phase.FRESH:
                 self._deadman.stop()  # nothing has lifted yet that would have to be brought down
                 return self._codec.encode(self._channels.idle(armed=False))
-            return self._codec.encode(self._channels.idle(armed=at_s >= self._high_s))
+            return self._codec.encode(self._channels.idle(armed=at_s >= self._arming.high_s))
         return self._codec.encode(self._channels.flying(what.thrust_n, what.rates_rad_s))
 
     def _serving(self, at_s: float) -> tuple[Service | None, int]:
@@ -452,28 +536,18 @@ class FramePacer:
     def _end(self, linger_s: float, now_s: float) -> None:
         self._linger_s = linger_s
         self._quiet_since_s = max(self._quiet_since_s, now_s)
-        if now_s < self._obey_s:
+        if now_s < self._arming.obey_s:
             self._deadman.stop()
         self._deadman.hold()  # nothing after it but the bring-down of what is held
 
     def _reopen(self, now_s: float) -> None:
-        try:
-            self._port.open()
-        except OSError as error:
-            self._why_closed = error.strerror or str(error)
-            self._reopen_s, self._wait_s = now_s + self._wait_s, min(2.0 * self._wait_s, REOPEN_LIMIT_S)
-        else:
-            self._why_closed = ""
-            self._greet = True
-            self._wait_s = REOPEN_S
-            self._decoder.pause()
+        if self._port.reopen(now_s):
+            self._downlink.decoder.pause()
 
     def _lose(self, error: OSError, now_s: float) -> None:
         self._deadman.stop()
-        self._port.close()
-        self._errors["port_lost"] += 1
-        self._why_closed = error.strerror or str(error)
-        self._reopen_s = now_s + self._wait_s
+        self._port.lose(error, now_s)
+        self._counts.errors["port_lost"] += 1
 
 
 LOOK_S = 0.01

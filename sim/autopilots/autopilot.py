@@ -571,14 +571,7 @@ class SimulatedAutopilot(Dialect):
         self._airframe = airframe
         self._lose = lose
         self._streams = Streams({}, 0.0)
-        self._build = builders(self.codec, airframe, own_estimate)
-        d = self.codec.dialect
-        self._places = (d.MAVLINK_MSG_ID_ODOMETRY, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
-        self._version_number: int = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-        self._heartbeat_number: int = d.MAVLINK_MSG_ID_HEARTBEAT
-        self._build[self._heartbeat_number] = lambda now_s, boot_s: self._heartbeat()
-        self._build[self.codec.dialect.MAVLINK_MSG_ID_SYS_STATUS] = lambda now_s, boot_s: self._sys_status(now_s)
-        self._build[self.codec.dialect.MAVLINK_MSG_ID_RC_CHANNELS] = lambda now_s, boot_s: self._rc_channels(boot_s)
+        self._build = builders(self.codec, airframe, own_estimate) | self._own_builders()
         self._boot_s = -math.inf
         self._ground_since_s: float | None = None
         self._pilot: OnboardPilot | None = None
@@ -603,11 +596,13 @@ class SimulatedAutopilot(Dialect):
             frames += self._fall_silent(now_s)
         if self._pilot is not None and by_now >= self._pilot_due_s:
             frames += self._control(self._pilot, now_s)
+        d = self.codec.dialect
+        withheld = () if self.has_estimate else (d.MAVLINK_MSG_ID_ODOMETRY, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED)
         for number in self._streams.take(now_s):
-            if number in self._places and not self.has_estimate:
+            if number in withheld:
                 continue
             frames.append(self.codec.pack(self._build[number](now_s, now_s - self._boot_s)))
-            if number == self._heartbeat_number:
+            if number == d.MAVLINK_MSG_ID_HEARTBEAT:
                 self._has_landed(now_s)
         return frames
 
@@ -683,6 +678,7 @@ class SimulatedAutopilot(Dialect):
 
     def _command(self, message: Message, now_s: float) -> list[bytes]:
         said: list[bytes] = []
+        d = self.codec.dialect
         match message.command:
             case c if c == DO_SET_MODE:
                 result, said = self._set_mode((whole(message.param2), whole(message.param3)), now_s)
@@ -692,13 +688,13 @@ class SimulatedAutopilot(Dialect):
                 result, said = self._arm(now_s) if message.param1 == 1.0 else self._try_to_disarm(message, now_s)
             case c if c == SET_MESSAGE_INTERVAL:
                 result, said = self._set_interval(whole(message.param1), message.param2, now_s)
-            case c if c == REQUEST_MESSAGE and whole(message.param1) == self._version_number:
+            case c if c == REQUEST_MESSAGE and whole(message.param1) == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
                 result, said = MavResult.ACCEPTED, [self.codec.pack(self._version())]
-            case c if c == REQUEST_MESSAGE and whole(message.param1) == self._heartbeat_number:
+            case c if c == REQUEST_MESSAGE and whole(message.param1) == d.MAVLINK_MSG_ID_HEARTBEAT:
                 result, said = MavResult.ACCEPTED, [self.codec.pack(self._heartbeat())]
             case _:
                 result = MavResult.UNSUPPORTED
-        ack = self.codec.dialect.MAVLink_command_ack_message(
+        ack = d.MAVLink_command_ack_message(
             message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
         )
         return [*said, self.codec.pack(ack)]
@@ -730,6 +726,15 @@ class SimulatedAutopilot(Dialect):
         return self._say(MavSeverity.INFO, words)
 
     # ---- what it says
+
+    def _own_builders(self) -> dict[int, Callable[[float, float], Message]]:
+        """For each message number that tells of the autopilot itself: (now, time since boot) [s] → message."""
+        d = self.codec.dialect
+        return {
+            d.MAVLINK_MSG_ID_HEARTBEAT: lambda now_s, boot_s: self._heartbeat(),
+            d.MAVLINK_MSG_ID_SYS_STATUS: lambda now_s, boot_s: self._sys_status(now_s),
+            d.MAVLINK_MSG_ID_RC_CHANNELS: lambda now_s, boot_s: self._rc_channels(boot_s),
+        }
 
     def _boot(self, now_s: float) -> None:
         self._boot_s = now_s
