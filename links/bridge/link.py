@@ -47,6 +47,15 @@ UNTIL_TOLD = Manner(
 Nonce = Callable[[int], bytes]
 
 
+class SessionRequest:
+    """One request for a session with the bridge: a nonce, and the seals of the hello and of its answer."""
+
+    def __init__(self, key: bytes, nonce: bytes) -> None:
+        self.nonce = nonce
+        self.hello = first_seal(key, HELLO, nonce)
+        self.welcome = first_seal(key, WELCOME, nonce)
+
+
 class RemotePacer(asyncio.DatagramProtocol):
     """Implements :class:`links.rf.pacer.Pacer`."""
 
@@ -82,7 +91,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         self._urgent = 0
         """Counter of the first datagram with the newest wish; 0 while none was sent with it."""
         self._session: StationEnd | None = None
-        self._ask()
+        self._request = self._ask()
 
     @property
     def why_mute(self) -> str:
@@ -91,11 +100,9 @@ class RemotePacer(asyncio.DatagramProtocol):
             return f"the bridge at {self._remote} refuses: {self._refused}"
         return f"the bridge at {self._remote} is not heard: where it still runs, it brings down and disarms by itself"
 
-    def _ask(self) -> None:
-        """A new hello; a session that there was goes on until it is answered."""
-        self._nonce = self._random(NONCE_BYTES)
-        self._hello = first_seal(self._key, HELLO, self._nonce)
-        self._welcome = first_seal(self._key, WELCOME, self._nonce)
+    def _ask(self) -> SessionRequest:
+        """A new request; a session that there was goes on until it is answered."""
+        return SessionRequest(self._key, self._random(NONCE_BYTES))
 
     async def open(self, within_s: float) -> None:
         """Find the bridge, and hear from it that this station may command, ``within_s`` [s].
@@ -182,7 +189,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         """Say something now, and again after a while."""
         self._say(None)
         if self._is_mute() and self._wire is not None:
-            self._wire.send(self._hello.close(BridgeHello(self._nonce)), None)
+            self._wire.send(self._request.hello.close(BridgeHello(self._request.nonce)), None)
         if self._beat is not None:
             self._beat.cancel()
         self._beat = self._loop.call_later(AGAIN_S if self._is_pressing() else BEAT_S, self._turn)
@@ -209,8 +216,8 @@ class RemotePacer(asyncio.DatagramProtocol):
         """Take one datagram (called by the event loop)."""
         now = self._loop.time()
         if kind_of(data) == WELCOME:
-            welcome = self._welcome.open(data, WELCOMES, self.dropped)
-            if welcome is not None and welcome.station_nonce == self._nonce and self._is_mute():
+            welcome = self._request.welcome.open(data, WELCOMES, self.dropped)
+            if welcome is not None and welcome.station_nonce == self._request.nonce and self._is_mute():
                 self._begin(welcome, now)
         elif self._session is None:
             self.dropped["other_session"] += 1
@@ -223,7 +230,7 @@ class RemotePacer(asyncio.DatagramProtocol):
         self._session = StationEnd(self._key, welcome, now_s)
         self.manner = welcome.manner
         self._urgent = 0
-        self._ask()  # should this session ever be lost
+        self._request = self._ask()  # should this session ever be lost
         self._turn()
 
     def _take(self, down: Down, session: StationEnd) -> None:

@@ -10,6 +10,8 @@ import asyncio
 from collections.abc import Callable
 from typing import Self
 
+import msgspec
+
 from links.core import (
     Arrival,
     Attitude,
@@ -184,6 +186,32 @@ async def beside(connection: MavlinkConnection, step: HandshakeStep) -> None:
 __all__ = ["MavlinkLink", "MavlinkLinkConfig"]
 
 
+class ArmedSpan(msgspec.Struct, gc=False):
+    """State of one arming."""
+
+    sleep: Sleep | None = None
+    """Counts the sleep of this computer since."""
+    obeys_s: float | None = None
+    """Since when the autopilot obeys [s]; None before that, and once it does not any more."""
+    taken: str = ""
+    """Who has taken the vehicle over, in words; empty where nobody has."""
+    lands_by_itself: bool = False
+    """Whether LAND was accepted."""
+
+    @property
+    def slept_s(self) -> float:
+        """Sleep of this computer since the arming [s]."""
+        return 0.0 if self.sleep is None else self.sleep.slept_s
+
+
+class Examination(msgspec.Struct, frozen=True):
+    """Answers of the autopilot before it is armed, in words."""
+
+    firmware: str = ""
+    unfit: str = ""
+    """Why it may not be armed as it is set up; empty where it may."""
+
+
 class MavlinkLink:
     """Implements :class:`links.core.deadman.CommandLink` (see there); others may read along on ``connection``."""
 
@@ -193,7 +221,6 @@ class MavlinkLink:
         ``thrust_curve`` is the vehicle's, see :func:`links.core.deadman.signal`; one in ``config`` takes its place.
         """
         self._config = config
-        self._follows_poses = config.follows_poses  # asked after each command
         self._thrust_max = thrust_max_n
         self._curve = thrust_curve if config.thrust_curve is None else config.thrust_curve
         self._target = (config.target_system, config.target_component)
@@ -209,23 +236,17 @@ class MavlinkLink:
         self.connection.when_back = self._come_back
         self.connection.owes = lambda: self.status.phase != Phase.OVER
         self._under_way: Handshake | None = None
-        self._obeys = False
-        self._obeys_s = 0.0
-        self._taken = ""
+        self._armed = ArmedSpan()
         self.shares_poses = False
         """Whether the poses that are flown by are the autopilot's own, or come to it from elsewhere too."""
         self._distrusted = False
-        self._sleep: Sleep | None = None
-        """Since the newest arming."""
         self._vitals = Vitals()
         self.connection.subscribe(self._vitals.hear)
-        self._slow = config.serial is not None and config.baud <= SLOW_BAUD
-        self._uplink = Uplink(ASKED_SLOWLY_S if self._slow else ASKED_S)
+        self._uplink = Uplink(ASKED_SLOWLY_S if _is_slow(config) else ASKED_S)
         self.connection.subscribe(lambda message, now_s: self._uplink.hear(message, now_s, self._usual_s))
-        self._unfit = self._firmware = ""
+        self._examined = Examination()
         self._angles: tuple[float, ...] = ()
         self._landing: asyncio.Task[None] | None = None
-        self._lands_by_itself = False
         self._killing: asyncio.Task[None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._busy = "on a link that is not connected"
@@ -244,7 +265,7 @@ class MavlinkLink:
     @property
     def follows_poses(self) -> bool:
         """True where a command may leave as soon as a pose has come."""
-        return self._follows_poses
+        return self._config.follows_poses
 
     @property
     def autopilot(self) -> Self:
@@ -266,15 +287,15 @@ class MavlinkLink:
             phase=self._deadman.phase(self._loop.time()) if self._loop is not None else "over",
             rtt_s=None if clock is None else clock.rtt_s,
             offset_s=None if clock is None else clock.offset_s,
-            taken=self._taken,
-            slept_s=self._slept_s,
+            taken=self._armed.taken,
+            slept_s=self._armed.slept_s,
             battery_v=self._vitals.battery_v,
             battery_share=self._vitals.battery_share,
             ready=self._vitals.ready,
             mode=self._vitals.mode,
             angles_rad=self._angles,
-            unfit=self._unfit,
-            firmware=self._firmware,
+            unfit=self._examined.unfit,
+            firmware=self._examined.firmware,
             warning=connection.second_path,
             other_addresses=connection.other_addresses,
             conflict=connection.conflict or _tell_rival(rival),
@@ -282,7 +303,7 @@ class MavlinkLink:
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
         """Ask the autopilot for its attitude, and call ``watch`` with each that comes; not on a connected link."""
-        self.connection.wish(ATTITUDES, SLOW_HZ if self._slow else ATTITUDE_HZ)
+        self.connection.wish(ATTITUDES, SLOW_HZ if _is_slow(self._config) else ATTITUDE_HZ)
 
         def hear(message: Message, arrival_s: float) -> None:
             told = attitude_of(message, arrival_s, self.connection.clock)
@@ -291,10 +312,6 @@ class MavlinkLink:
                 watch(told)
 
         self.connection.subscribe(hear)
-
-    @property
-    def _slept_s(self) -> float:
-        return 0.0 if self._sleep is None else self._sleep.slept_s
 
     async def connect(self) -> None:
         """Open the socket, wait for the autopilot's HEARTBEAT, and ask for the messages that are wanted."""
@@ -308,12 +325,12 @@ class MavlinkLink:
         autopilot = self.connection.autopilot()
         version = ReadVersion(autopilot)
         await self._ask(Handshake([version]))
-        self._firmware, self._unfit = version.firmware, ""
+        self._examined = Examination(version.firmware)
         self.connection.note_examined()
         try:
             await self._ask(fitness(autopilot))
         except LinkRejected as error:
-            self._unfit = str(error)
+            self._examined = Examination(version.firmware, unfit=str(error))
 
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Stream until the vehicle is in OFFBOARD (GUIDED on ArduPilot) and armed; see the port.
@@ -327,7 +344,7 @@ class MavlinkLink:
                 raise LinkError(f"arming was abandoned: {conflict}")
             if not self._send(idle(), now_s):
                 why = "the idle command had expired, as its pose is too old"
-                if self._slept_s:
+                if self._armed.slept_s:
                     why = "this computer slept"
                 elif self._deadman.held:
                     why = self.connection.text
@@ -338,19 +355,19 @@ class MavlinkLink:
         handshake = self._under_way = arming(self.connection.autopilot(), self._config.ardupilot_mode)
         self.connection.begin_arming()
         self._busy = "while arm() streams"
-        self._obeys, self._lands_by_itself, self._taken = False, False, ""
         if self._landing is not None:
             self._landing.cancel()
             self._landing = None
-        self._sleep = Sleep(asyncio.get_running_loop().time)
-        self._uplink.begin(asyncio.get_running_loop().time())
+        now = asyncio.get_running_loop().time
+        self._armed = ArmedSpan(Sleep(now))
+        self._uplink.begin(now())
         self._transmitter.start()
         try:
             await self.connection.see_through(handshake, stream, self.period_s)
             if handshake.failure is not None:  # killed in the very moment of its end
                 raise handshake.failure
             self.connection.believe_armed(True)
-            self._obeys, self._obeys_s = True, asyncio.get_running_loop().time()
+            self._armed.obeys_s = now()
         except BaseException:
             self._transmitter.stop()
             if handshake.at_last_step and self._killing is None:
@@ -381,17 +398,18 @@ class MavlinkLink:
         One that somebody else has put in another mode is theirs: nothing leaves from then on, no bring-down either.
         Nor does anything after this computer has slept: the autopilot has come down without us long ago.
         """
-        if self._slept_s:
-            self._obeys = False
+        armed = self._armed
+        if armed.slept_s:
+            armed.obeys_s = None
             self._transmitter.stop()
             if self._landing is not None:
                 self._landing.cancel()
-        if not self._obeys:
+        if armed.obeys_s is None:
             return
         if self._under_way is None and self._landing is None:
-            self._taken = self._vitals.foreign(self._obeys_s + STALE_NEWS_S)
-        if self._taken or self.connection.state == "connected":
-            self._obeys = False
+            armed.taken = self._vitals.foreign(armed.obeys_s + STALE_NEWS_S)
+        if armed.taken or self.connection.state == "connected":
+            armed.obeys_s = None
             self._transmitter.stop()
 
     def _leave(self, what: Command | Segment, now_s: float) -> None:
@@ -433,13 +451,13 @@ class MavlinkLink:
 
         Before, it is asked for its mode: whoever has taken it over, but a moment ago, keeps it.
         """
-        connection, asked_s = self.connection, asyncio.get_running_loop().time()
+        connection, armed, asked_s = self.connection, self._armed, asyncio.get_running_loop().time()
         try:
             await beside(connection, AskMode(connection.autopilot()))
-            self._taken = self._vitals.foreign(asked_s)
-            if not self._taken:
+            armed.taken = self._vitals.foreign(asked_s)
+            if not armed.taken:
                 await beside(connection, landing(connection.autopilot()))
-                self._lands_by_itself = True
+                armed.lands_by_itself = True
         except LinkError:
             return  # the bring-down by rates goes on to its end
         self._transmitter.stop()
@@ -447,11 +465,11 @@ class MavlinkLink:
     @property
     def lands_by_itself(self) -> bool:
         """Whether LAND was accepted since the newest arming."""
-        return self._lands_by_itself
+        return self._armed.lands_by_itself
 
     def ask_mode(self) -> None:
         """Have the autopilot tell its mode now, not only within a second."""
-        if self._obeys:
+        if self._armed.obeys_s is not None:
             self.connection.leave(make_mode_request(self.connection.autopilot()))
 
     def arrival(self, now_s: float) -> Arrival:
@@ -518,13 +536,18 @@ class MavlinkLink:
                 await asyncio.wait({last})
                 last.cancelled() or last.exception()  # whoever asked for it has been told
         self._killing = self._landing = None
-        self._obeys = False
+        self._armed.obeys_s = None
         self._busy = "on a link that is not connected"
         self.connection.close()
 
 
 def _tell_rival(rival: str) -> str:
     return f"{rival}, to this vehicle, too: it would follow both by turns. End that program" if rival else ""
+
+
+def _is_slow(config: MavlinkLinkConfig) -> bool:
+    """Whether the wire is too slow for the usual rates."""
+    return config.serial is not None and config.baud <= SLOW_BAUD
 
 
 def _over(task: "asyncio.Task[None] | None") -> bool:
