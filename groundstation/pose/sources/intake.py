@@ -29,7 +29,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal, NamedTuple, Protocol
 
 import msgspec
 
@@ -90,6 +90,66 @@ GAP_INTERVALS = 2.5
 """Stamps further apart than so many usual intervals are a gap."""
 
 
+class StampedArrival(NamedTuple):
+    """One message of the source."""
+
+    stamp: float
+    """Seconds, or a number of frames, by the source."""
+    arrival_s: float
+    """When it came [s, our clock]."""
+
+
+class StampScale(msgspec.Struct, gc=False):
+    """How much of our time passes from one stamp to the next."""
+
+    slope: float
+    """Our seconds per stamp, as fitted."""
+    nominal: float
+    """The same, as told or first measured: drift is counted from there."""
+    band: float
+    """Largest share by which the slope may be off the nominal one [-]; infinite while the rate is not known."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the rate is known but for the clock's drift."""
+        return self.band < math.inf
+
+
+class Block(msgspec.Struct, gc=False):
+    """The messages of half a second."""
+
+    begun: StampedArrival
+    best: StampedArrival | None = None
+    """The least delayed one."""
+    lowered_s: float = 0.0
+    """Time by which messages came earlier than any before [s]."""
+
+
+class BlockLine:
+    """The least delayed message of each newest block: a line, as long as the clock keeps its rate."""
+
+    def __init__(self) -> None:
+        self.best: deque[StampedArrival] = deque(maxlen=BLOCKS)
+        self.late = (0.0, 0.0)
+        """Delays of the last two blocks beyond what drift explains [s]; 0 within the slack."""
+        self.early = 0
+        """Number of blocks in a row whose messages came earlier and earlier."""
+
+    def clear(self) -> None:
+        """Begin another line."""
+        self.best.clear()
+
+    def fit_slope(self) -> float:
+        """Our seconds per stamp: the median slope between any two blocks."""
+        return _median([(d - b) / (c - a) for (a, b), (c, d) in combinations(self.best, 2)])
+
+    def is_straight(self, slope: float) -> bool:
+        """Whether the blocks lie on a line of this ``slope`` within the slack."""
+        off = [arrival_s - slope * stamp for stamp, arrival_s in self.best]
+        middle = _median(off)
+        return slope > 0.0 and _median([abs(one - middle) for one in off]) <= SLACK_S
+
+
 class SourceClock:
     """The clock of one source."""
 
@@ -110,8 +170,7 @@ class SourceClock:
         self._old_since_s: float | None = None
         self._same_since_s = math.inf
         self._breaks: deque[float] = deque(maxlen=BREAKS)
-        self._recent: deque[tuple[float, float]] = deque()
-        self._blocks: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
+        self._recent: deque[StampedArrival] = deque()
         self._begin(0.0, 0.0)
         self._is_anew = True
         """Whether the next message begins it all."""
@@ -119,27 +178,22 @@ class SourceClock:
     def _begin(self, stamp: float, arrival_s: float) -> None:
         """Know nothing but what we were told, and that this message has come."""
         self._is_anew = False
-        self._scale = self._nominal = self._told
-        self._band = math.inf if self._frames else MAX_DRIFT
+        self._scale = StampScale(self._told, self._told, math.inf if self._frames else MAX_DRIFT)
         self._own_s = self._arrival_s = arrival_s  # of the newest message: on our clock, had it come as fast as any
         self._seen = 0
-        self._blocks.clear()
-        self._block: tuple[float, float] | None = None
-        self._block_begun = stamp, arrival_s
-        self._late = (0.0, 0.0)
-        self._lowered_s = 0.0
-        self._early_blocks = 0
+        self._line = BlockLine()
+        self._block = Block(StampedArrival(stamp, arrival_s))
         self._recent.clear()
 
     @property
     def drift(self) -> float:
         """Drift of the source's clock: slower than nominal by this share [-]."""
-        return self._scale / self._told - 1.0
+        return self._scale.slope / self._told - 1.0
 
     @property
     def late_s(self) -> float:
         """Delay of the messages of the last two blocks above their best [s]; 0 within the slack."""
-        return min(self._late)
+        return min(self._line.late)
 
     @property
     def is_unsteady(self) -> bool:
@@ -192,23 +246,23 @@ class SourceClock:
             self._begin(stamp, arrival_s)
         self._stamp, self._arrival_s, self._old_since_s = stamp, arrival_s, None
         self._seen += 1
-        self._recent.append((stamp, arrival_s))
+        self._recent.append(StampedArrival(stamp, arrival_s))
         while len(self._recent) > 2 and self._recent[1][1] <= arrival_s - RATE_S:
             self._recent.popleft()
-        best = self._block
-        if best is None or arrival_s - best[1] < (stamp - best[0]) * self._scale:
-            self._block = stamp, arrival_s
-        if arrival_s >= self._block_begun[1] + BLOCK_S:
+        block, best = self._block, self._block.best
+        if best is None or arrival_s - best[1] < (stamp - best[0]) * self._scale.slope:
+            block.best = StampedArrival(stamp, arrival_s)
+        if arrival_s >= block.begun[1] + BLOCK_S:
             self._close_block(stamp, arrival_s)
         return self._own_s
 
     def _goes_on(self, stamps: float, arrival_s: float) -> bool:
         """Go on to the next message, ``stamps`` after the last; False where it must be of another rate of frames."""
-        elapsed = stamps * self._scale
+        elapsed = stamps * self._scale.slope
         usual_s = self.interval_s
         is_gap = 0.0 < GAP_INTERVALS * usual_s < elapsed
         if is_gap and self.is_unsteady:
-            self._blocks.clear()
+            self._line.clear()
             if elapsed - (arrival_s - self._arrival_s) > SLACK_S:
                 self._breaks.append(arrival_s)
             elapsed = usual_s
@@ -224,7 +278,7 @@ class SourceClock:
             self._breaks.append(arrival_s)
         self._count(elapsed, arrival_s - self._arrival_s)
         if late < 0.0:
-            self._lowered_s -= late
+            self._block.lowered_s -= late
             self._own_s = arrival_s
         return True
 
@@ -238,7 +292,7 @@ class SourceClock:
         if self.is_unsteady and self.interval_s == 0.0:  # no message has ever fitted: another unit
             self._lose_rate()
         else:
-            self._blocks.clear()
+            self._line.clear()
 
     def _restart(self, arrival_s: float) -> None:
         """The source's clock has begun anew."""
@@ -247,9 +301,9 @@ class SourceClock:
 
     def _lose_rate(self) -> None:
         """Forget the frame rate, and measure the time between stamps from now on."""
-        if self._band < math.inf:
-            self._band, self._early_blocks = math.inf, 0
-            self._blocks.clear()
+        if self._scale.is_known:
+            self._scale.band, self._line.early = math.inf, 0
+            self._line.clear()
 
     def apply_exchange(self, ahead_s: float) -> None:
         """An exchange of clocks has shown that a source that stamps seconds is at most ``ahead_s`` ahead of us [s]."""
@@ -258,8 +312,8 @@ class SourceClock:
             # What would have come long before it left was stamped by another clock than the one that was asked.
             if own <= self._arrival_s + SLACK_S and self._own_s < min(own, self._arrival_s):
                 self._own_s = min(own, self._arrival_s)
-                self._block = None
-                self._blocks.clear()
+                self._block.best = None
+                self._line.clear()
 
     def _count(self, elapsed_s: float, waited_s: float) -> None:
         if elapsed_s - waited_s > STEP_S:
@@ -275,62 +329,62 @@ class SourceClock:
 
     def _close_block(self, stamp: float, arrival_s: float) -> None:
         """Judge the block that ends with this message."""
-        assert self._block is not None, "it holds this message"
-        begun_stamp, begun_s = self._block_begun
-        lasted = min((stamp - begun_stamp) * self._scale, arrival_s - begun_s)
-        late = self._lateness(self._block)
-        if self._band < math.inf:
-            # With all that its slope may be, the clock is no slower than this; what piled up comes in no time.
-            most = lasted * (self._nominal / self._scale * (1.0 + self._band) - 1.0)
-            is_late = late - most > SLACK_S
-            if is_late != (self._late[1] > 0.0):
-                self._blocks.clear()  # from here on it is another line
-            if not is_late:
-                self._own_s = min(self._own_s + min(late, most), arrival_s)
-            self._late = self._late[1], late if is_late else 0.0
-            most_early = self._band if self._frames else FAST - 1.0
-            is_early = self._lowered_s > most_early * lasted
-            self._early_blocks = self._early_blocks + 1 if is_early else 0
-        self._blocks.append(self._block)
-        self._block, self._block_begun, self._lowered_s = None, (stamp, arrival_s), 0.0
-        if self._early_blocks >= FIRST_BLOCKS:
+        block, line, scale = self._block, self._line, self._scale
+        assert block.best is not None, "it holds this message"
+        if scale.is_known:
+            self._judge_block(
+                block.best, min((stamp - block.begun.stamp) * scale.slope, arrival_s - block.begun.arrival_s)
+            )
+        line.best.append(block.best)
+        self._block = Block(StampedArrival(stamp, arrival_s))
+        if line.early >= FIRST_BLOCKS:
             # Nothing comes earlier and earlier: they are other frames than those that were measured.
             self._lose_rate()
         self._measure()
 
-    def _lateness(self, message: tuple[float, float]) -> float:
-        """Return the delay of (stamp, arrival) by the present fit [s]."""
+    def _judge_block(self, best: StampedArrival, lasted_s: float) -> None:
+        """Whether the block of ``lasted_s`` [s] is late, or earlier than its clock may be; else its line is kept."""
+        line, scale, late = self._line, self._scale, self._lateness(best)
+        # With all that its slope may be, the clock is no slower than this; what piled up comes in no time.
+        most = lasted_s * (scale.nominal / scale.slope * (1.0 + scale.band) - 1.0)
+        is_late = late - most > SLACK_S
+        if is_late != (line.late[1] > 0.0):
+            line.clear()  # from here on it is another line
+        if not is_late:
+            self._own_s = min(self._own_s + min(late, most), self._arrival_s)
+        line.late = line.late[1], late if is_late else 0.0
+        most_early = scale.band if self._frames else FAST - 1.0
+        line.early = line.early + 1 if self._block.lowered_s > most_early * lasted_s else 0
+
+    def _lateness(self, message: StampedArrival) -> float:
+        """Return the delay of ``message`` by the present fit [s]."""
         assert self._stamp is not None, "there is a message"
-        return message[1] - self._own_s - (message[0] - self._stamp) * self._scale
+        return message.arrival_s - self._own_s - (message.stamp - self._stamp) * self._scale.slope
 
     def _measure(self) -> None:
         """Measure the slope, where there are blocks enough."""
-        unknown = self._band == math.inf
-        if len(self._blocks) < (FIRST_BLOCKS if unknown else SETTLED_BLOCKS):
+        line, scale = self._line, self._scale
+        if len(line.best) < (SETTLED_BLOCKS if scale.is_known else FIRST_BLOCKS):
             return
-        slope = _median([(d - b) / (c - a) for (a, b), (c, d) in combinations(self._blocks, 2)])
-        off = slope / self._nominal
-        if unknown and not self._is_rate(slope):
-            if not self._frames or self.is_unsteady:
-                self._blocks.popleft()
-        elif unknown:
+        slope = line.fit_slope()
+        off = slope / scale.nominal
+        if scale.is_known:
+            if abs(off - 1.0) <= scale.band:
+                scale.slope = slope
+                if scale.band > MAX_DRIFT and not line.late[1]:
+                    scale.nominal, scale.band = slope, MAX_DRIFT
+        elif self._is_rate(slope):
             self._breaks.clear()
-            self._scale = self._nominal = slope
-            self._band = ROUGH
-            own_s = min(self._own_s + min(map(self._lateness, self._blocks)), self._arrival_s)
-            self._own_s = own_s - self.late_s
-        elif abs(off - 1.0) <= self._band:
-            self._scale = slope
-            if self._band > MAX_DRIFT and not self._late[1]:
-                self._nominal, self._band = slope, MAX_DRIFT
+            scale.slope, scale.nominal, scale.band = slope, slope, ROUGH
+            self._own_s = min(self._own_s + min(map(self._lateness, line.best)), self._arrival_s) - self.late_s
+        elif not self._frames or self.is_unsteady:
+            line.best.popleft()
 
     def _is_rate(self, slope: float) -> bool:
         """Whether ``slope`` [our seconds per stamp] can be what passes from one stamp to the next."""
         if self._frames and not self.is_unsteady:
-            return 1.0 / RATES < slope / self._nominal < RATES
-        off = [arrival_s - slope * stamp for stamp, arrival_s in self._blocks]
-        middle = _median(off)
-        return slope > 0.0 and _median([abs(one - middle) for one in off]) <= SLACK_S
+            return 1.0 / RATES < slope / self._scale.nominal < RATES
+        return self._line.is_straight(slope)
 
 
 UNIT_TOLERANCE = 1e-3
