@@ -222,6 +222,15 @@ class ArmingWindow(msgspec.Struct, gc=False):
     """Whether commands have come that could not count any more."""
 
 
+class ServiceTurn(msgspec.Struct, gc=False):
+    """A service of the module, which every disarm frame asks for until it is over."""
+
+    service: Service
+    until_s: float
+    frames: int = 0
+    """Frames that left since it began."""
+
+
 class FrameCounts(msgspec.Struct):
     """Numbers of frames; see :class:`PacerReport`."""
 
@@ -327,8 +336,7 @@ class FramePacer:
         self._counts, self._lateness = FrameCounts(), Lateness()
         self._says: Command | Segment | None = None
         self._said: Command | Segment | None = None
-        self._service: tuple[Service, float] | None = None
-        self._served = 0
+        self._service: ServiceTurn | None = None
         self._linger_s: float | None = None
         self._quiet_since_s = now_s
         self._frame = b""
@@ -363,7 +371,7 @@ class FramePacer:
                 self._deadman.stop()
             case Serve(service, duration_s):
                 if self._deadman.phase(now_s) is Phase.OVER:
-                    self._service, self._served = (service, now_s + duration_s), 0
+                    self._service = ServiceTurn(service, now_s + duration_s)
             case End(linger_s):
                 self._end(linger_s, now_s)
 
@@ -427,7 +435,8 @@ class FramePacer:
             counts.frames += 1
             counts.repeated += self._says is not None and self._says is self._said
             self._said = self._says
-            self._served += 1
+            if self._service is not None:
+                self._service.frames += 1
         else:
             counts.lost += 1
             counts.errors["port_stuck"] += 1
@@ -528,10 +537,10 @@ class FramePacer:
         return self._codec.encode(self._channels.flying(what.thrust_n, what.rates_rad_s))
 
     def _serving(self, at_s: float) -> tuple[Service | None, int]:
-        if self._service is None or at_s > self._service[1]:
+        if self._service is None or at_s > self._service.until_s:
             self._service = None
             return None, 0
-        return self._service[0], self._served
+        return self._service.service, self._service.frames
 
     def _end(self, linger_s: float, now_s: float) -> None:
         self._linger_s = linger_s

@@ -73,6 +73,31 @@ class PublishedFlight(msgspec.Struct, frozen=True, kw_only=True):
         return abs(self.rms_cm / self.measured_cm - 1.0) <= CLOSE
 
 
+class _AttitudeLoop:
+    """The autopilots' attitude: roll and pitch [rad] follow their set-points as second-order lags."""
+
+    def __init__(self, roll: Column, pitch: Column) -> None:
+        """At rest."""
+        self.roll, self.pitch = roll, pitch
+        self._roll_rate, self._pitch_rate = np.zeros_like(roll), np.zeros_like(pitch)
+
+    def step(self, roll: Column, pitch: Column) -> None:
+        """``STEP_S`` under these set-points [rad]."""
+        w, damps = gale.ATTITUDE_RAD_S, 2.0 * gale.ATTITUDE_DAMPING * gale.ATTITUDE_RAD_S
+        self._roll_rate = self._roll_rate + STEP_S * (w * w * (roll - self.roll) - damps * self._roll_rate)
+        self._pitch_rate = self._pitch_rate + STEP_S * (w * w * (pitch - self.pitch) - damps * self._pitch_rate)
+        self.roll, self.pitch = self.roll + STEP_S * self._roll_rate, self.pitch + STEP_S * self._pitch_rate
+
+    def axes(self) -> tuple[Column, Column, Column]:
+        """Where the body's x, y and z (up) point, each (n, 3)."""
+        s, c, t, d = np.sin(self.roll), np.cos(self.roll), np.sin(self.pitch), np.cos(self.pitch)
+        return (
+            np.stack([d, 0.0 * s, -t], axis=1),
+            np.stack([t * s, c, d * s], axis=1),
+            np.stack([t * c, -s, d * c], axis=1),
+        )
+
+
 class _Tunnel:
     """Every flight at once: bodies, attitudes, thrust and air."""
 
@@ -92,10 +117,9 @@ class _Tunnel:
         self.velocity = np.zeros((self.n, 3))
         self._rest = self._sigma * self.normal(3)
         gust, self._gust = self._gust, 0.0 * self._gust
-        _, self._still, _ = self._trim()
+        self._still = self._trim()[0].pitch
         self._gust = gust
-        self.roll, self.pitch, self._thrust = self._trim()
-        self._roll_rate, self._pitch_rate = np.zeros(self.n), np.zeros(self.n)
+        self.attitude, self._thrust = self._trim()
         self.command = 1.0 + (self._thrust / GRAVITY - 1.0) / gale.THRUST_SLOPE
         self._late = [self.command] * round(gale.THRUST_DELAY_S / STEP_S)
 
@@ -103,20 +127,11 @@ class _Tunnel:
         """Standard normal numbers, (n, columns): those of a wind and a seed are the same for every law."""
         return np.stack([draw.standard_normal(columns) for draw in self.draws])
 
-    def axes(self) -> tuple[Column, Column, Column]:
-        """Where the body's x, y and z (up) point, each (n, 3)."""
-        s, c, t, d = np.sin(self.roll), np.cos(self.roll), np.sin(self.pitch), np.cos(self.pitch)
-        return (
-            np.stack([d, 0.0 * s, -t], axis=1),
-            np.stack([t * s, c, d * s], axis=1),
-            np.stack([t * c, -s, d * c], axis=1),
-        )
-
-    def _force(self, time_s: float) -> Column:
+    def _force(self, time_s: float, attitude: _AttitudeLoop) -> Column:
         """Compute the air's force without its random part [N], (n, 3)."""
         air = self.velocity.copy()
         air[:, 0] -= self._speed + self._gust * np.sin(time_s + gale.GUST_PHASE)
-        axes = self.axes()
+        axes = attitude.axes()
         x, y, z = ((air * axis).sum(axis=1) for axis in axes)
         inflow = np.hypot(x, y)
         plane = -(gale.DRAG + gale.DRAG_INFLOW * inflow)
@@ -125,14 +140,14 @@ class _Tunnel:
         force: Column = self._aero * np.sum([part[:, None] * axis for part, axis in parts], axis=0) + self._bias
         return force
 
-    def _trim(self) -> tuple[Column, Column, Column]:
-        """Roll, pitch and specific force that stand still in the wind of the start."""
-        self.roll, self.pitch = np.zeros(self.n), np.zeros(self.n)
+    def _trim(self) -> tuple[_AttitudeLoop, Column]:
+        """Attitude and specific force that stand still in the wind of the start."""
+        attitude = _AttitudeLoop(np.zeros(self.n), np.zeros(self.n))
         need = np.zeros((self.n, 3))
         for _ in range(200):
-            need = np.array([0.0, 0.0, GRAVITY]) - self._force(0.0) / gale.MASS_KG
-            self.roll, self.pitch = lean(need)
-        return self.roll, self.pitch, np.linalg.norm(need, axis=1)
+            need = np.array([0.0, 0.0, GRAVITY]) - self._force(0.0, attitude) / gale.MASS_KG
+            attitude = _AttitudeLoop(*lean(need))
+        return attitude, np.linalg.norm(need, axis=1)
 
     def step(self, time_s: float, roll: Column, pitch: Column) -> None:
         """``STEP_S`` under these set-points of the attitude, and :attr:`command`, thrust over that of hover."""
@@ -140,11 +155,9 @@ class _Tunnel:
         wanted = GRAVITY * (1.0 + gale.THRUST_SLOPE * (self._late.pop(0) - 1.0))
         self._thrust = self._thrust + (1.0 - np.exp(-STEP_S / gale.THRUST_LAG_S)) * (wanted - self._thrust)
         pitch = self._still + self._gain * (pitch - self._still) + self._pitch * self.velocity[:, 2]
-        w, damps = gale.ATTITUDE_RAD_S, 2.0 * gale.ATTITUDE_DAMPING * gale.ATTITUDE_RAD_S
-        self._roll_rate = self._roll_rate + STEP_S * (w * w * (roll - self.roll) - damps * self._roll_rate)
-        self._pitch_rate = self._pitch_rate + STEP_S * (w * w * (pitch - self.pitch) - damps * self._pitch_rate)
-        self.roll, self.pitch = self.roll + STEP_S * self._roll_rate, self.pitch + STEP_S * self._pitch_rate
-        pushed = self._thrust[:, None] * self.axes()[2] + (self._force(time_s) + self._rest) / gale.MASS_KG
+        self.attitude.step(roll, pitch)
+        force = self._force(time_s, self.attitude) + self._rest
+        pushed = self._thrust[:, None] * self.attitude.axes()[2] + force / gale.MASS_KG
         self.velocity = self.velocity + STEP_S * (pushed - np.array([0.0, 0.0, GRAVITY]))
         self.position = self.position + STEP_S * self.velocity
         keep = float(np.exp(-STEP_S / gale.REST_S))
@@ -165,9 +178,9 @@ def fly_published(seeds: int = 5, *, aerodynamics: bool = True) -> list[Publishe
     p, d, low = (np.array([getattr(RECOVERED[law], part) for law, *_ in cases]) for part in ("p", "d", "low_rad_s"))
     i, g = (np.array([[getattr(RECOVERED[law], part)] for law, *_ in cases]) for part in ("i", "g"))
     down = np.array([0.0, 0.0, GRAVITY])
-    force = down - GRAVITY * tunnel.command[:, None] * tunnel.axes()[2]  # what it seems to be, in trim
+    force = down - GRAVITY * tunnel.command[:, None] * tunnel.attitude.axes()[2]  # what it seems to be, in trim
     sums, before = force.copy(), tunnel.velocity
-    roll, pitch = tunnel.roll, tunnel.pitch
+    roll, pitch = tunnel.attitude.roll, tunnel.attitude.pitch
     keep = 1.0 - np.exp(-low * PERIOD_S)
     places, wanted = [], []
     for k in range(round(gale.LENGTH_S / PERIOD_S)):
@@ -178,7 +191,7 @@ def fly_published(seeds: int = 5, *, aerodynamics: bool = True) -> list[Publishe
         moving = tunnel.velocity + VELOCITY_NOISE_M_S * noise[:, 4:7]
         measured = (moving - before) / PERIOD_S if k else np.zeros_like(moving)
         before = moving
-        seems = measured + down - GRAVITY * tunnel.command[:, None] * tunnel.axes()[2]
+        seems = measured + down - GRAVITY * tunnel.command[:, None] * tunnel.attitude.axes()[2]
         force = force + keep * (seems - force)
         error = seen - place
         sums = sums + PERIOD_S * error
