@@ -156,31 +156,16 @@ def read_columns(path: Path) -> FlightColumns:
     """
     recording = Recording(path)
     flown = FlightColumns(path, recording)
-    by_mavlink = bool(recording.about.get("mavlink"))
-    compute: list[float] = []
+    commands = _CommandRows(by_mavlink=bool(recording.about.get("mavlink")))
     arrivals: list[tuple[float, float]] = []
-    now: dict[str, dict[str, Any]] = {}
-    rows: list[list[float]] = []
-    state, waiting = "idle", False
+    state = "idle"
     for entry in recording.entries((*_PARTS, _TRUTH, *_OTHERS)):
         topic, value = entry.topic, entry.value()
         match topic:
-            case "/timing":
-                now[topic] = value
-                if len(now) == len(_PARTS):
-                    rows.append([number for topic in _PARTS for number in _row(topic, now[topic])] + _row(_TRUTH, {}))
-                    flown.states.append(state)
-                    flown.certificates.append(now["/lyapunov"]["state"])
-                    waiting = True
-                now = {}
             case "/raw/sent":
-                if waiting and (not by_mavlink or base64.b64decode(value["data"])[7:10] == _ATTITUDE_TARGET):
-                    waiting = False
-                    compute.append(value["time_s"] - rows[-1][0])
+                commands.note_sent(value["time_s"], value["data"])
             case "/truth":
-                true = _row(_TRUTH, value)
-                if rows and rows[-1][0] == value["time_s"]:
-                    rows[-1][-len(true) :] = true
+                commands.add_truth(value)
             case "/measured":
                 arrivals.append((value["arrival_s"], value["arrival_s"] - value["time_s"]))
             case "/mission":
@@ -196,22 +181,66 @@ def read_columns(path: Path) -> FlightColumns:
             case "/source":
                 flown.source = value["status"]
             case _:
-                now[topic] = value
-    if not rows:
+                if whole := commands.add_part(topic, value):
+                    flown.states.append(state)
+                    flown.certificates.append(whole["/lyapunov"]["state"])
+    if not commands.rows:
         raise NoCommand(f"{path} holds no command: nothing was flown, so there is nothing to report")
-    table, at = np.array(rows), 0
-    for name, _, components in chain(*_COLUMNS.values()):
-        if components:
-            flown.vectors[name] = table[:, at : at + len(components)]
-        else:
-            flown.scalars[name] = table[:, at]
-        at += len(components) or 1
+    commands.fill(flown)
     on = np.flatnonzero(flown.tracking)
     clock, flight_time = flown.scalars["time_s"], flown.scalars["flight_time_s"]
     flown.begun_s = float(clock[on[0]] - flight_time[on[0]] if len(on) else clock[0])
-    flown.compute_s, flown.arrivals_s = np.array(compute), np.array(arrivals).reshape(-1, 2)
+    flown.arrivals_s = np.array(arrivals).reshape(-1, 2)
     flown.events = [(time_s - flown.begun_s, kind, text) for time_s, kind, text in flown.events]
     return flown
+
+
+class _CommandRows:
+    """One row of numbers a command, put together from its messages."""
+
+    def __init__(self, *, by_mavlink: bool) -> None:
+        """``by_mavlink``: other frames leave by the same wire as commands."""
+        self.rows: list[list[float]] = []
+        self._by_mavlink = by_mavlink
+        self._parts: dict[str, dict[str, Any]] = {}
+        self._compute: list[float] = []
+        self._waiting = False
+        """Whether the newest command's bytes have yet to leave."""
+
+    def add_part(self, topic: str, value: dict[str, Any]) -> dict[str, dict[str, Any]]:
+        """One of ``_PARTS``, the last of which ends a command: returns all of it, where it is whole."""
+        self._parts[topic] = value
+        if topic != _PARTS[-1]:
+            return {}
+        whole, self._parts = self._parts, {}
+        if len(whole) < len(_PARTS):
+            return {}
+        self.rows.append([number for part in _PARTS for number in _row(part, whole[part])] + _row(_TRUTH, {}))
+        self._waiting = True
+        return whole
+
+    def add_truth(self, value: dict[str, Any]) -> None:
+        """The truth at the newest command."""
+        true = _row(_TRUTH, value)
+        if self.rows and self.rows[-1][0] == value["time_s"]:
+            self.rows[-1][-len(true) :] = true
+
+    def note_sent(self, time_s: float, data: str) -> None:
+        """Bytes have left."""
+        if self._waiting and (not self._by_mavlink or base64.b64decode(data)[7:10] == _ATTITUDE_TARGET):
+            self._waiting = False
+            self._compute.append(time_s - self.rows[-1][0])
+
+    def fill(self, flown: FlightColumns) -> None:
+        """Make the columns of ``flown``."""
+        table, at = np.array(self.rows), 0
+        for name, _, components in chain(*_COLUMNS.values()):
+            if components:
+                flown.vectors[name] = table[:, at : at + len(components)]
+            else:
+                flown.scalars[name] = table[:, at]
+            at += len(components) or 1
+        flown.compute_s = np.array(self._compute)
 
 
 def _row(topic: str, message: dict[str, Any]) -> list[float]:
@@ -240,10 +269,6 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
     """Everything as one object for JSON; what is not known is None."""
     about, headline = flown.recording.about, flown.recording.result
     tracking, t = flown.tracking, flown.scalars["flight_time_s"]
-    steady = tracking & (t >= STEADY_S - ROUNDING_S)
-    settled = tracking & (t >= SATURATION_FROM_S)
-    error = flown.scalars["error_m"]
-    last = flown.scalars["time_s"] > flown.scalars["time_s"][-1] - 1.0
     return {
         "file": str(flown.path),
         "whole": flown.recording.whole,
@@ -258,48 +283,72 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
         },
         "flown_s": _value(t[tracking].max()) if tracking.any() else 0.0,
         "commands": len(t),
-        "error": {
-            "against": "estimate",
-            "steady_from_s": STEADY_S,
-            "rms_cm": _value(100.0 * np.sqrt(np.mean(error[steady] ** 2))) if steady.any() else None,
-            "max_cm": _value(100.0 * error[steady].max()) if steady.any() else None,
-            "settle_s": settled_s(t[tracking], error[tracking]),
-            **_percentiles(100.0 * error[steady], (50, 95, 99), "p{}_cm"),
-        },
+        "error": _summarize_error(flown),
         "true_error": {
             "against": "truth",
             "rms_cm": _cm(headline.get("true_rms_m")),
             "max_cm": _cm(headline.get("true_max_m")),
         },
         "paper": PAPER if flown.is_papers else None,
-        "disturbance": {
-            "b_hat_m_s2": [_value(v) for v in flown.vectors["b_hat_m_s2"][last].mean(axis=0)],
-            "d_hat_m_s2": [_value(v) for v in flown.vectors["d_hat_m_s2"][last].mean(axis=0)],
-            "effectiveness": _value(flown.scalars["effectiveness"][last].mean()),
-            **_read_disturbance(flown),
-            "over": "the last second of commands",
-        },
-        "actuation": {
-            "thrust_min_n": _value(flown.scalars["thrust_n"].min()),
-            "thrust_max_n": _value(flown.scalars["thrust_n"].max()),
-            "saturated_fraction": _value(flown.scalars["saturated"].mean()),
-            "saturated_fraction_steady": _value(flown.scalars["saturated"][settled].mean()) if settled.any() else None,
-        },
-        "certificate": {
-            "fractions": {
-                state: flown.certificates.count(state) / len(flown.certificates)
-                for state in sorted(set(flown.certificates))
-            },
-            "v_start": _value(flown.scalars["v"][0]),
-            **_percentiles(drop_unknown(flown.scalars["v"]), (50, 99), "v_p{}"),
-            "excess_max": _value(np.max(drop_unknown(flown.scalars["excess"]), initial=0.0)),
-        },
+        "disturbance": _summarize_disturbance(flown),
+        "actuation": _summarize_actuation(flown),
+        "certificate": _summarize_certificate(flown),
         "latency_ms": {name: _spread(1e3 * part) for name, part in latency(flown).items()},
         "lateness_ms": _spread(1e3 * drop_unknown(flown.scalars["lateness_s"])),
         "link": {key: value for key, value in (flown.looks[-1] if flown.looks else {}).items() if key != "time_s"},
         "source": flown.source,
         "budget": flown.budget or None,
         "events": [{"time_s": time_s, "kind": kind, "text": text} for time_s, kind, text in flown.events],
+    }
+
+
+def _summarize_error(flown: FlightColumns) -> dict[str, Any]:
+    """The estimated position error on the trajectory."""
+    tracking, t = flown.tracking, flown.scalars["flight_time_s"]
+    error = flown.scalars["error_m"]
+    steady = error[tracking & (t >= STEADY_S - ROUNDING_S)]
+    return {
+        "against": "estimate",
+        "steady_from_s": STEADY_S,
+        "rms_cm": _value(100.0 * np.sqrt(np.mean(steady**2))) if len(steady) else None,
+        "max_cm": _value(100.0 * steady.max()) if len(steady) else None,
+        "settle_s": settled_s(t[tracking], error[tracking]),
+        **_percentiles(100.0 * steady, (50, 95, 99), "p{}_cm"),
+    }
+
+
+def _summarize_disturbance(flown: FlightColumns) -> dict[str, Any]:
+    """The disturbance at the end, as the law and the observer have it."""
+    last = flown.scalars["time_s"] > flown.scalars["time_s"][-1] - 1.0
+    return {
+        "b_hat_m_s2": [_value(v) for v in flown.vectors["b_hat_m_s2"][last].mean(axis=0)],
+        "d_hat_m_s2": [_value(v) for v in flown.vectors["d_hat_m_s2"][last].mean(axis=0)],
+        "effectiveness": _value(flown.scalars["effectiveness"][last].mean()),
+        **_read_disturbance(flown),
+        "over": "the last second of commands",
+    }
+
+
+def _summarize_actuation(flown: FlightColumns) -> dict[str, Any]:
+    """The commanded thrust, and how often a command was at its limits."""
+    thrust, saturated = flown.scalars["thrust_n"], flown.scalars["saturated"]
+    settled = saturated[flown.tracking & (flown.scalars["flight_time_s"] >= SATURATION_FROM_S)]
+    return {
+        "thrust_min_n": _value(thrust.min()),
+        "thrust_max_n": _value(thrust.max()),
+        "saturated_fraction": _value(saturated.mean()),
+        "saturated_fraction_steady": _value(settled.mean()) if len(settled) else None,
+    }
+
+
+def _summarize_certificate(flown: FlightColumns) -> dict[str, Any]:
+    """Whether V kept to its bound, and what it was."""
+    states, v = flown.certificates, flown.scalars["v"]
+    return {
+        "fractions": {state: states.count(state) / len(states) for state in sorted(set(states))},
+        "v_start": _value(v[0]),
+        **_percentiles(drop_unknown(v), (50, 99), "v_p{}"),
+        "excess_max": _value(np.max(drop_unknown(flown.scalars["excess"]), initial=0.0)),
     }
 
 

@@ -350,16 +350,21 @@ def report_command(
     facts = [{**numbers(flight), "told_outside": lines} for flight, lines in zip(flights, outside, strict=True)]
     written: list[Path] = []
     if draw:
-        folder = out or paths[0].with_name(f"{paths[0].stem}-report")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            for form in formats:
-                written += _write(form, folder, flights, facts)
-        except OSError as error:
-            raise ConfigError("--out", f"cannot write {error.filename or folder}: {error.strerror}") from None
+        written = _write_all(formats, out or paths[0].with_name(f"{paths[0].stem}-report"), flights, facts)
     page = next((str(path) for path in written if path.name == PAGE), None)
     print(json.dumps({"flights": facts, "page": page}) if as_json else "\n".join(map(str, written)))
     return Exit.DONE
+
+
+def _write_all(
+    formats: Sequence[str], folder: Path, flights: "list[FlightColumns]", facts: list[dict[str, Any]]
+) -> list[Path]:
+    """Write the report in ``formats`` into ``folder``; returns the files."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return [path for form in formats for path in _write(form, folder, flights, facts)]
+    except OSError as error:
+        raise ConfigError("--out", f"cannot write {error.filename or folder}: {error.strerror}") from None
 
 
 def _say_budget(flown: "FlightColumns") -> str:
