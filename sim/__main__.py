@@ -83,7 +83,6 @@ def _mission(parser: argparse.ArgumentParser) -> None:
 
 def _dev_faults(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, default=1, help="fly each cell with so many seeds and tell the worst")
-    parser.add_argument("--quick", action="store_true", help="every fault once, over all states")
     parser.add_argument("--fault", metavar="NAME", help="this one only, or one of its cases, in every state")
     parser.add_argument("--state", metavar="NAME", help="in this state only")
     parser.add_argument("--link", choices=_LINKS, help="on this link only")

@@ -2,7 +2,8 @@
 
 import asyncio
 import gc
-from collections.abc import Callable, Coroutine
+import inspect
+from collections.abc import Awaitable, Callable, Coroutine
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -32,6 +33,26 @@ def in_real_time(work: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P, T]:
             gc.unfreeze()
 
     return run
+
+
+Scene = Callable[..., Awaitable[None]]
+"""A test as a coroutine function, whose first arguments its stage gives."""
+
+
+def on_stage(stage: Callable[[Scene], None], count: int) -> Callable[[Scene], Callable[..., None]]:
+    """Return a decorator for tests: ``stage`` gives their first ``count`` arguments, and pytest the others."""
+
+    def decorate(test: Scene) -> Callable[..., None]:
+        @wraps(test)
+        def run(**others: Any) -> None:
+            stage(lambda *first: test(*first, **others))
+
+        signature = inspect.signature(test)
+        others = list(signature.parameters.values())[count:]
+        run.__signature__ = signature.replace(parameters=others)  # type: ignore[attr-defined]  # pytest reads it
+        return run
+
+    return decorate
 
 
 BOTH_LOOPS = [

@@ -85,6 +85,7 @@ def trajectories(config: Config) -> dict[str, TrajectoryConfig]:
     return {"hover": HoldConfig(position_ned=(0.3, -0.3, -0.5), yaw_deg=20.0), "lemniscate": config.trajectory}
 
 
+@pytest.mark.tried(6)  # each controller once
 @pytest.mark.parametrize("kind", REACHES_CM)
 @pytest.mark.parametrize("path", ["hover", "lemniscate"])
 def test_a_controller_reaches_and_follows_its_reference_within_the_limits(kind: str, path: str) -> None:

@@ -9,7 +9,7 @@ import os
 import re
 import stat
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -25,8 +25,6 @@ from groundstation.interfaces.api.messages import VERSION, StationHello
 from groundstation.machine import ApiError, Latest, StatusConfig, find_socket, socket_path
 from tests.loops import in_real_time
 from tests.sample_flight import Sampled, sample
-
-Scene = Callable[[Path, Latest[Snapshot]], Coroutine[Any, Any, None]]
 
 
 async def listening(path: Path) -> bool:
@@ -57,12 +55,16 @@ async def served(
         await asyncio.sleep(0.02)  # both ends of every connection are closed by then
 
 
-def play(scene: Scene, tmp_path: Path) -> None:
-    async def timed() -> None:
-        async with asyncio.timeout(60.0):
-            await scene(tmp_path / "mqx.sock", Latest())
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Where the socket is."""
+    return tmp_path / "mqx.sock"
 
-    asyncio.run(timed())
+
+@pytest.fixture
+def latest() -> Latest[Snapshot]:
+    """What is served."""
+    return Latest()
 
 
 async def first(path: Path) -> Snapshot:
@@ -71,31 +73,29 @@ async def first(path: Path) -> Snapshot:
     raise AssertionError("nothing was served")
 
 
-def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        async with served(path, latest):
-            early = asyncio.create_task(first(path))
-            await asyncio.sleep(0.05)
-            assert not early.done()
-            latest.put(sample(1.0))
-            assert await early == sample(1.0)
-            latest.put(sample(2.0))
-            assert await first(path) == sample(2.0)
-            stream = snapshots(path)
-            assert await anext(stream) == sample(2.0)
-            latest.put(sample(3.0))
-            assert await anext(stream) == sample(3.0)
+@in_real_time
+async def test_several_clients_get_the_snapshots_and_one_that_joins_late_gets_the_newest(
+    path: Path, latest: Latest[Snapshot]
+) -> None:
+    async with served(path, latest):
+        early = asyncio.create_task(first(path))
+        await asyncio.sleep(0.05)
+        assert not early.done()
+        latest.put(sample(1.0))
+        assert await early == sample(1.0)
+        latest.put(sample(2.0))
+        assert await first(path) == sample(2.0)
+        stream = snapshots(path)
+        assert await anext(stream) == sample(2.0)
+        latest.put(sample(3.0))
+        assert await anext(stream) == sample(3.0)
 
-    play(scene, tmp_path)
 
-
-def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        async with served(path, latest):
-            assert stat.S_IMODE(path.stat().st_mode) == 0o600
-        assert not path.exists()
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(path: Path, latest: Latest[Snapshot]) -> None:
+    async with served(path, latest):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert not path.exists()
 
 
 @contextlib.contextmanager
@@ -120,49 +120,50 @@ async def test_whoever_may_not_open_the_socket_is_told_whose_it_is(tmp_path: Pat
             await ask_station(Request(Ask.LAND), None, path)
 
 
-def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_the_stream(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        seen: list[str] = []
+@in_real_time
+async def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_the_stream(
+    path: Path, latest: Latest[Snapshot]
+) -> None:
+    seen: list[str] = []
 
-        async def watch() -> None:
-            async for snapshot in snapshots(path):
-                seen.append(snapshot.state)
+    async def watch() -> None:
+        async for snapshot in snapshots(path):
+            seen.append(snapshot.state)
 
-        async with served(path, latest, rate_hz=1.0):
-            latest.put(sample(1.0))
-            watcher = asyncio.create_task(watch())
-            while not seen:
-                await asyncio.sleep(0.01)
-            latest.put(sample(2.0, state="landed"))
-        await watcher
-        assert seen == ["tracking", "landed"]
-
-    play(scene, tmp_path)
-
-
-def test_no_client_gets_more_than_the_configured_rate(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        seen = []
-
-        async def watch() -> None:
-            async for snapshot in snapshots(path):
-                seen.append(snapshot)
-
-        async with served(path, latest, rate_hz=10.0):
-            watcher = asyncio.create_task(watch())
-            loop = asyncio.get_running_loop()
-            start = loop.time()
-            for i in range(100):
-                latest.put(sample(0.01 * i))
-                await asyncio.sleep(0.01)
-            watcher.cancel()
-            most = 10.0 * (loop.time() - start) + 2.0
-        assert 3 <= len(seen) <= most < 100
-
-    play(scene, tmp_path)
+    async with served(path, latest, rate_hz=1.0):
+        latest.put(sample(1.0))
+        watcher = asyncio.create_task(watch())
+        while not seen:
+            await asyncio.sleep(0.01)
+        latest.put(sample(2.0, state="landed"))
+    await watcher
+    assert seen == ["tracking", "landed"]
 
 
-def test_nothing_is_encoded_while_nobody_is_attached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@in_real_time
+async def test_no_client_gets_more_than_the_configured_rate(path: Path, latest: Latest[Snapshot]) -> None:
+    seen = []
+
+    async def watch() -> None:
+        async for snapshot in snapshots(path):
+            seen.append(snapshot)
+
+    async with served(path, latest, rate_hz=10.0):
+        watcher = asyncio.create_task(watch())
+        loop = asyncio.get_running_loop()
+        start = loop.time()
+        for i in range(100):
+            latest.put(sample(0.01 * i))
+            await asyncio.sleep(0.01)
+        watcher.cancel()
+        most = 10.0 * (loop.time() - start) + 2.0
+    assert 3 <= len(seen) <= most < 100
+
+
+@in_real_time
+async def test_nothing_is_encoded_while_nobody_is_attached(
+    path: Path, latest: Latest[Snapshot], monkeypatch: pytest.MonkeyPatch
+) -> None:
     encoded = []
     real = msgspec.json.encode
 
@@ -173,56 +174,51 @@ def test_nothing_is_encoded_while_nobody_is_attached(tmp_path: Path, monkeypatch
 
     monkeypatch.setattr(msgspec.json, "encode", count)
 
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        async with served(path, latest):
-            for i in range(20):
-                latest.put(sample(float(i)))
-                await asyncio.sleep(0.005)
-            assert encoded == []
-            await asyncio.gather(*(first(path) for _ in range(5)))
-            assert len(encoded) == 1
-
-    play(scene, tmp_path)
+    async with served(path, latest):
+        for i in range(20):
+            latest.put(sample(float(i)))
+            await asyncio.sleep(0.005)
+        assert encoded == []
+        await asyncio.gather(*(first(path) for _ in range(5)))
+        assert len(encoded) == 1
 
 
-def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        large = msgspec.structs.replace(sample(0.0), reason="x" * 100_000)
-        latest.put(large)
-        async with served(path, latest):
-            sleepy, writer = await asyncio.open_unix_connection(path)
-            stream = snapshots(path)
-            for _ in range(30):
-                assert await anext(stream) == large
-                latest.put(large)
-            got = 0
-            with contextlib.suppress(ConnectionError):
-                while chunk := await sleepy.read(1 << 20):
-                    got += len(chunk)
-            assert got < 20 * 100_000
-            writer.close()
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_a_client_that_does_not_read_is_dropped_and_delays_nobody(path: Path, latest: Latest[Snapshot]) -> None:
+    large = msgspec.structs.replace(sample(0.0), reason="x" * 100_000)
+    latest.put(large)
+    async with served(path, latest):
+        sleepy, writer = await asyncio.open_unix_connection(path)
+        stream = snapshots(path)
+        for _ in range(30):
+            assert await anext(stream) == large
+            latest.put(large)
+        got = 0
+        with contextlib.suppress(ConnectionError):
+            while chunk := await sleepy.read(1 << 20):
+                got += len(chunk)
+        assert got < 20 * 100_000
+        writer.close()
 
 
-def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        core = Sampled()
-        async with served(path, latest, core=core):
-            _, writer = await asyncio.open_unix_connection(path)
-            flood = asyncio.create_task(_flood(writer))
-            await asyncio.sleep(0.3)
-            assert not flood.done()
-            assert 0 < len(core.asked) <= api_server.ORDERS_BURST + api_server.ORDERS_HZ * 0.4
-            async with open_client(path) as client:
-                answer = await client.ask(Request(Ask.LAND, "too windy"))
-                assert answer.done
-                latest.put(sample(2.0))
-                assert await first(path) == sample(2.0)
-            flood.cancel()
-            writer.close()
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_served(
+    path: Path, latest: Latest[Snapshot]
+) -> None:
+    core = Sampled()
+    async with served(path, latest, core=core):
+        _, writer = await asyncio.open_unix_connection(path)
+        flood = asyncio.create_task(_flood(writer))
+        await asyncio.sleep(0.3)
+        assert not flood.done()
+        assert 0 < len(core.asked) <= api_server.ORDERS_BURST + api_server.ORDERS_HZ * 0.4
+        async with open_client(path) as client:
+            answer = await client.ask(Request(Ask.LAND, "too windy"))
+            assert answer.done
+            latest.put(sample(2.0))
+            assert await first(path) == sample(2.0)
+        flood.cancel()
+        writer.close()
 
 
 async def _flood(writer: asyncio.StreamWriter) -> None:
@@ -251,103 +247,95 @@ BAD: dict[str, bytes] = {
 
 
 @pytest.mark.parametrize("line", BAD.values(), ids=BAD)
-def test_what_is_no_order_does_nothing_but_a_counter_one_log_line_and_one_refusal(tmp_path: Path, line: bytes) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        core, log = Sampled(), list[str]()
-        server = Server(StatusConfig(path=str(path)), "mqx", latest, core, log=lambda text, _: log.append(text))
-        task = asyncio.create_task(server.serve())
-        while not path.exists() or not await listening(path):
-            await asyncio.sleep(0.01)
-        reader, writer = await asyncio.open_unix_connection(path)
-        await reader.readline()
-        await reader.readline()
+@in_real_time
+async def test_what_is_no_order_does_nothing_but_a_counter_one_log_line_and_one_refusal(
+    line: bytes, path: Path, latest: Latest[Snapshot]
+) -> None:
+    core, log = Sampled(), list[str]()
+    server = Server(StatusConfig(path=str(path)), "mqx", latest, core, log=lambda text, _: log.append(text))
+    task = asyncio.create_task(server.serve())
+    while not path.exists() or not await listening(path):
+        await asyncio.sleep(0.01)
+    reader, writer = await asyncio.open_unix_connection(path)
+    await reader.readline()
+    await reader.readline()
+    writer.write(line)
+    refusal = msgspec.json.decode(await reader.readline())
+    assert list(refusal) == ["refused"]
+    if len(line) < 60_000:
         writer.write(line)
-        refusal = msgspec.json.decode(await reader.readline())
-        assert list(refusal) == ["refused"]
-        if len(line) < 60_000:
-            writer.write(line)
-            await reader.readline()
-            writer.write(b'{"id": 9, "ask": "land"}\n')
-            assert msgspec.json.decode(await reader.readline())["answer"]["done"]
-            assert core.asked == [Request(Ask.LAND, f"told by client {os.getpid()}")]
-            assert server.refused.total() == 2
-        else:
-            assert await reader.read() == b""
-            assert core.asked == []
-        assert len(log) == 1
-        assert core.gains == {}
+        await reader.readline()
+        writer.write(b'{"id": 9, "ask": "land"}\n')
+        assert msgspec.json.decode(await reader.readline())["answer"]["done"]
+        assert core.asked == [Request(Ask.LAND, f"told by client {os.getpid()}")]
+        assert server.refused.total() == 2
+    else:
+        assert await reader.read() == b""
+        assert core.asked == []
+    assert len(log) == 1
+    assert core.gains == {}
+    writer.close()
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+@in_real_time
+async def test_an_order_that_is_played_again_does_nothing(path: Path, latest: Latest[Snapshot]) -> None:
+    core = Sampled()
+    async with served(path, latest, core=core):
+        reader, writer = await asyncio.open_unix_connection(path)
+        writer.write(b'{"id": 5, "ask": "land"}\n{"id": 5, "ask": "kill"}\n{"id": 4, "ask": "kill"}\n')
+        says = [msgspec.json.decode(await reader.readline()) for _ in range(5)]
+        assert [next(iter(one)) for one in says] == ["hello", "control", "answer", "refused", "refused"]
+        assert [request.ask for request in core.asked] == [Ask.LAND]
         writer.close()
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-    play(scene, tmp_path)
 
 
-def test_an_order_that_is_played_again_does_nothing(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        core = Sampled()
-        async with served(path, latest, core=core):
-            reader, writer = await asyncio.open_unix_connection(path)
-            writer.write(b'{"id": 5, "ask": "land"}\n{"id": 5, "ask": "kill"}\n{"id": 4, "ask": "kill"}\n')
-            says = [msgspec.json.decode(await reader.readline()) for _ in range(5)]
-            assert [next(iter(one)) for one in says] == ["hello", "control", "answer", "refused", "refused"]
-            assert [request.ask for request in core.asked] == [Ask.LAND]
-            writer.close()
-
-    play(scene, tmp_path)
-
-
-def test_one_client_holds_control_until_it_goes_and_anyone_may_land(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        core = Sampled()
-        me = f"tui {os.getpid()}"
-        async with served(path, latest, core=core), open_client(path, "other") as other:
-            assert other.control == Control(None, False)
-            async with open_client(path, "tui") as holder:
-                assert (await holder.take_control()).done
-                assert (await anext(other)) == Control(None, False)
-                assert (await anext(other)) == Control(me, False)
-                assert holder.control == Control(me, True)
-                refused = await other.take_control()
-                assert not refused.done and me in refused.says
-                refused = await other.ask(Request(Ask.TRACK))
-                assert not refused.done and f"control, which {me} holds" in refused.says
-                assert core.asked == []
-                for ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL):
-                    assert (await other.ask(Request(ask, "now"))).done
-                assert (await holder.ask(Request(Ask.TRACK))).done
-                assert not (await holder.ask(Request(Ask.HOLD))).done
+@in_real_time
+async def test_one_client_holds_control_until_it_goes_and_anyone_may_land(path: Path, latest: Latest[Snapshot]) -> None:
+    core = Sampled()
+    me = f"tui {os.getpid()}"
+    async with served(path, latest, core=core), open_client(path, "other") as other:
+        assert other.control == Control(None, False)
+        async with open_client(path, "tui") as holder:
+            assert (await holder.take_control()).done
             assert (await anext(other)) == Control(None, False)
-            assert (await other.take_control()).done
-            assert f"{me} has gone" in core.notes[1]
-        assert core.asked[0] == Request(Ask.LAND, f"now (other {os.getpid()})")
-
-    play(scene, tmp_path)
-
-
-def test_arming_names_the_vehicle(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        core = Sampled()
-        async with served(path, latest, core=core), open_client(path, "tui") as client:
-            assert (await client.take_control()).done
-            for vehicle in ("", "mqy"):
-                answer = await client.ask(Request(Ask.ARM), vehicle=vehicle)
-                assert not answer.done and "expected 'mqx'" in answer.says
+            assert (await anext(other)) == Control(me, False)
+            assert holder.control == Control(me, True)
+            refused = await other.take_control()
+            assert not refused.done and me in refused.says
+            refused = await other.ask(Request(Ask.TRACK))
+            assert not refused.done and f"control, which {me} holds" in refused.says
             assert core.asked == []
-            assert (await client.ask(Request(Ask.ARM), vehicle="mqx")).done
+            for ask in (Ask.LAND, Ask.DESCEND, Ask.ABORT, Ask.KILL):
+                assert (await other.ask(Request(ask, "now"))).done
+            assert (await holder.ask(Request(Ask.TRACK))).done
+            assert not (await holder.ask(Request(Ask.HOLD))).done
+        assert (await anext(other)) == Control(None, False)
+        assert (await other.take_control()).done
+        assert f"{me} has gone" in core.notes[1]
+    assert core.asked[0] == Request(Ask.LAND, f"now (other {os.getpid()})")
 
-    play(scene, tmp_path)
+
+@in_real_time
+async def test_arming_names_the_vehicle(path: Path, latest: Latest[Snapshot]) -> None:
+    core = Sampled()
+    async with served(path, latest, core=core), open_client(path, "tui") as client:
+        assert (await client.take_control()).done
+        for vehicle in ("", "mqy"):
+            answer = await client.ask(Request(Ask.ARM), vehicle=vehicle)
+            assert not answer.done and "expected 'mqx'" in answer.says
+        assert core.asked == []
+        assert (await client.ask(Request(Ask.ARM), vehicle="mqx")).done
 
 
-def test_a_request_to_arm_without_a_name_says_which_one_to_give(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        core = Sampled()
-        async with served(path, latest, core=core):
-            with pytest.raises(ApiError, match="must name it: --vehicle mqx"):
-                await ask_station(Request(Ask.ARM), None, path)
-            assert core.asked == []
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_a_request_to_arm_without_a_name_says_which_one_to_give(path: Path, latest: Latest[Snapshot]) -> None:
+    core = Sampled()
+    async with served(path, latest, core=core):
+        with pytest.raises(ApiError, match="must name it: --vehicle mqx"):
+            await ask_station(Request(Ask.ARM), None, path)
+        assert core.asked == []
 
 
 @pytest.mark.parametrize(
@@ -372,20 +360,21 @@ def test_what_is_no_request_is_refused_in_one_sentence_before_anybody_is_looked_
     assert str(told.value).startswith(wrong) and "\n" not in str(told.value)
 
 
-def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        with pytest.raises(ApiError, match=f"{path}: no ground station serves there"):
-            await ask_station(Request(Ask.LAND), socket=str(path))
-        core = Sampled()
-        async with served(path, latest, core=core):
-            assert (await ask_station(Request(cast("Ask", "land")), socket=str(path))).done
-        assert [one.ask for one in core.asked] == [Ask.LAND]
+@in_real_time
+async def test_a_request_takes_its_socket_as_text_and_says_where_nobody_serves(
+    path: Path, latest: Latest[Snapshot]
+) -> None:
+    with pytest.raises(ApiError, match=f"{path}: no ground station serves there"):
+        await ask_station(Request(Ask.LAND), socket=str(path))
+    core = Sampled()
+    async with served(path, latest, core=core):
+        assert (await ask_station(Request(cast("Ask", "land")), socket=str(path))).done
+    assert [one.ask for one in core.asked] == [Ask.LAND]
 
-    play(scene, tmp_path)
 
-
-def test_the_python_of_the_page_asks_the_station_to_fly_there(
-    short_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@in_real_time
+async def test_the_python_of_the_page_asks_the_station_to_fly_there(
+    short_path: Path, latest: Latest[Snapshot], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
@@ -393,11 +382,8 @@ def test_the_python_of_the_page_asks_the_station_to_fly_there(
     (shown,) = re.findall(r"^```python\n(.*?)^```$", page, re.M | re.S)
     core = Sampled()
 
-    async def scene(_: Path, latest: Latest[Snapshot]) -> None:
-        async with served(short_path / "groundstation" / "mqx.sock", latest, core=core):
-            await asyncio.to_thread(exec, shown, {})
-
-    play(scene, short_path)
+    async with served(short_path / "groundstation" / "mqx.sock", latest, core=core):
+        await asyncio.to_thread(exec, shown, {})
     (asked,) = core.asked
     assert asked.ask is Ask.GOTO and [point.yaw_deg for point in asked.points] == [None, 90.0]
     assert capsys.readouterr().out
@@ -408,181 +394,165 @@ def test_the_page_tells_the_version_that_is_spoken() -> None:
     assert f"## The protocol, version {VERSION}\n" in page and f'{{"hello": {{"version": {VERSION},' in page
 
 
-def test_the_greeting_tells_whom_one_speaks_to(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        about = {"pid": 7, "version": "0.1", "config_text": "[vehicle]\n"}
-        task = asyncio.create_task(
-            Server(StatusConfig(path=str(path)), "mqx", latest, Sampled(), **about).serve()  # type: ignore[arg-type]  # a table
-        )
-        while not path.exists() or not await listening(path):
-            await asyncio.sleep(0.01)
-        async with open_client(path) as client:
-            assert client.hello == StationHello(2, "mqx", 7, "0.1", "[vehicle]\n")
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_the_greeting_tells_whom_one_speaks_to(path: Path, latest: Latest[Snapshot]) -> None:
+    about = {"pid": 7, "version": "0.1", "config_text": "[vehicle]\n"}
+    task = asyncio.create_task(
+        Server(StatusConfig(path=str(path)), "mqx", latest, Sampled(), **about).serve()  # type: ignore[arg-type]  # a table
+    )
+    while not path.exists() or not await listening(path):
+        await asyncio.sleep(0.01)
+    async with open_client(path) as client:
+        assert client.hello == StationHello(2, "mqx", 7, "0.1", "[vehicle]\n")
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
 
 
-def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
-    short_path: Path, monkeypatch: pytest.MonkeyPatch
+@in_real_time
+async def test_a_request_finds_the_only_vehicle_and_wants_a_name_where_there_are_two(
+    short_path: Path, latest: Latest[Snapshot], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_path))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     services = short_path / "services"
 
-    async def scene(_: Path, latest: Latest[Snapshot]) -> None:
-        mine, service = short_path / "groundstation" / "mqx.sock", services / "lab" / "x500.sock"
-        with pytest.raises(ApiError, match="nobody flies a vehicle here"):
-            await find_socket(None, services)
-        async with served(mine, latest):
-            assert await find_socket(None, services) == mine
-            async with served(service, latest):
-                with pytest.raises(ApiError, match="more than one"):
-                    await find_socket(None, services)
-                assert await find_socket("x500", services) == service
-                with pytest.raises(ApiError, match=r"flies '\*'"):
-                    await find_socket("*", services)
-
-    play(scene, short_path)
+    mine, service = short_path / "groundstation" / "mqx.sock", services / "lab" / "x500.sock"
+    with pytest.raises(ApiError, match="nobody flies a vehicle here"):
+        await find_socket(None, services)
+    async with served(mine, latest):
+        assert await find_socket(None, services) == mine
+        async with served(service, latest):
+            with pytest.raises(ApiError, match="more than one"):
+                await find_socket(None, services)
+            assert await find_socket("x500", services) == service
+            with pytest.raises(ApiError, match=r"flies '\*'"):
+                await find_socket("*", services)
 
 
-def test_who_only_reads_keeps_no_order_out(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        latest.put(sample(1.0))
-        core = Sampled()
-        async with served(path, latest, core=core), contextlib.AsyncExitStack() as stack:
-            most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
-            readers = [await stack.enter_async_context(open_client(path)) for _ in range(most)]
-            for reader in readers:
-                await anext(reader)
-            assert (await ask_station(Request(Ask.KILL), None, path)).done
-            assert core.asked[-1].ask is Ask.KILL
-            guest = readers.pop(api_server.CLIENTS_MAX)
-            with pytest.raises(StopAsyncIteration):
-                while True:
-                    await anext(guest)
-            latest.put(sample(2.0))
-            for reader in readers:  # all others are served on
-                while await anext(reader) != sample(2.0):
-                    pass
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_who_only_reads_keeps_no_order_out(path: Path, latest: Latest[Snapshot]) -> None:
+    latest.put(sample(1.0))
+    core = Sampled()
+    async with served(path, latest, core=core), contextlib.AsyncExitStack() as stack:
+        most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
+        readers = [await stack.enter_async_context(open_client(path)) for _ in range(most)]
+        for reader in readers:
+            await anext(reader)
+        assert (await ask_station(Request(Ask.KILL), None, path)).done
+        assert core.asked[-1].ask is Ask.KILL
+        guest = readers.pop(api_server.CLIENTS_MAX)
+        with pytest.raises(StopAsyncIteration):
+            while True:
+                await anext(guest)
+        latest.put(sample(2.0))
+        for reader in readers:  # all others are served on
+            while await anext(reader) != sample(2.0):
+                pass
 
 
-def test_who_holds_control_is_never_dropped_for_another(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        latest.put(sample(1.0))
-        core = Sampled()
-        async with served(path, latest, core=core), contextlib.AsyncExitStack() as stack:
-            most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
-            clients = [await stack.enter_async_context(open_client(path)) for _ in range(most)]
-            for client in clients:
-                await client.ask(Request(Ask.LAND))
-            holder = clients[api_server.CLIENTS_MAX]
-            assert (await holder.take_control()).done
-            for _ in range(most):
-                new = await stack.enter_async_context(open_client(path))
-                assert (await new.ask(Request(Ask.LAND))).done
-            assert (await holder.ask(Request(Ask.RETURN))).done
-            assert core.asked[-1].ask is Ask.RETURN
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_who_holds_control_is_never_dropped_for_another(path: Path, latest: Latest[Snapshot]) -> None:
+    latest.put(sample(1.0))
+    core = Sampled()
+    async with served(path, latest, core=core), contextlib.AsyncExitStack() as stack:
+        most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
+        clients = [await stack.enter_async_context(open_client(path)) for _ in range(most)]
+        for client in clients:
+            await client.ask(Request(Ask.LAND))
+        holder = clients[api_server.CLIENTS_MAX]
+        assert (await holder.take_control()).done
+        for _ in range(most):
+            new = await stack.enter_async_context(open_client(path))
+            assert (await new.ask(Request(Ask.LAND))).done
+        assert (await holder.ask(Request(Ask.RETURN))).done
+        assert core.asked[-1].ask is Ask.RETURN
 
 
-def test_the_socket_of_a_process_that_was_killed_is_replaced(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        process = await asyncio.create_subprocess_exec(sys.executable, "-m", "tests.sample_flight", str(path))
-        while not path.exists():
-            await asyncio.sleep(0.01)
-        process.kill()
-        await process.wait()
-        assert path.exists()
-        latest.put(sample(1.0))
-        async with served(path, latest):
-            assert await first(path) == sample(1.0)
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_the_socket_of_a_process_that_was_killed_is_replaced(path: Path, latest: Latest[Snapshot]) -> None:
+    process = await asyncio.create_subprocess_exec(sys.executable, "-m", "tests.sample_flight", str(path))
+    while not path.exists():
+        await asyncio.sleep(0.01)
+    process.kill()
+    await process.wait()
+    assert path.exists()
+    latest.put(sample(1.0))
+    async with served(path, latest):
+        assert await first(path) == sample(1.0)
 
 
-def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        latest.put(sample(1.0))
-        async with served(path, latest):
-            with pytest.raises(ApiError, match="another ground station is serving this vehicle"):
-                await Server(StatusConfig(path=str(path)), "mqx", latest, Sampled()).serve()
-            assert await first(path) == sample(1.0)
-
-    play(scene, tmp_path)
-
-
-def test_a_file_that_is_no_socket_is_not_touched(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        path.write_text("precious")
-        with pytest.raises(ApiError, match="not a socket"):
+@in_real_time
+async def test_a_second_ground_station_of_the_same_vehicle_is_refused_and_the_first_goes_on(
+    path: Path, latest: Latest[Snapshot]
+) -> None:
+    latest.put(sample(1.0))
+    async with served(path, latest):
+        with pytest.raises(ApiError, match="another ground station is serving this vehicle"):
             await Server(StatusConfig(path=str(path)), "mqx", latest, Sampled()).serve()
-        assert path.read_text() == "precious"
-
-    play(scene, tmp_path)
+        assert await first(path) == sample(1.0)
 
 
-def test_a_folder_that_others_may_write_to_is_refused(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        shared = tmp_path / "shared"
-        shared.mkdir()
-        shared.chmod(0o777)
-        link = tmp_path / "link"
-        link.symlink_to(tmp_path)
-        for folder in (shared, link):
-            with pytest.raises(ApiError, match="must be a folder that belongs to you"):
-                await Server(StatusConfig(path=str(folder / "a.sock")), "mqx", latest, Sampled()).serve()
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_a_file_that_is_no_socket_is_not_touched(path: Path, latest: Latest[Snapshot]) -> None:
+    path.write_text("precious")
+    with pytest.raises(ApiError, match="not a socket"):
+        await Server(StatusConfig(path=str(path)), "mqx", latest, Sampled()).serve()
+    assert path.read_text() == "precious"
 
 
-def test_a_path_too_long_for_a_socket_is_told(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        with pytest.raises(ApiError, match=r"more than the 107 that .* set status\.path to a shorter one"):
-            await Server(StatusConfig(path=str(tmp_path / ("x" * 120))), "mqx", latest, Sampled()).serve()
+@in_real_time
+async def test_a_folder_that_others_may_write_to_is_refused(
+    tmp_path: Path, path: Path, latest: Latest[Snapshot]
+) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path)
+    for folder in (shared, link):
+        with pytest.raises(ApiError, match="must be a folder that belongs to you"):
+            await Server(StatusConfig(path=str(folder / "a.sock")), "mqx", latest, Sampled()).serve()
 
-    play(scene, tmp_path)
+
+@in_real_time
+async def test_a_path_too_long_for_a_socket_is_told(tmp_path: Path, path: Path, latest: Latest[Snapshot]) -> None:
+    with pytest.raises(ApiError, match=r"more than the 107 that .* set status\.path to a shorter one"):
+        await Server(StatusConfig(path=str(tmp_path / ("x" * 120))), "mqx", latest, Sampled()).serve()
 
 
-def test_numbers_that_are_not_finite_reach_the_screen_as_such(tmp_path: Path) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        broken = msgspec.structs.replace(
-            sample(1.0), error_m=math.nan, position_ned=(math.nan, 1.0, math.inf), diagnostics=None
-        )
-        latest.put(broken)
-        async with served(path, latest):
-            seen = await first(path)
-        assert math.isnan(seen.error_m)
-        assert math.isnan(seen.position_ned[0])
-        assert seen.position_ned[1] == 1.0
-        assert not math.isfinite(seen.position_ned[2])
-        assert seen.diagnostics is None
-        assert seen.events == broken.events
-
-    play(scene, tmp_path)
+@in_real_time
+async def test_numbers_that_are_not_finite_reach_the_screen_as_such(path: Path, latest: Latest[Snapshot]) -> None:
+    broken = msgspec.structs.replace(
+        sample(1.0), error_m=math.nan, position_ned=(math.nan, 1.0, math.inf), diagnostics=None
+    )
+    latest.put(broken)
+    async with served(path, latest):
+        seen = await first(path)
+    assert math.isnan(seen.error_m)
+    assert math.isnan(seen.position_ned[0])
+    assert seen.position_ned[1] == 1.0
+    assert not math.isfinite(seen.position_ned[2])
+    assert seen.diagnostics is None
+    assert seen.events == broken.events
 
 
 @pytest.mark.parametrize("line", [b"hello\n", b"[]\n", b'{"vehicle": "a"}\n', b"null\n", b"\xff\n", b"x" * (2 << 20)])
-def test_a_socket_that_serves_something_else_is_told_to_the_reader(tmp_path: Path, line: bytes) -> None:
-    async def scene(path: Path, latest: Latest[Snapshot]) -> None:
-        del latest
+@in_real_time
+async def test_a_socket_that_serves_something_else_is_told_to_the_reader(
+    line: bytes, path: Path, latest: Latest[Snapshot]
+) -> None:
+    del latest
 
-        async def say(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            with contextlib.suppress(ConnectionError):
-                writer.write(line)
-                await writer.drain()
-            writer.close()
+    async def say(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(ConnectionError):
+            writer.write(line)
+            await writer.drain()
+        writer.close()
 
-        server = await asyncio.start_unix_server(say, path)
-        with pytest.raises(ApiError, match=r"mqx\.sock"):
-            await first(path)
-        server.close()
-
-    play(scene, tmp_path)
+    server = await asyncio.start_unix_server(say, path)
+    with pytest.raises(ApiError, match=r"mqx\.sock"):
+        await first(path)
+    server.close()
 
 
 def test_the_socket_is_in_the_users_runtime_folder_unless_the_configuration_says_otherwise(

@@ -65,18 +65,6 @@ def test_the_page_shows_the_flight_takes_no_order_and_fetches_nothing_from_elsew
         assert tab.of("Network.loadingFailed") + tab.of("Runtime.exceptionThrown") + tab.of("Log.entryAdded") == []
 
 
-def test_a_recording_is_played_in_a_browser(tmp_path: Path, needs_program: Callable[..., str]) -> None:
-    log, port = recorded()[0], asyncio.run(free_tcp_port())
-    words = ["-m", "groundstation", "tui", str(log), "--at", "5", "--browser", str(port)]
-    with running(words) as server:
-        assert server.stdout is not None
-        assert log.name in server.stdout.readline()
-        with opened(needs_program(*BROWSERS), f"http://127.0.0.1:{port}/", tmp_path) as tab:
-            tab.until(lambda: "RECORDING" in shown(tab) and "tracking: following the trajectory" in shown(tab))
-            tab.press(" ", 32)
-            tab.until(lambda: "stopped" in shown(tab))
-
-
 def test_the_word_behind_browser_is_a_port_or_the_recording(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     served: list[tuple[int, str]] = []
     monkeypatch.chdir(tmp_path)
@@ -97,11 +85,3 @@ def test_a_page_of_somebody_elses_cannot_look(page: str) -> None:
     for name, value in (("Host", "lab.example:8000"), ("Origin", "http://lab.example"), ("Origin", "null")):
         with pytest.raises(urllib.error.HTTPError, match="403"):
             urllib.request.urlopen(urllib.request.Request(page, headers={name: value}))
-
-
-def test_a_port_that_is_taken_is_said_so(page: str) -> None:
-    port = page.rstrip("/").rpartition(":")[2]
-    words = [sys.executable, "-m", "groundstation", "tui", "--socket", "nobody.sock", "--browser", port]
-    done = subprocess.run(words, capture_output=True, check=False, text=True, timeout=60)
-    assert done.returncode == 2
-    assert f"--browser: cannot listen at 127.0.0.1:{port}" in done.stderr

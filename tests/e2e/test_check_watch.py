@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.lab.pose_stream import PoseStreamSummary
-from tests.e2e.stations import free_udp_port, served
+from tests.e2e.stations import free_udp_port
 
 
 @pytest.fixture
@@ -20,21 +19,6 @@ def silent(tmp_path: Path) -> list[str]:
     config = tmp_path / "lab.toml"
     config.write_text(f'[pose]\nlisten = "127.0.0.1:{free_udp_port()}"\n')
     return [sys.executable, "-m", "groundstation", "check", str(config), "--watch"]
-
-
-def test_a_served_vehicle_is_shown_as_one_object_and_as_a_table() -> None:
-    with served() as room:
-        command = room.station("check")
-        command = [*command[: command.index("--set")], *room.wires, "--watch", "--seconds", "2.5"]
-        done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True, timeout=60)
-        facts = json.loads(done.stdout)
-        assert facts["ok"] is True
-        assert facts["source"] == "vicon"
-        assert set(PoseStreamSummary.__struct_fields__) < set(facts)
-        assert facts["rate_hz"] == pytest.approx(50.0, rel=0.2)
-        assert facts["noise_m"][0] == pytest.approx(3e-4, rel=0.5)
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-        assert "noise at rest" in done.stdout
 
 
 def test_the_exit_code_says_that_no_pose_came(silent: list[str]) -> None:

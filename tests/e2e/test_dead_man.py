@@ -216,6 +216,7 @@ async def failing(folder: Path, fault: str, *options: str) -> None:
         assert after[-1][0] < begun + 1.0 + 0.25 + 2.0 + 0.2
 
 
+@pytest.mark.matrix  # flight/test_dead_man.py in virtual time, at every instant
 def test_a_controller_that_raises_or_blocks_the_program_ends_in_a_bring_down(tmp_path: Path) -> None:
     together(
         failing(tmp_path / "raises", "raise"),
@@ -236,6 +237,7 @@ async def told(folder: Path, *signals: signal.Signals) -> Lab:
 THRICE = (signal.SIGTERM, signal.SIGTERM, signal.SIGTERM)
 
 
+@pytest.mark.tried(1)  # three times, by way of twice; test_frozen_terminal.py sends SIGQUIT
 @pytest.mark.parametrize("signals", [THRICE, (signal.SIGTERM, signal.SIGINT), (signal.SIGQUIT,)], ids=len)
 def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the_motors(
     signals: tuple[signal.Signals, ...], tmp_path: Path

@@ -60,6 +60,7 @@ def test_a_picture_is_xml_as_strict_browsers_want_it(picture: Path) -> None:
     assert ElementTree.parse(picture).getroot().tag == "{http://www.w3.org/2000/svg}svg"
 
 
+@pytest.mark.matrix  # `make docs` builds it; the tests before follow each link
 def test_every_page_is_in_the_site_and_it_is_built_without_a_warning(tmp_path: Path) -> None:
     words = ("-m", "mkdocs", "build", "--strict", "--config-file", str(ROOT / ".mkdocs.yml"), "--site-dir")
     done = subprocess.run(

@@ -59,6 +59,7 @@ def test_commands_go_on_and_the_flight_lands_while_the_terminal_stands_still() -
     assert max(after - before for before, after in pairwise(times)) < 0.3  # where it waited, it would be for ever
 
 
+@pytest.mark.tried(1)  # a terminal, and not a pipe as well
 @pytest.mark.parametrize("how", ["pipe", "terminal"])
 def test_motors_stop_though_nobody_reads(how: str, tmp_path: Path) -> None:
     with served() as room:

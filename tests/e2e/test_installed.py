@@ -32,10 +32,12 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return environment / "bin"
 
 
+@pytest.mark.matrix  # as the next
 def test_it_is_the_wheel_that_runs(programs: Path) -> None:
     code = "import groundstation.runtime.launch, sim, sys; sys.exit(not sim.__file__.startswith(sys.prefix))"
     run(programs / "python", "-P", "-c", code)
 
 
+@pytest.mark.matrix  # unit/links/io/test_child.py has files of the user; `make release` checks each wheel so
 def test_the_programs_need_no_clone_and_take_no_file_of_the_user_for_a_module_of_theirs(programs: Path) -> None:
     run("sh", ROOT / ".ci/check-installed", programs)

@@ -284,6 +284,7 @@ def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(
     play(scene())
 
 
+@pytest.mark.matrix  # test_bystanders.py compares every byte beside a broker that dies
 def test_a_flight_is_held_moved_and_landed_by_mqtt_and_the_death_of_the_broker_delays_no_command(
     lab: LabBroker, key: Path
 ) -> None:

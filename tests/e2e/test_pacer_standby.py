@@ -337,6 +337,7 @@ async def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
                 await asyncio.sleep(0.05)
 
 
+@pytest.mark.tried(1)  # that it dies, or stands still, which the tests of a station have
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @in_real_time
 async def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: signal.Signals, tmp_path: Path) -> None:
@@ -360,6 +361,7 @@ async def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: sign
     assert float(disarmed[0].split()[0]) > lifted[-1] + 0.4, "disarm frames had left for disarm_s"
 
 
+@pytest.mark.tried(1)  # signals
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @in_real_time
 async def test_a_bridge_that_is_told_to_end_lets_nothing_go_but_the_bring_down(

@@ -73,6 +73,7 @@ def at_terminal(room: Room, state: Path) -> Iterator[Terminal]:
         terminal.close()
 
 
+@pytest.mark.matrix  # flight/test_props_off.py goes through it in virtual time
 def test_the_whole_test_is_gone_through_and_kept_and_preflight_finds_it(tmp_path: Path) -> None:
     with served() as room, at_terminal(room, tmp_path) as terminal:
         assert room.server is not None
@@ -124,6 +125,7 @@ def test_the_whole_test_is_gone_through_and_kept_and_preflight_finds_it(tmp_path
         assert ready["verdict"] == "PASS", "it was left disarmed"
 
 
+@pytest.mark.tried(1)  # ends
 @pytest.mark.parametrize("how", ["Ctrl-C", "killed"])
 def test_however_it_ends_the_vehicle_is_disarmed_and_nothing_is_kept(tmp_path: Path, how: str) -> None:
     with served() as room, at_terminal(room, tmp_path) as terminal:

@@ -81,6 +81,7 @@ def test_a_command_that_can_not_be_run_here_is_one_that_the_program_takes(
         assert not end.code, f"{document}: {capsys.readouterr().err}"
 
 
+@pytest.mark.tried(5)  # every seventh
 @pytest.mark.parametrize("block", TESTED, ids=lambda block: block.lines[0])
 def test_the_commands_of_a_block_in_the_documents_work(block: Shown, tmp_path: Path) -> None:
     for name in ("examples", "tests"):

@@ -55,26 +55,6 @@ def test_fly_takes_a_served_vehicle_through_its_trajectory_and_lands_it() -> Non
         assert word in run.stdout
 
 
-def test_the_daemon_lands_on_sigterm_and_its_status_shows_the_flight() -> None:
-    with served() as room:
-        daemon = subprocess.Popen(
-            room.station("daemon", "--arm", "mqx"), stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL
-        )
-        try:
-            on_track = asyncio.run(
-                seen(room.status_socket, lambda s: s.state == "tracking" and s.flight_time_s > 1.5 and s.error_m < 0.1)
-            )
-            assert on_track.pose_rate_hz == pytest.approx(50.0, abs=8.0)
-            daemon.send_signal(signal.SIGTERM)
-            _, log = daemon.communicate(timeout=60)
-        finally:
-            daemon.kill()
-            daemon.wait()
-    assert daemon.returncode == 0, log
-    assert "SIGTERM: landing" in log
-    assert "landed and disarmed" in log
-
-
 def test_a_daemon_that_was_not_told_to_arm_stays_on_the_ground_and_ends_on_sigterm() -> None:
     with served() as room:
         daemon = subprocess.Popen(room.station("daemon"), stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL)
@@ -178,6 +158,7 @@ def test_ctrl_z_does_not_freeze_what_flies_and_signals_that_end_programs_land_it
             station.wait()
 
 
+@pytest.mark.tried(3)  # unit/groundstation/flight/test_checks.py refuses each
 @pytest.mark.parametrize("section", ["link.listen", "link.remote", "pose.listen"])
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.20", "[::]", "lab-pc"])
 def test_fly_refuses_every_address_that_is_not_loopback_without_a_fence_and_says_why(

@@ -69,6 +69,7 @@ async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, lis
     return list(await asyncio.gather(*(one(after, folder / str(i)) for i, after in enumerate(moments))))
 
 
+@pytest.mark.tried(1)  # ten of the fifty moments
 @pytest.mark.parametrize("batches", [1, 5])
 def test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_quarter_of_a_second(
     tmp_path: Path, batches: int

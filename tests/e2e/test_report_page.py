@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import pytest
+
 from groundstation.analysis.identify import find_outside
 from groundstation.analysis.report import report_command
 from groundstation.analysis.report.figures import FIGURES
@@ -37,6 +39,7 @@ def opened(browser: str, page: Path, folder: Path) -> Seen:
     return Seen(title, re.findall(r"CONSOLE.*", done.stderr), {url for url in fetched if not url.startswith("data:")})
 
 
+@pytest.mark.matrix  # flight/test_report.py reads the page
 def test_the_page_opens_without_an_error_and_without_asking_anybody_for_anything(
     tmp_path: Path, needs_program: Callable[..., str]
 ) -> None:

@@ -80,6 +80,7 @@ def heard(config: Any, seconds: float) -> tuple[list[Pose], PoseStatus]:
     return poses, asyncio.run(main())
 
 
+@pytest.mark.tried(2)  # sources
 @pytest.mark.parametrize(
     ("source", "more"),
     [

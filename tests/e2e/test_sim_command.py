@@ -113,6 +113,7 @@ def test_a_crash_exits_1_and_says_why() -> None:
     assert facts["rms_cm"] is None
 
 
+@pytest.mark.tried(5)  # unit tests refuse each
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -217,6 +218,7 @@ def test_a_runs_folder_holds_config_recording_traffic_and_result(tmp_path: Path)
     assert "[controller]" in (folder / "config.toml").read_text()
 
 
+@pytest.mark.tried(1)  # instants
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no /proc, which tells when a process has started")
 @pytest.mark.parametrize("children", [1, 2, 3])
 def test_ctrl_c_while_worker_processes_start_is_told_in_one_line(children: int) -> None:
@@ -243,6 +245,7 @@ for module, names in ((os, "memfd_create pidfd_open sched_setscheduler sched_get
 """A Python without what only Linux has."""
 
 
+@pytest.mark.tried(3)  # commands
 @pytest.mark.parametrize(("words", "code", "says"), [
     (["sim", "fly", "--duration", "5"], 0, "wall time"),
     (["sim", "fly", "--link", "dsm", "--duration", "5"], 0, "wall time"),

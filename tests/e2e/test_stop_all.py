@@ -33,6 +33,7 @@ def _alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
 
 
+@pytest.mark.matrix  # unit/groundstation/interfaces/api/test_stop_all.py has either answer and none
 def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_as_it_wakes(tmp_path: Path) -> None:
     # Their sockets are not where sockets are looked for.
     with (
@@ -61,6 +62,7 @@ def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_
     assert (nobody.returncode, nobody.stdout) == (0, "nothing flies here\n")
 
 
+@pytest.mark.matrix  # unit/groundstation/interfaces/api/test_stop_all.py and the other test of it
 def test_a_flight_with_the_same_body_is_told_and_kill_asks_before_and_reaches_what_stands_ready(tmp_path: Path) -> None:
     with served() as north, served() as south, running(north, tmp_path / "log", "--once") as daemon:
         daemon.says("ready: link and poses are there")

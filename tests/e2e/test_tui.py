@@ -70,6 +70,7 @@ def test_every_part_shows_the_newest_snapshot(stage: Stage) -> None:
     play(scene, stage.path)
 
 
+@pytest.mark.tried(1)  # sizes
 @pytest.mark.parametrize("size", [(80, 24), (200, 60), (30, 8)])
 def test_nothing_is_drawn_outside_a_terminal_of_any_size(size: tuple[int, int]) -> None:
     async def scene(pilot: Pilot[None]) -> None:
@@ -475,6 +476,7 @@ def test_keys_still_work_after_bytes_that_are_no_text(terminal: Terminal, tmp_pa
         terminal.wait_for("twice within 1 s")
 
 
+@pytest.mark.tried(1)  # commands
 @pytest.mark.parametrize(("words", "says"), [
     (["flight.mcap"], "--screenshot FILE.svg draws a picture of it"),
     (["--socket", "nobody.sock"], "groundstation daemon health says in a line how the flight is"),
@@ -500,6 +502,7 @@ def test_a_dashboard_that_would_be_drawn_into_a_file_of_errors_says_so(tmp_path:
     assert "a dashboard needs a terminal" in (tmp_path / "errors.log").read_text()
 
 
+@pytest.mark.tried(2)  # the least and the largest width
 @pytest.mark.parametrize("columns", [60, 80, 120, 200])
 def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns: int) -> None:
     dropped = {"late (older as it came than a command may rest on)": 1234}
@@ -542,6 +545,7 @@ def test_a_low_screen_still_tells_of_the_pose_the_link_and_the_battery(rows: int
     play(scene, Fixed(flown(10.0)), (60, rows))
 
 
+@pytest.mark.tried(1)  # the least width
 @pytest.mark.parametrize("columns", [60, 80, 120])
 def test_every_order_has_its_key_and_its_name_at_every_width(columns: int) -> None:
     async def scene(pilot: Pilot[None]) -> None:

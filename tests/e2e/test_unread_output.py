@@ -11,6 +11,7 @@ import pytest
 from groundstation import load
 
 
+@pytest.mark.tried(2)  # commands
 @pytest.mark.parametrize(
     "words",
     [

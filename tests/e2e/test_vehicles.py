@@ -149,28 +149,6 @@ def test_a_bad_fleet_file_stops_before_anything_is_started(tmp_path: Path) -> No
         assert says in found.stderr
 
 
-def test_a_second_fleet_for_the_same_ground_stations_is_refused(tmp_path: Path) -> None:
-    """Of two that show the same vehicles in different places the stations would take whichever came last."""
-    file, log = fleet_file(tmp_path), tmp_path / "log"
-    with log.open("w") as said:
-        server = started("sim", "serve", "--fleet", str(file), "--duration", "60", into=said)
-        try:
-            until(log, "serving")
-            told = file.read_text("utf-8")
-            elsewhere = tmp_path / "elsewhere.toml"
-            elsewhere.write_text(re.sub(r'listen = ".*"', lambda _: f'listen = "127.0.0.1:{free_udp_port()}"', told))
-            for again, sent in ((file, r"MAVLink to"), (elsewhere, r"poses of ant to")):
-                found = subprocess.run(
-                    [sys.executable, "-m", "sim", "serve", "--fleet", str(again), "--duration", "1"],
-                    capture_output=True, text=True, check=False, timeout=60,
-                )  # fmt: skip
-                assert found.returncode == 2, found.stdout
-                assert re.search(rf"another `groundstation-sim serve` sends {sent} 127.0.0.1:\d+ already", found.stderr)
-        finally:
-            server.terminate()
-            server.wait(60)
-
-
 def started(program: str, *words: str, into: IO[str]) -> "subprocess.Popen[str]":
     return subprocess.Popen(
         [sys.executable, "-m", program, *words], stdin=subprocess.DEVNULL, stdout=into, stderr=into, text=True

@@ -22,6 +22,7 @@ from tests.proving.bench.onlooker import subscribe
 from tests.recordings import recorded
 
 
+@pytest.mark.matrix  # the other viewer is shown a flight; flight/test_viewers.py has what each is sent
 def test_foxglove_is_served_a_flight_as_it_is_recorded_on_this_machine_alone(tmp_path: Path) -> None:
     _, _, records = recorded(duration_s=17.0)
     path = tmp_path / "growing.mcap"

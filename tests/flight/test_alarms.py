@@ -26,6 +26,7 @@ def ended(found: Alarms) -> list[tuple[int, str]]:
     return [(one.seed, one.failed) for one in found.ended]
 
 
+@pytest.mark.tried(3)  # the same scenarios by more seeds
 @pytest.mark.parametrize("first", range(0, 8, 4))
 @pytest.mark.parametrize("scenario", ["adverse", "storm", "gust_front"])
 def test_no_flight_in_bad_air_ends_by_its_poses(scenario: str, first: int) -> None:
@@ -52,6 +53,7 @@ def test_flights_that_a_monitor_ended_once_are_flown(scenario: str, seed: int, w
     assert found.alarm < 0.75, what
 
 
+@pytest.mark.tried(3)  # what is wrong
 @pytest.mark.parametrize("floor", FLOORS, ids=lambda floor: floor.name)
 def test_no_flight_ends_by_its_poses_where_something_is_configured_wrong(floor: object) -> None:
     (*_, watch) = [one for one in plan_floors(Watch("", figure_s=5.0)) if one.floor == floor]
@@ -68,6 +70,7 @@ def test_nor_does_one_of_very_many(scenario: str) -> None:
     assert ended(found) == []
 
 
+@pytest.mark.tried(1)  # seeds
 @pytest.mark.parametrize("seed", [0, 1])
 def test_an_estimate_that_wanders_and_turns_its_heading_does_not_fail(seed: int) -> None:
     wanders = ("sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19")
@@ -77,6 +80,7 @@ def test_an_estimate_that_wanders_and_turns_its_heading_does_not_fail(seed: int)
     assert [one.why for one in found.flights if not one.landed] == []
 
 
+@pytest.mark.tried(1)  # seeds
 @pytest.mark.parametrize("seed", [16, 18])
 def test_an_estimate_that_has_its_height_wrong_on_the_floor_has_touched_down_all_the_same(
     seed: int,

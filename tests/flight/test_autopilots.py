@@ -17,6 +17,7 @@ from tests.loops import in_virtual_time
 AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)
 
 
+@pytest.mark.tried(2)  # each autopilot, each source
 @AUTOPILOT
 @pytest.mark.parametrize("source", ["vicon", "odometry"])
 def test_the_figure_eight_is_flown_on_either(autopilot: str, source: str) -> None:
@@ -144,6 +145,7 @@ def test_check_asks_the_autopilot_what_arming_asks_it(
     assert words in ready.says
 
 
+@pytest.mark.tried(1)  # autopilots; both fly in the next tests, and the signature is the link's
 @AUTOPILOT
 def test_a_signed_flight_is_flown_on_either(autopilot: str, tmp_path: Path) -> None:
     key = tmp_path / "key"

@@ -1,13 +1,12 @@
 """Error budgets: a recorded flight flown again without each source of its error."""
 
 import json
-from pathlib import Path
 
 import msgspec
 import pytest
 
 import groundstation
-from groundstation.analysis.report import FlightColumns, read_columns, report_command
+from groundstation.analysis.report import FlightColumns, read_columns
 from groundstation.interfaces.cli import commands
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS, prepare
@@ -51,6 +50,7 @@ def test_the_model_flies_the_recorded_flight_again() -> None:
     assert groundstation.error_budget is error_budget
 
 
+@pytest.mark.matrix  # of the tool; the other tests of it add up budgets
 @pytest.mark.parametrize(
     ("source", "overrides"),
     [
@@ -84,28 +84,6 @@ def test_without_limits_nothing_saturates_and_without_latency_none_is_told() -> 
     assert changed["losses"][0].outage_s == changed["losses"][0].frame_loss == 0.0
 
 
-def test_arrays_and_wire_bytes_have_the_same_budget(monkeypatch: pytest.MonkeyPatch) -> None:
-    budgets = []
-    disturbed = prepare(SCENARIOS["paper"], ["sim.wind_turbulence=0.2", "sim.pose_loss=0.02"])
-    monkeypatch.setattr(module, "SOURCES", tuple(one for one in SOURCES if one.name in ("gusts", "losses")))
-    for least in (1, 99):
-        monkeypatch.setattr(module, "ARRAYS_FROM", least)
-        budgets.append(compute_budget(*disturbed, seed=0, duration_s=DURATION_S))
-    arrays, wires = ([b.rms_cm, *(one.rms_cm for one in b.contributions)] for b in budgets)
-    assert arrays == pytest.approx(wires, abs=1e-3)
-
-
-def test_a_real_flight_has_the_models_budget_in_the_air_that_the_observer_saw(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = read_columns(recorded("paper", "sim.wind_turbulence=0.3", duration_s=DURATION_S)[0])
-    real.recording.about.update(sim="", scenario="", seed="")
-    monkeypatch.setattr(module, "SOURCES", tuple(one for one in SOURCES if one.name == "gusts"))
-    budget = error_budget(real)
-    assert budget.of.startswith("The model's budget, as nobody knows the truth of a real flight")
-    assert budget.rms_cm is not None and 0.1 < budget.rms_cm < 3.0
-    gusts = by_source(budget)["gusts"]
-    assert gusts.rms_cm is not None and gusts.rms_cm < 0.5 * budget.rms_cm
-
-
 def test_what_has_no_budget_says_why() -> None:
     def said(flight: FlightColumns) -> str:
         budget = error_budget(flight)
@@ -120,29 +98,6 @@ def test_what_has_no_budget_says_why() -> None:
     assert "can't be flown here" in said(flight) or "no code that a recording names is run" in said(flight)
     flight.recording.about["config"] = ""
     assert "holds no configuration" in said(flight)
-
-
-def test_a_report_shows_the_budget_and_prints_it_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("groundstation.analysis.report.figures.FIGURES", ())  # but for its own; test_report.py has all
-    path = recorded(duration_s=DURATION_S)[0]
-    parts = [Contribution(source="noise", means="of poses", rms_cm=0.011, squared_cm2=0.0121)]
-    made = ErrorBudget(of="This flight.", duration_s=17.0, rms_cm=0.1105, contributions=tuple(parts))
-
-    def report(*, only: bool, formats: tuple[str, ...] = ("html",)) -> str:
-        done = report_command(
-            [path], tmp_path, lambda _: [], lambda _: msgspec.to_builtins(made), as_json=False, formats=formats,
-            only_budget=only,
-        )  # fmt: skip
-        assert done == 0
-        return capsys.readouterr().out
-
-    assert "noise" in report(only=True) and not list(tmp_path.iterdir())
-    page = Path(report(only=False).strip()).read_text("utf-8")
-    assert "Error budget of mqx" in page and "need not add up" in page and 'id="budget"' in page
-    assert "0.0121" in page
-    assert str(tmp_path / "budget.pdf") in report(only=False, formats=("pdf",)).split()
 
 
 def test_the_command_computes_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config import ConfigError
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, CampaignRow, Cluster, Local, run
@@ -20,10 +19,6 @@ from sim.studies.campaign import Campaign, CampaignRow, Cluster, Local, run
 pytestmark = pytest.mark.real_time
 
 SEEDS = range(3)
-OTHER_PROGRAM = """
-import sim.studies.campaign.campaign
-sim.studies.campaign.campaign.program_sha256 = lambda: "0" * 64
-"""
 
 
 def _campaign() -> Campaign:
@@ -72,24 +67,7 @@ def _worker(address: str, directory: Path, *options: str) -> Iterator["subproces
         yield process
 
 
-def test_a_cluster_of_processes_flies_the_same_rows(rows: list[CampaignRow], tmp_path: Path) -> None:
-    from distributed import LocalCluster
-
-    with (
-        LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",  # None takes the usual port, where another cluster may be
-            local_directory=str(tmp_path),
-            protocol="tcp://",
-        ) as cluster,
-        Cluster(cluster.scheduler_address) as crew,
-    ):
-        assert crew.workers == 2
-        assert run(_campaign(), SEEDS, crew) == (rows, len(rows))
-
-
+@pytest.mark.matrix  # flight/test_campaign.py flies the same rows in processes of this machine
 def test_a_scheduler_and_two_workers_fly_the_same_rows_and_the_loss_of_one_worker_costs_none(
     rows: list[CampaignRow], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -109,29 +87,3 @@ def test_a_scheduler_and_two_workers_fly_the_same_rows_and_the_loss_of_one_worke
         assert main() == 0
         facts = json.loads(capsys.readouterr().out)
         assert (facts["flights"], facts["flown_now"], facts["workers"]) == (3, 0, 1)
-
-
-def test_a_worker_of_another_program_is_refused(tmp_path: Path) -> None:
-    preload = tmp_path / "other_program.py"
-    preload.write_text(OTHER_PROGRAM)
-    with (
-        _scheduler() as address,
-        _worker(address, tmp_path / "a"),
-        Cluster(address) as crew,
-        _worker(address, tmp_path / "b", "--preload", str(preload)),
-    ):
-        # It came after the crew was checked.
-        with pytest.raises(ConfigError, match=r"runs another program.*sha256 000000000000…"):
-            run(_campaign(), range(8), crew, batch=1)
-        with pytest.raises(ConfigError, match=r"the worker tcp://.* runs another program"):
-            Cluster(address)
-
-
-def test_without_scheduler_or_workers_it_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.studies.campaign.campaign.CONNECT_S", 0.3)
-    with pytest.raises(ConfigError, match=r"--cluster: no Dask scheduler answers at '127.0.0.1:9'"):
-        Cluster("127.0.0.1:9")
-    with pytest.raises(ConfigError, match="--cluster: no Dask scheduler answers at 'nonsense://x'"):
-        Cluster("nonsense://x")
-    with _scheduler() as address, pytest.raises(ConfigError, match=r"has no workers; start some: dask worker tcp://"):
-        Cluster(address)

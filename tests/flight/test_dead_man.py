@@ -144,6 +144,7 @@ def test_a_controller_that_raises_is_survived_by_its_link(pace: str) -> None:
     assert wire.stage.plant.floor.touchdown_m_s < 2.0
 
 
+@pytest.mark.tried(6)  # random instants
 @pytest.mark.parametrize("seed", range(16))
 def test_a_controller_that_stands_still_at_any_instant_for_any_time(seed: int) -> None:
     """Standing still in an await: the rest of the program goes on, poses come in, unless the cameras are covered."""
@@ -254,6 +255,7 @@ def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
     assert wire.reason.startswith("no pose for")
 
 
+@pytest.mark.tried(2)  # vehicles and airs, and who is silent: the poses and the controller once each
 @pytest.mark.parametrize("scenario", ["paper", "adverse", "quad1kg"])
 @pytest.mark.parametrize("cause", CAUSES)
 def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -> None:

@@ -25,11 +25,13 @@ def first(scenario: str) -> str:
     return digest(scenario)
 
 
+@pytest.mark.tried(1)  # scenarios
 @pytest.mark.parametrize("scenario", ["paper", "adverse"])
 def test_two_runs_give_the_same_bytes(scenario: str) -> None:
     assert digest(scenario) == first(scenario)
 
 
+@pytest.mark.tried(1)  # links
 @pytest.mark.parametrize("link", ["mavlink", "rf_bridge"])
 def test_another_process_with_another_hash_seed_gives_the_same_bytes(link: str) -> None:
     code = (

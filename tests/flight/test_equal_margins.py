@@ -188,6 +188,7 @@ def test_every_law_is_searched_over_gains_that_it_has() -> None:
     assert set(EFFORT_RAD_S) == {"paper", "adverse"}
 
 
+@pytest.mark.matrix  # twelve flights of a page of figures, which `make margins` makes
 def test_ours_as_shipped_keeps_the_floors() -> None:
     shipped = next(law for law in SEARCHED_LAWS if not law.start)
     assert EqualTerms()(module._search(shipped), {}, Flyers(1), 0).broken == []

@@ -49,7 +49,6 @@ from groundstation.core.estimation import (
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
 from groundstation.settings import Config
-from sim.scenarios import gale
 from tests.recordings import recorded
 
 GOLDEN = Path(__file__).parents[1] / "golden"
@@ -196,6 +195,7 @@ def imported(folder: Path, path: Path, name: str) -> Path:
     return out
 
 
+@pytest.mark.tried(3)  # layouts
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str, tmp_path: Path) -> None:
     if name == "px4-ulog":
@@ -287,6 +287,7 @@ KEYS = {
 }  # fmt: skip
 
 
+@pytest.mark.tried(1)  # layouts, of which the test before reads each
 @pytest.mark.parametrize("name", ["nanobench", "neural-fly", "own"])
 def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it_down(
     name: str, tmp_path: Path
@@ -321,18 +322,6 @@ def test_a_configuration_with_what_was_told_flies_the_filter_that_was_judged(tmp
     assert f"60 ms, told nothing   {untold['along_mm']:>9.2f}{untold['across_mm']:>9.2f}" in said
 
 
-def test_the_wind_tunnels_own_vehicle_is_predicted_as_well_as_the_filter_says(tmp_path: Path) -> None:
-    """What was derived of its logs, thrust that follows late among it, is told with their layout."""
-    path = neural_fly(tmp_path, flown("gale_0", gale.FULL_N), gale.HOVER)
-    facts = examine_flight(imported(tmp_path, path, "neural-fly"))
-    assert load_mapping("neural-fly").vehicle.thrust_delay_s == gale.THRUST_DELAY_S
-    assert facts["jitter_ms"] == pytest.approx(0.9, rel=0.15)
-    assert 0.7 < facts["nis3"] < 1.4
-    at_60 = facts["prediction"]["60"]
-    assert at_60["across_mm"] < 0.5
-    assert at_60["rms_mm"] < 0.6 * at_60["pvt_rms_mm"]
-
-
 def test_of_a_hover_that_was_written_down_in_millimetres_every_pose_counts(tmp_path: Path) -> None:
     """A source that rounds sees the same place again; that is no pose that its log repeats."""
     rows = [
@@ -348,18 +337,7 @@ def test_of_a_hover_that_was_written_down_in_millimetres_every_pose_counts(tmp_p
     assert facts["prediction"]["60"]["rms_mm"] < 0.7 * facts["prediction"]["60"]["pvt_rms_mm"]
 
 
-def test_stamps_that_are_off_leave_the_filter_consistent_and_cost_nothing_across_the_motion() -> None:
-    exact, late = (
-        examine_flight(recorded("fast", f"sim.pose_jitter_s={jitter_s}", duration_s=8.0)[0])
-        for jitter_s in (0.0, 0.001)
-    )
-    assert late["jitter_ms"] == pytest.approx(1.0, rel=0.15)
-    assert 0.9 * exact["nis3"] < late["nis3"] < 1.4
-    across = [one["prediction"]["60"]["across_mm"] for one in (exact, late)]
-    assert across[1] < 1.5 * across[0]
-    assert late["prediction"]["60"]["rms_mm"] < late["prediction"]["60"]["pvt_rms_mm"]
-
-
+@pytest.mark.tried(1)  # captures
 @pytest.mark.parametrize("name", ["px4_takeoff", "ardupilot_landing"])
 def test_prediction_of_an_autopilots_flight_is_no_worse_than_constant_velocity(name: str, tmp_path: Path) -> None:
     facts = examine_flight(imported(tmp_path, GOLDEN / f"{name}.tlog", "ardupilot-tlog"))
@@ -460,6 +438,7 @@ def test_a_flight_that_mostly_stands_tells_no_wander_of_stamps_that_are_off() ->
     assert measure_wander(stamps, place).velocity < 0.03
 
 
+@pytest.mark.tried(3)  # wanders
 @pytest.mark.parametrize(
     ("white_m", "roams", "moves"),
     [(1e-6, 0.0, 0.2), (1e-4, 0.0, 0.2), (1e-3, 0.0, 0.2), (1e-5, 1e-3, 0.0), (1e-4, 3e-3, 0.0), (1e-4, 1e-3, 0.05)],
@@ -546,6 +525,7 @@ def test_an_acceleration_that_jumps_in_bursts_is_told_from_one_that_wanders_all_
     assert measure_drift(stamps, place + drifts, Wander(0.0, 0.0)).bursts > 1.25
 
 
+@pytest.mark.tried(1)  # stamps, with and without attitudes
 @pytest.mark.parametrize("leans", [True, False], ids=["poses", "positions"])
 @pytest.mark.parametrize("jitter_s", [0.001, 0.002])
 def test_hard_steps_that_nobody_commanded_are_predicted_better_than_by_constant_velocity(
@@ -593,6 +573,7 @@ def test_a_hover_that_nobody_commanded_is_predicted_better_than_by_constant_velo
     assert 0.7 < facts["nis3"] < 1.4
 
 
+@pytest.mark.tried(1)  # gains
 @pytest.mark.parametrize(("gain", "lag_s", "delay_s"), [(6.0, 0.045, 0.05), (7.0, 0.15, 0.02)])
 def test_an_attitude_loop_is_found_with_its_delay(gain: float, lag_s: float, delay_s: float) -> None:
     time = np.arange(2000) / 100.0
@@ -697,6 +678,7 @@ def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
     assert "identified" not in facts
 
 
+@pytest.mark.tried(1)  # by how much
 @pytest.mark.parametrize("back_s", [0.07, 5.0, 1e5])
 def test_of_a_flight_whose_clock_is_set_back_the_longer_part_is_judged_and_it_is_said(
     back_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]

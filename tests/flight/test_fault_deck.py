@@ -23,9 +23,6 @@ from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import Quadrotor, SimulatedVehicle, Wind, World
 from tests.proving.faults import (
-    CASES,
-    FAULTS,
-    MOMENTS,
     Cell,
     Copy,
     Fault,
@@ -35,12 +32,10 @@ from tests.proving.faults import (
     Row,
     Scene,
     check_forced,
-    deal_cells,
     fly_all,
     fly_cell,
     fly_here,
     fly_together,
-    quick,
     text,
 )
 from tests.proving.faults.faults import dropout
@@ -100,6 +95,7 @@ FORCED = [
 """Doubts, and how a flight on MAVLink ends that they are forced upon."""
 
 
+@pytest.mark.tried(5)  # every third of the deck's cells
 @pytest.mark.parametrize(("case", "state", "reaction"), CELLS)
 def test_a_fault_ends_safely(case: str, state: str, reaction: str) -> None:
     row = fly_cell(case, state)
@@ -109,6 +105,7 @@ def test_a_fault_ends_safely(case: str, state: str, reaction: str) -> None:
     assert (row.touchdown_m_s or 0.0) < TOUCHDOWN_M_S
 
 
+@pytest.mark.tried(6)  # families of lies
 @pytest.mark.parametrize(("case", "state", "link"), LIES)
 def test_poses_that_lie_lead_the_vehicle_nowhere(case: str, state: str, link: str) -> None:
     row = fly_cell(case, state, link=link)
@@ -161,6 +158,7 @@ def test_an_estimator_that_resets_its_heading_has_the_true_one_again_and_says_so
     assert seen() == (0, 1)
 
 
+@pytest.mark.tried(2)  # states
 @pytest.mark.parametrize("state", ["take-off", "tracking", "landing", "descent"])
 def test_where_only_answers_get_lost_the_descent_is_no_fall(state: str) -> None:
     row = fly_cell("one way silent: answers", state)
@@ -177,6 +175,7 @@ def test_what_a_radio_vehicle_can_not_be_asked_for_is_said() -> None:
     assert row.exemption == "no link"
 
 
+@pytest.mark.tried(1)  # faults
 @pytest.mark.parametrize("case", ["latency step", "frame loss"])
 def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall(case: str) -> None:
     row = fly_cell(case, "landing", seed=3, scenario="adverse", overrides=FAR)
@@ -185,18 +184,12 @@ def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall(case
     assert row.touchdown_m_s < 0.95
 
 
+@pytest.mark.tried(1)  # at take-off as at landing
 @pytest.mark.parametrize("state", ["take-off", "landing"])
 def test_a_floor_that_few_poses_show_is_felt_before_the_model_falls_through_it(state: str) -> None:
     row = fly_cell("few frames: every 11th", state)
     assert row.safe, row.why
     assert "descent" not in row.reaction
-
-
-def test_rotors_that_can_not_hold_the_vehicle_are_not_asked_for_a_soft_touchdown() -> None:
-    weak = fly_cell("motors: 70 %", "landing", scenario="adverse", overrides=FAR)
-    assert weak.safe, weak.why
-    assert weak.exemption == "weak rotors"
-    assert fly_cell("motors: 70 %", "landing").exemption == ""
 
 
 def test_a_bring_down_by_rates_alone_is_too_hard_for_a_vehicle_that_could_land_itself() -> None:
@@ -217,16 +210,6 @@ def test_a_flight_is_flown_to_its_end_however_far_it_goes() -> None:
     assert not row.safe
     assert row.sideways_m > 6.0
     assert row.worst > 1.5
-
-
-def test_the_quick_deck_has_every_fault_of_virtual_time_and_every_state() -> None:
-    work = quick()
-    assert len(work) == len(set(work)) >= 20
-    flown = {name for name, cases in FAULTS.items() if CASES[cases[0]].strike is not None}
-    assert {cell.case.partition(": ")[0] for cell in work} == flown
-    assert {cell.state for cell in work} == set(MOMENTS)
-    assert not any(cell.live for cell in work)
-    assert set(work) < set(deal_cells())
 
 
 def judged(time_s: float, thrust: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> str:
@@ -315,6 +298,7 @@ def test_honest_flights_are_told_with_the_same_flight_without_guards(
     assert one["far_m"] != other["far_m"], "each seed has a direction of its own"
 
 
+@pytest.mark.matrix  # of the tool that flies the table of faults
 @pytest.mark.parametrize(
     ("cases", "link"), [(["dropout", "gust", "controller exception"], "mavlink"), (["freeze", "mirrored: x"], "dsm")]
 )

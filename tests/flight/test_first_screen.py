@@ -25,6 +25,7 @@ def vector(line: str, text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in found[1].split(","))
 
 
+@pytest.mark.tried(2)  # too little, and right
 @pytest.mark.parametrize("wrong", ["sim.thrust_gain=0.9", "sim.mass_kg=0.086", "sim.thrust_gain=1.0"])
 def test_what_the_law_makes_out_is_told_beside_what_it_should(wrong: str) -> None:
     """Wind, and what thrust and mass are off: λ takes a part of that, which is added to b̂."""
@@ -82,6 +83,7 @@ def test_what_the_operator_was_warned_of_stands_on_it(
     assert re.search(rf"^ +\d+\.\d\d s +{late}", capsys.readouterr().out, re.MULTILINE)
 
 
+@pytest.mark.tried(4)  # latencies
 @pytest.mark.parametrize(("scenario", "late_ms", "told"), [
     *(("paper", late_ms, late_ms not in (0, 8)) for late_ms in (0, 8, 15, 20, 30, -15)),
     ("rotors_mqx", 0, False),

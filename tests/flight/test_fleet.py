@@ -78,6 +78,7 @@ def test_three_vehicles_fly_side_by_side_and_keep_apart() -> None:
     assert all(one.home_m < 0.1 for one in mission.vehicles)
 
 
+@pytest.mark.tried(1)  # sources
 @pytest.mark.parametrize("source", ["natnet", "qualisys", "json"])
 def test_every_source_that_shows_several_bodies_serves_a_fleet(source: str) -> None:
     mission = flown(2, *HOLD, source=source, figure_s=0.5)

@@ -23,19 +23,23 @@ def of(law: str) -> list[PublishedFlight]:
     return [one for one in flown() if one.law == law]
 
 
+@pytest.mark.matrix  # a study of others' flights; that the tunnel pushes as it is told, other tests of this file hold
 def test_thirteen_of_fifteen_published_figures_are_given_back_within_thirty_percent() -> None:
     assert len(flown()) == 15
     assert sum(one.close for one in flown()) >= 13
 
 
+@pytest.mark.matrix  # as before
 def test_without_aerodynamics_at_most_nine_are_so_that_the_test_has_power() -> None:
     assert sum(one.close for one in flown(aerodynamics=False)) <= 9
 
 
+@pytest.mark.matrix  # as before
 def test_the_baselines_height_leads_its_reference() -> None:
     assert all(50.0 <= one.lead_z_ms <= 150.0 for one in of("pid"))
 
 
+@pytest.mark.matrix  # as before
 def test_only_adaptation_by_a_share_stands_off_in_the_wind() -> None:
     strong = [abs(one.offset_x_cm) for one in of("l1")[2:]]
     for found, measured in zip(strong, (9.4, 9.4, 19.0), strict=True):
@@ -84,6 +88,7 @@ def test_stamps_that_are_off_show_a_moving_vehicle_elsewhere_along_its_way() -> 
     assert seen.position_ned == pytest.approx((2e-3, 0.0, -1e-3))
 
 
+@pytest.mark.matrix  # a study of others' flights; test_alarms.py flies in bad air, and no guard answers
 @pytest.mark.parametrize(
     ("told", "wind"),
     [

@@ -22,6 +22,7 @@ def told(scenario: str, *overrides: str, source: str = "vicon", duration_s: floa
     ]
 
 
+@pytest.mark.tried(1)  # scenarios
 @pytest.mark.parametrize("scenario", list(SCENARIOS))
 def test_no_pose_of_any_scenario_is_dropped_or_changed(scenario: str) -> None:
     world, config = prepare(SCENARIOS[scenario], [])
@@ -33,6 +34,7 @@ def test_no_pose_of_any_scenario_is_dropped_or_changed(scenario: str) -> None:
     assert all(gate.take(pose) == (pose, None) for pose in poses)
 
 
+@pytest.mark.tried(1)  # sources
 @pytest.mark.parametrize("source", ["vicon", "natnet", "json", "vision"])
 def test_a_short_mix_up_of_bodies_does_not_reach_the_controller(source: str) -> None:
     mishaps = ("sim.swap_s=0.1", "sim.mishap_period_s=4", "sim.other_bodies=2")

@@ -95,6 +95,7 @@ def test_poses_that_stay_away_are_followed_by_the_descent_and_then_by_the_bring_
     assert flown.touchdown_m_s < 3.5
 
 
+@pytest.mark.tried(1)  # places
 @pytest.mark.parametrize("wrong", [elsewhere, turned])
 def test_a_few_poses_that_jump_are_not_believed_and_change_nothing(wrong: Wrong) -> None:
     flown = mission(seeing(wrong, 0.1))
@@ -132,6 +133,7 @@ def test_an_autopilot_that_a_pilot_takes_over_is_his_at_once_and_nothing_leaves_
     assert len(set(at_end)) <= 1
 
 
+@pytest.mark.tried(2)  # instants between two heartbeats
 @pytest.mark.parametrize("wait_s", [1.0, 1.4, 1.8])
 @pytest.mark.parametrize("blind", [False, True], ids=["sees", "blind"])
 def test_who_takes_over_between_two_heartbeats_keeps_it_although_the_vehicle_then_obeys_us_no_more(

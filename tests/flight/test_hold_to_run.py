@@ -121,6 +121,7 @@ def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: st
     assert hand.closed
 
 
+@pytest.mark.tried(2)  # each autopilot, each loss
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize(
     ("after", "why", "within_s"),

@@ -16,7 +16,7 @@ from groundstation.core.vehicle import Vehicle
 from groundstation.settings import Config
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies import FOUND_IN_FLIGHT, coverage_table, identify_flights, remake, remake_all, vehicles
+from sim.studies import FOUND_IN_FLIGHT, coverage_table, remake, remake_all, vehicles
 from sim.studies.intervals import ToldInterval, truths
 from sim.studies.vehicles import FoundInFlight
 from tests.recordings import recorded
@@ -79,15 +79,6 @@ def test_lags_delay_and_thrust_of_a_vehicle_in_gusts_are_found() -> None:
     assert value("attitude_noise") == pytest.approx(0.004, rel=0.1)
 
 
-@pytest.mark.parametrize(("scenario", "to"), [("quad1kg", 0.001), ("gale_0", 0.05)])
-def test_the_drag_that_a_scenario_tells_is_what_is_found_in_flight(scenario: str, to: float, tmp_path: Path) -> None:
-    flight = recorded(scenario, *SET[:2], "vehicle.drag_per_s=0", seed=1, duration_s=22.0)[0]
-    one = printed(flight, tmp_path / "found.toml")["parameters"]["drag"]
-    drag = SCENARIOS[scenario].told.drag_per_s
-    assert one["interval"][0] < drag < one["interval"][1]
-    assert drag == pytest.approx(one["value"], abs=to)
-
-
 def test_every_figure_has_an_interval_a_unit_and_what_was_told() -> None:
     assert facts()["whole"]
     units = {"thrust_lag": "s", "drag": "1/s", "position_noise": "m", "attitude_noise": "rad", "thrust_scale": ""}
@@ -114,39 +105,8 @@ def test_the_vehicle_file_is_one_and_says_how_sure_it_is() -> None:
     assert "told 0.1061" in text
 
 
-def test_told_what_was_found_it_flies_its_figure_better() -> None:
-    truth = [f"sim.{key}={value}" for key, value in TRUTH.items()]
-    told = recorded("adverse", *truth, f"vehicle.file={facts()['vehicle_file']}", duration_s=20.0)[1].verdict
-    before = recorded("adverse", *truth, duration_s=20.0)[1].verdict
-    assert told.rms_cm is not None
-    assert before.rms_cm is not None
-    assert told.rms_cm < 0.8 * before.rms_cm
-
-
-def test_a_recording_that_was_cut_off_is_read_as_far_as_it_goes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    whole = log().read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
-    assert identify_command(tmp_path / "cut.mcap", None, None, as_json=False) == 0
-    text = capsys.readouterr().out
-    assert "The recording was cut off. This is from what is in it before." in text
-    assert "thrust lag" in text
-    (tmp_path / "early.mcap").write_bytes(whole[: len(whole) // 10])
-    with pytest.raises(ConfigError, match=r"8 s are the least: fly trajectory\.kind = 'excitation'"):
-        identify_command(tmp_path / "early.mcap", None, None, as_json=False)
-
-
 def excited(flown: FoundInFlight) -> Path:
     return recorded(flown.scenario, *flown.overrides, seed=flown.seed, duration_s=flown.duration_s)[0]
-
-
-def test_a_fast_vehicle_with_much_drag_is_found_to_a_percent(capsys: pytest.CaptureFixture[str]) -> None:
-    assert identify_command(excited(FOUND_IN_FLIGHT[0]), None, None, as_json=True) == 0
-    found = json.loads(capsys.readouterr().out)["parameters"]
-    for name, true in (("thrust_scale", 1.0), ("drag", 1.0), ("thrust_lag", 0.030), ("rate_lag", 0.020)):
-        assert found[name]["value"] == pytest.approx(true, rel=0.03)
-    assert abs(found["rate_delay"]["value"]) < 0.001
 
 
 def test_an_excitation_in_a_storm_stays_within_two_tenths_of_a_metre_of_its_point() -> None:
@@ -161,11 +121,13 @@ def test_an_excitation_in_a_storm_stays_within_two_tenths_of_a_metre_of_its_poin
     assert 0.1 < max(off_m) < 0.2
 
 
+@pytest.mark.matrix  # `make vehicles` flies and writes them; the test of gusts finds lags, delay and thrust
 @pytest.mark.parametrize("flown", FOUND_IN_FLIGHT, ids=lambda flown: flown.vehicle)
 def test_the_file_of_a_vehicle_that_comes_along_has_what_its_flight_tells(flown: FoundInFlight) -> None:
     assert remake(flown, excited(flown)) == presets(Vehicle)[flown.vehicle], "make it anew: make vehicles"
 
 
+@pytest.mark.matrix  # of `make vehicles`, whose files are compared
 def test_a_figure_that_was_found_takes_the_place_of_the_one_before_and_nothing_else_changes(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -182,6 +144,7 @@ def test_a_figure_that_was_found_takes_the_place_of_the_one_before_and_nothing_e
         remake_all(tmp_path / "nowhere")
 
 
+@pytest.mark.matrix  # test_scenarios.py flies by what is told; the test of gusts finds lags, delay and thrust
 @pytest.mark.parametrize(
     ("scenario", "thrust_lag_s", "rate_lag_s"),
     [("rotors_mqx_radio", 0.109, 0.104), ("rotors_mqx", 0.041, 0.054), ("rotors_quad1kg", 0.043, 0.042)],
@@ -215,13 +178,6 @@ QUIET = (
 )
 
 
-def test_of_a_flight_that_moves_nothing_no_vehicle_file_is_written(tmp_path: Path) -> None:
-    path = recorded("paper", *QUIET, duration_s=10.0)[0]
-    with pytest.raises(ConfigError, match=r"--out: nothing to write: .* fly trajectory\.kind = 'excitation'"):
-        identify_command(path, tmp_path / "none.toml", None, as_json=False)
-    assert not (tmp_path / "none.toml").exists()
-
-
 def test_no_file_is_written_over_and_the_page_says_that_it_needs_matplotlib(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,12 +196,6 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
         identify_command(tmp_path / "notes.txt", None, None, as_json=True)
     with pytest.raises(ConfigError, match="LOG: cannot read"):
         identify_command(tmp_path / "missing.mcap", None, None, as_json=True)
-
-
-def test_an_interval_that_a_flight_tells_holds_the_truth() -> None:
-    (told,) = identify_flights("adverse", 1)
-    lag = next(one for one in told if one.name == "rate_lag")
-    assert lag.low <= truths("adverse")["rate_lag"] <= lag.high
 
 
 def test_the_truth_of_a_scenario_is_counted_where_it_lies_within_what_was_told() -> None:

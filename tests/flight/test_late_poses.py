@@ -77,6 +77,7 @@ def text(told: list[str], word: str) -> str:
     return next((line for line in told if word in line), "")
 
 
+@pytest.mark.tried(3)  # sources
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize("late_s", [0.1, 0.2])
 def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(source: str, late_s: float) -> None:
@@ -89,6 +90,7 @@ def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(source: s
         assert f"poses come {1e3 * late_s:.0f} ms later than they did" in text(told, "later")
 
 
+@pytest.mark.tried(2)  # sources
 @pytest.mark.parametrize("source", SOURCES)
 def test_a_flight_whose_poses_come_older_than_commands_may_rest_on_one_ends_as_if_none_came(source: str) -> None:
     mission, told, _ = late(source, 0.4)
@@ -100,6 +102,7 @@ def test_a_flight_whose_poses_come_older_than_commands_may_rest_on_one_ends_as_i
     assert mission.touchdown_m_s < 2.5
 
 
+@pytest.mark.tried(1)  # vehicles
 @pytest.mark.parametrize(("scenario", "late_s"), [("paper", 0.02), ("quad1kg", 0.02)])
 def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(scenario: str, late_s: float) -> None:
     latency_s = SCENARIOS[scenario].world.pose_latency_s

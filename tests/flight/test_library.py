@@ -4,8 +4,6 @@ import asyncio
 import json
 import math
 import re
-import subprocess
-import sys
 import traceback
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -136,6 +134,7 @@ def test_a_flight_is_saved_as_a_folder_of_tables_and_onto_itself(run: gs.Run, tm
     assert run.path.read_bytes() == before
 
 
+@pytest.mark.tried(1)  # formats
 @pytest.mark.parametrize("form", ["npz", "mat", "parquet"])
 def test_a_flight_is_saved_in_the_formats_that_others_read(run: gs.Run, form: str, tmp_path: Path) -> None:
     errors = run["errors"]["error_m"]
@@ -324,17 +323,6 @@ def test_one_name_needs_no_brackets() -> None:
     assert flown.facts["log_sha256"] == again.facts["log_sha256"]
     with pytest.raises(ConfigError, match="got 'papr'"):
         gs.compare("pid", scenarios="papr")
-
-
-def test_a_script_that_asks_for_workers_at_once_is_told_what_it_lacks(tmp_path: Path) -> None:
-    script = tmp_path / "script.py"
-    script.write_text(
-        "import groundstation as gs\ngs.compare('pid', scenarios='paper', duration=16.5, seeds=2, workers=2)\n", "utf-8"
-    )
-    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
-    assert ran.returncode == 1
-    assert ran.stderr.count("Traceback") == 1
-    assert 'needs `if __name__ == "__main__":` above what it does' in ran.stderr
 
 
 def test_an_error_in_a_trajectory_names_the_trajectory() -> None:
@@ -529,6 +517,7 @@ def cells() -> Iterator[str]:
             yield "".join(cell["source"])
 
 
+@pytest.mark.matrix  # the next test runs the page's examples, and another flies in a running loop
 def test_the_example_notebook_runs_from_its_first_cell_to_its_last_in_a_running_loop() -> None:
     async def run_all() -> dict[str, Any]:
         names: dict[str, Any] = {"__name__": "__main__"}

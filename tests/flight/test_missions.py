@@ -43,6 +43,7 @@ def in_state(state: State, ask: Ask, after_s: float = 0.3) -> Script:
     return script
 
 
+@pytest.mark.tried(1)  # airs
 @pytest.mark.parametrize(("scenario", "rms_cm"), [("paper", 0.3), ("adverse", 3.0)])
 def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scenario: str, rms_cm: float) -> None:
     flown = mission(scenario, figure_s=18.0)
@@ -58,6 +59,7 @@ def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scena
     assert flown.tilt_max_deg < 30.0
 
 
+@pytest.mark.tried(1)  # scenarios
 @pytest.mark.parametrize("scenario", ["fast", "storm", "quad1kg"])
 def test_every_scenario_takes_off_and_lands(scenario: str) -> None:
     flown = mission(scenario, *SHORT, seed=1)
@@ -66,6 +68,7 @@ def test_every_scenario_takes_off_and_lands(scenario: str) -> None:
     assert flown.touchdown_m_s <= 0.5
 
 
+@pytest.mark.tried(1)  # each flies in contract/test_controllers.py
 @pytest.mark.parametrize("controller", ["geometric", "l1", "pid", "indi"])
 def test_every_controller_takes_off_and_lands(controller: str) -> None:
     flown = mission("paper", *SHORT, f"controller.kind={controller}")
@@ -90,6 +93,7 @@ def test_other_poses_and_another_autopilot(source: str, autopilot: str) -> None:
     assert flown.landed, flown.fault or flown.why
 
 
+@pytest.mark.tried(1)  # links
 @pytest.mark.parametrize("link", ["dsm", "rf_bridge"])
 def test_a_radio_without_telemetry(link: str) -> None:
     flown = mission("adverse", *SHORT, link=link)
@@ -203,6 +207,7 @@ def test_landing_is_possible_in_every_state(state: State) -> None:
     assert flown.touchdown_m_s is None or flown.touchdown_m_s < 0.5
 
 
+@pytest.mark.tried(2)  # states
 @pytest.mark.parametrize(
     ("scenario", "state"),
     [
@@ -240,6 +245,7 @@ KILLED = [State.CONNECTING, State.READY, State.ARMING, *IN_AIR[:3], State.LANDIN
 ABORTED = [State.CONNECTING, State.ARMING, State.TAKEOFF, State.TRACKING, State.DISARMING]
 
 
+@pytest.mark.tried(5)  # unit/groundstation/core/mission/test_mission.py has every state
 @pytest.mark.parametrize(
     ("ask", "end", "state"),
     [*((Ask.KILL, State.KILLED, s) for s in KILLED), *((Ask.ABORT, State.ABORTED, s) for s in ABORTED)],
@@ -363,6 +369,7 @@ def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_though_it_was_told_to
     assert [one.state for one in flown.states][-4:] == ["hold", "landing", "disarming", "landed"]
 
 
+@pytest.mark.tried(1)  # ways to end; test_replay.py flies others again
 @pytest.mark.parametrize("ask", [Ask.LAND, Ask.DESCEND])
 def test_a_mission_from_the_floor_is_flown_again_from_its_recording_to_the_last_bit(tmp_path: Path, ask: Ask) -> None:
     world, config = prepare(SCENARIOS["adverse"], list(SHORT))

@@ -36,6 +36,7 @@ def flown_cm(folder: Path, vehicle: str, trajectory: str, duration_s: float, *ov
     return [100.0 * math.dist(place, at(time_s - starts[0])) for time_s, place in places]
 
 
+@pytest.mark.tried(1)  # vehicles
 @pytest.mark.parametrize("name", presets(Vehicle))
 @pytest.mark.parametrize("trajectory", ["hold", "lemniscate"])
 def test_every_vehicle_that_comes_along_holds_and_flies_the_eight(name: str, trajectory: str, tmp_path: Path) -> None:
@@ -44,6 +45,7 @@ def test_every_vehicle_that_comes_along_holds_and_flies_the_eight(name: str, tra
     assert math.sqrt(sum(e * e for e in late) / len(late)) < 0.3
 
 
+@pytest.mark.tried(1)  # courses, which contract/test_trajectories.py has
 @pytest.mark.parametrize(
     "trajectory",
     ['kind = "waypoints"\nfile = "course.csv"', SQUARE, 'kind = "lemniscate"\nlaps = 1\nramp_s = 3.0\nspeed_m_s = 1.0'],

@@ -73,6 +73,7 @@ def test_after_the_last_command_only_its_bring_down_is_left() -> None:
     assert command.command.bring_down, "down on the model"
 
 
+@pytest.mark.tried(1)  # lies
 @pytest.mark.parametrize(
     ("case", "link"),
     [("frozen", "mavlink"), ("frozen", "dsm"), ("late: 200 ms, fresh stamps", "mavlink")],
@@ -88,6 +89,7 @@ def test_a_flight_whose_poses_fail_is_flown_again_to_the_last_bit(case: str, lin
     assert facts["commands"] == ticks > 100
 
 
+@pytest.mark.tried(1)  # links, seeds
 @pytest.mark.parametrize("seed", [0, 4])
 @pytest.mark.parametrize("link", ["mavlink", "dsm"])
 def test_a_wind_across_that_turns_in_five_seconds_is_no_mirrored_picture(link: str, seed: int) -> None:
@@ -96,6 +98,7 @@ def test_a_wind_across_that_turns_in_five_seconds_is_no_mirrored_picture(link: s
     assert fly_mission(world, config, seed=seed).landed
 
 
+@pytest.mark.tried(1)  # speeds
 @pytest.mark.parametrize(("speed_m_s", "acceleration_m_s2"), [(3.0, 10.0), (5.0, 6.0)])
 def test_a_climb_that_is_told_to_be_hard_asks_for_no_more_thrust_than_it_may_have(
     speed_m_s: float, acceleration_m_s2: float

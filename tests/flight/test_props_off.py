@@ -298,19 +298,16 @@ def test_an_answer_that_is_not_yes_ends_it_with_the_motors_off(number: int) -> N
 
 
 @pytest.mark.parametrize("after_s", [0.5, 2.0, 4.0, 11.0, 24.0])
-def test_an_interruption_at_any_time_ends_it_with_the_motors_off(after_s: float) -> None:
+@in_virtual_time
+async def test_an_interruption_at_any_time_ends_it_with_the_motors_off(after_s: float) -> None:
     scene = Scene(WHOLE)
-
-    async def main() -> None:
-        guided = asyncio.create_task(scene.guide())
-        await asyncio.sleep(after_s)
-        guided.cancel()
-        await asyncio.sleep(0.02)
-        guided.cancel()  # an operator who presses twice
-        with pytest.raises(asyncio.CancelledError):
-            await guided
-
-    in_virtual_time(main)()
+    guided = asyncio.create_task(scene.guide())
+    await asyncio.sleep(after_s)
+    guided.cancel()
+    await asyncio.sleep(0.02)
+    guided.cancel()  # an operator who presses twice
+    with pytest.raises(asyncio.CancelledError):
+        await guided
     assert scene.hands
     assert all(hand.end in ("off", "killed") for hand in scene.hands)
     assert len(scene.disarming) == sum(hand.end == "killed" for hand in scene.hands)

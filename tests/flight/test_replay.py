@@ -37,6 +37,7 @@ def edited(path: Path, target: Path, edit: Callable[[Entry, dict[str, Any]], dic
     return target
 
 
+@pytest.mark.tried(3)  # sources and links
 @pytest.mark.parametrize(
     ("scenario", "overrides", "source"),
     [

@@ -22,6 +22,7 @@ from tests.flight.test_missions import SHORT, mission
 from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame
 
 
+@pytest.mark.tried(1)  # links, in two airs
 @pytest.mark.parametrize(
     ("scenario", "link", "limit_cm"),
     [
@@ -39,6 +40,7 @@ def test_every_radio_link_flies_as_well_as_the_scenario_demands(scenario: str, l
     assert result.verdict.rms_cm < limit_cm
 
 
+@pytest.mark.tried(1)  # links
 @pytest.mark.parametrize("link", ["dsm", "crsf", "rf_bridge"])
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(link: str) -> None:
     world, config = prepare(SCENARIOS["adverse"], [], link=link)
@@ -76,6 +78,7 @@ def test_a_radio_brings_no_poses() -> None:
         fly(world, config, seed=0, duration_s=1.0)
 
 
+@pytest.mark.tried(1)  # links
 @pytest.mark.parametrize("link", ["dsm", "crsf", "rf_bridge"])
 def test_the_vehicles_thrust_curve_is_straightened_on_the_way(link: str) -> None:
     curved = ["sim.thrust_curve=0.6"]

@@ -7,22 +7,6 @@ import pytest
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
-from tests.flight.flights import flown
-
-
-@pytest.mark.parametrize(
-    ("keys", "delay_s"),
-    [(("command_delay_s",), 0.03), (("rate_delay_s", "thrust_delay_s"), 0.03), (("rate_delay_s",), 0.045)],
-)
-def test_a_delay_that_is_told_costs_little_and_one_that_is_not_much(keys: tuple[str, ...], delay_s: float) -> None:
-    true = [f"sim.{key}={delay_s}" for key in keys]
-    plain = flown("paper", duration_s=20.0).verdict.rms_cm
-    told = flown("paper", *true, *(f"vehicle.{key}={delay_s}" for key in keys), duration_s=20.0).verdict.rms_cm
-    untold = flown("paper", *true, duration_s=20.0).verdict.rms_cm
-    assert plain is not None
-    assert told is not None
-    assert untold is not None
-    assert plain < told < 2.0 * plain < 8.0 * told < untold
 
 
 class Ear(Px4Autopilot):

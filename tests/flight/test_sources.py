@@ -18,6 +18,7 @@ def rms_cm(source: str) -> float:
     return result.verdict.rms_cm
 
 
+@pytest.mark.tried(1)  # sources
 @pytest.mark.parametrize("source", CAMERAS)
 def test_paper_tracks_as_well_through_every_source_as_through_vicon(source: str) -> None:
     assert rms_cm(source) == pytest.approx(rms_cm("vicon"), rel=0.1)
@@ -27,6 +28,7 @@ def test_the_autopilots_odometry_which_has_a_velocity_is_no_worse() -> None:
     assert rms_cm("odometry") <= 1.1 * rms_cm("vicon")
 
 
+@pytest.mark.tried(1)  # vehicles and figures
 @pytest.mark.parametrize("figure", [(), ("trajectory.kind=hold",)])
 @pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
 def test_a_velocity_that_is_off_its_own_positions_moves_the_vehicle_little(
@@ -43,6 +45,7 @@ def test_a_velocity_that_is_off_its_own_positions_moves_the_vehicle_little(
     assert scenario == "quad1kg" or rms_cm() < 0.5 * rms_cm("controller.velocity_bias_m_s=0")
 
 
+@pytest.mark.tried(1)  # sources
 @pytest.mark.parametrize("source", ["vicon", *CAMERAS])
 def test_other_bodies_and_short_occlusions_are_borne(source: str) -> None:
     result = flown("paper", "sim.other_bodies=3", "sim.occlusion_s=0.1", source=source, duration_s=20.0)

@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import random
 from collections.abc import Callable, Sequence
 
 import pytest
@@ -125,16 +124,7 @@ def resting(ours: TrackedBody, _: float) -> TrackedBody:
     return ours._replace(position_ned=(1.2, 1.2, 1.0 + 1e-4 * hash(ours.position_ned) / 2**63), attitude=so3.IDENTITY)
 
 
-def resting_with_noise(ours: TrackedBody, at_s: float) -> TrackedBody:
-    """The same, as a tracker with noise shows it."""
-    draw = random.Random(at_s)
-    x, y, z, *turn = (draw.gauss(0.0, 1.0) for _ in range(6))
-    place = (1.2 + 3e-4 * x, 1.2 + 3e-4 * y, 1.0 + 3e-4 * z)
-    return ours._replace(
-        position_ned=place, attitude=so3.rotate(so3.IDENTITY, (2e-3 * turn[0], 2e-3 * turn[1], 2e-3 * turn[2]))
-    )
-
-
+@pytest.mark.tried(4)  # instants
 @pytest.mark.parametrize("link", ["mavlink", "dsm"])
 @pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
 @pytest.mark.parametrize(
@@ -234,6 +224,7 @@ def start_of(
     return start, flown.fault
 
 
+@pytest.mark.tried(1)  # vehicles
 @pytest.mark.parametrize("scenario", ["paper", "quad1kg"])
 @settings(max_examples=5, deadline=None, derandomize=True)
 @given(st.floats(0.85, 1.2), st.floats(0.85, 1.15), st.floats(-0.4, 0.4), st.integers(0, 1000))
@@ -310,6 +301,7 @@ def test_a_vehicle_that_is_too_weak_for_its_told_weight_refuses() -> None:
     assert "is the mass right?" in fault
 
 
+@pytest.mark.tried(2)  # seeds
 @pytest.mark.parametrize("seed", range(5))
 def test_an_estimate_that_wanders_and_steps_in_yaw_as_px4_s_does_is_no_lift_off(seed: int) -> None:
     start, fault = start_of(

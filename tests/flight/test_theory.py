@@ -11,6 +11,7 @@ def ideal(request: pytest.FixtureRequest) -> list[Certified]:
     return flown_ideal(request.param)[1]
 
 
+@pytest.mark.matrix  # property/test_composite_proof.py keeps the inequality in whole flights
 def test_v_falls_from_its_start_to_a_floor_a_million_times_lower(ideal: list[Certified]) -> None:
     start = ideal[0][1]
     floor = max(v for t, v, _ in ideal if t > 10.0)
@@ -18,6 +19,7 @@ def test_v_falls_from_its_start_to_a_floor_a_million_times_lower(ideal: list[Cer
     assert floor < 1e-6 * start
 
 
+@pytest.mark.tried(1)  # as we fly it
 def test_v_never_rises_by_more_than_sampling_allows_on_its_way_down(ideal: list[Certified]) -> None:
     """Between samples Ṫ and ω are held for 2 ms, so V may rise by terms of second order in that time."""
     values = [v for t, v, _ in ideal if t > 0.1]
@@ -25,5 +27,6 @@ def test_v_never_rises_by_more_than_sampling_allows_on_its_way_down(ideal: list[
     assert rise < 1e-3 * values[0]
 
 
+@pytest.mark.tried(1)  # as we fly it
 def test_the_error_is_below_a_millimetre_after_10_s(ideal: list[Certified]) -> None:
     assert max(e for t, _, e in ideal if t > 10.0) < 1e-3

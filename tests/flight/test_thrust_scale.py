@@ -25,6 +25,7 @@ def rms_cm(*overrides: str) -> float:
     return result.verdict.rms_cm
 
 
+@pytest.mark.tried(1)  # ways to tell it
 @pytest.mark.parametrize(
     ("told", "world"),
     [

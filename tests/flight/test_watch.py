@@ -13,6 +13,7 @@ GAINS = Gains()
 LAG_2X = 2.0 * SCENARIOS["paper"].world.thrust_lag_s
 
 
+@pytest.mark.tried(1)  # scenarios
 @pytest.mark.parametrize("scenario", ["ideal", "paper", "fast", "gust_front", "quad1kg"])
 def test_flights_that_go_well_are_never_warned_of(scenario: str) -> None:
     verdict = (flown_ideal("provable")[0] if scenario == "ideal" else flown(scenario)).verdict
@@ -20,6 +21,7 @@ def test_flights_that_go_well_are_never_warned_of(scenario: str) -> None:
     assert verdict.certificate_violated == 0.0
 
 
+@pytest.mark.tried(1)  # disturbances
 @pytest.mark.parametrize("seed", range(5))
 def test_neither_are_lost_poses_gusts_and_wrong_lags(seed: int) -> None:
     assert flown("adverse", seed=seed, duration_s=20.0).verdict.certificate_warnings == ()
@@ -107,6 +109,7 @@ def test_where_the_model_is_right_the_terms_are_all_there_is() -> None:
     assert abs(fed[POSES]) < 0.005 * fallen
 
 
+@pytest.mark.tried(1)  # levels of noise
 @pytest.mark.parametrize(
     ("noise_m", "overrides"), [(0.0003, ()), (0.001, ("sim.pose_noise_m=0.001", "sim.attitude_noise_rad=0.006"))]
 )

@@ -120,6 +120,7 @@ def flown(
     return told
 
 
+@pytest.mark.tried(1)  # the worst air
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("scenario", ["storm", "adverse", "gust_front", "quad1kg"])
 def test_true_poses_are_not_doubted_in_any_air(scenario: str, autopilot: str) -> None:
@@ -151,6 +152,7 @@ def body_turned(roll_deg: float, yaw_deg: float) -> Callable[[Liar], Lie]:
     return lambda _: lambda attitude: so3.multiply(attitude, by)
 
 
+@pytest.mark.tried(3)  # lies, in either air
 @pytest.mark.parametrize("scenario", ["paper", "storm"])
 @pytest.mark.parametrize("lie", [frozen, mirrored(-1.0, 1.0), mirrored(1.0, -1.0)], ids=["frozen", "roll", "pitch"])
 def test_attitudes_that_begin_to_lie_in_flight_are_doubted_once_it_leans(
@@ -166,6 +168,7 @@ TOLD_BY_RADIO = ("sim.telemetry_hz=10",)
 """As Betaflight tells its attitude over CRSF."""
 
 
+@pytest.mark.matrix  # the next test flies the worst air by MAVLink, which tells more
 @pytest.mark.parametrize("scenario", ["storm", "adverse", "gust_front", "quad1kg"])
 def test_true_poses_are_not_doubted_by_what_a_radio_tells(scenario: str) -> None:
     told = flown(scenario, seed=7, link="crsf", sets=TOLD_BY_RADIO)
@@ -176,6 +179,7 @@ def test_true_poses_are_not_doubted_by_what_a_radio_tells(scenario: str) -> None
     assert not any("disagrees with the autopilot's own" in line for line in told.events)
 
 
+@pytest.mark.tried(1)  # lies
 @pytest.mark.parametrize(
     ("lie", "seed"),
     [(frozen, 1), (mirrored(-1.0, 1.0), 1), (mirrored(1.0, -1.0), 0)],
@@ -212,6 +216,7 @@ def test_a_radio_that_is_slow_on_the_way_down_does_not_doubt_true_poses() -> Non
     assert told.share < 0.95, "its turning is not known, its tilt is"
 
 
+@pytest.mark.tried(3)  # lies, by either autopilot
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize(
     "lie",

@@ -441,6 +441,7 @@ def flown(loop: Loop, s: State, duration: float, h: float = 0.005) -> list[tuple
     return states
 
 
+@pytest.mark.tried(2)  # disturbances, known and not
 @pytest.mark.parametrize("by_observer", [False, True])
 @pytest.mark.parametrize("b", [(0.1, -0.05, 0.2), (3.0, -3.0, 2.6)])
 def test_a_whole_flight_on_the_ideal_plant_keeps_the_inequality_and_finds_the_disturbance(

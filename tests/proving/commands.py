@@ -26,7 +26,6 @@ def faults(args: argparse.Namespace) -> Exit:
         fly_all,
         is_within,
         pick_worst,
-        quick,
         text,
         write,
         write_csv,
@@ -40,11 +39,8 @@ def faults(args: argparse.Namespace) -> Exit:
         raise ConfigError("--seeds", f"expected 1 or more, got {args.seeds}")
     kinds = _read_kinds(args.kind)
     work = [cell for cell in deal_cells(args.fault, args.state, args.link) if not kinds or cell.fault.kind in kinds]
-    if args.quick:
-        work = [cell for cell in quick() if cell in work]
     if not work:
-        asked = " with --quick" if args.quick else ""
-        raise ConfigError("--state", f"{args.fault or 'nothing'} is not flown there{asked}")
+        raise ConfigError("--state", f"{args.fault or 'nothing'} is not flown there")
     seeds = range(args.seed, args.seed + args.seeds)
     plan = [Planned(cell, args.scenario, seed) for seed in seeds for cell in work]
     with ProgressBar("cells", len(plan), quiet=args.json) as counter:

@@ -147,13 +147,12 @@ async def _soak(
     loop = asyncio.get_running_loop()
     assert isinstance(loop, VirtualTimeLoop), "in virtual time only"
     draw, ledger = random.Random(seed), _Ledger()
-    faults = {name: fault for name, fault in BROKEN.items() if fault.strike is not None}
     number = 0
     while loop.time() < until_s:
         name, state, fault = NOTHING, "tracking", Fault("nothing happens", _do_nothing)
         if draw.random() < FAULTY_SHARE:
-            name, state = draw.choice(list(faults)), draw.choice(list(STATES))
-            fault = faults[name]
+            name, state = draw.choice(list(BROKEN)), draw.choice(list(STATES))
+            fault = BROKEN[name]
             ledger.struck += 1
         try:
             row = await _record(folder, scenario, name, fault, state, draw.uniform(*FIGURE_S), seed + number, ledger)

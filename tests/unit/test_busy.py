@@ -2,11 +2,8 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -97,25 +94,3 @@ def test_wrong():
     was_late(0.04)
     assert False
 """
-
-
-def test_a_run_of_tests_passes_leaves_out_or_fails_what_was_late(tmp_path: Path) -> None:
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = real_time")
-    (tmp_path / "test_it.py").write_text(TESTS)
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-rsf",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "no:xdist",
-        "-p",
-        "tests.busy",
-    ]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert "1 failed, 1 passed, 1 skipped" in done.stdout
-    assert "FAILED test_it.py::test_wrong" in done.stdout
-    assert "left out: machine too busy" in done.stdout

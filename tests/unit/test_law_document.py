@@ -55,6 +55,7 @@ def test_every_command_is_accepted(command: str) -> None:
     prepare(SCENARIOS[args.scenario], args.overrides, controller=args.controller)
 
 
+@pytest.mark.matrix  # test_scenarios.py flies them
 @pytest.mark.parametrize("row", rows("ladder"), ids=lambda row: row[0])
 def test_the_law_flies_as_well_as_documented(row: list[str]) -> None:
     """The last column, seed 0. Rounded, so 15 %: more means that the table must be measured again."""

@@ -3,14 +3,11 @@
 import re
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from tests.matrix import ROWS, Row, spread
-
-TESTS = Path(__file__).parents[1]
+from tests.matrix import spread
 
 
 @pytest.mark.parametrize(
@@ -19,14 +16,6 @@ TESTS = Path(__file__).parents[1]
 )
 def test_the_cases_that_are_tried_are_spread(tried: int, cases: int, numbers: set[int]) -> None:
     assert spread(tried, cases) == numbers
-
-
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.test)
-def test_every_row_names_a_test_once_and_says_why(row: Row) -> None:
-    file, _, name = row.test.partition("::")
-    assert re.search(rf"^(?:async )?def {name}\(", (TESTS / file).read_text("utf-8"), re.M)
-    assert row.why
-    assert Counter(each.test for each in ROWS)[row.test] == 1
 
 
 RUN = """
@@ -40,6 +29,7 @@ def test_bad():
 """
 
 
+@pytest.mark.matrix  # of what runs the tests
 def test_what_runs_and_each_failure_are_said_at_once(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text(RUN)
     options = ["-q", "-p", "no:cacheprovider", "-p", "no:hypothesispytest", "-p", "tests.progress", "-n", "2"]

@@ -258,7 +258,7 @@ async def fly_here(
     monitors.go_on(flight._pilot, watch_as, struck_s + float(forced_s))
     exemption = exemption_of(fault, state)
     autopilot = _Autopilot(note_open_loop)
-    going_on = asyncio.ensure_future(_break(scene, fault))
+    going_on = asyncio.ensure_future(fault.strike(scene))
     watching = asyncio.ensure_future(autopilot.watch(stage))
     homing = asyncio.ensure_future(_return(flight, moves)) if state == "moving" else over
     timing: asyncio.Future[None] = over
@@ -340,11 +340,6 @@ async def _return(flight: Flight, moves: Moves) -> None:
         if moves.lasts(State.HOLD, MOVES_AFTER_S):
             flight.ask(Request(Ask.RETURN, "the deck"))
             return
-
-
-async def _break(scene: Scene, fault: Fault) -> None:
-    assert fault.strike is not None, "this one needs processes of its own"
-    await fault.strike(scene)
 
 
 async def _see_honest(stage: Stage, moves: Moves) -> None:

@@ -158,8 +158,8 @@ class Fault(NamedTuple):
 
     says: str
     """Description for people."""
-    strike: Strike | None = None
-    """Lets it happen; None where it needs processes of its own (:mod:`tests.proving.faults.deal`)."""
+    strike: Strike
+    """Lets it happen."""
     link: str = "mavlink"
     """Link that it is flown on."""
     also: dict[str, tuple[str, ...]] = {}  # noqa: RUF012  # read only
@@ -175,8 +175,6 @@ class Fault(NamedTuple):
     """Demands that can't be made in the air."""
     silences: bool = False
     """Whether nothing may leave once the autopilot has told of it."""
-    live: tuple[str, ...] = ()
-    """States in which it is flown by processes of their own in real time."""
     states: tuple[str, ...] = ()
     """The only states that it is flown in; empty for all in which a mission can be struck."""
     family: str = ""

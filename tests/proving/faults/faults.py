@@ -436,18 +436,11 @@ async def terminate(scene: Scene) -> None:
 STATES = tuple(name for name in MOMENTS if name != "start")
 FROM_START = ("start", *STATES)
 ON_FLOOR = ("start", "ready", "arming", "spool-up")
-IN_AIR = ("arming", "spool-up", "lift-off", "take-off", "hold", "tracking", "returning", "landing", "descent")
 FLYING = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "landing", "descent")
-PACED = ("spool-up", "hold", "tracking", "descent")
 RADIO_STATES = ("spool-up", "lift-off", "take-off", "hold", "tracking", "descent")
 """Where a false pose over a radio meets something else than over MAVLink: nobody could land the vehicle."""
 SEEN_IN_TIME = ("lift-off", "take-off", "hold", "tracking", "moving", "returning", "descent")
 """Where a coordinate that is frozen, or a position that comes late, is flown."""
-
-
-def _live(says: str, states: tuple[str, ...], link: str = "mavlink", poses: Poses = Poses.TRUE) -> Fault:
-    """Flown in ``states`` alone, and with processes of its own."""
-    return Fault(says, link=link, poses=poses, live=states, states=states)
 
 
 BROKEN: dict[str, Fault] = {
@@ -484,30 +477,8 @@ BROKEN: dict[str, Fault] = {
     ),
     "gust": Fault("for 1.5 s the wind pushes with 3.7 m/s² more", gust, obeys=True),
     "controller exception": Fault("the controller raises", controller),
-    "recorder failure": Fault("the recorder raises; its process is killed", recorder, live=("tracking",)),
-    "MQTT broker gone": _live("the broker ends", ("take-off", "tracking")),
-    "TUI crash": _live("the screen's process is killed", ("take-off", "tracking")),
+    "recorder failure": Fault("the recorder raises", recorder),
     "SIGTERM": Fault("the process is told to end", terminate),
-    "SIGKILL": _live("the process is killed", IN_AIR),
-    "SIGKILL: radio": _live(
-        "the process is killed, on a vehicle behind a radio whose frames another process paces",
-        ("hold", "tracking"),
-        "dsm",
-        Poses.GONE,
-    ),
-    "pacer killed": _live("the process that paces the radio's frames is killed", PACED, "dsm", Poses.GONE),
-    "pacer stopped": _live(
-        "the process that paces the radio's frames is stopped (SIGSTOP)", ("hold", "tracking"), "dsm", Poses.GONE
-    ),
-    "pacer killed: bridge": _live(
-        "the process that paces the frames of a bridge's radio is killed",
-        ("hold", "tracking"),
-        "rf_bridge",
-        Poses.GONE,
-    ),
-    "bridge interrupted": _live(
-        "the bridge to the radio is told to end, by Ctrl-C", ("hold", "tracking"), "rf_bridge", Poses.GONE
-    ),
 }
 """Something breaks, and shows it."""
 
@@ -992,17 +963,7 @@ FAMILIES: tuple[tuple[str, Kind, tuple[str, ...]], ...] = (
     (
         "programs",
         Kind.OTHER,
-        (
-            "controller exception",
-            "recorder failure",
-            "MQTT broker gone",
-            "TUI crash",
-            "SIGTERM",
-            "SIGKILL",
-            "pacer killed",
-            "pacer stopped",
-            "bridge interrupted",
-        ),
+        ("controller exception", "recorder failure", "SIGTERM"),
     ),
 )
 """Families that the summary counts by: name, how their rows are judged, and their faults."""

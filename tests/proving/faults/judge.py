@@ -300,7 +300,7 @@ OPEN_LOOP = "open loop"
 """End of a flight whose commands follow no pose."""
 AUTOPILOT_LANDS = "autopilot lands"
 """Answer of an autopilot whose set-points have stopped: its own failsafe."""
-NO_HEIGHT = (str(State.ABORTED), str(State.DESCENT), "pacer brings down")
+NO_HEIGHT = (str(State.ABORTED), str(State.DESCENT))
 """Answers after which the height of the poses is not believed any more."""
 DOWN_M = 0.15
 """Height below which commands that end leave the vehicle on the floor [m]: .15 m of fall are 1.7 m/s."""
@@ -326,7 +326,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     scenario: str
     seed: int = 0
     struck_s: float | None
-    """When it was struck, from the beginning of the flight [s]; None where a flight in real time never came to it."""
+    """When it was struck, from the beginning of the flight [s]; None where it never came to it."""
     reaction: str
     """The states that it led to; ``flies on`` where the flight went on as planned."""
     answer_ms: float | None
@@ -409,7 +409,6 @@ def judge(
     land_s: float | None = None,
     failure: Failure | None = None,
     scenario: str = "paper",
-    how: str = "",
     blind: bool = False,
     aborted_m: float = math.inf,
 ) -> Row:
@@ -430,7 +429,6 @@ def judge(
         land_s: when its autopilot took over landing, where it was asked to [s].
         failure: why its poses failed, where they did.
         scenario: what was flown.
-        how: how it was flown, for people.
         blind: whether it came down without poses.
         aborted_m: height above the floor at which commands ended [m].
     """
@@ -475,7 +473,7 @@ def judge(
         ended=name_end(answers, blind=blind, lands=land_s is not None, aborted_m=aborted_m),
         worst=round(max(one.share for one in measured), 3),
         safe=not wrong,
-        why=wrong or "; ".join(part for part in (said, how) if part),
+        why=wrong or said,
     )
 
 

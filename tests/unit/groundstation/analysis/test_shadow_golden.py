@@ -140,6 +140,7 @@ def test_ardupilots_stream_is_fit_and_px4s_with_care_for_its_wandering_and_its_r
     assert "0.7 deg" in px4.reasons[0]
 
 
+@pytest.mark.tried(1)  # recordings
 @pytest.mark.parametrize("path", [PX4, ARDUPILOT], ids=lambda path: path.stem)
 def test_a_second_replay_gives_the_same_numbers_to_the_last_bit(path: Path) -> None:
     assert report(path) == replayed(path)

@@ -9,7 +9,7 @@ from groundstation.recording.records import WireRecord
 from groundstation.recording.writer import TlogCutter
 from links.io import NETWORK, parse_address
 from sim.time import VirtualTimeLoop
-from tests.loops import free_address
+from tests.loops import free_address, in_real_time
 from tests.mavlink_table import FRAMES
 
 
@@ -109,18 +109,15 @@ def test_a_tcp_connection_is_seen_both_ways() -> None:
     ]
 
 
-def test_turns_tell_arrivals_apart_between_which_a_task_may_have_run() -> None:
+@in_real_time
+async def test_turns_tell_arrivals_apart_between_which_a_task_may_have_run() -> None:
     records: list[Record] = []
-
-    async def run() -> None:
-        wires = WireTaps(records.append)
-        wires.note_received(0, b"a", None)
-        wires.note_received(0, b"b", None)
-        await asyncio.sleep(0)
-        await asyncio.sleep(0)
-        wires.note_received(0, b"c", None)
-
-    asyncio.run(run())
+    wires = WireTaps(records.append)
+    wires.note_received(0, b"a", None)
+    wires.note_received(0, b"b", None)
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    wires.note_received(0, b"c", None)
     turns = [record.turn for record in records if isinstance(record, ReceivedRecord)]
     assert turns[0] == turns[1] < turns[2]
 

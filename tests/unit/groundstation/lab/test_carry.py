@@ -22,6 +22,7 @@ def found(measure: Measure, **more: float) -> AxisCalibration:
     return solve_axes(carry.rests, carry.samples, attitudes)
 
 
+@pytest.mark.tried(8)  # each axis once; unit/groundstation/core/geometry/test_frames.py tries all 24 without noise
 @pytest.mark.parametrize("number", range(24))
 def test_each_of_the_24_mappings_of_the_world_and_of_the_body_is_found(number: int) -> None:
     world, body = WORLDS[number], BODIES[(7 * number + 5) % 24]
@@ -51,6 +52,7 @@ def mirrors() -> list[np.ndarray]:
     return matrices
 
 
+@pytest.mark.tried(8)  # each axis once
 @pytest.mark.parametrize("number", range(24))
 def test_each_of_the_24_mirrored_mappings_is_refused(number: int) -> None:
     lab, body = mirrors()[number], mirrors()[(5 * number + 7) % 24]

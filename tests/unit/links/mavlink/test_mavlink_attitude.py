@@ -90,24 +90,21 @@ def test_every_attitude_of_a_real_autopilot_is_read() -> None:
 
 @pytest.mark.parametrize("make", [Px4Autopilot, ArduPilotAutopilot])
 @pytest.mark.parametrize("quiet", [True, False])
-def test_whoever_watches_gets_fifty_attitudes_a_second_on_our_clock(
+@in_virtual_time
+async def test_whoever_watches_gets_fifty_attitudes_a_second_on_our_clock(
     make: Callable[[Brick], SimulatedAutopilot], quiet: bool
 ) -> None:
     heard: list[tuple[float, Attitude]] = []
-
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        link = MavlinkLink(MavlinkLinkConfig(quiet=quiet), thrust_max_n=2.0)
-        link.watch_attitude(lambda told: heard.append((loop.time(), told)))
-        peer = asyncio.create_task(AutopilotPeer(make(Brick()), HERE, delay_s=0.03).run())
-        await link.connect()
-        heard.clear()
-        await asyncio.sleep(4.0)
-        assert link.status.angles_rad == heard[-1][1].angles_rad
-        await link.close()
-        peer.cancel()
-
-    in_virtual_time(main)()
+    loop = asyncio.get_running_loop()
+    link = MavlinkLink(MavlinkLinkConfig(quiet=quiet), thrust_max_n=2.0)
+    link.watch_attitude(lambda told: heard.append((loop.time(), told)))
+    peer = asyncio.create_task(AutopilotPeer(make(Brick()), HERE, delay_s=0.03).run())
+    await link.connect()
+    heard.clear()
+    await asyncio.sleep(4.0)
+    assert link.status.angles_rad == heard[-1][1].angles_rad
+    await link.close()
+    peer.cancel()
     assert len(heard) == pytest.approx(4.0 * ATTITUDE_HZ, abs=3)
     late = [when - told.time_s for when, told in heard[10:]]
     assert max(late) - min(late) < 0.002
@@ -152,22 +149,19 @@ def test_an_autopilot_that_has_no_quaternion_is_asked_for_the_angles() -> None:
     assert asked(answer)[-1] == (30.0, 20_000.0)
 
 
-def test_one_that_is_wanted_anyhow_is_asked_for_once() -> None:
+@in_virtual_time
+async def test_one_that_is_wanted_anyhow_is_asked_for_once() -> None:
     seen: list[tuple[float, float]] = []
-
-    async def main() -> None:
-        autopilot = await Endpoint(kind=PX4).open()
-        autopilot.answer = accept
-        beating = asyncio.create_task(autopilot.beating())
-        link = MavlinkLink(MavlinkLinkConfig(quiet=True), thrust_max_n=2.0)
-        link.watch_attitude(lambda told: None)
-        link.connection.request(lambda _kind: {"ATTITUDE_QUATERNION": 100.0})
-        await link.connect()
-        seen.extend((m.param1, m.param2) for m in autopilot.of("COMMAND_LONG"))
-        beating.cancel()
-        await link.close()
-
-    in_virtual_time(main)()
+    autopilot = await Endpoint(kind=PX4).open()
+    autopilot.answer = accept
+    beating = asyncio.create_task(autopilot.beating())
+    link = MavlinkLink(MavlinkLinkConfig(quiet=True), thrust_max_n=2.0)
+    link.watch_attitude(lambda told: None)
+    link.connection.request(lambda _kind: {"ATTITUDE_QUATERNION": 100.0})
+    await link.connect()
+    seen.extend((m.param1, m.param2) for m in autopilot.of("COMMAND_LONG"))
+    beating.cancel()
+    await link.close()
     assert [interval for number, interval in seen if number == 31.0] == [10_000.0]
 
 

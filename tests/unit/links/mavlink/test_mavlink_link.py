@@ -25,7 +25,7 @@ from links.mavlink.protocol.autopilot_state import STALE_NEWS_S
 from sim.autopilots import AutopilotPeer, Px4Autopilot
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
-from tests.loops import in_virtual_time
+from tests.loops import Scene, in_virtual_time, on_stage
 
 HERE = ("127.0.0.1", 14540)
 D = MavlinkCodec(1, 1).dialect
@@ -81,7 +81,7 @@ def command(thrust_n: float = 1.0, coast_s: float = 0.25) -> Command:
     return Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + coast_s)
 
 
-def scene(
+def play_scene(
     play: Callable[[MavlinkLink, Endpoint], Awaitable[None]], *, kind: int = PX4, connect: bool = True, **options: Any
 ) -> None:
     """Play with a link and an autopilot that accepts every command and sends its heartbeat."""
@@ -102,13 +102,16 @@ def scene(
     in_virtual_time(main)()
 
 
-def test_we_send_a_heartbeat_every_second_once_somebody_is_there() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await asyncio.sleep(5.5)
-        assert 6 <= len(autopilot.of("HEARTBEAT")) <= 7
-        assert {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.of("HEARTBEAT")} == {(245, 190)}
+def scene(**options: Any) -> Callable[[Scene], Callable[..., None]]:
+    """Make a test of a coroutine that is given a link and an autopilot; ``options`` are those of ``play_scene``."""
+    return on_stage(lambda play: play_scene(play, **options), 2)
 
-    scene(play)
+
+@scene()
+async def test_we_send_a_heartbeat_every_second_once_somebody_is_there(link: MavlinkLink, autopilot: Endpoint) -> None:
+    await asyncio.sleep(5.5)
+    assert 6 <= len(autopilot.of("HEARTBEAT")) <= 7
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in autopilot.of("HEARTBEAT")} == {(245, 190)}
 
 
 @in_virtual_time
@@ -128,96 +131,90 @@ async def test_the_autopilot_that_is_waiting_for_us_is_spoken_to_first() -> None
     await link.close()
 
 
-def test_a_question_for_the_time_is_answered_an_answer_is_not() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await asyncio.sleep(0.5)
-        autopilot.heard.clear()
-        autopilot.say(D.MAVLink_timesync_message(0, 42), D.MAVLink_timesync_message(7, 42))
-        await asyncio.sleep(0.1)
-        (answer,) = autopilot.of("TIMESYNC")
-        assert (answer.tc1, answer.ts1) == (500_000_000, 42)
-
-    scene(play)
+@scene()
+async def test_a_question_for_the_time_is_answered_an_answer_is_not(link: MavlinkLink, autopilot: Endpoint) -> None:
+    await asyncio.sleep(0.5)
+    autopilot.heard.clear()
+    autopilot.say(D.MAVLink_timesync_message(0, 42), D.MAVLink_timesync_message(7, 42))
+    await asyncio.sleep(0.1)
+    (answer,) = autopilot.of("TIMESYNC")
+    assert (answer.tc1, answer.ts1) == (500_000_000, 42)
 
 
-def test_the_status_tells_the_round_trip_and_the_autopilots_clock() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        assert link.status.rtt_s is None
-        assert link.status.offset_s is None
-        later = asyncio.get_running_loop().call_later
+@scene()
+async def test_the_status_tells_the_round_trip_and_the_autopilots_clock(link: MavlinkLink, autopilot: Endpoint) -> None:
+    assert link.status.rtt_s is None
+    assert link.status.offset_s is None
+    later = asyncio.get_running_loop().call_later
 
-        def answer(message: Any) -> list[Any]:
-            if message.get_type() == "TIMESYNC" and message.tc1 == 0:
-                theirs = D.MAVLink_timesync_message(message.ts1 + 5_010_000_000, message.ts1)
-                later(0.02, autopilot.say, theirs)
-            return accept(message)
+    def answer(message: Any) -> list[Any]:
+        if message.get_type() == "TIMESYNC" and message.tc1 == 0:
+            theirs = D.MAVLink_timesync_message(message.ts1 + 5_010_000_000, message.ts1)
+            later(0.02, autopilot.say, theirs)
+        return accept(message)
 
-        autopilot.answer = answer
-        await asyncio.sleep(1.5)
-        assert link.status.rtt_s == pytest.approx(0.02, abs=1e-6)
-        assert link.status.offset_s == pytest.approx(5.0, abs=1e-6)
-
-    scene(play)
+    autopilot.answer = answer
+    await asyncio.sleep(1.5)
+    assert link.status.rtt_s == pytest.approx(0.02, abs=1e-6)
+    assert link.status.offset_s == pytest.approx(5.0, abs=1e-6)
 
 
-def test_messages_reach_subscribers_with_their_arrival_until_they_leave() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        got: list[tuple[str, float]] = []
-        leave = link.connection.subscribe(lambda m, s: got.append((m.get_type(), s)))
-        await asyncio.sleep(0.25)
-        autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-        await asyncio.sleep(0.25)
-        assert got == [("VFR_HUD", 0.25)]
-        leave()
-        autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-        await asyncio.sleep(0.25)
-        assert len(got) == 1
+@scene()
+async def test_messages_reach_subscribers_with_their_arrival_until_they_leave(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    got: list[tuple[str, float]] = []
+    leave = link.connection.subscribe(lambda m, s: got.append((m.get_type(), s)))
+    await asyncio.sleep(0.25)
+    autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+    await asyncio.sleep(0.25)
+    assert got == [("VFR_HUD", 0.25)]
+    leave()
+    autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+    await asyncio.sleep(0.25)
+    assert len(got) == 1
 
-    scene(play)
 
-
-def test_datagrams_from_another_address_are_ignored_and_counted() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        got: list[str] = []
-        link.connection.subscribe(lambda m, s: got.append(m.get_type()))
-        stranger = await Endpoint().open()
-        stranger.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-        await asyncio.sleep(0.1)
-        assert got == []
-        assert link.status.dropped == {"other_address": 1}
-
-    scene(play)
+@scene()
+async def test_datagrams_from_another_address_are_ignored_and_counted(link: MavlinkLink, autopilot: Endpoint) -> None:
+    got: list[str] = []
+    link.connection.subscribe(lambda m, s: got.append(m.get_type()))
+    stranger = await Endpoint().open()
+    stranger.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+    await asyncio.sleep(0.1)
+    assert got == []
+    assert link.status.dropped == {"other_address": 1}
 
 
 @pytest.mark.parametrize(("system", "component"), [(2, 1), (1, 191)])
-def test_messages_of_other_systems_and_components_are_ignored(system: int, component: int) -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        got: list[str] = []
-        link.connection.subscribe(lambda m, s: got.append(m.get_type()))
-        autopilot.codec = MavlinkCodec(system, component)
-        autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-        await asyncio.sleep(0.1)
-        assert got == []
-        assert link.status.dropped == {"other_system": 1}
+@scene()
+async def test_messages_of_other_systems_and_components_are_ignored(
+    link: MavlinkLink, autopilot: Endpoint, system: int, component: int
+) -> None:
+    got: list[str] = []
+    link.connection.subscribe(lambda m, s: got.append(m.get_type()))
+    autopilot.codec = MavlinkCodec(system, component)
+    autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
+    await asyncio.sleep(0.1)
+    assert got == []
+    assert link.status.dropped == {"other_system": 1}
 
-    scene(play)
 
-
-def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.armed = True
-        await link.arm(lambda: command(0.0))
-        await asyncio.sleep(STALE_NEWS_S + 1.0)
-        for kind in (18, 26, 30):  # a companion, a gimbal, a camera with the autopilot's own numbers, which never arm
-            autopilot.say(D.MAVLink_heartbeat_message(kind, INVALID, 0, 0, 4, 3))
-        await asyncio.sleep(0.01)
-        assert link.status.state == "armed"
-        autopilot.armed = False
-        autopilot.beat()
-        await asyncio.sleep(0.01)
-        assert link.status.state == "connected", "the autopilot's own tells"
-
-    scene(play)
+@scene()
+async def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    autopilot.armed = True
+    await link.arm(lambda: command(0.0))
+    await asyncio.sleep(STALE_NEWS_S + 1.0)
+    for kind in (18, 26, 30):  # a companion, a gimbal, a camera with the autopilot's own numbers, which never arm
+        autopilot.say(D.MAVLink_heartbeat_message(kind, INVALID, 0, 0, 4, 3))
+    await asyncio.sleep(0.01)
+    assert link.status.state == "armed"
+    autopilot.armed = False
+    autopilot.beat()
+    await asyncio.sleep(0.01)
+    assert link.status.state == "connected", "the autopilot's own tells"
 
 
 @in_virtual_time
@@ -342,36 +339,32 @@ def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
     assert play(quiet=False) > {"ODOMETRY", "ATTITUDE_QUATERNION", "TIMESYNC"}
 
 
-def test_a_message_that_is_wanted_is_not_stopped_first() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        link.connection.request(lambda kind: {"ODOMETRY": 50.0})
-        await link.connect()
-        asked = [(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG")]
-        assert (30.0, -1.0) in asked
-        assert [interval for number, interval in asked if number == 331.0] == [20_000.0]
-
-    scene(play, connect=False, quiet=True)
+@scene(connect=False, quiet=True)
+async def test_a_message_that_is_wanted_is_not_stopped_first(link: MavlinkLink, autopilot: Endpoint) -> None:
+    link.connection.request(lambda kind: {"ODOMETRY": 50.0})
+    await link.connect()
+    asked = [(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG")]
+    assert (30.0, -1.0) in asked
+    assert [interval for number, interval in asked if number == 331.0] == [20_000.0]
 
 
-def test_connecting_again_does_not_double_the_heartbeats() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await link.close()
-        await link.connect()
-        autopilot.heard.clear()
-        await asyncio.sleep(5.0)
-        assert len(autopilot.of("HEARTBEAT")) == pytest.approx(5, abs=1)
-
-    scene(play)
+@scene()
+async def test_connecting_again_does_not_double_the_heartbeats(link: MavlinkLink, autopilot: Endpoint) -> None:
+    await link.close()
+    await link.connect()
+    autopilot.heard.clear()
+    await asyncio.sleep(5.0)
+    assert len(autopilot.of("HEARTBEAT")) == pytest.approx(5, abs=1)
 
 
-def test_an_autopilot_that_answers_no_requests_is_connected_all_the_same() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.answer = lambda message: []
-        await link.connect()
-        assert link.status.state == "connected"
-        assert len({m.param1 for m in autopilot.of("COMMAND_LONG")}) == 1  # and asked no further
-
-    scene(play, connect=False, quiet=True)
+@scene(connect=False, quiet=True)
+async def test_an_autopilot_that_answers_no_requests_is_connected_all_the_same(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    autopilot.answer = lambda message: []
+    await link.connect()
+    assert link.status.state == "connected"
+    assert len({m.param1 for m in autopilot.of("COMMAND_LONG")}) == 1  # and asked no further
 
 
 def fly_with_poses(autopilot: Px4Autopilot) -> tuple[list[Pose], MavlinkPoseSource]:
@@ -405,163 +398,145 @@ def test_the_autopilots_odometry_comes_at_the_rate_that_was_asked_for() -> None:
     assert source.status.dropped == {}
 
 
-def test_ardupilot_is_asked_for_position_and_attitude_instead() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        poses: list[Pose] = []
-        await MavlinkPoseSource(MavlinkPoseConfig(rate_hz=50.0), link).start(poses.append)
-        await link.connect()
-        asked = {(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG") if m.command == SET_MESSAGE_INTERVAL}
-        assert asked == {(32.0, 20_000.0), (31.0, 20_000.0), (193.0, 500_000.0)}
-        autopilot.say(
-            D.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            D.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0),
-        )
-        await asyncio.sleep(0.1)
-        assert [pose.position_ned for pose in poses] == [(1.0, 2.0, 3.0)]
-
-    scene(play, kind=ARDUPILOT, connect=False)
-
-
-def test_poses_that_are_a_while_under_way_are_as_old_as_the_configuration_says() -> None:
+@scene(kind=ARDUPILOT, connect=False)
+async def test_ardupilot_is_asked_for_position_and_attitude_instead(link: MavlinkLink, autopilot: Endpoint) -> None:
     poses: list[Pose] = []
+    await MavlinkPoseSource(MavlinkPoseConfig(rate_hz=50.0), link).start(poses.append)
+    await link.connect()
+    asked = {(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG") if m.command == SET_MESSAGE_INTERVAL}
+    assert asked == {(32.0, 20_000.0), (31.0, 20_000.0), (193.0, 500_000.0)}
+    autopilot.say(
+        D.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        D.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0),
+    )
+    await asyncio.sleep(0.1)
+    assert [pose.position_ned for pose in poses] == [(1.0, 2.0, 3.0)]
 
-    async def main() -> None:
-        peer = AutopilotPeer(Px4Autopilot(Brick(2.0, held=True)), HERE, delay_s=0.02)
-        running = asyncio.create_task(peer.run())
-        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-        await MavlinkPoseSource(MavlinkPoseConfig(latency_s=0.02), link).start(poses.append)
-        ages: list[float] = []  # the autopilot booted at 0 of our clock
-        link.connection.subscribe(lambda m, s: ages.append(s - getattr(m, "time_usec", s * 1e6) * 1e-6))
-        await link.connect()
-        await asyncio.sleep(0.1)
-        assert max(ages) == pytest.approx(0.02, abs=2e-6)
-        await link.close()
-        running.cancel()
 
-    in_virtual_time(main)()
+@in_virtual_time
+async def test_poses_that_are_a_while_under_way_are_as_old_as_the_configuration_says() -> None:
+    poses: list[Pose] = []
+    peer = AutopilotPeer(Px4Autopilot(Brick(2.0, held=True)), HERE, delay_s=0.02)
+    running = asyncio.create_task(peer.run())
+    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+    await MavlinkPoseSource(MavlinkPoseConfig(latency_s=0.02), link).start(poses.append)
+    ages: list[float] = []  # the autopilot booted at 0 of our clock
+    link.connection.subscribe(lambda m, s: ages.append(s - getattr(m, "time_usec", s * 1e6) * 1e-6))
+    await link.connect()
+    await asyncio.sleep(0.1)
+    assert max(ages) == pytest.approx(0.02, abs=2e-6)
+    await link.close()
+    running.cancel()
     assert all(pose.arrival_s - pose.time_s == pytest.approx(0.02, abs=2e-6) for pose in poses)
     assert len(poses) >= 8
 
 
-def test_poses_go_on_counting_after_the_link_was_connected_again() -> None:
+@in_virtual_time
+async def test_poses_go_on_counting_after_the_link_was_connected_again() -> None:
     poses: list[Pose] = []
-
-    async def main() -> None:
-        peer = asyncio.create_task(AutopilotPeer(Px4Autopilot(Brick(2.0, held=True)), HERE).run())
-        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-        await MavlinkPoseSource(MavlinkPoseConfig(), link).start(poses.append)
-        for _ in range(2):
-            await link.connect()
-            await asyncio.sleep(0.5)
-            await link.close()
-        peer.cancel()
-
-    in_virtual_time(main)()
+    peer = asyncio.create_task(AutopilotPeer(Px4Autopilot(Brick(2.0, held=True)), HERE).run())
+    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+    await MavlinkPoseSource(MavlinkPoseConfig(), link).start(poses.append)
+    for _ in range(2):
+        await link.connect()
+        await asyncio.sleep(0.5)
+        await link.close()
+    peer.cancel()
     assert len(poses) > 60
     assert [pose.id for pose in poses] == list(range(len(poses)))
 
 
-def test_poses_must_be_asked_for_before_connecting() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        with pytest.raises(LinkMisuse, match="before"):
-            await MavlinkPoseSource(MavlinkPoseConfig(), link).start(lambda pose: None)
-
-    scene(play)
-
-
-def test_an_autopilot_that_refuses_the_poses_refuses_the_connection() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.answer = lambda m: [D.MAVLink_command_ack_message(511, 2, 0, 0, 245, 190)]
+@scene()
+async def test_poses_must_be_asked_for_before_connecting(link: MavlinkLink, autopilot: Endpoint) -> None:
+    with pytest.raises(LinkMisuse, match="before"):
         await MavlinkPoseSource(MavlinkPoseConfig(), link).start(lambda pose: None)
-        with pytest.raises(LinkRejected, match="PX4 refused to send ODOMETRY at 100 Hz"):
-            await link.connect()
-
-    scene(play, connect=False)
 
 
-def test_arming_stops_when_the_pose_under_the_idle_command_is_too_old() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        stuck = command(0.0, coast_s=0.25)
-        autopilot.heard.clear()
-        with pytest.raises(LinkError, match="idle command had expired"):
-            await link.arm(lambda: stuck)
-        assert autopilot.of("COMMAND_LONG") == []
-        assert link.status.expired == 1
+@scene(connect=False)
+async def test_an_autopilot_that_refuses_the_poses_refuses_the_connection(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    autopilot.answer = lambda m: [D.MAVLink_command_ack_message(511, 2, 0, 0, 245, 190)]
+    await MavlinkPoseSource(MavlinkPoseConfig(), link).start(lambda pose: None)
+    with pytest.raises(LinkRejected, match="PX4 refused to send ODOMETRY at 100 Hz"):
+        await link.connect()
 
-    scene(play)
+
+@scene()
+async def test_arming_stops_when_the_pose_under_the_idle_command_is_too_old(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    stuck = command(0.0, coast_s=0.25)
+    autopilot.heard.clear()
+    with pytest.raises(LinkError, match="idle command had expired"):
+        await link.arm(lambda: stuck)
+    assert autopilot.of("COMMAND_LONG") == []
+    assert link.status.expired == 1
 
 
 def orders(autopilot: Endpoint) -> list[float]:
     return [m.param1 for m in autopilot.of("COMMAND_LONG") if m.command == ARM_DISARM]
 
 
-def test_arming_that_is_given_up_after_the_order_takes_it_back() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) == DO_SET_MODE else []
-        arming = asyncio.create_task(link.arm(lambda: command(0.0)))
-        await asyncio.sleep(1.5)
-        arming.cancel()
-        await asyncio.sleep(0.1)
-        assert orders(autopilot)[-1] == 0.0
-        assert orders(autopilot)[:-1] == [1.0]
-
-    scene(play)
+@scene()
+async def test_arming_that_is_given_up_after_the_order_takes_it_back(link: MavlinkLink, autopilot: Endpoint) -> None:
+    autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) == DO_SET_MODE else []
+    arming = asyncio.create_task(link.arm(lambda: command(0.0)))
+    await asyncio.sleep(1.5)
+    arming.cancel()
+    await asyncio.sleep(0.1)
+    assert orders(autopilot)[-1] == 0.0
+    assert orders(autopilot)[:-1] == [1.0]
 
 
-def test_arming_that_is_given_up_before_the_order_orders_nothing() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        arming = asyncio.create_task(link.arm(lambda: command(0.0)))
-        await asyncio.sleep(0.5)
-        arming.cancel()
-        await asyncio.sleep(2.0)
-        assert orders(autopilot) == []
-
-    scene(play)
+@scene()
+async def test_arming_that_is_given_up_before_the_order_orders_nothing(link: MavlinkLink, autopilot: Endpoint) -> None:
+    arming = asyncio.create_task(link.arm(lambda: command(0.0)))
+    await asyncio.sleep(0.5)
+    arming.cancel()
+    await asyncio.sleep(2.0)
+    assert orders(autopilot) == []
 
 
-def test_a_heartbeat_that_left_before_arming_is_not_believed_after_it() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await link.arm(lambda: command(0.0))
-        autopilot.beat()  # still says disarmed
-        await asyncio.sleep(0.05)
-        assert link.status.state == "armed"
-        await asyncio.sleep(2.0)
-        assert link.status.state == "connected"
-        autopilot.armed = True
-        await asyncio.sleep(1.1)
-        assert link.status.state == "armed"
-
-    scene(play)
-
-
-def test_ardupilot_that_will_not_disarm_is_put_into_land() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.armed = True
-
-        def answer(message: Any) -> list[Any]:
-            if message.get_type() != "COMMAND_LONG":
-                return []
-            if message.command == DO_SET_MODE:
-                autopilot.armed = False
-            result = 4 if message.command == ARM_DISARM else 0
-            return [D.MAVLink_command_ack_message(message.command, result, 0, 0, 245, 190)]
-
-        autopilot.answer = answer
-        await link.disarm()
-        last = autopilot.of("COMMAND_LONG")[-1]
-        assert (last.command, last.param2) == (DO_SET_MODE, 9.0)
-        assert link.status.state == "connected"
-
-    scene(play, kind=ARDUPILOT)
+@scene()
+async def test_a_heartbeat_that_left_before_arming_is_not_believed_after_it(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    await link.arm(lambda: command(0.0))
+    autopilot.beat()  # still says disarmed
+    await asyncio.sleep(0.05)
+    assert link.status.state == "armed"
+    await asyncio.sleep(2.0)
+    assert link.status.state == "connected"
+    autopilot.armed = True
+    await asyncio.sleep(1.1)
+    assert link.status.state == "armed"
 
 
-def test_the_autopilots_newest_words_are_in_the_status() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.say(D.MAVLink_statustext_message(6, b"Takeoff detected\t"))
-        await asyncio.sleep(0.1)
-        assert link.status.text == "Takeoff detected"
+@scene(kind=ARDUPILOT)
+async def test_ardupilot_that_will_not_disarm_is_put_into_land(link: MavlinkLink, autopilot: Endpoint) -> None:
+    autopilot.armed = True
 
-    scene(play)
+    def answer(message: Any) -> list[Any]:
+        if message.get_type() != "COMMAND_LONG":
+            return []
+        if message.command == DO_SET_MODE:
+            autopilot.armed = False
+        result = 4 if message.command == ARM_DISARM else 0
+        return [D.MAVLink_command_ack_message(message.command, result, 0, 0, 245, 190)]
+
+    autopilot.answer = answer
+    await link.disarm()
+    last = autopilot.of("COMMAND_LONG")[-1]
+    assert (last.command, last.param2) == (DO_SET_MODE, 9.0)
+    assert link.status.state == "connected"
+
+
+@scene()
+async def test_the_autopilots_newest_words_are_in_the_status(link: MavlinkLink, autopilot: Endpoint) -> None:
+    autopilot.say(D.MAVLink_statustext_message(6, b"Takeoff detected\t"))
+    await asyncio.sleep(0.1)
+    assert link.status.text == "Takeoff detected"
 
 
 @pytest.mark.parametrize(("own", "share"), [(None, 0.5), (0.0, 0.25), (1.0, 0.5)])
@@ -581,34 +556,30 @@ async def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(o
     await link.close()
 
 
-def test_a_motor_curve_in_the_configuration_bends_the_signal() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
+@scene(thrust_curve=1.0)
+async def test_a_motor_curve_in_the_configuration_bends_the_signal(link: MavlinkLink, autopilot: Endpoint) -> None:
+    await link.arm(lambda: command(0.0))
+    link.send(command(0.5))
+    await asyncio.sleep(0.1)
+    assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(0.5)  # the root of 0.25
+
+
+@in_virtual_time
+async def test_a_refused_arming_is_told_in_px4s_words() -> None:
+    # All set-points are lost on the air: PX4 hears only the commands.
+    autopilot = Px4Autopilot(Brick(), lose=lambda: True)
+    peer = asyncio.create_task(AutopilotPeer(autopilot, HERE).run())
+    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
+    await link.connect()
+    with pytest.raises(LinkRejected) as refused:
         await link.arm(lambda: command(0.0))
-        link.send(command(0.5))
-        await asyncio.sleep(0.1)
-        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(0.5)  # the root of 0.25
-
-    scene(play, thrust_curve=1.0)
-
-
-def test_a_refused_arming_is_told_in_px4s_words() -> None:
-    async def main() -> None:
-        # All set-points are lost on the air: PX4 hears only the commands.
-        autopilot = Px4Autopilot(Brick(), lose=lambda: True)
-        peer = asyncio.create_task(AutopilotPeer(autopilot, HERE).run())
-        link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-        await link.connect()
-        with pytest.raises(LinkRejected) as refused:
-            await link.arm(lambda: command(0.0))
-        assert str(refused.value).startswith(
-            "PX4 refused to arm (not possible at this moment, MAV_RESULT_TEMPORARILY_REJECTED): "
-            "“Arming denied: Resolve system health failures first”."
-        )
-        assert not autopilot.armed
-        await link.close()
-        peer.cancel()
-
-    in_virtual_time(main)()
+    assert str(refused.value).startswith(
+        "PX4 refused to arm (not possible at this moment, MAV_RESULT_TEMPORARILY_REJECTED): "
+        "“Arming denied: Resolve system health failures first”."
+    )
+    assert not autopilot.armed
+    await link.close()
+    peer.cancel()
 
 
 def test_a_peer_whose_vehicle_fails_says_so() -> None:
@@ -671,34 +642,34 @@ def test_two_runs_put_the_same_bytes_on_the_wire() -> None:
     assert len(first) > 150
 
 
-def test_another_program_that_steers_the_same_autopilot_is_told_by_name_until_it_has_been_silent() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        def steer(system: int, target: int = 1) -> None:
-            frame = MavlinkCodec(system, 7).attitude_target(0.0, target, 1, 0.5, (0.0, 0.0, 0.0))
-            autopilot.transport.sendto(frame, autopilot.remote)
+@scene()
+async def test_another_program_that_steers_the_same_autopilot_is_told_by_name_until_it_has_been_silent(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    def steer(system: int, target: int = 1) -> None:
+        frame = MavlinkCodec(system, 7).attitude_target(0.0, target, 1, 0.5, (0.0, 0.0, 0.0))
+        autopilot.transport.sendto(frame, autopilot.remote)
 
-        steer(42, target=2)
-        await asyncio.sleep(0.1)
-        assert link.status.conflict == "", "that is another vehicle"
-        steer(42)
-        await asyncio.sleep(0.1)
-        assert "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too" in link.status.conflict
-        await asyncio.sleep(RIVAL_S)
-        assert link.status.conflict == ""
-
-    scene(play)
+    steer(42, target=2)
+    await asyncio.sleep(0.1)
+    assert link.status.conflict == "", "that is another vehicle"
+    steer(42)
+    await asyncio.sleep(0.1)
+    assert "MAVLink system 42, component 7, sends SET_ATTITUDE_TARGET, to this vehicle, too" in link.status.conflict
+    await asyncio.sleep(RIVAL_S)
+    assert link.status.conflict == ""
 
 
-def test_what_has_our_own_numbers_is_another_program_s_before_arming_and_may_be_an_echo_afterwards() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        echo = MavlinkCodec(245, 190).attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0))
-        await link.arm(lambda: command(0.0))
-        autopilot.transport.sendto(echo, autopilot.remote)
-        await asyncio.sleep(0.1)
-        assert link.status.conflict == ""
-        await link.disarm()
-        autopilot.transport.sendto(echo, autopilot.remote)
-        await asyncio.sleep(0.1)
-        assert "MAVLink system 245, component 190" in link.status.conflict
-
-    scene(play)
+@scene()
+async def test_what_has_our_own_numbers_is_another_program_s_before_arming_and_may_be_an_echo_afterwards(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    echo = MavlinkCodec(245, 190).attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0))
+    await link.arm(lambda: command(0.0))
+    autopilot.transport.sendto(echo, autopilot.remote)
+    await asyncio.sleep(0.1)
+    assert link.status.conflict == ""
+    await link.disarm()
+    autopilot.transport.sendto(echo, autopilot.remote)
+    await asyncio.sleep(0.1)
+    assert "MAVLink system 245, component 190" in link.status.conflict

@@ -1,7 +1,7 @@
 """Who sends as the vehicle: two autopilots with one system id, and one autopilot by two ways."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from links.mavlink.protocol import (
     load_dialect,
 )
 from links.mavlink.protocol.senders import BOTH_S, MOST_OTHERS, hardware_id
-from tests.loops import in_virtual_time
+from tests.loops import Scene, in_virtual_time, on_stage
 from tests.unit.links.mavlink.test_mavlink_link import Endpoint, accept, command
 
 D = load_dialect()
@@ -133,12 +133,11 @@ async def second_vehicle(uid: int, kind: int = PX4) -> Endpoint:
     return other
 
 
-def scene(
-    play: Callable[[MavlinkLink, Endpoint, Endpoint], Awaitable[None]], *, uids: tuple[int, int] = (1, 2)
-) -> None:
-    """Play with a link that is connected to one autopilot; another one may begin to beat."""
+def scene(uids: tuple[int, int] = (1, 2)) -> Callable[[Scene], Callable[..., None]]:
+    """Make a test of a coroutine that is given a connected link, its autopilot, and another that may begin to beat."""
 
-    async def main() -> None:
+    @in_virtual_time
+    async def main(play: Scene) -> None:
         vehicle, other = await second_vehicle(uids[0]), await second_vehicle(uids[1])
         link = MavlinkLink(MavlinkLinkConfig(quiet=False), thrust_max_n=2.0)
         beating = asyncio.create_task(vehicle.beating())
@@ -149,7 +148,7 @@ def scene(
             beating.cancel()
             await link.close()
 
-    in_virtual_time(main)()
+    return on_stage(main, 3)
 
 
 def port_of(end: Endpoint) -> str:
@@ -157,60 +156,60 @@ def port_of(end: Endpoint) -> str:
     return f"{host}:{port}"
 
 
-def test_with_a_second_vehicle_on_the_port_nothing_is_armed_and_both_addresses_are_named() -> None:
-    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
-        beating = asyncio.create_task(other.beating())
-        await asyncio.sleep(0.1)
-        for end in (vehicle, other):
-            assert port_of(end) in link.status.conflict
-        with pytest.raises(LinkError, match="arming was abandoned: two autopilots with MAVLink system id 1"):
-            await link.arm(lambda: command(0.0))
-        for end in (vehicle, other):
-            assert [m for m in end.of("COMMAND_LONG") if m.command == ARM_DISARM] == []
-        assert other.of("SET_ATTITUDE_TARGET") == []
-        beating.cancel()
-        await asyncio.sleep(BOTH_S + 1.1)
-        assert link.status.conflict == ""
+@scene()
+async def test_with_a_second_vehicle_on_the_port_nothing_is_armed_and_both_addresses_are_named(
+    link: MavlinkLink, vehicle: Endpoint, other: Endpoint
+) -> None:
+    beating = asyncio.create_task(other.beating())
+    await asyncio.sleep(0.1)
+    for end in (vehicle, other):
+        assert port_of(end) in link.status.conflict
+    with pytest.raises(LinkError, match="arming was abandoned: two autopilots with MAVLink system id 1"):
         await link.arm(lambda: command(0.0))
-        assert other.of("SET_ATTITUDE_TARGET") == []
-
-    scene(play)
-
-
-def test_one_autopilot_by_two_ways_is_warned_of_and_armed_by_the_first() -> None:
-    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
-        beating = asyncio.create_task(other.beating())
-        await asyncio.sleep(0.1)
-        assert link.status.conflict == ""
-        assert f"{port_of(vehicle)} and {port_of(other)}: only the first is used" in link.status.warning
-        await link.arm(lambda: command(0.0))
-        assert other.of("SET_ATTITUDE_TARGET") == []
-        beating.cancel()
-
-    scene(play, uids=(7, 7))
+    for end in (vehicle, other):
+        assert [m for m in end.of("COMMAND_LONG") if m.command == ARM_DISARM] == []
+    assert other.of("SET_ATTITUDE_TARGET") == []
+    beating.cancel()
+    await asyncio.sleep(BOTH_S + 1.1)
+    assert link.status.conflict == ""
+    await link.arm(lambda: command(0.0))
+    assert other.of("SET_ATTITUDE_TARGET") == []
 
 
-def test_a_second_vehicle_that_appears_in_flight_is_told_and_gets_no_command() -> None:
-    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
-        await link.arm(lambda: command(0.0))
-        other.beat()
-        await asyncio.sleep(0.1)
-        assert port_of(other) in link.status.conflict
-        assert link.send(command())
-        await asyncio.sleep(0.1)
-        assert other.of("SET_ATTITUDE_TARGET") == []
+@scene(uids=(7, 7))
+async def test_one_autopilot_by_two_ways_is_warned_of_and_armed_by_the_first(
+    link: MavlinkLink, vehicle: Endpoint, other: Endpoint
+) -> None:
+    beating = asyncio.create_task(other.beating())
+    await asyncio.sleep(0.1)
+    assert link.status.conflict == ""
+    assert f"{port_of(vehicle)} and {port_of(other)}: only the first is used" in link.status.warning
+    await link.arm(lambda: command(0.0))
+    assert other.of("SET_ATTITUDE_TARGET") == []
+    beating.cancel()
 
-    scene(play)
+
+@scene()
+async def test_a_second_vehicle_that_appears_in_flight_is_told_and_gets_no_command(
+    link: MavlinkLink, vehicle: Endpoint, other: Endpoint
+) -> None:
+    await link.arm(lambda: command(0.0))
+    other.beat()
+    await asyncio.sleep(0.1)
+    assert port_of(other) in link.status.conflict
+    assert link.send(command())
+    await asyncio.sleep(0.1)
+    assert other.of("SET_ATTITUDE_TARGET") == []
 
 
-def test_two_vehicles_behind_one_radio_are_told_apart_by_their_hardware_ids() -> None:
-    async def play(link: MavlinkLink, vehicle: Endpoint, other: Endpoint) -> None:
-        vehicle.answer = lambda message: [*tells(1)(message), *tells(2, lambda _: [])(message)]
-        await link.examine()
-        await asyncio.sleep(0.1)
-        assert "2 autopilots with MAVLink system id 1 answer from" in link.status.conflict
-
-    scene(play)
+@scene()
+async def test_two_vehicles_behind_one_radio_are_told_apart_by_their_hardware_ids(
+    link: MavlinkLink, vehicle: Endpoint, other: Endpoint
+) -> None:
+    vehicle.answer = lambda message: [*tells(1)(message), *tells(2, lambda _: [])(message)]
+    await link.examine()
+    await asyncio.sleep(0.1)
+    assert "2 autopilots with MAVLink system id 1 answer from" in link.status.conflict
 
 
 @in_virtual_time

@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.core.messages import Pose
 from groundstation.pose.sources import MavlinkPoseConfig, MavlinkPoseSource
-from tests.unit.links.mavlink.test_mavlink_link import D, Endpoint, accept, scene
+from tests.unit.links.mavlink.test_mavlink_link import D, Endpoint, accept, play_scene
 
 SLOW = 0.008
 """As a simulated PX4 was seen to fall behind on a busy machine."""
@@ -49,7 +49,7 @@ def flown(slow: float, late_s: float) -> tuple[list[Pose], MavlinkPoseSource]:
             )
             await asyncio.sleep(0.02)
 
-    scene(play, connect=False)
+    play_scene(play, connect=False)
     return poses, sources[0]
 
 

@@ -21,8 +21,8 @@ from links.mavlink.protocol import (
     ForwardConfig,
     MavlinkCodec,
 )
-from tests.loops import in_virtual_time
-from tests.unit.links.mavlink.test_mavlink_link import D, Endpoint, accept, command, scene
+from tests.loops import in_real_time, in_virtual_time
+from tests.unit.links.mavlink.test_mavlink_link import D, Endpoint, accept, command, play_scene, scene
 
 PARTS = (Segment(1.0, 0.8, (0.2, 0.0, 0.0)), Segment(0.2, 0.0, (0.0, 0.0, 0.0)))
 
@@ -47,93 +47,89 @@ def ack(command: int, result: int = 0) -> Any:
     return D.MAVLink_command_ack_message(command, result, 0, 0, 245, 190)
 
 
-def test_a_kill_is_repeated_until_it_is_acknowledged_and_the_stream_ends_before_it() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await link.arm(idle)
-        link.send(flown())
-        await asyncio.sleep(0.1)
-        autopilot.heard.clear()
-        heard: list[Any] = []
+@scene()
+async def test_a_kill_is_repeated_until_it_is_acknowledged_and_the_stream_ends_before_it(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    await link.arm(idle)
+    link.send(flown())
+    await asyncio.sleep(0.1)
+    autopilot.heard.clear()
+    heard: list[Any] = []
 
-        def answer(message: Any) -> list[Any]:
-            heard.append(message)
-            return [ack(ARM_DISARM)] if is_kill(message) and sum(map(is_kill, heard)) > 20 else []
+    def answer(message: Any) -> list[Any]:
+        heard.append(message)
+        return [ack(ARM_DISARM)] if is_kill(message) and sum(map(is_kill, heard)) > 20 else []
 
-        autopilot.answer = answer
-        await link.kill()
-        kills = [m for m in heard if is_kill(m)]
-        assert len(kills) in (22, 23)
-        assert [m.confirmation for m in kills[:3]] == [0, 1, 2]
-        assert heard.index(kills[0]) <= 1  # one set-point may have been under way
-        assert not [m for m in heard[heard.index(kills[0]) :] if m.get_type() == "SET_ATTITUDE_TARGET"]
-        assert link.status.state == "connected"
-        await asyncio.sleep(3.0)
-        assert not link.send(flown())
-        assert len([m for m in heard if is_kill(m)]) == len(kills)
-
-    scene(play)
+    autopilot.answer = answer
+    await link.kill()
+    kills = [m for m in heard if is_kill(m)]
+    assert len(kills) in (22, 23)
+    assert [m.confirmation for m in kills[:3]] == [0, 1, 2]
+    assert heard.index(kills[0]) <= 1  # one set-point may have been under way
+    assert not [m for m in heard[heard.index(kills[0]) :] if m.get_type() == "SET_ATTITUDE_TARGET"]
+    assert link.status.state == "connected"
+    await asyncio.sleep(3.0)
+    assert not link.send(flown())
+    assert len([m for m in heard if is_kill(m)]) == len(kills)
 
 
-def test_one_acknowledgement_alone_may_belong_to_an_order_to_arm() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.answer = lambda message: []
-        killing = asyncio.create_task(link.kill())
-        await asyncio.sleep(0.01)
-        autopilot.say(ack(ARM_DISARM))
-        await asyncio.sleep(1.0)
-        assert sum(map(is_kill, (m for _, m in autopilot.heard))) > 15
-        autopilot.say(ack(ARM_DISARM))
-        await killing
-
-    scene(play)
+@scene()
+async def test_one_acknowledgement_alone_may_belong_to_an_order_to_arm(link: MavlinkLink, autopilot: Endpoint) -> None:
+    autopilot.answer = lambda message: []
+    killing = asyncio.create_task(link.kill())
+    await asyncio.sleep(0.01)
+    autopilot.say(ack(ARM_DISARM))
+    await asyncio.sleep(1.0)
+    assert sum(map(is_kill, (m for _, m in autopilot.heard))) > 15
+    autopilot.say(ack(ARM_DISARM))
+    await killing
 
 
 @pytest.mark.parametrize(("result", "error"), [(None, LinkLost), (2, LinkRejected)])
-def test_a_kill_that_nobody_obeys_says_what_to_do(result: int | None, error: type[LinkError]) -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.answer = lambda m: [ack(ARM_DISARM, result)] if result is not None and is_kill(m) else []
-        with pytest.raises(error, match="kill switch"):
-            await link.kill()
-
-    scene(play)
-
-
-def test_a_kill_while_arming_ends_that_and_nobody_arms_after_it() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) != ARM_DISARM or is_kill(m) else []
-        arming = asyncio.create_task(link.arm(idle))
-        await asyncio.sleep(1.4)  # the order to arm has left
-        killing = asyncio.create_task(link.kill())
-        await asyncio.sleep(0)
-        with pytest.raises(LinkMisuse, match=r"killed|streams"):
-            await link.arm(idle)
-        with pytest.raises(LinkError, match="killed"):
-            await arming
-        await killing
-        orders = [m for m in autopilot.of("COMMAND_LONG") if m.command == ARM_DISARM]
-        first = next(i for i, m in enumerate(orders) if is_kill(m))
-        assert first > 0
-        assert all(m.param1 == 0.0 for m in orders[first:])
-        assert not link.send(flown())
-
-    scene(play)
-
-
-def test_a_kill_works_on_a_link_that_is_lost_or_brings_down_and_waits_for_no_handshake() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await link.arm(idle)
-        link.send(flown())
-        await asyncio.sleep(0.5)
-        assert link.status.phase == "bring_down"
-        autopilot.answer = lambda m: [ack(ARM_DISARM)] if is_kill(m) else []
-        disarming = asyncio.create_task(link.disarm())  # holds the queue of hand-shakes
-        await asyncio.sleep(0.01)
+@scene()
+async def test_a_kill_that_nobody_obeys_says_what_to_do(
+    link: MavlinkLink, autopilot: Endpoint, result: int | None, error: type[LinkError]
+) -> None:
+    autopilot.answer = lambda m: [ack(ARM_DISARM, result)] if result is not None and is_kill(m) else []
+    with pytest.raises(error, match="kill switch"):
         await link.kill()
-        assert link.status.phase == "over"
-        with pytest.raises(LinkError):
-            await disarming
 
-    scene(play)
+
+@scene()
+async def test_a_kill_while_arming_ends_that_and_nobody_arms_after_it(link: MavlinkLink, autopilot: Endpoint) -> None:
+    autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) != ARM_DISARM or is_kill(m) else []
+    arming = asyncio.create_task(link.arm(idle))
+    await asyncio.sleep(1.4)  # the order to arm has left
+    killing = asyncio.create_task(link.kill())
+    await asyncio.sleep(0)
+    with pytest.raises(LinkMisuse, match=r"killed|streams"):
+        await link.arm(idle)
+    with pytest.raises(LinkError, match="killed"):
+        await arming
+    await killing
+    orders = [m for m in autopilot.of("COMMAND_LONG") if m.command == ARM_DISARM]
+    first = next(i for i, m in enumerate(orders) if is_kill(m))
+    assert first > 0
+    assert all(m.param1 == 0.0 for m in orders[first:])
+    assert not link.send(flown())
+
+
+@scene()
+async def test_a_kill_works_on_a_link_that_is_lost_or_brings_down_and_waits_for_no_handshake(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    await link.arm(idle)
+    link.send(flown())
+    await asyncio.sleep(0.5)
+    assert link.status.phase == "bring_down"
+    autopilot.answer = lambda m: [ack(ARM_DISARM)] if is_kill(m) else []
+    disarming = asyncio.create_task(link.disarm())  # holds the queue of hand-shakes
+    await asyncio.sleep(0.01)
+    await link.kill()
+    assert link.status.phase == "over"
+    with pytest.raises(LinkError):
+        await disarming
 
 
 @in_virtual_time
@@ -172,35 +168,35 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
         assert frames[-1][0] <= lands[-1] + 0.03
         assert not link.send(flown())
 
-    scene(play, kind=kind, bring_down="land")
+    play_scene(play, kind=kind, bring_down="land")
 
 
 @pytest.mark.parametrize("loses", [0, 2])
-def test_an_autopilot_that_a_pilot_has_just_taken_over_is_asked_for_its_mode_and_not_to_land(loses: int) -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        asked: list[float] = []
+@scene(bring_down="land")
+async def test_an_autopilot_that_a_pilot_has_just_taken_over_is_asked_for_its_mode_and_not_to_land(
+    link: MavlinkLink, autopilot: Endpoint, loses: int
+) -> None:
+    asked: list[float] = []
 
-        def answer(message: Any) -> list[Any]:
-            if getattr(message, "command", None) != REQUEST_MESSAGE:
-                return accept(message)
-            assert message.param1 == D.MAVLINK_MSG_ID_HEARTBEAT
-            asked.append(asyncio.get_running_loop().time())
-            posctl = D.MAVLink_heartbeat_message(2, PX4, 128, 3 << 16, 3, 3)
-            return [] if len(asked) <= loses else [posctl, *accept(message)]
+    def answer(message: Any) -> list[Any]:
+        if getattr(message, "command", None) != REQUEST_MESSAGE:
+            return accept(message)
+        assert message.param1 == D.MAVLINK_MSG_ID_HEARTBEAT
+        asked.append(asyncio.get_running_loop().time())
+        posctl = D.MAVLink_heartbeat_message(2, PX4, 128, 3 << 16, 3, 3)
+        return [] if len(asked) <= loses else [posctl, *accept(message)]
 
-        autopilot.answer = answer
-        await link.arm(idle)
-        autopilot.armed = True
-        link.send(flown())
-        await asyncio.sleep(0.26)
-        autopilot.heard.clear()
-        await link.silent()
-        assert len(asked) == loses + 1
-        assert not [m for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
-        assert link.status.taken == "POSCTL"
-        assert all(m.thrust > 0.0 for m in autopilot.of("SET_ATTITUDE_TARGET")), "it was not played to its end"
-
-    scene(play, bring_down="land")
+    autopilot.answer = answer
+    await link.arm(idle)
+    autopilot.armed = True
+    link.send(flown())
+    await asyncio.sleep(0.26)
+    autopilot.heard.clear()
+    await link.silent()
+    assert len(asked) == loses + 1
+    assert not [m for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
+    assert link.status.taken == "POSCTL"
+    assert all(m.thrust > 0.0 for m in autopilot.of("SET_ATTITUDE_TARGET")), "it was not played to its end"
 
 
 KNOWN, STILL, GPS_JUMPS, SITS = 831, 167, 831 | 1024, 831 | 128
@@ -238,7 +234,7 @@ def test_unless_told_otherwise_land_is_asked_of_an_autopilot_that_says_that_it_k
         assert modes == ([(4.0, 6.0) if kind == PX4 else (9.0, 0.0)] if lands else [])
         assert (autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust > 0.0) == lands  # the rates ended early, or at their end
 
-    scene(play, kind=kind)
+    play_scene(play, kind=kind)
 
 
 def bridge(name: str) -> Callable[[MavlinkLink, Endpoint], None]:
@@ -300,42 +296,40 @@ def test_after_poses_were_wrong_land_is_asked_only_where_it_can_not_rest_on_them
         asked = [m for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
         assert bool(asked) == (lands or (not distrusted and settings.get("bring_down") != "rates"))
 
-    scene(play, **settings)
+    play_scene(play, **settings)
 
 
-def test_a_land_that_is_refused_leaves_the_rates_to_their_end() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await link.arm(idle)
-        autopilot.armed = True
-        autopilot.answer = lambda m: [ack(m.command, 2)] if m.get_type() == "COMMAND_LONG" else []
+@scene(bring_down="land")
+async def test_a_land_that_is_refused_leaves_the_rates_to_their_end(link: MavlinkLink, autopilot: Endpoint) -> None:
+    await link.arm(idle)
+    autopilot.armed = True
+    autopilot.answer = lambda m: [ack(m.command, 2)] if m.get_type() == "COMMAND_LONG" else []
+    link.send(flown())
+    await link.silent()
+    assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == 0.0
+
+
+@scene()
+async def test_an_autopilot_that_somebody_disarmed_is_not_flown_when_somebody_arms_it_again(
+    link: MavlinkLink, autopilot: Endpoint
+) -> None:
+    await link.arm(idle)
+    autopilot.armed = True
+    for _ in range(60):
         link.send(flown())
-        await link.silent()
-        assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == 0.0
-
-    scene(play, bring_down="land")
-
-
-def test_an_autopilot_that_somebody_disarmed_is_not_flown_when_somebody_arms_it_again() -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await link.arm(idle)
-        autopilot.armed = True
-        for _ in range(60):
-            link.send(flown())
-            await asyncio.sleep(0.02)
-        autopilot.armed = False
-        autopilot.beat()
-        await asyncio.sleep(0.01)
-        assert not link.send(flown())
-        autopilot.armed = True
-        autopilot.beat()
-        await asyncio.sleep(0.01)
-        assert link.status.state == "armed"
-        autopilot.heard.clear()
-        assert not link.send(flown())
-        await asyncio.sleep(3.0)
-        assert autopilot.of("SET_ATTITUDE_TARGET") == []
-
-    scene(play)
+        await asyncio.sleep(0.02)
+    autopilot.armed = False
+    autopilot.beat()
+    await asyncio.sleep(0.01)
+    assert not link.send(flown())
+    autopilot.armed = True
+    autopilot.beat()
+    await asyncio.sleep(0.01)
+    assert link.status.state == "armed"
+    autopilot.heard.clear()
+    assert not link.send(flown())
+    await asyncio.sleep(3.0)
+    assert autopilot.of("SET_ATTITUDE_TARGET") == []
 
 
 class FullSocket:
@@ -419,32 +413,29 @@ async def test_an_autopilot_that_is_back_takes_newer_commands_only_if_commanded_
     await link.close()
 
 
-def test_a_program_that_stood_still_reads_what_waits_before_anything_of_a_bring_down_leaves() -> None:
+@in_real_time
+async def test_a_program_that_stood_still_reads_what_waits_before_anything_of_a_bring_down_leaves() -> None:
     """One datagram is read in each turn of the event loop; the last of these tells that somebody else has taken it."""
     left: list[Command | Segment] = []
     waiting, read = 5, 0
+    loop, deadman = asyncio.get_running_loop(), Deadman()
+    transmitter = Transmitter(deadman, 0.02, lambda what, now_s: left.append(what), lambda: read)
 
-    async def play() -> None:
-        loop, deadman = asyncio.get_running_loop(), Deadman()
-        transmitter = Transmitter(deadman, 0.02, lambda what, now_s: left.append(what), lambda: read)
-
-        def hear() -> None:
-            nonlocal read
-            read += 1
-            if read < waiting:
-                loop.call_soon(hear)
-            else:
-                deadman.stop()
-
-        def stand_still() -> None:
+    def hear() -> None:
+        nonlocal read
+        read += 1
+        if read < waiting:
             loop.call_soon(hear)
-            time.sleep(0.4)
+        else:
+            deadman.stop()
 
-        transmitter.start()
-        assert deadman.take(flown(), loop.time())
-        loop.call_soon(stand_still)
-        await transmitter.silent()
+    def stand_still() -> None:
+        loop.call_soon(hear)
+        time.sleep(0.4)
 
-    asyncio.run(play())
+    transmitter.start()
+    assert deadman.take(flown(), loop.time())
+    loop.call_soon(stand_still)
+    await transmitter.silent()
     assert read == waiting
     assert left == []

@@ -98,51 +98,49 @@ def set_points(autopilot: Endpoint) -> int:
     return len(autopilot.of("SET_ATTITUDE_TARGET"))
 
 
-def test_nothing_more_leaves_over_mavlink_when_the_computer_wakes_and_a_new_arming_begins_anew(lid: Lid) -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await link.arm(lambda: command(0.0))
-        assert link.send(command())
-        lid.slept_s += 600.0
-        await asyncio.sleep(0.0)
-        before = set_points(autopilot)
-        assert not link.send(command()), "the pose looks fresh, and is ten minutes old"
-        await asyncio.sleep(3.0)
-        assert set_points(autopilot) == before, "neither the command again nor its bring-down"
-        assert link.status.slept_s == pytest.approx(600.0, abs=0.1)
-        assert link.status.phase == "over"
-        await link.arm(lambda: command(0.0))
-        assert link.send(command())
-        assert link.status.slept_s == 0.0
-
-    scene(play)
-
-
-def test_a_bring_down_that_was_slept_through_is_not_played_to_its_end(lid: Lid) -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        await link.arm(lambda: command(0.0))
-        link.send(command())
-        await asyncio.sleep(0.1)
-        lid.slept_s += 600.0
-        await asyncio.sleep(0.05)
-        before = set_points(autopilot)
-        await asyncio.sleep(3.0)
-        assert set_points(autopilot) == before
-        await asyncio.wait_for(link.silent(), 0.1)
-
-    scene(play)
+@scene()
+async def test_nothing_more_leaves_over_mavlink_when_the_computer_wakes_and_a_new_arming_begins_anew(
+    link: MavlinkLink, autopilot: Endpoint, lid: Lid
+) -> None:
+    await link.arm(lambda: command(0.0))
+    assert link.send(command())
+    lid.slept_s += 600.0
+    await asyncio.sleep(0.0)
+    before = set_points(autopilot)
+    assert not link.send(command()), "the pose looks fresh, and is ten minutes old"
+    await asyncio.sleep(3.0)
+    assert set_points(autopilot) == before, "neither the command again nor its bring-down"
+    assert link.status.slept_s == pytest.approx(600.0, abs=0.1)
+    assert link.status.phase == "over"
+    await link.arm(lambda: command(0.0))
+    assert link.send(command())
+    assert link.status.slept_s == 0.0
 
 
-def test_an_arming_that_was_slept_through_is_taken_back(lid: Lid) -> None:
-    async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        autopilot.answer = lambda message: []
-        arming = asyncio.create_task(link.arm(lambda: command(0.0)))
-        await asyncio.sleep(0.3)
-        lid.slept_s += 600.0
-        with pytest.raises(LinkError, match="arming was abandoned: this computer slept"):
-            await arming
-        assert 1.0 not in orders(autopilot)
+@scene()
+async def test_a_bring_down_that_was_slept_through_is_not_played_to_its_end(
+    link: MavlinkLink, autopilot: Endpoint, lid: Lid
+) -> None:
+    await link.arm(lambda: command(0.0))
+    link.send(command())
+    await asyncio.sleep(0.1)
+    lid.slept_s += 600.0
+    await asyncio.sleep(0.05)
+    before = set_points(autopilot)
+    await asyncio.sleep(3.0)
+    assert set_points(autopilot) == before
+    await asyncio.wait_for(link.silent(), 0.1)
 
-    scene(play)
+
+@scene()
+async def test_an_arming_that_was_slept_through_is_taken_back(link: MavlinkLink, autopilot: Endpoint, lid: Lid) -> None:
+    autopilot.answer = lambda message: []
+    arming = asyncio.create_task(link.arm(lambda: command(0.0)))
+    await asyncio.sleep(0.3)
+    lid.slept_s += 600.0
+    with pytest.raises(LinkError, match="arming was abandoned: this computer slept"):
+        await arming
+    assert 1.0 not in orders(autopilot)
 
 
 # ---- RF

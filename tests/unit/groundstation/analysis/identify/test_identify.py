@@ -284,6 +284,7 @@ def test_a_curve_that_nobody_told_is_found() -> None:
     assert written["thrust_max_n"] <= 1.02 * full
 
 
+@pytest.mark.matrix  # the test before finds a curve that nobody told
 def test_where_the_link_has_the_curve_the_vehicle_keeps_its_own() -> None:
     found = identify(flown(curve=0.5, told_curve=0.2, link_curve=0.5, seconds=16.0))
     written = Vehicle.with_text({}, file_text(found))
@@ -291,6 +292,7 @@ def test_where_the_link_has_the_curve_the_vehicle_keeps_its_own() -> None:
     assert full_thrust_n(0.5 * G, written["hover_thrust"], 0.5) == pytest.approx(0.9 * 9.0, rel=0.03)
 
 
+@pytest.mark.matrix  # two ways to be wrong about a vehicle that the first test finds
 def test_a_tracked_point_above_the_centre_of_mass_does_not_pass_for_thrust_and_a_wrong_latency_is_seen() -> None:
     seen = flown(lever_m=0.03, seconds=16.0)
     found = identify(replace(seen, at_s=seen.at_s - 0.025))

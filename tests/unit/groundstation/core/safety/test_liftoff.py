@@ -80,6 +80,7 @@ def spooled(
     return Spooled(fault, off_s - spool.near_s, highest, fastest, 0.0, 0.0)
 
 
+@pytest.mark.tried(1)  # bodies, 40 seeds each
 @pytest.mark.parametrize("noise_m", [0.0, 0.0003, 0.002])
 @pytest.mark.parametrize("lag_s", [0.03, 0.106])
 @pytest.mark.parametrize("hover_share", [1.0, 0.8])
@@ -116,6 +117,7 @@ def test_what_leaps_aside_on_the_floor_as_no_vehicle_does_stops_the_motors(
     assert ("from one pose to the next" in spool_up.fault(at_s + 0.01, after, 0.25, None)) is stranger
 
 
+@pytest.mark.tried(2)  # loads, with and without an estimate that wanders
 @pytest.mark.parametrize("wander_m", [0.0, 0.01, 0.05])
 @pytest.mark.parametrize("hover_share", [0.75, 0.9, 1.0, 1.1])
 def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_found(
@@ -130,6 +132,7 @@ def test_a_vehicle_that_lifts_is_seen_to_fly_and_its_hover_thrust_and_speed_are_
     assert all(abs(one.climb_off_m_s) < 2.0 * exact for one in flown)
 
 
+@pytest.mark.tried(1)  # 50 of 200 seeds
 @pytest.mark.parametrize("first", range(0, 200, 50))
 def test_heights_that_wander_alone_fly_hardly_ever(first: int) -> None:
     """Poses of an estimate that wanders by 5 cm in 2 s, while the vehicle stands: too heavy for its rotors."""

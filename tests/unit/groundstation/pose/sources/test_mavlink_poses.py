@@ -241,24 +241,21 @@ def test_the_time_is_never_later_than_the_arrival() -> None:
         assert clock.time_s(0.01 * n, arrival_s) <= arrival_s + 1e-12
 
 
-def test_poses_of_a_bridge_that_cuts_frames_over_datagrams_arrive_while_another_one_speaks_between() -> None:
+@in_virtual_time
+async def test_poses_of_a_bridge_that_cuts_frames_over_datagrams_arrive_while_another_one_speaks_between() -> None:
     found: list[Pose] = []
-
-    async def main() -> None:
-        source = VisionConfig(system_id=7).build()
-        await source.start(found.append)
-        ours, theirs = MavlinkCodec(7, 197), MavlinkCodec(9, 197)
-        for n in range(5):
-            frames = [
-                encode_vision(codec, VisionEstimate(0.02 * n, (1.0, 0.1 * n, -1.0), (1.0, 0.0, 0.0, 0.0)))
-                for codec in (ours, theirs)
-            ]
-            for cut in range(0, max(map(len, frames)), 32):
-                for frame, address in zip(frames, (("10.0.0.7", 1), ("10.0.0.9", 1)), strict=True):
-                    source.datagram_received(frame[cut : cut + 32], address)
-            await asyncio.sleep(0.02)
-        assert source.status.dropped == {"other_system": 5}
-        await source.close()
-
-    in_virtual_time(main)()
+    source = VisionConfig(system_id=7).build()
+    await source.start(found.append)
+    ours, theirs = MavlinkCodec(7, 197), MavlinkCodec(9, 197)
+    for n in range(5):
+        frames = [
+            encode_vision(codec, VisionEstimate(0.02 * n, (1.0, 0.1 * n, -1.0), (1.0, 0.0, 0.0, 0.0)))
+            for codec in (ours, theirs)
+        ]
+        for cut in range(0, max(map(len, frames)), 32):
+            for frame, address in zip(frames, (("10.0.0.7", 1), ("10.0.0.9", 1)), strict=True):
+                source.datagram_received(frame[cut : cut + 32], address)
+        await asyncio.sleep(0.02)
+    assert source.status.dropped == {"other_system": 5}
+    await source.close()
     assert [round(pose.position_ned[1], 3) for pose in found] == [0.0, 0.1, 0.2, 0.3, 0.4]

@@ -32,6 +32,7 @@ def test_a_queue_that_stays_for_a_second_does_not_make_old_poses_look_young() ->
     assert times(clock, messages) == pytest.approx([0.01 * n for n in range(800)], abs=1e-9)
 
 
+@pytest.mark.tried(2)  # lengths of the queue
 @pytest.mark.parametrize("late_s", [0.1, 0.2, 0.4])
 @pytest.mark.parametrize("frame_s", [None, 0.01])
 def test_a_queue_that_stays_for_good_is_never_forgotten(frame_s: float | None, late_s: float) -> None:

@@ -6,7 +6,8 @@ import os
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec
 
 import msgspec
 import pytest
@@ -15,6 +16,8 @@ from groundstation.core.messages import Pose, PoseSource
 from groundstation.pose.sources import ViconConfig
 from groundstation.pose.sources.vicon_codec import ViconObject, encode
 from tests.vicon_table import OURS, TABLE
+
+P = ParamSpec("P")
 
 
 class JumpingLoop(asyncio.SelectorEventLoop):
@@ -26,9 +29,15 @@ class JumpingLoop(asyncio.SelectorEventLoop):
         return super().time() + self.ahead_s
 
 
-def run(main: Coroutine[Any, Any, None]) -> None:
-    with asyncio.Runner(loop_factory=JumpingLoop) as runner:
-        runner.run(main)
+def on_jumping_clock(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
+    """Make a test of a coroutine function, which runs on such a loop."""
+
+    @wraps(test)
+    def run(*args: P.args, **options: P.kwargs) -> None:
+        with asyncio.Runner(loop_factory=JumpingLoop) as runner:
+            runner.run(test(*args, **options))
+
+    return run
 
 
 def jump(seconds: float) -> None:
@@ -88,159 +97,137 @@ def frame(number: int, north_mm: float = 0.0) -> bytes:
     return encode(number, [ViconObject(OURS, (north_mm, -2000.0, 1000.0), (0.0, 0.0, -math.pi / 2.0))])
 
 
-def test_a_pose_arrives_in_our_frames_and_on_our_clock() -> None:
-    async def main() -> None:
-        async with listening(latency_s=0.03) as bench:
-            source: PoseSource = bench.source
-            before = asyncio.get_running_loop().time()
-            bench.send(frame(17, 500.0))
-            pose = await bench.next_pose()
-            assert before <= pose.arrival_s <= asyncio.get_running_loop().time()
-            assert pose.time_s == pose.arrival_s - 0.03
-            # 2 m to the right of the lab's x axis, 1 m up, nose turned 90° to the right.
-            assert pose.position_ned == (0.5, 2.0, -1.0)
-            assert pose.attitude == pytest.approx((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), abs=1e-15)
-            assert (pose.id, pose.reset_count, pose.velocity_ned) == (0, 0, None)
-            assert (source.status.accepted, source.status.dropped) == (1, {})
-
-    run(main())
+@on_jumping_clock
+async def test_a_pose_arrives_in_our_frames_and_on_our_clock() -> None:
+    async with listening(latency_s=0.03) as bench:
+        source: PoseSource = bench.source
+        before = asyncio.get_running_loop().time()
+        bench.send(frame(17, 500.0))
+        pose = await bench.next_pose()
+        assert before <= pose.arrival_s <= asyncio.get_running_loop().time()
+        assert pose.time_s == pose.arrival_s - 0.03
+        # 2 m to the right of the lab's x axis, 1 m up, nose turned 90° to the right.
+        assert pose.position_ned == (0.5, 2.0, -1.0)
+        assert pose.attitude == pytest.approx((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), abs=1e-15)
+        assert (pose.id, pose.reset_count, pose.velocity_ned) == (0, 0, None)
+        assert (source.status.accepted, source.status.dropped) == (1, {})
 
 
-def test_bad_datagrams_are_counted_by_reason_and_the_next_good_one_is_delivered() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            # asyncio does not send empty datagrams.
-            bad = [row for row in TABLE.dropped if row.datagram]
-            for row in bad:
-                bench.send(row.datagram)
-            bench.send(frame(1))
-            assert (await bench.next_pose()).id == 0
-            status = bench.source.status
-            assert status.dropped == Counter(row.reason for row in bad)
-            assert status.accepted == 1
-            assert bench.source.other_objects == ("mqx2",)
-
-    run(main())
+@on_jumping_clock
+async def test_bad_datagrams_are_counted_by_reason_and_the_next_good_one_is_delivered() -> None:
+    async with listening() as bench:
+        # asyncio does not send empty datagrams.
+        bad = [row for row in TABLE.dropped if row.datagram]
+        for row in bad:
+            bench.send(row.datagram)
+        bench.send(frame(1))
+        assert (await bench.next_pose()).id == 0
+        status = bench.source.status
+        assert status.dropped == Counter(row.reason for row in bad)
+        assert status.accepted == 1
+        assert bench.source.other_objects == ("mqx2",)
 
 
-def test_each_frame_counts_once_and_never_backwards() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            for number, north_mm in ((10, 0.0), (11, 1.0), (11, 1.0), (10, 0.0), (13, 3.0), (12, 2.0), (14, 4.0)):
-                bench.send(frame(number, north_mm))
-            poses = [await bench.next_pose() for _ in range(4)]
-            assert [pose.position_ned[0] for pose in poses] == [0.0, 0.001, 0.003, 0.004]
-            assert [pose.id for pose in poses] == [0, 1, 2, 3]
-            assert bench.source.status.dropped == {"duplicate": 1, "out_of_order": 2}
-
-    run(main())
+@on_jumping_clock
+async def test_each_frame_counts_once_and_never_backwards() -> None:
+    async with listening() as bench:
+        for number, north_mm in ((10, 0.0), (11, 1.0), (11, 1.0), (10, 0.0), (13, 3.0), (12, 2.0), (14, 4.0)):
+            bench.send(frame(number, north_mm))
+        poses = [await bench.next_pose() for _ in range(4)]
+        assert [pose.position_ned[0] for pose in poses] == [0.0, 0.001, 0.003, 0.004]
+        assert [pose.id for pose in poses] == [0, 1, 2, 3]
+        assert bench.source.status.dropped == {"duplicate": 1, "out_of_order": 2}
 
 
-def test_the_frame_number_runs_over_after_32_bits() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            bench.send(frame(2**32 - 1, 1.0))
-            bench.send(frame(0, 2.0))
-            await bench.next_pose()
-            assert (await bench.next_pose()).reset_count == 0
-            assert bench.source.status.dropped == {}
-
-    run(main())
+@on_jumping_clock
+async def test_the_frame_number_runs_over_after_32_bits() -> None:
+    async with listening() as bench:
+        bench.send(frame(2**32 - 1, 1.0))
+        bench.send(frame(0, 2.0))
+        await bench.next_pose()
+        assert (await bench.next_pose()).reset_count == 0
+        assert bench.source.status.dropped == {}
 
 
-def test_a_count_that_starts_anew_is_believed_only_after_a_second_of_nothing_else() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            bench.send(frame(1_000_000, 1.0))
-            await bench.next_pose()
-            jump(5.0)
-            bench.send(frame(1, 2.0))
-            assert await bench.dropped(1) == {"out_of_order": 1}
-            jump(0.9)
-            bench.send(frame(46, 2.5))
-            assert await bench.dropped(2) == {"out_of_order": 2}
-            jump(0.2)
-            bench.send(frame(56, 3.0))
-            pose = await bench.next_pose()
-            assert pose.position_ned[0] == 0.003
-            assert pose.reset_count != 0, "a restarted Tracker may have a new origin"
-            bench.send(frame(57, 4.0))
-            assert (await bench.next_pose()).reset_count == pose.reset_count
-            assert bench.source.status.clock_restarts == 1
-
-    run(main())
+@on_jumping_clock
+async def test_a_count_that_starts_anew_is_believed_only_after_a_second_of_nothing_else() -> None:
+    async with listening() as bench:
+        bench.send(frame(1_000_000, 1.0))
+        await bench.next_pose()
+        jump(5.0)
+        bench.send(frame(1, 2.0))
+        assert await bench.dropped(1) == {"out_of_order": 1}
+        jump(0.9)
+        bench.send(frame(46, 2.5))
+        assert await bench.dropped(2) == {"out_of_order": 2}
+        jump(0.2)
+        bench.send(frame(56, 3.0))
+        pose = await bench.next_pose()
+        assert pose.position_ned[0] == 0.003
+        assert pose.reset_count != 0, "a restarted Tracker may have a new origin"
+        bench.send(frame(57, 4.0))
+        assert (await bench.next_pose()).reset_count == pose.reset_count
+        assert bench.source.status.clock_restarts == 1
 
 
-def test_of_two_trackers_at_once_only_the_one_ahead_is_heard() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            for i in range(10):
-                bench.send(frame(5_000 + i, float(i)))
-                bench.send(frame(100 + i, 9_000.0 + i))
-                jump(0.5)
-                assert (await bench.next_pose()).position_ned[0] == i / 1000.0
-            assert await bench.dropped(10) == {"out_of_order": 10}
-
-    run(main())
+@on_jumping_clock
+async def test_of_two_trackers_at_once_only_the_one_ahead_is_heard() -> None:
+    async with listening() as bench:
+        for i in range(10):
+            bench.send(frame(5_000 + i, float(i)))
+            bench.send(frame(100 + i, 9_000.0 + i))
+            jump(0.5)
+            assert (await bench.next_pose()).position_ned[0] == i / 1000.0
+        assert await bench.dropped(10) == {"out_of_order": 10}
 
 
-def test_the_same_frame_is_a_duplicate_however_long_the_silence() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            bench.send(frame(7, 1.0))
-            await bench.next_pose()
-            jump(60.0)
-            bench.send(frame(7, 1.0))
-            assert await bench.dropped(1) == {"duplicate": 1}
-
-    run(main())
+@on_jumping_clock
+async def test_the_same_frame_is_a_duplicate_however_long_the_silence() -> None:
+    async with listening() as bench:
+        bench.send(frame(7, 1.0))
+        await bench.next_pose()
+        jump(60.0)
+        bench.send(frame(7, 1.0))
+        assert await bench.dropped(1) == {"duplicate": 1}
 
 
-def test_a_pose_that_stands_still_to_the_last_bit_is_not_a_measurement() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            for number in (1, 2, 3):
-                bench.send(frame(number, 1.0))
-            bench.send(frame(4, math.nextafter(1.0, 2.0)))
-            await bench.next_pose()
-            assert (await bench.next_pose()).id == 1
-            assert bench.source.status.dropped == {"frozen": 2}
-
-    run(main())
+@on_jumping_clock
+async def test_a_pose_that_stands_still_to_the_last_bit_is_not_a_measurement() -> None:
+    async with listening() as bench:
+        for number in (1, 2, 3):
+            bench.send(frame(number, 1.0))
+        bench.send(frame(4, math.nextafter(1.0, 2.0)))
+        await bench.next_pose()
+        assert (await bench.next_pose()).id == 1
+        assert bench.source.status.dropped == {"frozen": 2}
 
 
-def test_a_simulation_without_noise_may_stand_still() -> None:
-    async def main() -> None:
-        async with listening(drop_frozen=False) as bench:
-            bench.send(frame(1))
-            bench.send(frame(2))
-            assert [(await bench.next_pose()).id, (await bench.next_pose()).id] == [0, 1]
-
-    run(main())
+@on_jumping_clock
+async def test_a_simulation_without_noise_may_stand_still() -> None:
+    async with listening(drop_frozen=False) as bench:
+        bench.send(frame(1))
+        bench.send(frame(2))
+        assert [(await bench.next_pose()).id, (await bench.next_pose()).id] == [0, 1]
 
 
-def test_nothing_is_delivered_after_close() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            bench.send(frame(1, 1.0))
-            await bench.next_pose()
-            await bench.source.close()
-            await bench.source.close()
-            bench.source.datagram_received(frame(2, 2.0), None)
-            assert bench.source.status.accepted == 1
-
-    run(main())
+@on_jumping_clock
+async def test_nothing_is_delivered_after_close() -> None:
+    async with listening() as bench:
+        bench.send(frame(1, 1.0))
+        await bench.next_pose()
+        await bench.source.close()
+        await bench.source.close()
+        bench.source.datagram_received(frame(2, 2.0), None)
+        assert bench.source.status.accepted == 1
 
 
-def test_a_port_in_use_is_named_with_what_to_do() -> None:
-    async def main() -> None:
-        async with listening() as bench:
-            with pytest.raises(OSError, match=r"cannot listen for Vicon poses on 127\.0\.0\.1:") as refused:
-                second = bench.config.build()
-                await second.start(lambda pose: None)
-            assert f"(process {os.getpid()}) holds this port: end it" in str(refused.value)
-
-    run(main())
+@on_jumping_clock
+async def test_a_port_in_use_is_named_with_what_to_do() -> None:
+    async with listening() as bench:
+        with pytest.raises(OSError, match=r"cannot listen for Vicon poses on 127\.0\.0\.1:") as refused:
+            second = bench.config.build()
+            await second.start(lambda pose: None)
+        assert f"(process {os.getpid()}) holds this port: end it" in str(refused.value)
 
 
 @pytest.mark.parametrize(
