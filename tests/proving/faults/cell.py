@@ -189,7 +189,7 @@ async def fly_here(
             if moves.answers and event.state == State.ABORTED:
                 nonlocal aborted_m
                 aborted_m = min(aborted_m, height_m())
-            if moves.answers and is_open_loop(event.state):
+            if moves.answers and is_open_loop(moves.state):
                 note_open_loop(loop.time())
             if moves.answers and pushing.decided_s == math.inf:
                 pushing.decided_s = loop.time()
