@@ -100,6 +100,7 @@ def test_on_rotors_it_flies_by_what_identify_found(scenario: str, most_cm: float
     assert middle(scenario, "saturated_fraction", **flights._asdict()) <= 0.01
 
 
+@pytest.mark.matrix  # unit/sim/world/test_rotors.py holds the plant's answers
 @pytest.mark.parametrize(
     ("scenario", "lags_s", "rms_cm", "saturated"),
     [

@@ -68,29 +68,3 @@ def test_a_timer_that_was_held_up_has_missed_every_moment_of_it(sleeper: Sleeper
 def test_a_single_late_moment_is_no_excuse_for_a_short_test(sleeper: Sleeper) -> None:
     sleeper._late_at_s.append(time.monotonic() + 3600.0)
     assert 0.0 < sleeper.late(time.monotonic()) < GROSS
-
-
-TESTS = """
-import pytest
-from tests import busy
-
-pytestmark = pytest.mark.real_time
-busy.PATIENCE_S = 0.0
-runs = []
-
-def was_late(share):
-    busy.Machine.late = lambda machine, since_s: share
-    runs.append(share)
-
-def test_late_once():
-    was_late(0.5)
-    assert len(runs) == 2
-
-def test_late_again():
-    was_late(0.5)
-    assert False
-
-def test_wrong():
-    was_late(0.04)
-    assert False
-"""

@@ -1,10 +1,8 @@
 """What `groundstation-sim dev autopilots` makes of what it sees; the firmware is somebody's own."""
 
 import asyncio
-import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +15,7 @@ from sim.runs import Stage, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time
-from tests.proving.autopilots import FirmwareFlight, Flown, TruthReceiver, as_json, find, look, tables
-from tests.proving.takeoff_start import TakeoffStart
+from tests.proving.autopilots import FirmwareFlight, Flown, TruthReceiver, find, look
 
 D = MavlinkCodec(1, 1).dialect
 LEANS = so3.from_euler_zyx(math.radians(30.0), 0.0, 0.0)
@@ -82,20 +79,3 @@ def test_a_flight_is_looked_at_by_its_recording_and_the_truth(flown: FirmwareFli
     assert 0.1 < flown.touchdown_m_s < 0.4
     assert 0.1 < flown.lean_deg < 15.0
     assert flown.home_m < 0.05
-
-
-def test_the_tables_name_what_was_lost(flown: FirmwareFlight) -> None:
-    lost: Any = flown._replace(rms_cm=None, max_cm=None, landed=False)
-    figures = {"hover": [flown], "eight, 0.5 m/s": [flown, lost], "eight, 1.0 m/s": [lost]}
-    text = tables({"PX4": {"figures": figures, "take_offs": [flown, lost]}})
-    assert ", 1 lost |" in text
-    assert "| PX4, eight, 1.0 m/s | –, 1 lost | nan | 17 |" in text
-    assert "| PX4 | 1 of 2 | 2 of 2 |" in text
-
-
-def test_a_firmware_that_never_left_the_floor_is_a_row_of_its_own(flown: FirmwareFlight) -> None:
-    lost: Any = flown._replace(rms_cm=None, max_cm=None, landed=False, start=TakeoffStart())
-    figures = {name: [lost] for name in ("hover", "eight, 0.5 m/s", "eight, 1.0 m/s")}
-    text = tables({"PX4": {"figures": figures, "take_offs": [lost]}})
-    assert text.endswith("| PX4 | 0 of 1 | 0 of 1 | – | – | – | – | – | – |")
-    assert json.loads(as_json({"PX4": {"figures": figures, "take_offs": [flown]}}))["PX4"]["take_offs"][0]["smooth"]

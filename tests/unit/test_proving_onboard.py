@@ -1,7 +1,6 @@
 """What ``groundstation-sim dev autopilots --lockstep`` makes of what it sees; the firmware is somebody's own."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,8 @@ from tests.proving.onboard import (
     Facts,
     Struck,
     TakeOff,
-    as_json,
     fly_in_lockstep,
     set_up,
-    tables,
 )
 from tests.proving.takeoff_start import TakeoffStart
 
@@ -49,23 +46,6 @@ def facts(**changed: Any) -> Facts:
     )._replace(**changed)
 
 
-def test_the_tables_have_a_row_for_each_flight_and_strike() -> None:
-    text = tables({"PX4": facts()})
-    assert "| PX4, hover | 0.25 (0.25) | 0.9 | 0.3 |" in text
-    assert "| PX4 | 2 of 2 | 2 of 2 | 1.00 to 1.00 |" in text
-    assert text.count("| yes |") == len(STRIKES)
-    assert text.endswith("The doctor set on PX4: `EKF2_HGT_REF` 1 → 3.")
-
-
-def test_what_was_lost_and_what_went_too_far_is_named() -> None:
-    lost = {name: [LANDED, LOST] for name in FLIGHTS}
-    text = tables({"PX4": facts(figures=lost, take_offs=[TakeOff(LOST, TakeoffStart()), TakeOff(LANDED, start(1.5))])})
-    assert "| PX4, hover | 0.25 (0.25), 1 of 2 lost |" in text
-    assert "| PX4 | 1 of 2 | 0 of 2 | 1.50 to 1.50 |" in text
-    none = facts(take_offs=[TakeOff(LOST, TakeoffStart())])
-    assert "| PX4 | 0 of 1 | 0 of 1 | – |" in tables({"PX4": none})
-
-
 @pytest.mark.parametrize(
     ("changed", "beyond"),
     [
@@ -84,13 +64,6 @@ def test_a_strike_is_judged_by_the_limits_of_the_page_on_trust(changed: dict[str
 
 def test_a_flight_that_a_strike_does_not_end_may_go_on() -> None:
     assert SAFE._replace(off_s=None).beyond(ends=False) == []
-
-
-def test_the_same_facts_are_json() -> None:
-    read = json.loads(as_json({"PX4": facts()}))["PX4"]
-    assert read["changes"] == [{"name": "EKF2_HGT_REF", "before": 1.0, "now": 3.0}]
-    assert read["strikes"]["kill -9"][0]["aside_m"] == 1.0
-    assert read["take_offs"][0]["smooth"]
 
 
 @pytest.mark.parametrize("kind", NAMES)
