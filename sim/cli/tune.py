@@ -112,16 +112,15 @@ def search(args: argparse.Namespace) -> Exit:
         if best is None:
             return _nothing(args, trials)
         evidence = verify(wanted, trials[0], best, flyers, args.verify)
-    config = keeper.config(best)
-    written = not evidence.complaints and args.out is not None
-    if written:
-        _write(args.out, toml(config, wanted, trials, best, evidence, _command()))
+    written = None if evidence.complaints else args.out
+    if written is not None:
+        _write(written, toml(keeper.config(best), wanted, trials, best, evidence, _command()))
     elif args.out is not None:
         args.out.unlink(missing_ok=True)
     if args.json:
-        print(json.dumps(_facts(trials, best, evidence, args.out if written else None)))
+        print(json.dumps(_facts(trials, best, evidence, written)))
     else:
-        print(_text(wanted, trials, best, evidence, args.out if written else None))
+        print(_text(wanted, trials, best, evidence, written))
     return Exit.FAILED if evidence.complaints else Exit.DONE
 
 

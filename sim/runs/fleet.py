@@ -10,7 +10,8 @@ import math
 import os
 import tempfile
 import time
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from contextlib import asynccontextmanager
 from itertools import combinations
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -185,7 +186,6 @@ async def fly_fleet(
         worlds, fleet = change(worlds, fleet)
     loop, tracks = asyncio.get_running_loop(), Tracks(len(worlds))
     stage = FleetStage(worlds, [member.lab for member in fleet.members], seed, tracks.step, autopilot=autopilot)
-    relay = None if fleet.relay_listen is None else Relay(fleet.relay_listen, fleet.relay_targets)
     states: dict[str, list[StateEntry]] = {member.name: [] for member in fleet.members}
     flights = {
         member.name: make_flight(
@@ -195,14 +195,11 @@ async def fly_fleet(
         )
         for number, member in enumerate(fleet.members)
     }
-    if relay is not None:
-        await relay.open()
     limit = LIMIT_S + max(member.core.flight.duration_s or 0.0 for member in fleet.members)
-    outcomes, ended_s = await run_missions(
-        stage.run(), list(flights.values()), limit, script and script(flights, stage)
-    )
-    if relay is not None:
-        relay.close()
+    async with _relaying(fleet):
+        outcomes, ended_s = await run_missions(
+            stage.run(), list(flights.values()), limit, script and script(flights, stage)
+        )
     for one in stage.stages:
         one.plant.advance(loop.time())
     vehicles = []
@@ -210,11 +207,22 @@ async def fly_fleet(
         told = StationRecord(states=tuple(states[member.name]), started_s=flights[member.name].started_s)
         fault = f"not over after {limit:g} s" if outcome is None else outcome.fault
         vehicles.append(judge(number, member.name, member.core, told, fault, tracks, stage))
-    names, starts = [member.name for member in fleet.members], [world.start_ned for world in worlds]
-    nearest = tracks.nearest(names, starts)
+    nearest = tracks.nearest(list(flights), [world.start_ned for world in worlds])
     return FleetMission(
         vehicles=tuple(vehicles), nearest=nearest, duration_s=ended_s, wall_s=time.perf_counter() - start
     )
+
+
+@asynccontextmanager
+async def _relaying(fleet: FleetPlan) -> AsyncIterator[None]:
+    """The fleet's relay of poses runs, where it has one."""
+    if fleet.relay_listen is None:
+        yield
+        return
+    relay = Relay(fleet.relay_listen, fleet.relay_targets)
+    await relay.open()
+    yield
+    relay.close()
 
 
 def _note(states: list[StateEntry], name: str, on_event: Callable[[str, Notice], None] | None) -> Subscriber:

@@ -112,14 +112,7 @@ async def serve(
         if second is not None:
             stage.peer.open_second = speak_to(parse_address(second))
             more = f"; a second ground station at udp {second} hears it, too"
-        if isinstance(link, MavlinkLinkConfig):
-            end = f"{autopilot} autopilot (MAVLink) to {_medium(link)} {link.endpoint}"
-        elif isinstance(link, BridgeLinkConfig):
-            end = f"bridge and receiver at udp {link.remote}"
-        else:
-            assert pty is not None, "every other link is a radio's"
-            end = f"{link.kind} receiver on {pty.path}"
-            end += "" if room is not None else ", for link.port beside link.simulated = true"
+        end = _describe_end(config, autopilot, pty)
         print(f"serving {name}: {end}, {_poses(config.pose)}{broker}{more}. Ctrl-C ends.", flush=True)
         if carried:
             stage.offer_hand(seed)
@@ -141,6 +134,18 @@ async def _run(stage: Stage | FleetStage) -> None:
         await stage.run()
     except* OSError as errors:
         raise ConfigError("serve", f"cannot play the other side: {errors.exceptions[0]}") from None
+
+
+def _describe_end(config: Config, autopilot: str, pty: PtyWire | None) -> str:
+    """What hears the commands, and where, in words."""
+    link = config.link
+    if isinstance(link, MavlinkLinkConfig):
+        return f"{autopilot} autopilot (MAVLink) to {_medium(link)} {link.endpoint}"
+    if isinstance(link, BridgeLinkConfig):
+        return f"bridge and receiver at udp {link.remote}"
+    assert pty is not None, "every other link is a radio's"
+    hint = "" if config.rehearsal is not None else ", for link.port beside link.simulated = true"
+    return f"{link.kind} receiver on {pty.path}{hint}"
 
 
 def _medium(link: MavlinkLinkConfig) -> str:

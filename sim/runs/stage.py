@@ -104,13 +104,13 @@ class Stage:
         if not isinstance(config.link, MavlinkLinkConfig):
             assert isinstance(autopilot, str), "real firmware speaks MAVLink"
             self._fit_receiver(config, seed, betaflight=autopilot == BETAFLIGHT)
-        elif isinstance(autopilot, str):
+        elif not isinstance(autopilot, str):
+            noise = normals(seed, "sensors of the firmware", 10)
+            self.onboard = autopilot.fit(self.plant, parse_address(config.link.endpoint), noise)
+        else:
             # Where its own estimate serves as the poses, it comes as late as the cameras' would.
             pose_delay_s = 0.0 if tracked is not None else world.pose_latency_s
             self._fit_autopilot(config.link, autopilot, parameters, pose_delay_s)
-        else:
-            noise = normals(seed, "sensors of the firmware", 10)
-            self.onboard = autopilot.fit(self.plant, parse_address(config.link.endpoint), noise)
         self.mocap = Mocap(world, self.plant, seed, *tracked, standing) if tracked is not None and alone else None
 
     def _fit_autopilot(

@@ -17,7 +17,7 @@ step: so one that is cut short does no harm.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
 from groundstation.core.geometry import (
@@ -286,6 +286,32 @@ def run_rate_loop(
     return RateLoop(told, told_rates, measured, slow, integral), (front_right, rear_left, front_left, rear_right)
 
 
+def _spin(ops: Ops, speeds: FourRotors, signals: FourRotors, h: Real, frame: RotorFrame) -> FourRotors:
+    """Rotor ``speeds`` after they have followed ``signals`` for ``h`` [s]."""
+    up, down = 1.0 - _decay(ops, h, frame.spin_up_s), 1.0 - _decay(ops, h, frame.spin_down_s)
+    now = zip(speeds, signals, strict=True)
+    n0, n1, n2, n3 = (speed + ops.where(signal > speed, up, down) * (signal - speed) for speed, signal in now)
+    return n0, n1, n2, n3
+
+
+def _gain_rates(
+    body: Body, thrusts_before: Sequence[Real], thrusts_after: Sequence[Real], h: Real, frame: RotorFrame
+) -> Vec3:
+    """Change of the body rates over ``h`` [s] by the torque of the four thrusts, the means of both ends."""
+    front_right, rear_left, front_left, rear_right = (
+        0.5 * (before + after) for before, after in zip(thrusts_before, thrusts_after, strict=True)
+    )
+    torque = (
+        frame.lever_m * (front_left + rear_left - front_right - rear_right),
+        frame.lever_m * (front_right + front_left - rear_left - rear_right),
+        frame.torque_m * (front_right + rear_left - front_left - rear_right),
+    )
+    # Euler's equation: J ω˙ = torque - ω x J ω.
+    left = subtract(torque, cross(body.rates, multiply_each(frame.inertia, body.rates)))
+    jx, jy, jz = frame.inertia
+    return h * left[0] / jx, h * left[1] / jy, h * left[2] / jz
+
+
 def integrate_rotors(
     ops: Ops,
     body: Body,
@@ -302,27 +328,12 @@ def integrate_rotors(
     ``full_n`` is what one rotor gives at its fullest now [N]; ``other`` is a constant acceleration, such as wind
     [m/s², NED]; ``told`` are the told rates [rad/s], for the leak alone.
     """
-    up, down = 1.0 - _decay(ops, h, frame.spin_up_s), 1.0 - _decay(ops, h, frame.spin_down_s)
+    after = _spin(ops, speeds, signals, h, frame)
     straight = 1.0 - frame.curve
-    now = zip(speeds, signals, strict=True)
-    n0, n1, n2, n3 = (speed + ops.where(signal > speed, up, down) * (signal - speed) for speed, signal in now)
-    after = (n0, n1, n2, n3)
     thrusts_before, thrusts_after = (
         [full_n * speed * (straight + frame.curve * speed) for speed in some] for some in (speeds, after)
     )
-    # Thrust and torque of the step: the means of both ends.
-    front_right, rear_left, front_left, rear_right = (
-        0.5 * (one + other_end) for one, other_end in zip(thrusts_before, thrusts_after, strict=True)
-    )
-    torque = (
-        frame.lever_m * (front_left + rear_left - front_right - rear_right),
-        frame.lever_m * (front_right + front_left - rear_left - rear_right),
-        frame.torque_m * (front_right + rear_left - front_left - rear_right),
-    )
-    # Euler's equation: J ω˙ = torque - ω x J ω.
-    left = subtract(torque, cross(body.rates, multiply_each(frame.inertia, body.rates)))
-    jx, jy, jz = frame.inertia
-    gained = (h * left[0] / jx, h * left[1] / jy, h * left[2] / jz)
+    gained = _gain_rates(body, thrusts_before, thrusts_after, h, frame)
     attitude = rotate(body.attitude, scale(h, add_scaled(body.rates, 0.5, gained)))
     a, b, c, d = thrusts_before
     before = a + b + c + d
