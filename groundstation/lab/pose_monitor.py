@@ -410,6 +410,23 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
     return Exit.DONE
 
 
+def _require_disarmed(connection: MavlinkConnection | None) -> None:
+    """Refuse to go on with an autopilot that is armed, or not heard, or another's."""
+    if connection is not None and connection.state != "connected":
+        raise CarryRefused(_state(connection))
+    if connection is not None and connection.conflict:
+        raise CarryRefused(connection.conflict)
+
+
+def _say_not_made(move: str, source: PoseSource, *, deaf: bool) -> str:
+    """Why nothing was seen of a ``move``, and what to do; ``deaf``: the autopilot has sent nothing."""
+    dropped = source.status.dropped
+    seen = f"; poses are dropped: {dropped}" if dropped else ""
+    if deaf:
+        seen = "; the autopilot does not send its attitude"
+    return f"'{move}' was not made within {PATIENCE_S:.0f} s{seen}. See check --watch"
+
+
 async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecord:
     """Have all the moves made; ``say`` tells the operator what to do.
 
@@ -418,7 +435,6 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
         SourceError: the source can't be started.
         LinkError: the autopilot does not answer.
     """
-    loop = asyncio.get_running_loop()
     has_autopilot = config.link.has_autopilot
     carry, felt = Carry(), list[tuple[float, Sample]]()
     begun, ended = asyncio.Event(), asyncio.Event()
@@ -453,19 +469,12 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
             say(f"{len(carry.rests) + 1} of {len(MOVES)}: {move.say}")
             begun.set()
             ended.clear()
-            give_up_s = loop.time() + PATIENCE_S
+            give_up_s = asyncio.get_running_loop().time() + PATIENCE_S
             while not ended.is_set():
                 await asyncio.sleep(LOOK_S)
-                if connection is not None and connection.state != "connected":
-                    raise CarryRefused(_state(connection))
-                if connection is not None and connection.conflict:
-                    raise CarryRefused(connection.conflict)
-                if loop.time() > give_up_s:
-                    dropped = ears.source.status.dropped
-                    seen = f"; poses are dropped: {dropped}" if dropped else ""
-                    if has_autopilot and not felt:
-                        seen = "; the autopilot does not send its attitude"
-                    raise CarryRefused(f"'{move.name}' was not made within {PATIENCE_S:.0f} s{seen}. See check --watch")
+                _require_disarmed(connection)
+                if asyncio.get_running_loop().time() > give_up_s:
+                    raise CarryRefused(_say_not_made(move.name, ears.source, deaf=has_autopilot and not felt))
         clock = connection.clock if connection is not None else None
     return CarryRecord(
         carry, [_on_our_clock(arrival_s, sample, clock) for arrival_s, sample in felt], clock is not None

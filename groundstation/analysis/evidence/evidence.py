@@ -13,7 +13,7 @@ constant is a trim. Intervals are by the jackknife over eight parts of the fligh
 import json
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
@@ -126,19 +126,12 @@ def fit_attitude_loop(at_s: Column, attitude: Column, set_s: Column, wanted: Col
             left[:, k] = [(off[rows] ** 2).sum(axis=(0, 1)) for rows in parts]
         return left
 
+    gains, lags, left = _search_loops(leave)
+
     def best(errors: Column) -> Column:
         k, one = np.unravel_index(int(errors.argmin()), errors.shape)
         return np.array([gains[one], lags[one], delays[k] * step])
 
-    gains, lags = (grid.ravel() for grid in np.meshgrid(GAINS, LAGS_S, indexing="ij"))
-    left = leave(gains, lags)
-    for closer in (CLOSER, CLOSER**0.3):
-        # Delay, lag and gain make up for each other: each of the likelier delays goes on with a loop of its own.
-        total = left.sum(axis=0)
-        centres = {int(total[k].argmin()) for k in np.argsort(total.min(axis=1))[:5]}
-        around = [np.meshgrid(gains[k] * closer, np.maximum(lags[k] * closer, 1e-3), indexing="ij") for k in centres]
-        gains, lags = (np.concatenate([grid[k].ravel() for grid in around]) for k in (0, 1))
-        left = leave(gains, lags)
     total = left.sum(axis=0)
     explained = 1.0 - float(total.min()) / max(float((centred[settle:] ** 2).sum()), 1e-12)
     if explained < EXPLAINED:
@@ -152,6 +145,20 @@ def fit_attitude_loop(at_s: Column, attitude: Column, set_s: Column, wanted: Col
     return AttitudeLoop(
         p, t, d, explained, ((max(p - a, 0.0), p + a), (max(t - b, 0.0), t + b), (max(d - c, 0.0), d + c))
     )
+
+
+def _search_loops(leave: Callable[[Column, Column], Column]) -> tuple[Column, Column, Column]:
+    """Gains and lags [s] closer and closer around the best, and what they ``leave``, by part, delay and loop."""
+    gains, lags = (grid.ravel() for grid in np.meshgrid(GAINS, LAGS_S, indexing="ij"))
+    left = leave(gains, lags)
+    for closer in (CLOSER, CLOSER**0.3):
+        # Delay, lag and gain make up for each other: each of the likelier delays goes on with a loop of its own.
+        total = left.sum(axis=0)
+        centres = {int(total[k].argmin()) for k in np.argsort(total.min(axis=1))[:5]}
+        around = [np.meshgrid(gains[k] * closer, np.maximum(lags[k] * closer, 1e-3), indexing="ij") for k in centres]
+        gains, lags = (np.concatenate([grid[k].ravel() for grid in around]) for k in (0, 1))
+        left = leave(gains, lags)
+    return gains, lags, left
 
 
 def respond(asked: Column, step_s: float, gains: Column, lags_s: Column) -> Column:
@@ -896,6 +903,36 @@ def doubt_attitude(driven: DrivenFlight) -> str:
     )
 
 
+class MeasuredMotion(NamedTuple):
+    """Motion by three poses, without a model: what a filter has to be better than."""
+
+    place: Column
+    """Position of the newest [m]."""
+    velocity: Column
+    """Mean velocity between the two newest [m/s]."""
+    tangent: Column
+    """Velocity at the newest, by the mean acceleration [m/s]."""
+    acceleration: Column
+    """Mean acceleration [m/s²]."""
+
+    @classmethod
+    def from_poses(
+        cls, older: tuple[float, Column], past: tuple[float, Column], newest: tuple[float, Column]
+    ) -> "MeasuredMotion":
+        """Time [s] and position [m] of each."""
+        (older_s, at_first), (past_s, at_second), (now_s, place) = older, past, newest
+        velocity = (place - at_second) / (now_s - past_s)
+        before = (at_second - at_first) / (past_s - older_s)
+        acceleration = (velocity - before) / (0.5 * (now_s - older_s))
+        return cls(place, velocity, velocity + 0.5 * (now_s - past_s) * acceleration, acceleration)
+
+    def extrapolate(self, ahead_s: float) -> tuple[Column, Column, Column]:
+        """Positions [m] on a straight line and on a parabola ``ahead_s`` [s] later, and the velocity there [m/s]."""
+        straight = self.place + self.velocity * ahead_s
+        curved = self.place + self.tangent * ahead_s + 0.5 * self.acceleration * ahead_s**2
+        return straight, curved, self.tangent + self.acceleration * ahead_s
+
+
 def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[int] = HORIZONS_MS) -> Judged:
     """Fly the filter over the part that flies, and hold what it predicts against the poses measured then."""
     flight, air, at_s, place = driven.flight, driven.air, driven.at_s, driven.place
@@ -938,19 +975,14 @@ def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[
             continue
         if now - at_s[older] > 2.0 * base + GAP * usual:
             continue
-        velocity = (place[i] - place[past]) / (now - at_s[past])
-        before = (place[past] - place[older]) / (at_s[past] - at_s[older])
-        acceleration = (velocity - before) / (0.5 * (now - at_s[older]))
-        tangent = velocity + 0.5 * (now - at_s[past]) * acceleration
+        measured = MeasuredMotion.from_poses(*((float(at_s[one]), place[one]) for one in (older, past, i)))
         for h, target in targets.items():
             j = int(target[i])
             if j >= air.stop or resets[j] != resets[i] or abs(at_s[j] - now - 1e-3 * h) > NEAR * 1e-3 * h:
                 continue
-            ahead = float(at_s[j]) - now
             predicted = np.array(estimator.predict(float(at_s[j])).motion.position) + place[i] - pose.position_ned
-            straight = place[i] + velocity * ahead
-            curved = place[i] + tangent * ahead + 0.5 * acceleration * ahead**2
-            off = (predicted - place[j], straight - place[j], curved - place[j], tangent + acceleration * ahead)
+            straight, curved, velocity = measured.extrapolate(float(at_s[j]) - now)
+            off = (predicted - place[j], straight - place[j], curved - place[j], velocity)
             errors[h].frombytes(np.concatenate(off).tobytes())
     return Judged(
         float(np.mean(consistency)) / 3.0 if consistency else None,
@@ -993,9 +1025,6 @@ def examine_flight(path: Path) -> dict[str, Any]:
     noise = measure_pose_noise(at_s, place)
     why = "" if flight.config is not None else why_not_judged(flight, at_s, place)
     flew = not why
-    identified: dict[str, Any] | None = None
-    if flight.sent:
-        identified = identify_vehicle(driven) if flew else {"note": f"not identifiable: {why}"}
     judged, untold = Judged(None, {str(h): None for h in HORIZONS_MS}), Judged(None, {str(AT_MS): None})
     told: dict[str, float] = {}
     if flew:
@@ -1023,12 +1052,13 @@ def examine_flight(path: Path) -> dict[str, Any]:
         facts["note"] = why
     elif doubt := doubt_attitude(driven):
         facts["doubt"] = doubt
-    if identified is not None:
-        facts["identified"] = identified
-    if identified is not None and flew:
+    if flight.sent and flew:
+        facts["identified"] = identify_vehicle(driven)
         part = cut_to(driven.recorded, driven.at_s, air)
         shadow = replay(part, driven.config, FlownPath(flight.poses, 0.25), driven.hover)
         facts["shadow"] = msgspec.to_builtins(compare_commands(shadow.compared))
+    elif flight.sent:
+        facts["identified"] = {"note": f"not identifiable: {why}"}
     return facts
 
 

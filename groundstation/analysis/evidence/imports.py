@@ -600,25 +600,49 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -
     if is_tracker:
         tables = choose_body(tables, body, paths[0])
     reader = _MappingReader(mapping, tables, notes)
-    poses = reader.first(mapping.pose, reader.motion)
+    poses = _read_poses(reader, mapping, paths[0])
+    flight = ImportedFlight(float(poses[0][0]))
+    kept = _add_poses(flight, poses)
+    _add_commands(flight, reader, mapping)
+    flight.notes.update(reader.notes)
+    flight.notes = +flight.notes
+    _add_states(flight, reader, mapping)
+    known_s, known_down = poses[0][kept], poses[1][kept, 2]
+    for topic, parts, what in ((REFERENCE, mapping.reference, "reference"), (TRUTH, mapping.truth, "truth")):
+        why_not = _add_motion(flight, reader, (topic, what), parts, (known_s, known_down))
+        if why_not is not None:
+            flight.missing.append(f"no {what} in it{why_not}")
+    return flight
+
+
+def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) -> "Motion":
+    """The poses between two set-backs of their clock, where there are most.
+
+    Raises:
+        ConfigError: there are none, or by their stamps they come at a rate that no tracker has.
+    """
+    poses: Motion | None = reader.first(mapping.pose, reader.motion)
     if poses is None:
-        raise ConfigError(
-            "FILE", f"holds no poses as the mapping has them: {reader.lacks(mapping.pose)}", str(paths[0])
-        )
-    time, place, attitude, velocity, resets = poses
+        raise ConfigError("FILE", f"holds no poses as the mapping has them: {reader.lacks(mapping.pose)}", str(file))
+    time = poses[0]
     apart_s = find_usual(time) if len(time) > 1 else PLAUSIBLE_S[1]
     if not PLAUSIBLE_S[0] <= apart_s <= PLAUSIBLE_S[1]:
         says = f"by {mapping.time_unit!r} a pose comes every {apart_s:.3g} s: its stamps are of another unit"
         says = says if apart_s else "all poses have the same stamp"
-        raise ConfigError("--map: time_unit", says, str(paths[0]))
+        raise ConfigError("--map: time_unit", says, str(file))
     rows = split_at_set_backs(time)
     part = max(range(len(rows)), key=lambda k: rows[k].stop - rows[k].start)
     reader.part = part, len(rows)
     if len(rows) > 1:
         # How long it had been going on by then nobody can tell: what comes before and after does not fit together.
         reader.notes["poses left out, before or after a set-back of their clock"] = len(time) - len(time[rows[part]])
-        time, place, attitude, velocity, resets = reader.cut(poses) or poses
-    flight = ImportedFlight(float(time[0]))
+        poses = reader.cut(poses) or poses
+    return poses
+
+
+def _add_poses(flight: ImportedFlight, poses: "Motion") -> NDArray[np.intp]:
+    """Add the poses that are new and do not leap away; returns their rows."""
+    time, place, attitude, velocity, resets = poses
     late = np.zeros(len(time), dtype=bool)
     late[1:] = time[1:] <= np.maximum.accumulate(time)[:-1]
     repeats = find_repeats(place)
@@ -631,36 +655,49 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -
         resets[rest[k] :] += 1.0
     flight.notes["poses that leap away and come back"] += int(np.count_nonzero(gone))
     flight.notes["times that the positions' origin moved"] += len(moved)
-    for k in rest[~gone].tolist():
+    kept = rest[~gone]
+    for k in kept.tolist():
         at = float(time[k] - time[0])
         velocity_ned = None if velocity is None else _three(velocity[k])
         pose = Pose(0, at, at, _three(place[k]), _four(attitude[k]), velocity_ned, int(resets[k]))
         flight.messages.append((at, MEASURED, _make_measured(pose, k)))
-    _add_commands(flight, reader, mapping)
-    flight.notes.update(reader.notes)
-    flight.notes = +flight.notes
+    return kept
+
+
+def _add_states(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
+    """Add when it may fly and when not."""
     times, flies = reader.cut(reader.first(mapping.state, reader.state)) or ((), ())
     since = [max(0.0, float(at) - flight.begun_s) for at in times]
     since[:1] = [0.0] * len(since[:1])  # the first tells of what was before, too
     states = [(at, STATE, ImportedState(at, bool(may))) for at, may in zip(since, flies, strict=True)]
     flight.messages[:0] = states  # before the poses of the same instant
-    known_s, known_down = time[rest[~gone]], place[rest[~gone], 2]
-    for topic, parts, what in ((REFERENCE, mapping.reference, "reference"), (TRUTH, mapping.truth, "truth")):
-        reader.unclear.clear()
-        found = reader.first(parts, reader.motion)
-        known = reader.cut(found)
-        if known is None:
-            why = f": {reader.unclear[-1]}" if reader.unclear and not found else OF_ANOTHER_CLOCK if found else ""
-            flight.missing.append(f"no {what} in it{why}")
-            continue
-        time, place, _, velocity, _ = known
-        if any(part.stated for part in parts) and is_upside_down(known_s, known_down, time, place[:, 2]):
-            flight.missing.append(f"no {what} in it: {notice('import.upside_down', what=what)}")
-            continue
-        for k, at in enumerate((time - flight.begun_s).tolist()):
-            moving = msgspec.UNSET if velocity is None else Vector3(*_three(velocity[k]))
-            flight.messages.append((at, topic, ImportedMotion(at, Vector3(*_three(place[k])), moving)))
-    return flight
+
+
+def _add_motion(
+    flight: ImportedFlight,
+    reader: "_MappingReader",
+    kind: tuple[str, str],
+    parts: Sequence[MappedMotion],
+    heights: tuple[Column, Column],
+) -> str | None:
+    """Add the motion of a ``kind``, its topic and name; returns why there is none.
+
+    ``heights`` are times [s] and down coordinates [m] of the poses, which tell whether it is upside down.
+    """
+    topic, what = kind
+    reader.unclear.clear()
+    found = reader.first(parts, reader.motion)
+    known = reader.cut(found)
+    if known is None:
+        why = f": {reader.unclear[-1]}" if reader.unclear and not found else OF_ANOTHER_CLOCK if found else ""
+        return why
+    time, place, _, velocity, _ = known
+    if any(part.stated for part in parts) and is_upside_down(*heights, time, place[:, 2]):
+        return f": {notice('import.upside_down', what=what)}"
+    for k, at in enumerate((time - flight.begun_s).tolist()):
+        moving = msgspec.UNSET if velocity is None else Vector3(*_three(velocity[k]))
+        flight.messages.append((at, topic, ImportedMotion(at, Vector3(*_three(place[k])), moving)))
+    return None
 
 
 CLEAR_M = 0.5

@@ -214,6 +214,34 @@ def _cells(name: str, cell: str) -> Iterator[tuple[str, float]]:
     yield name, _number(cell)
 
 
+MOTIVE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+"""Columns that a rigid body needs."""
+
+
+def _find_motive_bodies(
+    labels: Mapping[str, Sequence[str]], kinds: Sequence[str], axes: Sequence[str]
+) -> dict[str, dict[str, int]]:
+    """Where the columns of each rigid body stand, of those that have all.
+
+    Raises:
+        ValueError: two bodies have one name.
+    """
+    bodies: dict[str, dict[str, int]] = {}
+    types, ids = labels.get("Type", []), labels.get("ID", [])
+    for k, name in enumerate(labels["Name"]):
+        if k < 2 or k >= min(len(axes), len(kinds)) or (types and types[k] != "Rigid Body"):
+            continue
+        known = {"Rotation": "q", "Position": ""}.get(kinds[k])
+        if known is not None and axes[k] in "XYZW":
+            body = bodies.setdefault(name, {})
+            column = known + axes[k].lower()
+            if column in body:
+                where = f"{name} (ID {ids[k]})" if k < len(ids) else name
+                raise ValueError(f"two bodies are called {where}")
+            body[column] = k
+    return {name: at for name, at in bodies.items() if set(MOTIVE_COLUMNS) <= set(at)}
+
+
 def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
     """Read the rigid bodies of a file that Motive exported: t [s], x, y, z [m], qw, qx, qy, qz.
 
@@ -238,30 +266,16 @@ def read_motive_tables(path: Path) -> Iterator[tuple[str, Table]]:
         _expect(path, "Rotation Type", stated, turns, "Quaternion")
         is_global = stated.get("Coordinate Space", "Global") == "Global"
         _expect(path, "Coordinate Space", stated, is_global, "Global")
-        bodies: dict[str, dict[str, int]] = {}
-        types, ids = labels.get("Type", []), labels.get("ID", [])
-        for k, name in enumerate(labels["Name"]):
-            if k < 2 or k >= min(len(axes), len(kinds)) or (types and types[k] != "Rigid Body"):
-                continue
-            known = {"Rotation": "q", "Position": ""}.get(kinds[k])
-            if known is not None and axes[k] in "XYZW":
-                body = bodies.setdefault(name, {})
-                column = known + axes[k].lower()
-                if column in body:
-                    where = f"{name} (ID {ids[k]})" if k < len(ids) else name
-                    raise ValueError(f"two bodies are called {where}")
-                body[column] = k
-        wanted = ("x", "y", "z", "qw", "qx", "qy", "qz")
-        whole = {name: at for name, at in bodies.items() if set(wanted) <= set(at)}
+        whole = _find_motive_bodies(labels, kinds, axes)
         if not whole:
-            raise ConfigError("FILE", notice("import.no_body", found=_few(set(types[2:]))), str(path))
-        times, cells = array("d"), {name: {key: array("d") for key in wanted} for name in whole}
+            raise ConfigError("FILE", notice("import.no_body", found=_few(set(labels.get("Type", [])[2:]))), str(path))
+        times, cells = array("d"), {name: {key: array("d") for key in MOTIVE_COLUMNS} for name in whole}
         for row in rows:
             if len(row) < 2:
                 continue
             times.append(number(row[1]))
             for name, at in whole.items():
-                for key in wanted:
+                for key in MOTIVE_COLUMNS:
                     cell = row[at[key]] if at[key] < len(row) else ""
                     cells[name][key].append(number(cell))
     for name, body_cells in cells.items():

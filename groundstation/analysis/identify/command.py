@@ -12,6 +12,7 @@ import math
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -286,16 +287,10 @@ def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> 
     config, vehicle = seen.config, seen.config.vehicle
     values, deviations = pushed.fit.values, pushed.fit.deviations
     scale, sag, curve = (THRUST_NAMES.index(name) for name in ("scale", "sag", "curve"))
-
-    def hover(values: Column) -> float:
-        return hover_signal(config, pushed.about, float(values[scale]), float(values[curve]))
-
-    told_hover = signal(config.weight_n / config.full_thrust_n, config.thrust_curve)
     mass = vehicle.mass_kg
     of = f"of thrust over mass: if it weighs m and not {mass:g} kg, thrust is this times m/{mass:g}"
     spread = math.hypot(deviations[scale], MODEL * values[scale])
     sag_spread = math.hypot(deviations[sag], MODEL)
-    hover_spread = math.hypot(_spread(hover, pushed), MODEL * told_hover)
     return [
         judge_parameter(
             "thrust_scale",
@@ -308,17 +303,7 @@ def _thrust(seen: FlightStretch, pushed: ThrustFit, moved: MotionExcitation) -> 
             told=1.0,
             note=of,
         ),
-        judge_parameter(
-            "hover_thrust",
-            "signal that carries it",
-            "",
-            hover(values),
-            hover_spread,
-            math.inf if WIDE * spread <= 0.05 else 0.0,
-            moved=moved.pushed,
-            told=told_hover,
-            note="in the middle of the flight, in still air",
-        ),
+        _hover_thrust(config, pushed, moved.pushed, scaled=WIDE * spread <= 0.05),
         judge_parameter(
             "thrust_curve",
             "thrust curve f",
@@ -345,20 +330,55 @@ def _spread(figure: Callable[[Column], float], pushed: ThrustFit) -> float:
     return math.sqrt(max(float(slope @ pushed.fit.covariance @ slope), 0.0))
 
 
+def _hover_thrust(config: Config, pushed: ThrustFit, moved: bool, *, scaled: bool) -> IdentifiedParameter:
+    """The signal that carries the vehicle; identified where the thrust scale is (``scaled``)."""
+    scale, curve = (THRUST_NAMES.index(name) for name in ("scale", "curve"))
+
+    def hover(values: Column) -> float:
+        return hover_signal(config, pushed.about, float(values[scale]), float(values[curve]))
+
+    told = signal(config.weight_n / config.full_thrust_n, config.thrust_curve)
+    return judge_parameter(
+        "hover_thrust",
+        "signal that carries it",
+        "",
+        hover(pushed.fit.values),
+        math.hypot(_spread(hover, pushed), MODEL * told),
+        math.inf if scaled else 0.0,
+        moved=moved,
+        told=told,
+        note="in the middle of the flight, in still air",
+    )
+
+
+def _judge_lag(
+    name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
+) -> IdentifiedParameter:
+    """A lag of ``value`` [s], 1σ ``deviation``; ``seen`` where the flight shows it."""
+    enough = max(0.01, 0.25 * value)
+    spread = math.hypot(deviation, MODEL * value)
+    return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
+
+
+def _judge_delay(
+    frames_s: float, name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
+) -> IdentifiedParameter:
+    """A delay of ``value`` [s], 1σ ``deviation`` beside ``frames_s``; ``seen`` where the flight shows it."""
+    spread = math.hypot(deviation, frames_s)
+    if value + WIDE * spread < 0.0:
+        note = (
+            f"it seems to obey before commands leave: poses are stamped {-1e3 * value:.0f} ms early or more, so "
+            "pose.latency_s is too large by as much"
+        )
+    return judge_parameter(name, title, "s", value, spread, 0.015, moved=seen, told=told, note=note)
+
+
 def _lags(
     seen: FlightStretch, turned: TurnFit, pushed: ThrustFit, moved: MotionExcitation
 ) -> list[IdentifiedParameter]:
     vehicle = seen.config.vehicle
     delay, roll, pitch, yaw_delay, yaw = turned.fit.values.tolist()
     thrust_delay, lag = pushed.fit.values[:2].tolist()
-
-    def lag_of(
-        name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
-    ) -> IdentifiedParameter:
-        enough = max(0.01, 0.25 * value)
-        spread = math.hypot(deviation, MODEL * value)
-        return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=told, least=0.0, note=note)
-
     both, both_spread = _combine(turned.fit.values[1:3], turned.fit.covariance[1:3, 1:3])
     spreads = dict(zip(TURN_NAMES, turned.fit.deviations.tolist(), strict=True))
     thrust_spread, lag_spread = (THRUST_SPREAD * pushed.fit.deviations[:2]).tolist()
@@ -368,17 +388,7 @@ def _lags(
         vehicle.command_delay_s + late for late in (vehicle.rate_delay_s, vehicle.thrust_delay_s)
     )
     turned_at_all, one = rolled or pitched, "the controller is told one for all three"
-
-    def delay_of(
-        name: str, title: str, value: float, deviation: float, told: float, seen: bool, note: str = ""
-    ) -> IdentifiedParameter:
-        spread = math.hypot(deviation, frames)
-        if value + WIDE * spread < 0.0:
-            note = (
-                f"it seems to obey before commands leave: poses are stamped {-1e3 * value:.0f} ms early or more, so "
-                "pose.latency_s is too large by as much"
-            )
-        return judge_parameter(name, title, "s", value, spread, 0.015, moved=seen, told=told, note=note)
+    delay_of = partial(_judge_delay, frames)
 
     def response_of(name: str, title: str, sums: Sequence[Sequence[float]], seen: bool) -> IdentifiedParameter:
         """Identify lag + delay from ``sums`` (k, 5) of the fit's parameters."""
@@ -389,14 +399,14 @@ def _lags(
         return judge_parameter(name, title, "s", value, spread, enough, moved=seen, told=whole, note=RESPONSE)
 
     # Of yaw a longer delay with a shorter lag may fit as well, 30 ms apart: where one is open, so is the other.
-    yaw_lag = lag_of("yaw_rate_lag", "yaw rate lag", yaw, spreads["yaw_lag"], told, yawed, one)
+    yaw_lag = _judge_lag("yaw_rate_lag", "yaw rate lag", yaw, spreads["yaw_lag"], told, yawed, one)
     return [
-        lag_of("thrust_lag", "thrust lag", lag, lag_spread, vehicle.thrust_lag_s, moved.thrust),
+        _judge_lag("thrust_lag", "thrust lag", lag, lag_spread, vehicle.thrust_lag_s, moved.thrust),
         delay_of("thrust_delay", "thrust delay", thrust_delay, thrust_spread, thrust_told, moved.thrust, DELAY),
-        lag_of("rate_lag", "rate lag, roll and pitch", both, both_spread, told, turned_at_all),
+        _judge_lag("rate_lag", "rate lag, roll and pitch", both, both_spread, told, turned_at_all),
         delay_of("rate_delay", "rate delay, roll and pitch", delay, spreads["delay"], rates_told, turned_at_all, DELAY),
-        lag_of("roll_rate_lag", "roll rate lag", roll, spreads["roll_lag"], told, rolled),
-        lag_of("pitch_rate_lag", "pitch rate lag", pitch, spreads["pitch_lag"], told, pitched),
+        _judge_lag("roll_rate_lag", "roll rate lag", roll, spreads["roll_lag"], told, rolled),
+        _judge_lag("pitch_rate_lag", "pitch rate lag", pitch, spreads["pitch_lag"], told, pitched),
         yaw_lag,
         delay_of(
             "yaw_rate_delay",

@@ -505,6 +505,10 @@ UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Unit vectors along x, y and z."""
 
 
+Strength: TypeAlias = tuple[Noise, InnovationFilter]
+"""Levels of noise and wind, and the filter for them."""
+
+
 class ThrustModel:
     """Motion of the vehicle under the sent commands; holds what is constant while thrust is fitted."""
 
@@ -564,6 +568,31 @@ class ThrustModel:
         position: Column = self.seen.position_ned - self.axes @ values[LEVER:]
         return position
 
+    def fit_noises(
+        self, values: Column, about: tuple[Ratios, Ratios], powers: Sequence[Column]
+    ) -> tuple[Strength, Strength]:
+        """The noises across and along the vertical that are left beside the model, searched ``about`` these ratios."""
+        left, (level, upright) = self.remove_motion(values), about
+        return (
+            fit_noise(self.seen.at_s, left[:, :2], level, GAP_S, powers),
+            fit_noise(self.seen.at_s, left[:, 2:], upright, GAP_S, powers),
+        )
+
+    def whiten_by(self, level: Strength, upright: Strength) -> Whiten:
+        """Return what makes innovations of unit variance of sets of parameters."""
+
+        def whiten(sets: Sequence[Column]) -> Column:
+            pushes = np.stack([self.pushes(one) for one in sets], axis=-1)
+            place = np.stack([self.position(one) for one in sets], axis=-1)
+            news = []
+            for axes, (noise, filter_) in ((slice(0, 2), level), (slice(2, 3), upright)):
+                part = place[:, axes].reshape(len(place), -1)
+                new, _ = filter_.innovations(part, pushes[:, :, axes].reshape(len(place), 2, -1))
+                news.append(new.reshape(len(place), -1, len(sets)) / np.sqrt(noise.variance))
+            return np.concatenate(news, axis=1)
+
+        return whiten
+
     def remove_motion(self, values: Column) -> Column:
         """Positions less what the model has moved the vehicle since the first pose, (N, 3) [m]."""
         far, fast = np.moveaxis(self.pushes(values), 1, 0)
@@ -602,10 +631,6 @@ SAG_PER_MIN = 0.1
 """A battery's thrust falls by about so much in a minute, one deviation [-]."""
 
 
-Strength: TypeAlias = tuple[Noise, InnovationFilter]
-"""Levels of noise and wind, and the filter for them."""
-
-
 class ThrustFit(NamedTuple):
     """Fit of the vehicle's thrust."""
 
@@ -629,44 +654,23 @@ def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
     )
     bounds = Bounds(LEAST_THRUST, MOST_THRUST, MOVED, np.array([delay, *[0.0] * (len(THRUST_NAMES) - 1)]), spread)
     interval = float(np.median(scene.spans))
-
-    def noises(values: Column, level: Ratios, upright: Ratios, *powers: Column) -> tuple[Strength, Strength]:
-        left = scene.remove_motion(values)
-        return (
-            fit_noise(seen.at_s, left[:, :2], level, GAP_S, powers),
-            fit_noise(seen.at_s, left[:, 2:], upright, GAP_S, powers),
-        )
-
-    def whiten_by(level: Strength, upright: Strength) -> Whiten:
-        def whiten(sets: Sequence[Column]) -> Column:
-            pushes = np.stack([scene.pushes(one) for one in sets], axis=-1)
-            place = np.stack([scene.position(one) for one in sets], axis=-1)
-            news = []
-            for axes, (noise, filter_) in ((slice(0, 2), level), (slice(2, 3), upright)):
-                part = place[:, axes].reshape(len(place), -1)
-                new, _ = filter_.innovations(part, pushes[:, :, axes].reshape(len(place), 2, -1))
-                news.append(new.reshape(len(place), -1, len(sets)) / np.sqrt(noise.variance))
-            return np.concatenate(news, axis=1)
-
-        return whiten
-
-    level, upright = noises(values, ABOUT_THRUST, ABOUT_THRUST, COARSE, FINE)
+    level, upright = scene.fit_noises(values, (ABOUT_THRUST, ABOUT_THRUST), (COARSE, FINE))
     starts = [
         np.array([late, lag, scale, *values[3:]])
         for late in sorted({0.0, 0.5 * delay, delay})
         for lag in THRUST_LAGS_S
         for scale in (0.8, 0.9, 1.0, 1.1)
     ]
-    news = whiten_by(level, upright)(starts)
+    news = scene.whiten_by(level, upright)(starts)
     values = starts[int((news**2).sum(axis=(0, 1)).argmin())]
     fit, about = None, (ABOUT_THRUST, ABOUT_THRUST)
     powers: tuple[Column, ...] = (COARSE, FINE)
     for _ in range(THRUST_ROUNDS):
-        level, upright = noises(values, *about, *powers)
+        level, upright = scene.fit_noises(values, about, powers)
         # By what was seen before: a velocity that knows the gust to come would take it for drag.
         _, halfway = level[1].innovations(scene.position(values), scene.pushes(values))
         scene.velocity = halfway[:-1]
-        fit = minimize(whiten_by(level, upright), values, bounds, interval)
+        fit = minimize(scene.whiten_by(level, upright), values, bounds, interval)
         values = fit.values
         if (level[0].ratios, upright[0].ratios) == about:
             break

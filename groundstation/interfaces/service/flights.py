@@ -383,17 +383,12 @@ async def crew(
     ]
     try:
         if needed:
-            serving = asyncio.create_task(server.serving.wait())
-            tasks.append(serving)
-            await asyncio.wait({serve, serving}, return_when=asyncio.FIRST_COMPLETED)
-            if serve.done():
-                serve.result()
+            await _wait_served(server, serve)
         if config.mqtt.enabled:
             from groundstation.interfaces.mqtt import publish_forever
 
-            tasks.append(
-                asyncio.create_task(_isolate("MQTT", publish_forever(config.mqtt, latest, server.desk.from_afar), say))
-            )
+            publishing = publish_forever(config.mqtt, latest, server.desk.from_afar)
+            tasks.append(asyncio.create_task(_isolate("MQTT", publishing, say)))
         try:
             yield server
         finally:
@@ -403,6 +398,17 @@ async def crew(
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _wait_served(server: Server, serve: "asyncio.Task[None]") -> None:
+    """Wait until clients can connect; raises what ``serve`` raises before."""
+    serving = asyncio.create_task(server.serving.wait())
+    try:
+        await asyncio.wait({serve, serving}, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        serving.cancel()
+    if serve.done():
+        serve.result()
 
 
 async def _publish(core: WatchedCore, latest: Latest[Snapshot], quiet: IdleSlots) -> None:
