@@ -376,27 +376,14 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
         print(line, file=sys.stderr if as_json else sys.stdout, flush=True)
 
     facts: dict[str, Any] = {"ok": False, "move": None, "why": None, "found": None, "written": None}
-
-    def not_found(why: str) -> None:
-        if as_json:
-            print(json.dumps(facts | {"why": why}))
-
     try:
         seen = asyncio.run(record_moves(config, say))
         found = solve_axes(seen.carry.rests, seen.carry.samples, seen.autopilot)
-    except (SourceError, LinkError) as error:
-        print(f"groundstation: carry: {error}", file=sys.stderr)
-        not_found(str(error))
-        return Exit.UNHEARD
-    except KeyboardInterrupt:
-        print("groundstation: carry: interrupted, nothing is written", file=sys.stderr)
-        not_found("interrupted")
-        return Exit.INTERRUPTED
-    except (CarryContradiction, CarryRefused) as error:
-        facts["move"] = getattr(error, "move", "") or None
-        say(f"NOT FOUND: {error}")
-        not_found(str(error))
-        return Exit.FAILED
+    except (SourceError, LinkError, KeyboardInterrupt, CarryContradiction, CarryRefused) as error:
+        why, code = _tell_not_found(error, say)
+        if as_json:
+            print(json.dumps(facts | {"move": getattr(error, "move", "") or None, "why": why}))
+        return code
     tables, changed = calibrated_config(config, found)
     facts |= {"ok": True, "found": msgspec.to_builtins(found), "set": tables, "synchronised": seen.synchronised}
     for line in describe_calibration(found, tables, synchronised=seen.synchronised):
@@ -408,6 +395,22 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
     if as_json:
         print(json.dumps(facts))
     return Exit.DONE
+
+
+def _tell_not_found(error: BaseException, say: Callable[[str], None]) -> tuple[str, Exit]:
+    """Tell the operator why nothing was found; returns that, and the exit code."""
+    if isinstance(error, KeyboardInterrupt):
+        print("groundstation: carry: interrupted, nothing is written", file=sys.stderr)
+        return "interrupted", Exit.INTERRUPTED
+    if isinstance(error, (SourceError, LinkError)):
+        print(f"groundstation: carry: {error}", file=sys.stderr)
+        return str(error), Exit.UNHEARD
+    say(f"NOT FOUND: {error}")
+    return str(error), Exit.FAILED
+
+
+def _ignore(_: Pose | PoseEvent) -> None:
+    """The gate knows nothing of a tracker whose axes are not known."""
 
 
 def _require_disarmed(connection: MavlinkConnection | None) -> None:
@@ -457,11 +460,8 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
         connection.request(lambda _kind: {"ATTITUDE_QUATERNION": ATTITUDE_HZ})
         connection.subscribe(hear)
 
-    def ignore(_: Pose | PoseEvent) -> None:
-        """The gate knows nothing of a tracker whose axes are not known."""
-
     async with open_ears(
-        in_tracker_axes(config), ignore, raw=pose, tell=ignore, autopilot=ask if has_autopilot else None
+        in_tracker_axes(config), _ignore, raw=pose, tell=_ignore, autopilot=ask if has_autopilot else None
     ) as ears:
         connection = ears.connection
         say("Propellers off. Nothing is commanded." if has_autopilot else f"Propellers off. {NOT_SEEN}")

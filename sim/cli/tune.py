@@ -90,24 +90,7 @@ def search(args: argparse.Namespace) -> Exit:
     base = own(args.config, args.overrides) or station_of(stages[0])
     keeper = _Keeper(base, args.out)
     with Flyers(_workers(args)) as flyers:
-        with ProgressBar("trials", args.trials, quiet=args.json) as counter:
-
-            def show_trial(trial: TuningTrial, best: TuningTrial) -> None:
-                counter.at(trial.number + 1)
-                keeper.keep(trial, best)
-
-            try:
-                trials = run(
-                    wanted,
-                    flyers,
-                    trials=args.trials,
-                    timeout_s=math.inf if args.timeout is None else args.timeout,
-                    journal=journal_of(args.out),
-                    on_trial=show_trial,
-                )
-            except KeyboardInterrupt:
-                print(keeper.interrupted, file=sys.stderr)
-                raise
+        trials = _run_trials(args, wanted, flyers, keeper)
         best = keeper.best
         if best is None:
             return _nothing(args, trials)
@@ -122,6 +105,28 @@ def search(args: argparse.Namespace) -> Exit:
     else:
         print(_text(wanted, trials, best, evidence, written))
     return Exit.FAILED if evidence.complaints else Exit.DONE
+
+
+def _run_trials(args: argparse.Namespace, wanted: Search, flyers: Flyers, keeper: "_Keeper") -> list[TuningTrial]:
+    """Run the search; ``keeper`` has the best trial so far, also when it is interrupted."""
+    with ProgressBar("trials", args.trials, quiet=args.json) as counter:
+
+        def show_trial(trial: TuningTrial, best: TuningTrial) -> None:
+            counter.at(trial.number + 1)
+            keeper.keep(trial, best)
+
+        try:
+            return run(
+                wanted,
+                flyers,
+                trials=args.trials,
+                timeout_s=math.inf if args.timeout is None else args.timeout,
+                journal=journal_of(args.out),
+                on_trial=show_trial,
+            )
+        except KeyboardInterrupt:
+            print(keeper.interrupted, file=sys.stderr)
+            raise
 
 
 def need_optuna() -> None:

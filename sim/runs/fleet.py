@@ -187,11 +187,10 @@ async def fly_fleet(
     loop, tracks = asyncio.get_running_loop(), Tracks(len(worlds))
     stage = FleetStage(worlds, [member.lab for member in fleet.members], seed, tracks.step, autopilot=autopilot)
     states: dict[str, list[StateEntry]] = {member.name: [] for member in fleet.members}
+    hear = {name: _note(noted, name, on_event) for name, noted in states.items()}
     flights = {
         member.name: make_flight(
-            member.core,
-            confirm=confirm_at(MISSION_CONFIRM_S + APART_S * number),
-            subscribers=(_note(states[member.name], member.name, on_event),),
+            member.core, confirm=confirm_at(MISSION_CONFIRM_S + APART_S * number), subscribers=(hear[member.name],)
         )
         for number, member in enumerate(fleet.members)
     }

@@ -585,6 +585,14 @@ class DrivenFlight:
     loop: AttitudeLoop | None
     """The autopilot's, where attitudes were commanded and were followed."""
 
+    def list_commands(self) -> list[tuple[float, ActuatorCommand]]:
+        """When each left [s], and its thrust [N] and rates [rad/s]."""
+        full_n = self.config.full_thrust_n
+        return [
+            (sent.time_s, ActuatorCommand(full_n * share, sent.rates))
+            for sent, share in zip(self.recorded.sent, self.shares, strict=True)
+        ]
+
 
 def join_origins(at_s: Column, place: Column, resets: Sequence[int]) -> Column:
     """Positions (N, 3) [m] as they would have been, had their origin never moved: where it did, velocity goes on."""
@@ -903,6 +911,12 @@ def doubt_attitude(driven: DrivenFlight) -> str:
     )
 
 
+def imagine_command(before: Pose, pose: Pose, elapsed_s: float, weight_n: float) -> ActuatorCommand:
+    """The command that turns the vehicle as it turned, and carries its weight [N] however it leans."""
+    x, y, z = (angle / elapsed_s for angle in so3.turn_between(before.attitude, pose.attitude))
+    return ActuatorCommand(weight_n * _bear_weight(pose.attitude), (x, y, z))
+
+
 class MeasuredMotion(NamedTuple):
     """Motion by three poses, without a model: what a filter has to be better than."""
 
@@ -938,12 +952,9 @@ def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[
     flight, air, at_s, place = driven.flight, driven.air, driven.at_s, driven.place
     config = driven.config
     estimator, newest = ModelEstimator(config.vehicle, gains), -math.inf
-    full, delay = config.full_thrust_n, config.vehicle.command_delay_s
-    drives = [
-        (sent.time_s, ActuatorCommand(full * share, sent.rates))
-        for sent, share in zip(driven.recorded.sent, driven.shares, strict=True)
-    ]
-    weight = config.vehicle.mass_kg * gains.gravity  # without commands it is taken to carry that, however it leans
+    delay = config.vehicle.command_delay_s
+    drives = driven.list_commands()
+    weight_n = config.vehicle.mass_kg * gains.gravity
     errors: dict[int, array[float]] = {h: array("d") for h in horizons_ms}  # a flight may have a million poses
     consistency: list[float] = []
     resets = [pose.reset_count for pose in flight.poses]
@@ -960,9 +971,7 @@ def judge_filter(driven: DrivenFlight, gains: Estimation, horizons_ms: Sequence[
             estimator.add_command(drives[k][0] + delay, drives[k][1])
             k += 1
         if not drives and i > air.start:
-            turn = so3.turn_between(flight.poses[i - 1].attitude, pose.attitude)
-            x, y, z = (angle / (now - float(at_s[i - 1])) for angle in turn)
-            estimator.add_command(now, ActuatorCommand(weight * _bear_weight(pose.attitude), (x, y, z)))
+            estimator.add_command(now, imagine_command(flight.poses[i - 1], pose, now - float(at_s[i - 1]), weight_n))
         same = i > air.start and resets[i] == resets[i - 1]
         nis = estimator.consistency(pose) if estimator.ready and same else None
         estimator.update(pose)
