@@ -237,7 +237,7 @@ async def told(folder: Path, *signals: signal.Signals) -> Lab:
 THRICE = (signal.SIGTERM, signal.SIGTERM, signal.SIGTERM)
 
 
-@pytest.mark.tried(1)  # three times, by way of twice; test_frozen_terminal.py sends SIGQUIT
+@pytest.mark.tried(1)  # three times, by way of twice; test_output.py sends SIGQUIT
 @pytest.mark.parametrize("signals", [THRICE, (signal.SIGTERM, signal.SIGINT), (signal.SIGQUIT,)], ids=len)
 def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the_motors(
     signals: tuple[signal.Signals, ...], tmp_path: Path

@@ -1,11 +1,14 @@
 """The recorder in its own process: killed, stopped, out of room, and never in the way of the flight."""
 
 import asyncio
+import ctypes
 import json
 import os
+import platform
 import random
 import resource
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -20,8 +23,10 @@ from groundstation.flight import about
 from groundstation.machine import RecordingConfig, is_being_written
 from groundstation.pose import TlogReader
 from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord
+from groundstation.recording.__main__ import NICE, SLICE_NS
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.settings import Config
+from tests.conftest import LEFT_OUT
 from tests.e2e.endless_recording import a_tick
 from tests.e2e.stations import served
 
@@ -289,3 +294,34 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
         assert "WARNING: the recorder has died (-9); the flight goes on" in out
         assert "landed and disarmed" in out
         assert len(list(Recording(the_recording(room.recordings)).entries())) > 10
+
+
+CHILD = """
+import sys
+from groundstation.recording.__main__ import stand_back
+stand_back()
+print(flush=True)
+sys.stdin.read()
+"""
+SCHED_GETATTR = {"x86_64": 315, "aarch64": 275, "riscv64": 275, "armv7l": 381}
+
+
+def knows_slices() -> bool:
+    """Linux 6.12 and later."""
+    major, minor = (int(part) for part in platform.release().split(".")[:2])
+    return (major, minor) >= (6, 12) and platform.machine() in SCHED_GETATTR
+
+
+def test_the_recorder_stands_behind_the_flight_by_every_means_of_the_system() -> None:
+    with subprocess.Popen([sys.executable, "-c", CHILD], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        assert os.sched_getscheduler(child.pid) == os.SCHED_BATCH
+        assert os.getpriority(os.PRIO_PROCESS, child.pid) == min(os.getpriority(os.PRIO_PROCESS, 0) + NICE, 19)
+        if not knows_slices():
+            child.kill()
+            pytest.skip(LEFT_OUT + "this kernel has no slices that could be asked for")
+        found = ctypes.create_string_buffer(48)
+        assert ctypes.CDLL(None).syscall(SCHED_GETATTR[platform.machine()], child.pid, found, 48, 0) == 0
+        assert struct.unpack("=IIQiIQQQ", found.raw)[5] == SLICE_NS
+        child.kill()

@@ -9,6 +9,7 @@ import pytest
 
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
+from tests.proving.bench import allocation
 
 LONGEST = 60.0
 """A minute of flight, in times that two million additions take: measured 24 to 33 [-]."""
@@ -69,3 +70,10 @@ def test_a_minute_of_flight_takes_no_longer_than_some_millions_of_additions() ->
         flights.append(flown - begun)
         floors.append(time.process_time() - flown)
     assert 6.0 * min(flights) < LONGEST * min(floors)
+
+
+def test_a_minute_of_flight_allocates_nothing_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(allocation, "LOOKS", 4)  # each goes through all that the tests hold
+    facts = allocation.measure_growth(1.0 / 60.0)
+    assert abs(facts["objects_grown"]) < 50
+    assert abs(facts["blocks_grown"]) < 1000

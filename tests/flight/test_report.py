@@ -206,6 +206,7 @@ def cut_off(canvas: Figure) -> list[str]:
     ]
 
 
+@pytest.mark.matrix  # how figures look; what stands in them, other tests of it hold
 def test_what_an_event_says_is_broken_into_lines_and_cut_only_where_no_line_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

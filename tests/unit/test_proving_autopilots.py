@@ -71,6 +71,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> FirmwareFlight:
     return look(Flown(folder, np.array(rows), config, mission.landed, mission.why))
 
 
+@pytest.mark.matrix  # of the tool that flies firmware
 def test_a_flight_is_looked_at_by_its_recording_and_the_truth(flown: FirmwareFlight) -> None:
     assert flown.landed
     assert flown.start.smooth, vars(flown.start)

@@ -1,10 +1,16 @@
-"""The launcher: Ctrl-C before the program is there."""
+"""How the programs start, and which packages they need."""
 
+import json
+import shlex
 import sys
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from groundstation.runtime import packages
 from groundstation.runtime.entry import Exit
 
 
@@ -21,3 +27,33 @@ def test_ctrl_c_while_a_program_is_loaded_is_one_line(
     monkeypatch.setattr(launch.gc, "freeze", lambda: None)  # this process goes on
     assert getattr(launch, f"run_{program.replace('-', '_')}")() == Exit.INTERRUPTED
     assert capsys.readouterr().err == f"{program}: interrupted\n"
+
+
+@pytest.mark.parametrize("origin, what", [
+    ({"url": "file:///lab/a%20clone", "dir_info": {"editable": True}}, ["-e", "/lab/a clone[tune]"]),
+    ({"url": "file:///lab/clone", "dir_info": {}}, ["/lab/clone[tune]"]),
+    ({"url": "file:///tmp/quadrotor_groundstation-0.1.0-py3-none-any.whl", "archive_info": {}},
+     ["/tmp/quadrotor_groundstation-0.1.0-py3-none-any.whl[tune]"]),
+    (None, ["quadrotor-groundstation[tune]"]),  # from an index: the name is known there
+])  # fmt: skip
+def test_an_extra_is_installed_from_where_the_program_came(
+    monkeypatch: pytest.MonkeyPatch, origin: dict[str, object] | None, what: list[str]
+) -> None:
+    text = None if origin is None else json.dumps(origin)
+    monkeypatch.setattr("importlib.metadata.distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
+    assert shlex.split(packages.describe_install("tune")) == [sys.executable, "-m", "pip", "install", *what]
+
+
+def test_a_program_that_runs_from_its_sources_names_their_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("importlib.metadata.distribution", missing)
+    command = shlex.split(packages.describe_install("view"))
+    folder = command[-1].removesuffix("[view]")
+    assert command[-2:] == ["-e", f"{folder}[view]"]
+    assert (Path(folder) / "pyproject.toml").is_file() and Path(folder) in Path(packages.__file__).parents
+
+
+def test_this_very_environment_is_the_one_that_is_added_to() -> None:
+    assert packages.describe_install("tune").startswith(f"{shlex.quote(sys.executable)} -m pip install ")

@@ -1,0 +1,200 @@
+"""Output that nobody reads: a full pipe, a full disk, a terminal that stands still, a reader that has gone."""
+
+import json
+import os
+import pty
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from groundstation import load
+from groundstation.machine import NonBlockingWriter
+from groundstation.machine.outlets import LINE_MAX_BYTES
+from groundstation.recording import NoRecording, Recording
+from tests.e2e.stations import Room, served
+
+
+def test_lines_come_out_as_they_were_said() -> None:
+    reading, writing = os.pipe()
+    outlet = NonBlockingWriter(writing)
+    outlet.say("one")
+    outlet.say("zwei ü")
+    assert os.read(reading, 4096).decode() == "one\nzwei ü\n"
+    assert outlet.lost == 0
+
+
+def test_a_full_pipe_loses_lines_and_tells_how_many_once_it_is_read() -> None:
+    reading, writing = os.pipe()
+    outlet = NonBlockingWriter(writing)
+    for number in range(100):
+        outlet.say(f"{number} " + "x" * 2000)
+    assert outlet.lost > 50
+    held = os.read(reading, 1 << 20).decode().splitlines()
+    assert [line.split()[0] for line in held] == [str(number) for number in range(len(held))]
+    outlet.say("after")
+    assert os.read(reading, 1 << 20).decode() == f"{100 - len(held)} lines were lost: nobody read them\nafter\n"
+
+
+def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
+    ours, theirs = pty.openpty()
+    outlet = NonBlockingWriter(theirs)
+    outlet.say("before")
+    os.write(ours, b"\x13")  # Ctrl-S
+    begun = time.monotonic()
+    for number in range(2000):
+        outlet.say(f"{number} while it stands still")
+    assert time.monotonic() - begun < 5.0
+    assert outlet.lost > 0
+    os.write(ours, b"\x11")  # Ctrl-Q
+    os.set_blocking(ours, False)
+    shown, until = "", time.monotonic() + 60.0
+    while "after" not in shown and time.monotonic() < until:
+        try:
+            shown += os.read(ours, 1 << 16).decode().replace("\r\n", "\n")
+        except BlockingIOError:
+            outlet.say("after")
+    assert shown.startswith("before\n")
+    assert "lines were lost" in shown
+    for line in shown.splitlines():
+        assert line in ("before", "after", "^S", "^Q") or line.endswith(("stands still", "nobody read them"))
+    assert os.get_blocking(theirs)  # whoever shares it waits as before
+
+
+def test_a_reader_that_has_gone_and_a_descriptor_that_is_closed_are_borne(tmp_path: Path) -> None:
+    reading, writing = os.pipe()
+    outlet = NonBlockingWriter(writing)
+    os.close(reading)
+    outlet.say("nobody")
+    os.close(writing)
+    outlet.say("nothing")
+    NonBlockingWriter(writing).say("nothing at all")
+    with (tmp_path / "file").open("w") as file:
+        kept = NonBlockingWriter(file.fileno())
+        kept.say("x" * 2 * LINE_MAX_BYTES)
+        kept.say("y")
+    first, second = (tmp_path / "file").read_text().splitlines()
+    assert (len(first), second) == (LINE_MAX_BYTES - 1, "y")
+
+
+@pytest.mark.tried(2)  # commands
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("groundstation", "config", "show"),
+        ("sim", "dev", "states"),
+        ("groundstation", "mqtt", "topics"),
+        ("sim", "scenarios", "--json"),
+        ("sim", "fly", "--duration", "1"),
+    ],
+    ids=" ".join,
+)
+def test_a_reader_that_has_gone_ends_a_command_without_a_traceback(words: tuple[str, ...]) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (1, "")
+
+
+def test_a_full_disk_is_told_of_in_one_line() -> None:
+    with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
+        words = [sys.executable, "-m", "groundstation", "config", "show"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")
+
+
+def test_help_that_finds_the_disk_full_leaves_no_trace_of_python() -> None:
+    with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
+        words = [sys.executable, "-m", "groundstation", "--version"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+    assert done.returncode in (0, 1) and "Exception" not in done.stderr
+
+
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+def test_a_program_that_is_started_without_standard_streams_flies_and_records(closed: str, tmp_path: Path) -> None:
+    flight = shlex.join([sys.executable, "-m", "sim", "fly", "--duration", "1", "--out", str(tmp_path)])
+    done = subprocess.run(["sh", "-c", f"{flight} {closed}"], timeout=60, check=False)
+    assert done.returncode == 0
+    assert json.loads((tmp_path / "summary.json").read_text())["completed"]
+    assert load(tmp_path / "flight.mcap").time.size > 0
+
+
+def the_recording(room: Room) -> Recording:
+    [path] = room.recordings.glob("*.mcap")
+    return Recording(path)
+
+
+def await_armed(room: Room, process: "subprocess.Popen[bytes]") -> None:
+    """Wait until commands leave, by the recording: the terminal says nothing any more."""
+    until = time.monotonic() + 60.0
+    while time.monotonic() < until and process.poll() is None:
+        if list(room.recordings.glob("*.mcap")):
+            try:
+                topics = [entry.topic for entry in the_recording(room).entries(("/command",))]
+            except (OSError, ValueError, NoRecording):  # not yet written to
+                topics = []
+            if len(topics) > 20:
+                return
+        time.sleep(0.1)
+    pytest.fail(f"no commands left; exit code {process.poll()}")
+
+
+def frozen(room: Room, *words: str) -> "tuple[subprocess.Popen[bytes], list[int]]":
+    """A flight at a terminal that Ctrl-S holds from the beginning."""
+    ours, theirs = pty.openpty()
+    os.write(ours, b"\x13")
+    process = subprocess.Popen(
+        room.station("fly", "--arm", "mqx", *words), stdin=subprocess.DEVNULL, stdout=theirs, stderr=theirs
+    )
+    return process, [ours, theirs]
+
+
+def test_commands_go_on_and_the_flight_lands_while_the_terminal_stands_still() -> None:
+    with served() as room:
+        process, ends = frozen(room, "--set", "flight.duration_s=2.0")
+        try:
+            assert process.wait(60) == 0
+        finally:
+            process.kill()
+            process.wait()
+            for end in ends:
+                os.close(end)
+        times = [entry.value()["time_s"] for entry in the_recording(room).entries(("/command",))]
+    assert len(times) > 80
+    assert max(after - before for before, after in pairwise(times)) < 0.3  # where it waited, it would be for ever
+
+
+@pytest.mark.tried(1)  # a terminal, and not a pipe as well
+@pytest.mark.parametrize("how", ["pipe", "terminal"])
+def test_motors_stop_though_nobody_reads(how: str, tmp_path: Path) -> None:
+    with served() as room:
+        if how == "terminal":
+            process, ends = frozen(room)
+        else:
+            reading, writing = os.pipe()
+            os.set_blocking(writing, False)
+            with pytest.raises(BlockingIOError):
+                while True:
+                    os.write(writing, b"x" * 4096)
+            os.set_blocking(writing, True)
+            words = room.station("fly", "--arm", "mqx")
+            process, ends = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=writing), [reading, writing]
+        try:
+            await_armed(room, process)
+            process.send_signal(signal.SIGQUIT)
+            assert process.wait(60) == 1
+        finally:
+            process.kill()
+            process.wait()
+            for end in ends:
+                os.close(end)
+        requests = [entry.value()["what"] for entry in the_recording(room).entries(("/request",))]
+    assert requests == ["kill"]
