@@ -15,6 +15,7 @@ from groundstation.core.messages import (
     Notice,
     Reply,
     Request,
+    Sentence,
     Snapshot,
 )
 from groundstation.interfaces.api import Server
@@ -40,8 +41,8 @@ class Sampled:
         self.gains[key] = value
         return Reply(True, f"{key} moves to {value:g}")
 
-    def note(self, text: str) -> None:
-        self.notes.append(text)
+    def note(self, sentence: Sentence) -> None:
+        self.notes.append(sentence.text)
 
 
 class Outspoken(Sampled):

@@ -173,7 +173,7 @@ def text_of(facts: dict[str, Any]) -> str:
     if facts["recorded_by"] != facts["replayed_by"]:
         lines.append(_describe_versions(facts))
     if facts["settings_left_out"]:
-        lines.append(notice("replay.settings", settings=", ".join(facts["settings_left_out"])))
+        lines.append(notice("replay.settings", settings=", ".join(facts["settings_left_out"])).text)
     return "\n".join(lines)
 
 
@@ -185,7 +185,7 @@ def _describe_versions(facts: dict[str, Any]) -> str:
         replayed=_name_program(facts["replayed_by"]),
         thrust_n=largest[0],
         rate_rad_s=max(largest[1:]),
-    )
+    ).text
 
 
 def _name_program(program: dict[str, str]) -> str:

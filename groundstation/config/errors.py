@@ -5,17 +5,19 @@ from contextlib import contextmanager
 
 import msgspec
 
+from links.text import Sentence
+
 KeyPath = tuple[str, ...]
 
 
 class ConfigError(Exception):
     """A bad configuration, as one line for the operator: ``source: key: problem``."""
 
-    def __init__(self, key: str, problem: str, source: str = "") -> None:
+    def __init__(self, key: str, problem: str | Sentence, source: str = "") -> None:
         """Keep ``key`` (dotted, may be empty), ``problem``, and ``source`` (the file's name, or the override)."""
-        super().__init__(": ".join(part for part in (source, key, problem) if part))
         self.key = key
-        self.problem = problem
+        self.problem = str(problem)
+        super().__init__(": ".join(part for part in (source, key, self.problem) if part))
         self.source = source
 
 

@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from groundstation.config.errors import ArgumentError, ConfigError
 from groundstation.config.schema import FACTORY
+from links.text import Sentence
 
 Option = bool | int | float | str | list[bool | int | float | str]
 """Types of an option's value; NaN and infinity are refused as everywhere."""
@@ -31,12 +32,12 @@ numerical packages take several seconds to import on a small computer."""
 class StepWatch:
     """Watches how long steps of the user's code take; this one does not: in virtual time no step takes any."""
 
-    slow = ""
-    """The slowest step that was too slow, for the operator; empty where none was."""
+    slow: Sentence | None = None
+    """The slowest step that was too slow, for the operator; None where none was."""
 
-    def find_recent(self) -> str:
-        """Return the newest step that was too slow, where it was within a second; else nothing."""
-        return ""
+    def find_recent(self) -> Sentence | None:
+        """Return the newest step that was too slow, where it was within a second; else None."""
+        return None
 
     def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
         """The step of ``what`` begins, and has ``limit_s`` [s] to return."""

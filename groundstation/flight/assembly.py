@@ -24,9 +24,10 @@ from groundstation.core.messages import (
     PoseRecord,
     PoseSource,
     Say,
-    Severity,
+    Sentence,
     StatusRecord,
     Subscriber,
+    notice,
 )
 from groundstation.core.safety import MONITORS, Monitors
 from groundstation.flight.flight import Flight, make_ends
@@ -196,7 +197,7 @@ STATUS_S = 0.2
 class FlightRecorder:
     """Hands over what a flight tells, and its wires, as records. Whatever goes wrong with it, the flight goes on."""
 
-    def __init__(self, give: Give, say: Callable[[str], None], link: CommandLink, source: PoseSource) -> None:
+    def __init__(self, give: Give, say: Say, link: CommandLink, source: PoseSource) -> None:
         """``give`` takes the records; ``say`` hears once that one could not be taken.
 
         How ``link`` and ``source`` are is noted now and then.
@@ -219,7 +220,7 @@ class FlightRecorder:
                 self._sent_s = tick.time_s
                 self._note_status()
             case Notice(time_s, state, text):
-                self.give(LineRecord(time_s, state, text))
+                self.give(LineRecord(time_s, state, text, event.id, event.numbers))
             case EndRecord():
                 self._note_status(0.0)
                 self.give(event)
@@ -240,7 +241,7 @@ class FlightRecorder:
         except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
             if not self._deaf:
                 self._deaf = True
-                self._say(f"WARNING: a part of this flight can't be recorded: {error}")
+                self._say(notice("recording.unrecordable", why=error))
 
 
 def about(config: Config, **more: Any) -> About:
@@ -290,13 +291,16 @@ def make_flight(
     def tell(event: PoseEvent) -> None:
         flight.pose_event(event)
 
+    def tell_recording(sentence: Sentence) -> None:
+        flight.note(sentence)
+
     source = GatedSource(source, config.gate, asyncio.get_running_loop, lost_s=config.flight.coast_s, tell=tell)
     if config.forwards is not None:
         assert isinstance(link, MavlinkLink), "only a MAVLink section says so"
         source = ForwardingSource(source, link, config.forwards)
     tape = None
     if give is not None:
-        tape = FlightRecorder(give, lambda text: flight.note(text, Severity.WARNING), link, source)
+        tape = FlightRecorder(give, tell_recording, link, source)
         subscribers = *subscribers, tape.hear
     flight = Flight(
         config,

@@ -43,6 +43,7 @@ from groundstation.core.messages import (
     Request,
     RequestRecord,
     Say,
+    Sentence,
     Severity,
     Snapshot,
     SteadyError,
@@ -219,8 +220,8 @@ class CommandLoop:
         self.drops = LinkDropWatch(status)
         try:
             await self._link.arm(lambda: self._pilot.idle(loop.time(), self._idle_n))
-            why = "spooling up, until the floor is left" if armed is Event.ARMED else "following the trajectory"
-            progress.go(armed, why, loop.time())
+            why = "mission.spooling" if armed is Event.ARMED else "mission.following"
+            progress.go(armed, notice(why), loop.time())
             await self._while_the_link_sends(self._transmit())
             if progress.state is State.DISARMING:
                 await self._stop_motors()
@@ -241,7 +242,7 @@ class CommandLoop:
             await asyncio.wait({task, silent}, return_when=asyncio.FIRST_COMPLETED)
             await asyncio.wait({task}, timeout=AFTERMATH_S)
             if not task.done():
-                raise FlightEnded("the controller hangs: the link has brought the vehicle down without it")
+                raise FlightEnded(notice("fault.controller_hangs"))
             task.result()
         finally:
             task.cancel()
@@ -285,30 +286,30 @@ class CommandLoop:
         for warning in (status.conflict, status.warning):
             if warning not in self._warned:
                 self._warned.add(warning)
-                self._say(f"warning: {warning}", Severity.WARNING)
+                self._say(notice("link.warns", says=warning).as_warning())
         for news in self.drops.find_news(status) if self.drops is not None else ():
-            self._say(f"warning: {news}", Severity.WARNING)
+            self._say(news.as_warning())
 
     def _tell_slow_step(self) -> None:
         """Tell that code of the user's own was slow, again where it is slower by half."""
         slow = STEP_WATCH.get().slow
-        if slow and slow not in self._warned:
-            self._warned.add(slow)
-            self._say(f"warning: {slow}", Severity.WARNING)
+        if slow is not None and slow.text not in self._warned:
+            self._warned.add(slow.text)
+            self._say(slow.as_warning())
 
-    def _why_refused(self, now: float, command: Command, last: tuple[float, Command] | None) -> str:
+    def _why_refused(self, now: float, command: Command, last: tuple[float, Command] | None) -> Sentence:
         """Why the link did not take ``command``; ``last`` is when the one before left, and it."""
         status = self._link.status
         if status.phase == "fresh":
-            return f"the link takes no newer command, and plays its bring-down: {status.text}"
+            return notice("fault.late_command", text=status.text)
         slow = STEP_WATCH.get().find_recent()
-        if slow:
+        if slow is not None:
             return notice("code.slow_end", slow=slow)
         gap = 0.0 if last is None else now - last[0]
         if gap > max(STALL_S, 2.0 * self._link.period_s):
-            return f"no command for {gap * 1e3:.0f} ms, as this program stood still: the link plays its bring-down"
+            return notice("fault.stood_still", gap_ms=gap * 1e3)
         late = command if last is None or now > command.deadline_s else last[1]
-        return f"no pose for {(now - late.pose_time_s) * 1e3:.0f} ms: the link plays its bring-down"
+        return notice("fault.no_pose", age_ms=(now - late.pose_time_s) * 1e3)
 
     def _ensure_armed(self, now: float) -> None:
         """Whether the autopilot has disarmed by itself on the floor; anywhere else that ends the flight at once.
@@ -317,25 +318,23 @@ class CommandLoop:
         """
         status, progress = self._link.status, self._progress
         if status.slept_s > 0.0:
-            raise FlightEnded(f"the computer that sends slept for {status.slept_s:.1f} s: arm anew to fly")
+            raise FlightEnded(notice("fault.slept", slept_s=status.slept_s))
         if status.taken:
             progress.link(status, now)
         if status.state == "armed" or progress.state not in IN_AIR:
             return
         felt = status.state == "connected" and status.hears_vehicle  # else nobody has told of a floor
         if felt and progress.low and progress.allows(Event.DISARMED):
-            progress.go(Event.DISARMED, "the autopilot has felt the floor and disarmed", now)
+            progress.go(Event.DISARMED, notice("mission.felt_floor"), now)
             return
         if status.state == "lost":  # nobody knows whether it is armed still: it may be coming down by itself
             last = f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
             if status.phase != Phase.FRESH:
-                raise FlightEnded(f"the link is lost: commands have stopped{last}. {status.text}")
+                raise FlightEnded(notice("fault.link_lost", last=last, text=status.text))
             if progress.state is not State.DESCENT:
-                progress.go(Event.LAND, f"the link is lost{last}: landing, as it may hear us still", now, fault=True)
+                progress.go(Event.LAND, notice("fault.link_lost_land", last=last), now, fault=True)
             return
-        raise FlightEnded(
-            f"the link is {status.state}, the vehicle armed no longer: commands have stopped. {status.text}"
-        )
+        raise FlightEnded(notice("fault.disarmed", state=status.state, text=status.text))
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""
@@ -349,15 +348,14 @@ class CommandLoop:
                     break
                 except LinkError as error:
                     if loop.time() > give_up:
-                        fault = self._progress.fault if self._link.status.state == "lost" else ""
-                        why = f"nobody has told whether the motors are off: {fault}" if fault else ""
-                        raise FlightEnded(
-                            f"landed at zero thrust, but {why or f'the autopilot will not disarm: {error}'}"
-                        ) from error
+                        fault = self._progress.fault if self._link.status.state == "lost" else None
+                        if fault is not None:
+                            raise FlightEnded(notice("fault.motors_unknown", why=fault)) from error
+                        raise FlightEnded(notice("fault.will_not_disarm", why=error)) from error
                     await asyncio.sleep(0.5)
         finally:
             zeros.cancel()
-        self._progress.go(Event.DISARMED, "landed and disarmed", loop.time())
+        self._progress.go(Event.DISARMED, notice("mission.disarmed"), loop.time())
 
     async def _stream_zeros(self) -> None:
         loop = asyncio.get_running_loop()
@@ -506,6 +504,11 @@ class FlightStatistics:
         return float(len(self._arrivals))
 
 
+def explain_end(error: FlightEnded | LinkError) -> Sentence:
+    """Return why ``error`` ends a flight, for the operator."""
+    return error.sentence if isinstance(error, FlightEnded) else notice("fault.link", why=error)
+
+
 def make_ends(
     config: Config, wires: Mapping[str, Any] | None = None, others: Others | None = None
 ) -> tuple[CommandLink, PoseSource]:
@@ -575,21 +578,20 @@ class Shutdown:
         """Close the link, which may have to bring down first, and the source, and tell what is done."""
         link = self._link
         if self._kill is None and link.status.phase in ("fresh", "bring_down"):
-            self._say("bringing down: the link levels, sinks and stops by itself", Severity.WARNING)
+            self._say(notice("flight.bringing_down"))
             await link.silent()
             if not self.killed and not link.status.unmet:
                 taken = link.status.taken
-                whose = f"the autopilot is in {taken}, and not by us" if taken else "the bring-down is over"
-                self._say(f"{whose}: nothing leaves any more")
+                self._say(notice("flight.taken", mode=taken) if taken else notice("flight.bring_down_over"))
         if not self.killed and link.status.unmet:
-            self._say(f"NOT brought down from here: {link.status.unmet}", Severity.WARNING)
+            self._say(notice("flight.not_brought_down", why=link.status.unmet))
         await self._stay()
         if self._kill is not None:
             try:
                 await self._kill
-                self._say("the vehicle has acknowledged: motors off")
+                self._say(notice("flight.motors_off"))
             except LinkError as error:
-                self._say(f"NOT acknowledged: {error}", Severity.WARNING)
+                self._say(notice("flight.kill_unheard", why=error))
         self.closed = True
         await link.close()
         await self._source.close()
@@ -605,8 +607,7 @@ class Shutdown:
         now_s = asyncio.get_running_loop().time
         asked, until_s = asyncio.Event(), now_s() + STAYS_S
         self._staying = asked
-        what = "poses go on to the autopilot, and" if self._forwards else "the vehicle is still heard, and"
-        self._say(f"{what} it can be killed from here until its motors stop; a second Ctrl-C ends that too")
+        self._say(notice("flight.poses_go_on" if self._forwards else "flight.still_heard"))
         while self._turns() and not asked.is_set() and (self._forwards or now_s() < until_s):
             with suppress(TimeoutError):
                 await asyncio.wait_for(asked.wait(), STAY_LOOK_S)
@@ -614,12 +615,11 @@ class Shutdown:
         if self.killed:
             return
         if asked.is_set():
-            why = "as asked"
+            self._say(notice("flight.left_as_asked"))
         elif self._turns():
-            why = f"its motors still turn after {STAYS_S:g} s, so use the remote control's kill switch"
+            self._say(notice("flight.left_turning", limit_s=STAYS_S))
         else:
-            why = "its motors have stopped, or it is heard no more"
-        self._say(f"nothing goes to the vehicle any more: {why}")
+            self._say(notice("flight.left_stopped"))
 
     def _turns(self) -> bool:
         return self._kill is None and self._link.status.state == "armed"
@@ -729,8 +729,9 @@ class Flight:
 
     @property
     def reason(self) -> str:
-        """Why it stands there."""
-        return self._progress.reason
+        """Why it stands there; empty before it began."""
+        reason = self._progress.reason
+        return "" if reason is None else reason.text
 
     @property
     def newest_tick_s(self) -> float | None:
@@ -757,44 +758,46 @@ class Flight:
         event, why, now = EVENT_OF[request.ask], request.why, self._now()
         self._tell(RequestRecord(now, request.ask, why))
         if not self._progress.allows(event):
-            says = f"{request.ask} is not possible while {self.state}"
-            says += ": ask for a hold first" if request.ask is Ask.GOTO else ""
-            self._say(says + (f" ({why})" if why else ""))
-            return Reply(False, says)
+            refusal = notice("mission.hold_first" if request.ask is Ask.GOTO else "mission.not_possible",
+                             ask=request.ask, state=self.state)  # fmt: skip
+            self._say(notice("mission.refused_asker", refusal=refusal, why=why) if why else refusal)
+            return Reply.of(False, refusal)
         match request.ask:
-            case Ask.ARM if self._hold is not None and self._hold.hold.obstacle:
-                return Reply(False, f"{self._hold.hold.obstacle}: {self._hold.hold.advice}")
+            case Ask.ARM if self._hold is not None and self._hold.hold.obstacle is not None:
+                return Reply.of(False, self._hold.hold.advice)
             case Ask.GOTO:
-                if refusal := self._progress.move(request.points, why, now):
-                    self._say(f"goto is refused: {refusal}")
-                    return Reply(False, refusal)
+                obstacle = self._progress.move(request.points, why, now)
+                if obstacle is not None:
+                    self._say(notice("mission.goto_refused", why=obstacle))
+                    return Reply.of(False, obstacle)
             case Ask.ARM:
                 self._prearm.arm()
-                return Reply(True, "arming")
+                return Reply.of(True, notice("flight.arms"))
             case Ask.KILL:
                 if self._shutdown.closed and not self._shutdown.killed:
-                    return Reply(False, f"{self.state}: the flight is over, and nothing leaves any more")
+                    return Reply.of(False, notice("flight.over", state=self.state))
                 if not self._shutdown.killed:
                     self._shutdown.kill()
-                    self._progress.go(event, f"motors off: {why}", now)
+                    self._progress.go(event, notice("mission.killed", why=why), now)
             case _ if self._shutdown.stays:
                 # It is in the autopilot's hands, which may rest on our poses: a first Ctrl-C does not end that.
                 if request.ask is Ask.LAND:
-                    return Reply(False, "the autopilot brings it down: kill it, or ask to descend to leave it alone")
+                    return Reply.of(False, notice("flight.autopilot_lands"))
                 self._shutdown.leave()
             case _:
-                self._progress.go(event, f"ended before take-off: {why}" if self.state in ON_GROUND else why, now)
-        return Reply(True, f"{self.state}: {self._progress.reason}")
+                asked = "mission.ended_before" if self.state in ON_GROUND else "mission.asked"
+                self._progress.go(event, notice(asked, why=why), now)
+        return Reply.of(True, notice("flight.state", state=self.state, reason=self._progress.reason or ""))
 
     def set_gain(self, key: str, value: float) -> Reply:
         """Begin to move a gain (see live_gains.py), or say why not."""
         reply = self._live.set(key, value, asyncio.get_running_loop().time())
-        self._say(reply.says)
+        self._say(Sentence(reply.id, reply.says, reply.numbers))
         return reply
 
-    def note(self, text: str, severity: Severity = Severity.INFO) -> None:
+    def note(self, sentence: Sentence) -> None:
         """Tell the operator, screens and records of something that happened beside the flight."""
-        self._say(text, severity)
+        self._say(sentence)
 
     def land(self, reason: str) -> None:
         """Ask to land here; before take-off, to end the flight."""
@@ -812,7 +815,7 @@ class Flight:
         """The flight as it is now."""
         return self._statistics.snapshot(
             state=self.state,
-            reason=self._progress.reason,
+            reason=self.reason,
             started_s=self.started_s,
             pose=self._pilot.newest_pose,
             source=self._source.status,
@@ -826,9 +829,8 @@ class Flight:
 
     def pose_event(self, event: PoseEvent) -> None:
         """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
-        if event.text:
-            severity = Severity.WARNING if event.kind == "unsteady" else Severity.INFO
-            self._say(event.text, severity)
+        if event.text is not None:
+            self._say(event.text)
 
     def distrust(self) -> None:
         """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""
@@ -864,9 +866,10 @@ class Flight:
         try:
             await self._crew
         except (FlightEnded, LinkError) as error:
-            progress.go(Event.ABORT, str(error), loop.time())
+            progress.go(Event.ABORT, explain_end(error), loop.time())
         except BaseException as error:
-            progress.go(Event.ABORT, f"stopped by {type(error).__name__}: {error}", loop.time())
+            why = notice("fault.stopped", name=type(error).__name__, text=error)
+            progress.go(Event.ABORT, why, loop.time())
             if not (self._dismissed and isinstance(error, asyncio.CancelledError)):
                 raise
         finally:
@@ -875,8 +878,9 @@ class Flight:
             finally:
                 watching.cancel()
                 self._tell_drops()
-                self._tell(EndRecord(loop.time(), self.state, progress.reason))
-        return FlightOutcome(self.state, progress.reason, progress.fault)
+                end = progress.reason or notice("mission.waiting")
+                self._tell(EndRecord(loop.time(), self.state, end.text, end.id, end.numbers))
+        return FlightOutcome(self.state, self.reason, "" if progress.fault is None else progress.fault.text)
 
     def _tell_drops(self) -> None:
         """Tell what of messages and poses was lost in the flight, where that was much."""
@@ -888,11 +892,11 @@ class Flight:
             reason, count, total = found
             lost.append(notice("pose.dropped", count=count, total=total, why=describe_drop(reason)))
         for says in lost:
-            self._say(notice("link.flown", says=says), Severity.WARNING)
+            self._say(notice("link.flown", says=says))
 
     async def _fly(self) -> None:
         await self._prearm.depart(self._pose)
-        self._progress.go(Event.ARM, "asking the autopilot to obey and to arm", asyncio.get_running_loop().time())
+        self._progress.go(Event.ARM, notice("mission.arming"), asyncio.get_running_loop().time())
         await self._commands.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
 
     async def check(self) -> list[Check]:
@@ -916,10 +920,10 @@ class Flight:
         """Land where the operator's hold was released or lost."""
         assert self._hold is not None, "somebody has looked"
         why = self._hold.hold.obstacle
-        if why and self.state in HELD_IN:
+        if why is not None and self.state in HELD_IN:
             if self._hold.hold.lost:
                 self._progress.fault = self._progress.fault or why
-            self.ask(Request(Ask.LAND, why))
+            self.ask(Request(Ask.LAND, why.text))
 
     def _pose(self, pose: Pose) -> None:
         if self._commands.pose(pose):
@@ -927,7 +931,7 @@ class Flight:
             if len(self._unseen) >= UNSEEN:
                 self.witness()
             if not self._dismissed and (news := self._pilot.response.describe_news(self._late_by_attitude)):
-                self._say(f"warning: {news}", Severity.WARNING, "latency")
+                self._say(news.as_warning(), "latency")
             self._prearm.first_pose.set()
 
     def witness(self) -> Witness:
@@ -949,13 +953,14 @@ class Flight:
         The latter while they are believed.
         """
         if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
-            self._say(f"warning: {news}", Severity.WARNING, "latency")
+            self._say(news.as_warning(), "latency")
         state = self.state
         if state in IN_AIR and state is not State.DESCENT and (news := self._witness.describe_news()):
-            self._say(f"warning: {news}", Severity.WARNING)
+            self._say(news.as_warning())
 
-    def _enter(self, state: State, reason: str) -> None:
-        self._say(reason, Severity.WARNING if state in ALARMING else Severity.INFO, "state")
+    def _enter(self, state: State, reason: Sentence) -> None:
+        severity = Severity.WARNING if state in ALARMING else Severity.INFO
+        self._tell(Notice.of(self._now(), state, reason, "state", severity))
         if state in FINAL and state is not State.LANDED:  # no more commands from here: what follows is the link's
             self._dismissed = True
             if self._crew is not None:
@@ -964,11 +969,11 @@ class Flight:
     def _on_command(self, tick: Tick) -> None:
         state = self.state
         if tick.seen.warning:
-            self._say(f"warning: {tick.seen.warning}", Severity.WARNING, "certificate")
+            self._say(notice("certificate.warns", says=tick.seen.warning).as_warning(), "certificate")
         suspicious, self._suspicious = self._suspicious, self._pilot.is_suspicious
         if self._suspicious and not suspicious and self._link.autopilot is not None:
             self._link.autopilot.ask_mode()  # who has taken it over flies otherwise, too
-        step, news, severity = self._live.update(
+        step, news = self._live.update(
             tick.time_s,
             tick.estimate,
             tick.reference,
@@ -977,8 +982,8 @@ class Flight:
         )
         if step is not None:
             self._pilot.gain(*step)
-        if news:
-            self._say(news, severity)
+        if news is not None:
+            self._say(news)
         self._tell(CommandSent(tick))
         self._quiet.begin()
 
@@ -997,5 +1002,5 @@ class Flight:
             self._due.begin()
         self._tell(event)
 
-    def _say(self, text: str, severity: Severity = Severity.INFO, kind: NoticeKind = "news") -> None:
-        self._tell(Notice(self._now(), self.state, text, kind, severity))
+    def _say(self, sentence: Sentence, kind: NoticeKind = "news") -> None:
+        self._tell(Notice.of(self._now(), self.state, sentence, kind, sentence.severity))

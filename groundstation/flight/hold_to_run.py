@@ -53,7 +53,7 @@ class DeviceInput:
         except OSError as error:
             raise InputLost(error.strerror or str(error)) from None
         if axis.max <= axis.min:
-            raise InputLost(f"an axis from {axis.min} to {axis.max} has no travel")
+            raise InputLost(notice("hold.no_travel", least=axis.min, most=axis.max))
         return float((axis.value - axis.min) / (axis.max - axis.min))
 
     def close(self) -> None:
@@ -73,8 +73,8 @@ def open_device(config: OperatorConfig) -> DeviceInput:
         from evdev import ecodes
     except ImportError:
         command = describe_install("operator")
-        says = notice("package.missing", what="a held key", package="evdev", command=command)
-        raise ConfigError("operator.hold", says) from None
+        missing = notice("package.missing", what="a held key", package="evdev", command=command)
+        raise ConfigError("operator.hold", missing) from None
     code = ecodes.ecodes.get(config.hold)
     if code is None:
         raise ConfigError("operator.hold", f"no key, button or axis has this name (see evtest), got {config.hold!r}")
@@ -158,11 +158,11 @@ class ChannelInput:
             return None
         old_s = asyncio.get_running_loop().time() - self._told_s
         if not old_s <= OLD_S:
-            raise InputLost(f"the autopilot has not told it for {old_s:.1f} s")
+            raise InputLost(notice("hold.untold", age_s=old_s))
         if not self._receives:
-            raise InputLost("the autopilot's receiver does not hear the transmitter")
+            raise InputLost(notice("hold.no_receiver"))
         if self._raw in _UNUSED:
-            raise InputLost("the receiver has no such channel")
+            raise InputLost(notice("hold.no_channel"))
         return (self._raw - 1000) / 1000
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3, third_column
-from groundstation.core.messages import Others, Pose, Severity, Tick, Waypoint, notice
+from groundstation.core.messages import Others, Pose, Sentence, Tick, Waypoint, notice
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
@@ -96,7 +96,7 @@ class MissionMove(NamedTuple):
     """An event of the mission, and why."""
 
     event: Event
-    reason: str
+    reason: Sentence
     fault: bool = False
     """Whether this is not how the flight was meant to go."""
 
@@ -130,13 +130,12 @@ class Course:
         self._waits = True
 
     @property
-    def target(self) -> str:
+    def target(self) -> Sentence:
         """Which point it flies to, in words."""
         north, east, down = self._points[self._reached].place_ned
         which = f", {self._reached + 1} of {len(self._points)}" if len(self._points) > 1 else ""
-        return (
-            f"north {north:.2f}, east {east:.2f}, {self._config.flight.floor_z_m - down:.2f} m above the floor{which}"
-        )
+        height = self._config.flight.floor_z_m - down
+        return notice("goto.target", north_m=north, east_m=east, height_m=height, which=which)
 
     def arrive(self) -> bool:
         """Count a reached point; True where another one follows."""
@@ -185,17 +184,19 @@ class Course:
             return None
         match state:
             case State.TAKEOFF:
-                return MissionMove(Event.CLIMBED, "at height: holding") if tick.flight_time_s >= 0.0 else None
+                return MissionMove(Event.CLIMBED, notice("mission.at_height")) if tick.flight_time_s >= 0.0 else None
             case State.HOLD:
                 return self._check_hover(tick)
             case State.TRACKING:
                 return self._check_duration(tick)
             case State.MOVING:
-                return MissionMove(Event.ARRIVED, f"there: {self.target}") if tick.flight_time_s >= 0.0 else None
+                there = notice("mission.there", target=self.target)
+                return MissionMove(Event.ARRIVED, there) if tick.flight_time_s >= 0.0 else None
             case State.RETURNING:
-                return MissionMove(Event.HOME, "over the place of take-off") if tick.flight_time_s >= 0.0 else None
+                return MissionMove(Event.HOME, notice("mission.home")) if tick.flight_time_s >= 0.0 else None
             case State.LANDING | State.DESCENT:
-                return MissionMove(Event.TOUCHDOWN, "touched down") if self._touches_down(state, tick, heard) else None
+                touches = self._touches_down(state, tick, heard)
+                return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down")) if touches else None
             case _:
                 return None
 
@@ -227,22 +228,19 @@ class Course:
             return None
         self._touchdown, self._weighs = Touchdown(hover), False
         low, high = self._config.vehicle.hover_range
-        says = f"it hovers at {hover:.4g} N, {100.0 * hover / weight:.0f} % of its weight"
+        percent = 100.0 * hover / weight
         if low <= hover / weight <= high:
-            return None if self._waits else MissionMove(Event.TRACK, f"{says}: onto the trajectory")
-        return MissionMove(
-            Event.LAND,
-            f"{says}; vehicle.hover_range allows {100.0 * low:.0f} to {100.0 * high:.0f} %: check mass_kg, "
-            "thrust_max_n, battery and propellers",
-            fault=True,
-        )
+            hovers = notice("mission.hovers", hover_n=hover, percent=percent)
+            return None if self._waits else MissionMove(Event.TRACK, hovers)
+        why = notice("mission.hover_thrust", hover_n=hover, percent=percent, low=100.0 * low, high=100.0 * high)
+        return MissionMove(Event.LAND, why, fault=True)
 
     def _check_duration(self, tick: Tick) -> MissionMove | None:
         duration = self._config.flight.duration_s
         if duration is None or tick.flight_time_s < duration:
             return None
         back = Event.LAND if self._home is None else Event.RETURN
-        return MissionMove(back, f"{duration:g} s of the trajectory are flown")
+        return MissionMove(back, notice("mission.flown", duration_s=duration))
 
     def _halt(self, now: Reference) -> list[Blend]:
         """To rest, where ``now`` is not."""
@@ -328,7 +326,7 @@ class MissionExecutive:
         pilot: Pilot,
         period_s: Callable[[], float],
         say: Callable[..., None],
-        on_state: Callable[[State, str], None],
+        on_state: Callable[[State, Sentence], None],
         others: Others | None = None,
         *,
         lands_by_own_position: Callable[[float], bool] = lambda now_s: False,
@@ -336,7 +334,7 @@ class MissionExecutive:
         on_failure: Callable[[], None] = lambda: None,
         monitors: Monitors = MONITORS,
     ) -> None:
-        """``say`` takes text, severity and kind of a :class:`Notice`, ``on_state`` every state that begins, and why.
+        """``say`` takes a sentence, and the kind of its :class:`Notice`, ``on_state`` every state that begins, and why.
 
         ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
         ``lands_by_own_position`` tells whether the autopilot can land by a position of its own at an instant [s],
@@ -376,8 +374,8 @@ class MissionExecutive:
         self._escalation = Escalation(guards.lasting_s)
         self.tick: Tick | None = None
         """The newest command of the controller that left."""
-        self.fault = ""
-        """Cause of an early landing that nobody requested; empty where there was none."""
+        self.fault: Sentence | None = None
+        """Cause of an early landing that nobody requested; None where there was none."""
         self.started_s: float | None = None
         """When the trajectory starts [s]; None before that is known."""
 
@@ -387,8 +385,8 @@ class MissionExecutive:
         return self._mission.state
 
     @property
-    def reason(self) -> str:
-        """Why it stands there."""
+    def reason(self) -> Sentence | None:
+        """Why it stands there; None before it began."""
         return self._mission.reason
 
     @property
@@ -406,7 +404,7 @@ class MissionExecutive:
         """Whether ``event`` is possible now."""
         return self._mission.allows(event)
 
-    def go(self, event: Event, reason: str, now_s: float, *, fault: bool = False, blind: bool = False) -> None:
+    def go(self, event: Event, reason: Sentence, now_s: float, *, fault: bool = False, blind: bool = False) -> None:
         """Move by ``event``, and begin what is to be flown then; ``fault`` where it is not how it was meant to go.
 
         ``blind`` where a descent must not believe the estimate of the speed.
@@ -427,7 +425,7 @@ class MissionExecutive:
         if state in FINAL or state not in IN_AIR:
             return
         if self._spooling is not None and self._spooling.flies is None:  # still on the floor: there is nothing to fly
-            self.go(Event.TOUCHDOWN, "still on the floor", now_s)
+            self.go(Event.TOUCHDOWN, notice("mission.still_on_floor"), now_s)
         elif state is State.DESCENT:
             if self._spooling is not None:  # off the floor since the newest pose, and no command has told so yet
                 self._climb_away(now_s)
@@ -449,46 +447,47 @@ class MissionExecutive:
         height_m = 0.0 if pose is None else max(flight.floor_z_m - pose.position_ned[2], 0.0)
         return LONGER_S + LONGER * height_m / min(flight.descent_m_s, self._config.landing.touchdown_m_s)
 
-    def move(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> str:
-        """Begin to fly to ``points``; returns why not, or nothing. Points are looked at now, each leg before it."""
+    def move(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> Sentence | None:
+        """Begin to fly to ``points``; returns why not, or None. Points are looked at now, each leg before it."""
         for number, point in enumerate(points, 1):
             if refusal := self._find_obstacle(point.place_ned):
-                return f"point {number} of {len(points)}, {list(point.place_ned)}, {refusal}"
+                place = list(point.place_ned)
+                return notice("goto.point", number=number, count=len(points), place=place, why=refusal)
         self._course.plan(points)
         leg = self._course.leg(Event.GOTO, State.MOVING, *self._motion(now_s))
         if refusal := self._find_way_out(leg, now_s):
-            return f"to {self._course.target}: {refusal}"
-        self.go(Event.GOTO, f"to {self._course.target}: {why}", now_s)
-        return ""
+            return notice("goto.way", target=self._course.target, why=refusal)
+        self.go(Event.GOTO, notice("mission.goto", target=self._course.target, why=why), now_s)
+        return None
 
-    def _find_obstacle(self, place: Vec3) -> str:
-        """Describe the obstacle to a stay at ``place``; empty where there is none."""
+    def _find_obstacle(self, place: Vec3) -> Sentence | None:
+        """Describe the obstacle to a stay at ``place``; None where there is none."""
         height = self._config.flight.floor_z_m - place[2]
         if not (math.isfinite(sum(place)) and height >= LEAST_HEIGHT_M):
             side = "above" if height >= 0.0 else "below"
-            return f"is {abs(height):.2f} m {side} the floor: it must lie at least {LEAST_HEIGHT_M:g} m above it"
+            return notice("goto.height", height_m=abs(height), side=side, limit_m=LEAST_HEIGHT_M)
         room = math.inf if self._fence is None else self._fence.room_m(place)
         if room > 0.0:
-            return ""
-        return "lies on the fence itself" if room > -SEEN_M else f"is {-room:.2f} m outside the fence"
+            return None
+        return notice("goto.on_fence") if room > -SEEN_M else notice("goto.outside", outside_m=-room)
 
-    def _find_way_out(self, leg: Leg, now_s: float) -> str:
-        """Describe the obstacle on the way of ``leg``, braking included; empty: none."""
+    def _find_way_out(self, leg: Leg, now_s: float) -> Sentence | None:
+        """Describe the obstacle on the way of ``leg``, braking included; None where there is none."""
         separation, limits = self._separation, self._config.limits
         if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
-            return f"nobody sees {', '.join(lost)}"
+            return notice("goto.unseen", names=", ".join(lost))
         way = leg.trajectory
         begin_s, steps = now_s - leg.start_s, LOOKS
         for n in range(steps + 1):
             at = way.at(begin_s * (1.0 - n / steps))
             if self._fence is not None and not self._fence.braking_room_m(at.position_ned, at.velocity_ned) > 0.0:
-                return "on the way it could not be braked within the fence"
+                return notice("goto.braking")
             if limits.max_speed_m_s is not None and math.hypot(*at.velocity_ned) > limits.max_speed_m_s:
-                return f"faster than limits.max_speed_m_s ({limits.max_speed_m_s:g}): lower takeoff.transit_m_s"
+                return notice("goto.speed", limit_m_s=limits.max_speed_m_s)
             near = None if separation is None else separation.nearest(at.position_ned, at.velocity_ned, now_s)
             if near is not None and near.room_m <= 0.0:
-                return f"on the way it would come too near to {near.name}"
-        return ""
+                return notice("goto.near", name=near.name)
+        return None
 
     def _go_on(self, arrived: MissionMove, now_s: float) -> None:
         """A point is reached: on to the next one, where its leg is free; else hold here."""
@@ -497,9 +496,9 @@ class MissionExecutive:
             return
         leg = self._course.leg(Event.GOTO, State.MOVING, *self._motion(now_s))
         if refusal := self._find_way_out(leg, now_s):
-            self.go(Event.HOLD, f"not to {self._course.target}: {refusal}", now_s)
+            self.go(Event.HOLD, notice("mission.not_to_point", target=self._course.target, why=refusal), now_s)
             return
-        self._say(f"to {self._course.target}", kind="course")
+        self._say(notice("mission.to_point", target=self._course.target), kind="course")
         self._follow(leg)
 
     def command(self, now_s: float) -> tuple[Command, Tick | None]:
@@ -521,7 +520,7 @@ class MissionExecutive:
         assert pose is not None, "it stood, by its poses"
         coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
         why = self._find_deafness(now_s) or spooling.fault(now_s, pose, coast_s, self._fence)
-        if why:
+        if why is not None:
             self.go(Event.LAND, why, now_s, fault=True)
             return self._pilot.idle(now_s, 0.0), None
         return self._pilot.idle(now_s, spooling.thrust_n(now_s)), None
@@ -542,24 +541,19 @@ class MissionExecutive:
         if not self._unheard:
             return False
         if (why := self._find_deafness(now_s)) and late_s > 0.0:
-            self.failure = Failure("link.late", f"{why}, so they end")
+            self.failure = Failure("link.late", notice("fault.late_commands_end", why=why))
             self._means.end()
             return True
         if why and self.state is not State.DESCENT:
             self.go(Event.DESCEND, why, now_s, fault=True)
         return False
 
-    def _find_deafness(self, now_s: float) -> str:
-        """Why commands can't fly the vehicle though the autopilot is heard; empty where they reach it in time."""
+    def _find_deafness(self, now_s: float) -> Sentence | None:
+        """Why commands can't fly the vehicle though the autopilot is heard; None where they reach it in time."""
         overdue_s, late_s = self._arrival(now_s)
         if late_s > 0.0:
-            return f"commands reach the autopilot {1e3 * late_s:.0f} ms too late: nobody could fly by such ones"
-        if overdue_s <= DEAF_S:
-            return ""
-        return (
-            f"commands do not reach the autopilot: it is heard, but has not answered for {1e3 * overdue_s:.0f} ms. It "
-            "acts by its own failsafe for set-points that stop; should it hear again, it is brought down"
-        )
+            return notice("fault.late_commands", late_ms=1e3 * late_s)
+        return notice("fault.unanswered", overdue_ms=1e3 * overdue_s) if overdue_s > DEAF_S else None
 
     def _answer_failure(self, now_s: float) -> bool:
         """Come down by what still answers, where the poses have failed; return whether commands end."""
@@ -576,13 +570,14 @@ class MissionExecutive:
         if means is not Means.POSITION:
             self._on_failure()
         if self._means.ends_commands:
-            self.failure = self.failure._replace(reason=f"{reason}: down on the model")
+            self.failure = self.failure._replace(reason=notice("fault.poses_model", reason=reason))
         elif means is Means.POSITION:
             if self.state not in (State.LANDING, State.DESCENT):
-                self.go(Event.LAND, f"{reason}: landing, as they still answer", now_s, fault=True)
+                self.go(Event.LAND, notice("fault.poses_land", reason=reason), now_s, fault=True)
         elif self.state is not State.DESCENT:
             whose = "their attitude" if means is Means.ATTITUDE else "the autopilot's attitude"
-            self.go(Event.DESCEND, f"{reason}: down by {whose}", now_s, fault=True, blind=True)
+            why = notice("fault.poses_descend", reason=reason, whose=whose)
+            self.go(Event.DESCEND, why, now_s, fault=True, blind=True)
         elif not self._pilot.is_blind:
             self._descend(now_s, blind=True)
         return self._means.ends_commands
@@ -606,7 +601,7 @@ class MissionExecutive:
         if guards is not None:
             finding = guards.see(tick, self.state)
             if finding is None or finding.step is GuardAction.WARN:
-                self._warn("" if finding is None else f"warning: {finding.reason}")
+                self._warn(None if finding is None else finding.reason.as_warning())
             else:
                 self._answer(finding, tick.time_s)
         move = self._course.over(self.state, tick, heard=not self._unheard) or self._find_overtime(tick)
@@ -620,16 +615,15 @@ class MissionExecutive:
         """End a way down that takes so long that the floor is not where it is configured."""
         if not tick.time_s > self._down_by_s:
             return None
-        why = "it should long have come down, and the floor was not felt (check flight.floor_z_m)"
+        why = notice("fault.no_floor")
         if self.state is State.LANDING:
             return MissionMove(Event.DESCEND, why, fault=True)
-        return MissionMove(Event.ABORT, f"{why}: commands end", fault=True)
+        return MissionMove(Event.ABORT, notice("fault.no_floor_end", why=why), fault=True)
 
     def link(self, status: LinkStatus, now_s: float) -> None:
         """The link has told of itself."""
         if status.taken and self.allows(Event.TAKEN_OVER):
-            why = f"the autopilot is in {status.taken}, and not by us: nothing leaves from here any more"
-            self.go(Event.TAKEN_OVER, why, now_s, fault=True)
+            self.go(Event.TAKEN_OVER, notice("fault.taken", mode=status.taken), now_s, fault=True)
         elif self._guards is not None and self.state in IN_AIR:
             self._answer(self._guards.link(status, now_s), now_s)
 
@@ -638,14 +632,14 @@ class MissionExecutive:
         pose, coast = self._pilot.newest_pose, self._config.flight.coast_s
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
         if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
-            why = f"no pose for {(now_s - pose.time_s) * 1e3:.0f} ms"
+            why = notice("fault.pose_gap", age_ms=(now_s - pose.time_s) * 1e3)
             self._answer(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
 
-    def _warn(self, says: str) -> None:
-        """Say it once, for as long as it lasts."""
-        if says and says != self._warned:
-            self._say(says, Severity.WARNING)
-        self._warned = says
+    def _warn(self, warning: Sentence | None) -> None:
+        """Say it once, for as long as it lasts with these words."""
+        if warning is not None and warning.text != self._warned:
+            self._say(warning)
+        self._warned = "" if warning is None else warning.text
 
     def _answer(self, finding: GuardFinding | None, now_s: float) -> None:
         """Do what a guard asks for, or the next possible step after it."""
@@ -662,7 +656,7 @@ class MissionExecutive:
                     self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
                 elif step is answer.step:
                     self.go(event, answer.reason, now_s, fault=True)
-                    self._say(f"warning: {answer.reason}", Severity.WARNING)
+                    self._say(answer.reason.as_warning())
                 return
 
     def pose(self, pose: Pose) -> None:
@@ -693,7 +687,7 @@ class MissionExecutive:
 
     def _climb_away(self, now_s: float) -> None:
         """Climb off the floor; from now on it flies by poses."""
-        self._say("off the floor: climbing")
+        self._say(notice("mission.off_floor"))
         self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
 
     def _motion(self, now_s: float) -> tuple[Reference, float]:

@@ -27,11 +27,12 @@ from groundstation.core.messages import (
     PoseSource,
     PoseStatus,
     Say,
-    Severity,
+    Sentence,
     Verdict,
     find_link_drops,
     find_pose_drops,
     notice,
+    notice_fact,
 )
 from groundstation.core.mission import Event
 from groundstation.core.pilot import Pilot
@@ -52,7 +53,6 @@ from groundstation.core.trajectory import (
     Reference,
     Trajectory,
     check_feasibility,
-    explain_infeasibility,
 )
 from groundstation.flight.hold_to_run import HoldToRun
 from groundstation.flight.mission_executive import Course, MissionExecutive
@@ -80,7 +80,7 @@ ALIKE = 0.1
 trajectory's own tolerance."""
 
 
-def explain_refusal(config: Config, report: FeasibilityReport) -> str | None:
+def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | None:
     """Why the trajectory must not fly, with the time, the limit and what to do; None if it may."""
     odd = report.inconsistency
     if odd is not None and odd.name == "period":
@@ -99,6 +99,38 @@ def explain_refusal(config: Config, report: FeasibilityReport) -> str | None:
     return explain_infeasibility(report, getattr(config.trajectory, "speed_m_s", None))
 
 
+def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = None) -> Sentence | None:
+    """Why the trajectory must not fly, and what to do; None if it may.
+
+    ``speed_m_s`` is its speed, where one key of the configuration sets it.
+    """
+    worst = next((demand for demand in report.demands if not demand.ok), None)
+    if worst is None or worst.limit is None:
+        return None
+    if worst.key == "flight.floor_z_m":
+        return notice("trajectory.below_floor", at_s=worst.time_s, depth_m=-worst.value, key=worst.key)
+    needed, limit = f"{worst.value:.3g}", f"{worst.limit:.3g}"
+    if needed == limit:
+        needed, limit = f"{worst.value:.6g}", f"{worst.limit:.6g}"
+    if report.share is None:
+        advice = notice("trajectory.slower_no_help")
+    elif speed_m_s is None:
+        advice = notice("trajectory.slow_down", percent=math.floor(100.0 * report.share))
+    else:
+        advice = notice("trajectory.slow_down_to", speed_m_s=math.floor(1000.0 * report.share * speed_m_s) / 1000.0)
+    return notice(
+        "trajectory.demand",
+        at_s=worst.time_s,
+        needed=needed,
+        limit=limit,
+        unit=worst.unit,
+        name=worst.name,
+        bound="at least" if worst.least else "limit",
+        key=worst.key,
+        advice=advice,
+    )
+
+
 def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[float, float]:
     """Return what is left of the fence after braking, where it is least [m], and when that is [s]."""
     least_m, at_s = math.inf, 0.0
@@ -111,7 +143,7 @@ def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[f
     return least_m, at_s
 
 
-def explain_fence(config: Config) -> str | None:
+def explain_fence(config: Config) -> Sentence | None:
     """Why the trajectory does not fit into the fence; None where it does, or there is none."""
     if config.fence is None:
         return None
@@ -285,21 +317,17 @@ def on_file(path: Path) -> Proof | None:
         return None
 
 
-def lacks(proof: Proof | None, config: Config, firmware: str) -> str:
-    """Why ``proof`` does not hold for this vehicle as it is now; empty where it does."""
+def lacks(proof: Proof | None, config: Config, firmware: str) -> Sentence | None:
+    """Why ``proof`` does not hold for this vehicle as it is now; None where it does."""
     if proof is None or proof.vehicle != config.vehicle.name:
-        return f"no test with the propellers off is on file for {config.vehicle.name}: {COMMAND}"
+        return notice("check.props_off_none", vehicle=config.vehicle.name, command=COMMAND)
     if proof.digest != digest(config):
-        return (
-            f"since the test with the propellers off ({proof.date}) the configuration has changed in one of "
-            f"[{'], ['.join(SECTIONS)}]: do it again, {COMMAND}"
-        )
+        sections = f"[{'], ['.join(SECTIONS)}]"
+        return notice("check.props_off_changed", date=proof.date, sections=sections, command=COMMAND)
     if proof.firmware != firmware:
-        return (
-            f"the test with the propellers off ({proof.date}) was of another firmware, {proof.firmware or 'unknown'}; "
-            f"this is {firmware or 'unknown'}: do it again, {COMMAND}"
-        )
-    return ""
+        proven, found = proof.firmware or "unknown", firmware or "unknown"
+        return notice("check.props_off_firmware", date=proof.date, proven=proven, found=found, command=COMMAND)
+    return None
 
 
 def _without_files(value: object) -> dict[str, object]:
@@ -328,13 +356,11 @@ def confirmation(config: Config, arm: str | None) -> Callable[[], Awaitable[bool
         return True
 
     async def ask_operator() -> bool:
-        name, prompt = config.vehicle.name, "{} is ready. Its motors will start. Type its name to arm"
-        if config.rehearsal is not None:
-            prompt = (
-                f"REHEARSAL of {config.rehearsal.vehicle}: it is ready, and nothing real will move. Type {{}} to arm"
-            )
-        prompt = f"{prompt.format(name)}, anything else to stop: "
-        answer = await line_from_terminal(prompt)
+        name, rehearsal = config.vehicle.name, config.rehearsal
+        prompt = notice("arm.prompt", vehicle=name)
+        if rehearsal is not None:
+            prompt = notice("arm.prompt_rehearsal", rehearsed=rehearsal.vehicle, vehicle=name)
+        answer = await line_from_terminal(notice("arm.question", prompt=prompt).text)
         return answer.strip() == name
 
     return confirm_by_option if arm is not None else ask_operator
@@ -394,10 +420,15 @@ WARN_RTT = 0.5
 """A longer round trip than this share of its limit is a warning."""
 
 
-def grade(name: str, value: float, warn: float, fail: float, says: str) -> Check:
+def find_verdict(value: float, warn: float, fail: float) -> Verdict:
     """The larger ``value`` the worse; anything that is not below ``fail``, NaN too, fails."""
-    verdict = Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
-    return Check(name, verdict, says)
+    return Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
+
+
+def report(check: str, verdict: Verdict, id: str, /, **values: object) -> Check:
+    """Return the result of ``check`` by the sentence ``id``; one that passes needs no remedy."""
+    says = notice_fact(id, **values) if verdict is Verdict.PASS else notice(id, **values)
+    return Check.of(check, verdict, says)
 
 
 def tilt_noise_deg(poses: Sequence[Pose]) -> float:
@@ -411,15 +442,15 @@ def tilt_noise_deg(poses: Sequence[Pose]) -> float:
     return math.degrees(math.sqrt(sum(step * step for step in steps) / (12.0 * max(1, len(steps)))))
 
 
-def explain_drops(source: PoseStatus) -> str:
-    """Return the source's advice, or the commonest reason of dropped poses; else empty."""
+def explain_drops(source: PoseStatus) -> Sentence | None:
+    """Return the source's advice, or the commonest reason of dropped poses; else None."""
     dropped = source.dropped
     if source.advice:
-        return source.advice
+        return notice("pose.advice", says=source.advice)
     if not any(dropped.values()):
-        return ""
+        return None
     reason = max(dropped, key=lambda reason: dropped[reason])
-    return f"{dropped[reason]} were dropped: {describe_drop(reason)}"
+    return notice("pose.most_dropped", count=dropped[reason], why=describe_drop(reason))
 
 
 class Checks:
@@ -457,8 +488,8 @@ class Checks:
         poses = list(standing.poses)
         source = PoseStatus(accepted=len(poses), dropped={}) if source is None else source
         if len(poses) < 2:
-            why = explain_drops(source) or "check the source"
-            nothing = Check("poses", Verdict.FAIL, notice("pose.none", why=why))
+            why = explain_drops(source) or notice("pose.check_source")
+            nothing = report("poses", Verdict.FAIL, "pose.none", why=why)
             return [nothing, self._arm(link), self._frames(link), *self._still]
         place = standing.place_ned
         return [
@@ -490,127 +521,118 @@ class Checks:
             return stamps
         rate = (len(poses) - 1) / max(poses[-1].arrival_s - poses[0].arrival_s, 1e-6)
         wanted = self._config.pose.rate_hz
-        told = "" if wanted is None else f", pose.rate_hz says {wanted:g}"
-        says = f"{rate:.0f} poses a second{told}"
+        nominal = "" if wanted is None else f", pose.rate_hz says {wanted:g}"
         if rate < FEW_HZ:
-            return Check("pose rate", Verdict.FAIL, f"{says}: at least {FEW_HZ:g} are needed")
+            return report(
+                "pose rate", Verdict.FAIL, "check.pose_rate_low", rate_hz=rate, nominal=nominal, limit_hz=FEW_HZ
+            )
         few = wanted is not None and rate < WARN_RATE * wanted
-        return Check("pose rate", Verdict.WARN if few else Verdict.PASS, says)
+        verdict = Verdict.WARN if few else Verdict.PASS
+        return report("pose rate", verdict, "check.pose_rate", rate_hz=rate, nominal=nominal)
 
     def _age(self, pose: Pose, now_s: float, source: PoseStatus) -> Check:
         if source.unsteady_clock:
-            return Check("pose age", Verdict.FAIL, describe_unsteady_clock())
+            return Check.of("pose age", Verdict.FAIL, describe_unsteady_clock())
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
-        says = f"the newest pose is {1e3 * age:.0f} ms old"
-        why = explain_drops(source) if age > fail else ""
-        return grade("pose age", age, min(WARN_AGE_S, fail), fail, f"{says}; {why}" if why else says)
+        why = explain_drops(source) if age > fail else None
+        verdict = find_verdict(age, min(WARN_AGE_S, fail), fail)
+        if why is None:
+            return report("pose age", verdict, "check.pose_age", age_ms=1e3 * age)
+        return report("pose age", verdict, "check.pose_age_why", age_ms=1e3 * age, why=why)
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Whether somebody has seen the motors of this vehicle stop, as it is now."""
         if not self._real or self._config.rehearsal is not None:  # a pseudo-terminal looks as any serial port
-            return Check("props-off test", Verdict.OFF, "only a real vehicle needs one")
+            return report("props-off test", Verdict.OFF, "check.props_off_simulated")
         why = lacks(self._proof, self._config, link.firmware)
-        if why or self._proof is None:
-            return Check("props-off test", Verdict.WARN, why)
-        return Check("props-off test", Verdict.PASS, f"passed on {self._proof.date}")
+        if why is not None:
+            return Check.of("props-off test", Verdict.WARN, why)
+        assert self._proof is not None, "a lacking one is told"
+        return report("props-off test", Verdict.PASS, "check.props_off", date=self._proof.date)
 
     def _deadline(self) -> Check:
         """Check the pose age up to which commands are sent against the defaults."""
         coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
         usual_s = FlightConfig().coast_s + GuardsConfig().level_s
-        says = (
-            f"commands rest on a pose for {1e3 * coast_s:.0f} ms (flight.coast_s), in a descent for "
-            f"{1e3 * level_s:.0f} ms more (guards.level_s); then the bring-down"
-        )
+        told = {"coast_ms": 1e3 * coast_s, "level_ms": 1e3 * level_s}
         if coast_s + level_s <= usual_s + 1e-9:
-            return Check("deadline", Verdict.PASS, says)
-        says += f". Together they are {1e3 * usual_s:.0f} ms unless told otherwise"
-        return Check("deadline", Verdict.WARN, says)
+            return report("deadline", Verdict.PASS, "check.deadline", **told)
+        return report("deadline", Verdict.WARN, "check.deadline_long", usual_ms=1e3 * usual_s, **told)
 
     def _noise(self, noise_m: float, noise_deg: float) -> Check:
         """Check the noise of position and of roll and pitch; the worse by its limits decides."""
-        quiet = noise_m <= WARN_NOISE_M and noise_deg <= WARN_NOISE_DEG
-        more = (
-            "" if quiet else ": calibrate the volume, and have more cameras see the body; with more of it flights end"
+        verdicts = (
+            find_verdict(noise_m, WARN_NOISE_M, NOISE_M),
+            find_verdict(noise_deg, WARN_NOISE_DEG, NOISE_DEG),
         )
-        says = f"noise of {1e3 * noise_m:.2f} mm on each axis, {noise_deg:.2f}° of roll and pitch{more}"
-        place = grade("pose noise", noise_m, WARN_NOISE_M, NOISE_M, says)
-        lie = grade("pose noise", noise_deg, WARN_NOISE_DEG, NOISE_DEG, says)
-        return next((one for v in (Verdict.FAIL, Verdict.WARN) for one in (place, lie) if one.verdict is v), place)
+        worst = next((one for one in (Verdict.FAIL, Verdict.WARN) if one in verdicts), Verdict.PASS)
+        return report("pose noise", worst, "check.pose_noise", noise_mm=1e3 * noise_m, noise_deg=noise_deg)
 
     def _rest(self, poses: list[Pose]) -> Check:
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
         limit = MOVED_M if poses[0].velocity_ned is None else WANDERED_M
-        says = f"poses lie within {100.0 * far:.1f} cm" + ("" if far <= limit else ": the vehicle must stand still")
-        return grade("at rest", far, limit, limit, says)
+        return report("at rest", find_verdict(far, limit, limit), "check.at_rest", spread_cm=100.0 * far)
 
     def _tilt(self, pose: Pose) -> Check:
         tilt = angle_deg(third_column(pose.attitude)[2])
-        more = "" if tilt <= WARN_TILT_DEG else ": level the floor, or correct the object's axes in the capture system"
-        return grade("tilt", tilt, WARN_TILT_DEG, TILT_DEG, f"it stands tilted by {tilt:.1f}°{more}")
+        return report("tilt", find_verdict(tilt, WARN_TILT_DEG, TILT_DEG), "check.tilt", tilt_deg=tilt)
 
     def _witness(self, told: Agreement | None) -> Check:
         """Whether the autopilot lies and turns as the tracker sees it."""
         name, config = "second witness", self._config
         if config.pose.by_autopilot:
-            return Check(name, Verdict.OFF, "there is none: the poses are the autopilot's own")
+            return report(name, Verdict.OFF, "check.witness_own")
         by_radio = not config.link.has_autopilot
         if told is None and by_radio:
-            says = "there is none: this radio does not tell how the vehicle lies, ten times a second, as CRSF's may"
-            return Check(name, Verdict.OFF, says)
+            return report(name, Verdict.OFF, "check.witness_radio")
         if told is None:
-            says = "the autopilot does not send its attitude, so nothing holds against poses that lie"
-            return Check(name, Verdict.WARN, says)
-        cure = "is it the right body? `groundstation carry` finds the axes of its object"
+            return report(name, Verdict.WARN, "check.witness_silent")
         if told.unlike:
-            says = f"moved by hand, {' and '.join(told.unlike)} went another way in the poses than in the autopilot"
             sign = "; or correct link.attitude_pitch" if by_radio and told.unlike == ("pitch",) else ""
-            return Check(name, Verdict.FAIL, f"{says}: {cure}{sign}")
-        says = f"tilt by the poses and by the autopilot is {told.askew_deg:.1f}° apart"
+            return report(name, Verdict.FAIL, "check.witness_unlike", axes=" and ".join(told.unlike), sign=sign)
         if told.askew_deg > ASKEW_DEG:
-            return Check(name, Verdict.FAIL, f"{says}: {cure}, level the autopilot's accelerometers")
+            return report(name, Verdict.FAIL, "check.witness_askew", askew_deg=told.askew_deg)
         if told.doubts_s is not None:
-            return Check(name, Verdict.WARN, "poses move otherwise than the autopilot feels: does somebody carry it?")
+            return report(name, Verdict.WARN, "check.witness_carried")
         alike = f"; {', '.join(told.alike)} went the same way as it was moved" if told.alike else ""
-        return Check(name, Verdict.PASS, f"{says}{alike}")
+        return report(name, Verdict.PASS, "check.witness", askew_deg=told.askew_deg, alike=alike)
 
     def _floor(self, pose: Pose, place: Vec3) -> Check:
         if self._config.flight.start == "air":
-            return Check("floor", Verdict.OFF, "a simulated vehicle is held in the air (flight.start)")
+            return report("floor", Verdict.OFF, "check.floor_air")
         off = abs(place[2] - self._config.flight.floor_z_m)
         limit = FLOOR_M if pose.velocity_ned is None else FLOOR_WANDERS_M
-        says = f"it stands at {place[2]:+.2f} m (down), flight.floor_z_m says {self._config.flight.floor_z_m:+.2f} m"
-        more = "" if off <= limit else ": a wrong one makes a wrong bring-down; correct it"
-        return grade("floor", off, limit, limit, says + more)
+        floor_m = self._config.flight.floor_z_m
+        return report("floor", find_verdict(off, limit, limit), "check.floor", down_m=place[2], floor_m=floor_m)
 
     def _inside(self, place: Vec3) -> Check:
         if self._fence is None:
-            return Check("fence", Verdict.OFF, "there is none")
+            return report("fence", Verdict.OFF, "check.fence_none")
         room = self._fence.room_m(place)
         if room <= 0.0:
-            return Check("fence", Verdict.FAIL, f"it stands {-room:.2f} m outside the fence")
-        return Check("fence", Verdict.PASS, f"it stands {room:.2f} m inside the fence")
+            return report("fence", Verdict.FAIL, "check.fence_outside", outside_m=-room)
+        return report("fence", Verdict.PASS, "check.fence_inside", inside_m=room)
 
     def _apart(self, place: Vec3, now_s: float) -> Check:
         """Whether every other vehicle is seen, and far enough away."""
-        separation = self._separation
+        name, separation = "other vehicles", self._separation
         if separation is None:
-            return Check("other vehicles", Verdict.OFF, "separation.others names none")
+            return report(name, Verdict.OFF, "check.others_none")
         config, unknown = separation.config, separation.unknown(now_s)
         near = separation.nearest(place, (0.0, 0.0, 0.0), now_s)
         if near is not None and not near.distance_m >= config.distance_m:
-            says = f"it stands {near.distance_m:.2f} m from {near.name}, limit {config.distance_m:g} m"
-            return Check("other vehicles", Verdict.FAIL, f"{says}: move one of them")
+            told = {"distance_m": near.distance_m, "name": near.name, "limit_m": config.distance_m}
+            return report(name, Verdict.FAIL, "check.others_near", **told)
         if unknown:
-            says = f"the cameras do not see {', '.join(unknown)}: uncover them, or take them out of separation.others"
-            return Check("other vehicles", Verdict.WARN if config.unknown == "warn" else Verdict.FAIL, says)
+            verdict = Verdict.WARN if config.unknown == "warn" else Verdict.FAIL
+            return report(name, verdict, "check.others_unseen", names=", ".join(unknown))
         assert near is not None, "all are seen"
-        return Check("other vehicles", Verdict.PASS, f"{near.name} is nearest, {near.distance_m:.2f} m away")
+        return report(name, Verdict.PASS, "check.others", name=near.name, distance_m=near.distance_m)
 
     def _ways(self, place: Vec3) -> Check:
         """The climb, the way onto the trajectory, all of it, and the way back, each with its braking distance."""
         if self._fence is None:
-            return Check("ways in the fence", Verdict.OFF, "there is no fence")
+            return report("ways in the fence", Verdict.OFF, "check.ways_none")
         config = self._config
         above = (place[0], place[1], config.flight.floor_z_m - config.takeoff.height_m)
         course = Course(config)
@@ -625,14 +647,15 @@ class Checks:
             if room < least:
                 least, where = room, f"{name}, {at_s:.1f} s after its start"
         if least <= 0.0:
-            return Check("ways in the fence", Verdict.FAIL, f"the {where}, could not be braked within the fence")
-        return Check("ways in the fence", Verdict.PASS, f"{least:.2f} m are left after braking from the {where}")
+            return report("ways in the fence", Verdict.FAIL, "check.ways_short", where=where)
+        return report("ways in the fence", Verdict.PASS, "check.ways", room_m=least, where=where)
 
     def _battery(self, link: LinkStatus) -> Check:
         volts, share, c = link.battery_v, link.battery_share, self._config.guards
         if share is None and (volts is None or c.battery_v is None):
-            why = "the vehicle does not tell" if volts is None else f"{volts:.2f} V; set guards.battery_v to judge it"
-            return Check("battery", Verdict.OFF, why)
+            if volts is None:
+                return report("battery", Verdict.OFF, "check.battery_silent")
+            return report("battery", Verdict.OFF, "check.battery_unjudged", voltage_v=volts)
         told = [f"{volts:.2f} V"] if volts is not None else []
         told += [f"{100.0 * share:.0f} %"] if share is not None else []
         low = (share is not None and share < c.battery_share) or (
@@ -640,73 +663,64 @@ class Checks:
         )
         soon = share is not None and share < c.battery_share + 0.2
         verdict = Verdict.FAIL if low else Verdict.WARN if soon else Verdict.PASS
-        return Check("battery", verdict, f"it is at {', '.join(told)}" + (": charge it" if low else ""))
+        return report("battery", verdict, "check.battery_low" if low else "check.battery", charge=", ".join(told))
 
     def _round_trip(self, link: LinkStatus) -> Check:
         if link.rtt_s is None:
-            return Check("round trip", Verdict.OFF, "the link does not know")
+            return report("round trip", Verdict.OFF, "check.rtt_unknown")
         limit = self._config.guards.rtt_s
-        says = f"{1e3 * link.rtt_s:.0f} ms to the vehicle and back, limit {1e3 * limit:.0f} ms"
-        return grade("round trip", link.rtt_s, WARN_RTT * limit, limit, says)
+        verdict = find_verdict(link.rtt_s, WARN_RTT * limit, limit)
+        return report("round trip", verdict, "check.rtt", rtt_ms=1e3 * link.rtt_s, limit_ms=1e3 * limit)
 
     def _arm(self, link: LinkStatus) -> Check:
+        name, said = "ready to arm", f"; it said last: “{link.text}”" if link.text else ""
         if link.state == "armed":
-            return Check("ready to arm", Verdict.FAIL, "its motors are on already: somebody else has armed it")
+            return report(name, Verdict.FAIL, "check.armed_already")
         if link.state != "connected":
-            return Check("ready to arm", Verdict.FAIL, f"the link is {link.state}: {link.text}".rstrip(": "))
-        said = f"; it said last: “{link.text}”" if link.text else ""
+            id = "check.link_state_why" if link.text else "check.link_state"
+            return report(name, Verdict.FAIL, id, state=link.state, text=link.text)
         if link.unfit:
-            return Check("ready to arm", Verdict.FAIL, link.unfit)
+            return report(name, Verdict.FAIL, "check.unfit", why=link.unfit)
         if link.ready is False:  # a warning: they may ask for what only its present mode needs, and arming tells
-            says = "its own pre-arm checks do not pass, so it may refuse to arm: QGroundControl lists what they lack"
-            return Check("ready to arm", Verdict.WARN, says + said)
-        return Check("ready to arm", Verdict.PASS, f"connected, and disarmed{said}")
+            return report(name, Verdict.WARN, "check.prearm_fails", said=said)
+        return report(name, Verdict.PASS, "check.ready", said=said)
 
     def _frames(self, link: LinkStatus) -> Check:
         if link.conflict:
-            return Check("frames", Verdict.FAIL, link.conflict)
+            return report("frames", Verdict.FAIL, "check.conflict", why=link.conflict)
         if link.warning:
-            return Check("frames", Verdict.WARN, link.warning)
+            return report("frames", Verdict.WARN, "check.link_warns", why=link.warning)
         if self._config.link.has_autopilot:
-            return Check("frames", Verdict.OFF, "commands leave as this program sends them")
-        return Check("frames", Verdict.PASS, "the pacer and its stand-by have what they need")
+            return report("frames", Verdict.OFF, "check.frames_direct")
+        return report("frames", Verdict.PASS, "check.frames_paced")
 
     def _link_drops(self, link: LinkStatus) -> Check:
         name, drops = "link drops", find_link_drops(link)
         if drops:
-            return Check(name, Verdict.WARN, "; ".join(drop.says for drop in drops))
-        return Check(name, Verdict.PASS, notice("link.few_dropped", total=link.received))
+            return report(name, Verdict.WARN, "check.link_drops", drops="; ".join(drop.says.text for drop in drops))
+        return report(name, Verdict.PASS, "link.few_dropped", total=link.received)
 
     def _pose_drops(self, source: PoseStatus) -> Check:
         name, found = "pose drops", find_pose_drops(source)
         if found is None:
-            return Check(name, Verdict.PASS, notice("pose.few_dropped", total=source.accepted))
+            return report(name, Verdict.PASS, "pose.few_dropped", total=source.accepted)
         reason, count, total = found
-        says = notice("pose.dropped", count=count, total=total, why=describe_drop(reason))
-        return Check(name, Verdict.WARN, says)
+        return report(name, Verdict.WARN, "pose.dropped", count=count, total=total, why=describe_drop(reason))
 
     def _failsafe(self) -> Check:
         """State that the receiver's failsafe can't be checked from here."""
         if self._config.link.has_autopilot:
-            return Check("failsafe", Verdict.OFF, "the autopilot's own: `groundstation doctor CONFIG` looks at it")
-        says = (
-            "the receiver's failsafe must stop the motors, as nothing here can if the module loses its plug or its "
-            "computer; it does not tell, and is sold to hold the last frame: once, with the propellers off, "
-            "`groundstation fly CONFIG`, then pull the module's plug; the motors must stop"
-        )
-        return Check("failsafe", Verdict.WARN, says)
+            return report("failsafe", Verdict.OFF, "check.failsafe_autopilot")
+        return report("failsafe", Verdict.WARN, "check.failsafe_receiver")
 
     def _take_off(self) -> Check:
         """Check the thrust limit on the floor, where the poses may not yet be this vehicle's."""
         config, weight = self._config, self._config.weight_n
         most, usual = (limit(config) for limit in (limit_n, usual_limit_n))
-        says = f"thrust goes to {most:.3g} N before lift-off, {100.0 * most / weight:.0f} % of the weight"
+        told = {"thrust_n": most, "percent": 100.0 * most / weight}
         if most <= usual:
-            return Check("take-off thrust", Verdict.PASS, says)
-        more = (
-            f"{says}, by takeoff.thrust_limit: with wrong poses or a wrong mass it jumps higher than by {usual:.3g} N"
-        )
-        return Check("take-off thrust", Verdict.WARN, more)
+            return report("take-off thrust", Verdict.PASS, "check.thrust_limit", **told)
+        return report("take-off thrust", Verdict.WARN, "check.thrust_limit_high", usual_n=usual, **told)
 
     def _simulation(self) -> list[Check]:
         """A word that takes guards away must not stay in a configuration unseen."""
@@ -714,25 +728,23 @@ class Checks:
         if not link.simulated or self._config.rehearsal is not None:
             return []  # in a rehearsal nobody wrote it
         believed = "no fence and no speed limit are asked for" if is_simulated(link) else "not believed of this port"
-        says = f"link.simulated = true: {believed}. Behind {link.endpoint} no module may be; else take it out"
-        return [Check("simulated", Verdict.WARN, says)]
+        return [report("simulated", Verdict.WARN, "check.simulated", believed=believed, endpoint=link.endpoint)]
 
     def _certificate(self, asked: FeasibilityReport) -> Check:
         law = self._config.controller
         if not isinstance(law, Law):
-            return Check("thrust bound", Verdict.OFF, "this controller comes without a Lyapunov function")
+            return report("thrust bound", Verdict.OFF, "check.bound_no_law")
         bound = thrust_bound(law, acceleration_sup=asked.acceleration_m_s2, v_start=0.0).bound
-        where = f"{bound:+.2f} m/s² from rest on the reference"
         if bound > 0.0:
-            return Check("thrust bound", Verdict.PASS, f"the theory keeps thrust over mass above {where}")
-        least = f"vehicle.thrust_min_n = {self._config.vehicle.thrust_min_n:g} N keeps it above zero"
-        return Check("thrust bound", Verdict.OFF, f"{least}, as the proof alone does not (its bound: {where})")
+            return report("thrust bound", Verdict.PASS, "check.bound", bound_m_s2=bound)
+        least_n = self._config.vehicle.thrust_min_n
+        return report("thrust bound", Verdict.OFF, "check.bound_by_limit", thrust_min_n=least_n, bound_m_s2=bound)
 
     def _flyable(self, asked: FeasibilityReport) -> Check:
         why = explain_refusal(self._config, asked)
         if why is not None:
-            return Check("trajectory", Verdict.FAIL, why)
-        return Check("trajectory", Verdict.PASS, "within the limits of vehicle and configuration")
+            return Check.of("trajectory", Verdict.FAIL, why)
+        return report("trajectory", Verdict.PASS, "check.trajectory")
 
 
 def describe_failures(checks: list[Check]) -> str:
@@ -773,47 +785,45 @@ class Company:
     def _names(self) -> Check:
         """Whether another flight of this machine has the same body, commands the same vehicle, or has its name."""
         own, name = entry_of(self._config, "", 0), "other flights"
-        bad, odd = list[str](), list[str]()
+        bad, odd = list[Sentence](), list[Sentence]()
         for one in self._running():
             who = f"{one.command} {one.vehicle} (process {one.pid})"
             if own.link == one.link:
-                bad.append(f"{who} commands {one.link} as well: stop one of them")
+                bad.append(notice("flights.same_link", who=who, link=one.link))
             elif own.body and own.body == one.body:
-                of = f"{who} follows the body {one.body!r} as well"
                 told = odd if own.poses != one.poses else bad
-                told.append(f"{of}: two vehicles can't be one body, so one of them would fly by the other's poses")
+                told.append(notice("flights.same_body", who=who, body=one.body))
             elif own.vehicle == one.vehicle:
-                odd.append(f"{who} has the same name: whoever arms or lands by name may mean the other")
-        verdict = Verdict.FAIL if bad else Verdict.WARN if odd else Verdict.PASS
-        return Check(name, verdict, "; ".join(bad + odd) or "none of this machine has its name, body or link")
+                odd.append(notice("flights.same_name", who=who))
+        if not bad and not odd:
+            return report(name, Verdict.PASS, "check.flights")
+        clashes = "; ".join(one.text for one in bad + odd)
+        return report(name, Verdict.FAIL if bad else Verdict.WARN, "check.flights_clash", clashes=clashes)
 
     def _bodies_near(self, standing: StandingPoses, now_s: float) -> Check:
         """Whether another body is where this vehicle is."""
         name, size = "bodies near", self._config.vehicle.size_m
         if self._bodies is None or not standing.poses:
-            return Check(name, Verdict.OFF, "the source shows no other bodies")
+            return report(name, Verdict.OFF, "check.bodies_unknown")
         place, near = standing.place_ned, list[tuple[float, str]]()
         for body in self._bodies.bodies:
             sight = self._bodies.sighting(body)
             if sight is not None and now_s - sight.time_s < SEEN_S:
                 near.append((math.dist(place, sight.position_ned), body))
         if not near:
-            return Check(name, Verdict.PASS, "no other body is seen")
+            return report(name, Verdict.PASS, "check.bodies_none")
         distance, body = min(near)
-        says = f"{body!r} is {distance:.2f} m from {self._config.body!r}"
+        told = {"body": body, "distance_m": distance, "own": self._config.body}
         if distance >= size:
-            return Check(name, Verdict.PASS, f"{says}, the nearest")
-        more = f"less than vehicle.size_m ({size:g} m): move it away, or find out which name is whose"
-        return Check(name, Verdict.FAIL, f"{says}, {more}")
+            return report(name, Verdict.PASS, "check.bodies", **told)
+        return report(name, Verdict.FAIL, "check.bodies_near", size_m=size, **told)
 
     def _hand(self, otherwise: Verdict) -> Check:
         """Whether the operator holds what must be held."""
         name, hold = "operator's hold", self._hold
         if hold is None:
-            return Check(name, Verdict.OFF, "operator.hold names nothing")
-        if hold.obstacle:
-            return Check(name, otherwise, f"{hold.obstacle}: {hold.advice}")
-        return Check(name, Verdict.PASS, hold.advice)
+            return report(name, Verdict.OFF, "check.hold_none")
+        return Check.of(name, Verdict.PASS if hold.obstacle is None else otherwise, hold.advice)
 
 
 def entry_of(config: Config, command: str, pid: int) -> Running:
@@ -835,7 +845,11 @@ LOOK_AGAIN_S = 1.0
 
 
 class FlightEnded(Exception):
-    """The flight can't go on; the text says why, for the operator."""
+    """The flight can't go on; the sentence says why."""
+
+    def __init__(self, sentence: Sentence) -> None:
+        super().__init__(sentence.text)
+        self.sentence = sentence
 
 
 class PrearmSequence:
@@ -892,24 +906,24 @@ class PrearmSequence:
         from_floor = self._config.flight.start == "floor"
         if from_floor:
             self._pilot.stand()
-        progress.go(Event.START, "waiting for the link and for poses", loop.time())
+        progress.go(Event.START, notice("mission.waiting"), loop.time())
         await self._connect(deliver)
         if from_floor:
             await self._stand()
             bad, checks = self._check()
             for one in checks:
                 if one.verdict in (Verdict.WARN, Verdict.FAIL):
-                    self._say(f"pre-flight {one.verdict}: {one.name}: {one.says}", Severity.WARNING)
+                    self._say(notice("flight.preflight", verdict=one.verdict, check=one.name, says=one.says))
             if bad:
-                raise FlightEnded(f"pre-flight checks failed: {bad}")
+                raise FlightEnded(notice("fault.preflight", failed=bad))
         status = self._source.status
-        poses = f"poses at {status.rate_hz:.0f} Hz, {1e3 * status.latency_s:.0f} ms late"
-        progress.go(Event.CONNECTED, f"link and poses are there; {poses}", loop.time())
+        ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=1e3 * status.latency_s)
+        progress.go(Event.CONNECTED, ready, loop.time())
         await self._operator()
         if from_floor:
             bad, _ = self._check(arming=True)
             if bad:
-                raise FlightEnded(f"not armed: {bad}")
+                raise FlightEnded(notice("fault.not_armed", failed=bad))
         self.checks = ()
         if self._company is not None:
             self._company.leave()
@@ -923,8 +937,8 @@ class PrearmSequence:
             return self._check()[1]
         except (FlightEnded, LinkError, OSError) as error:
             conflict = self._link.status.conflict
-            found = [Check("connection", Verdict.FAIL, str(error))]
-            return [*found, Check("frames", Verdict.FAIL, conflict)] if conflict else found
+            found = [report("connection", Verdict.FAIL, "check.connection", why=error)]
+            return [*found, report("frames", Verdict.FAIL, "check.conflict", why=conflict)] if conflict else found
 
     async def _stand(self) -> None:
         """Look at the vehicle as it stands for a moment."""
@@ -951,20 +965,17 @@ class PrearmSequence:
         try:
             await asyncio.wait_for(self.first_pose.wait(), wait)
         except TimeoutError:
-            raise FlightEnded(f"no pose within {wait:g} s: {self._why_no_pose()}") from None
+            raise FlightEnded(notice("fault.no_first_pose", wait_s=wait, why=self._explain_silence())) from None
 
-    def _why_no_pose(self) -> str:
+    def _explain_silence(self) -> Sentence:
         pose = self._config.pose
         if pose.by_autopilot:
             said = f"; it said last: “{self._link.status.text}”" if self._link.status.text else ""
-            return (
-                "the autopilot is heard but has no estimate of its position yet (pose.kind = mavlink). After a start "
-                f"that takes it some 40 s, and it needs GPS or an external pose: wait for it, then try again{said}"
-            )
+            return notice("pose.no_estimate", said=said)
         told = {pose.address_key: pose.address, pose.body_key: pose.body_name}
         keys = ", ".join(f"pose.{key} = {value}" for key, value in told.items() if key)
-        hint = explain_drops(self._source.status) or "nothing arrived at all; check address and port"
-        return f"nothing of use from pose.kind = {pose.kind} ({keys}); {hint}"
+        why = explain_drops(self._source.status) or notice("pose.nothing_arrived")
+        return notice("pose.nothing_of_use", kind=pose.kind, keys=keys, why=why)
 
     async def _operator(self) -> None:
         """Wait until somebody asks to arm: at the terminal, or by a request."""
@@ -975,7 +986,7 @@ class PrearmSequence:
                     self._check()  # for the screens: whoever arms sees the vehicle as it stands now
                 await asyncio.wait({confirmed, asked}, timeout=LOOK_AGAIN_S, return_when=asyncio.FIRST_COMPLETED)
             if not asked.done() and not confirmed.result():
-                raise FlightEnded("not armed: the operator did not confirm")
+                raise FlightEnded(notice("fault.not_confirmed"))
         finally:
             for task in (confirmed, asked):
                 task.cancel()

@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 from groundstation.config import STEP_LIMIT_S, STEP_WATCH, StepWatch
-from groundstation.core.messages import notice
+from groundstation.core.messages import Sentence, notice
 
 AGAIN_S = 0.05
 """Period of repeated interrupts [s]: code that catches every exception may go on."""
@@ -45,7 +45,7 @@ class StepTimer(StepWatch):
         self._interrupts = 0
         """Interrupts of the step that is [-]."""
         self._slowest_s = SLOW_S
-        self._newest = ""
+        self._newest: Sentence | None = None
         self._newest_s = 0.0
         self._ours_until_s = 0.0
         """An alarm up to then may be of a step that has just ended [s]."""
@@ -76,12 +76,12 @@ class StepTimer(StepWatch):
             return
         self._newest_s = now_s
         self._newest = notice("code.slow", what=what, took_ms=1e3 * took_s, limit_ms=1e3 * SLOW_S)
-        if took_s > SLOWER * self._slowest_s or not self.slow:
+        if took_s > SLOWER * self._slowest_s or self.slow is None:
             self.slow, self._slowest_s = self._newest, took_s
 
-    def find_recent(self) -> str:
-        """Return the newest step that was too slow, where it was within a second; else nothing."""
-        return self._newest if time.monotonic() - self._newest_s < RECENT_S else ""
+    def find_recent(self) -> Sentence | None:
+        """Return the newest step that was too slow, where it was within a second; else None."""
+        return self._newest if time.monotonic() - self._newest_s < RECENT_S else None
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         now_s = time.monotonic()

@@ -176,7 +176,7 @@ def _find_stamp_fault(status: PoseStatus, kind: PoseKind) -> str:
     rate = check_stamp_rate(status, kind)
     if rate is not None and rate.verdict is Verdict.FAIL:
         return rate.says
-    return describe_unsteady_clock() if status.unsteady_clock else ""
+    return describe_unsteady_clock().text if status.unsteady_clock else ""
 
 
 async def _listen_on_screen(config: Config, seconds: float | None, title: str) -> PoseStreamSummary:

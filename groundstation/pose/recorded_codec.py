@@ -136,10 +136,10 @@ class TlogReader:
         frames = len(stream.feed(self._data))
         # Time stamps would be 8 such bytes a frame.
         if frames and stream.dropped["garbage"] < frames:
-            return notice("tlog.no_stamps", frames=frames)
+            return notice("tlog.no_stamps", frames=frames).text
         if self._used >= RECORDS_SHARE * size:
             return ""
-        return notice("tlog.garbage", garbage=size - self._used, size=size, limit=1.0 - RECORDS_SHARE)
+        return notice("tlog.garbage", garbage=size - self._used, size=size, limit=1.0 - RECORDS_SHARE).text
 
     @property
     def dropped(self) -> Counter[str]:

@@ -15,7 +15,7 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, SourceError, notice
+from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, Sentence, SourceError, notice
 from groundstation.machine import sleep_until
 from groundstation.pose.recorded_codec import (
     CSV_COLUMNS,
@@ -93,7 +93,7 @@ def read_recording(path: Path) -> bytes:
     return data
 
 
-def report_no_poses(path: Path, dropped: Mapping[str, int], expected: str) -> SourceError:
+def report_no_poses(path: Path, dropped: Mapping[str, int], expected: str | Sentence) -> SourceError:
     """Return the error for a file without poses; ``dropped`` counts its contents."""
     found = ", ".join(f"{count} {reason}" for reason, count in sorted(dropped.items())) or "nothing at all"
     return SourceError(f"pose.path: {path} holds no poses (found: {found}); {expected}")

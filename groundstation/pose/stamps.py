@@ -2,7 +2,7 @@
 
 import math
 
-from groundstation.core.messages import Check, PoseKind, PoseStatus, Verdict, notice
+from groundstation.core.messages import Check, PoseKind, PoseStatus, Sentence, Verdict, notice
 
 FAIL_RATE = 2.0
 """Stamps that run faster or slower than ours by more than this factor are in the wrong unit [-]."""
@@ -24,10 +24,10 @@ def check_stamp_rate(source: PoseStatus, kind: PoseKind) -> Check | None:
     if factor <= WARN_RATE:
         return None
     verdict = Verdict.FAIL if factor > FAIL_RATE else Verdict.WARN
-    return Check("pose rate", verdict, _explain(rate, kind))
+    return Check.of("pose rate", verdict, _explain(rate, kind))
 
 
-def _explain(rate: float, kind: PoseKind) -> str:
+def _explain(rate: float, kind: PoseKind) -> Sentence:
     """Name the rate of the stamps, the unit expected, and the unit that would fit."""
     unit_s = kind.stamp_unit_s / rate if rate > 0.0 else math.inf
     factor = max(rate, 1.0 / rate) if rate > 0.0 else math.inf

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import msgspec
 
-from groundstation.core.messages import STEADY_S, Severity, notice
+from groundstation.core.messages import STEADY_S, Sentence, notice
 from groundstation.machine import free_name, make_folder, tidy
 from groundstation.recording.process import FORGET, RecorderSetup
 from groundstation.recording.reader import NoRecording, quick_headline
@@ -84,7 +84,7 @@ def main() -> None:
                 synced_s = time.monotonic()
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "
-        _tell(f"WARNING: not recording, the flight goes on: {where}{error.strerror or error}", Severity.WARNING)
+        _tell(notice("recording.not", why=f"{where}{error.strerror or error}"))
     finally:
         beside.shutdown()
         if log is not None:
@@ -102,7 +102,7 @@ def _forget(path: Path) -> None:
     for file in (path, path.with_suffix(".tlog")):
         with contextlib.suppress(OSError):
             file.unlink(missing_ok=True)
-    _tell(f"{path.name} was removed: nothing was armed in it")
+    _tell(notice("recording.forgotten", name=path.name))
 
 
 def _tell_figures(path: Path) -> None:
@@ -149,13 +149,13 @@ def _open_log(setup: RecorderSetup) -> FlightLog:
     config, folder = setup.recording, make_folder(setup.recording)
     now = time.time()
     for path in tidy(config, now):
-        _tell(f"recordings: {path.name} was removed to keep within recording.keep_gb and keep_days")
+        _tell(notice("recording.tidied", name=path.name))
     local = time.localtime(now)
     path = free_name(folder, time.strftime("%Y%m%d-%H%M%S", local), setup.about.vehicle)
     about = msgspec.structs.replace(setup.about, started=time.strftime("%Y-%m-%dT%H:%M:%S%z", local))
     # The event loop's clock is CLOCK_MONOTONIC, the same in every process of this machine.
     log = FlightLog(path, about, epoch_ns=time.time_ns() - time.monotonic_ns(), tell=_tell)
-    _tell(f"recording to {path}")
+    _tell(notice("recording.begins", path=path))
     if setup.view:
         _open_viewer(path, setup.view)
     return log
@@ -166,10 +166,10 @@ def _open_viewer(path: Path, viewer: str) -> None:
     start_child("groundstation", "view", str(path), "--in", viewer, stdout=2)
 
 
-def _tell(line: str, severity: Severity = Severity.INFO) -> None:
+def _tell(sentence: Sentence) -> None:
     """Tell the operator, through the flight, if it still listens."""
     with contextlib.suppress(OSError):
-        os.write(1, msgspec.json.encode((line, severity)) + b"\n")
+        os.write(1, msgspec.json.encode(sentence) + b"\n")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
     EndRecord,
     IdleRecord,
+    Numbers,
     Pose,
     PoseRecord,
     PoseStatus,
@@ -253,6 +254,8 @@ class MissionMessage(msgspec.Struct, frozen=True, gc=False):
     time_s: float
     state: str
     text: str
+    id: str = ""
+    numbers: Numbers = {}
 
 
 class FlightRequestMessage(msgspec.Struct, frozen=True, gc=False):
@@ -448,8 +451,8 @@ class MessageMaker:
                 yield "/follow", time_s, FollowMessage(time_s)
             case SwitchRecord(time_s, what, values):
                 yield "/switch", time_s, SwitchMessage(time_s, what, list(values))
-            case LineRecord(time_s, state, text):
-                yield "/mission", time_s, MissionMessage(time_s, state, text)
+            case LineRecord(time_s, state, text, id, numbers):
+                yield "/mission", time_s, MissionMessage(time_s, state, text, id, numbers)
                 yield self._log(time_s, INFO, f"{state}: {text}")
             case EndRecord(time_s, state, reason):
                 yield self._log(time_s, INFO, f"the flight is over, {state}: {reason}")

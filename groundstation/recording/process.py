@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import msgspec
 
-from groundstation.core.messages import Say, Severity
+from groundstation.core.messages import Say, Sentence, notice
 from groundstation.machine import IdleSlots, RecordingConfig
 from groundstation.recording.records import About, LossRecord, Record
 from links.io import start_child
@@ -33,10 +33,6 @@ class RecorderSetup(msgspec.Struct, frozen=True):
     about: About
     view: str = ""
     """The viewer that shows it as it is written, if any."""
-
-
-Word = tuple[str, Severity]
-"""Line of JSON from the recorder for the operator."""
 
 
 class RecorderProcess:
@@ -126,7 +122,7 @@ class RecorderProcess:
                 self._lost += 1  # a controller of the user's own may put anything into a tick
                 if not self._told:
                     self._told = True
-                    self._say(f"WARNING: a part of this flight can't be recorded: {error}", Severity.WARNING)
+                    self._say(notice("recording.unrecordable", why=error))
 
     def _admit(self) -> None:
         """Say how many records are missing here."""
@@ -152,7 +148,7 @@ class RecorderProcess:
         self._call_off()
         if not self._gone.done():
             self._close_out()
-            self._say("WARNING: the recorder is still writing; it ends by itself", Severity.WARNING)
+            self._say(notice("recording.still_writing"))
 
     def _add(self, message: RecorderSetup | Record) -> None:
         data = self._encoder.encode(message)
@@ -192,11 +188,10 @@ class RecorderProcess:
             return
         *lines, self._words = (self._words + data).split(b"\n")
         for line in lines:
-            self._say(*msgspec.json.decode(line, type=Word))
+            self._say(msgspec.json.decode(line, type=Sentence))
         if not data:
             code = self._process.wait()  # its end of the pipe closes with its last breath
             self._close_out()
             if code:
-                why = f"the recorder has died ({code}); the flight goes on and is no longer recorded"
-                self._say(f"WARNING: {why}", Severity.WARNING)
+                self._say(notice("recording.died", code=code))
             self._gone.set_result(None)

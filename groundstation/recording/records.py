@@ -6,6 +6,7 @@ from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import (
     EndRecord,
     IdleRecord,
+    Numbers,
     PoseRecord,
     RequestRecord,
     StatusRecord,
@@ -86,6 +87,9 @@ class LineRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=8):
     state: str
     """Mission state."""
     text: str
+    id: str = ""
+    """Which sentence it is (docs/reference/messages.md)."""
+    numbers: Numbers = {}
 
 
 class LossRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=11):

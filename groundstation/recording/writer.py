@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundstation.core.messages import EndRecord, Say, Severity
+from groundstation.core.messages import EndRecord, Say, notice
 from groundstation.recording.channels import CHANNELS, ChannelForm, MessageMaker, address, describe_channels
 from groundstation.recording.headline import HeadlineCounter
 from groundstation.recording.records import (
@@ -100,7 +100,7 @@ class PatientFile:
             del self._waiting[:written]
         if self._trouble and self.alive:
             self._trouble = ""
-            self._tell(f"recording to {self._path} goes on, nothing is lost")
+            self._tell(notice("recording.goes_on", path=self._path))
 
     def sync(self) -> None:
         """Have all that was written reach the disk itself, and tell where it did not.
@@ -115,23 +115,21 @@ class PatientFile:
         except OSError as error:
             self._torn = True
             why = error.strerror or str(error)
-            self._tell(
-                f"WARNING: parts of {self._path} are lost from here on, the flight goes on: {why}", Severity.WARNING
-            )
+            self._tell(notice("recording.torn", path=self._path, why=why))
 
     def _fail(self, why: str) -> None:
         if not self._trouble:
-            self._tell(f"WARNING: recording waits, the flight goes on: {self._path}: {why}", Severity.WARNING)
+            self._tell(notice("recording.waits", path=self._path, why=why))
         self._trouble = why
         if len(self._waiting) > PATIENCE_BYTES:
-            self._tell(f"WARNING: recording has ended, the flight goes on: {self._path}: {why}", Severity.WARNING)
+            self._tell(notice("recording.ended", path=self._path, why=why))
             self._close()
 
     def close(self) -> None:
         """Flush, and close."""
         self.flush()
         if self._waiting:
-            self._tell(f"WARNING: the end of {self._path} is missing: {self._trouble}", Severity.WARNING)
+            self._tell(notice("recording.no_end", path=self._path, why=self._trouble))
         if self.alive:
             self._close()
 
@@ -277,7 +275,7 @@ class FlightLog:
             try:
                 self._tlog = PatientFile(self.path.with_suffix(".tlog"), self._tell)
             except OSError as error:
-                self._tell(f"WARNING: no .tlog of this flight: {error}", Severity.WARNING)
+                self._tell(notice("recording.no_tlog", why=error))
                 self._cutters.clear()
                 return
         cutter = self._cutters[record.wire][type(record) is SentRecord]

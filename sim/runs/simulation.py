@@ -21,7 +21,7 @@ import msgspec
 
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
-from groundstation.core.messages import EndRecord, Pose, Severity, TickRecord
+from groundstation.core.messages import EndRecord, Pose, Sentence, TickRecord
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import about, ensure_flyable
 from groundstation.machine import write_whole
@@ -386,8 +386,8 @@ class RunFolder:
         write_whole(self.path / "summary.json", json.dumps(result, indent=2) + "\n")
 
 
-def _warn(line: str, _: Severity = Severity.WARNING) -> None:
-    print(line, file=sys.stderr)
+def _warn(sentence: Sentence) -> None:
+    print(sentence, file=sys.stderr)
 
 
 def _open(path: Path) -> TextIO:

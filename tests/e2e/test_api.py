@@ -252,7 +252,7 @@ async def test_what_is_no_order_does_nothing_but_a_counter_one_log_line_and_one_
     line: bytes, path: Path, latest: Latest[Snapshot]
 ) -> None:
     core, log = Sampled(), list[str]()
-    server = Server(StatusConfig(path=str(path)), "mqx", latest, core, log=lambda text, _: log.append(text))
+    server = Server(StatusConfig(path=str(path)), "mqx", latest, core, log=lambda told: log.append(told.text))
     task = asyncio.create_task(server.serve())
     while not path.exists() or not await listening(path):
         await asyncio.sleep(0.01)

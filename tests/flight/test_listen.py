@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from groundstation.core.geometry import so3
-from groundstation.core.messages import Pose, PoseEvent, PoseStatus
+from groundstation.core.messages import Pose, PoseEvent, PoseStatus, Sentence
 from groundstation.lab.pose_monitor import listen, summary_rows, summary_table
 from groundstation.lab.pose_stream import WINDOW_S, PoseStreamMonitor, PoseStreamSummary
 from groundstation.pose.registry import CsvConfig, Speed
@@ -142,7 +142,7 @@ def test_noise_is_of_the_poses_also_where_they_drift_and_unknown_while_they_move
 
 def test_names_from_the_network_do_not_steer_the_terminal() -> None:
     watcher = PoseStreamMonitor(0.0)
-    watcher.event(PoseEvent("moved", "", "poses \x1b[2J"), 1.0)
+    watcher.event(PoseEvent("moved", "", Sentence("pose.elsewhere", "poses \x1b[2J")), 1.0)
     seen = watcher.summarize(2.0, PoseStatus(accepted=0, dropped={"jump": 2}), ("\x1b[31mred",))
     console = Console(width=100, record=True, file=io.StringIO())
     console.print(summary_table("poses", seen))

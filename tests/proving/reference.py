@@ -14,6 +14,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from html import escape
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +25,7 @@ import groundstation
 from groundstation.__main__ import parser as flying
 from groundstation.analysis import Channel, Track
 from groundstation.config import describe_type, field_descriptions, refuse_io, structs
+from groundstation.core.messages import NOTICES
 from groundstation.core.mission import FINAL, Event, State
 from groundstation.core.mission import TABLE as TRANSITIONS
 from groundstation.core.safety import list_limits
@@ -337,6 +339,20 @@ def _channel(topic: str, name: str, message: type) -> str:
     return f"## `{topic}`\n\n`{name}`: {one_line(summary(message))}\n\nFields: {fields}."
 
 
+def describe_messages() -> str:
+    """A table of all sentences for the operator, for each room one."""
+    parts = []
+    for room, rows in groupby(sorted(NOTICES.values(), key=lambda row: row.id), key=lambda row: row.id.split(".")[0]):
+        lines = [f"| `{row.id}` | {row.severity} | {_cell(row.sentence)} | {_cell(row.remedy)} |" for row in rows]
+        parts.append(f"## {room}\n\n| id | severity | sentence | what to do |\n|---|---|---|---|\n" + "\n".join(lines))
+    return "\n\n".join(parts)
+
+
+def _cell(text: str) -> str:
+    """``text`` with its places for values as a table shows them: ``{age_ms:.0f}`` as *age_ms*."""
+    return re.sub(r"\{(\w+)[^}]*\}", r"*\1*", text).replace("|", "\\|")
+
+
 def describe_columns() -> str:
     """Every column of a campaign's table."""
     said = remarks(World) | remarks(CampaignRow)
@@ -491,6 +507,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "recording-channels.md": {"channels": describe_channels},
     "campaign-columns.md": {"columns": describe_columns},
     "guards.md": {"guards": describe_guards},
+    "messages.md": {"messages": describe_messages},
     "python.md": {
         "calls": describe_calls,
         "given": lambda: describe_structs(*(getattr(groundstation, name) for name in GIVEN)),

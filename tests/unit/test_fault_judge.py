@@ -5,6 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
+from groundstation.core.messages import Sentence
 from groundstation.core.safety import Failure
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import Body, Quadrotor, Wind
@@ -200,8 +201,8 @@ def test_who_flies_on_with_false_poses_stays_near_the_course() -> None:
 
 def test_true_poses_of_a_vehicle_that_obeys_must_not_fail() -> None:
     pushed = TRUE._replace(obeys=True)
-    failed, late = Failure("pose.stopped_dead", "it stopped"), Failure("link.late", "late")
-    assert verdict(pushed, None, ANSWER, failure=failed).why == "true poses failed: it stopped"
+    failed, late = (Failure(id, Sentence(id, id)) for id in ("pose.stopped_dead", "link.late"))
+    assert verdict(pushed, None, ANSWER, failure=failed).why == "true poses failed: pose.stopped_dead"
     assert verdict(pushed, None, ANSWER, failure=late).safe
     assert verdict(TRUE, None, ANSWER, failure=failed).safe
 

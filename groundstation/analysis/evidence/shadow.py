@@ -137,12 +137,12 @@ def read_recording(path: Path, latency_s: float, system: int) -> RecordedVehicle
 def _find_time_fault(records: Sequence[TlogRecord], dropped: Counter[str]) -> str:
     """Return why the log times tell no flight; empty where they do."""
     if not records:
-        return notice("tlog.no_message")
+        return notice("tlog.no_message").text
     leaps = dropped["log_time"]
     if leaps > len(records):
-        return notice("tlog.times", leaps=leaps, records=leaps + len(records), limit_s=LEAP_S)
+        return notice("tlog.times", leaps=leaps, records=leaps + len(records), limit_s=LEAP_S).text
     if len(records) > 1 and records[-1].time_s == records[0].time_s:
-        return notice("tlog.one_time", records=len(records))
+        return notice("tlog.one_time", records=len(records)).text
     return ""
 
 
@@ -165,7 +165,7 @@ def _find_pace_fault(own: Sequence[TlogRecord]) -> str:
     by_log_s, by_stamps_s = ended_s - begun_s, last_s - first_s
     if by_stamps_s <= 0.0 or 1.0 / MOST_PACE < by_log_s / by_stamps_s < MOST_PACE:
         return ""
-    return notice("tlog.pace", by_log_s=by_log_s, by_stamps_s=by_stamps_s, limit=MOST_PACE)
+    return notice("tlog.pace", by_log_s=by_log_s, by_stamps_s=by_stamps_s, limit=MOST_PACE).text
 
 
 def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[TlogRecord]:

@@ -2,7 +2,7 @@
 
 from groundstation.core.messages.disturbance import FLOWN, MEAN_S, QUANTILE_95, DisturbanceMeter
 from groundstation.core.messages.drops import LinkDropWatch, find_link_drops, find_pose_drops
-from groundstation.core.messages.notices import NOTICES, NoticeTemplate, notice
+from groundstation.core.messages.notices import NOTICES, notice, notice_fact
 from groundstation.core.messages.pose import (
     FAR_M,
     Distrusts,
@@ -44,7 +44,6 @@ from groundstation.core.messages.snapshot import (
     Request,
     RequestRecord,
     Say,
-    Severity,
     Snapshot,
     StatusRecord,
     SteadyError,
@@ -60,3 +59,4 @@ from groundstation.core.messages.snapshot import (
     ignore,
     tell_lines,
 )
+from links.text import NoticeTemplate, Numbers, Sentence, Severity

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from groundstation.core.messages.notices import notice
 from groundstation.core.messages.pose import PoseStatus
 from links.core import LinkStatus
+from links.text import Sentence
 
 LOSSY_SHARE = 0.01
 """Share of messages above which losses are told [-]: at 1 % one set-point or pose in 100 is missing."""
@@ -62,7 +63,7 @@ class DropCount(NamedTuple):
 
     reason: str
     number: int
-    says: str
+    says: Sentence
 
 
 def find_link_drops(link: LinkStatus, before: LinkStatus | None = None) -> list[DropCount]:
@@ -100,7 +101,7 @@ class LinkDropWatch:
         self._begin = begin
         self._told: dict[str, int] = {}
 
-    def find_news(self, link: LinkStatus) -> list[str]:
+    def find_news(self, link: LinkStatus) -> list[Sentence]:
         """Sentences for what has become too much since the last look."""
         news = []
         for drop in find_link_drops(link, self._begin):
@@ -109,7 +110,7 @@ class LinkDropWatch:
                 news.append(drop.says)
         return news
 
-    def summarize(self, link: LinkStatus) -> list[str]:
+    def summarize(self, link: LinkStatus) -> list[Sentence]:
         """Sentences for all of the flight, after it."""
         return [drop.says for drop in find_link_drops(link, self._begin)]
 

@@ -4,32 +4,11 @@ Code names the id and gives the numbers: ``notice("pose.late", age_ms=312.0, lim
 A sentence states the fact, then the number and its limit; the remedy says what to do.
 """
 
-import msgspec
-
-from groundstation.core.messages.snapshot import Severity
-
-
-class NoticeTemplate(msgspec.Struct, frozen=True):
-    """One sentence for the operator, with named places for numbers (``str.format``)."""
-
-    id: str
-    """Name of the sentence in recordings and over MQTT: ``room.fact``."""
-    sentence: str
-    """The fact, its number and its limit."""
-    remedy: str = ""
-    """Advice on what to do; empty where nothing is to be done."""
-    severity: Severity = Severity.INFO
-    """Importance for the operator."""
-
-    def format(self, **values: object) -> str:
-        """Return the sentence and its remedy, filled with ``values``.
-
-        Raises:
-            KeyError: the sentence names a value that is missing.
-        """
-        sentence = self.sentence.format(**values)
-        return f"{sentence}: {self.remedy.format(**values)}" if self.remedy else sentence
-
+from groundstation.core.messages.flight_notices import FLIGHT_NOTICES
+from groundstation.core.messages.pose_notices import POSE_NOTICES
+from groundstation.core.messages.preflight_notices import PREFLIGHT_NOTICES
+from groundstation.core.messages.station_notices import STATION_NOTICES
+from links.text import NoticeTemplate, Sentence, Severity
 
 _WARN = Severity.WARNING
 
@@ -401,14 +380,27 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("package.missing", "{what} needs {package}, which is not installed", "{command}"),
 )
 
-NOTICES: dict[str, NoticeTemplate] = {template.id: template for template in _TABLE}
+NOTICES: dict[str, NoticeTemplate] = {
+    template.id: template
+    for table in (_TABLE, FLIGHT_NOTICES, PREFLIGHT_NOTICES, POSE_NOTICES, STATION_NOTICES)
+    for template in table
+}
 """Every sentence by its id."""
 
 
-def notice(id: str, **values: object) -> str:
-    """Return the sentence ``id`` of the table, filled with ``values``.
+def notice(id: str, **values: object) -> Sentence:
+    """Return the sentence ``id`` of the table and its remedy, filled with ``values``.
 
     Raises:
         KeyError: the table has no such sentence, or the sentence names a value that is missing.
     """
     return NOTICES[id].format(**values)
+
+
+def notice_fact(id: str, **values: object) -> Sentence:
+    """Return the same without its remedy: where nothing is to be done, or not yet.
+
+    Raises:
+        KeyError: as of :func:`notice`.
+    """
+    return NOTICES[id].format_fact(**values)

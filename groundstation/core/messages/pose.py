@@ -8,6 +8,7 @@ from typing import ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
+from links.text import Sentence
 
 
 class Pose(msgspec.Struct, frozen=True, gc=False):
@@ -73,8 +74,8 @@ class PoseEvent(msgspec.Struct, frozen=True):
     each other, and not those before."""
     reason: str
     """Reason of an outbreak of drops; else empty."""
-    text: str
-    """For the operator; empty where it is for the safety rules alone."""
+    text: Sentence | None
+    """For the operator; None where it is for the safety rules alone."""
 
 
 class SourceError(OSError):

@@ -17,11 +17,14 @@ from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion
 from links.core import Command, LinkStatus
+from links.text import Numbers, Sentence, Severity
 
 STEADY_S = 15.0
 """The steady part of a flight starts here on its trajectory [s], and ends where that is left."""
 SATURATION_FROM_S = 5.0
 """Commands at a limit count from here on the trajectory [s]: the approach may use all there is."""
+_ID = "Which sentence it is (docs/reference/messages.md); empty where it is none of that table."
+_NUMBERS = "The numbers of that sentence, by their names."
 ROUNDING_S = 1e-9
 """Tolerance for a sample's instant [s]: rounding of summed times must not decide whether it
 counts."""
@@ -69,13 +72,13 @@ class Check(msgspec.Struct, frozen=True):
     name: Annotated[str, msgspec.Meta(description="What was looked at.")]
     verdict: Annotated[Verdict, msgspec.Meta(description="How it is.")]
     says: Annotated[str, msgspec.Meta(description="A sentence: what was found, and what to do where it is not well.")]
+    id: Annotated[str, msgspec.Meta(description=_ID)] = ""
+    numbers: Annotated[Numbers, msgspec.Meta(description=_NUMBERS)] = {}
 
-
-class Severity(StrEnum):
-    """Severity of a message to the operator."""
-
-    INFO = "info"
-    WARNING = "warning"
+    @classmethod
+    def of(cls, name: str, verdict: Verdict, sentence: Sentence) -> "Check":
+        """Return the check ``name`` with what ``sentence`` says."""
+        return cls(name, verdict, sentence.text, sentence.id, sentence.numbers)
 
 
 NoticeKind: TypeAlias = Literal["state", "course", "certificate", "latency", "suspicion", "news"]
@@ -97,6 +100,13 @@ class Notice(msgspec.Struct, frozen=True):
         ),
     ] = "news"
     severity: Annotated[Severity, msgspec.Meta(description="How grave it is.")] = Severity.INFO
+    id: Annotated[str, msgspec.Meta(description=_ID)] = ""
+    numbers: Annotated[Numbers, msgspec.Meta(description=_NUMBERS)] = {}
+
+    @classmethod
+    def of(cls, time_s: float, state: str, sentence: Sentence, kind: NoticeKind, severity: Severity) -> "Notice":
+        """Return the notice of ``sentence``, given at ``time_s`` [s]."""
+        return cls(time_s, state, sentence.text, kind, severity, sentence.id, sentence.numbers)
 
     @property
     def says(self) -> str:
@@ -110,10 +120,10 @@ class Notice(msgspec.Struct, frozen=True):
 
 
 class Say(Protocol):
-    """Takes a line for the operator."""
+    """Takes a sentence for the operator."""
 
-    def __call__(self, text: str, severity: Severity = Severity.INFO, /) -> None:
-        """Tell ``text``."""
+    def __call__(self, sentence: Sentence, /) -> None:
+        """Tell ``sentence``."""
         ...
 
 
@@ -382,6 +392,15 @@ class Reply(msgspec.Struct, frozen=True):
     done: bool
     says: str
     """The action taken, or the reason against it, for the operator."""
+    id: str = ""
+    """Which sentence it is (docs/reference/messages.md)."""
+    numbers: Numbers = {}
+    """Its numbers, by their names."""
+
+    @classmethod
+    def of(cls, done: bool, sentence: Sentence) -> "Reply":
+        """Return the answer with what ``sentence`` says."""
+        return cls(done, sentence.text, sentence.id, sentence.numbers)
 
 
 def decode(text: bytes) -> Request | None:
@@ -506,6 +525,9 @@ class EndRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
     time_s: float
     state: str
     reason: str
+    id: str = ""
+    """Which sentence the reason is (docs/reference/messages.md)."""
+    numbers: Numbers = {}
 
 
 GAIN = "gain "

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 
-from groundstation.core.messages import Ask
+from groundstation.core.messages import Ask, Sentence
 
 
 class State(StrEnum):
@@ -133,13 +133,13 @@ class Mission:
 
     def __init__(self) -> None:
         self.state = State.IDLE
-        self.reason = ""
+        self.reason: Sentence | None = None
 
     def allows(self, event: Event) -> bool:
         """Whether the table has a move by ``event`` from here."""
         return (self.state, event) in TABLE
 
-    def on(self, event: Event, reason: str = "") -> State:
+    def on(self, event: Event, reason: Sentence | None = None) -> State:
         """Move by ``event``; a move that stays where it is keeps the reason that was.
 
         Raises:

@@ -3,7 +3,9 @@
 Whether the operator holds what must be held to fly (a hold-to-run control, as ISO 12100 calls it). Sans-IO.
 """
 
-from groundstation.core.messages import Ask, Request
+from collections.abc import Callable
+
+from groundstation.core.messages import Ask, Request, Sentence, notice, notice_fact
 
 ONCE_S = 1.0
 """Presses within this time count once [s]: a key that bounces, or a signal sent to a whole group, is no second one."""
@@ -25,7 +27,7 @@ class Interrupts:
         self._count = 0
         self._last_s: float | None = None
 
-    def press(self, name: str, now_s: float) -> tuple[Request | None, str]:
+    def press(self, name: str, now_s: float) -> tuple[Request | None, Sentence]:
         """Return the request of a press, or None for a bounce, and the operator's text."""
         again = self._last_s is not None and now_s - self._last_s < ONCE_S
         if not again:
@@ -33,8 +35,8 @@ class Interrupts:
             self._count = min(self._count + 1, len(STEPS))
         ask, does, then = STEPS[self._count - 1]
         if again:
-            return None, f"{name} within {ONCE_S:g} s of the last counts once: {does}; {then}"
-        return Request(ask, f"told by {name}"), f"{name}: {does}; {then}"
+            return None, notice("key.bounce", key=name, once_s=ONCE_S, does=does, then=then)
+        return Request(ask, f"told by {name}"), notice("key.step", key=name, does=does, then=then)
 
 
 DEBOUNCE_S = 0.03
@@ -59,7 +61,7 @@ class HoldToRun:
         self._above = above
         self._held = self._was_free = False
         self._open_s: float | None = None
-        self._lost = "nobody has looked yet"
+        self._lost = notice("hold.unseen").text
 
     def name(self, what: str) -> None:
         """Call it ``what`` from now on."""
@@ -67,7 +69,7 @@ class HoldToRun:
 
     def see(self, share: float | None, now_s: float) -> None:
         """Take the input's position, 0 (free) to 1 (held); None before its first value."""
-        self._lost = "" if share is not None else "nothing was heard of it yet"
+        self._lost = "" if share is not None else notice("hold.silent").text
         if share is not None and share >= self._above - (HYSTERESIS if self._held else 0.0):
             self._open_s = None
             self._held = self._was_free
@@ -89,19 +91,18 @@ class HoldToRun:
         return bool(self._lost)
 
     @property
-    def obstacle(self) -> str:
-        """Why the vehicle may not fly; empty while it is held."""
-        if self._lost:
-            return f"{self._what} is lost: {self._lost}"
-        if self._held:
-            return ""
-        return f"{self._what} is not held" if self._was_free else f"{self._what} was held from the beginning"
+    def obstacle(self) -> Sentence | None:
+        """Why the vehicle may not fly; None while it is held."""
+        return None if self._held and not self._lost else self._describe(notice_fact)
 
     @property
-    def advice(self) -> str:
-        """Advice to the operator."""
+    def advice(self) -> Sentence:
+        """The same, and what to do."""
+        return self._describe(notice)
+
+    def _describe(self, make: Callable[..., Sentence]) -> Sentence:
         if self._lost:
-            return "connect it; a device that was unplugged is found by the next flight"
+            return make("hold.lost", what=self._what, why=self._lost)
         if self._held:
-            return f"{self._what} is held: let go, and it lands"
-        return "hold it, and keep holding: let go, and it lands" if self._was_free else "let go once, then hold it"
+            return notice("hold.held", what=self._what)
+        return make("hold.free" if self._was_free else "hold.stuck", what=self._what)

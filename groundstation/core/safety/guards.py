@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple, Protocol
 import msgspec
 
 from groundstation.core.geometry import angle_deg, third_column
-from groundstation.core.messages import NOTICES, Estimate, Pose, notice
+from groundstation.core.messages import NOTICES, Estimate, Pose, Sentence, notice
 from groundstation.core.mission import State
 from groundstation.core.safety.geofence import Fence, Near, Separation
 from groundstation.core.trajectory import Reference
@@ -34,7 +34,7 @@ class GuardFinding(NamedTuple):
     """A limit that is passed."""
 
     step: GuardAction
-    reason: str
+    reason: Sentence
     blind: bool = False
     """True where the estimate of the speed is not to be believed."""
     most: GuardAction = GuardAction.DESCEND
@@ -89,7 +89,7 @@ class Escalation:
         if finding.step > self._step:
             answer = finding
         elif self._step < finding.most and now_s - self._at_s > self._lasting:
-            answer = finding._replace(step=GuardAction(self._step + 1), reason=f"{finding.reason}, still")
+            answer = finding._replace(step=GuardAction(self._step + 1), reason=finding.reason.as_lasting())
         else:
             return None
         self._step, self._at_s = answer.step, now_s

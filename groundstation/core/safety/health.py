@@ -17,7 +17,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from groundstation.core.geometry import Vec3, conjugate, multiply, rotation_vector
-from groundstation.core.messages import Pose
+from groundstation.core.messages import Pose, Sentence
 from groundstation.core.safety.pose_response import (
     BLOCK_S,
     BLOCKS,
@@ -51,8 +51,8 @@ class Failure(NamedTuple):
 
     id: str
     """Id of the sentence."""
-    reason: str
-    """Sentence for the operator."""
+    reason: Sentence
+    """What the operator is told."""
 
 
 SUSPECT_ALARM = 0.5

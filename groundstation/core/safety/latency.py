@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable
 
 from groundstation.core.geometry import Quat, Vec3, third_row
-from groundstation.core.messages import Pose
+from groundstation.core.messages import Pose, Sentence, notice
 from links.core import Attitude
 
 GAP_S = 0.26
@@ -126,8 +126,8 @@ class ResponseLatency:
         """How much later it turns than told, below 0 earlier [s]; None while that could be chance, or little."""
         return self._fit.late_s(RESPONSE_LEAST_S)
 
-    def describe_news(self, by_attitude: Callable[[], tuple[float, float] | None]) -> str | None:
-        """A line for the operator, where there is something that was not told yet.
+    def describe_news(self, by_attitude: Callable[[], tuple[float, float] | None]) -> Sentence | None:
+        """A sentence for the operator, where there is something that was not told yet.
 
         ``by_attitude`` tells how much later the poses alone are than told, and its deviation [s]; None where the
         vehicle's own attitude does not show it.
@@ -141,10 +141,8 @@ class ResponseLatency:
             return None
         self._said_s = rest
         if poses is None:
-            found = f"poses seem {describe_latency(rest)} than told, or the vehicle turns so"
-            return f"{found}, by how it answers its commands: measure both (groundstation identify)"
-        found = f"the vehicle turns {describe_latency(rest)} than told"
-        return f"{found}: measure the lag and delay of its rates (groundstation identify)"
+            return notice("latency.total", late=describe_latency(rest), late_ms=1e3 * rest)
+        return notice("latency.vehicle", late=describe_latency(rest), late_ms=1e3 * rest)
 
 
 class PoseLatency:
@@ -203,8 +201,8 @@ class PoseLatency:
         """The same [s]; None while that could be chance, or little."""
         return self._fit.late_s(POSE_LEAST_S)
 
-    def describe_news(self, clock_off_s: Callable[[], float]) -> str | None:
-        """A line for the operator, where there is something that was not told yet.
+    def describe_news(self, clock_off_s: Callable[[], float]) -> Sentence | None:
+        """A sentence for the operator, where there is something that was not told yet.
 
         ``clock_off_s`` tells by how much the vehicle's clock may be taken wrong [s]: half of a round trip.
         """
@@ -212,8 +210,7 @@ class PoseLatency:
         if late is None or abs(late - self._said_s) < AGAIN_S or abs(late) < POSE_LEAST_S + clock_off_s():
             return None
         self._said_s = late
-        found = f"poses seem {describe_latency(late)} than told, by the vehicle's own attitude"
-        return f"{found}: measure their latency"
+        return notice("latency.poses", late=describe_latency(late), late_ms=1e3 * late)
 
 
 def describe_latency(late_s: float) -> str:

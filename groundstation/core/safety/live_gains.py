@@ -14,7 +14,7 @@ import msgspec
 
 from groundstation.config import locate
 from groundstation.core.control import Gains
-from groundstation.core.messages import Estimate, Reply, Severity
+from groundstation.core.messages import Estimate, Reply, Sentence, notice
 from groundstation.core.trajectory import Reference
 
 RAMP_S = 2.0
@@ -87,44 +87,41 @@ class LiveGains:
         """Begin to move the gain ``key`` (``controller.k2``) to ``value``, or say why not."""
         gains, name = self.gains, key.removeprefix(PREFIX)
         if gains is None:
-            return Reply(False, "only the adaptive controller has gains that can be changed in flight")
+            return Reply.of(False, notice("gain.none"))
         if not key.startswith(PREFIX) or name not in LIVE:
-            live = ", ".join(PREFIX + one for one in LIVE)
-            return Reply(False, f"{key} can't be changed in flight: expected one of {live}")
+            return Reply.of(False, notice("gain.unknown", key=key, keys=", ".join(PREFIX + one for one in LIVE)))
         now = getattr(gains, name)
         try:
             msgspec.convert({**msgspec.structs.asdict(gains), name: value}, type(gains))
         except msgspec.ValidationError as error:
-            return Reply(False, f"{key}: {locate(error)[1]}")
-        if not math.isfinite(value) or not now / STEP_FACTOR - 1e-12 <= value <= now * STEP_FACTOR + 1e-12:
-            return Reply(False, f"{key} is {now:g}: one change goes to {now / STEP_FACTOR:g} at least and "
-                         f"{now * STEP_FACTOR:g} at most, got {value:g}")  # fmt: skip
+            return Reply.of(False, notice("gain.invalid", key=key, why=locate(error)[1]))
+        low, high = now / STEP_FACTOR, now * STEP_FACTOR
+        if not math.isfinite(value) or not low - 1e-12 <= value <= high + 1e-12:
+            return Reply.of(False, notice("gain.step", key=key, now=now, low=low, high=high, value=value))
         trial = self._trial
         if trial is not None and (name, value) == (trial.move.name, trial.move.old):
             self._turn_back(trial, now_s)
-            return Reply(True, f"{key} goes back to {value:g}")
+            return Reply.of(True, notice("gain.back", key=key, value=value))
         if trial is not None or self._move is not None:
-            return Reply(False, f"{key}: the last change is still being judged; only that one can be taken back now")
+            return Reply.of(False, notice("gain.busy", key=key))
         if not self._past or now_s - self._past[0][0] < JUDGED_S - STALL_S or now_s - self._past[-1][0] > STALL_S:
-            return Reply(
-                False, f"{key}: a change is held against the {JUDGED_S:g} s before it: hold or track for so long"
-            )
+            return Reply.of(False, notice("gain.too_early", key=key, before_s=JUDGED_S))
         squares, v = self._means()
         span = RAMP_S + JUDGED_S
         self._move = _GainRamp(name, now, value, now_s, RAMP_S)
         self._trial = _GainTrial(self._move, RMS_FACTOR**2 * squares * span, V_FACTOR * v * span)
         self._squares = self._v = 0.0
-        return Reply(True, f"{key} goes from {now:g} to {value:g} within {RAMP_S:g} s")
+        return Reply.of(True, notice("gain.moves", key=key, now=now, value=value, ramp_s=RAMP_S))
 
     def update(
         self, time_s: float, estimate: Estimate, reference: Reference, v: float, *, counts: bool
-    ) -> tuple[GainStep | None, str, Severity]:
-        """One command has left: what to set now, what to tell, and how grave that is.
+    ) -> tuple[GainStep | None, Sentence | None]:
+        """One command has left: what to set now, and what to tell.
 
         ``counts`` where its error tells of the gains.
         """
         if self.gains is None:
-            return None, "", Severity.INFO
+            return None, None
         squared = math.dist(estimate.motion.position, reference.position_ned) ** 2
         dt, self._last_s = min(time_s - self._last_s, STALL_S), time_s
         past = self._past
@@ -134,31 +131,29 @@ class LiveGains:
                 past.popleft()
         else:
             past.clear()
-        news = "", Severity.INFO
+        news = None
         if self._trial is not None:
             news = self._judge(self._trial, time_s, squared, v, dt, counts=counts)
-        return self._step(time_s), *news
+        return self._step(time_s), news
 
     def _judge(
         self, trial: _GainTrial, time_s: float, squared: float, v: float, dt: float, *, counts: bool
-    ) -> tuple[str, Severity]:
+    ) -> Sentence | None:
         key = PREFIX + trial.move.name
         if not counts:
             self._turn_back(trial, time_s)
-            why = "the flight goes on to something else, and it is not proven"
-            return f"{key} goes back to {trial.move.old:g}: {why}", Severity.INFO
+            return notice("gain.unproven", key=key, value=trial.move.old)
         self._squares += squared * dt
         self._v += v * dt
         worse = "the RMS error" if not self._squares <= trial.squares else "" if self._v <= trial.v else "V"
         if worse:
             self._turn_back(trial, time_s)
             factor = RMS_FACTOR if worse != "V" else V_FACTOR
-            why = f"{worse} has risen by more than a factor of {factor:g}"
-            return f"warning: {key} goes back to {trial.move.old:g}: {why}", Severity.WARNING
+            return notice("gain.worse", key=key, value=trial.move.old, worse=worse, factor=factor).as_warning()
         if time_s - trial.move.start_s >= RAMP_S + JUDGED_S:
             self._trial = None
-            return f"{key} stays at {trial.move.new:g}: the flight is as good as before", Severity.INFO
-        return "", Severity.INFO
+            return notice("gain.stays", key=key, value=trial.move.new)
+        return None
 
     def _turn_back(self, trial: _GainTrial, now_s: float) -> None:
         now = getattr(self.gains, trial.move.name)

@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple, Protocol
 import msgspec
 
 from groundstation.core.geometry import Vec3, angle_deg, third_column
-from groundstation.core.messages import Pose
+from groundstation.core.messages import Pose, Sentence, notice
 from groundstation.core.safety.geofence import Fence
 from groundstation.core.vehicle import Vehicle
 
@@ -422,37 +422,37 @@ class StandingPoses:
         climbs = [b.velocity_ned[2] - a.velocity_ned[2] for a, b in pairs if a.velocity_ned and b.velocity_ned]
         return StandingWander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
 
-    def leaps(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> str:
-        """What the step from one pose to the next shows that no vehicle on its floor does; empty for nothing.
+    def leaps(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> Sentence | None:
+        """What the step from one pose to the next shows that no vehicle on its floor does; None for nothing.
 
         ``light_s`` is as below, ``noise_m`` the white noise of its poses [m].
         """
         elapsed = pose.time_s - before.time_s
         if pose.reset_count != before.reset_count or elapsed <= 0.0:
-            return ""  # not comparable
+            return None  # not comparable
         step = math.dist(pose.position_ned[:2], before.position_ned[:2])
         wanders = 4.0 * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
         if step <= STEP_M + wanders + WIND_M_S2 * light_s * elapsed:
-            return ""
-        return f"it is seen {step:.2f} m aside from one pose to the next"
+            return None
+        return notice("takeoff.leaps", step_m=step)
 
-    def find_disturbance(self, pose: Pose, place_ned: Vec3, light_s: float) -> str:
-        """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. Empty for nothing.
+    def find_disturbance(self, pose: Pose, place_ned: Vec3, light_s: float) -> Sentence | None:
+        """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. None for nothing.
 
         ``light_s`` is for how long thrust has taken so much of its weight that wind may move it [s].
         """
         stood = self.poses[-1]
         if pose.reset_count != stood.reset_count:
-            return ""  # not comparable
+            return None  # not comparable
         (x, y, z), (u, v, w) = third_column(stood.attitude), third_column(pose.attitude)
         tilt = angle_deg(x * u + y * v + z * w)
         if not tilt <= TIPPED_DEG:
-            return f"it tips: {tilt:.0f}° from how it stood, limit {TIPPED_DEG:g}°"
+            return notice("takeoff.tips", tilt_deg=tilt, limit_deg=TIPPED_DEG)
         aside = math.dist(pose.position_ned[:2], place_ned[:2])
         limit = SLIPPED_M + 4.0 * math.sqrt(self.wander.aside_m2_s) + 0.5 * WIND_M_S2 * light_s * light_s
         if not aside <= limit:
-            return f"it moves sideways on the floor: {aside:.2f} m, limit {limit:.2f} m"
-        return ""
+            return notice("takeoff.slides", aside_m=aside, limit_m=limit)
+        return None
 
 
 class SpoolUp:
@@ -477,7 +477,7 @@ class SpoolUp:
         self.place_ned = standing.place_ned
         """Where it stood [m]."""
         self._newest = standing.poses[-1]
-        self._leaps = ""
+        self._leaps: Sentence | None = None
         self._lift: LiftOff | None = None
         self._moved_s: float | None = None
         self._climbs = False
@@ -535,28 +535,24 @@ class SpoolUp:
         lift = self._lift
         return lift is not None and (lift.moves or (lift.felt and self._moved_s is not None))
 
-    def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> str:
-        """Why the motors must go off, by the newest pose; empty where they need not."""
+    def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> Sentence | None:
+        """Why the motors must go off, by the newest pose; None where they need not."""
         spool, lift = self._spool, self._lift
         if now_s - pose.time_s > coast_s:
-            return f"no pose for {1e3 * (now_s - pose.time_s):.0f} ms while the motors spool up"
+            return notice("takeoff.no_pose", age_ms=1e3 * (now_s - pose.time_s))
         if fence is not None and fence.room_m(pose.position_ned) < 0.0:
-            return f"{-fence.room_m(pose.position_ned):.2f} m outside the fence while the motors spool up"
+            return notice("takeoff.fence", outside_m=-fence.room_m(pose.position_ned))
         why = self._leaps or self._standing.find_disturbance(pose, self.place_ned, self._light_s(now_s))
-        if why:
-            return f"{why}: look at what holds or pushes it, and at its poses"
+        if why is not None:
+            return why
         if lift is not None and lift.jumps:
-            return "its height jumps as no thrust makes it: look at its poses, and at what lifts it"
+            return notice("takeoff.jumps")
         if not self._moves and now_s >= spool.near_s + WATCHED_S:
-            return (
-                "no lift-off: is this the right body, is the mass right? Thrust went to "
-                f"{spool.most_n:.3g} N, {100.0 * spool.most_n / self._weight:.0f} % of the told weight, and the poses "
-                "did not move: check the object's name, vehicle.mass_kg, battery and propellers, and that nothing "
-                "holds the vehicle; one that needs more thrust needs a larger takeoff.thrust_limit"
-            )
+            percent = 100.0 * spool.most_n / self._weight
+            return notice("takeoff.no_motion", thrust_n=spool.most_n, percent=percent)
         if lift is not None and self._moved_s is not None and now_s - self._moved_s > lift.patience_s:
             self._climbs = lift.climbs
             if self._climbs:
-                return ""  # to stop the motors now would be to let it fall
-            return "no lift-off: it began to move and did not leave the floor: check that nothing holds the vehicle"
-        return ""
+                return None  # to stop the motors now would be to let it fall
+            return notice("takeoff.stuck")
+        return None

@@ -17,7 +17,7 @@ from collections import deque
 from typing import NamedTuple
 
 from groundstation.core.geometry import Quat, Vec3, conjugate, euler_zyx, multiply, rotate, rotation_vector, third_row
-from groundstation.core.messages import Pose, notice
+from groundstation.core.messages import Pose, Sentence, notice
 from groundstation.core.safety.pose_response import (
     BLOCK_S,
     LEAST_TURN_RAD,
@@ -172,7 +172,7 @@ class Witness:
         limit = math.radians(TILT_DEG) + LEAN_SHARE * self._lean
         return max(self._turning, math.hypot(*self._tilt) / limit)
 
-    def describe_news(self) -> str | None:
+    def describe_news(self) -> Sentence | None:
         """Sentence for the operator, once for each disagreement that lasts."""
         if self._doubts_s is None:
             self._is_told = False

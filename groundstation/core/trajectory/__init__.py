@@ -4,7 +4,6 @@ from groundstation.core.trajectory.feasibility import (
     Demand,
     FeasibilityReport,
     check_feasibility,
-    explain_infeasibility,
 )
 from groundstation.core.trajectory.port import (
     Blend,

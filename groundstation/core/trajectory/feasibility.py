@@ -377,33 +377,6 @@ def _find_drift(trajectory: Trajectory, span_s: float, seen: Sequence[Reference]
     return None
 
 
-def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = None) -> str | None:
-    """Why the trajectory must not fly, and what to do; None if it may.
-
-    ``speed_m_s`` is its speed, where one key of the configuration sets it.
-    """
-    worst = next((demand for demand in report.demands if not demand.ok), None)
-    if worst is None or worst.limit is None:
-        return None
-    if worst.key == "flight.floor_z_m":
-        return (
-            f"at {worst.time_s:.2f} s it is {-worst.value:.2f} m below the floor ({worst.key}): "
-            "in NED z counts down, so 1 m up is -1"
-        )
-    needed, limit = f"{worst.value:.3g}", f"{worst.limit:.3g}"
-    if needed == limit:
-        needed, limit = f"{worst.value:.6g}", f"{worst.limit:.6g}"
-    bound = "at least" if worst.least else "limit"
-    says = f"at {worst.time_s:.2f} s it needs {needed} {worst.unit} of {worst.name}, {bound} {limit} {worst.unit}"
-    if report.share is None:
-        return f"{says} ({worst.key}): flying it slower does not help"
-    percent = math.floor(100.0 * report.share)
-    slower = f"{percent} % of its speed"
-    if speed_m_s is not None:
-        slower = f"{math.floor(1000.0 * report.share * speed_m_s) / 1000.0:g} m/s (trajectory.speed_m_s)"
-    return f"{says} ({worst.key}): slow it down to about {slower}"
-
-
 def _share(
     times: list[float], motions: list[PathMotion], vehicle: Vehicle, limits: LimitsConfig, gravity: float
 ) -> float | None:

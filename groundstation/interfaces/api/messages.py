@@ -31,7 +31,18 @@ from typing import Annotated, Any, Literal, Protocol, TypeAlias
 import msgspec
 
 from groundstation.config import locate
-from groundstation.core.messages import Ask, Notice, Reply, Request, Snapshot, Waypoints, ensure_points
+from groundstation.core.messages import (
+    Ask,
+    Notice,
+    Numbers,
+    Reply,
+    Request,
+    Sentence,
+    Snapshot,
+    Waypoints,
+    ensure_points,
+    notice,
+)
 from links.text import printable
 
 VERSION = 2
@@ -99,6 +110,10 @@ class OrderAnswer(msgspec.Struct, frozen=True):
     """Whether it was followed."""
     says: str
     """The action taken, or the reason against it."""
+    message: str = ""
+    """Which sentence that is (docs/reference/messages.md)."""
+    numbers: Numbers = {}
+    """Its numbers, by their names."""
 
 
 class Refusal(msgspec.Struct, frozen=True):
@@ -238,7 +253,7 @@ class Core(Protocol):
         """Begin to move a gain, or say why not."""
         ...
 
-    def note(self, text: str) -> None:
+    def note(self, sentence: Sentence) -> None:
         """An event of the flight."""
         ...
 
@@ -313,16 +328,16 @@ class Desk:
         elif order.ask is not None and order.ask in ANYONE:
             reply = self._ask(order, party)
         elif order.until_s is not None and now_s > order.until_s:
-            reply = Reply(False, f"it came {now_s - order.until_s:.1f} s too late: nothing was done; order it again")
+            reply = Reply.of(False, notice("order.late", late_s=now_s - order.until_s))
         elif self._holder is not party:
-            reply = Reply(False, f"needs control, which {self._who()} holds: take it first")
+            reply = Reply.of(False, notice("order.needs_control", holder=self._who()))
         elif order.ask is None:
             reply = self._set(order)
         elif order.ask is Ask.ARM and order.vehicle != self._vehicle:
-            reply = Reply(False, f"arm must name the vehicle: expected {self._vehicle!r}, got {order.vehicle!r}")
+            reply = Reply.of(False, notice("order.other_vehicle", expected=self._vehicle, found=order.vehicle))
         else:
             reply = self._ask(order, party)
-        return OrderAnswer(order.id, reply.done, reply.says)
+        return OrderAnswer(order.id, reply.done, reply.says, reply.id, reply.numbers)
 
     def from_afar(self, request: Request) -> Reply:
         """Do what somebody asks who is not attached here.
@@ -330,9 +345,9 @@ class Desk:
         Never to arm; what needs control, only while nobody here holds it.
         """
         if request.ask is Ask.ARM:
-            return Reply(False, "nobody arms from afar: only who stands by the vehicle may")
+            return Reply.of(False, notice("order.arm_from_afar"))
         if request.ask not in ANYONE and self._holder is not None:
-            return Reply(False, f"{self._who()} holds control at the station: from afar it can only be brought down")
+            return Reply.of(False, notice("order.controlled_here", holder=self._who()))
         return self._core.ask(request)
 
     def leave(self, party: Party) -> bool:
@@ -340,7 +355,7 @@ class Desk:
         if self._holder is not party:
             return False
         self._holder = None
-        self._core.note(f"{party.label} has gone, and held control: nobody does now")
+        self._core.note(notice("control.gone", client=party.label))
         return True
 
     def _who(self) -> str:
@@ -348,19 +363,19 @@ class Desk:
 
     def _take_control(self, party: Party) -> Reply:
         if self._holder is party:
-            return Reply(True, "you hold control already")
+            return Reply.of(True, notice("control.yours_already"))
         if self._holder is not None:
-            return Reply(False, f"{self._holder.label} holds control; it must give it first, or go")
+            return Reply.of(False, notice("control.other", client=self._holder.label))
         self._holder = party
-        self._core.note(f"{party.label} holds control")
-        return Reply(True, "you hold control")
+        self._core.note(notice("control.held", client=party.label))
+        return Reply.of(True, notice("control.yours"))
 
     def _give_control(self, party: Party) -> Reply:
         if self._holder is not party:
-            return Reply(False, f"you do not hold control; {self._who()} does")
+            return Reply.of(False, notice("control.not_yours", client=self._who()))
         self._holder = None
-        self._core.note(f"{party.label} has given control away")
-        return Reply(True, "nobody holds control now")
+        self._core.note(notice("control.given", client=party.label))
+        return Reply.of(True, notice("control.free"))
 
     def _ask(self, order: ClientOrder, party: Party) -> Reply:
         assert order.ask is not None, "the caller has looked"
@@ -371,4 +386,7 @@ class Desk:
     def _set(self, order: ClientOrder) -> Reply:
         assert order.gains is not None, "an order has one of the three"
         replies = [self._core.set_gain(key, value) for key, value in order.gains.items()]
-        return Reply(all(reply.done for reply in replies), "; ".join(reply.says for reply in replies))
+        if len(replies) == 1:
+            return replies[0]
+        says = "; ".join(reply.says for reply in replies)
+        return Reply.of(all(reply.done for reply in replies), notice("gain.several", says=says))

@@ -4,10 +4,9 @@ import asyncio
 import socket
 import struct
 from collections import Counter
-from collections.abc import Callable
 from typing import cast
 
-from groundstation.core.messages import Severity, Snapshot
+from groundstation.core.messages import Say, Snapshot, notice
 from groundstation.interfaces.api.messages import (
     ORDER_MAX_BYTES,
     VERSION,
@@ -61,7 +60,7 @@ class Server:
         pid: int = 0,
         version: str = "",
         config_text: str = "",
-        log: Callable[[str, Severity], None] = lambda *_: None,
+        log: Say = lambda _: None,
     ) -> None:
         """Serve what ``latest`` holds for the vehicle of that name, and have ``core`` do what is ordered.
 
@@ -170,9 +169,7 @@ class Server:
         self.refused[reason] += 1
         client.bad[reason] += 1
         if client.bad[reason] == 1:
-            self._log(
-                f"warning: {client.party.label} has sent what is no order ({text}): nothing was done", Severity.WARNING
-            )
+            self._log(notice("order.none", client=client.party.label, why=text).as_warning())
         client.write(encode(Refusal(text)))
         if reason == "oversized" or client.bad.total() >= BAD_MAX:
             client.transport.close()

@@ -458,7 +458,7 @@ def trajectory(args: argparse.Namespace) -> Exit:
             "kind": config.trajectory.__struct_config__.tag,
             "vehicle": config.vehicle.name,
             "pass": refusal is None,
-            "refusal": refusal,
+            "refusal": None if refusal is None else refusal.text,
             **msgspec.to_builtins(report),
         }
         print(json.dumps(facts))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import msgspec
 
 from groundstation.config import CLIENT_LETTERS, VEHICLE_LETTERS, is_name, name_pattern
-from groundstation.core.messages import RemoteAsk, Snapshot, Waypoints, ensure_points
+from groundstation.core.messages import Numbers, RemoteAsk, Snapshot, Waypoints, ensure_points
 from groundstation.core.mission import ALARMING, FINAL
 from groundstation.interfaces.api import decode
 from links.text import printable
@@ -33,6 +33,10 @@ class EventMessage(msgspec.Struct, frozen=True):
         float, msgspec.Meta(description="When, on the station's clock, which `time_s` of a snapshot is on too [s].")
     ]
     text: Annotated[str, msgspec.Meta(description="What happened, for the operator.")]
+    id: Annotated[
+        str, msgspec.Meta(description="Which sentence that is (docs/reference/messages.md); empty where it is none.")
+    ] = ""
+    numbers: Annotated[Numbers, msgspec.Meta(description="Its numbers, by their names.")] = {}
 
 
 class HealthMessage(msgspec.Struct, frozen=True):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core.messages import Ask, Notice, Reply, Request, Snapshot
+from groundstation.core.messages import Ask, Notice, Reply, Request, Say, Sentence, Snapshot, notice
 from groundstation.interfaces.api import new_events
 from groundstation.interfaces.mqtt.broker import (
     HEARD_MAX_BYTES,
@@ -99,7 +99,7 @@ class RequestListener:
         place: Place,
         clients: dict[str, ClientKey],
         ask: Callable[[Request], Reply],
-        tell: Callable[[str], None],
+        tell: Say,
     ) -> None:
         """``ask`` does what is let through; ``tell`` a line about what is not, seldom."""
         self._topic = f"{place.prefix}/{place.vehicle}/{REQUEST.name}"
@@ -131,7 +131,7 @@ class RequestListener:
         self._answers.clear()
         self._session = ""
         if not await self._subscribe(client):
-            self._tell(f"the broker does not let us read {self._topic}: no requests; look at its access rules")
+            self._tell(notice("mqtt.no_requests", topic=self._topic))
             return
         while True:
             if self._gate.session != self._session:
@@ -189,6 +189,10 @@ HEARD_QUEUE = 256
 log = logging.getLogger("groundstation.mqtt")
 
 
+def _warn(sentence: Sentence) -> None:
+    log.warning("%s", sentence, extra={"event": sentence})
+
+
 async def publish_forever(
     config: MqttConfig, latest: Latest[Snapshot], ask: Callable[[Request], Reply] | None = None
 ) -> None:
@@ -207,7 +211,7 @@ async def publish_forever(
     publisher = _Publisher(config, first.vehicle, latest)
     if clients is not None and ask is not None:
         place = Place(config.prefix, first.vehicle)
-        publisher.requests = RequestListener(place, clients, ask, lambda line: log.warning("%s", line))
+        publisher.requests = RequestListener(place, clients, ask, _warn)
     # The same name in each connection: the broker drops one that is half dead, with its last will, for the next.
     name = f"groundstation-{first.vehicle}-{os.urandom(4).hex()}"
     collecting = asyncio.create_task(publisher.collect())
@@ -223,13 +227,15 @@ async def publish_forever(
                     heard_max_bytes=HEARD_MAX_BYTES,
                     max_queued_incoming_messages=HEARD_QUEUE,
                 ) as client:
-                    log.log(logging.INFO if reachable else logging.WARNING, "publishing to %s", broker)
+                    log.log(
+                        logging.INFO if reachable else logging.WARNING, "%s", notice("mqtt.publishing", broker=broker)
+                    )
                     reachable, pause_s = True, RETRY_FIRST_S
                     heed_cancellation()
                     await publisher.run(client)
             except (aiomqtt.MqttError, ValueError) as error:  # ValueError: no possible host name
                 if reachable:
-                    log.warning("no broker at %s (%s); trying again", broker, describe_error(error))
+                    log.warning("%s", notice("mqtt.no_broker", broker=broker, why=describe_error(error)))
                 reachable = False
             heed_cancellation()
             await asyncio.sleep(pause_s)
@@ -262,9 +268,9 @@ class _Publisher:
         seen: tuple[Notice, ...] = ()
         number = 0
         async for snapshot in self._latest.values():
-            for notice in new_events(seen, snapshot.events):
+            for one in new_events(seen, snapshot.events):
                 number += 1
-                self._events.append(EventMessage(number, round(notice.time_s, 3), notice.says))
+                self._events.append(EventMessage(number, round(one.time_s, 3), one.says, one.id, one.numbers))
                 self._more.set()
             seen = snapshot.events
             while len(self._events) > EVENTS_KEPT:

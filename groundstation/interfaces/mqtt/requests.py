@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from groundstation.core.messages import Ask, RemoteAsk, Reply, Request, Waypoint
+from groundstation.core.messages import Ask, RemoteAsk, Reply, Request, Say, Waypoint, notice
 from groundstation.interfaces.api import TokenBucket
 from groundstation.interfaces.mqtt.messages import SealedAnswer, SealedRequest
 from links.text import printable
@@ -163,7 +163,7 @@ class Gatekeeper:
         clients: Mapping[str, ClientKey],
         do: Callable[[Request], Reply],
         new_session: Callable[[], str],
-        tell: Callable[[str], None],
+        tell: Say,
     ) -> None:
         """``do`` what is let through; ``tell`` a line about what is not, seldom.
 
@@ -233,10 +233,14 @@ class Gatekeeper:
             self._drop(late, now_s)
             if Ask(found.ask) is not Ask.KILL or late.reason in ("replayed", "too_many"):
                 return None
-            return self._answer(client, found, Reply(False, f"NOT KILLED, {late.reason}: {late.text}"))
+            return self._answer(
+                client, found, Reply.of(False, notice("order.not_killed", reason=late.reason, why=late.text))
+            )
         if Ask(found.ask) not in client.may:
             self._drop(Dropped("not_allowed", f"of {found.client!r}, to {found.ask}"), now_s)
-            return self._answer(client, found, Reply(False, f"{found.client} may not ask for {found.ask}"))
+            return self._answer(
+                client, found, Reply.of(False, notice("order.not_allowed", client=found.client, ask=found.ask))
+            )
         told = printable(found.why).strip()
         why = f"{told} ({found.client} by MQTT)" if told else f"told by {found.client} by MQTT"
         reply = self._do(Request(Ask(found.ask), why, found.points))
@@ -290,4 +294,4 @@ class Gatekeeper:
         self.counts[reason] += 1
         if now_s - self._told_s.get(reason, -TELL_S) >= TELL_S:
             self._told_s[reason] = now_s
-            self._tell(f"request by MQTT dropped, {reason} ({self.counts[reason]} so far): {what.text}")
+            self._tell(notice("mqtt.dropped", reason=reason, count=self.counts[reason], why=what.text))

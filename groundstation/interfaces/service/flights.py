@@ -34,9 +34,11 @@ from groundstation.core.messages import (
     Reply,
     Request,
     Say,
+    Sentence,
     Severity,
     Snapshot,
     SourceError,
+    notice,
     tell_lines,
 )
 from groundstation.core.mission import FINAL, IN_AIR, ON_GROUND, Interrupts, State
@@ -199,18 +201,18 @@ class LogHandler(logging.Handler):
         """Write one line, or count it as lost."""
         try:
             lost = self._writer.lost
-            if lost and self._write(logging.WARNING, f"{lost} log lines were lost: nobody read them"):
+            if lost and self._write(logging.WARNING, notice("log.lost", count=lost).text):
                 self._writer.lost = 0
             if not self._write(record.levelno, record.getMessage(), getattr(record, "event", None)):
                 self._writer.lost += 1
         except Exception:  # noqa: BLE001  # a log must not end a flight
             self._writer.lost += 1
 
-    def _write(self, level: int, message: str, event: Notice | None = None) -> bool:
+    def _write(self, level: int, message: str, event: Notice | Sentence | None = None) -> bool:
         return self._writer.write(line_of(level, message, self._style, event, journal=self._journal))
 
 
-def line_of(level: int, message: str, style: Format, event: Notice | None = None, *, journal: bool) -> str:
+def line_of(level: int, message: str, style: Format, event: Notice | Sentence | None = None, *, journal: bool) -> str:
     """One line: ``level`` is logging's, ``event`` what it tells of."""
     message = " ".join(message.split("\n"))
     prefix = f"<{_PRIORITY.get(level, 6)}>" if journal else ""
@@ -219,7 +221,11 @@ def line_of(level: int, message: str, style: Format, event: Notice | None = None
         case Format.TEXT:
             return prefix + (message if journal else f"{name} {message}")
         case Format.LOGFMT:
-            return f"{prefix}level={name.lower()} msg={json.dumps(message, ensure_ascii=False)}"
+            line = f"{prefix}level={name.lower()} msg={json.dumps(message, ensure_ascii=False)}"
+            if event is None or not event.id:
+                return line
+            numbers = [f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in event.numbers.items()]
+            return " ".join([line, f"id={event.id}", *numbers])
         case Format.JSON:
             told = {} if event is None else {"event": msgspec.to_builtins(event)}
             return prefix + json.dumps({"level": name.lower(), "msg": message, **told}, ensure_ascii=False)
@@ -234,9 +240,10 @@ def is_journal(number: int, environment: Mapping[str, str] = os.environ) -> bool
     return environment.get("JOURNAL_STREAM", "") == f"{info.st_dev}:{info.st_ino}"
 
 
-def _log(text: str, severity: Severity = Severity.INFO, event: Notice | None = None, /) -> None:
-    level = logging.WARNING if severity is Severity.WARNING else logging.INFO
-    logging.getLogger("groundstation").log(level, "%s", text, extra={"event": event})
+def _log(told: Notice | Sentence, /) -> None:
+    level = logging.WARNING if told.severity is Severity.WARNING else logging.INFO
+    text = told.line if isinstance(told, Notice) else told.text
+    logging.getLogger("groundstation").log(level, "%s", text, extra={"event": told})
 
 
 STOPPING_S = 5.0
@@ -423,7 +430,7 @@ async def _isolate(what: str, work: Awaitable[None], say: Say) -> None:
     try:
         await work
     except Exception as error:  # noqa: BLE001  # whatever it is, the flight goes on
-        say(f"{what} stopped: {error}")
+        say(notice("service.stopped", what=what, why=error))
 
 
 PAUSE_S = 2.0
@@ -460,9 +467,9 @@ class Daemon:
         """Ask the flight."""
         return self._flight.set_gain(key, value)
 
-    def note(self, text: str) -> None:
+    def note(self, sentence: Sentence) -> None:
         """Tell the flight's events."""
-        self._flight.note(text)
+        self._flight.note(sentence)
 
     def snapshot(self) -> Snapshot:
         """The flight as it is now, or as it ended."""
@@ -508,13 +515,13 @@ class Daemon:
                 if self._once or first:
                     raise
                 outcome = FlightOutcome(State.ABORTED, str(error), str(error))
-                _log(f"warning: this flight could not begin: {error}", Severity.WARNING)
+                _log(notice("service.no_flight", why=error).as_warning())
             first = False
             flew = self._armed > before
             if self._once or (flew and self._stop.is_set()):
                 return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAILED
             pause_s = PAUSE_S if flew else min(2.0 * pause_s, PAUSE_MAX_S)
-            self._notify.status(f"{self._flight.state}; the next flight gets ready in {pause_s:g} s")
+            self._notify.status(notice("service.next", state=self._flight.state, pause_s=pause_s).text)
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._stop.wait(), pause_s)
         return Exit.DONE
@@ -548,14 +555,14 @@ class Daemon:
         """Arm by itself only where the operator has said so on the command line, and only once."""
         if not self._arm:
             name = self._config.vehicle.name
-            _log(f"ready, and staying on the ground: `groundstation request arm --vehicle {name}` makes it fly")
+            _log(notice("service.waits", vehicle=name))
             await asyncio.Event().wait()
         return True
 
     def _hear(self, event: FlightEvent) -> None:
         if not isinstance(event, Notice):
             return
-        _log(event.line, event.severity, event)
+        _log(event)
         if event.kind == "state":
             self._armed += event.state == State.ARMING
             if event.state == State.ARMING or event.state in FINAL:
@@ -570,7 +577,7 @@ class Daemon:
             await asyncio.sleep(RENEW_S)
             held = self._server is not None and self._server.desk.is_held
             if flight.state in ON_GROUND and flight.state is not State.ARMING and not held:
-                flight.ask(Request(Ask.LAND, "nothing has flown for an hour: a new recording begins"))
+                flight.ask(Request(Ask.LAND, notice("service.renews").text))
 
     async def _pulse(self, server: Server, health: HealthFile) -> None:
         """Feed the watchdog and write the health file, from the loop that flies: a loop that hangs does neither."""
@@ -606,7 +613,7 @@ class Daemon:
 
 def obey(
     ask: Callable[[Request], Reply],
-    say: Callable[[str], None],
+    say: Say,
     timer: StepTimer,
     on_stop: Callable[[], None] = lambda: None,
 ) -> None:
@@ -624,7 +631,7 @@ def obey(
     def kill() -> None:
         on_stop()
         ask(Request(Ask.KILL, "told by SIGQUIT"))
-        say("SIGQUIT: motors off, now")
+        say(notice("key.kill", key="SIGQUIT"))
 
     def hang_up() -> None:
         # A terminal that closes is no second opinion: it lands, and never more than that.
@@ -634,7 +641,7 @@ def obey(
     def land(name: str) -> None:
         on_stop()
         ask(Request(Ask.LAND, f"told by {name}"))
-        say(f"{name}: landing")
+        say(notice("key.lands", key=name))
 
     loop.add_signal_handler(signal.SIGINT, press, "SIGINT")
     loop.add_signal_handler(signal.SIGTERM, press, "SIGTERM")
@@ -643,7 +650,7 @@ def obey(
     for number in (signal.SIGUSR1, signal.SIGUSR2):  # by default they end the program at once
         loop.add_signal_handler(number, land, number.name)
     timer.on_alarm = lambda: loop.call_soon_threadsafe(land, signal.SIGALRM.name)
-    loop.add_signal_handler(signal.SIGTSTP, say, "Ctrl-Z is ignored: nobody would fly the vehicle. Ctrl-C lands")
+    loop.add_signal_handler(signal.SIGTSTP, say, notice("key.no_pause"))
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # one in the background would be stopped as it prints
 
 
@@ -651,15 +658,11 @@ def fly_command(
     config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None], view: str = ""
 ) -> Exit:
     """One flight, with the lock of its vehicle held; a viewer ``view`` shows its recording as it grows."""
-
-    def say(text: str, /, severity: Severity = Severity.INFO) -> None:
-        write(text)
-
     try:
         with hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name):
             logging.getLogger().addHandler(LogHandler(2, Format.TEXT, journal=False))
             with registration(entry_of(config, "fly", os.getpid())):
-                return _run_precisely(_fly(config, confirm, say, view))
+                return _run_precisely(_fly(config, confirm, write, view))
     except Taken as error:
         print(f"groundstation: {error}", file=sys.stderr)
         return Exit.TAKEN
@@ -667,12 +670,16 @@ def fly_command(
         raise ConfigError("status.path", str(error)) from None
 
 
-async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say, view: str) -> Exit:
+async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], write: Callable[[str], None], view: str) -> Exit:
     """Fly until landed or aborted, and land on the first signal."""
+
+    def say(sentence: Sentence, /) -> None:
+        write(sentence.text)
+
     quiet = IdleSlots()
     timer = start_step_timer()
     async with recorder(config, say, quiet, view=view) as give:
-        subscribers = (tell_lines(say),)
+        subscribers = (tell_lines(write),)
         flight = make_flight(
             config, confirm=confirm, subscribers=subscribers, give=give, quiet=quiet, running=running_processes
         )
@@ -681,7 +688,7 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], say: Say,
         try:
             async with crew(config, flight, say, quiet):
                 outcome = await flight.run()
-        except SourceError:  # ``say`` has told
+        except SourceError:  # ``write`` has told
             return Exit.FAILED
         return Exit.DONE if outcome.state is State.LANDED and not outcome.fault else Exit.FAILED
 

@@ -689,7 +689,7 @@ class Dashboard(App[None]):
         taker = find_multiplexer(os.environ)
         if taker and self._orders:
             says = notice("tui.multiplexer", taker=taker)
-            self.notify(says, severity="warning", timeout=NOTICE_S, markup=False)
+            self.notify(says.text, severity="warning", timeout=NOTICE_S, markup=False)
 
     async def _listen(self) -> None:
         loop = asyncio.get_running_loop()

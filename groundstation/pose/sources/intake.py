@@ -36,11 +36,13 @@ import msgspec
 from groundstation.core.geometry import Frames, Quat, Vec3, so3
 from groundstation.core.messages import (
     FAR_M,
+    NOTICES,
     Others,
     Pose,
     PoseEvent,
     PoseSource,
     PoseStatus,
+    Sentence,
     notice,
 )
 
@@ -643,7 +645,7 @@ class Gate:
             self._track = PoseTrack(straight, self._config)
             return self._add_moves(straight), None
         if straight.reset_count != track.last.reset_count:
-            return self._elsewhere(straight, "reset", "the source has moved its origin")
+            return self._elsewhere(straight, "reset", notice("pose.origin_moved"))
         why = track.refuses(straight, doubted=other is not None and other.why == "jump")
         if why == "out_of_order":
             return self._drop(why), None
@@ -653,8 +655,8 @@ class Gate:
             other.add(straight)
             if straight.time_s - other.first_s >= self._config.settle_s:
                 self._unannounced += 1
-                return self._elsewhere(straight, "moved", f"for {self._config.settle_s:g} s all have agreed on it")
-            return self._drop(why or other.why), PoseEvent("strays", other.why, "") if strays else None
+                return self._elsewhere(straight, "moved", notice("pose.agreed", settle_s=self._config.settle_s))
+            return self._drop(why or other.why), PoseEvent("strays", other.why, None) if strays else None
         if why:
             self._other = PoseTrack(straight, self._config, why)
             return self._drop(why), None
@@ -701,12 +703,12 @@ class Gate:
             return pose
         return msgspec.structs.replace(pose, reset_count=pose.reset_count + self._unannounced * UNANNOUNCED)
 
-    def _elsewhere(self, pose: Pose, kind: Literal["reset", "moved"], why: str) -> tuple[Pose, PoseEvent]:
+    def _elsewhere(self, pose: Pose, kind: Literal["reset", "moved"], why: Sentence) -> tuple[Pose, PoseEvent]:
         assert self._track is not None, "a first pose is nowhere else"
         last = self._track.last
         turn, far = turned_deg(last.attitude, pose.attitude), math.dist(last.position_ned, pose.position_ned)
         self._track, self._other = PoseTrack(pose, self._config), None
-        return self._add_moves(pose), PoseEvent(kind, "", f"poses are {far:.2f} m and {turn:.0f}° from before: {why}")
+        return self._add_moves(pose), PoseEvent(kind, "", notice("pose.elsewhere", far_m=far, turn_deg=turn, why=why))
 
 
 class PoseTrack:
@@ -780,52 +782,6 @@ MORE = 2.0
 """Poses that are late are told of again when they are so many times as late."""
 QUIET_S = 2.0
 """An outbreak is over when nothing has been dropped for its reason for this long [s]."""
-HINTS = {
-    "not_live": "Motive is in edit mode or plays a recording: go to Live",
-    "wrong_version": "the bit stream is too old: Motive's streaming settings, bit stream version, 3.0 or later",
-    "wrong_layout": "a bit stream that is not known here: Motive's streaming settings, bit stream version, 4.1",
-    "failed": "the sender says that its odometry has failed (ODOMETRY.quality below 0)",
-    "not_tracked": "the tracker does not see the body: markers hidden?",
-    "frozen": "the same to the last bit: the body is hidden, or the tracker rounds (gate.drop_frozen)",
-    "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been switched off?",
-    "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it been switched off?",
-    "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, or another body",
-    "spin": "turned faster than it can have (gate.rate_deg_s): markers mixed up",
-    "too_fast": "faster than the vehicle can be (gate.speed_m_s)",
-    "tilted": "on its back (gate.tilt_deg): are pose.world and pose.body right?",
-    "not_finite": "NaN or infinity in it",
-    "not_unit": "its quaternion has not length 1",
-    "absurd": "numbers that no room holds",
-    "absurd_stamp": "its time stamp is no time: is it in the wrong unit?",
-    "same_stamp": "the sender does not set its time stamp, or several poses have the same one",
-    "out_of_order": "older than one before: was the sender's clock set back, or is more than one on this address?",
-    "duplicate": "sent twice: is more than one sender on this address?",
-    "other_address": "somebody else sends to this address",
-    "late": "already older, when it came, than flight.coast_s lets a pose be",
-    "truncated": "its end is missing: a bridge or network cuts datagrams, or loses a part of one",
-    "oversized": "longer than the protocol allows: does something else send to this port?",
-    "garbage": "bytes that are not of this protocol: does something else send to this port?",
-    "malformed": "not of this protocol: does something else send to this port?",
-    "wrong_item": "not of this protocol: does something else send to this port?",
-    "not_json": "no JSON: does something else send to this port?",
-    "wrong_schema": "JSON without the fields of a pose: compare with docs/how-to/extend.md",
-    "bad_crc": "a wrong checksum: bytes were lost or changed on the way",
-    "wrong_frame": "in a frame of coordinates that is not read here: send LOCAL_NED or LOCAL_FRD",
-    "no_attitude": "no attitude came with the position: have the autopilot send ATTITUDE_QUATERNION",
-    "no_stamp": "no time stamp in it: have the sender set it",
-    "no_exposure_stamp": "no time of exposure in it, as in a recording that is played back: go to Live",
-    "no_bodies": "no rigid bodies in it: stream 6DOF",
-    "other_bodies": "the bodies of the project have changed: their new names are being asked for",
-    "child_lost": "the program that reads the tracker has ended; it is started again",
-    "connection_lost": "the tracker has closed the connection; it is opened again",
-}
-"""Causes and remedies by reason, for the operator."""
-LATE = (
-    "they wait on their way (network, tracking computer); or the tracker's clock was set back, its frame counter "
-    "paused or its rate changed, which looks the same. Where they are not that old: on the ground, stop the "
-    "tracker's stream for 5 s, or start this program anew"
-)
-"""Cause and remedy of late poses, for the operator."""
 
 
 class Outbreaks:
@@ -867,7 +823,8 @@ class Outbreaks:
             if reason not in self._running:
                 self._running[reason] = _Outbreak(before, now_s if self._looked_s is None else self._looked_s)
                 by_source = advice if reason == "other_address" else ""
-                text = by_source or notice("pose.dropping", why=describe_drop(reason))
+                text = notice("pose.advice", says=by_source) if by_source else None
+                text = text or notice("pose.dropping", why=describe_drop(reason))
                 events.append(PoseEvent("dropping", reason, text))
             self._running[reason].newest_s = now_s
         self._counts, self._looked_s = dict(dropped), now_s
@@ -875,7 +832,9 @@ class Outbreaks:
             if now_s - outbreak.newest_s >= QUIET_S:
                 del self._running[reason]
                 count, lasted = dropped[reason] - outbreak.before, outbreak.newest_s - outbreak.begun_s
-                events.append(PoseEvent("passed", reason, f"{reason} is over: {count} dropped within {lasted:.2f} s"))
+                events.append(
+                    PoseEvent("passed", reason, notice("pose.passed", reason=reason, count=count, lasted_s=lasted))
+                )
         if newest is not None:
             events += self._presence(now_s, newest)
         return events
@@ -885,10 +844,10 @@ class Outbreaks:
             self._late_until_s = now_s + QUIET_S
             if late_s > MORE * self._late_s:
                 self._late_s = late_s
-                return [PoseEvent("late", "", f"poses come {1e3 * late_s:.0f} ms later than they did: {LATE}")]
+                return [PoseEvent("late", "", notice("pose.later", late_ms=1e3 * late_s))]
         elif self._late_s and now_s >= self._late_until_s:
             self._late_s = 0.0
-            return [PoseEvent("punctual", "", "poses come as early as before, or their source has begun anew")]
+            return [PoseEvent("punctual", "", notice("pose.punctual"))]
         return []
 
     def _steadiness(self, unsteady_clock: bool) -> list[PoseEvent]:
@@ -906,9 +865,9 @@ class Outbreaks:
             return []
         self._lost = lost
         if lost:
-            return [PoseEvent("lost", "", f"poses are lost: none for {1e3 * (now_s - newest.time_s):.0f} ms")]
+            return [PoseEvent("lost", "", notice("pose.lost", age_ms=1e3 * (now_s - newest.time_s)))]
         gap = newest.time_s - before.time_s if before is not None else 0.0
-        return [PoseEvent("back", "", f"poses are back after {gap:.2f} s")]
+        return [PoseEvent("back", "", notice("pose.back", gap_s=gap))]
 
 
 class _Outbreak:
@@ -917,15 +876,15 @@ class _Outbreak:
         self.begun_s = self.newest_s = begun_s
 
 
-def describe_unsteady_clock() -> str:
+def describe_unsteady_clock() -> Sentence:
     """Describe a clock that steps again and again, and the remedy."""
     return notice("pose.unsteady_clock", count=BREAKS, within_s=UNSTEADY_S)
 
 
-def describe_drop(reason: str) -> str:
+def describe_drop(reason: str) -> Sentence:
     """The reason for which poses are dropped, with its meaning where it has one."""
-    hint = HINTS.get(reason)
-    return reason if hint is None else f"{reason} ({hint})"
+    id = f"drop.{reason}"
+    return notice(id) if id in NOTICES else notice("drop.other", reason=reason)
 
 
 LOOK_S = 0.0493717

@@ -450,7 +450,7 @@ class NatNetReader:
             return
         with suppress(UnreadableNatNet):
             if split(datagram)[0] in (NatNetMessage.SERVERINFO, NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
-                self._advice = notice("pose.other_server", address=address, port=port)
+                self._advice = notice("pose.other_server", address=address, port=port).text
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
         """The pose of our body, or nothing."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.messages import Ask, Request
+from groundstation.core.messages import Ask, Request, notice
 from groundstation.core.messages.snapshot import decode
 from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
 from groundstation.core.mission.mission import IllegalMove
@@ -87,11 +87,11 @@ def test_an_illegal_move_names_event_and_state() -> None:
 
 def test_a_move_keeps_its_reason_and_staying_keeps_the_first() -> None:
     mission = Mission()
-    mission.on(Event.START, "because")
-    assert (mission.state, mission.reason) == (State.CONNECTING, "because")
-    mission.on(Event.ABORT, "first")
-    mission.on(Event.ABORT, "second")
-    assert mission.reason == "first"
+    mission.on(Event.START, notice("mission.waiting"))
+    assert (mission.state, mission.reason) == (State.CONNECTING, notice("mission.waiting"))
+    mission.on(Event.ABORT, notice("fault.taken", mode="LOITER"))
+    mission.on(Event.ABORT, notice("fault.taken", mode="RTL"))
+    assert mission.reason == notice("fault.taken", mode="LOITER")
 
 
 def test_every_request_is_an_event() -> None:

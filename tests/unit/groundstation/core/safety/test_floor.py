@@ -167,8 +167,8 @@ def test_three_presses_land_descend_and_kill_and_each_says_what_comes_next() -> 
     interrupts = Interrupts()
     asked = [interrupts.press("SIGINT", t) for t in (0.0, 2.0, 4.0, 6.0)]
     assert [request and request.ask for request, _ in asked] == [Ask.LAND, Ask.DESCEND, Ask.KILL, Ask.KILL]
-    assert "failsafe descent" in asked[0][1]
-    assert "motors off" in asked[1][1]
+    assert "failsafe descent" in asked[0][1].text
+    assert "motors off" in asked[1][1].text
 
 
 @given(st.lists(st.floats(0.0, 0.99), max_size=20))
@@ -178,7 +178,7 @@ def test_presses_within_a_second_count_once(later: list[float]) -> None:
     for after in sorted(later):
         request, words = interrupts.press("SIGTERM", 10.0 + after)
         assert request is None
-        assert "counts once" in words
+        assert "counts once" in words.text
     request, _ = interrupts.press("SIGINT", 11.5)
     assert request is not None
     assert request.ask is Ask.DESCEND

@@ -8,7 +8,7 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import NOTICES, Estimate, Pose
+from groundstation.core.messages import NOTICES, Estimate, Pose, notice
 from groundstation.core.mission import State
 from groundstation.core.safety import (
     GUARDS,
@@ -31,6 +31,9 @@ CONFIG = GuardsConfig()
 PERIOD_S = 0.02
 STATUS = LinkStatus(state="armed", sent=0, expired=0, received=0, dropped={}, text="")
 FENCE = Fence(BoxFence(north_m=(-2.0, 2.0), east_m=(-2.0, 2.0), height_m=2.0), 0.0)
+NEAR_FENCE = notice("guard.braking", room_m=0.1, speed_m_s=2.0)
+TILTED = notice("guard.tilt", tilt_deg=50.0, limit_deg=40.0)
+EMPTY = notice("guard.charge", charge=9.0, limit=10.0)
 
 
 class Shown(NamedTuple):
@@ -109,7 +112,7 @@ def test_beyond_its_limit_a_guard_is_heard_after_its_time(
     after_s, finding = found
     assert after_s == pytest.approx(for_s, abs=1.01 * PERIOD_S)
     assert finding.step is step
-    assert says in finding.reason
+    assert says in finding.reason.text
 
 
 @pytest.mark.parametrize(
@@ -152,7 +155,7 @@ def test_an_estimate_that_is_reset_again_and_again_lands() -> None:
     guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
     found = [guards.see(shown(0.02 * i, resets=i // 20), State.TRACKING) for i in range(110)]
     assert all(one is None for one in found[:100])
-    assert found[100] is not None and "5 resets" in found[100].reason
+    assert found[100] is not None and "5 resets" in found[100].reason.text
 
 
 def test_of_several_the_gravest_is_told() -> None:
@@ -178,7 +181,7 @@ def test_a_rate_that_has_left_its_limit_is_told_no_more() -> None:
     guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
     frames = round(2.0 * CONFIG.rate_limit_s / PERIOD_S)
     found = [guards.see(shown(PERIOD_S * i, rates_rad_s=(FULL, 0.0, 0.0)), State.TRACKING) for i in range(frames)]
-    assert found[-1] is not None and "body rate" in found[-1].reason
+    assert found[-1] is not None and "body rate" in found[-1].reason.text
     assert guards.see(shown(PERIOD_S * frames), State.TRACKING) is None
 
 
@@ -190,7 +193,7 @@ def test_a_limit_cycle_has_breaks_and_lands_it_all_the_same(share: float, lands:
         rates = (FULL, 0.0, 0.0) if i % 20 < 20 * share else (0.0, 0.0, 0.0)
         found = found or guards.see(shown(PERIOD_S * i, rates_rad_s=rates), State.TRACKING)
     assert (found is not None) == lands
-    assert found is None or (found.step is GuardAction.LAND and "of the last 2 s" in found.reason)
+    assert found is None or (found.step is GuardAction.LAND and "of the last 2 s" in found.reason.text)
 
 
 def swung(degrees: float, period_s: float) -> GuardFinding | None:
@@ -208,13 +211,13 @@ def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_lon
     found = swung(58.0, 0.9)
     assert found is not None
     assert found.step is GuardAction.LAND
-    assert "again and again" in found.reason
+    assert "again and again" in found.reason.text
     assert swung(41.0, 0.9) is None
 
 
 def test_what_no_landing_could_end_is_answered_by_a_landing_and_no_more() -> None:
     escalation = Escalation(2.0)
-    empty = GuardFinding(GuardAction.LAND, "battery", most=GuardAction.LAND)
+    empty = GuardFinding(GuardAction.LAND, EMPTY, most=GuardAction.LAND)
     assert escalation.answer(empty, 0.0) == empty
     assert escalation.answer(empty, 9.0) is None
 
@@ -222,7 +225,7 @@ def test_what_no_landing_could_end_is_answered_by_a_landing_and_no_more() -> Non
 def test_frames_that_are_late_again_and_again_land() -> None:
     found = first({}, period_s=2.6 * PERIOD_S)
     assert found is not None
-    assert "frames were late" in found[1].reason
+    assert "frames were late" in found[1].reason.text
     assert found[0] == pytest.approx(CONFIG.overruns * 2.6 * PERIOD_S, abs=0.06)
     assert first({}, period_s=2.4 * PERIOD_S) is None
 
@@ -245,7 +248,7 @@ def test_frames_are_late_by_the_period_that_the_link_has_once_it_is_connected() 
     found = [guards.see(shown(0.012 * i), State.TRACKING) for i in range(CONFIG.overruns + 1)]
     assert found[:-1] == [None] * CONFIG.overruns
     assert found[-1] is not None
-    assert "frames were late" in found[-1].reason
+    assert "frames were late" in found[-1].reason.text
 
 
 @pytest.mark.parametrize(
@@ -264,18 +267,18 @@ def test_the_link_tells_of_its_delay_and_of_the_battery(status: dict[str, Any], 
     found = guards.link(low, 1.6)
     assert found is not None
     assert found.step is GuardAction.LAND
-    assert says in found.reason
+    assert says in found.reason.text
 
 
 def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentler_one() -> None:
     escalation = Escalation(2.0)
-    brake, tilt = GuardFinding(GuardAction.HOLD, "fence"), GuardFinding(GuardAction.DESCEND, "tilt")
+    brake, tilt = GuardFinding(GuardAction.HOLD, NEAR_FENCE), GuardFinding(GuardAction.DESCEND, TILTED)
     first_ = escalation.answer(brake, 0.0)
     assert first_ == brake
     assert escalation.answer(brake, 1.9) is None
     second = escalation.answer(brake, 2.1)
     assert second is not None
-    assert (second.step, second.reason) == (GuardAction.LAND, "fence, still")
+    assert (second.step, second.reason) == (GuardAction.LAND, NEAR_FENCE.as_lasting())
     assert escalation.answer(brake, 3.0) is None
     assert escalation.answer(tilt, 3.1) == tilt
     assert escalation.answer(brake, 99.0) is None
@@ -283,7 +286,7 @@ def test_what_lasts_is_answered_by_one_step_after_the_other_and_never_by_a_gentl
 
 def test_an_operator_who_sends_it_on_begins_anew() -> None:
     escalation = Escalation(2.0)
-    brake = GuardFinding(GuardAction.HOLD, "fence")
+    brake = GuardFinding(GuardAction.HOLD, NEAR_FENCE)
     escalation.answer(brake, 0.0)
     escalation.reset()
     assert escalation.answer(brake, 50.0) == brake
@@ -293,7 +296,7 @@ def test_where_it_should_lean_is_reckoned_with_the_gravity_that_the_controller_h
     for gravity, leans_wrong in ((9.81, False), (1.62, True)):
         guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, gravity=gravity)
         found = [guards.see(shown(0.02 * i, disturbance=(1.5, 0.0, 0.0)), State.TRACKING) for i in range(100)]
-        assert any(one is not None and "beside the wanted one" in one.reason for one in found) == leans_wrong
+        assert any(one is not None and "beside the wanted one" in one.reason.text for one in found) == leans_wrong
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,7 @@ def spooled(
                 if flies is not None:
                     off = flies.climb_m_s - speed
                     return Spooled("", now - spool.near_s, height, speed, flies.hover_share, off)
-                fault = spool_up.fault(now, newest, 0.25, None)
+                fault = str(spool_up.fault(now, newest, 0.25, None) or "")
                 off_s = now if fault else off_s
             told = 0.0 if fault else spool_up.thrust_n(now)
         thrust += (told - thrust) * (1.0 - math.exp(-STEP_S / lag_s))
@@ -114,7 +114,7 @@ def test_what_leaps_aside_on_the_floor_as_no_vehicle_does_stops_the_motors(
     spool_up.pose(Pose(101, at_s, at_s, (step_m, 0.0, 0.0), LEVEL, reset_count=resets))
     after = Pose(102, at_s + 0.01, at_s + 0.01, (step_m, 0.0, 0.0), LEVEL, reset_count=resets)
     spool_up.pose(after)
-    assert ("from one pose to the next" in spool_up.fault(at_s + 0.01, after, 0.25, None)) is stranger
+    assert ("from one pose to the next" in str(spool_up.fault(at_s + 0.01, after, 0.25, None))) is stranger
 
 
 @pytest.mark.tried(2)  # loads, with and without an estimate that wanders
@@ -165,7 +165,7 @@ def test_only_what_an_autopilot_has_felt_is_waited_for_though_the_floor_holds_it
         rises = 0.08 < since_s < 0.16
         newest = pose(k, 0.004 if rises else 0.0, 0.12 if rises else 0.0)
         spool_up.pose(newest)
-        faults.append(spool_up.fault(newest.time_s, newest, 0.25, None))
+        faults.append(str(spool_up.fault(newest.time_s, newest, 0.25, None) or ""))
         told.append(spool_up.thrust_n(newest.time_s))
     assert spool_up.flies is None
     assert any("the poses did not move" in fault for fault in faults) is not felt

@@ -32,12 +32,12 @@ class Flown:
         estimate = Estimate(self.time_s, motion, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
         for _ in range(round(for_s / PERIOD_S)):
             self.time_s += PERIOD_S
-            step, told, severity = self.live.update(self.time_s, estimate, HERE, v, counts=counts)
+            step, told = self.live.update(self.time_s, estimate, HERE, v, counts=counts)
             if step is not None:
                 self.steps.append(step)
-            if told:
-                self.told.append(told)
-            assert (severity is Severity.WARNING) == told.startswith("warning")
+            if told is not None:
+                self.told.append(told.text)
+                assert (told.severity is Severity.WARNING) == told.text.startswith("warning")
         return self
 
     def ask(self, key: str, value: float) -> tuple[bool, str]:

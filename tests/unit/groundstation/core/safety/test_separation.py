@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Check, Others, Verdict
+from groundstation.core.messages import Check, Others, Sentence, Verdict
 from groundstation.core.messages.pose import BASE_S, GAP_S, BodySighting
 from groundstation.core.mission import State
 from groundstation.core.safety import Escalation, GuardAction, GuardFinding, Guards, Separation, SeparationConfig
@@ -184,7 +184,7 @@ def test_too_near_is_answered(
     finding = found_after(HERE, velocity, other, others_velocity)
     assert finding is not None
     assert (finding.step, finding.most) == (step, most)
-    assert "bee" in finding.reason
+    assert "bee" in finding.reason.text
 
 
 @pytest.mark.parametrize(
@@ -218,7 +218,7 @@ def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any, 
 def test_nearness_is_never_answered_by_a_descent_that_knows_no_place() -> None:
     escalation, steps = Escalation(2.0), []
     for i in range(1000):
-        finding = GuardFinding(GuardAction.HOLD, "near", most=GuardAction.LAND)
+        finding = GuardFinding(GuardAction.HOLD, Sentence("guard.separation", "near"), most=GuardAction.LAND)
         answer = escalation.answer(finding, 0.02 * i)
         steps += [answer.step] if answer is not None else []
     assert steps == [GuardAction.HOLD, GuardAction.LAND]

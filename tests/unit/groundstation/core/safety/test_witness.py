@@ -91,7 +91,7 @@ def test_poses_that_turn_otherwise_are_doubted_within_three_seconds(lie: Callabl
     verdict = watch(swing, lie, witness=witness)
     assert verdict is not None and verdict.agrees is False
     assert verdict.doubts_s is not None and verdict.doubts_s < 5.0
-    assert "attitude" in (witness.describe_news() or "")
+    assert "attitude" in str(witness.describe_news())
     assert witness.describe_news() is None  # once
 
 

@@ -88,14 +88,16 @@ def test_a_fast_circle_at_rest_by_its_own_word_is_told_with_both_speeds() -> Non
     config = from_dict({"trajectory": {"kind": f"{__name__}:lie"}}, Config)
     told = explain_refusal(config, examine_trajectory(config))
     assert told is not None
-    assert "its velocity is declared as 0 m/s, and by its position is 15 m/s" in told
+    assert "its velocity is declared as 0 m/s, and by its position is 15 m/s" in told.text
 
 
 def test_a_velocity_of_the_wrong_sign_is_told_by_its_direction() -> None:
     config = from_dict({"trajectory": {"kind": f"{__name__}:backwards"}}, Config)
     told = explain_refusal(config, examine_trajectory(config))
     assert told is not None
-    assert "its velocity is declared as 1.5 m/s, and by its position has another direction: correct the signs" in told
+    assert (
+        "its velocity is declared as 1.5 m/s, and by its position has another direction: correct the signs" in told.text
+    )
 
 
 def backwards(options: dict[str, Any]) -> Curve:

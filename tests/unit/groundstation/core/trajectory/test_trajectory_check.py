@@ -19,11 +19,11 @@ from groundstation.core.trajectory import (
     LemniscateConfig,
     TrajectoryConfig,
     check_feasibility,
-    explain_infeasibility,
 )
 from groundstation.core.trajectory.shapes import CircleConfig, HoldConfig, SamplesConfig, WaypointsConfig
 from groundstation.core.vehicle import LimitsConfig, Vehicle
 from groundstation.flight import ensure_flyable, examine_trajectory
+from groundstation.flight.prearm import explain_infeasibility
 from groundstation.settings import Config
 from sim.scenarios import SCENARIOS, prepare
 

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.messages import MOST_POINTS, Ask, Reply, Request, Waypoint
+from groundstation.core.messages import MOST_POINTS, Ask, Reply, Request, Sentence, Waypoint
 from groundstation.interfaces.api.messages import ANYONE, ClientOrder, Party
 from groundstation.interfaces.api.messages import Desk as ControlDesk
 from groundstation.interfaces.mqtt.messages import SealedRequest
@@ -41,7 +41,7 @@ class Desk:
 
     def __init__(self) -> None:
         self.core = Sampled()
-        self.told: list[str] = []
+        self.told: list[Sentence] = []
         sessions = (f"{number:032x}" for number in range(1, 100))
         may = frozenset({Ask.LAND, Ask.HOLD})
         self.gate = Gatekeeper(
@@ -165,7 +165,7 @@ def test_anything_else_does_nothing_but_a_counter_and_one_line(desk: Desk, data:
     assert desk.core.asked == []
     assert desk.gate.counts == {reason: 1}
     assert len(desk.told) == 1
-    assert reason in desk.told[0]
+    assert reason in desk.told[0].text
 
 
 def test_what_the_broker_has_kept_is_never_obeyed(desk: Desk) -> None:
@@ -281,7 +281,7 @@ def test_a_reason_is_told_once_a_minute_however_often_it_happens(desk: Desk) -> 
     assert len(desk.told) == 1
     desk.take(b"land", now_s=TELL_S)
     assert len(desk.told) == 2
-    assert "malformed (101 so far)" in desk.told[1]
+    assert "malformed (101 so far)" in desk.told[1].text
 
 
 MINUTE_AHEAD = 60_000

@@ -162,7 +162,7 @@ def test_poses_that_stay_elsewhere_are_believed_after_a_while_and_not_before() -
     assert strays.kind == "strays"
     assert not strays.text
     assert event.kind == "moved"
-    assert "6.5" in event.text
+    assert "6.5" in str(event.text)
     assert passed[0].time_s == pytest.approx(20 * DT + 1.5, abs=DT + 1e-9)
     assert gate.dropped == {"jump": 75}
     assert len({one.reset_count for one in passed}) == 1
@@ -173,7 +173,7 @@ def test_poses_that_stay_turned_are_believed_after_a_while_too() -> None:
     gate = gate_in_flight()
     passed, events = flown(gate, (pose(n, attitude=yawed(120.0)) for n in range(20, 200)))
     assert [event.kind for event in events] == ["strays", "moved"]
-    assert "120°" in events[1].text
+    assert "120°" in str(events[1].text)
     assert passed[0].time_s > 20 * DT + 1.4
 
 
@@ -243,8 +243,8 @@ def test_an_outbreak_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
         for event in outbreaks.look(0.05 * n, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0}, None)
     ]
     assert [(event.kind, event.reason) for event in told] == [("dropping", "not_tracked"), ("passed", "not_tracked")]
-    assert "hidden" in told[0].text
-    assert "41 dropped" in told[1].text
+    assert "hidden" in str(told[0].text)
+    assert "41 dropped" in str(told[1].text)
 
 
 def test_drops_soon_after_each_other_are_one_outbreak_and_later_ones_another() -> None:
@@ -264,7 +264,7 @@ def test_poses_are_lost_once_and_back_once() -> None:
     newest = msgspec.structs.replace(newest, time_s=3.6)
     (back,) = outbreaks.look(3.62, {}, newest)
     assert back.kind == "back"
-    assert "1.60 s" in back.text
+    assert "1.60 s" in str(back.text)
 
 
 def test_lateness_is_told_as_it_begins_as_it_doubles_and_as_it_is_over() -> None:
@@ -272,5 +272,5 @@ def test_lateness_is_told_as_it_begins_as_it_doubles_and_as_it_is_over() -> None
     late = [0.0] * 10 + [0.1] * 100 + [0.15] * 100 + [0.25] * 10 + [0.0] * 100
     events = [event for n, late_s in enumerate(late) for event in outbreaks.look(0.05 * n, {}, None, late_s)]
     assert [event.kind for event in events] == ["late", "late", "punctual"]
-    assert "100 ms later" in events[0].text
-    assert "stop the tracker's stream" in events[0].text
+    assert "100 ms later" in str(events[0].text)
+    assert "stop the tracker's stream" in str(events[0].text)

@@ -149,7 +149,7 @@ def test_a_server_with_an_older_bit_stream_is_asked_for_ours_and_the_operator_to
     reader = NatNetReader("quad", Intake(0.0))
     old = natnet_codec.ServerInfo("Motive", (2, 10), 10_000_000)
     reader.read(natnet_codec.encode_server_info(old), 0.0)
-    assert reader.status.dropped == {"wrong_version": 1} and "bit stream version" in describe_drop("wrong_version")
+    assert reader.status.dropped == {"wrong_version": 1} and "bit stream version" in str(describe_drop("wrong_version"))
     asked = reader.due()
     assert ids(asked) == [NatNetMessage.REQUEST, NatNetMessage.CONNECT]
     assert natnet_codec.split(asked[0])[1] == b"Bitstream,4.1\0"

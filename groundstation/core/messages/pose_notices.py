@@ -1,0 +1,66 @@
+"""Sentences of pose sources: why poses are dropped, and what happens to those that pass. Sans-IO.
+
+A row ``drop.REASON`` belongs to each reason that sources and the gate count and that has a cause to name.
+"""
+
+from links.text import NoticeTemplate
+
+_DROPS = {
+    "not_live": "Motive is in edit mode or plays a recording: go to Live",
+    "wrong_version": "the bit stream is too old: Motive's streaming settings, bit stream version, 3.0 or later",
+    "wrong_layout": "a bit stream that is not known here: Motive's streaming settings, bit stream version, 4.1",
+    "failed": "the sender says that its odometry has failed (ODOMETRY.quality below 0)",
+    "not_tracked": "the tracker does not see the body: markers hidden?",
+    "frozen": "the same to the last bit: the body is hidden, or the tracker rounds (gate.drop_frozen)",
+    "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been switched off?",
+    "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it been switched off?",
+    "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, or another body",
+    "spin": "turned faster than it can have (gate.rate_deg_s): markers mixed up",
+    "too_fast": "faster than the vehicle can be (gate.speed_m_s)",
+    "tilted": "on its back (gate.tilt_deg): are pose.world and pose.body right?",
+    "not_finite": "NaN or infinity in it",
+    "not_unit": "its quaternion has not length 1",
+    "absurd": "numbers that no room holds",
+    "absurd_stamp": "its time stamp is no time: is it in the wrong unit?",
+    "same_stamp": "the sender does not set its time stamp, or several poses have the same one",
+    "out_of_order": "older than one before: was the sender's clock set back, or is more than one on this address?",
+    "duplicate": "sent twice: is more than one sender on this address?",
+    "other_address": "somebody else sends to this address",
+    "late": "already older, when it came, than flight.coast_s lets a pose be",
+    "truncated": "its end is missing: a bridge or network cuts datagrams, or loses a part of one",
+    "oversized": "longer than the protocol allows: does something else send to this port?",
+    "garbage": "bytes that are not of this protocol: does something else send to this port?",
+    "malformed": "not of this protocol: does something else send to this port?",
+    "wrong_item": "not of this protocol: does something else send to this port?",
+    "not_json": "no JSON: does something else send to this port?",
+    "wrong_schema": "JSON without the fields of a pose: compare with docs/how-to/extend.md",
+    "bad_crc": "a wrong checksum: bytes were lost or changed on the way",
+    "wrong_frame": "in a frame of coordinates that is not read here: send LOCAL_NED or LOCAL_FRD",
+    "no_attitude": "no attitude came with the position: have the autopilot send ATTITUDE_QUATERNION",
+    "no_stamp": "no time stamp in it: have the sender set it",
+    "no_exposure_stamp": "no time of exposure in it, as in a recording that is played back: go to Live",
+    "no_bodies": "no rigid bodies in it: stream 6DOF",
+    "other_bodies": "the bodies of the project have changed: their new names are being asked for",
+    "child_lost": "the program that reads the tracker has ended; it is started again",
+    "connection_lost": "the tracker has closed the connection; it is opened again",
+}
+"""Causes and remedies by reason."""
+
+POSE_NOTICES: tuple[NoticeTemplate, ...] = (
+    *(NoticeTemplate(f"drop.{reason}", f"{reason} ({meaning})") for reason, meaning in _DROPS.items()),
+    NoticeTemplate("drop.other", "{reason}"),
+    NoticeTemplate("pose.origin_moved", "the source has moved its origin"),
+    NoticeTemplate("pose.agreed", "for {settle_s:g} s all have agreed on it"),
+    NoticeTemplate("pose.elsewhere", "poses are {far_m:.2f} m and {turn_deg:.0f}° from before: {why}"),
+    NoticeTemplate("pose.passed", "{reason} is over: {count} dropped within {lasted_s:.2f} s"),
+    NoticeTemplate(
+        "pose.later",
+        "poses come {late_ms:.0f} ms later than they did",
+        "they wait on their way (network, tracking computer); or the tracker's clock was set back, its frame counter "
+        "paused or its rate changed, which looks the same. Where they are not that old: on the ground, stop the "
+        "tracker's stream for 5 s, or start this program anew",
+    ),
+    NoticeTemplate("pose.punctual", "poses come as early as before, or their source has begun anew"),
+    NoticeTemplate("pose.lost", "poses are lost: none for {age_ms:.0f} ms"),
+    NoticeTemplate("pose.back", "poses are back after {gap_s:.2f} s"),
+)
