@@ -19,6 +19,8 @@ NOBODY_NEEDS = {
 """See the module's text; the last line is told by the bridge itself where it runs."""
 
 
+COUNTERS = {"dropped", "_dropped", "errors"}
+"""Attributes of links and sources that count what they drop."""
 KNOWN = {id.removeprefix("drop.") for id in NOTICES if id.startswith("drop.")}
 """Reasons that have their sentence."""
 
@@ -35,7 +37,9 @@ def counted_in(folder: Path) -> set[str]:
             match node:
                 case ast.Subscript(ast.Name("dropped"), ast.Constant(str(reason))):
                     found.add(reason)
-                case ast.Subscript(ast.Attribute(attr="dropped" | "_dropped" | "_errors"), ast.Constant(str(reason))):
+                case ast.Subscript(
+                    ast.Attribute(attr="dropped" | "_dropped" | "_errors" | "errors"), ast.Constant(str(reason))
+                ):
                     found.add(reason)
                 case ast.Call(ast.Attribute(attr="drop" | "_drop"), [ast.Constant(str(reason)), *_]):
                     found.add(reason)
