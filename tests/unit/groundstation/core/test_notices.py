@@ -1,8 +1,16 @@
 """Table of sentences for the operator."""
 
+import ast
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
 import pytest
 
-from groundstation.core.messages import NOTICES, NoticeTemplate
+from groundstation.core.messages import NOTICES, Notice, NoticeTemplate, Sentence, Severity, notice
+from groundstation.flight.assembly import FlightRecorder
+from groundstation.recording import LineRecord, Record
 
 
 def test_a_sentence_is_filled_with_its_numbers_and_followed_by_its_remedy() -> None:
@@ -17,3 +25,54 @@ def test_a_missing_number_is_an_error() -> None:
 
 def test_every_id_is_named_after_a_room_and_a_fact() -> None:
     assert all(key == template.id and "." in key for key, template in NOTICES.items())
+
+
+def test_a_sentence_keeps_its_numbers_and_those_of_a_sentence_inside_it() -> None:
+    reason = notice("guard.tilt", tilt_deg=50.0, limit_deg=40.0)
+    told = notice("fault.poses_land", reason=reason)
+    assert told.text == "tilt 50°, limit 40°: landing, as they still answer"
+    assert told.numbers == {"reason": reason.text, "reason_id": "guard.tilt", "tilt_deg": 50.0, "limit_deg": 40.0}
+    assert (reason.as_warning().id, reason.as_warning().text) == ("guard.tilt", "warning: tilt 50°, limit 40°")
+
+
+def test_numbers_that_json_does_not_know_travel_as_text() -> None:
+    told = notice("fault.pose_gap", age_ms=math.inf)
+    assert msgspec.json.decode(msgspec.json.encode(told), type=Sentence) == told
+
+
+def test_a_notice_reaches_a_recording_with_its_id_and_its_numbers() -> None:
+    given = list[Record]()
+    tape = FlightRecorder(given.append, lambda told: None, None, None)  # type: ignore[arg-type]  # none is asked
+    told = notice("guard.tilt", tilt_deg=50.0, limit_deg=40.0)
+    tape.hear(Notice.of(1.0, "hold", told, "news", Severity.WARNING))
+    encoded = msgspec.msgpack.encode(given[0])
+    assert msgspec.msgpack.decode(encoded, type=Record) == LineRecord(1.0, "hold", told.text, told.id, told.numbers)
+
+
+ROOT = Path(__file__).parents[4]
+BUILT_BY_ID = ("link.", "drop.", "guard.", "pose.")
+"""Rows that code finds by a reason that it counts, or by the row of a guard or of a doubt."""
+BUILDERS = {"Check", "Reply", "Notice"}
+"""What carries a sentence is made from one, by ``of``."""
+
+
+def parsed(*rooms: str) -> Iterator[ast.AST]:
+    for room in rooms:
+        for path in sorted((ROOT / room).rglob("*.py")):
+            if "messages" not in path.parts:
+                yield from ast.walk(ast.parse(path.read_text("utf-8")))
+
+
+def test_every_sentence_is_used() -> None:
+    used = {node.value for node in parsed("groundstation", "links", "sim") if isinstance(node, ast.Constant)}
+    assert [id for id in NOTICES if id not in used and not id.startswith(BUILT_BY_ID)] == []
+
+
+def test_what_carries_a_sentence_is_made_from_one() -> None:
+    rooms = [f"groundstation/{room}" for room in ("core", "flight", "pose", "recording", "interfaces/api")]
+    made = [
+        f"{node.func.id}, line {node.lineno}"
+        for node in parsed(*rooms, "groundstation/interfaces/mqtt")
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in BUILDERS
+    ]
+    assert made == []
