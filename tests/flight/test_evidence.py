@@ -603,20 +603,7 @@ def test_what_stands_on_the_floor_before_and_after_does_not_fly() -> None:
 
 
 def test_every_mapping_that_comes_along_is_one() -> None:
-    names = [
-        "ardupilot-bin",
-        "ardupilot-tlog",
-        "motive",
-        "nanobench",
-        "neural-fly",
-        "px4-ulog",
-        "qtm",
-        "ros2-pose",
-        "tum",
-    ]
-    assert list(shipped_texts("mappings")) == names
-    for name in names:
-        assert load_mapping(name).title
+    assert all(load_mapping(name).title for name in shipped_texts("mappings"))
 
 
 def test_what_is_wrong_with_an_import_is_said_by_its_key(tmp_path: Path) -> None:
@@ -636,11 +623,16 @@ def test_what_is_wrong_with_an_import_is_said_by_its_key(tmp_path: Path) -> None
         import_command([path], "px4-ulog", tmp_path / "out.mcap")
 
 
+def nanobench_rows(folder: Path) -> list[dict[str, Any]]:
+    """Our flight as rows of NanoBench's columns."""
+    with gzip.open(nanobench(folder), "rt", newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def poses_only(folder: Path, change: Callable[[list[dict[str, Any]]], list[dict[str, Any]]]) -> Path:
     """NanoBench's columns of time and pose alone, their rows changed."""
     names = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
-    with gzip.open(nanobench(folder), "rt", newline="") as file:
-        rows = [{name: float(row[name]) for name in names} for row in csv.DictReader(file)]
+    rows = [{name: float(row[name]) for name in names} for row in nanobench_rows(folder)]
     return write_csv(folder / "poses.csv", change(rows))
 
 
@@ -683,8 +675,7 @@ def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
 def test_of_a_flight_whose_clock_is_set_back_the_longer_part_is_judged_and_it_is_said(
     back_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with gzip.open(nanobench(tmp_path), "rt", newline="") as file:
-        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    rows = nanobench_rows(tmp_path)
     later = len(rows) - 200
     rows = [row | {"t": float(row["t"]) - (back_s if n >= later else 0.0)} for n, row in enumerate(rows)]
     path = imported(tmp_path, write_csv(tmp_path / "back.csv", rows), "nanobench")
@@ -701,8 +692,7 @@ def test_of_a_flight_whose_clock_is_set_back_the_longer_part_is_judged_and_it_is
 def test_commands_whose_clock_is_set_back_at_other_times_are_left_out_and_it_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with gzip.open(nanobench(tmp_path), "rt", newline="") as file:
-        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    rows = nanobench_rows(tmp_path)
     told = [row | {"sent": float(row["t"]) - (5.0 if n > 300 else 0.0)} for n, row in enumerate(rows)]
     mapping = tmp_path / "own.toml"
     mapping.write_text(shipped_texts("mappings")["nanobench"].replace("[[command]]", '[[command]]\ntime = "sent"'))
@@ -832,8 +822,7 @@ def test_csv_as_other_programs_write_it_is_read(change: Callable[[str], str], tm
 
 
 def test_rows_and_commands_that_are_not_used_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with gzip.open(nanobench(tmp_path), "rt", newline="") as file:
-        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    rows = nanobench_rows(tmp_path)
     rows = [row | ({"pid_controller_cmd_thrust": ""} if n % 50 == 7 else {}) for n, row in enumerate(rows)]
     path = write_csv(tmp_path / "holes.csv", rows)
     path.write_text(path.read_text() + "1,2,3\n")
@@ -847,8 +836,7 @@ def test_rows_and_commands_that_are_not_used_are_counted(tmp_path: Path, capsys:
 
 
 def test_thrust_that_is_none_is_no_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with gzip.open(nanobench(tmp_path), "rt", newline="") as file:
-        rows: list[dict[str, Any]] = list(csv.DictReader(file))
+    rows = nanobench_rows(tmp_path)
     names = ["pid_controller_cmd_thrust", *(f"motor_motor_m{n}" for n in (1, 2, 3, 4))]
     rows = [row | {name: -float(row[name]) for name in names} for row in rows]
     examine_flight(imported(tmp_path, write_csv(tmp_path / "down.csv", rows), "nanobench"))

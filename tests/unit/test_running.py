@@ -1,17 +1,13 @@
 """What runs the tests: which cases are tried (tests/matrix.py), and what failing twice means (tests/busy.py)."""
 
-import os
 import re
-import signal
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.busy import GROSS, LEAST_S, PERIOD_S, Attempt, Sleeper, retry
+from tests.busy import GROSS, Attempt, retry
 from tests.matrix import spread
 
 
@@ -83,27 +79,3 @@ def test_what_fails_twice_fails_unless_nothing_could_keep_time_the_second_time(
     assert bool(waited) is waits
     assert says in said
     assert bool(said) == bool(says)
-
-
-@pytest.fixture
-def sleeper() -> Iterator[Sleeper]:
-    made = Sleeper(min(os.sched_getaffinity(0)))
-    yield made
-    made.end()
-
-
-def test_a_timer_that_was_held_up_has_missed_every_moment_of_it(sleeper: Sleeper) -> None:
-    time.sleep(0.3)
-    begun_s = time.monotonic()
-    os.kill(sleeper._process.pid, signal.SIGSTOP)
-    time.sleep(20.0 * PERIOD_S)
-    held_s = time.monotonic() - begun_s
-    os.kill(sleeper._process.pid, signal.SIGCONT)
-    while sleeper.late(begun_s) * max(LEAST_S, time.monotonic() - begun_s) < held_s - 2.0 * PERIOD_S:
-        time.sleep(0.01)
-    assert sleeper.late(time.monotonic()) == 0.0
-
-
-def test_a_single_late_moment_is_no_excuse_for_a_short_test(sleeper: Sleeper) -> None:
-    sleeper._late_at_s.append(time.monotonic() + 3600.0)
-    assert 0.0 < sleeper.late(time.monotonic()) < GROSS
