@@ -29,6 +29,7 @@ from links.mavlink.protocol import (
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
     WHOLE_BITS,
+    EstimatorFlag,
     EstimatorKind,
     MavFrame,
     MavlinkCodec,
@@ -348,10 +349,18 @@ class Descend(Climb):
         return thrust, (-ATTITUDE_GAIN * y * n, ATTITUDE_GAIN * x * n, 0.0)
 
 
-KNOWN = 831
-"""Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS [-]."""
-STILL = 167
-"""ESTIMATOR_STATUS flags of a real autopilot without GPS: its position counts as constant [-]."""
+_MOVES = EstimatorFlag.ATTITUDE | EstimatorFlag.VELOCITY_HORIZONTAL | EstimatorFlag.VELOCITY_VERTICAL
+KNOWN = (
+    _MOVES
+    | EstimatorFlag.POSITION_RELATIVE
+    | EstimatorFlag.POSITION_ABSOLUTE
+    | EstimatorFlag.HEIGHT_ABSOLUTE
+    | EstimatorFlag.PREDICTED_RELATIVE
+    | EstimatorFlag.PREDICTED_ABSOLUTE
+)
+"""Flags of ESTIMATOR_STATUS and EKF_STATUS_REPORT of a real autopilot with GPS."""
+STILL = _MOVES | EstimatorFlag.HEIGHT_ABSOLUTE | EstimatorFlag.CONSTANT_POSITION
+"""ESTIMATOR_STATUS flags of a real autopilot without GPS: its position counts as constant."""
 SAME_INSTANT_S = 1e-9
 """A timer may fire this much early [s]."""
 SHORTEST_S = 0.001

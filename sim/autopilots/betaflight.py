@@ -25,6 +25,7 @@ from typing import NamedTuple, Self
 from groundstation.config import ConfigError
 from groundstation.machine import sleep_until
 from links.rf import PROMPT, find_refusal
+from sim.autopilots.onboard import LIFTS
 from sim.world import FourRotors, Quadrotor, TrueState
 
 VERSION = "0.0.6"
@@ -40,8 +41,6 @@ SILENT_S = 10.0
 """Timeout of the command line [s]."""
 LISTENS_S = 2.0
 """Earliest time after power-on for receiver frames [s]: earlier ones are forgotten."""
-LIFTS = 0.2
-"""Motor signals above this let go of a vehicle that is held in the air; idling is .055."""
 PULSES = 16
 """Channels that it takes."""
 

@@ -27,6 +27,7 @@ PX4:
 
 import math
 from collections.abc import Mapping
+from enum import IntEnum
 from typing import ClassVar
 
 from groundstation.core.geometry import so3
@@ -42,15 +43,17 @@ from sim.autopilots.autopilot import (
     rates_or_zero,
 )
 
-STABILIZE = 0
-"""Copter's mode STABILIZE [-]."""
-GUIDED = 4
-"""Copter's mode GUIDED [-]."""
-LAND = 9
-"""Copter's mode LAND [-]."""
-GUIDED_NOGPS = 20
-"""Copter's mode GUIDED_NOGPS [-]."""
-FOLLOWING = (GUIDED, GUIDED_NOGPS)
+
+class CopterMode(IntEnum):
+    """HEARTBEAT.custom_mode of Copter."""
+
+    STABILIZE = 0
+    GUIDED = 4
+    LAND = 9
+    GUIDED_NOGPS = 20
+
+
+FOLLOWING = (CopterMode.GUIDED, CopterMode.GUIDED_NOGPS)
 THRUST_AS_THRUST = 8
 """Bit of GUID_OPTIONS."""
 CLIMB_M_S = 2.5
@@ -68,7 +71,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
     kind: ClassVar[int] = ARDUPILOT
     table: ClassVar[Mapping[str, tuple[float, int]]] = ARDUPILOT_PARAMETERS
     hover_parameter: ClassVar[str] = "MOT_THST_HOVER"
-    land_mode: ClassVar[tuple[int, int]] = (LAND, 0)
+    land_mode: ClassVar[tuple[int, int]] = (CopterMode.LAND, 0)
     rates_hz: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,
         "EKF_STATUS_REPORT": 0.0,
@@ -78,7 +81,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
         "TIMESYNC": 0.1,
     }
 
-    mode = STABILIZE
+    mode: int = CopterMode.STABILIZE
     _setpoint_s = math.inf
     _levelling = False
     _has_flown = False
@@ -93,7 +96,7 @@ class ArduPilotAutopilot(SimulatedAutopilot):
 
     @property
     def _disarms_by_landing(self) -> bool:
-        return self.mode == LAND
+        return self.mode == CopterMode.LAND
 
     # ---- set-points
 
@@ -150,21 +153,21 @@ class ArduPilotAutopilot(SimulatedAutopilot):
     # ---- commands
 
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
-        if mode[0] not in (STABILIZE, LAND, *FOLLOWING):
+        if mode[0] not in (CopterMode.STABILIZE, CopterMode.LAND, *FOLLOWING):
             return MavResult.FAILED, self._say(MavSeverity.CRITICAL, "Mode change failed: no such mode")
-        if mode[0] == GUIDED and not self.parameters["EK3_SRC1_POSXY"]:
+        if mode[0] == CopterMode.GUIDED and not self.parameters["EK3_SRC1_POSXY"]:
             return MavResult.FAILED, self._say(MavSeverity.WARNING, "Mode change to GUIDED failed: requires position")
         self.mode = mode[0]
         self._setpoint_s = math.inf
         self._levelling = False
-        if self.armed and self.mode == LAND:
+        if self.armed and self.mode == CopterMode.LAND:
             self._fly_by(Descend(self._hover, now_s, brakes=self._knows), now_s)
         return MavResult.ACCEPTED, []
 
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
-        if self.mode == LAND:
+        if self.mode == CopterMode.LAND:
             return MavResult.FAILED, "Arm: Land mode not armable"
-        if self.mode == STABILIZE:
+        if self.mode == CopterMode.STABILIZE:
             return MavResult.FAILED, "Arm: RC not found"
         self._has_flown = False
         self._armed_s, self._spooled_s = now_s, math.inf

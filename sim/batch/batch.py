@@ -45,7 +45,7 @@ from groundstation.core.estimation import (
     widen_covariance,
 )
 from groundstation.core.geometry import ZERO, Ops, Real, Vec3, arrays, rotate
-from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, STEADY_S, Decision, Estimate
+from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, Decision, Estimate
 from groundstation.core.pilot import NOISE_POSES
 from groundstation.core.vehicle import (
     ActuatorCommand,
@@ -58,7 +58,7 @@ from groundstation.core.vehicle import (
 )
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
-from sim.runs import CONFIRM_S, CRASH_M, SETTLED_M, Effort, sought
+from sim.runs import CONFIRM_S, CRASH_M, Effort, sought
 from sim.world import (
     Actuators,
     Body,

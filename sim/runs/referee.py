@@ -13,6 +13,7 @@ from groundstation.core.geometry import Vec3, third_column
 from groundstation.core.messages import (
     ROUNDING_S,
     SATURATION_FROM_S,
+    SETTLED_M,
     STEADY_S,
     DisturbanceMeter,
     DisturbanceReading,
@@ -25,8 +26,6 @@ from groundstation.core.trajectory import Trajectory
 from groundstation.core.vehicle import Vehicle
 from sim.world import World
 
-SETTLED_M = 0.10
-"""A flight has settled once its error stays below this [m]."""
 BACK_M = 0.05
 """After a step of the wind: back once the error stays below this [m]."""
 CRASH_M = 20.0

@@ -8,7 +8,8 @@ import pytest
 
 from groundstation.flight import Flight
 from sim.autopilots import STEP_S, Firmware, betaflight, configure, describe_settings, pack_pulses
-from sim.autopilots.betaflight import LIFTS, LISTENS_S
+from sim.autopilots.betaflight import LISTENS_S
+from sim.autopilots.onboard import LIFTS
 from sim.radio import FAILSAFE_S
 from sim.runs import Stage, fly, fly_mission, from_floor
 from sim.runs.flight import Result

@@ -33,9 +33,9 @@ from groundstation.analysis.report.figures import (
 from groundstation.analysis.report.flight import floor_z_m, numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
+from groundstation.core.messages import SETTLED_M
 from groundstation.recording import quick_headline
 from sim.runs import RECORDING, fly_mission, from_floor
-from sim.runs import SETTLED_M as REFEREE_SETTLED_M
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
@@ -91,7 +91,7 @@ def test_the_errors_are_those_that_the_list_of_flights_shows() -> None:
 def test_settling_time_and_saturation_are_close_to_what_the_referee_saw_of_the_truth() -> None:
     verdict = recorded(duration_s=17.0)[1].verdict
     assert verdict.settle_s is not None
-    assert REFEREE_SETTLED_M == 0.10
+    assert SETTLED_M == 0.10
     assert facts()["error"]["settle_s"] == pytest.approx(verdict.settle_s, abs=0.1)
     assert facts()["actuation"]["saturated_fraction_steady"] == pytest.approx(verdict.saturated_fraction, abs=1e-3)
     assert facts()["certificate"]["fractions"].get("suspended", 0.0) == pytest.approx(verdict.certificate_suspended)

@@ -43,7 +43,7 @@ from groundstation.analysis.evidence.shadow import (
     replay,
     thrust_shares,
 )
-from groundstation.analysis.identify import LEAST_S, FlightStretch, StretchTooShort, find_stretch, identify
+from groundstation.analysis.identify import LEAST_S, WIDE, FlightStretch, StretchTooShort, find_stretch, identify
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.estimation import (
     JITTER_SHOWS,
@@ -80,8 +80,6 @@ LOOP_SETTLES_S = 1.0
 """Time until the tried loop has forgotten its start [s]."""
 EXPLAINED = 0.5
 """A loop that explains a smaller share of what the attitude did is none."""
-WIDE = 1.96
-"""Deviations to either side of a 95 % interval."""
 
 
 class AttitudeLoop(NamedTuple):

@@ -1,6 +1,6 @@
 """Thrust, lags, delay, drag and noise of a vehicle from a recorded flight."""
 
-from groundstation.analysis.identify.command import find_outside, identify, identify_command
+from groundstation.analysis.identify.command import WIDE, find_outside, identify, identify_command
 from groundstation.analysis.identify.stretch import (
     LEAST_S,
     FlightStretch,

@@ -19,6 +19,7 @@ from groundstation.core.messages import (
     MEAN_S,
     ROUNDING_S,
     SATURATION_FROM_S,
+    SETTLED_M,
     STEADY_S,
     DisturbanceMeter,
 )
@@ -259,8 +260,6 @@ def _number(value: float | None) -> float:
 
 PAPER = {"rms_cm": 4.61, "max_cm": 7.6, "settle_s": 5.0}
 """Figures of the paper's own flight."""
-SETTLED_M = 0.10
-"""Settled once the error stays below this [m]."""
 ABOUT = ("vehicle", "controller", "trajectory", "scenario", "seed", "clock", "started")
 PROGRAM = ("version", "git", "python", "system", "packages")
 

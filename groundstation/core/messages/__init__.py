@@ -21,6 +21,7 @@ from groundstation.core.messages.snapshot import (
     MOST_POINTS,
     ROUNDING_S,
     SATURATION_FROM_S,
+    SETTLED_M,
     STEADY_S,
     TURN_DEG,
     Ask,

@@ -19,6 +19,8 @@ from groundstation.core.vehicle import ActuatorCommand, Motion
 from links.core import Command, LinkStatus
 from links.text import Numbers, Sentence, Severity
 
+SETTLED_M = 0.10
+"""A flight has settled once its error stays below this [m]."""
 STEADY_S = 15.0
 """The steady part of a flight starts here on its trajectory [s], and ends where that is left."""
 SATURATION_FROM_S = 5.0

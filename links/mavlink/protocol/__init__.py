@@ -14,6 +14,7 @@ from links.mavlink.protocol.codec import (
     PX4,
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
+    EstimatorFlag,
     EstimatorKind,
     MavFrame,
     MavlinkCodec,

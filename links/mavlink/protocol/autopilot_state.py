@@ -4,7 +4,7 @@ import math
 from collections import deque
 from typing import Any
 
-from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4, MavSeverity, Message
+from links.mavlink.protocol.codec import ARDUPILOT, ARMED, PX4, EstimatorFlag, MavSeverity, Message
 from links.text import printable
 
 PX4_MODES = {
@@ -31,16 +31,10 @@ ESTIMATE_HZ = 2.0
 """Requested rate of the estimator's status [Hz]."""
 ESTIMATE_OLD_S = 2.5
 """An estimator status older than this does not count [s]; unasked, autopilots send one a second."""
-_SPEED = 2 | 4
-"""Flags: horizontal and vertical velocity are good."""
-_PLACE = 8 | 16
-"""Flags: relative or absolute horizontal position is good."""
-_HEIGHT = 32 | 64
-"""Flags: absolute height or height above ground is good."""
-_CONSTANT = 128
-"""Flag: the estimator believes that the vehicle stands still."""
-_LAST = 1024
-"""Flag: GPS jumps (PX4) or estimator not initialised yet (ArduPilot)."""
+_SPEED = EstimatorFlag.VELOCITY_HORIZONTAL | EstimatorFlag.VELOCITY_VERTICAL
+_PLACE = EstimatorFlag.POSITION_RELATIVE | EstimatorFlag.POSITION_ABSOLUTE
+_HEIGHT = EstimatorFlag.HEIGHT_ABSOLUTE | EstimatorFlag.HEIGHT_ABOVE_GROUND
+_DOUBTED = EstimatorFlag.CONSTANT_POSITION | EstimatorFlag.GPS_JUMPS
 FOLLOWING = ("OFFBOARD", "GUIDED", "GUIDED_NOGPS")
 """Modes in which an autopilot follows set-points."""
 
@@ -99,7 +93,7 @@ class Vitals:
 def knows_itself(flags: int) -> bool:
     """Whether ESTIMATOR_STATUS.flags or EKF_STATUS_REPORT.flags tell of speed, height and some horizontal position."""
     known = flags & _SPEED == _SPEED and bool(flags & _PLACE) and bool(flags & _HEIGHT)
-    return known and not flags & (_CONSTANT | _LAST)
+    return known and not flags & _DOUBTED
 
 
 def mode_name(autopilot: int, custom_mode: int) -> str:

@@ -24,7 +24,7 @@ import importlib
 import re
 import sys
 from collections import Counter
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from typing import Any, TypeAlias
 
 from links.mavlink.protocol.signing import SIGNATURE_BYTES, SIGNED, V2, Signer
@@ -88,6 +88,24 @@ class EstimatorKind(IntEnum):
     VISION = 2
     VIO = 3
     AUTOPILOT = 8
+
+
+class EstimatorFlag(IntFlag):
+    """ESTIMATOR_STATUS_FLAGS, and EKF_STATUS_FLAGS but for the last: what an estimator knows."""
+
+    ATTITUDE = 1
+    VELOCITY_HORIZONTAL = 2
+    VELOCITY_VERTICAL = 4
+    POSITION_RELATIVE = 8
+    POSITION_ABSOLUTE = 16
+    HEIGHT_ABSOLUTE = 32
+    HEIGHT_ABOVE_GROUND = 64
+    CONSTANT_POSITION = 128
+    """It believes that the vehicle stands still."""
+    PREDICTED_RELATIVE = 256
+    PREDICTED_ABSOLUTE = 512
+    GPS_JUMPS = 1024
+    """Of ArduPilot: it is not initialised yet."""
 
 
 NAV_LAND = 21

@@ -7,7 +7,7 @@ import pytest
 
 from groundstation.core.geometry import so3
 from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, NAV_LAND, SET_MESSAGE_INTERVAL, MavlinkCodec
-from sim.autopilots.dialects import ARMING_DELAY_S, GUIDED, GUIDED_NOGPS, LAND, ArduPilotAutopilot
+from sim.autopilots.dialects import ARMING_DELAY_S, ArduPilotAutopilot, CopterMode
 from tests.airframe_double import Brick
 
 PERIOD_S = 0.02
@@ -54,7 +54,7 @@ class Flight:
         (ack,) = [m for m in self.heard if m.get_type() == "COMMAND_ACK"]
         return int(ack.result)
 
-    def arm(self, mode: int = GUIDED) -> "Flight":
+    def arm(self, mode: int = CopterMode.GUIDED) -> "Flight":
         assert self.command(DO_SET_MODE, 1.0, float(mode)) == 0
         assert self.command(ARM_DISARM, 1.0) == 0
         self.wait(ARMING_DELAY_S)
@@ -69,16 +69,16 @@ class Flight:
 
 
 def test_its_heartbeat_is_ardupilots() -> None:
-    flight = Flight().arm(GUIDED_NOGPS)
+    flight = Flight().arm(CopterMode.GUIDED_NOGPS)
     beat = [m for m in flight.heard if m.get_type() == "HEARTBEAT"][-1]
-    assert (beat.autopilot, beat.type, beat.custom_mode, beat.base_mode) == (3, 2, GUIDED_NOGPS, 129)
+    assert (beat.autopilot, beat.type, beat.custom_mode, beat.base_mode) == (3, 2, CopterMode.GUIDED_NOGPS, 129)
 
 
 def test_it_arms_in_guided_without_a_stream_and_nowhere_else() -> None:
     flight = Flight()
     assert flight.command(ARM_DISARM, 1.0) == 4
     assert "RC not found" in flight.words
-    assert flight.command(DO_SET_MODE, 1.0, float(LAND)) == 0
+    assert flight.command(DO_SET_MODE, 1.0, float(CopterMode.LAND)) == 0
     assert flight.command(ARM_DISARM, 1.0) == 4
     assert "not armable" in flight.words
     flight.arm()
@@ -131,7 +131,7 @@ def test_set_points_that_stop_are_held_for_three_seconds_then_it_levels_and_says
     assert abs(flight.climb_m_s()) < 0.1
     assert flight.words == ""
     beats = [m for m in flight.heard if m.get_type() == "HEARTBEAT"]
-    assert {(m.custom_mode, m.system_status) for m in beats} == {(GUIDED, 4)}
+    assert {(m.custom_mode, m.system_status) for m in beats} == {(CopterMode.GUIDED, 4)}
     flight.stream(PERIOD_S, 0.6)
     assert flight.airframe.acts[-1][1] == pytest.approx(0.6)
 
@@ -161,7 +161,7 @@ def test_after_a_flight_it_refuses_to_disarm_in_guided_and_mode_land_disarms() -
     flight.stream(1.5, 0.01)
     assert flight.airframe.truth(flight.now).on_ground
     assert flight.command(ARM_DISARM, 0.0) == 4
-    assert flight.command(DO_SET_MODE, 1.0, float(LAND)) == 0
+    assert flight.command(DO_SET_MODE, 1.0, float(CopterMode.LAND)) == 0
     flight.wait(3.0)
     assert not flight.autopilot.armed
     assert flight.airframe.powered[-1][1] is False
