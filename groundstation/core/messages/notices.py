@@ -193,7 +193,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "see that only one station uses this bridge",
         Severity.WARNING,
     ),
-    NoticeTemplate("link.flown", "during the flight {says}"),
+    NoticeTemplate("link.flown", "during the flight {says}", "", _WARN),
     NoticeTemplate(
         "qualisys.too_old",
         "QTM at {server} speaks no version of its real-time protocol from {newest} down to {oldest}",
