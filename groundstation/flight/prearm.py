@@ -21,6 +21,7 @@ from groundstation.config import ConfigError
 from groundstation.core.control import Law, thrust_bound
 from groundstation.core.geometry import Vec3, angle_deg, third_column
 from groundstation.core.messages import (
+    USUAL_POSE_DROPS,
     Check,
     Others,
     Pose,
@@ -58,7 +59,7 @@ from groundstation.flight.hold_to_run import HoldToRun
 from groundstation.flight.mission_executive import Course, MissionExecutive
 from groundstation.machine import FILE, RecordingConfig, Running, folder_of, is_ours, socket_path
 from groundstation.pose import check_stamp_rate
-from groundstation.pose.sources import describe_drop, describe_unsteady_clock
+from groundstation.pose.sources import describe_drop, describe_origin_moves, describe_unsteady_clock
 from groundstation.settings import Config, FlightConfig
 from links.core import CommandLink, LinkError, LinkKind, LinkStatus
 from links.io import is_pseudo_terminal, read_key
@@ -449,7 +450,9 @@ def explain_drops(source: PoseStatus) -> Sentence | None:
         return notice("pose.advice", says=source.advice)
     if not any(dropped.values()):
         return None
-    reason = max(dropped, key=lambda reason: dropped[reason])
+    losses = {reason: count for reason, count in dropped.items() if count and reason not in USUAL_POSE_DROPS}
+    most = losses or dropped
+    reason = max(most, key=lambda reason: most[reason])
     return notice("pose.most_dropped", count=dropped[reason], why=describe_drop(reason))
 
 
@@ -488,7 +491,8 @@ class Checks:
         poses = list(standing.poses)
         source = PoseStatus(accepted=len(poses), dropped={}) if source is None else source
         if len(poses) < 2:
-            why = explain_drops(source) or notice("pose.check_source")
+            moves = describe_origin_moves(source.origin_moves) if source.origin_moves > 1 else None
+            why = moves or explain_drops(source) or notice("pose.check_source")
             nothing = report("poses", Verdict.FAIL, "pose.none", why=why)
             return [nothing, self._arm(link), self._frames(link), *self._still]
         place = standing.place_ned
@@ -498,7 +502,7 @@ class Checks:
             self._deadline(),
             self._props_off(link),
             self._noise(noise_m, tilt_noise_deg(poses)),
-            self._rest(poses),
+            self._rest(poses, source),
             self._tilt(poses[-1]),
             self._witness(witness),
             self._floor(poses[-1], place),
@@ -568,7 +572,11 @@ class Checks:
         worst = next((one for one in (Verdict.FAIL, Verdict.WARN) if one in verdicts), Verdict.PASS)
         return report("pose noise", worst, "check.pose_noise", noise_mm=1e3 * noise_m, noise_deg=noise_deg)
 
-    def _rest(self, poses: list[Pose]) -> Check:
+    def _rest(self, poses: list[Pose], source: PoseStatus) -> Check:
+        if source.origin_moves > 1:
+            many = source.origin_moves > self._config.guards.pose_resets
+            verdict = Verdict.FAIL if many else Verdict.WARN
+            return Check.of("at rest", verdict, describe_origin_moves(source.origin_moves))
         far = max(math.dist(poses[0].position_ned, pose.position_ned) for pose in poses)
         limit = MOVED_M if poses[0].velocity_ned is None else WANDERED_M
         return report("at rest", find_verdict(far, limit, limit), "check.at_rest", spread_cm=100.0 * far)
@@ -971,6 +979,8 @@ class PrearmSequence:
         pose = self._config.pose
         if pose.by_autopilot:
             said = f"; it said last: “{self._link.status.text}”" if self._link.status.text else ""
+            if hint := explain_drops(self._source.status):
+                said = f"; {hint}{said}"
             return notice("pose.no_estimate", said=said)
         told = {pose.address_key: pose.address, pose.body_key: pose.body_name}
         keys = ", ".join(f"pose.{key} = {value}" for key, value in told.items() if key)

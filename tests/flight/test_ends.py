@@ -177,6 +177,24 @@ def test_an_autopilot_that_is_heard_and_knows_no_position_yet_is_told_as_that() 
     assert "Config(" not in scene.outcome.reason
 
 
+def test_an_autopilot_whose_odometry_has_failed_is_told_as_that() -> None:
+    async def script(_: Flight, stage: Stage) -> None:
+        build = stage.autopilot._build
+        number = stage.autopilot.codec.message_number("ODOMETRY")
+        whole = build[number]
+
+        def build_failed(now_s: float, boot_s: float) -> Any:
+            message = whole(now_s, boot_s)
+            message.quality = -1
+            return message
+
+        build[number] = build_failed
+
+    scene = play(script, {}, "pose.kind=mavlink")
+    assert scene.outcome.state is State.ABORTED
+    assert "were dropped: failed (the sender says that its odometry has failed" in scene.outcome.reason
+
+
 def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
     when: list[float] = []
 

@@ -78,7 +78,9 @@ def find_link_drops(link: LinkStatus, before: LinkStatus | None = None) -> list[
         total = count + sent if limit.leaves else came
         if count and (limit.share == EACH or (count >= FEW and count > limit.share * total)):
             numbers = {"count": count, "total": total, "percent": 100.0 * count / total}
-            says = notice(f"link.{reason}", addresses=", ".join(link.other_addresses), **numbers)
+            is_own = reason == "other_address" and bool(link.warning) and len(link.other_addresses) == 1
+            name = "link.second_path" if is_own else f"link.{reason}"
+            says = notice(name, addresses=", ".join(link.other_addresses), **numbers)
             found.append(DropCount(reason, count, says))
     return found
 

@@ -102,6 +102,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         'write pose.server = "{address}:{port}"',
         Severity.WARNING,
     ),
+    NoticeTemplate(
+        "pose.origin_moves",
+        "the source of the poses moved its origin {count} times within {within_s:g} s",
+        "see that one estimator alone sends them, and that it has settled before you arm",
+        Severity.WARNING,
+    ),
     NoticeTemplate("pose.none", "no poses: {why}"),
     NoticeTemplate("pose.few_dropped", "fewer than 1 % were dropped, {total} accepted"),
     NoticeTemplate("pose.dropped", "{count} of {total} poses were dropped, limit 1 %: {why}"),
@@ -141,6 +147,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "link.other_address",
         "{count} datagrams came from another address than the vehicle's ({addresses}) and were ignored",
         "find out who else sends to this port, and give it another one",
+        Severity.WARNING,
+    ),
+    NoticeTemplate(
+        "link.second_path",
+        "{count} datagrams of the vehicle came by a second path ({addresses}) and were ignored",
+        "end that path: commands go by the first",
         Severity.WARNING,
     ),
     NoticeTemplate(

@@ -55,6 +55,8 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """Lasting delay of poses above their best [s]; 0 where there is none."""
     stamp_rate: float | None = None
     """Seconds that pass by the stamps in one second of ours [-]; None where it is not known."""
+    origin_moves: int = 0
+    """Number of times that the source moved its origin of late."""
     unsteady_clock: bool = False
     """Whether the source's clock steps again and again: it does not tell how old a pose is."""
     advice: str = ""

@@ -13,6 +13,7 @@ from groundstation.pose.sources.intake import (
     GatedSource,
     Intake,
     describe_drop,
+    describe_origin_moves,
     describe_unsteady_clock,
 )
 from groundstation.pose.sources.json_codec import JsonReader

@@ -554,6 +554,10 @@ odd one comes near enough by chance, and would throw the estimate. It is never m
 pose is ago, a place that was shown a little aside is not where the vehicle has flown."""
 EXACT_TOLERANCE = 1e-6
 """An attitude whose squared length is no further from 1 stays as it is: 32-bit floats leave it so."""
+MOVES_S = 5.0
+"""Moves of the source's origin are counted within this time [s], as the guard against them does."""
+MANY_MOVES = 3
+"""From so many moves within ``MOVES_S`` on they are told as one fault, not each by itself."""
 UNANNOUNCED = 1 << 32
 """Added to ``reset_count`` with each place that was not announced: no source counts that far."""
 
@@ -627,6 +631,8 @@ class Gate:
         self._track: PoseTrack | None = None
         self._other: PoseTrack | None = None
         self._unannounced = 0
+        self._moved_s: deque[float] = deque()
+        self._moves_again = False
         self._raw: Pose | None = None
         self._since_s = 0.0
 
@@ -634,6 +640,12 @@ class Gate:
     def newest(self) -> Pose | None:
         """The newest pose that has passed."""
         return None if self._track is None else self._track.last
+
+    def count_moves(self, now_s: float) -> int:
+        """Count the moves of the source's origin within ``MOVES_S`` before ``now_s`` [s]."""
+        while self._moved_s and now_s - self._moved_s[0] >= MOVES_S:
+            self._moved_s.popleft()
+        return len(self._moved_s)
 
     def take(self, pose: Pose) -> tuple[Pose | None, PoseEvent | None]:
         """``pose``, perhaps straightened, or None where it is dropped and counted; and what is to be told of it."""
@@ -708,7 +720,20 @@ class Gate:
         last = self._track.last
         turn, far = turned_deg(last.attitude, pose.attitude), math.dist(last.position_ned, pose.position_ned)
         self._track, self._other = PoseTrack(pose, self._config), None
-        return self._add_moves(pose), PoseEvent(kind, "", notice("pose.elsewhere", far_m=far, turn_deg=turn, why=why))
+        text = self._tell_move(pose.arrival_s, notice("pose.elsewhere", far_m=far, turn_deg=turn, why=why))
+        return self._add_moves(pose), PoseEvent(kind, "", text)
+
+    def _tell_move(self, now_s: float, told: Sentence) -> Sentence | None:
+        """``told`` of a move of the origin at ``now_s`` [s]; of many in a row one that tells of all, then none."""
+        self._moved_s.append(now_s)
+        moves = self.count_moves(now_s)
+        if moves < MANY_MOVES:
+            self._moves_again = False
+            return told
+        if self._moves_again:
+            return None
+        self._moves_again = True
+        return describe_origin_moves(moves)
 
 
 class PoseTrack:
@@ -798,6 +823,7 @@ class Outbreaks:
         self._late_s = 0.0
         self._late_until_s = 0.0
         self._unsteady = False
+        self._advice = ""
 
     def look(
         self,
@@ -820,12 +846,15 @@ class Outbreaks:
             before = self._counts.get(reason, 0)
             if count == before:
                 continue
-            if reason not in self._running:
+            by_source = advice if reason == "other_address" else ""
+            is_new = reason not in self._running
+            if is_new:
                 self._running[reason] = _Outbreak(before, now_s if self._looked_s is None else self._looked_s)
-                by_source = advice if reason == "other_address" else ""
+            if is_new or by_source not in ("", self._advice):
                 text = notice("pose.advice", says=by_source) if by_source else None
                 text = text or notice("pose.dropping", why=describe_drop(reason))
                 events.append(PoseEvent("dropping", reason, text))
+            self._advice = by_source or self._advice
             self._running[reason].newest_s = now_s
         self._counts, self._looked_s = dict(dropped), now_s
         for reason, outbreak in [*self._running.items()]:
@@ -876,6 +905,11 @@ class _Outbreak:
         self.begun_s = self.newest_s = begun_s
 
 
+def describe_origin_moves(count: int) -> Sentence:
+    """Describe a source that moves its origin again and again, and the remedy."""
+    return notice("pose.origin_moves", count=count, within_s=MOVES_S)
+
+
 def describe_unsteady_clock() -> Sentence:
     """Describe a clock that steps again and again, and the remedy."""
     return notice("pose.unsteady_clock", count=BREAKS, within_s=UNSTEADY_S)
@@ -923,10 +957,13 @@ class GatedSource:
     def status(self) -> PoseStatus:
         """The source's, and what the gate has dropped."""
         status, dropped = self._source.status, self._gate.dropped
-        if not dropped:
+        newest = self._gate.newest
+        moves = 0 if newest is None else self._gate.count_moves(newest.arrival_s)
+        if not dropped and not moves:
             return status
         return msgspec.structs.replace(
             status,
+            origin_moves=moves,
             accepted=status.accepted - dropped.total(),
             dropped=dict(Counter(status.dropped) + dropped),
         )

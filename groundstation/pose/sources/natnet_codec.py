@@ -415,7 +415,7 @@ class NatNetReader:
         self._others: dict[int, str] = {}
         self._keep_alive = keep_alive
         self._ask_server = self._ask_bitstream = False
-        self._silent_beats = 0
+        self._silent_beats = self._frameless_beats = 0
         self._advice = ""
 
     @property
@@ -430,6 +430,7 @@ class NatNetReader:
     def due(self) -> list[bytes]:
         """Return the messages to send to the server now; called once a beat (about 0.5 s)."""
         self._silent_beats += 1
+        self._frameless_beats += 1
         if self.server is None or self._silent_beats > SILENT_BEATS:
             asked = [message(NatNetMessage.REQUEST, ASK_BITSTREAM)] if self._ask_bitstream else []
             return [*asked, message(NatNetMessage.CONNECT, b"Ping\0")]
@@ -443,13 +444,16 @@ class NatNetReader:
     def take_from_other(self, datagram: bytes, address: str, port: int) -> None:
         """Count a datagram from another ``address`` than the server's, which has the command ``port``.
 
-        While the server itself is silent, its answer may have come from a second address of its own.
+        While the server itself is silent, or answers and streams nothing, what it should have sent
+        may have come from a second address of its own.
         """
         self._intake.drop("other_address")
-        if self.server is not None and self._silent_beats <= ANSWER_BEATS:
-            return
         with suppress(UnreadableNatNet):
-            if split(datagram)[0] in (NatNetMessage.SERVERINFO, NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
+            number = split(datagram)[0]
+            missed = self._frameless_beats if number == NatNetMessage.FRAMEOFDATA else self._silent_beats
+            if self.server is not None and missed <= ANSWER_BEATS:
+                return
+            if number in (NatNetMessage.SERVERINFO, NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
                 self._advice = notice("pose.other_server", address=address, port=port).text
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
@@ -484,7 +488,7 @@ class NatNetReader:
             self._ask_names = self._id is None or (others is not None and len(self._others) < len(others.names))
         else:
             frame = decode_frame(payload, self.server.version)
-            self._silent_beats, self._advice = 0, ""
+            self._silent_beats, self._frameless_beats, self._advice = 0, 0, ""
             self._intake.mark_alive(arrival_s)
             return self._pose(frame, self.server.ticks_per_s, arrival_s)
         return None

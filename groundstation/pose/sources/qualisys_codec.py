@@ -76,9 +76,14 @@ class Framer:
         return packets
 
 
+def packet_type(packet: bytes) -> int:
+    """The type of a whole packet, see :class:`RtPacket`."""
+    return int(_HEADER.unpack_from(packet)[1])
+
+
 def is_sane(packet: bytes) -> bool:
     """Whether the components of a data packet have a size and end within it; other packets are taken as they are."""
-    if _HEADER.unpack_from(packet)[1] != RtPacket.DATA:
+    if packet_type(packet) != RtPacket.DATA:
         return True
     _, _, components = _DATA.unpack_from(packet, _HEADER.size)
     at = _HEADER.size + _DATA.size

@@ -14,7 +14,7 @@ from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.core.messages import SourceError, notice
-from groundstation.pose.sources.qualisys_codec import Framer, is_sane
+from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, is_sane, packet_type
 from links.io import NETWORK
 from links.text import printable
 
@@ -46,6 +46,8 @@ class QtmConnection(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         """Take the next bytes (called by the event loop)."""
         for packet in self._framer.feed(data):
+            if packet_type(packet) == RtPacket.NO_DATA:
+                self._drop("no_data")
             try:
                 if not is_sane(packet):
                     raise ValueError("components of no size, or beyond the packet")

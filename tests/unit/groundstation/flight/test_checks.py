@@ -84,6 +84,9 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
     ("pose noise", {"stands": standing(noise_deg=0.35), "noise_m": 0.006}, Verdict.FAIL),
     ("at rest", {"stands": standing(drift_m=0.02)}, Verdict.PASS),
     ("at rest", {"stands": standing(drift_m=0.1)}, Verdict.FAIL),
+    ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=1)}, Verdict.PASS),
+    ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=2)}, Verdict.WARN),
+    ("at rest", {"source": PoseStatus(accepted=50, dropped={}, origin_moves=5)}, Verdict.FAIL),
     ("tilt", {}, Verdict.PASS),
     ("tilt", {"stands": standing(tilt_deg=8.0)}, Verdict.WARN),
     ("tilt", {"stands": standing(tilt_deg=20.0)}, Verdict.FAIL),
@@ -223,6 +226,25 @@ def test_without_poses_the_commonest_reason_is_named_with_its_meaning() -> None:
     source = PoseStatus(accepted=1, dropped={"not_tracked": 3, "same_stamp": 70})
     failures = checked(source, StandingPoses(), {"kind": "json"})
     assert "70 were dropped: same_stamp (the sender does not set its time stamp" in failures
+
+
+def test_without_poses_a_loss_is_named_before_what_else_comes_to_the_port() -> None:
+    source = PoseStatus(accepted=0, dropped={"not_finite": 20, "other_message": 900})
+    assert "20 were dropped: not_finite" in checked(source, StandingPoses(), {"kind": "vision"})
+
+
+def test_an_origin_that_moves_at_every_pose_is_the_reason_why_none_stands() -> None:
+    source = PoseStatus(accepted=90, dropped={"late": 3}, origin_moves=60)
+    assert "moved its origin 60 times within 5 s" in checked(source, StandingPoses(), {"kind": "vision"})
+
+
+def test_a_second_path_of_the_vehicle_is_no_stranger() -> None:
+    given = {"dropped": {"other_address": 9}, "other_addresses": ("192.168.1.7:14550",)}
+    assert "who else sends" in check("link drops", **given).says
+    says = check("link drops", warning="the autopilot is heard from two addresses", **given).says
+    assert "9 datagrams of the vehicle came by a second path (192.168.1.7:14550)" in says
+    given["other_addresses"] = (*given["other_addresses"], "192.168.1.9:14550")
+    assert "who else sends" in check("link drops", warning="the autopilot is heard from two", **given).says
 
 
 def test_what_fails_is_one_sentence_and_all_of_it_a_list() -> None:

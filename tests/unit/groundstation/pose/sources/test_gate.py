@@ -205,6 +205,19 @@ def test_what_the_source_itself_has_moved_is_believed_at_once() -> None:
     assert not gate.dropped
 
 
+def test_an_origin_that_moves_at_every_pose_is_told_as_one_fault_and_counted_while_it_lasts() -> None:
+    gate = gate_in_flight()
+    passed, events = flown(gate, (pose(n, reset_count=n % 256) for n in range(20, 400)))
+    assert len(passed) == 380, "the source may say so"
+    told = [str(event.text) for event in events if event.text is not None]
+    assert len(told) == 3, "two moves, and that there are many"
+    assert "moved its origin 3 times within 5 s" in told[-1]
+    assert gate.count_moves(passed[-1].arrival_s) > 200
+    assert gate.count_moves(passed[-1].arrival_s + 6.0) == 0
+    _, events = flown(gate, (pose(n, reset_count=1000) for n in range(800, 900)))
+    assert [event.text is not None for event in events] == [True], "a single one is told as such again"
+
+
 @given(
     st.lists(
         st.builds(
@@ -253,6 +266,18 @@ def test_drops_soon_after_each_other_are_one_outbreak_and_later_ones_another() -
     assert looks(outbreaks, until_s=2.0, dropped={"jump": 2}) == []
     assert looks(outbreaks, until_s=5.1 + QUIET_S, dropped={"jump": 2}) == ["passed"]
     assert looks(outbreaks, until_s=9.0, dropped={"jump": 3}) == ["dropping"]
+
+
+def test_what_the_source_finds_out_while_an_outbreak_lasts_is_told_once() -> None:
+    outbreaks = Outbreaks(COAST_S)
+    told = [
+        str(event.text)
+        for n in range(60)
+        for event in outbreaks.look(0.05 * n, {"other_address": n}, None, advice="ask 10.0.0.7" if n > 20 else "")
+    ]
+    assert len(told) == 2
+    assert "somebody else sends" in told[0]
+    assert told[1] == "ask 10.0.0.7"
 
 
 def test_poses_are_lost_once_and_back_once() -> None:

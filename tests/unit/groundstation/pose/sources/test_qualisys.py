@@ -207,6 +207,16 @@ def test_an_older_qtm_is_asked_for_older_versions_on_a_new_connection_each(
     scene(play, run)
 
 
+def test_a_qtm_that_says_that_it_has_no_data_is_counted() -> None:
+    async def play(room: Room) -> None:
+        await room.more()
+        room.say(qtm.packet(qtm.RtPacket.NO_DATA, b""))
+        await room.more()
+        assert room.source.status.dropped == {"no_data": 1}
+
+    scene(play)
+
+
 @in_virtual_time
 async def test_without_a_measurement_the_operator_is_asked_for_one() -> None:
     config = QualisysConfig(server=await free_address())
