@@ -124,15 +124,22 @@ class StatusText:
         """``sender`` is its system and component; ``number`` is STATUSTEXT.id, 0 of a text of one part."""
         self._whose = sender, number, severity
         self._parts: dict[int, str] = {}
+        self._newest = (-1, "")
         self.severity = severity
 
-    def takes(self, sender: tuple[int, int], number: int, severity: int, part: int) -> bool:
-        """Whether ``part`` (STATUSTEXT.chunk_seq) belongs to this text."""
-        return number != 0 and self._whose == (sender, number, severity) and part not in self._parts
+    def takes(self, sender: tuple[int, int], number: int, severity: int, part: int, text: str) -> bool:
+        """Whether ``part`` (STATUSTEXT.chunk_seq), which reads ``text``, belongs to this text.
+
+        A network may deliver a datagram twice.
+        """
+        if number == 0 or self._whose != (sender, number, severity):
+            return False
+        return part not in self._parts or self._newest == (part, text)
 
     def add(self, part: int, text: str) -> None:
         """Take one part."""
         self._parts[part] = text
+        self._newest = part, text
 
     def show(self) -> str:
         """The text, fit to be shown; what has not come is marked."""
@@ -156,7 +163,7 @@ class Words:
         sender = message.get_srcSystem(), message.get_srcComponent()
         number, severity, part = message.id, message.severity, message.chunk_seq
         for text in reversed(self._texts):  # a restarted autopilot counts its texts anew
-            if text.takes(sender, number, severity, part):
+            if text.takes(sender, number, severity, part, message.text):
                 text.add(part, message.text)
                 return
         begun = StatusText(sender, number, severity)

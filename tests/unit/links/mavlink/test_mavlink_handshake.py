@@ -251,6 +251,11 @@ def test_pieces_are_joined_by_their_sender_and_number_also_with_others_between()
     assert FIRST.decode() + " to arm" in [text.show() for text in words._texts]
 
 
+def test_a_piece_that_is_delivered_twice_is_one_piece() -> None:
+    words = heard((7, 0, FIRST), (7, 0, FIRST), (7, 1, SECOND), (7, 1, SECOND), (7, 2, LAST), (7, 2, LAST))
+    assert words.complaints() == f"“{WHOLE}”"
+
+
 def test_a_number_that_is_used_again_begins_a_new_text() -> None:
     words = heard((7, 0, b"first"), (7, 0, b"second"))
     assert words.complaints() == "“first”; “second”"
