@@ -239,7 +239,7 @@ def test_an_origin_that_moves_at_every_pose_is_the_reason_why_none_stands() -> N
 
 
 def test_a_second_path_of_the_vehicle_is_no_stranger() -> None:
-    given = {"dropped": {"other_address": 9}, "other_addresses": ("192.168.1.7:14550",)}
+    given: dict[str, Any] = {"dropped": {"other_address": 9}, "other_addresses": ("192.168.1.7:14550",)}
     assert "who else sends" in check("link drops", **given).says
     says = check("link drops", warning="the autopilot is heard from two addresses", **given).says
     assert "9 datagrams of the vehicle came by a second path (192.168.1.7:14550)" in says
