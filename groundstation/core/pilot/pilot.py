@@ -88,6 +88,10 @@ class _MeanDisturbance:
         """[m/s², NED]; None before the first command."""
         self._over_s, self._effectiveness, self._gravity = 0.0, 1.0, gravity
 
+    def forget(self) -> None:
+        """Begin anew."""
+        self.value, self._over_s = None, 0.0
+
     def add(self, estimate: Estimate, interval_s: float) -> Vec3:
         """Take the estimate of one command, ``interval_s`` [s] after the one before; return the mean."""
         now, scale = estimate.disturbance, estimate.effectiveness
@@ -146,7 +150,7 @@ class Pilot:
         self.response = ResponseLatency()
         """Latency of the vehicle's turns beyond the configured one."""
         self._is_released = self._has_climbed = False
-        self._wind = _MeanDisturbance(config.gravity)
+        self._wind, self._new_wind = _MeanDisturbance(config.gravity), _MeanDisturbance(config.gravity)
         self._reckoning = Reckoning(vehicle, config.gravity)
         self._received = _ReceivedPoses()
         self._last_s: float | None = None
@@ -404,7 +408,12 @@ class Pilot:
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
-        wind = self._wind.add(estimate, interval)
+        asks = self.health.asks  # what false poses make of the disturbance is not leant into
+        wind = self._wind.add(estimate, 0.0 if asks else interval)
+        if asks:
+            self._new_wind.add(estimate, interval)
+        else:
+            self._new_wind.forget()
         if descent is not None and descent.blind:
             wind = descent.wind
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
@@ -515,8 +524,8 @@ class Pilot:
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
-        if asked_before and health.is_confirmed and not health.asks:  # the wind that was new is true
-            self._wind.value = wind = estimator.disturbance
+        if asked_before and health.state is HealthState.OK:  # the wind that was new is true
+            self._wind.value = wind = self._new_wind.value or wind
         if is_high and self._descent is None:
             self.response.pose(pose.attitude, health.turn, dt)
         if health.calm_s == pose.time_s and not self._mode.is_unheard:

@@ -24,16 +24,17 @@ from groundstation.core.safety.pose_response import (
     DIAGONAL,
     LEAST_TURN_RAD,
     LEAST_WAY_M,
+    LINE,
     OWN_TURN,
     OWN_WAY,
     PASS_RAD_S,
+    PLANE,
     TURN_MEMORY_S,
     WAY_MEMORY_S,
     Alarm,
     HighPass,
     LatenessMonitor,
-    LineResponse,
-    PlaneResponse,
+    Response,
 )
 from groundstation.core.vehicle import ActuatorResponse, Motion, new
 
@@ -263,7 +264,7 @@ class TurnTests:
 
     def __init__(self) -> None:
         self._pass = HighPass(2, 6)
-        self._response = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
+        self._response = Response(PLANE, TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
         self._lateness, self._yaw = LatenessMonitor(), YawMonitor()
         self.yaw_alarm = 0.0
         """Turn about the vertical as a share of what fails [-]."""
@@ -296,8 +297,8 @@ class PlaceTests:
 
     def forget(self) -> None:
         """Begin all windows anew."""
-        self._across = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
-        self._height = LineResponse(WAY_MEMORY_S, LEAST_WAY_M)
+        self._across = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
+        self._height = Response(LINE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
 
     def begin(self, speed: Vec3) -> None:
         """Begin with ``speed`` [m/s, NED]."""
@@ -324,7 +325,7 @@ class PlaceTests:
         self._interval_s = mean_s + INTERVAL_SHARE * (dt_s - mean_s)
         if self._settled_s > SETTLE_S and dt_s <= OUTAGE_INTERVALS * mean_s:
             self._across.add((sx - mx, sy - my), (ux, uy), (mx - ux, my - uy), dt_s)
-            self._height.add(sz - mz, uz, mz - uz, dt_s)
+            self._height.add((sz - mz,), (uz,), (mz - uz,), dt_s)
 
     def look(self, noise_m: float) -> tuple[Alarm, Alarm]:
         """Return the alarms across and of the height, of all windows that end now."""

@@ -8,7 +8,9 @@ Along each direction three signals go through the same high pass, which removes 
 
 Over windows that end now, e is regressed on both, e = D_u u + D_v v + r. Wind moves the vehicle and the law follows, so
 v depends on the wind; u does not, and with v regressed out, the wind is left in r and only widens the error of D_u. So
-1 + D_u is the answer to what was asked: 1 for true poses, 0 for a pose that stands, -1 for a mirrored one.
+1 + D_u is the answer to what was asked: 1 for true poses, 0 for a pose that stands, -1 for a mirrored one. By chance v
+may look like u for a while; then D_v v counts for u. The instrument alone, D_u = (u e) / (u c), knows nothing of v: an
+answer accuses only by what both say.
 
 1 + D_v is the answer to what the law does by itself. Under wind alone a true pose moves by -v/L, L
 the loop's gain, whose phase lies between -90 and -270 degrees: Re(-1/L) >= 0, so 1 + D_v is never
@@ -22,11 +24,11 @@ the law answers that. docs/explanation/trust.md has the derivation.
 import math
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from operator import add, sub
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from groundstation.core.vehicle import new
+import numpy as np
+from numpy.typing import NDArray
 
 PASS_RAD_S = 6.0
 """Corner of the high pass [rad/s]: below the tones (10 to 18), above the loop (4 to 6) in which wind is answered."""
@@ -75,8 +77,6 @@ OWN_WAY_MEMORY_S = 1.0 / PASS_RAD_S
 """Correlation time of that residual at the law's own motion [s]: the high pass lets it through."""
 TURN_MEMORY_S = 0.1
 """Correlation time of the residual of attitudes [s]."""
-MODEL_ERROR = 0.05
-"""Share of the law's own motion by which the model may be wrong [-]: 10 ms of lag at the loop's 5 rad/s."""
 NOISE_MEMORY_S = 0.02
 """Correlation time of the poses' own noise [s], at most."""
 LATENESSES_S = (0.1, 0.2, 0.3, 0.4)
@@ -89,7 +89,7 @@ LATE_BETTER = 4.0
 latency is off by 50 ms."""
 
 Pair = tuple[float, float]
-Triple = tuple[float, float, float]
+Array = NDArray[np.float64]
 
 
 class HighPass:
@@ -111,88 +111,14 @@ class HighPass:
 
 
 FEWEST_SAMPLES = 3.5
-"""Independent samples below which a window says nothing [-]: two are spent on D_u and D_v."""
+"""Independent samples below which a window says nothing [-]: two are spent on the two answers."""
+PRIOR_SAMPLES = 3.0
+"""Samples that the granted residual counts for [-]: as many as the shortest window has."""
+ASKED_LEAST = 2.0
+"""Least RMS of what was asked that says anything, as a multiple of the granted residual [-]."""
 RIDGE = 1e-10
-"""Excitation below which nothing was excited [m² s]."""
-
-
-class Excitation(NamedTuple):
-    """Integrals over one window of the products of u and v along one direction; uu and vv are ``RIDGE`` at least."""
-
-    uu: float
-    uv: float
-    vv: float
-    det: float
-    """Determinant of the normal equations, uu vv - uv²."""
-
-
-class Shown(NamedTuple):
-    """Integrals over one window of the products of e: with u, with v and with itself."""
-
-    eu: float
-    ev: float
-    ee: float
-
-
-class Scatter:
-    """Standard errors that a residual leaves over one window: what all directions have in common."""
-
-    __slots__ = (
-        "_freedom_s", "_least2", "_memory_s", "_noise2", "_prior", "_white", "_wider", "asked_least2", "time_s",
-    )  # fmt: skip
-
-    def __init__(self, time_s: float, memory_s: float, least: float, noise: float, own2: float = 0.0) -> None:
-        """Take one window.
-
-        Args:
-            time_s: length of the window [s]: it holds about time_s / memory_s independent samples.
-            memory_s: correlation time of the residual [s].
-            least: residual that is granted at least.
-            noise: white noise of e, 1 sigma.
-            own2: integral of the square of the law's own motion along all directions, which the answer to it needs
-                not: there the model's error is one of the answer.
-        """
-        # Few samples know little of their own scatter: 3 samples' worth of the granted residual as a prior, and a
-        # wider interval, as Student's distribution has it.
-        self._prior = 3.0 * memory_s * least * least + MODEL_ERROR * MODEL_ERROR * own2
-        self._freedom_s = time_s - 2.0 * memory_s
-        self._wider = 1.0 + 4.0 / (time_s / memory_s - 2.0)
-        self._memory_s, self._noise2 = memory_s, noise * noise
-        self._white = time_s * self._noise2
-        self._least2 = self.error(0.0, 1.0) ** 2
-        self.time_s = time_s
-        """Length of the window [s]."""
-        self.asked_least2 = 4.0 * least * least * time_s
-        """Integral of the square of twice the granted residual."""
-
-    def error(self, residual: float, det: float) -> float:
-        """Standard error of D_u for an excitation vv of 1, and of D_v for uu."""
-        beside_noise = (max(residual - self._white, 0.0) + self._prior) / self._freedom_s
-        variance = beside_noise * self._memory_s + self._noise2 * NOISE_MEMORY_S
-        return self._wider * math.sqrt(variance / det)
-
-    def can_tell(self, excitation: float, most_error: float) -> bool:
-        """Whether the standard error can be ``most_error`` or less, by the least residual that there is.
-
-        It is least where u and v have nothing in common: det = uu vv.
-        """
-        return self._least2 <= most_error * most_error * excitation * ROUNDING
-
-    def drowns(self, excited: Excitation) -> bool:
-        """Whether the noise alone leaves a larger error than says anything."""
-        uu, _, vv, det = excited
-        return self._noise2 * NOISE_MEMORY_S * min(uu, vv) > MOST_ERROR * MOST_ERROR * det
-
-
-ROUNDING = 1.0 + 1e-9
-"""Factor on a bound that rounding may exceed it by [-]."""
-
-
-def excess(answer: float, error: float, least: float, most: float) -> float:
-    """How far an answer lies beyond its limits, in shares of ``STANDARD_ERRORS`` [-]; 0 where it says nothing."""
-    if error > MOST_ERROR:
-        return 0.0
-    return max(least - answer, answer - most, 0.0) / (STANDARD_ERRORS * error)
+"""Excitation below which nothing was excited [m² s or rad² s]."""
+DIAGONAL = math.sqrt(0.5)
 
 
 class OwnMotion(NamedTuple):
@@ -210,24 +136,6 @@ OWN_WAY = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S)
 OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD, TURN_MEMORY_S)
 
 
-def own_excess(answer: float, error: float, rms: float, limits: OwnMotion) -> float:
-    """The same of the answer to the law's own motion of ``rms``: wind makes none below 0 but by noise."""
-    if rms < limits.least or error > MOST_OWN_ERROR:
-        return 0.0
-    least = max(LEAST_ANSWER - limits.cancelled / rms, LEAST_OWN_ANSWER)
-    return max(least - answer, 0.0) / (OWN_STANDARD_ERRORS * error)
-
-
-def can_ask(uu: float, scatter: Scatter) -> bool:
-    """Whether so much was asked that the answer can say anything: more than the residual that is granted."""
-    return uu >= scatter.asked_least2 and scatter.can_tell(uu, MOST_ERROR)
-
-
-def can_image(vv: float, scatter: Scatter, limits: OwnMotion) -> bool:
-    """Whether the law's own motion is so large that the answer to it can say anything."""
-    return vv * ROUNDING >= limits.least**2 * scatter.time_s and scatter.can_tell(vv, MOST_OWN_ERROR)
-
-
 class Alarm(NamedTuple):
     """Largest excesses over all directions and windows, as shares of what convicts [-]."""
 
@@ -240,131 +148,123 @@ class Alarm(NamedTuple):
 
 
 NO_ALARM = Alarm(0.0, 0.0, False)
-"""A window that says nothing."""
+"""Windows that say nothing."""
 
 
-def combine(alarms: Iterable[Alarm]) -> Alarm:
-    """Largest alarms of several windows; known where one of them is."""
-    asked, own, known = zip(*alarms, strict=True)
-    return Alarm(max(asked), max(own), any(known))
+def _directions(*along: Sequence[float]) -> Array:
+    """Matrices that take u, v and e of all axes to those along one direction, and to e across it in the last row.
 
-
-def judge_asked(excited: Excitation, shown: Shown, scatter: Scatter) -> tuple[float, bool]:
-    """Excess of the answer along the direction that was asked [-], and whether that answer is known well enough."""
-    (uu, uv, vv, det), (eu, ev, ee) = excited, shown
-    asked, own = (eu * vv - ev * uv) / det, (ev * uu - eu * uv) / det
-    error = scatter.error(ee - asked * eu - own * ev, det) * math.sqrt(vv)
-    return excess(1.0 + asked, error, LEAST_ANSWER, MOST_ANSWER), error <= MOST_ERROR
-
-
-def judge_across(excited: Excitation, shown: Shown, scatter: Scatter) -> float:
-    """Excess of the answer across the direction that was asked [-]; ``shown`` is e across it."""
-    (uu, uv, vv, det), (eu, ev, ee) = excited, shown
-    asked = (eu * vv - ev * uv) / det
-    if abs(asked) <= MOST_CROSS_ANSWER:
-        return 0.0
-    own = (ev * uu - eu * uv) / det
-    error = scatter.error(ee - asked * eu - own * ev, det) * math.sqrt(vv)
-    return excess(abs(asked), error, 0.0, MOST_CROSS_ANSWER)
-
-
-def judge_own(excited: Excitation, shown: Shown, scatter: Scatter, limits: OwnMotion) -> float:
-    """Excess of the answer to the law's own motion [-]."""
-    (uu, uv, vv, det), (eu, ev, ee) = excited, shown
-    own = (ev * uu - eu * uv) / det
-    if 1.0 + own >= LEAST_ANSWER:
-        return 0.0
-    asked = (eu * vv - ev * uv) / det
-    error = scatter.error(ee - asked * eu - own * ev, det) * math.sqrt(uu)
-    return own_excess(1.0 + own, error, math.sqrt(vv / scatter.time_s), limits)
-
-
-class Line(NamedTuple):
-    """One direction in one window: its excitation, its standard errors, and the answers that can say anything."""
-
-    excited: Excitation
-    scatter: Scatter
-    own_scatter: Scatter
-    own_motion: OwnMotion
-    asks: bool
-    """Whether the answer to what was asked can."""
-    images: bool
-    """Whether the answer to the law's own motion can."""
-
-    def judge(self, shown: Shown) -> Alarm:
-        """Return the alarm of e along the direction."""
-        excited, scatter, own_scatter, own_motion, asks, images = self
-        asked, is_known = judge_asked(excited, shown, scatter) if asks else (0.0, False)
-        own = judge_own(excited, shown, own_scatter, own_motion) if images and not is_known else 0.0
-        return new(Alarm, (asked, own, is_known))
-
-
-def open_line(
-    uu: float, uv: float, vv: float, scatter: Scatter, own_scatter: Scatter, own_motion: OwnMotion
-) -> Line | None:
-    """Return the direction of an excitation; None where no answer along it says anything."""
-    uu, vv = uu + RIDGE, vv + RIDGE
-    asks, images = can_ask(uu, scatter), can_image(vv, own_scatter, own_motion)
-    if not (asks or images):
-        return None
-    excited = new(Excitation, (uu, uv, vv, uu * vv - uv * uv))
-    return None if scatter.drowns(excited) else new(Line, (excited, scatter, own_scatter, own_motion, asks, images))
-
-
-class _Windows:
-    """Running integrals, their values at the ends of the past blocks, and the newest alarm of each window.
-
-    The last integral is the time. Longer windows are looked at less often.
+    Shape (directions, 4, 3 axes).
     """
-
-    def __init__(self, count: int, least_s: float) -> None:
-        """``count`` integrals; windows shorter than ``least_s`` say nothing."""
-        self._least_s = least_s
-        self._now = [0.0] * count
-        self._kept: deque[list[float]] = deque([self._now], maxlen=BLOCKS[-1] + 1)
-        self._alarms = [NO_ALARM] * len(BLOCKS)
-        self._count = 0
-
-    def add(self, products: Sequence[float]) -> None:
-        """Add one sample's ``products`` to the integrals."""
-        self._now = list(map(add, self._now, products))
-
-    def look(self, judge_window: Callable[[list[float]], Alarm]) -> Alarm:
-        """Close a block; return the largest alarms of all windows, those that end now judged by ``judge_window``."""
-        self._kept.append(self._now)
-        self._count += 1
-        for i, blocks in enumerate(BLOCKS):
-            if blocks < len(self._kept) and self._count % (blocks // BLOCKS[0]) == 0:
-                begun = self._kept[-blocks - 1]
-                is_long = self._now[-1] - begun[-1] >= self._least_s
-                self._alarms[i] = judge_window(list(map(sub, self._now, begun))) if is_long else NO_ALARM
-        return combine(self._alarms)
+    axes = len(along[0])
+    matrices = np.zeros((len(along), 4, 3 * axes))
+    for matrix, direction in zip(matrices, along, strict=True):
+        for signal in range(3):
+            matrix[signal, signal * axes : (signal + 1) * axes] = direction
+        if axes == 2:
+            matrix[3, 2 * axes :] = -direction[1], direction[0]
+    return matrices
 
 
-class LineResponse:
-    """Response along one line: the height."""
+LINE = _directions((1.0,))
+PLANE = _directions((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DIAGONAL))
+"""Directions of a plane that are looked at: no direction is farther than 22.5 degrees from one of them."""
 
-    def __init__(self, memory_s: float, least: float) -> None:
-        """Begin without a sample; for the arguments see :class:`Scatter`."""
-        self._memory, self._least = memory_s, least
-        self._windows = _Windows(7, FEWEST_SAMPLES * OWN_WAY.memory_s)
 
-    def add(self, e: float, u: float, v: float, dt_s: float) -> None:
-        """Take one sample of the filtered signals."""
-        x, y = u * dt_s, v * dt_s
-        self._windows.add((u * x, u * y, v * y, e * x, e * y, e * e * dt_s, dt_s))
+def _beyond(answers: Array) -> Array:
+    """How far D_u, along and across, lies beyond what is accepted [-]; negative within it. Shape (..., 2)."""
+    along, across = 1.0 + answers[..., 0], np.abs(answers[..., 1])
+    return np.stack([np.maximum(LEAST_ANSWER - along, along - MOST_ANSWER), across - MOST_CROSS_ANSWER], axis=-1)
+
+
+class Response:
+    """Response along and across every direction of a line or a plane: height, roll and pitch, north and east."""
+
+    def __init__(self, directions: Array, memory_s: float, least: float, own_motion: OwnMotion) -> None:
+        """Begin without a sample.
+
+        Args:
+            directions: ``LINE`` or ``PLANE``.
+            memory_s: correlation time of the residual at what is asked [s].
+            least: residual that is granted at least [m or rad].
+            own_motion: limits of v.
+        """
+        self._directions, self._memory_s, self._least, self._own = directions, memory_s, least, own_motion
+        size = directions.shape[2]
+        self._axes = size // 3
+        self._products, self._time_s = np.zeros((size, size)), 0.0
+        self._kept = deque([(0.0, self._products)], maxlen=BLOCKS[-1] + 1)
+
+    def add(self, e: Sequence[float], u: Sequence[float], v: Sequence[float], dt_s: float) -> None:
+        """Take one sample of the filtered signals, one value an axis."""
+        signals = np.array([*u, *v, *e])
+        self._products = self._products + dt_s * np.outer(signals, signals)
+        self._time_s += dt_s
 
     def look(self, noise: float) -> Alarm:
-        """Alarm at the end of a block; ``noise`` is the white noise of e, 1 sigma [m]."""
-        return self._windows.look(lambda sums: self._look_along(sums, noise))
+        """Close a block; return the largest alarms of all windows that end now; known where one of them is.
 
-    def _look_along(self, sums: list[float], noise: float) -> Alarm:
-        """Alarm of one window."""
-        uu, uv, vv, eu, ev, ee, time_s = sums
-        scatter = Scatter(time_s, self._memory, self._least, noise, vv)
-        own_scatter = Scatter(time_s, OWN_WAY.memory_s, self._least, noise)
-        line = open_line(uu, uv, vv, scatter, own_scatter, OWN_WAY)
-        return NO_ALARM if line is None else line.judge(new(Shown, (eu, ev, ee)))
+        ``noise`` is the white noise of e, 1 sigma per axis.
+        """
+        kept, own = self._kept, self._own
+        begun = [kept[-blocks] for blocks in BLOCKS if blocks <= len(kept)]
+        kept.append((self._time_s, self._products))
+        times = [self._time_s - time_s for time_s, _ in begun]
+        long = [n for n, time_s in enumerate(times) if time_s >= FEWEST_SAMPLES * own.memory_s - 1e-9]
+        if not long:
+            return NO_ALARM
+        time_s = np.array([times[n] for n in long])[:, None]
+        products = self._products - np.array([begun[n][1] for n in long])
+        powers = products.diagonal(axis1=1, axis2=2) / time_s
+        axes, granted = self._axes, ASKED_LEAST * self._least
+        asked2, own2 = powers[:, :axes].sum(axis=1), powers[:, axes : 2 * axes].sum(axis=1)
+        if asked2.max() < granted * granted and own2.max() < own.least * own.least:
+            return NO_ALARM
+        along = self._directions @ products[:, None] @ self._directions.transpose(0, 2, 1)
+        asked, is_known = self._judge_asked(along, time_s, noise)
+        images = np.where(is_known, 0.0, self._judge_own(along, time_s, noise))
+        return Alarm(float(asked.max()), float(images.max()), bool(is_known.all(axis=1).any()))
+
+    def _judge_asked(self, along: Array, time_s: Array, noise: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the excess of the answers to what was asked [-], and where the poses are known to answer.
+
+        ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4, 4).
+        """
+        answers, errors = self._regress(along, time_s, self._memory_s, noise)
+        rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
+        says = (errors <= MOST_ERROR) & (rms >= ASKED_LEAST * self._least)[..., None]
+        alone = along[..., 0, 2:] / np.maximum(along[..., 0, 0] + along[..., 0, 1], RIDGE)[..., None]
+        beyond = np.minimum(_beyond(answers), _beyond(alone))
+        excess = np.where(says, np.maximum(beyond, 0.0) / (STANDARD_ERRORS * errors), 0.0).max(axis=-1)
+        return excess, says[..., 0] & (beyond[..., 0] <= 0.0)
+
+    def _judge_own(self, along: Array, time_s: Array, noise: float) -> Array:
+        """Return the excess of the answers to the law's own motion [-]; wind makes none below 0 but by noise."""
+        own, v_first = self._own, (1, 0, 2, 3)
+        answers, errors = self._regress(along[..., v_first, :][..., v_first], time_s, own.memory_s, noise)
+        rms = np.sqrt(np.maximum(along[..., 1, 1], RIDGE) / time_s)
+        least = np.maximum(LEAST_ANSWER - own.cancelled / rms, LEAST_OWN_ANSWER)
+        says = (rms >= own.least) & (errors[..., 0] <= MOST_OWN_ERROR)
+        below = np.maximum(least - 1.0 - answers[..., 0], 0.0)
+        return np.where(says, below / (OWN_STANDARD_ERRORS * errors[..., 0]), 0.0)
+
+    def _regress(self, products: Array, time_s: Array, memory_s: float, noise: float) -> tuple[Array, Array]:
+        """Regress the last two signals, e and e across, on the first two.
+
+        Return their answers to the first signal, and the standard errors of these; shape (windows, directions, 2).
+        """
+        inverse = np.linalg.inv(products[..., :2, :2] + RIDGE * np.eye(2))
+        shown = products[..., :2, 2:]
+        slopes = inverse @ shown
+        residual = products.diagonal(axis1=-2, axis2=-1)[..., 2:] - (slopes * shown).sum(axis=-2)
+        # Few samples know little of their own scatter: some samples' worth of the granted residual as a prior, and a
+        # wider interval, as Student's distribution has it.
+        window_s, noise2 = time_s[..., None], noise * noise
+        prior = PRIOR_SAMPLES * memory_s * self._least * self._least
+        freedom = window_s / memory_s - 2.0
+        beside_noise = (np.maximum(residual - window_s * noise2, 0.0) + prior) / freedom
+        errors = np.sqrt((beside_noise + noise2 * NOISE_MEMORY_S) * inverse[..., 0, 0, None])
+        return slopes[..., 0, :], (1.0 + 4.0 / freedom) * errors
 
 
 class LatenessMonitor:
@@ -397,70 +297,3 @@ class LatenessMonitor:
         if self._time_s < LATE_MEMORY_S or now < LATE_BETTER * (min(later) + noise):
             return 0.0
         return LATENESSES_S[later.index(min(later))]
-
-
-DIAGONAL = math.sqrt(0.5)
-DIRECTIONS: tuple[Pair, ...] = ((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DIAGONAL))
-"""Directions of a plane that are looked at: no direction is farther than 22.5 degrees from one of them."""
-
-
-def most_along(xx: float, xy: float, yy: float) -> float:
-    """Largest excitation along any direction: the larger eigenvalue of a symmetric matrix, with ``RIDGE``."""
-    return 0.5 * (xx + yy + math.hypot(xx - yy, 2.0 * xy)) + RIDGE
-
-
-class PlaneResponse:
-    """Response along every direction of a plane, and across it: roll and pitch, or north and east."""
-
-    def __init__(self, memory_s: float, least: float, own_motion: OwnMotion) -> None:
-        """Begin without a sample; ``own_motion``: limits of v. See :class:`Scatter`."""
-        self._memory, self._least, self._own_motion = memory_s, least, own_motion
-        self._windows = _Windows(22, FEWEST_SAMPLES * own_motion.memory_s)
-
-    def add(self, e: Pair, u: Pair, v: Pair, dt_s: float) -> None:
-        """Take one sample of the filtered signals, x and y of each."""
-        (ex, ey), (ux, uy), (vx, vy) = e, u, v
-        p, q, r, s, a, b = ux * dt_s, uy * dt_s, vx * dt_s, vy * dt_s, ex * dt_s, ey * dt_s
-        products = (
-            ux * p, ux * q, uy * q, ux * r, ux * s, uy * r, uy * s, vx * r, vx * s, vy * s,
-            ex * p, ex * q, ey * p, ey * q, ex * r, ex * s, ey * r, ey * s, ex * a, ex * b, ey * b, dt_s,
-        )  # fmt: skip
-        self._windows.add(products)
-
-    def look(self, noise: float) -> Alarm:
-        """Alarm at the end of a block; ``noise`` is the white noise of e, 1 sigma per axis."""
-        return self._windows.look(lambda sums: self._look_around(sums, noise))
-
-    def _look_around(self, sums: list[float], noise: float) -> Alarm:
-        """Largest alarms of all directions in one window; known where all of them are."""
-        uxx, uxy, uyy, _, _, _, _, vxx, vxy, vyy, *_, time_s = sums
-        scatter = Scatter(time_s, self._memory, self._least, noise, vxx + vyy)
-        own_scatter = Scatter(time_s, self._own_motion.memory_s, self._least, noise)
-        asks = can_ask(most_along(uxx, uxy, uyy), scatter)
-        if not (asks or can_image(most_along(vxx, vxy, vyy), own_scatter, self._own_motion)):
-            return NO_ALARM
-        alarms = [self._look_along(one, sums, scatter, own_scatter) for one in DIRECTIONS]
-        asked, own, known = zip(*alarms, strict=True)
-        return new(Alarm, (max(asked), max(own), all(known)))
-
-    def _look_along(self, direction: Pair, sums: list[float], scatter: Scatter, own_scatter: Scatter) -> Alarm:
-        """Alarm of one direction: of e along it, and of e across it, both by u and v along it."""
-        a, b = direction
-        (
-            uxx, uxy, uyy, uvxx, uvxy, uvyx, uvyy, vxx, vxy, vyy,
-            exux, exuy, eyux, eyuy, exvx, exvy, eyvx, eyvy, exx, exy, eyy, _,
-        ) = sums  # fmt: skip
-        aa, ab, bb = a * a, a * b, b * b
-        uu = aa * uxx + 2.0 * ab * uxy + bb * uyy
-        vv = aa * vxx + 2.0 * ab * vxy + bb * vyy
-        uv = aa * uvxx + ab * (uvxy + uvyx) + bb * uvyy
-        line = open_line(uu, uv, vv, scatter, own_scatter, self._own_motion)
-        if line is None:
-            return NO_ALARM
-        exu, eyu, exv, eyv = a * exux + b * exuy, a * eyux + b * eyuy, a * exvx + b * exvy, a * eyvx + b * eyvy
-        along = new(Shown, (a * exu + b * eyu, a * exv + b * eyv, aa * exx + 2.0 * ab * exy + bb * eyy))
-        alarm = line.judge(along)
-        if not line.asks:
-            return alarm
-        across = new(Shown, (a * eyu - b * exu, a * eyv - b * exv, aa * eyy - 2.0 * ab * exy + bb * exx))
-        return alarm._replace(asked=max(alarm.asked, judge_across(line.excited, across, scatter)))

@@ -22,9 +22,10 @@ from groundstation.core.safety.pose_response import (
     BLOCK_S,
     LEAST_TURN_RAD,
     OWN_TURN,
+    PLANE,
     TURN_MEMORY_S,
     HighPass,
-    PlaneResponse,
+    Response,
 )
 from links.core import Attitude
 
@@ -100,7 +101,7 @@ class Witness:
 
     def _restart(self) -> None:
         """Compare anew; what was learnt before arming stays."""
-        self._response = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
+        self._response = Response(PLANE, TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
         self._pass = HighPass(2, 4)
         self._block_s = 0.0
 

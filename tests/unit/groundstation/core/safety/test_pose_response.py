@@ -14,12 +14,13 @@ from groundstation.core.safety.pose_response import (
     LEAST_WAY_M,
     OWN_TURN,
     OWN_WAY,
+    PLANE,
     TURN_MEMORY_S,
     WAY_MEMORY_S,
     Alarm,
     HighPass,
     LatenessMonitor,
-    PlaneResponse,
+    Response,
 )
 
 DT_S = 0.01
@@ -34,7 +35,7 @@ def swing(time_s: float, size: float = 0.002) -> tuple[float, float]:
 
 def asked(share: tuple[tuple[float, float], tuple[float, float]], *, seed: int = 0, for_s: float = 3.0) -> Alarm:
     """Alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise."""
-    plane, draw = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(seed)
+    plane, draw = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(seed)
     alarm = Alarm(0.0, 0.0, False)
     for n in range(round(for_s / DT_S)):
         u, v = swing(n * DT_S)
@@ -77,7 +78,7 @@ def test_poses_that_show_something_else_are_accused(share: tuple[tuple[float, fl
 
 def blown(answer: float, *, late_s: float = 0.15) -> Alarm:
     """Largest alarm of a law that holds a place in wind: poses move by ``answer`` of the truth."""
-    plane, passes = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), HighPass(3, 2)
+    plane, passes = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), HighPass(3, 2)
     draw, wind, largest = random.Random(1), 0.0, 0.0
     truth = speed = command = way = pushes = 0.0
     seen_before = 0.0
@@ -105,7 +106,7 @@ def test_wind_that_the_law_answers_accuses_nobody() -> None:
 
 def runaway(share: float) -> Alarm:
     """Alarm as the law's own motion grows, of poses that show ``share`` of it."""
-    plane, draw, alarm = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(2), Alarm(0, 0, False)
+    plane, draw, alarm = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(2), Alarm(0, 0, False)
     for n in range(150):
         v = 0.0005 * math.exp(n * DT_S / 0.25)
         e = (share - 1.0) * v + draw.gauss(0.0, NOISE_M)
@@ -149,7 +150,7 @@ def test_a_still_vehicle_is_not_late() -> None:
 
 def test_a_standing_attitude_is_accused_within_the_second_window() -> None:
     alarm: Alarm | None = None
-    plane = PlaneResponse(TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
+    plane = Response(PLANE, TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
     for n in range(60):
         c = swing(n * DT_S, 0.015)
         plane.add((-c[0], -c[1]), c, (0.0, 0.0), DT_S)
@@ -158,7 +159,7 @@ def test_a_standing_attitude_is_accused_within_the_second_window() -> None:
 
 
 def test_windows_that_became_too_short_say_nothing_any_more() -> None:
-    plane, alarm = PlaneResponse(WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), Alarm(0.0, 0.0, False)
+    plane, alarm = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), Alarm(0.0, 0.0, False)
     for n in range(300):
         u = swing(n * DT_S)
         plane.add((-u[0], -u[1]), u, (0.0, 0.0), DT_S)
