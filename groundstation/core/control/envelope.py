@@ -75,14 +75,12 @@ class Envelope:
         most = self._hover_n * (FIRST_CLIMB_SHARE + grows)
         return decision._replace(drive=ActuatorCommand(min(thrust, most), rates))
 
-    def limit_transit(
-        self, time_s: float, decision: Decision, estimate: Estimate, wind_down_m_s2: float, *, limits_fall: bool
-    ) -> Decision:
+    def limit_transit(self, time_s: float, decision: Decision, estimate: Estimate, wind_down_m_s2: float) -> Decision:
         """Return ``decision`` so that no pose, however wrong, lets the vehicle lean far, or drop."""
         motion, vehicle = estimate.motion, self._vehicle
         hover_n = vehicle.mass_kg / estimate.effectiveness * (self._gravity + wind_down_m_s2)
         thrust, (roll, pitch, yaw) = decision.drive
-        least = min(LOW_SHARE * hover_n, vehicle.thrust_max_n) if limits_fall else 0.0
+        least = min(LOW_SHARE * hover_n, vehicle.thrust_max_n)
         cosine = FIRST_CLIMB_COSINE if time_s - self._lifted_s < FIRST_CLIMB_S else TRANSIT_COSINE
         roll, pitch, _ = self._limits.limit_tilt(motion.attitude, motion.rates, (roll, pitch), cosine, self._rate_gain)
         # Across it is pushed no more than at that tilt in level flight.

@@ -394,10 +394,9 @@ class Pilot:
         decision = decide(without, reference, interval)
         if descent is None:
             decision = self._envelope.limit_first_climb(time_s, pose.position_ned[2], decision)
-            if self._mode.is_limited or self.health.asks:
+            if self._mode.is_limited:
                 down = (self._wind.value or (0.0, 0.0, 0.0))[2]
-                limits_fall = self._mode.is_limited
-                decision = self._envelope.limit_transit(time_s, decision, estimate, down, limits_fall=limits_fall)
+                decision = self._envelope.limit_transit(time_s, decision, estimate, down)
             if self._mode.touches:
                 decision = self._keep_level(decision, estimate)
             self._ask_on_new_wind(time_s, estimate)
@@ -408,9 +407,8 @@ class Pilot:
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
-        asks = self.health.asks  # what false poses make of the disturbance is not leant into
-        wind = self._wind.add(estimate, 0.0 if asks else interval)
-        if asks:
+        wind = self._wind.add(estimate, interval)
+        if self.health.asks:
             self._new_wind.add(estimate, interval)
         else:
             self._new_wind.forget()
@@ -524,7 +522,7 @@ class Pilot:
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
-        if asked_before and health.state is HealthState.OK:  # the wind that was new is true
+        if asked_before and health.is_confirmed and not health.asks:  # the wind that was new is true
             self._wind.value = wind = self._new_wind.value or wind
         if is_high and self._descent is None:
             self.response.pose(pose.attitude, health.turn, dt)

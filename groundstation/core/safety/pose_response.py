@@ -41,6 +41,8 @@ STANDARD_ERRORS = 5.0
 """Standard errors by which an answer must lie beyond its limit to be accused [-]: one in 3 million a look."""
 LEAST_ANSWER = 0.5
 """Least answer to what was asked that is accepted [-]: scales and lags configured wrong by half."""
+ANSWERS_ERRORS = 2.0
+"""Standard errors by which an answer must lie beyond the least one to speak for the poses [-]: one in 40."""
 MOST_ANSWER = 1.5
 """Largest answer to what was asked that is accepted [-]; as above."""
 MOST_CROSS_ANSWER = math.sin(math.radians(35.0))
@@ -77,6 +79,9 @@ OWN_WAY_MEMORY_S = 1.0 / PASS_RAD_S
 """Correlation time of that residual at the law's own motion [s]: the high pass lets it through."""
 TURN_MEMORY_S = 0.1
 """Correlation time of the residual of attitudes [s]."""
+MODEL_ERROR = 0.025
+"""Share of the law's own motion by which the model may be wrong [-]: half an interval of poses at 100 Hz, 5 ms of lag
+at the loop's 5 rad/s."""
 NOISE_MEMORY_S = 0.02
 """Correlation time of the poses' own noise [s], at most."""
 LATENESSES_S = (0.1, 0.2, 0.3, 0.4)
@@ -221,37 +226,48 @@ class Response:
         if asked2.max() < granted * granted and own2.max() < own.least * own.least:
             return NO_ALARM
         along = self._directions @ products[:, None] @ self._directions.transpose(0, 2, 1)
-        asked, is_known = self._judge_asked(along, time_s, noise)
-        images = np.where(is_known, 0.0, self._judge_own(along, time_s, noise))
+        asked, is_known = self._judge_asked(along, time_s, noise, MODEL_ERROR * MODEL_ERROR * own2[:, None, None])
+        images = self._judge_own(along, time_s, noise)
         return Alarm(float(asked.max()), float(images.max()), bool(is_known.all(axis=1).any()))
 
-    def _judge_asked(self, along: Array, time_s: Array, noise: float) -> tuple[Array, NDArray[np.bool_]]:
+    def _judge_asked(self, along: Array, time_s: Array, noise: float, model2: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the excess of the answers to what was asked [-], and where the poses are known to answer.
 
-        ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4, 4).
+        ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4, 4); ``model2``:
+        mean square by which the model of v is wrong, shape (windows, 1, 1).
         """
-        answers, errors = self._regress(along, time_s, self._memory_s, noise)
+        answers, errors = self._regress(along, time_s, self._memory_s, noise, model2)
         rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
         says = (errors <= MOST_ERROR) & (rms >= ASKED_LEAST * self._least)[..., None]
-        alone = along[..., 0, 2:] / np.maximum(along[..., 0, 0] + along[..., 0, 1], RIDGE)[..., None]
+        commanded = along[..., 0, 0] + along[..., 0, 1]
+        alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
         beyond = np.minimum(_beyond(answers), _beyond(alone))
+        says &= (commanded > 0.0)[..., None]  # else v has undone what was asked
         excess = np.where(says, np.maximum(beyond, 0.0) / (STANDARD_ERRORS * errors), 0.0).max(axis=-1)
         return excess, says[..., 0] & (beyond[..., 0] <= 0.0)
 
     def _judge_own(self, along: Array, time_s: Array, noise: float) -> Array:
-        """Return the excess of the answers to the law's own motion [-]; wind makes none below 0 but by noise."""
+        """Return the excess of the answers to the law's own motion [-]; wind makes none below 0 but by noise.
+
+        Poses that answer to what was asked are none that stand or are mirrored: something else cancels the motion.
+        """
         own, v_first = self._own, (1, 0, 2, 3)
         answers, errors = self._regress(along[..., v_first, :][..., v_first], time_s, own.memory_s, noise)
         rms = np.sqrt(np.maximum(along[..., 1, 1], RIDGE) / time_s)
         least = np.maximum(LEAST_ANSWER - own.cancelled / rms, LEAST_OWN_ANSWER)
         says = (rms >= own.least) & (errors[..., 0] <= MOST_OWN_ERROR)
         below = np.maximum(least - 1.0 - answers[..., 0], 0.0)
+        asked, asked_errors = self._regress(along, time_s, self._memory_s, noise)
+        says &= 1.0 + asked[..., 0] < LEAST_ANSWER + ANSWERS_ERRORS * asked_errors[..., 0]
         return np.where(says, below / (OWN_STANDARD_ERRORS * errors[..., 0]), 0.0)
 
-    def _regress(self, products: Array, time_s: Array, memory_s: float, noise: float) -> tuple[Array, Array]:
+    def _regress(
+        self, products: Array, time_s: Array, memory_s: float, noise: float, model2: Array | float = 0.0
+    ) -> tuple[Array, Array]:
         """Regress the last two signals, e and e across, on the first two.
 
         Return their answers to the first signal, and the standard errors of these; shape (windows, directions, 2).
+        ``model2``: mean square by which the model of the second signal is wrong.
         """
         inverse = np.linalg.inv(products[..., :2, :2] + RIDGE * np.eye(2))
         shown = products[..., :2, 2:]
@@ -260,7 +276,7 @@ class Response:
         # Few samples know little of their own scatter: some samples' worth of the granted residual as a prior, and a
         # wider interval, as Student's distribution has it.
         window_s, noise2 = time_s[..., None], noise * noise
-        prior = PRIOR_SAMPLES * memory_s * self._least * self._least
+        prior = PRIOR_SAMPLES * memory_s * self._least * self._least + window_s * model2
         freedom = window_s / memory_s - 2.0
         beside_noise = (np.maximum(residual - window_s * noise2, 0.0) + prior) / freedom
         errors = np.sqrt((beside_noise + noise2 * NOISE_MEMORY_S) * inverse[..., 0, 0, None])
