@@ -33,24 +33,35 @@ WIND_DOWN_M_S2 = 4.0
 """Largest disturbance down that is believed [m/s²]: rotors that give seven tenths look like 4.2."""
 MOST = 0.24
 """Largest acceleration upwards that it asks for, as a share of gravity: poses that are late or wrong ask for more."""
-INTEGRAL_GAIN, INTEGRAL_LIMIT_M_S2 = 1.0, 6.0
-"""Acceleration per integral of the sinking speed's error [1/s²], and its largest: more than any wind believed."""
+INTEGRAL_GAIN = 1.0
+"""Acceleration per integral of the sink rate's error [1/s²]."""
+INTEGRAL_LIMIT_M_S2 = 6.0
+"""Largest acceleration of that integral [m/s²]: more than any disturbance that is believed."""
 HEAVIER_M_S2 = 3.0
 """The largest downward disturbance that it lifts against where nothing speaks against the poses: rotors that give seven
 tenths look like 4.2."""
-WIND_S, HEAVIER_S = 0.3, 1.0
-"""What it pushes and lifts against is averaged for so long, across and down [s]: what swings, or grows by what is
-done against it, is poses that are late or lie."""
+WIND_S = 0.3
+"""Time constant of the mean disturbance across that is leant into [s]: late or false poses make it swing."""
+HEAVIER_S = 1.0
+"""Time constant of the mean disturbance down that is lifted against [s]; as above."""
 LIGHTER_M_S2 = 1.5
-"""Less than that by so much it is not believed to weigh at once [m/s²]: a height that stands looks like that."""
+"""Drop of the disturbance down below its mean that is not believed at once [m/s²]: a frozen height looks like that."""
 BLIND_PULL_M_S2 = 0.5
-"""Downward acceleration that it asks for when blind: 1.4 m/s after 2 m."""
-BLIND_S, BLIND_MORE_M_S3 = 3.0, 0.3
-"""By then it should be down [s]; from there on the pull grows [m/s³], as what hovers was not what it was taken for."""
-BLIND_RISES_M_S, BLIND_BRAKE_M_S2 = 2.0, 2.0
-"""It is believed to climb by so much as it goes blind [m/s], and that is braked by so much besides [m/s²], ..."""
-BLIND_SINKS_M_S, BLIND_LIFT_M_S2 = 0.7, 1.8
-"""... or to sink by so much faster than told [m/s], and that by so much [m/s²]."""
+"""Downward acceleration of a blind descent [m/s²]: 1.4 m/s after 2 m."""
+BLIND_S = 3.0
+"""Time after which a blind descent should be over [s]: from then on the pull grows."""
+BLIND_MORE_M_S3 = 0.3
+"""Growth of the pull after that [m/s³]: the hover thrust was told too large."""
+BLIND_BRAKE_GAIN = 2.0
+"""Acceleration down per climb rate of the model [1/s]."""
+BLIND_BRAKE_M_S2 = 2.0
+"""Largest acceleration down that brakes a climb in a blind descent [m/s²]."""
+BLIND_LIFT_GAIN = 4.0
+"""Acceleration up per sink rate beyond the one told, as a blind descent begins [1/s]."""
+BLIND_SINKS_M_S = 0.7
+"""Largest such sink rate that is believed [m/s]."""
+BLIND_LIFT_M_S2 = 1.8
+"""Largest acceleration up that brakes it [m/s²]."""
 BLIND_WIND_M_S2 = 1.5
 """Largest disturbance down that is believed when blind [m/s²]."""
 
@@ -73,13 +84,13 @@ class Descent:
     """Implements :class:`groundstation.core.messages.Controller`; of the reference speed and heading count."""
 
     def __init__(
-        self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float, rises_m_s: float = 0.0
+        self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float, sinks_m_s: float = 0.0
     ) -> None:
         """Take the vehicle as told and g [m/s²].
 
         ``wind`` is the mean disturbance of the last time [m/s², NED], ``effectiveness`` what the thrust gave of what
-        was told, before anything spoke against the poses [-], ``rises_m_s`` how fast it climbs as this begins, below 0
-        what it sinks faster than told [m/s].
+        was told, before anything spoke against the poses [-], ``sinks_m_s`` the sink rate beyond the one told as this
+        begins [m/s].
         """
         self._vehicle = vehicle
         self._gravity = gravity
@@ -91,7 +102,7 @@ class Descent:
         self.blind = False
         """True where speed is not to be believed."""
         self._integral = self._blind_s = 0.0
-        self._rises = max(-BLIND_SINKS_M_S, min(rises_m_s, BLIND_RISES_M_S))
+        self._sinks = min(sinks_m_s, BLIND_SINKS_M_S)
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command."""
@@ -106,11 +117,10 @@ class Descent:
         if self.blind:
             self._blind_s += interval_s
             pull = BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0)
-            brake = min(2.0 * self._rises, BLIND_BRAKE_M_S2)
-            if self._rises < 0.0:
-                brake = max(4.0 * self._rises, -BLIND_LIFT_M_S2)
-            self._rises -= brake * interval_s
-            u, v, _ = motion.velocity  # the model's, which takes no position from the poses
+            u, v, w = motion.velocity  # the model's, which takes no position from the poses
+            lift = min(BLIND_LIFT_GAIN * self._sinks, BLIND_LIFT_M_S2)
+            self._sinks -= lift * interval_s
+            brake = min(-BLIND_BRAKE_GAIN * w, BLIND_BRAKE_M_S2) if w < 0.0 else -lift
             wanted: Vec3 = (-BLIND_SPEED_GAIN * u, -BLIND_SPEED_GAIN * v, pull + brake)
         else:
             (a, b, c), (u, v, w) = motion.velocity, reference.velocity_ned
