@@ -71,10 +71,17 @@ def test_blind_it_leans_and_lifts_against_the_wind_of_before_and_nothing_that_po
 
 @pytest.mark.parametrize("faster_m_s", [0.2, 0.4, 0.7])
 def test_blind_it_brakes_what_it_sinks_faster_than_told_and_no_more(faster_m_s: float) -> None:
-    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0, -faster_m_s)
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0, faster_m_s)
     descent.blind = True
     shares = [lifts(descent, estimate(PERIOD_S * n)) for n in range(100)]
     braked_m_s = PERIOD_S * sum(G * share - (G - BLIND_PULL_M_S2) for share in shares)
     assert braked_m_s == pytest.approx(faster_m_s, abs=0.05)
     assert max(shares) < 1.16
     assert PERIOD_S * sum(share > 1.03 for share in shares) < 0.5
+
+
+@pytest.mark.parametrize(("climbs_m_s", "pull_m_s2"), [(0.2, 0.9), (1.0, 2.5), (5.0, 2.5)])
+def test_blind_it_brakes_a_climb_of_the_model_and_pulls_no_more_than_so_far(climbs_m_s: float, pull_m_s2: float) -> None:
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
+    descent.blind = True
+    assert lifts(descent, estimate(0.0, sinks_m_s=-climbs_m_s)) == pytest.approx(1.0 - pull_m_s2 / G)
