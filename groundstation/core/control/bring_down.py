@@ -28,16 +28,22 @@ SINK_S = 1.45
 This and the figures down to ``BIAS`` were chosen by `groundstation-sim dev bring-down` from 1 and 2 m: smallest worst
 touchdown over a vehicle as modelled, one with other thrust, lags and gusts, and one with strong drag.
 """
-SETTLE_S, SETTLE_SHARE = 0.4, 0.93
-"""Then, should the floor not be there yet: a share of the hover thrust for this long [s]."""
+SETTLE_S = 0.4
+"""Time of sinking on after the braking, in case the floor is not reached yet [s]."""
+SETTLE_SHARE = 0.93
+"""Thrust meanwhile, as a share of the hover thrust [-]."""
 OFF_S = 0.15
 """Then zero thrust, sent for this long, so that it arrives on a bad link too [s]."""
 TOUCHDOWN_M_S = 0.8
 """Speed when the braking is over [m/s]: not zero, as a vehicle that stops above the floor falls the rest."""
-SOFTEST, HARDEST = 0.08, 0.45
-"""Bounds on the acceleration of falling, as a share of gravity."""
-BRAKES, BRAKE_S = 0.22, 0.45
-"""Braking, as a share of gravity at most, and how long [s]: what is played unseen pushes little above what hovers."""
+SOFTEST = 0.08
+"""Smallest acceleration of falling, as a share of gravity [-]."""
+HARDEST = 0.45
+"""Largest acceleration of falling, as a share of gravity [-]."""
+BRAKES = 0.22
+"""Largest braking, as a share of gravity [-]: what is played unseen pushes little above what hovers."""
+BRAKE_S = 0.45
+"""Longest braking [s]; as above."""
 PULSE_S = 0.15
 """Shortest turn to level [s]."""
 WIND_TILT = 0.18

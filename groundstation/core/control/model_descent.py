@@ -19,8 +19,10 @@ LASTS_S = 1.85
 """Longest descent [s]; with ``OFF_S`` of zero thrust it is what a link plays at most."""
 OFF_S = 0.15
 """Zero thrust at the end, sent for this long, so that it arrives on a bad link too [s]."""
-MOST, BRAKE_S = 1.15, 0.35
-"""Largest thrust, as a share of what hovers, and how long it may be above that in all [s]."""
+MOST = 1.15
+"""Largest thrust, as a share of the hover thrust [-]."""
+BRAKE_S = 0.35
+"""Longest time in all with more than the hover thrust [s]."""
 LEAST = 0.4
 """Smallest thrust before the floor, as a share of what hovers: with less, rates are hard to hold [-]."""
 LEANS = math.cos(math.radians(12.0))
@@ -31,13 +33,20 @@ BIAS = 0.97
 """Of the hover thrust: to meet the floor early is better than to stop above it."""
 BRAKES_M_S2 = 1.3
 """How hard it counts on braking [m/s²]."""
-TOUCHDOWN_M_S, FASTEST_M_S = 0.6, 1.6
-"""Sinking speed at the floor, and largest [m/s]."""
-FLOOR_M, LEAST_M = 0.05, 0.2
-"""From this height on the motors only stop; a vehicle that seems lower than the second at the beginning is taken to be
-there [m]: what was reckoned is not known better, and motors that stop too high let it fall."""
-SINK_GAIN, SPEED_GAIN, ATTITUDE_GAIN = 4.0, 2.0, 6.0
-"""Acceleration per error of the vertical and the horizontal speed [1/s]; body rate per sine of the tilt's [1/s]."""
+TOUCHDOWN_M_S = 0.6
+"""Sink rate at the floor [m/s]."""
+FASTEST_M_S = 1.6
+"""Largest sink rate [m/s]."""
+FLOOR_M = 0.05
+"""Height below which the motors only stop [m]."""
+LEAST_M = 0.2
+"""Least height that a descent begins with [m]: reckoned heights are known no better, and motors that stop let it fall."""
+SINK_GAIN = 4.0
+"""Acceleration per error of the sink rate [1/s]."""
+SPEED_GAIN = 2.0
+"""Acceleration per error of the speed across [1/s]."""
+ATTITUDE_GAIN = 6.0
+"""Body rate per sine of the tilt's error [1/s]."""
 LEAN = math.radians(20.0)
 """Largest tilt that it asks for [rad]."""
 ZERO: Vec3 = (0.0, 0.0, 0.0)

@@ -70,8 +70,10 @@ from groundstation.core.vehicle import (
 Covariance: TypeAlias = tuple[Real, Real, Real, Real, Real, Real, Real, Real, Real, Real]
 """The upper triangle of the covariance of (p, v, d, c), row by row, in SI units: pp, pv, pd, pc, vv, vd, vc, dd, dc,
 cc. A plain tuple, as two are made with every pose."""
-PP, VV = 0, 4
-"""Where in it the variances of position and of velocity are."""
+PP = 0
+"""Index of the variance of position in it."""
+VV = 4
+"""Index of the variance of velocity in it."""
 
 
 class Densities(NamedTuple):
@@ -639,8 +641,10 @@ NOISE_FLOOR_M2 = 1e-12
 """Even a perfect source is not believed beyond a micrometre: float noise would do the rest [m²]."""
 BIAS_MEMORY_S = 10.0
 """Over which the mean of a measured velocity is that of its positions [s]."""
-LIFTED_M_S, LIFTED_M_S2 = 0.1, 0.5
-"""How well speed [m/s] and disturbance [m/s²] are known at lift-off, 1σ per axis."""
+LIFTED_M_S = 0.1
+"""Error of the speed at lift-off, 1σ per axis [m/s]."""
+LIFTED_M_S2 = 0.5
+"""Error of the disturbance at lift-off, 1σ per axis [m/s²]."""
 
 
 class ModelEstimator:

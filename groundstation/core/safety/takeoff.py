@@ -24,25 +24,34 @@ SPREAD = 0.2
 """How well a told weight, and the thrust that lifts it, are known, 1σ [-]."""
 STEP_S = 0.01
 """Longest step of the hypotheses [s]."""
-MOVES, FLIES = 3.0, 9.2
-"""Logarithms of the odds, 20 and 10,000 to 1, with which it is said to move, and to fly."""
-HEIGHT_M, WANDERING_M = 0.015, 0.35
-"""Height that it must have for that [m]. The second is of poses that come with a velocity: such a source is an
-autopilot that integrates its accelerometers, which feel a lift that the floor has not let go of."""
+MOVES = math.log(20.0)
+"""Logarithm of the odds from which on it moves [-]: 20 to 1."""
+FLIES = math.log(10_000.0)
+"""Logarithm of the odds from which on it flies [-]: 10,000 to 1."""
+HEIGHT_M = 0.015
+"""Least height of a vehicle that flies [m]: legs spring by less."""
+WANDERING_M = 0.35
+"""The same where poses come with a velocity [m]: an autopilot's accelerometers feel a lift before the floor lets go."""
 CLIMBING = 1.1
 """Thrust until then, as a share of what seems to hover [-]."""
 RUSHES_M_S = 1.0
 """No more than what hovers is told once it climbs so fast [m/s]: a floor that held it has let go of it late."""
 LEAST_NOISE_M = 0.0003
 """No pose is believed to less [m]: legs and floor give way as thrust relieves them."""
-LEAST_M2_S, LEAST_FELT_M2_S = 1e-6, 2.5e-5
-"""No height is believed to wander less: 1 mm in 1 s, and 5 mm where poses come with a velocity [m²/s]."""
-SPEED_NOISE_M_S, LEAST_M2_S3 = 0.05, 1e-4
-"""The same of speeds: noise, and least wander [m²/s³]."""
+LEAST_M2_S = 1e-6
+"""Least wander of a height [m²/s]: 1 mm in 1 s."""
+LEAST_FELT_M2_S = 2.5e-5
+"""The same where poses come with a velocity [m²/s]: 5 mm in 1 s."""
+SPEED_NOISE_M_S = 0.05
+"""Noise of such a velocity, 1 sigma [m/s]."""
+LEAST_M2_S3 = 1e-4
+"""Least wander of such a velocity [m²/s³]: 1 cm/s in 1 s."""
 FITS_M = 0.02
 """Nothing flies whose newest height is farther than this, beside noise, from where the thrust would have it [m]."""
-JUMP_M, JUMPS = 0.1, 2
-"""So many poses farther than this from every hypothesis [m] are no motion of a vehicle on its floor."""
+JUMP_M = 0.1
+"""Distance of a height from every hypothesis that no vehicle on its floor has [m]."""
+JUMPS = 2
+"""Poses in a row at such a distance that end the take-off [-]: one may be an outlier."""
 
 
 class StandingWander(NamedTuple):
@@ -245,29 +254,34 @@ NEAR_SHARE = 0.9
 """From this share of the weight on it may lift [-]: from here time is counted."""
 NEAR_S = 0.1
 """How long thrust rises from the first share to the second [s]."""
-RISE_S, SHORTEST_S = 0.15, 0.05
-"""How long the rotors take from there to the limit [s]: what is told is earlier by their lag, but no faster than the
-second."""
+RISE_S = 0.15
+"""Time in which the rotors come from there to the limit [s]; what is told is earlier by their lag."""
+SHORTEST_S = 0.05
+"""Shortest such time that is told [s]."""
 WATCHED_S = 0.3
-"""So long after the second share something must have moved [s]."""
-TOLD_SHARE, MEASURED_SHARE = 1.3, 1.1
-"""Largest thrust, as a share of the weight as told, and of the thrust that was measured to hover [-]."""
+"""Time after ``NEAR_SHARE`` within which something must move [s]."""
+TOLD_SHARE = 1.3
+"""Largest thrust, as a share of the weight as configured [-]."""
+MEASURED_SHARE = 1.1
+"""Largest thrust, as a share of the hover thrust as measured [-]."""
 LEAST_SHARE = 0.75
-"""Where it moves and the rotors still give more than wanted, no less than this share of that is told [-]."""
+"""Least thrust, as a share of the wanted one, while the rotors of a vehicle that moves still give too much [-]."""
 REST_POSES = 50
-"""Where it stands is the mean of so many poses."""
-WANDER_S, WANDERS = 0.5, 12
-"""How far the place of a vehicle that stands wanders is measured over such spans [s], and over so many of them."""
+"""Poses whose mean is the place of a vehicle that stands [-]."""
+WANDER_S = 0.5
+"""Length of one span over which its place wanders [s]."""
+WANDERS = 12
+"""Spans that are kept [-]."""
 TIPPED_DEG = 6.0
-"""On the floor it leans no farther from how it stood [deg]."""
+"""Largest lean on the floor from how it stood [deg]."""
 SLIPPED_M = 0.05
-"""And is not farther aside from where it stood [m], beside what its place wanders, ..."""
+"""Largest way aside on the floor, beside wander and wind [m]."""
 STEP_M = 0.03
-"""Nor, from one pose to the next, farther than this beside noise and what such a wind makes of it [m]: another body
-is nowhere nearer than a vehicle's size."""
-WIND_M_S2, LIGHT_S = 5.0, 0.2
-"""... and what such a wind makes of it as thrust takes its weight from the floor [m/s²]: from so long before the first
-share on [s]."""
+"""Largest way aside from one pose to the next, beside noise and wind [m]: another body is a vehicle's size away."""
+WIND_M_S2 = 5.0
+"""Acceleration aside by wind that is granted as thrust takes the weight from the floor [m/s²]."""
+LIGHT_S = 0.2
+"""Time before ``SURE_SHARE`` from which on that wind is granted [s]."""
 
 
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -14,16 +14,17 @@ LOW_SHARE = 0.75
 STILL_M_S = 0.12
 """Slower than this the vehicle does not sink any more [m/s]."""
 LASTING_S = 0.2
-"""How long both must be so near the floor [s], ..."""
+"""Time of both after which it stands near the floor [s]."""
 CERTAIN_S = 1.0
-"""... and elsewhere, where the floor may be a table, or the vehicle in somebody's hand [s]."""
-TOUCHES_S, FOLLOWS = 0.03, 0.25
-"""One that does not sink though it is told to, with so little thrust, may be carried by something after so long [s],
-also where poses have it half a metre up; near the floor with any thrust, where it sinks by less than this share of what
-it is told. Sideways control must not lean what stands."""
-PUSHED_M_S, PUSHED_S = 0.25, 0.3
-"""Near the floor, too, where something has pushed it up by so much [m/s] over so long [s], beside its thrust: also by
-an estimate whose speed wanders, and goes on sinking."""
+"""Time of both after which it stands elsewhere [s]: on a table, or in somebody's hand."""
+TOUCHES_S = 0.03
+"""Time without sinking, though told to, after which something may carry it [s]: sideways control must not lean it."""
+FOLLOWS = 0.25
+"""Share of the sink rate told below which it does not sink, near the floor with any thrust [-]."""
+PUSHED_M_S = 0.25
+"""Speed upwards beside its thrust that only the floor gives [m/s]: an estimate whose speed wanders may sink on."""
+PUSHED_S = 0.3
+"""Time over which that speed is counted [s]."""
 HELD_M_S = 0.4
 """As certain is one that is slower than this for as long though its thrust is so low [m/s]: in the air it would pass
 from this speed up to this speed down within half a second. An autopilot's own speed wanders by more than what is still.
@@ -33,14 +34,21 @@ BEHIND_M = 0.3
 lets thrust fall that low."""
 NEAR_M = 0.3
 """Near the floor is below this height [m]."""
-REST_M, RESTS_M = 0.15, 0.015
-"""Lower than the first above the floor, heights that differ by less than the second are of one that stands [m], ..."""
-LEFT_M, SANK_M = 0.05, 0.03
-"""... where that is no higher than the first [m], or they have sunk by the second since it was told to sink [m]: a
-picture that stood before does not tell where the vehicle is, ..."""
-REST_S, REST_WAY_M = 0.4, 0.1
-"""... once they do for so long [s], and it was told to sink so far meanwhile [m]. That counts whatever the estimate
-says: where few poses come, the model has it fall on through the floor, and then thrown up by what holds it."""
+REST_M = 0.15
+"""Height below which a height that stays may be the floor's [m]."""
+RESTS_M = 0.015
+"""Largest change of a height that stays [m]."""
+LEFT_M = 0.05
+"""Height at which it may stay from the beginning on [m]; higher up, a frozen picture does the same."""
+SANK_M = 0.03
+"""Way down since it was told to sink that shows a height to be no frozen one [m]."""
+REST_S = 0.4
+"""Time for which a height must stay [s].
+
+That counts whatever the estimate says: between few poses the model falls on through the floor, and is then thrown up.
+"""
+REST_WAY_M = 0.1
+"""Way that it must be told to sink meanwhile [m]."""
 GAP_S = 0.3
 """Of poses further apart than this nobody knows where it was between them [s]: late ones begin where they ceased."""
 
