@@ -40,7 +40,7 @@ FASTEST_M_S = 1.6
 FLOOR_M = 0.05
 """Height below which the motors only stop [m]."""
 LEAST_M = 0.2
-"""Least height that a descent begins with [m]: reckoned heights are known no better, and motors that stop let it fall."""
+"""Least height that a descent begins with [m]: what is reckoned is known no better, and a fall is worse."""
 SINK_GAIN = 4.0
 """Acceleration per error of the sink rate [1/s]."""
 SPEED_GAIN = 2.0

@@ -87,13 +87,14 @@ class _MeanDisturbance:
         self.value: Vec3 | None = None
         """[m/s², NED]; None before the first command."""
         self._over_s, self._effectiveness, self._gravity = 0.0, 1.0, gravity
+        self._asked: Vec3 | None = None
+        self._asked_s = 0.0
 
-    def forget(self) -> None:
-        """Begin anew."""
-        self.value, self._over_s = None, 0.0
+    def add(self, estimate: Estimate, interval_s: float, *, asks: bool) -> Vec3:
+        """Take the estimate of one command, ``interval_s`` [s] after the one before; return the mean.
 
-    def add(self, estimate: Estimate, interval_s: float) -> Vec3:
-        """Take the estimate of one command, ``interval_s`` [s] after the one before; return the mean."""
+        ``asks``: whether the poses are asked.
+        """
         now, scale = estimate.disturbance, estimate.effectiveness
         if self.value is not None:  # only the sum with what thrust lacks is observable: that is what has been the same
             north, east, down = self.value
@@ -103,10 +104,24 @@ class _MeanDisturbance:
             self.value = now
         elif interval_s > 0.0:
             self._over_s = min(self._over_s + interval_s, WIND_MEMORY_S)
-            k = interval_s / (interval_s + self._over_s)
-            (a, b, c), (x, y, z) = self.value, now
-            self.value = (a + k * (x - a), b + k * (y - b), c + k * (z - c))
+            self.value = _towards(self.value, now, interval_s / (interval_s + self._over_s))
+        if not asks:
+            self._asked, self._asked_s = None, 0.0
+        elif self._asked is None:
+            self._asked = now
+        elif interval_s > 0.0:
+            self._asked_s += interval_s
+            self._asked = _towards(self._asked, now, interval_s / (interval_s + self._asked_s))
         return self.value
+
+    def confirm(self) -> None:
+        """The poses have answered: what is new since they were asked is true."""
+        self.value = self._asked or self.value
+
+
+def _towards(mean: Vec3, now: Vec3, share: float) -> Vec3:
+    (a, b, c), (x, y, z) = mean, now
+    return a + share * (x - a), b + share * (y - b), c + share * (z - c)
 
 
 class Pilot:
@@ -150,7 +165,7 @@ class Pilot:
         self.response = ResponseLatency()
         """Latency of the vehicle's turns beyond the configured one."""
         self._is_released = self._has_climbed = False
-        self._wind, self._new_wind = _MeanDisturbance(config.gravity), _MeanDisturbance(config.gravity)
+        self._wind = _MeanDisturbance(config.gravity)
         self._reckoning = Reckoning(vehicle, config.gravity)
         self._received = _ReceivedPoses()
         self._last_s: float | None = None
@@ -407,11 +422,7 @@ class Pilot:
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
-        wind = self._wind.add(estimate, interval)
-        if self.health.asks:
-            self._new_wind.add(estimate, interval)
-        else:
-            self._new_wind.forget()
+        wind = self._wind.add(estimate, interval, asks=self.health.asks)
         if descent is not None and descent.blind:
             wind = descent.wind
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
@@ -516,17 +527,18 @@ class Pilot:
         is_high = height > NEAR_FLOOR_M or (self._descent is None and meant > 2.0 * NEAR_FLOOR_M)
         self._has_climbed = self._has_climbed or is_high
         asked, tilted = self._tones.advance(pose.time_s, heading(pose.attitude))
-        wind, asked_before = self._wind.value or (0.0, 0.0, 0.0), health.asks
+        asked_before = health.asks
         health.see(
             pose, before, given, asked, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
-        if asked_before and health.is_confirmed and not health.asks:  # the wind that was new is true
-            self._wind.value = wind = self._new_wind.value or wind
+        if asked_before and health.is_confirmed and not health.asks:
+            self._wind.confirm()
         if is_high and self._descent is None:
             self.response.pose(pose.attitude, health.turn, dt)
         if health.calm_s == pose.time_s and not self._mode.is_unheard:
+            wind = self._wind.value or (0.0, 0.0, 0.0)
             self._reckoning.trust(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
 
     def _trusted_before(self) -> Trusted:

@@ -81,7 +81,9 @@ def test_blind_it_brakes_what_it_sinks_faster_than_told_and_no_more(faster_m_s: 
 
 
 @pytest.mark.parametrize(("climbs_m_s", "pull_m_s2"), [(0.2, 0.9), (1.0, 2.5), (5.0, 2.5)])
-def test_blind_it_brakes_a_climb_of_the_model_and_pulls_no_more_than_so_far(climbs_m_s: float, pull_m_s2: float) -> None:
+def test_blind_it_brakes_a_climb_of_the_model_and_pulls_no_more_than_so_far(
+    climbs_m_s: float, pull_m_s2: float
+) -> None:
     descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0)
     descent.blind = True
     assert lifts(descent, estimate(0.0, sinks_m_s=-climbs_m_s)) == pytest.approx(1.0 - pull_m_s2 / G)
