@@ -84,7 +84,7 @@ def test_a_controller_that_does_not_hold_its_place_is_brought_down_though_its_wi
     assert [one.state for one in flown.states][-3:] == ["descent", "disarming", "landed"]
     assert flown.touchdown_m_s is not None
     assert flown.touchdown_m_s < 1.0
-    assert flown.home_m < 25.0  # 20 s of descent with that wind
+    assert flown.home_m < 30.0  # 20 s of descent with that wind
 
 
 @pytest.mark.parametrize(("source", "autopilot"), [("odometry", "px4"), ("vicon", "ardupilot")])

@@ -90,7 +90,7 @@ class _MeanDisturbance:
         self._asked: Vec3 | None = None
         self._asked_s = 0.0
 
-    def add(self, estimate: Estimate, interval_s: float, *, asks: bool) -> Vec3:
+    def add(self, estimate: Estimate, interval_s: float, *, asks: bool = False) -> Vec3:
         """Take the estimate of one command, ``interval_s`` [s] after the one before; return the mean.
 
         ``asks``: whether the poses are asked.

@@ -67,6 +67,18 @@ def test_the_mean_disturbance_is_that_since_the_beginning_and_later_that_of_late
     assert mean.add(blown(9.0), 0.0) == mean.value
 
 
+def test_once_the_poses_have_answered_the_disturbance_since_they_were_asked_is_the_mean() -> None:
+    mean = _MeanDisturbance(G)
+    for n in range(400):
+        mean.add(blown(0.2 if n < 300 else 3.0, 1.0), 0.01, asks=n >= 310)
+    assert mean.value is not None and mean.value[2] < 1.5
+    mean.confirm()
+    assert mean.value == pytest.approx((0.0, 0.0, 3.0))
+    mean.add(blown(3.0, 1.0), 0.01)
+    mean.confirm()  # no question: nothing is new
+    assert mean.value == pytest.approx((0.0, 0.0, 3.0))
+
+
 def test_the_mean_disturbance_goes_with_the_thrust_scale_of_now() -> None:
     """A scale that is learnt is no change of the wind."""
     mean = _MeanDisturbance(G)
