@@ -226,61 +226,93 @@ class Response:
         if asked2.max() < granted * granted and own2.max() < own.least * own.least:
             return NO_ALARM
         along = self._directions @ products[:, None] @ self._directions.transpose(0, 2, 1)
-        asked, is_known = self._judge_asked(along, time_s, noise, MODEL_ERROR * MODEL_ERROR * own2[:, None, None])
-        images = self._judge_own(along, time_s, noise)
+        found = _regress(along)
+        model2 = MODEL_ERROR * MODEL_ERROR * own2[:, None, None]
+        asked, is_known = self._judge_asked(along, found, time_s, noise, model2)
+        images = self._judge_own(along, found, time_s, noise)
         return Alarm(float(asked.max()), float(images.max()), bool(is_known.all(axis=1).any()))
 
-    def _judge_asked(self, along: Array, time_s: Array, noise: float, model2: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def _judge_asked(
+        self, along: Array, found: "_Regression", time_s: Array, noise: float, model2: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the excess of the answers to what was asked [-], and where the poses are known to answer.
 
         ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4, 4); ``model2``:
         mean square by which the model of v is wrong, shape (windows, 1, 1).
         """
-        answers, errors = self._regress(along, time_s, self._memory_s, noise, model2)
         rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
-        says = (errors <= MOST_ERROR) & (rms >= ASKED_LEAST * self._least)[..., None]
+        is_asked = rms >= ASKED_LEAST * self._least
+        if not is_asked.any():
+            return np.zeros_like(rms), is_asked
+        errors = self._find_errors(found, 0, time_s, self._memory_s, noise, model2)
         commanded = along[..., 0, 0] + along[..., 0, 1]
         alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
-        beyond = np.minimum(_beyond(answers), _beyond(alone))
-        says &= (commanded > 0.0)[..., None]  # else v has undone what was asked
+        beyond = np.minimum(_beyond(found.slopes[..., 0, :]), _beyond(alone))
+        says = (errors <= MOST_ERROR) & (is_asked & (commanded > 0.0))[..., None]  # else v has undone what was asked
         excess = np.where(says, np.maximum(beyond, 0.0) / (STANDARD_ERRORS * errors), 0.0).max(axis=-1)
         return excess, says[..., 0] & (beyond[..., 0] <= 0.0)
 
-    def _judge_own(self, along: Array, time_s: Array, noise: float) -> Array:
+    def _judge_own(self, along: Array, found: "_Regression", time_s: Array, noise: float) -> Array:
         """Return the excess of the answers to the law's own motion [-]; wind makes none below 0 but by noise.
 
         Poses that answer to what was asked are none that stand or are mirrored: something else cancels the motion.
         """
-        own, v_first = self._own, (1, 0, 2, 3)
-        answers, errors = self._regress(along[..., v_first, :][..., v_first], time_s, own.memory_s, noise)
+        own = self._own
         rms = np.sqrt(np.maximum(along[..., 1, 1], RIDGE) / time_s)
         least = np.maximum(LEAST_ANSWER - own.cancelled / rms, LEAST_OWN_ANSWER)
-        says = (rms >= own.least) & (errors[..., 0] <= MOST_OWN_ERROR)
-        below = np.maximum(least - 1.0 - answers[..., 0], 0.0)
-        asked, asked_errors = self._regress(along, time_s, self._memory_s, noise)
-        says &= 1.0 + asked[..., 0] < LEAST_ANSWER + ANSWERS_ERRORS * asked_errors[..., 0]
-        return np.where(says, below / (OWN_STANDARD_ERRORS * errors[..., 0]), 0.0)
+        below = least - 1.0 - found.slopes[..., 1, 0]
+        says = (rms >= own.least) & (below > 0.0)
+        if not says.any():
+            return np.zeros_like(rms)
+        errors = self._find_errors(found, 1, time_s, own.memory_s, noise)[..., 0]
+        asked_errors = self._find_errors(found, 0, time_s, self._memory_s, noise)[..., 0]
+        is_answered = 1.0 + found.slopes[..., 0, 0] >= LEAST_ANSWER + ANSWERS_ERRORS * asked_errors
+        says &= (errors <= MOST_OWN_ERROR) & ~is_answered
+        return np.where(says, below / (OWN_STANDARD_ERRORS * errors), 0.0)
 
-    def _regress(
-        self, products: Array, time_s: Array, memory_s: float, noise: float, model2: Array | float = 0.0
-    ) -> tuple[Array, Array]:
-        """Regress the last two signals, e and e across, on the first two.
+    def _find_errors(
+        self,
+        found: "_Regression",
+        signal: int,
+        time_s: Array,
+        memory_s: float,
+        noise: float,
+        model2: Array | float = 0.0,
+    ) -> Array:
+        """Return the standard errors of the answers to u (``signal`` 0) or v (1); shape (windows, directions, 2).
 
-        Return their answers to the first signal, and the standard errors of these; shape (windows, directions, 2).
-        ``model2``: mean square by which the model of the second signal is wrong.
+        ``model2``: mean square by which the model of the other signal is wrong.
         """
-        inverse = np.linalg.inv(products[..., :2, :2] + RIDGE * np.eye(2))
-        shown = products[..., :2, 2:]
-        slopes = inverse @ shown
-        residual = products.diagonal(axis1=-2, axis2=-1)[..., 2:] - (slopes * shown).sum(axis=-2)
         # Few samples know little of their own scatter: some samples' worth of the granted residual as a prior, and a
         # wider interval, as Student's distribution has it.
         window_s, noise2 = time_s[..., None], noise * noise
         prior = PRIOR_SAMPLES * memory_s * self._least * self._least + window_s * model2
         freedom = window_s / memory_s - 2.0
-        beside_noise = (np.maximum(residual - window_s * noise2, 0.0) + prior) / freedom
-        errors = np.sqrt((beside_noise + noise2 * NOISE_MEMORY_S) * inverse[..., 0, 0, None])
-        return slopes[..., 0, :], (1.0 + 4.0 / freedom) * errors
+        beside_noise = (np.maximum(found.residual - window_s * noise2, 0.0) + prior) / freedom
+        variance = (beside_noise + noise2 * NOISE_MEMORY_S) * found.inverse[..., signal, signal, None]
+        return (1.0 + 4.0 / freedom) * np.sqrt(variance)
+
+
+class _Regression(NamedTuple):
+    """Regression of e and e across on u and v, for each window and direction."""
+
+    slopes: Array
+    """D_u and D_v, of e and of e across; shape (windows, directions, 2, 2)."""
+    inverse: Array
+    """Inverse of the integrals of the products of u and v, of the same shape."""
+    residual: Array
+    """Integrals of the squares of what is left of e and of e across; shape (windows, directions, 2)."""
+
+
+def _regress(along: Array) -> _Regression:
+    """Regress e and e across on u and v; ``along`` as in :meth:`Response._judge_asked`."""
+    uu, uv, vv = along[..., 0, 0] + RIDGE, along[..., 0, 1], along[..., 1, 1] + RIDGE
+    determinant = uu * vv - uv * uv
+    inverse = np.stack([np.stack([vv, -uv], -1), np.stack([-uv, uu], -1)], -2) / determinant[..., None, None]
+    shown = along[..., :2, 2:]
+    slopes = inverse @ shown
+    residual = along.diagonal(axis1=-2, axis2=-1)[..., 2:] - (slopes * shown).sum(axis=-2)
+    return _Regression(slopes, inverse, residual)
 
 
 class LatenessMonitor:
