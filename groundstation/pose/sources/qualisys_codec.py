@@ -31,6 +31,9 @@ class RtPacket(IntEnum):
     EVENT = 6
 
 
+ERROR = RtPacket.ERROR
+COMMAND = RtPacket.COMMAND
+XML = RtPacket.XML
 LAST_TYPE = 9
 """Highest packet type of the protocol."""
 MAX_PACKET = 1 << 20
@@ -143,7 +146,7 @@ def body_names(xml: bytes) -> tuple[str, ...]:
     try:
         root = ElementTree.fromstring(xml.rstrip(b"\0"))  # noqa: S314  # no entities, bounded: just checked
     except (ElementTree.ParseError, LookupError) as error:
-        raise ValueError(f"the parameters are no RtPacket.XML: {error}") from None
+        raise ValueError(f"the parameters are no XML: {error}") from None
     return tuple((body.findtext("Name") or "").strip() for body in root.iterfind("The_6D//Body"))
 
 
