@@ -126,7 +126,9 @@ async def recording_in(folder: Path) -> None:
 
 async def talk(folder: Path, script: object, *, limit: int = 0) -> list[str]:
     said: list[str] = []
-    process = RecorderProcess(RecordingConfig(folder=str(folder)), about(Config()), lambda text, *_: said.append(text))
+    process = RecorderProcess(
+        RecordingConfig(folder=str(folder)), about(Config()), lambda sentence, *_: said.append(str(sentence))
+    )
     if limit:
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
     assert callable(script)

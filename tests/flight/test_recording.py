@@ -286,7 +286,7 @@ def test_a_recording_is_for_its_owner_alone(tmp_path: Path, monkeypatch: pytest.
 
 def test_what_never_reaches_the_disk_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    file = PatientFile(tmp_path / "flight.mcap", lambda text, *_: said.append(text))
+    file = PatientFile(tmp_path / "flight.mcap", lambda sentence, *_: said.append(str(sentence)))
     file.write(b"x" * 100)
     file.flush()
     file.sync()
