@@ -102,8 +102,10 @@ def test_a_flight_ends_with_its_error_figures_and_the_path(capfd: pytest.Capture
     path, _, _ = recorded()
     headline = quick_headline(path)[1]
     _tell_figures(path)
-    (told, severity) = json.loads(capfd.readouterr().out)
-    assert told.endswith(f"recorded in {path}") and severity == "info"
+    sentence = json.loads(capfd.readouterr().out)
+    told = sentence["text"]
+    assert told.endswith(f"recorded in {path}") and sentence["severity"] == "info"
+    assert sentence["id"].startswith("recording.") and sentence["numbers"]["path"] == str(path)
     if headline.rms_m is None or headline.max_m is None:
         assert told.startswith(f"no error figures, which begin after {STEADY_S:g} s on the trajectory")
     else:
