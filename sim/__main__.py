@@ -348,6 +348,13 @@ def _dev_split(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
 
 
+def _dev_upsets(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenarios", metavar="A,B", type=names, help="default: paper, quad1kg")
+    parser.add_argument("--seeds", type=count, default=3, metavar="N", help="of each push, 0 to N-1 (default 3)")
+    parser.add_argument("--states", type=count, default=1000, metavar="N", help="drawn starts (default 1000)")
+    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
+
+
 def _dev_vehicles(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=path, metavar="DIR", help="write the files there; `make vehicles` does")
 
@@ -379,6 +386,7 @@ COMMANDS: Groups = {
         "dev bring-down": ("cut flights short in the air, and measure how they come down", _dev_bring_down),
         "dev intervals": ("count how often the truth lies within the intervals of identify", _dev_intervals),
         "dev split": ("measure how well wind and thrust scale are told apart", _dev_split),
+        "dev upsets": ("fly every law through large pushes of the wind, and from far starts", _dev_upsets),
         "dev vehicles": ("measure the vehicles that come along again, in flight", _dev_vehicles),
         "dev gale": ("fly published laws in a simulated wind tunnel, beside the real measurements", _dev_gale),
         "dev check-vectors": ("evaluate the control law on a file of test vectors", _dev_check_vectors),
@@ -390,7 +398,7 @@ COMMANDS: Groups = {
     }
 }
 
-NEW = ("dev states", "dev split")
+NEW = ("dev states", "dev split", "dev upsets")
 """Commands that never had another spelling."""
 MOVED = {
     name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ") and name not in NEW

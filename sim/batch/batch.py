@@ -25,6 +25,7 @@ from groundstation.core.estimation import (
     Covariance,
     Densities,
     Effectiveness,
+    Estimation,
     StampNoise,
     correct,
     correct_attitude,
@@ -58,7 +59,8 @@ from groundstation.core.vehicle import (
 )
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
-from sim.runs import CONFIRM_S, CRASH_M, Effort, sought
+from sim.batch.one_by_one import OneByOne
+from sim.runs import BACK_M, CONFIRM_S, CRASH_M, Effort, sought
 from sim.world import (
     Actuators,
     Body,
@@ -138,7 +140,7 @@ class Filtered(NamedTuple):
 class BatchEstimator:
     """State at each vehicle's newest pose; commands act from frames at multiples of ``period_s`` on."""
 
-    def __init__(self, vehicle: Vehicle, gains: Gains, start: Any, idle_thrust_n: float, period_s: float) -> None:
+    def __init__(self, vehicle: Vehicle, gains: Estimation, start: Any, idle_thrust_n: float, period_s: float) -> None:
         """``start`` is the (3, N) position [m, NED] at which the vehicles are held, with ``idle_thrust_n`` [N]."""
         n = start.shape[1]
         zero: Any = np.zeros(n)
@@ -311,7 +313,7 @@ class BatchEstimator:
 class BatchWatch:
     """Looks at every command of N flights, and changes nothing."""
 
-    def __init__(self, count: int, law: Law, period_s: float) -> None:
+    def __init__(self, count: int, law: Estimation, period_s: float) -> None:
         """Take the gains, and the time from each command to the next [s]."""
         self._law, self._period, self._measure = law, period_s, measure(law)
         self._poses, self._counted_s = np.zeros(count, np.intp), np.zeros(count)
@@ -327,7 +329,7 @@ class BatchWatch:
         """One pose of each of the vehicles ``who``; D follows the noise of everyone's as measured [m², per axis]."""
         self._poses[who] += 1
         turn = self._poses[who] % NOISE_POSES == 1
-        if not turn.any():
+        if not (turn.any() and isinstance(self._law, Law)):
             return
         who, stamp_s = who[turn], stamp_s[turn]
         again = self._poses[who] > 1
@@ -575,8 +577,10 @@ class Fleet:
         thrust = column(worlds, "start_thrust") * physics.mass_kg * first.gravity
         self.track = np.zeros((steps + 1, BODY + (0 if rotors is None else ACTUATORS), n))
         self.track[-1, :3] = self.start
-        self.track[-1, 6] = 1.0
+        turn: Any = tuple(np.radians(column(worlds, "start_turn_deg")))
+        self.track[-1, 6:10] = rotate((np.ones(n), *zeros(n, 3)), turn)
         self.track[-1, 10] = thrust
+        self._start_velocity = column(worlds, "start_velocity")
         if rotors is not None:
             put(_vehicle(self.track[-1])[1], slice(None), begin_rotors(OPS, thrust, rotors[1]))
         self._gyros = None if rotors is None else GyroNoise(worlds, seeds, steps)
@@ -607,6 +611,10 @@ class Fleet:
         drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
         rotors = (*describe_rotors(of, first.gravity), self._gains_now) if first.plant == "rotors" else None
         return physics, drag if drags else None, rotors
+
+    def release(self) -> None:
+        """Let go of all of them."""
+        self.track[-1, 3:6] = self._start_velocity
 
     @property
     def body(self) -> Any:
@@ -730,23 +738,61 @@ class Flights(NamedTuple):
     """λ̂ at the last command [-]."""
     thrust_scale_deviation: Array
     """Its standard deviation as the estimator has it [-]."""
+    gust_peak_m: Array
+    """Largest error after the wind's step or push; nan where there is none."""
+    gust_back_s: Array
+    """Time after it from which the error stays below 5 cm [s]; nan where it never does."""
+    lowest_m: Array
+    """Lowest point, counted downwards [m, NED]."""
     survived: npt.NDArray[np.bool_]
+
+
+class GustMarks:
+    """Answers of N flights to a step or push of the wind."""
+
+    def __init__(self, worlds: Sequence[World]) -> None:
+        pushed = [world.wind_step != ZERO for world in worlds]
+        self._begin_s = np.where(pushed, column(worlds, "wind_step_time_s"), np.nan)
+        """When the wind steps [s]; nan where it does not."""
+        self._last_off = self._begin_s
+        """When each was last as far off as does not count as back [s]."""
+        self.peak_m: Array = np.full(len(worlds), np.nan)
+
+    def steps(self, ends: Array, errors: Array) -> None:
+        """As :meth:`Marks.steps`."""
+        after = ends[:, None] >= self._begin_s
+        if after.any():
+            self.peak_m = np.fmax(self.peak_m, np.where(after, errors, np.nan).max(axis=0))
+            self._last_off = _find_last(ends, after & (errors >= BACK_M), self._last_off)
+
+    def compute_back(self, end_s: float) -> Any:
+        """Time after the gust [s] from which the error stays small; nan where it does not before ``end_s``."""
+        return np.where(self._last_off < end_s, self._last_off - self._begin_s, np.nan)
+
+
+def _find_last(ends: Array, marked: Any, before: Any) -> Any:
+    """The last of ``ends`` at which each flight is ``marked``, of shape (steps, N); ``before`` where none is."""
+    return np.where(marked.any(axis=0), ends[ends.size - 1 - np.argmax(marked[::-1], axis=0)], before)
 
 
 class Marks:
     """Score sheet of N flights."""
 
-    def __init__(self, count: int, duration_s: float, vehicle: Vehicle, law: Law, watch: BatchWatch) -> None:
+    def __init__(
+        self, worlds: Sequence[World], duration_s: float, vehicle: Vehicle, law: Estimation, watch: BatchWatch
+    ) -> None:
         """All still fly; ``vehicle`` and ``law`` as told, whose limits and bounds margins are counted from.
 
         ``watch`` is shown every command.
         """
+        count = len(worlds)
         self._alive = np.ones(count, bool)
         self._squares, self._max = np.zeros(count), np.zeros(count)
         self._last_far = np.zeros(count)
         self._saturated, self._late, self._steps = np.zeros(count), 0, 0
         self._duration = duration_s
-        self._law, self._watch = law, watch
+        self._law, self._watch = law if isinstance(law, Law) else None, watch
+        self._gust, self._lowest = GustMarks(worlds), np.full(count, -np.inf)
         self._told_kg = vehicle.mass_kg
         self._thrusts = vehicle.thrust_min_n, vehicle.thrust_max_n
         self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
@@ -774,7 +820,7 @@ class Marks:
         self._b_hat = np.maximum(self._b_hat, x * x + y * y + z * z)
         if 0.0 < time_s < STEADY_FROM_S:
             return
-        weight = 0.5 / law.kb if law.kb > 0.0 else 0.0
+        weight = 0.5 / law.kb if law is not None and law.kb > 0.0 else 0.0
         wind = sought(wind, estimate, self._told_kg)
         self._v.append(seen.v_known + weight * ((x - wind[0]) ** 2 + (y - wind[1]) ** 2 + (z - wind[2]) ** 2))
         if time_s >= STEADY_FROM_S:
@@ -782,13 +828,16 @@ class Marks:
             thrust: Any = decision.drive.thrust
             self._margin = np.minimum(self._margin, np.minimum(thrust - low, high - thrust))
 
-    def steps(self, ends: Array, errors: Array) -> None:
-        """The errors [m] of shape (steps, N) after the plant steps that end at ``ends`` [s after the release]."""
+    def steps(self, ends: Array, errors: Array, heights: Array) -> None:
+        """The errors [m] of shape (steps, N) after the plant steps that end at ``ends`` [s after the release].
+
+        ``heights`` are counted downwards [m, NED].
+        """
         if not ends.size:
             return
-        far = errors >= SETTLED_M
-        last = ends[ends.size - 1 - np.argmax(far[::-1], axis=0)]
-        self._last_far = np.where(far.any(axis=0), last, self._last_far)
+        self._last_far = _find_last(ends, errors >= SETTLED_M, self._last_far)
+        self._gust.steps(ends, errors)
+        self._lowest = np.maximum(self._lowest, heights.max(axis=0))
         steady = errors[ends >= STEADY_FROM_S]
         for error in steady:
             self._squares += error * error
@@ -800,7 +849,9 @@ class Marks:
         """The figures; nan for those that crashed."""
         law = self._law
         nan = np.where(self._alive, 0.0, np.nan)
-        settled = np.where(self._last_far < self._duration - 0.01, self._last_far, np.nan)
+        end_s = self._duration - 0.01
+        settled = np.where(self._last_far < end_s, self._last_far, np.nan)
+        bound = np.inf if law is None else law.b_bound + law.epsilon
         violated, suspended = self._watch.shares()
         floor = np.full(nan.size, np.nan)
         if len(self._v) > 2:  # long enough to have a steady part
@@ -816,10 +867,13 @@ class Marks:
             lyapunov_floor=floor + nan,
             certificate_violated=violated + nan,
             certificate_suspended=suspended + nan,
-            b_hat_share_max=np.sqrt(self._b_hat) / (law.b_bound + law.epsilon) + nan,
+            b_hat_share_max=np.sqrt(self._b_hat) / bound + nan,
             thrust_margin_n=self._margin + nan,
             thrust_scale=self._scale[0] + nan,
             thrust_scale_deviation=self._scale[1] + nan,
+            gust_peak_m=self._gust.peak_m + nan,
+            gust_back_s=self._gust.compute_back(end_s) + nan,
+            lowest_m=self._lowest,
             survived=self._alive,
         )
 
@@ -835,10 +889,8 @@ def require_batchable(world: World, config: Config) -> None:
         ConfigError: the key, and what a batch flies instead.
     """
     gains = config.controller
-    if gains.kind != "adaptive" or gains.composite != "provable" or gains.observer != "model":
-        raise ConfigError(
-            "controller", "a batch flies the adaptive controller with its observer and provable adaptation only"
-        )
+    if gains.observer != "model" or (isinstance(gains, Gains) and gains.composite != "provable"):
+        raise ConfigError("controller", "a batch flies with the model's observer and provable adaptation only")
     if not isinstance(config.pose, ViconConfig):
         raise ConfigError("pose.kind", f"a batch sees through 'vicon' only, got {config.pose.kind!r}")
     for key, delay_s in (
@@ -886,7 +938,7 @@ class Batch:
     def __init__(self, worlds: Sequence[World], config: Config, seeds: Sequence[int], duration_s: float) -> None:
         """Hold the vehicles at their starts; the arguments are those of :func:`fly_batch`."""
         gains, vehicle, pose, first = config.controller, config.vehicle, config.pose, worlds[0]
-        assert isinstance(gains, Gains) and isinstance(pose, ViconConfig)
+        assert isinstance(pose, ViconConfig)
         self.period_s = first.frame_period_s
         self.release_s = CONFIRM_S + math.ceil(HANDSHAKE_S / self.period_s - 1e-9) * self.period_s
         """When the flights begin, from the start of the cameras [s]."""
@@ -899,10 +951,12 @@ class Batch:
         self._cameras = Cameras(worlds, seeds, duration_s, self.release_s, pose.latency_s)
         idle_n = config.flight.idle_thrust * (vehicle.mass_kg * gains.gravity)
         self._estimator = BatchEstimator(vehicle, gains, self._fleet.start, idle_n, self.period_s)
-        self._controller = Adaptive(vehicle, gains, OPS)
+        self._controller = (
+            Adaptive(vehicle, gains, OPS) if isinstance(gains, Gains) else OneByOne(self._fleet.count, config)
+        )
         self._trajectory = config.trajectory.build()
         self._watch = BatchWatch(self._fleet.count, gains, self.period_s)
-        self.marks = Marks(self._fleet.count, duration_s, vehicle, gains, self._watch)
+        self.marks = Marks(worlds, duration_s, vehicle, gains, self._watch)
 
     def hold(self, time_s: float) -> None:
         """One frame before the release: nothing moves, but the cameras run."""
@@ -916,6 +970,7 @@ class Batch:
         self._take_poses(time_s)
         if frame == 0:
             estimator.release()
+            fleet.release()
         # Where poses stay away too long commands stop, and with them the flight.
         self.marks.mark_failed(time_s > estimator.stamp_s + self._config.flight.coast_s)
         estimate, decision = self._decide(time_s, self.period_s if frame > 0 else 0.0)
@@ -926,7 +981,8 @@ class Batch:
         self.marks.command(time_s, decision, estimate, fleet.felt[0])
         ends = ends[ends <= self._duration_s + 1e-9]  # the last frame is held beyond the end of the flight
         wanted = np.array([self._trajectory.position_at(end) for end in ends.tolist()]).reshape(-1, 3, 1)
-        self.marks.steps(ends, np.sqrt(((fleet.track[1 : ends.size + 1, :3] - wanted) ** 2).sum(axis=1)))
+        places = fleet.track[1 : ends.size + 1, :3]
+        self.marks.steps(ends, np.sqrt(((places - wanted) ** 2).sum(axis=1)), places[:, 2])
         self.marks.mark_failed(fleet.find_crashes(ends.size))
 
     def _take_poses(self, time_s: float) -> None:

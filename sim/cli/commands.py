@@ -285,6 +285,28 @@ def dev_split(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
+def dev_upsets(args: argparse.Namespace) -> Exit:
+    """Fly every law through large steps and pushes of the wind, and from drawn starts."""
+    from sim.cli import ProgressBar
+    from sim.studies import BATCHES, VEHICLES, compare_upsets, upsets_table
+
+    scenarios = args.scenarios or VEHICLES
+    for name in scenarios:
+        scenario_of(name)
+    if args.write is not None:
+        split_at_markers(args.write)
+    with ProgressBar("batches", len(scenarios) * BATCHES) as counter:
+        found = compare_upsets(scenarios, seeds=args.seeds, states=args.states, on_done=counter.step)
+    table = upsets_table(*found)
+    print(table)
+    if args.write is not None:
+        some = f" --scenarios {','.join(args.scenarios)}" if args.scenarios else ""
+        told = f"--seeds {args.seeds} --states {args.states} --write {args.write.name}"
+        words = f"groundstation-sim dev upsets{some} {told}"
+        replace_between_markers(args.write, f"{table}\n\nMade by `{words}`.")
+    return Exit.DONE
+
+
 def dev_vehicles(args: argparse.Namespace) -> Exit:
     """Find in flight what was found in flight of the vehicles that come along."""
     from sim.studies import remake_all

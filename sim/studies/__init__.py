@@ -29,5 +29,6 @@ from sim.studies.comparison import (
 from sim.studies.gale import gale_command
 from sim.studies.intervals import coverage_table, identify_flights
 from sim.studies.split import STEADY_SCENARIOS, fly_drawn, fly_steadily, split_table
+from sim.studies.upsets import BATCHES, VEHICLES, compare_upsets, upsets_table
 from sim.studies.vectors import LIMIT, worst_disagreement
 from sim.studies.vehicles import FOUND_IN_FLIGHT, remake, remake_all

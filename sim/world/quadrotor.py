@@ -343,6 +343,8 @@ class Quadrotor:
         )
         thrust = world.start_thrust * world.mass_kg * world.gravity
         begins = so3.from_euler_zyx(0.0, math.radians(world.tunnel.start_pitch_deg), 0.0)
+        roll, pitch, yaw = world.start_turn_deg
+        begins = so3.rotate(begins, (math.radians(roll), math.radians(pitch), math.radians(yaw)))
         self._body = Body(world.start_ned, (0.0, 0.0, 0.0), begins, thrust, (0.0, 0.0, 0.0))
         self._tunnel = None if world.tunnel == STILL else world.tunnel
         drag = describe_air(lambda get: get(world))
@@ -396,6 +398,7 @@ class Quadrotor:
         if self.released_s is None:
             self.advance(time_s)
             self.released_s = time_s
+            self._body = self._body._replace(velocity=self._world.start_velocity)
         if self.partner is not None:
             self.partner.release(time_s)
 

@@ -174,6 +174,10 @@ class World(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Speed of the reference along the figure eight [m/s]."""
     start_ned: Vec3 = (0.8, -0.8, 0.0)
     """Where the vehicle is held until it obeys [m, NED]."""
+    start_velocity: Vec3 = (0.0, 0.0, 0.0)
+    """Velocity at the release [m/s, NED]: the vehicle is thrown."""
+    start_turn_deg: Vec3 = (0.0, 0.0, 0.0)
+    """Attitude in which it is held, as a rotation vector from level and north [deg]."""
     start_thrust: NonNegative = 0.6
     """Thrust at the release, as a share of the hover thrust [-]."""
     own_estimate: bool = False

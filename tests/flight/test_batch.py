@@ -51,6 +51,28 @@ def test_a_batch_agrees_with_whole_flights_to_a_micrometre(
         assert batch.settle_s[seed] == pytest.approx(verdict.settle_s, abs=0.006)  # two steps of the plant
 
 
+@pytest.mark.parametrize("kind", ["adaptive", "l1", "indi"])
+def test_every_law_is_thrown_and_pushed_in_a_batch_as_in_a_whole_flight(kind: str) -> None:
+    thrown = ("sim.start_velocity=[0.5,-0.5,0.0]", "sim.start_turn_deg=[20.0,-10.0,0.0]", "sim.floor_z_m=9.0")
+    pushed = ("sim.wind_step=[0.0,5.0,0.0]", "sim.wind_step_time_s=4.0", "sim.wind_push_s=0.4")
+    overrides = (f"controller.kind={kind}", *thrown, *pushed)
+    world, config = prepare(SCENARIOS["paper"], list(overrides))
+    batch = fly_batch([world], config, [1], duration_s=8.0)
+    verdict = flown("paper", *overrides, seed=1, duration_s=8.0).verdict
+    assert batch.survived.all()
+    assert 100.0 * batch.gust_peak_m[0] == pytest.approx(verdict.gust_peak_cm, abs=0.01)
+    assert batch.gust_back_s[0] == pytest.approx(verdict.gust_back_s, abs=0.006)  # two steps of the plant
+    assert batch.settle_s[0] == pytest.approx(verdict.settle_s, abs=0.006)
+    assert batch.lowest_m[0] > world.start_ned[2], "it sinks at first"
+
+
+def test_a_vehicle_that_no_wind_pushes_has_no_peak() -> None:
+    world, config = prepare(SCENARIOS["paper"], [])
+    calm = fly_batch([world], config, [0], duration_s=2.0)
+    assert math.isnan(calm.gust_peak_m[0])
+    assert math.isnan(calm.gust_back_s[0])
+
+
 def test_a_last_frame_whose_every_step_ends_after_the_flight_adds_nothing() -> None:
     world, config = prepare(SCENARIOS["adverse"], ["sim.frame_period_s=0.011"])
     shorter, longer = (fly_batch([world], config, [0], duration_s=s) for s in (0.011, 0.0111))

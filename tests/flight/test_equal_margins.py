@@ -124,6 +124,9 @@ def test_a_search_is_kept_as_a_table_and_not_flown_again(tmp_path: Path) -> None
     reflown = {(sortie.stage.scenario, sortie.duration_s) for sortie in judges.flights if sortie.seed == 1}
     assert reflown == {(name, 60.0 if name in module.JUDGED else 20.0) for name in module.REFLOWN}, "whole laps"
     assert plain == {0, 1} and len(judges.flights) < len(searched.flights)  # the best is judged anew, and no more
+    pushed = [sortie for sortie in judges.flights if sortie.stage.scenario in module.PUSHED]
+    assert {sortie.stage.scenario for sortie in pushed} == set(module.PUSHED)
+    assert all(sortie.duration_s > sortie.stage.world.wind_step_time_s for sortie in pushed), "the push is flown"
     best = min(found.trials["pid"], key=lambda trial: trial.cost)
     assert found.rows[0].gains == best.gains and found.rows[0].keeps and found.rows[0].evaluations == 6
     path.write_text("dear diary\n1\n", "utf-8")
@@ -171,7 +174,11 @@ def test_who_dominates_is_as_close_as_calm_and_as_tolerant_and_better_in_one() -
 
 def test_table_and_picture_have_every_law_and_the_limit() -> None:
     rows = [row("adaptive", 0.1, 0.4, 0.03), row("pid", 0.3, 0.1, 0.05, keeps=False)]
+    peaks = dict(zip(module.PUSHED, (14.25, 33.9, 84.7, 47.0, None), strict=True))
+    rows[0] = msgspec.structs.replace(rows[0], peak_cm=peaks)
     table = equal_margins_table(rows)
+    assert "| peak, cm | `step_3` | `step_5` | `step_8` | `push_6` | `push_10` |" in table
+    assert "| adaptive | 14.2 | 33.9 | 84.7 | 47 | lost |" in table
     assert "| adaptive | 0.1 | crash | 0.1 |" in table and "| 30 / 30 | all |" in table and "not all" in table
     figure = draw_equal_margins(rows)
     for panel, limit in zip(figure.axes, (*[LQG_CM["paper"]] * 2, *[LQG_CM["adverse"]] * 2), strict=True):

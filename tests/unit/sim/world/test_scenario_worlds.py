@@ -50,6 +50,7 @@ NEUTRAL: dict[str, Any] = {
     "plant": "first_order", "thrust_delay_s": 0.0, "rate_delay_s": 0.0, "drag_body_per_s": (0.0, 0.0, 0.0),
     "inflow_drag_per_m": (0.0, 0.0), "inflow_lift_per_m": 0.0, "air_velocity": (0.0, 0.0, 0.0), "pose_jitter_s": 0.0,
     "tunnel": STILL, "velocity_bias": (0.0, 0.0, 0.0), "telemetry_hz": 0.0, "wind_push_s": 0.0,
+    "start_velocity": (0.0, 0.0, 0.0), "start_turn_deg": (0.0, 0.0, 0.0),
 }  # fmt: skip
 """Figures that are newer than these scenarios, and what does nothing."""
 CONSTANTS: dict[str, dict[str, Any]] = {

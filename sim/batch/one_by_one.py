@@ -1,0 +1,72 @@
+"""Controllers that know floats only, one for each vehicle of a batch."""
+
+from typing import Any
+
+import numpy as np
+
+from groundstation.core.control import make_controller
+from groundstation.core.messages import Controller, Decision, Diagnostics, Estimate
+from groundstation.core.trajectory import Reference
+from groundstation.core.vehicle import ActuatorCommand, Motion
+from groundstation.settings import Config
+
+UNKNOWN: Any = (0.0, 0.0, 0.0)
+"""Diagnostics that a batch does not look at."""
+
+
+class OneByOne:
+    """N controllers of the configured kind, asked one after the other."""
+
+    def __init__(self, count: int, config: Config) -> None:
+        self._controllers: list[Controller] = [make_controller(config.controller, config.vehicle) for _ in range(count)]
+
+    def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command of each; ``estimate`` has arrays of shape (N,)."""
+        motion, count = estimate.motion, len(self._controllers)
+        numbers = (
+            *motion.position,
+            *motion.velocity,
+            *motion.attitude,
+            motion.thrust,
+            *motion.rates,
+            *estimate.disturbance,
+            estimate.effectiveness,
+        )
+        rows = np.stack([np.broadcast_to(number, count) for number in numbers], axis=1).tolist()
+        decisions = [
+            controller.decide(_make_estimate(estimate.time_s, row), reference, interval_s)
+            for controller, row in zip(self._controllers, rows, strict=True)
+        ]
+        found: Any = np.array([(d.drive.thrust, *d.drive.rates, *d.diagnostics.b_hat) for d in decisions]).T
+        thrust, p, q, r, *b_hat = found
+        saturated: Any = np.array([d.saturated for d in decisions])
+        zero: Any = np.zeros(count)
+        return Decision(
+            ActuatorCommand(thrust, (p, q, r)),
+            saturated,
+            Diagnostics(
+                z1=UNKNOWN,
+                z2=UNKNOWN,
+                z3=UNKNOWN,
+                u_star=UNKNOWN,
+                b_hat=(b_hat[0], b_hat[1], b_hat[2]),
+                b_hat_dot=UNKNOWN,
+                disturbance=estimate.disturbance,
+                v_terms=UNKNOWN,
+                w_terms=UNKNOWN,
+                v_known=zero,
+                w=zero,
+                certificate=decisions[0].diagnostics.certificate,
+            ),
+        )
+
+    def decide_apart(self, sooner: Estimate, later: Estimate, reference: Reference, interval_s: float) -> Decision:
+        """One command of each for the ``later`` instant, as the pilot asks whom it does not know."""
+        return self.decide(later, reference, interval_s)
+
+
+def _make_estimate(time_s: float, row: list[float]) -> Estimate:
+    """The estimate of one vehicle."""
+    px, py, pz, vx, vy, vz, w, x, y, z, thrust, p, q, r, north, east, down, effectiveness = row
+    motion = Motion((px, py, pz), (vx, vy, vz), (w, x, y, z), thrust, (p, q, r))
+    return Estimate(time_s, motion, (north, east, down), (0.0, 0.0, 0.0), effectiveness)

@@ -1,0 +1,137 @@
+"""``groundstation-sim dev upsets``: large pushes and drawn starts, and the table of both."""
+
+import contextlib
+import io
+import math
+from pathlib import Path
+
+import pytest
+
+from groundstation.core.control import CALM, Gains
+from sim.__main__ import main
+from sim.scenarios import SCENARIOS
+from sim.studies import upsets
+from sim.studies.upsets import (
+    FARTHEST_M,
+    FASTEST_M_S,
+    LAWS,
+    STEEPEST_DEG,
+    StatesRow,
+    UpsetRow,
+    draw_start,
+    fly_states,
+    fly_upsets,
+    list_upsets,
+    upsets_table,
+)
+
+ONE = "step 5"
+"""An upset of eight directions."""
+
+
+def test_every_upset_comes_from_all_its_directions() -> None:
+    found = {upset: len(directions) for upset, directions in list_upsets().items()}
+    assert found == {
+        "step 3": 8,
+        "step 5": 8,
+        "step ±5 vertical": 2,
+        "step 8": 8,
+        "push 6, 0.4 s": 8,
+        "push 6, 1 s": 8,
+        "push 10, 0.4 s": 8,
+        "push 10, 1 s": 8,
+    }
+
+
+def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(upsets, "list_upsets", lambda: {ONE: list_upsets()[ONE][:2]})
+    done: list[None] = []
+    (figure,), (hold,) = (
+        fly_upsets("paper", phase, seeds=1, laws=laws, on_done=lambda: done.append(None))
+        for phase, laws in (("figure", ("adaptive", "pid")), ("hold", ("adaptive",)))
+    )
+    assert len(done) == 3
+    assert (figure.scenario, figure.phase, figure.upset) == ("paper", "figure", ONE)
+    assert hold.peak_cm.keys() == {"adaptive"}
+    ours, theirs = figure.peak_cm["adaptive"], figure.peak_cm["pid"]
+    calmly = hold.peak_cm["adaptive"]
+    assert ours is not None and theirs is not None and calmly is not None
+    assert ours < calmly
+    assert ours < theirs
+    assert 25.0 < ours < 40.0
+    assert figure.back_s["adaptive"] == pytest.approx(1.1, abs=0.2)
+
+
+def test_a_hold_flies_with_calm_gains() -> None:
+    _, config = upsets._prepare("paper", "adaptive", upsets.HOLD)
+    assert isinstance(config.controller, Gains)
+    assert config.controller.k2 == CALM["k2"]
+    assert config.trajectory.build().position_at(5.0) == config.trajectory.build().position_at(0.0)
+
+
+def test_drawn_starts_are_within_their_bounds_and_repeat() -> None:
+    world, reference = SCENARIOS["paper"].world, (0.5, -0.5, -1.0)
+    drawn = [draw_start(world, reference, seed) for seed in range(200)]
+    away = [math.dist(one.start_ned, reference) for one in drawn]
+    speeds = [math.hypot(*one.start_velocity) for one in drawn]
+    tilts = [math.hypot(*one.start_turn_deg) for one in drawn]
+    for values, most in ((away, FARTHEST_M), (speeds, FASTEST_M_S), (tilts, STEEPEST_DEG)):
+        assert max(values) <= most
+        assert min(values) < 0.1 * most
+        assert max(values) > 0.9 * most
+    assert drawn[7] == draw_start(world, reference, 7)
+
+
+@pytest.mark.parametrize("scenario", upsets.VEHICLES)
+def test_ours_recovers_from_every_drawn_start(scenario: str) -> None:
+    (row,) = fly_states(scenario, states=40, laws=["adaptive"])
+    assert (row.recovered, row.lost) == (1.0, 0.0)
+    assert row.settle_s is not None and row.settle_s < 4.0
+    assert row.sink_most_m is not None and 0.0 < row.sink_most_m < 5.0
+
+
+def made_up(ours_cm: float | None, ours_s: float | None, others: dict[str, float | None]) -> UpsetRow:
+    return UpsetRow("paper", "figure", ONE, {"adaptive": ours_cm, **others}, {"adaptive": ours_s, **others})
+
+
+@pytest.mark.parametrize(
+    ("ours", "best", "said", "within"),
+    [
+        (11.0, 10.0, "1.10", 1),
+        (11.2, 10.0, "1.12", 0),
+        (5.0, 10.0, "0.50", 1),
+        (None, 10.0, "-", 0),
+        (5.0, None, "only ours", 1),
+        (0.0, 0.0, "1.00", 1),
+        (0.3, 0.0, "+0.30 s", 0),
+    ],
+)
+def test_a_row_is_judged_by_the_best_baseline(ours: float | None, best: float | None, said: str, within: int) -> None:
+    worse = None if best is None else best + 1.0
+    row = made_up(ours, ours, {"geometric": worse, "l1": best, "pid": worse, "indi": worse})
+    states = [StatesRow("paper", law, 10, 0.9, 0.1, 2.0, None, None) for law in LAWS]
+    table = upsets_table([row], states)
+    line = next(line for line in table.splitlines() if line.startswith("| `paper`, figure: step 5 |"))
+    assert line.endswith(f"| {said} | {said} |")
+    assert f"{within} of 1 rows are within 1.1" in table
+    assert "| `paper`, pid | 90.0 % | 10.0 % | 2.00 | - | - |" in table
+
+
+def test_the_command_writes_its_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    page = tmp_path / "PAGE.md"
+    page.write_text("# Page\n\n<!-- figures:begin -->\nold\n<!-- figures:end -->\n\nlast\n", "utf-8")
+    monkeypatch.setattr(upsets, "list_upsets", lambda: {ONE: list_upsets()[ONE][:1]})
+    monkeypatch.setattr(upsets, "PUSHED_S", 10.0)
+    monkeypatch.setattr(upsets, "STATES_S", 4.0)
+    told = ("--scenarios", "paper", "--seeds", "1", "--states", "2", "--write", str(page))
+    words = ("groundstation-sim", "dev", "upsets", *told)
+    monkeypatch.setattr("sys.argv", words)
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert main() == 0
+    text = page.read_text("utf-8")
+    assert "\nold\n" not in text
+    assert text.endswith("<!-- figures:end -->\n\nlast\n")
+    assert "Made by `groundstation-sim dev upsets --scenarios paper --seeds 1 --states 2 --write PAGE.md`." in text
+    for part in ("`paper`, figure: step 5", "`paper`, hold: step 5", *(f"`paper`, {law} |" for law in LAWS)):
+        assert part in printed.getvalue()
+        assert part in text
