@@ -222,7 +222,7 @@ def test_a_campaign_is_drawn(rows: list[CampaignRow], tmp_path: Path) -> None:
         (["--set", "sim.thrust_gain=0.9"], "sim.thrust_gain: a campaign draws it"),
         (["--draw", "losses", "--set", "sim.outage_s=0.1"], "sim.outage_s: a campaign draws it, from 0 to 0.15"),
         (["--draw", "mass,luck"], "--draw: expected some of ['mass', 'lags'"),
-        (["--set", "controller.kind=uncompensated"], "controller: a batch flies the adaptive controller"),
+        (["--set", "controller.kind=uncompensated"], "controller: a batch flies with the model's observer"),
         (["--set", "vehicle.command_delay_s=0.01"], "vehicle.command_delay_s: the commands of a batch act at once"),
         (["--set", "sim.command_delay_s=0.01"], "sim.command_delay_s: the commands of a batch act at once"),
         (["--set", "sim.occlusion_s=0.1"], "sim.occlusion_s: the cameras of a batch never take one body for another"),

@@ -343,11 +343,15 @@ def run(
     return [rows[seed] for seed in seeds], len(missing)
 
 
+LEFT_OUT = ("gust_peak_m", "gust_back_s", "lowest_m")
+"""Figures of a flight that no row of a campaign holds: it draws neither steps nor throws."""
+
+
 def fly_chunk(campaign: Campaign, seeds: list[int]) -> list[CampaignRow]:
     """Fly ``seeds`` as one batch."""
     worlds = [draw_world(campaign.world, seed, campaign.draws) for seed in seeds]
     flights = fly_batch(worlds, campaign.config, seeds, duration_s=campaign.duration_s)
-    columns = {name: column.tolist() for name, column in flights._asdict().items()}
+    columns = {name: column.tolist() for name, column in flights._asdict().items() if name not in LEFT_OUT}
     return [
         _row(seed, world, **{name: column[i] for name, column in columns.items()})
         for i, (seed, world) in enumerate(zip(seeds, worlds, strict=True))
