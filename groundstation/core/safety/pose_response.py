@@ -177,7 +177,7 @@ PLANE = _directions((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DI
 
 
 def _beyond(answers: Array) -> Array:
-    """How far D_u, along and across, lies beyond what is accepted [-]; negative within it. Shape (..., 2)."""
+    """Return the distance of D_u, along and across, from its limits [-]; negative within them. Shape (..., 2)."""
     along, across = 1.0 + answers[..., 0], np.abs(answers[..., 1])
     return np.stack([np.maximum(LEAST_ANSWER - along, along - MOST_ANSWER), across - MOST_CROSS_ANSWER], axis=-1)
 

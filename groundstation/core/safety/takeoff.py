@@ -437,7 +437,7 @@ class StandingPoses:
         return StandingWander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
 
     def leaps(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> Sentence | None:
-        """What the step from one pose to the next shows that no vehicle on its floor does; None for nothing.
+        """Find what the step from one pose to the next shows that no vehicle on its floor does; None for nothing.
 
         ``light_s`` is as below, ``noise_m`` the white noise of its poses [m].
         """
@@ -451,7 +451,7 @@ class StandingPoses:
         return notice("takeoff.leaps", step_m=step)
 
     def find_disturbance(self, pose: Pose, place_ned: Vec3, light_s: float) -> Sentence | None:
-        """What ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. None for nothing.
+        """Find what ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. None for nothing.
 
         ``light_s`` is for how long thrust has taken so much of its weight that wind may move it [s].
         """

@@ -31,6 +31,7 @@ class RtPacket(IntEnum):
     EVENT = 6
 
 
+# Packet types that a server sends, for scripts that play one.
 ERROR = RtPacket.ERROR
 COMMAND = RtPacket.COMMAND
 XML = RtPacket.XML
