@@ -1,7 +1,7 @@
 """Upsets: large steps and pushes of the wind, and starts far from the reference, flown by every law.
 
 All laws fly on the same estimate, and none inverts the actuators' lags but ours: :mod:`sim.studies.comparison`. The
-printed law of 2013 is left out, as it does not hold these vehicles still. Hold is flown with our calm gains.
+printed law of 2013 is left out, as it does not hold these vehicles still. Hold is flown with our gains of a hold.
 """
 
 import math
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from groundstation.core.control import Gains, calm
+from groundstation.core.control import Gains, hold_gains
 from groundstation.core.geometry import Vec3
 from groundstation.settings import Config
 from sim.batch import Flights, fly_batch
@@ -121,10 +121,10 @@ def fly_upsets(
 
 
 def _prepare(scenario: str, law: str, told: Iterable[str]) -> tuple[World, Config]:
-    """The truth, and what ``law`` is told; in a hold it flies with its calm gains, if it has any."""
+    """The truth, and what ``law`` is told; in a hold it flies with its gains of a hold, if it has any."""
     world, config = prepare(SCENARIOS[scenario], [*told, f"controller.kind={law}"])
     if told and isinstance(config.controller, Gains):
-        config = msgspec.structs.replace(config, controller=calm(config.controller))
+        config = msgspec.structs.replace(config, controller=hold_gains(config.controller))
     return world, config
 
 

@@ -4,7 +4,7 @@ import asyncio
 from pathlib import Path
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.control import CALM, Gains, calm
+from groundstation.core.control import CALM, HOLD, Gains, calm_gains, hold_gains
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Recording
@@ -59,8 +59,8 @@ def test_only_the_figure_is_flown_with_the_gains_of_a_figure(tmp_path: Path) -> 
     assert (facts["first_difference"], facts["identical"]) == (None, True)
 
 
-def test_calm_gains_are_never_larger_than_those_told() -> None:
-    gains = calm(Gains())
-    assert {name: getattr(gains, name) for name in CALM} == CALM
+def test_gains_off_the_figure_are_never_larger_than_those_told() -> None:
+    for limited, most in ((calm_gains(Gains()), CALM), (hold_gains(Gains()), HOLD)):
+        assert {name: getattr(limited, name) for name in most} == most
     gentle = Gains(k2=0.5, k3_down=2.0, sigma_slope=1.0, rho_slope=0.4, sigma_bound=2.0, rho_bound=1.5)
-    assert calm(gentle) == gentle
+    assert calm_gains(gentle) == hold_gains(gentle) == gentle

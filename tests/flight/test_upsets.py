@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.core.control import CALM, Gains
+from groundstation.core.control import HOLD, Gains
 from sim.__main__ import main
 from sim.scenarios import SCENARIOS
 from sim.studies import upsets
@@ -62,10 +62,10 @@ def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(monkeyp
     assert figure.back_s["adaptive"] == pytest.approx(1.1, abs=0.2)
 
 
-def test_a_hold_flies_with_calm_gains() -> None:
+def test_a_hold_flies_with_its_own_gains() -> None:
     _, config = upsets._prepare("paper", "adaptive", upsets.HOLD)
     assert isinstance(config.controller, Gains)
-    assert config.controller.k2 == CALM["k2"]
+    assert {name: getattr(config.controller, name) for name in HOLD} == HOLD
     assert config.trajectory.build().position_at(5.0) == config.trajectory.build().position_at(0.0)
 
 

@@ -2,6 +2,7 @@
 
 from groundstation.core.control.adaptive import (
     CALM,
+    HOLD,
     LASTING_S,
     SUSPENDED,
     VIOLATED,
@@ -10,7 +11,8 @@ from groundstation.core.control.adaptive import (
     Gains,
     Uncompensated,
     bound_decrease,
-    calm,
+    calm_gains,
+    hold_gains,
     measure,
     noise_power,
     thrust_bound,

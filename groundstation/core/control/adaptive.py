@@ -111,13 +111,30 @@ CALM = {
     "sigma_bound": 3.0,
     "rho_bound": 2.0,
 }
-"""Off the figure these gains are so large at most: to climb, to hold and to land need no more, and what poses that lie
-or come late make of a vehicle grows with them."""
+"""Up and down, and off the figure where poses are doubted, these gains are so large at most: more is not needed there,
+and what poses that lie or come late make of a vehicle grows with them."""
+HOLD = {
+    "k3_down": 10.0,
+    "rho_slope": 2.0,
+    "sigma_bound": 3.0,
+    "rho_bound": 2.0,
+}
+"""In a hold these gains are so large at most: with those of the figure poses that come later and later drive a vehicle
+that has no motion to tell them by (`faults --state hold`), with the calm ones it gives way to gusts (`upsets`)."""
 
 
-def calm(gains: Gains) -> Gains:
-    """Those of ``gains`` that fly what is no figure."""
-    return msgspec.structs.replace(gains, **{name: min(most, getattr(gains, name)) for name, most in CALM.items()})
+def calm_gains(gains: Gains) -> Gains:
+    """Limit ``gains`` to those that climb and land."""
+    return _limit(gains, CALM)
+
+
+def hold_gains(gains: Gains) -> Gains:
+    """Limit ``gains`` to those that hold a place."""
+    return _limit(gains, HOLD)
+
+
+def _limit(gains: Gains, most: dict[str, float]) -> Gains:
+    return msgspec.structs.replace(gains, **{name: min(value, getattr(gains, name)) for name, value in most.items()})
 
 
 AHEAD_S = 0.002

@@ -16,8 +16,9 @@ from groundstation.core.control import (
     Envelope,
     ExcitationTones,
     Gains,
-    calm,
+    calm_gains,
     clamp_command,
+    hold_gains,
     level,
     make_controller,
     plan_bring_down,
@@ -280,9 +281,9 @@ class Pilot:
             self._apply_gains()
 
     def ease(self, calmly: bool, *, asks: bool, is_limited: bool = False) -> None:
-        """Use calm gains where ``calmly``: up, down or in place; ``asks``: fly excitation tones all the time.
+        """Use the gains of a hold where ``calmly``; ``asks``: fly excitation tones all the time.
 
-        ``is_limited``: limit the tilt, and how fast thrust lets it fall.
+        ``is_limited``: it flies up or down: with calm gains, limits of the tilt, and of how fast thrust lets it fall.
         """
         self._switch("ease", float(calmly), float(asks), float(is_limited))
         mode = self._mode
@@ -398,7 +399,7 @@ class Pilot:
         estimate = self._estimator.predict(acting)
         flight_time = acting - start_s
         reference = trajectory.at(flight_time)
-        if self._mode.update(self._received.apart_s):
+        if self._mode.update(self._received.apart_s, self.is_suspicious):
             self._apply_gains()
         if descent is not None:
             reference = Reference(estimate.motion.position, (0.0, 0.0, descent.sink_m_s))
@@ -587,14 +588,14 @@ class _Mode:
         self.is_limited = self.is_eased = self.asks = self.touches = self.is_unheard = self.is_paused = False
         self.climbs_first = False
         """Whether limits have held since lift-off: ground effect is left behind, not met."""
-        self._is_calm = False
+        self._limit: Callable[[Gains], Gains] | None = None
         self._config = config if isinstance(config, Gains) else None
 
     @property
     def gains(self) -> Gains | None:
         """Gains to fly with; None where the controller is not ours."""
-        gains = self._config
-        return gains if gains is None or not self._is_calm else calm(gains)
+        gains, limit = self._config, self._limit
+        return gains if gains is None or limit is None else limit(gains)
 
     def set_gain(self, name: str, value: float) -> bool:
         """Set one gain; return whether our controller has it."""
@@ -603,12 +604,13 @@ class _Mode:
         self._config = msgspec.structs.replace(self._config, **{name: value})
         return True
 
-    def update(self, apart_s: float) -> bool:
-        """Take the mean interval of the poses [s]; return whether the gains have changed."""
-        calmly = self.is_eased or apart_s > SPARSE_S
-        if calmly == self._is_calm or self._config is None:
+    def update(self, apart_s: float, is_doubted: bool) -> bool:
+        """Take the mean interval of the poses [s], and whether they are doubted; return whether the gains change."""
+        is_calm = self.is_limited or apart_s > SPARSE_S or (self.is_eased and is_doubted)
+        limit = calm_gains if is_calm else hold_gains if self.is_eased else None
+        if limit is self._limit or self._config is None:
             return False
-        self._is_calm = calmly
+        self._limit = limit
         return True
 
 

@@ -4,7 +4,8 @@ A tracker and an autopilot that look at one body see the same tilt and the same 
 north each of them has. At the instants of the autopilot's messages two things are compared:
 
 - *turning*, by the regression that compares the poses with the commands
-  (:mod:`groundstation.core.safety.pose_response`), with the autopilot's turn in the place of the model's;
+  (:mod:`groundstation.core.safety.pose_response`), with the autopilot's turn in the place of the model's, and by the
+  latency that fits both best;
 - *tilt*, the angle between both directions of gravity, less what it was while the vehicle stood before arming (a body
   that is mounted askew). An autopilot that knows no accelerations takes a part of a lean that lasts for level.
 
@@ -25,6 +26,7 @@ from groundstation.core.safety.pose_response import (
     PLANE,
     TURN_MEMORY_S,
     HighPass,
+    LatenessMonitor,
     Response,
 )
 from links.core import Attitude
@@ -102,6 +104,7 @@ class Witness:
     def _restart(self) -> None:
         """Compare anew; what was learnt before arming stays."""
         self._response = Response(PLANE, TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
+        self._lateness = LatenessMonitor()
         self._pass = HighPass(2, 4)
         self._block_s = 0.0
 
@@ -213,13 +216,14 @@ class Witness:
         roll, pitch, told_roll, told_pitch = self._pass.step([*seen[:2], *told[:2]], dt)
         off = (roll - told_roll, pitch - told_pitch)
         self._response.add(off, (told_roll, told_pitch), (0.0, 0.0), dt)
+        self._lateness.add(now_s, (roll, pitch), (told_roll, told_pitch), dt)
         self._block_s += dt
         if self._block_s < BLOCK_S - 1e-6:
             return
         self._block_s = min(self._block_s - BLOCK_S, BLOCK_S)
         alarm = self._response.look(LEAST_TURN_RAD)
-        self._turning = alarm.asked
-        if alarm.is_known and alarm.asked < ALIKE_SHARE:
+        self._turning = max(alarm.asked, 1.0 if self._lateness.late_s > 0.0 else 0.0)
+        if alarm.is_known and self._turning < ALIKE_SHARE:
             self._known_s = now_s
         doubts = self._alarm >= 1.0
         self._doubts_s = None if not doubts else now_s if self._doubts_s is None else self._doubts_s

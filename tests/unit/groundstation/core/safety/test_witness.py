@@ -95,6 +95,21 @@ def test_poses_that_turn_otherwise_are_doubted_within_three_seconds(lie: Callabl
     assert witness.describe_news() is None  # once
 
 
+@pytest.mark.parametrize(("late_s", "agrees"), [(0.0, True), (0.04, True), (0.16, False), (0.3, False)])
+def test_poses_that_come_later_than_the_autopilot_turns_are_doubted(late_s: float, agrees: bool) -> None:
+    witness, verdict = Witness(), None
+    for n in range(round(8.0 / POSE_S)):
+        time_s = n * POSE_S
+        if time_s >= 2.0:
+            witness.arm()
+        behind = late_s if time_s >= 2.0 else 0.0
+        witness.pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion(swing(time_s - behind))))
+        if n % round(ATTITUDE_S / POSE_S) == 0:
+            witness.attitude(told(time_s, swing(time_s)))
+        verdict = witness.verdict(time_s)
+    assert verdict is not None and verdict.agrees is agrees
+
+
 def test_a_tilt_that_was_there_before_arming_is_how_the_body_is_mounted() -> None:
     askew = math.radians(5.0)
     witness = Witness()
