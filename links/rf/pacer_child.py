@@ -34,7 +34,7 @@ _MOST_ORDERS = 256
 """Most orders taken between two frames, so that nobody who floods us delays a frame."""
 
 
-class Clock:
+class MonotonicClock:
     """CLOCK_MONOTONIC, and sleeping until an instant on it."""
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ def main() -> None:
         by_standby.recv(MESSAGE_BYTES), type=PacerSetup
     )  # it comes once the stand-by is ready
     by_standby.setblocking(False)
-    config, clock = setup.config, Clock()
+    config, clock = setup.config, MonotonicClock()
     fifo, note = prioritise(config.fifo_priority, clock)
     estate = Estate(Lease(lease), Mailbox(held))
     port = SharedPort(config.port, config.baud, estate.lease, FIRST, by_standby)
@@ -181,7 +181,12 @@ class Commander:
 
 
 def pace(
-    pacer: FramePacer, period_s: float, frame_s: float, clock: Clock, commander: Commander, first_s: float | None = None
+    pacer: FramePacer,
+    period_s: float,
+    frame_s: float,
+    clock: MonotonicClock,
+    commander: Commander,
+    first_s: float | None = None,
 ) -> None:
     """Let frames go until the pacer is done, the first at ``first_s`` [s], or in a period."""
     now = clock.now
@@ -212,7 +217,7 @@ def pace(
     commander.tell(pacer, now())
 
 
-def prioritise(priority: int, clock: Clock) -> tuple[bool, str]:
+def prioritise(priority: int, clock: MonotonicClock) -> tuple[bool, str]:
     """Ask for real-time priority and locked memory; whether we have the first, and in words what we have."""
     if priority == 0:
         return False, "ordinary priority, as configured"

@@ -17,7 +17,7 @@ import msgspec
 
 from links.io import start_child
 from links.rf.pacer import MESSAGE_BYTES, FramePacer, Held, PacerSetup, StandbyWatch
-from links.rf.pacer_child import PREPARE_S, Clock, Commander, deafen, hush, pace, prioritise
+from links.rf.pacer_child import PREPARE_S, Commander, MonotonicClock, deafen, hush, pace, prioritise
 from links.rf.shared_memory import PACER, STANDBY, HeldPort, Lease, Mailbox, SharedPort
 
 VOUCH_S = 0.5
@@ -35,7 +35,7 @@ def main() -> None:
         pacer = start_child("links.rf.pacer_child", *map(str, shared), apart=False, pass_fds=shared)
     message = wire.recv(MESSAGE_BYTES)
     setup = msgspec.msgpack.decode(message, type=PacerSetup)
-    clock = Clock()
+    clock = MonotonicClock()
     fifo, note = prioritise(setup.config.fifo_priority, clock)
     port = HeldPort(beside)
     watch = StandbyWatch(setup.config.period_s)
@@ -50,7 +50,9 @@ def main() -> None:
     _take_over(setup, port, lease, msgspec.msgpack.decode(last, type=Held), why, clock, commander)
 
 
-def _stand_by(pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, watch: StandbyWatch, clock: Clock) -> str:
+def _stand_by(
+    pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, watch: StandbyWatch, clock: MonotonicClock
+) -> str:
     """Sleep until the pacer has ended; what became of it, or an empty string where it was done."""
     ended, heard = os.pidfd_open(pacer.pid), port.beside.fileno()
     waits = [ended, heard]
@@ -77,7 +79,7 @@ def _stand_by(pacer: "subprocess.Popen[bytes]", port: HeldPort, lease: Lease, wa
 
 
 def _take_over(
-    setup: PacerSetup, port: HeldPort, lease: Lease, held: Held, why: str, clock: Clock, commander: Commander
+    setup: PacerSetup, port: HeldPort, lease: Lease, held: Held, why: str, clock: MonotonicClock, commander: Commander
 ) -> None:
     """Let frames go at the pacer's instants, by what it held, until told to end or until nobody commands any more."""
     config, now = setup.config, clock.now()

@@ -74,6 +74,11 @@ class NoticeTemplate(msgspec.Struct, frozen=True):
         return Sentence(self.id, self.sentence.format(**values), collect_numbers(values), self.severity)
 
 
+def as_warnings(*rows: NoticeTemplate) -> tuple[NoticeTemplate, ...]:
+    """Return ``rows`` of a table as warnings."""
+    return tuple(msgspec.structs.replace(row, severity=Severity.WARNING) for row in rows)
+
+
 def collect_numbers(values: dict[str, object]) -> Numbers:
     """Return ``values`` as they are recorded; of a sentence among them its id and its numbers are kept, too."""
     numbers = Numbers()

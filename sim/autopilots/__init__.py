@@ -5,7 +5,7 @@ from sim.autopilots.autopilot import Parameters, SimulatedAutopilot
 from sim.autopilots.betaflight import (
     GAINS,
     STEP_S,
-    Firmware,
+    BetaflightFirmware,
     FlightBoard,
     configure,
     describe_settings,

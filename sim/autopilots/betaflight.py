@@ -167,7 +167,7 @@ class Answer(NamedTuple):
     """Front right, rear left, front left, rear right, 0..1."""
 
 
-class Firmware:
+class BetaflightFirmware:
     """One process of the firmware, which goes on when it is told to. Use it in ``with``."""
 
     def __init__(self, eeprom: bytes | None = None) -> None:
@@ -243,7 +243,7 @@ class Firmware:
 class CommandLine:
     """The firmware's command line; time goes on while it is waited for."""
 
-    def __init__(self, firmware: Firmware) -> None:
+    def __init__(self, firmware: BetaflightFirmware) -> None:
         self._firmware = firmware
         port = 0
         for _ in range(2000):
@@ -296,7 +296,7 @@ def configure(settings: Sequence[str]) -> bytes:
     kept = cache_folder() / f"settings-{digest}.bin"
     if kept.is_file():
         return kept.read_bytes()
-    with Firmware() as firmware:
+    with BetaflightFirmware() as firmware:
         line = CommandLine(firmware)
         for setting in settings:
             line.ask(setting)
@@ -322,7 +322,7 @@ class FlightBoard:
         self._gyro, self._noise = gyro, noise_rad_s
         self.on_motors: Callable[[float, FourRotors], None] | None = None
         """Sees the motors' signals (0..1) of each step, and when [s]."""
-        self.firmware = Firmware(configure(settings))
+        self.firmware = BetaflightFirmware(configure(settings))
         rest = pack_pulses([1500, 1500, 1500, 1500, 1000])
         for k in range(round(BOOT_S / STEP_S)):
             self.firmware.step(channels=rest if k * STEP_S > LISTENS_S else None)

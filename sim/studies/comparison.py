@@ -669,7 +669,7 @@ JUDGED_S = 60.0
 """Duration of the best flights, reflown to judge laws against each other [s]."""
 
 
-class Floor(NamedTuple):
+class ModelError(NamedTuple):
     """One thing that is wrong, untold: the value of a field of the world, and of which scenario alone."""
 
     what: str
@@ -680,16 +680,16 @@ class Floor(NamedTuple):
 
 
 FLOORS = (
-    Floor("21.5 ms more command delay", "command_delay_s", 0.0215),
-    Floor("thrust 0.62 of told", "thrust_gain", 0.62, "paper"),
-    Floor("thrust 0.70 of told", "thrust_gain", 0.70, "adverse"),
-    Floor("rate lag 1.5 of told", "rate_lag_s", 1.5),
-    Floor("thrust 1.6 of told", "thrust_gain", 1.6),
-    Floor("rate lag 0.5 of told", "rate_lag_s", 0.5),
+    ModelError("21.5 ms more command delay", "command_delay_s", 0.0215),
+    ModelError("thrust 0.62 of told", "thrust_gain", 0.62, "paper"),
+    ModelError("thrust 0.70 of told", "thrust_gain", 0.70, "adverse"),
+    ModelError("rate lag 1.5 of told", "rate_lag_s", 1.5),
+    ModelError("thrust 1.6 of told", "thrust_gain", 1.6),
+    ModelError("rate lag 0.5 of told", "rate_lag_s", 0.5),
 )
 
 
-def make_wrong(stage: Staged, floor: Floor) -> Staged:
+def make_wrong(stage: Staged, floor: ModelError) -> Staged:
     """``stage`` in a world that is wrong by ``floor``."""
     world, told = stage.world, stage.config.vehicle
     value = {

@@ -73,7 +73,7 @@ class PublishedFlight(msgspec.Struct, frozen=True, kw_only=True):
         return abs(self.rms_cm / self.measured_cm - 1.0) <= CLOSE
 
 
-class _AttitudeLoop:
+class _AttitudeLag:
     """The autopilots' attitude: roll and pitch [rad] follow their set-points as second-order lags."""
 
     def __init__(self, roll: Column, pitch: Column) -> None:
@@ -127,7 +127,7 @@ class _Tunnel:
         """Standard normal numbers, (n, columns): those of a wind and a seed are the same for every law."""
         return np.stack([draw.standard_normal(columns) for draw in self.draws])
 
-    def _force(self, time_s: float, attitude: _AttitudeLoop) -> Column:
+    def _force(self, time_s: float, attitude: _AttitudeLag) -> Column:
         """Compute the air's force without its random part [N], (n, 3)."""
         air = self.velocity.copy()
         air[:, 0] -= self._speed + self._gust * np.sin(time_s + gale.GUST_PHASE)
@@ -140,13 +140,13 @@ class _Tunnel:
         force: Column = self._aero * np.sum([part[:, None] * axis for part, axis in parts], axis=0) + self._bias
         return force
 
-    def _trim(self) -> tuple[_AttitudeLoop, Column]:
+    def _trim(self) -> tuple[_AttitudeLag, Column]:
         """Attitude and specific force that stand still in the wind of the start."""
-        attitude = _AttitudeLoop(np.zeros(self.n), np.zeros(self.n))
+        attitude = _AttitudeLag(np.zeros(self.n), np.zeros(self.n))
         need = np.zeros((self.n, 3))
         for _ in range(200):
             need = np.array([0.0, 0.0, GRAVITY]) - self._force(0.0, attitude) / gale.MASS_KG
-            attitude = _AttitudeLoop(*lean(need))
+            attitude = _AttitudeLag(*lean(need))
         return attitude, np.linalg.norm(need, axis=1)
 
     def step(self, time_s: float, roll: Column, pitch: Column) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.flight import Flight
-from sim.autopilots import STEP_S, Firmware, betaflight, configure, describe_settings, pack_pulses
+from sim.autopilots import STEP_S, BetaflightFirmware, betaflight, configure, describe_settings, pack_pulses
 from sim.autopilots.betaflight import LISTENS_S
 from sim.autopilots.onboard import LIFTS
 from sim.radio import FAILSAFE_S
@@ -50,7 +50,7 @@ def test_it_runs_where_the_cache_s_path_has_a_space_and_a_colon(
     cache.parent.mkdir()
     cache.symlink_to(betaflight.cache_folder().parent)
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache.parent))
-    with Firmware() as firmware:
+    with BetaflightFirmware() as firmware:
         assert firmware.step(LISTENS_S).cli_port
 
 
@@ -150,7 +150,7 @@ def test_where_no_channel_stands_for_disarmed_the_delay_begins_after_the_hold(mo
 
 
 def test_pulses_that_come_back_start_no_motor_until_the_arm_channel_has_been_down() -> None:
-    with Firmware(configure(describe_settings(512.0, "AETR1234", (200.0, 200.0, 300.0)))) as firmware:
+    with BetaflightFirmware(configure(describe_settings(512.0, "AETR1234", (200.0, 200.0, 300.0)))) as firmware:
 
         def give(for_s: float, throttle_us: int, arm_us: int, stick_us: int = 1500) -> float:
             pulses = pack_pulses([stick_us, stick_us, throttle_us, stick_us, arm_us])
@@ -181,7 +181,7 @@ def test_identify_finds_what_steps_on_the_plant_show() -> None:
 
 
 def test_the_firmware_ends_with_whoever_steps_it() -> None:
-    firmware = Firmware()
+    firmware = BetaflightFirmware()
     firmware.step()
     process = firmware._process
     firmware._wire.close()

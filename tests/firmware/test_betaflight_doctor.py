@@ -15,7 +15,7 @@ from groundstation.lab.doctor import load_restore
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.rf import RfConfig, describe_pulses
-from sim.autopilots import GAINS, Firmware, configure, describe_settings, pack_pulses
+from sim.autopilots import GAINS, BetaflightFirmware, configure, describe_settings, pack_pulses
 from sim.radio import PtyWire, section
 from sim.scenarios import SCENARIOS, by_betaflight
 
@@ -73,7 +73,7 @@ class Host:
 
     async def _run(self) -> None:
         while True:
-            with Firmware(self.eeprom) as firmware:
+            with BetaflightFirmware(self.eeprom) as firmware:
                 with contextlib.suppress(EOFError):
                     for step in range(10**9):
                         fresh = pack_pulses(self.pulses) if step > 2000 and step % 20 == 0 else None

@@ -24,8 +24,8 @@ from sim.time import VirtualTimeLoop
 from sim.world import Quadrotor, SimulatedVehicle, Wind, World
 from tests.proving.faults import (
     Cell,
-    Copy,
     Fault,
+    FlightCopy,
     Kind,
     Planned,
     Poses,
@@ -303,13 +303,13 @@ def test_honest_flights_are_told_with_the_same_flight_without_guards(
     ("cases", "link"), [(["dropout", "gust", "controller exception"], "mavlink"), (["freeze", "mirrored: x"], "dsm")]
 )
 def test_cells_that_are_flown_together_are_those_of_flights_of_their_own(cases: list[str], link: str) -> None:
-    copies = [Copy(case) for case in cases]
+    copies = [FlightCopy(case) for case in cases]
     together = fly_together(copies, "hold", link=link, seed=0, scenario="paper")
     assert together == [fly_cell(case, "hold", link=link) for case in cases]
 
 
 def test_a_flight_that_never_comes_to_its_strike_is_a_row_that_is_unsafe() -> None:
-    copies = [Copy("dropout"), Copy("gust")]
+    copies = [FlightCopy("dropout"), FlightCopy("gust")]
     grounded = ("vehicle.mass_kg=0.03",)
     rows = fly_together(copies, "hold", link="mavlink", seed=0, scenario="paper", overrides=grounded)
     assert [(row.fault, row.safe, row.struck_s) for row in rows] == [

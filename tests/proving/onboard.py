@@ -189,7 +189,7 @@ def fly_figure(airworthy: Airworthy, told: Sequence[str], figure: Sequence[str],
     return fly_mission(world, config, seed=seed, autopilot=airworthy, confirm_s=ALIGNED_S)
 
 
-class Struck(NamedTuple):
+class StrikeResult(NamedTuple):
     """Outcome of a strike in flight, by the truth and the firmware's own motor outputs."""
 
     state: str
@@ -240,7 +240,7 @@ PROCESS: ContextVar[bool] = ContextVar("process", default=False)
 """True in what belongs to the ground station's process."""
 
 
-class Scene(NamedTuple):
+class StrikeScene(NamedTuple):
     """Parts that a strike may break."""
 
     stage: Stage
@@ -255,24 +255,24 @@ class Scene(NamedTuple):
         return self.stage.onboard
 
 
-async def kill(scene: Scene) -> None:
+async def kill(scene: StrikeScene) -> None:
     """Nothing of the process is left: neither commands nor poses."""
     _loop().suspend(PROCESS)
 
 
-async def stop(scene: Scene) -> None:
+async def stop(scene: StrikeScene) -> None:
     """The process stands still, and wakes again: what came meanwhile is read at once."""
     _loop().suspend(PROCESS)
     await asyncio.sleep(STOPPED_S)
     _loop().resume()
 
 
-async def interrupt(scene: Scene) -> None:
+async def interrupt(scene: StrikeScene) -> None:
     """Ctrl-C, once."""
     scene.flight.stop("Ctrl-C")
 
 
-async def freeze(scene: Scene) -> None:
+async def freeze(scene: StrikeScene) -> None:
     """Frames go on, the picture stands still but for noise."""
     shown, loop = scene.between.shown, asyncio.get_running_loop()
     assert shown is not None, "something was shown"
@@ -281,12 +281,12 @@ async def freeze(scene: Scene) -> None:
     scene.between.picture = still(struck)
 
 
-async def delay(scene: Scene) -> None:
+async def delay(scene: StrikeScene) -> None:
     """Poses come later than before."""
     scene.between.way = late(lambda _: LATE_S, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
 
 
-async def stop_forwarding(scene: Scene) -> None:
+async def stop_forwarding(scene: StrikeScene) -> None:
     """No pose reaches the autopilot any more; commands do."""
     scene.firmware.passes = lambda datagram: datagram[7:10] != ODOMETRY_NUMBER
 
@@ -297,7 +297,7 @@ def _loop() -> VirtualTimeLoop:
     return loop
 
 
-async def take_over(scene: Scene) -> None:
+async def take_over(scene: StrikeScene) -> None:
     """A pilot's ground station sets a mode in which the autopilot stops (PX4: hold, ArduCopter: BRAKE)."""
     codec = MavlinkCodec(250, 190)
     modes = (4.0, 3.0) if isinstance(scene.firmware.firmware, Px4) else (17.0, 0.0)
@@ -305,7 +305,7 @@ async def take_over(scene: Scene) -> None:
     scene.firmware.firmware.say(codec.pack(message))
 
 
-Strike: TypeAlias = Callable[[Scene], Coroutine[Any, Any, None]]
+Strike: TypeAlias = Callable[[StrikeScene], Coroutine[Any, Any, None]]
 STRIKES: Mapping[str, tuple[Strike, bool]] = {
     "kill -9": (kill, True),
     "SIGSTOP for 1.5 s": (stop, True),
@@ -323,7 +323,7 @@ STRUCK_FIGURE = ("sim.speed_m_s=1.0",)
 
 
 @in_virtual_time
-async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike, seed: int) -> Struck:
+async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike, seed: int) -> StrikeResult:
     """Fly the figure, have ``strike`` fall, and look on."""
     world, config = set_up((*told, *STRUCK_FIGURE), 60.0, SOURCES[seed % len(SOURCES)])
     loop, path, motors = asyncio.get_running_loop(), list[tuple[float, Vec3]](), list[tuple[float, FourRotors]]()
@@ -350,7 +350,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     stage.onboard.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
     path.clear()
     stage.plant.floor.hardest_m_s = None
-    scene = Scene(stage, flight, flying, between[0])
+    scene = StrikeScene(stage, flight, flying, between[0])
     await strike(scene)
     await asyncio.sleep(WATCHED_S)
     _loop().resume()
@@ -361,7 +361,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     lifting = [time_s for time_s, signals in motors if sum(signals) > 4.0 * IDLES]
     last_s = max(lifting, default=0.0)
     speeds = [math.dist(a, b) / (t - s) for (s, a), (t, b) in zip(path, path[10:], strict=False) if t > s]
-    return Struck(
+    return StrikeResult(
         "" if strike is kill else state,
         None if last_s > motors[-1][0] - 0.5 else last_s,
         max(at[2] - place[2] for _, place in path),
@@ -378,7 +378,7 @@ class Facts(NamedTuple):
     changes: list[Change]
     figures: dict[str, list[MissionResult]]
     take_offs: list[TakeOff]
-    strikes: dict[str, list[Struck]]
+    strikes: dict[str, list[StrikeResult]]
 
 
 def fly_all(kind: str, make: Make, take_offs: int) -> Facts:
@@ -389,7 +389,7 @@ def fly_all(kind: str, make: Make, take_offs: int) -> Facts:
         print(f"{NAMES[kind]}, {what}", file=sys.stderr, flush=True)
 
     with workshop as airworthy:
-        strikes: dict[str, list[Struck]] = {}
+        strikes: dict[str, list[StrikeResult]] = {}
         for name, (strike, _) in STRIKES.items():
             say(name)
             strikes[name] = [strike_down(airworthy, told, strike, seed) for seed in STRIKE_SEEDS]

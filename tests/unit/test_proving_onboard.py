@@ -16,7 +16,7 @@ from tests.proving.onboard import (
     TOLD,
     Change,
     Facts,
-    Struck,
+    StrikeResult,
     TakeOff,
     fly_in_lockstep,
     set_up,
@@ -28,7 +28,7 @@ LANDED = MissionResult(
     fault="", warnings=(), tilt_max_deg=5.0, duration_s=80.0, wall_s=40.0,
 )  # fmt: skip
 LOST = msgspec.structs.replace(LANDED, landed=False, rms_cm=None, max_cm=None)
-SAFE = Struck("aborted", 5.0, 0.1, 1.0, 1.2, 0.5, 2.0)
+SAFE = StrikeResult("aborted", 5.0, 0.1, 1.0, 1.2, 0.5, 2.0)
 
 
 def start(thrust: float) -> TakeoffStart:

@@ -1,8 +1,6 @@
 """Sentences of a flight: mission, take-off, link in flight, shutdown, gains. Sans-IO."""
 
-from links.text import NoticeTemplate, Severity
-
-_WARN = Severity.WARNING
+from links.text import NoticeTemplate, as_warnings
 
 FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     # States of the mission.
@@ -15,13 +13,6 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("mission.at_height", "at height: holding"),
     NoticeTemplate(
         "mission.hovers", "it hovers at {hover_n:.4g} N, {percent:.0f} % of its weight: onto the trajectory"
-    ),
-    NoticeTemplate(
-        "mission.hover_thrust",
-        "it hovers at {hover_n:.4g} N, {percent:.0f} % of its weight; vehicle.hover_range allows {low:.0f} to "
-        "{high:.0f} %",
-        "check mass_kg, thrust_max_n, battery and propellers",
-        _WARN,
     ),
     NoticeTemplate("mission.flown", "{duration_s:g} s of the trajectory are flown"),
     NoticeTemplate("mission.to_point", "to {target}"),
@@ -40,7 +31,6 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("mission.hold_first", "{ask} is not possible while {state}", "ask for a hold first"),
     NoticeTemplate("mission.refused_asker", "{refusal} ({why})"),
     NoticeTemplate("mission.goto_refused", "goto is refused: {why}"),
-    NoticeTemplate("fault.link", "{why}", severity=_WARN),
     # Points and ways that are refused.
     NoticeTemplate("goto.target", "north {north_m:.2f}, east {east_m:.2f}, {height_m:.2f} m above the floor{which}"),
     NoticeTemplate("goto.point", "point {number} of {count}, {place}, {why}"),
@@ -53,117 +43,11 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("goto.speed", "faster than limits.max_speed_m_s ({limit_m_s:g})", "lower takeoff.transit_m_s"),
     NoticeTemplate("goto.near", "on the way it would come too near to {name}"),
     # Why a flight ends early.
-    NoticeTemplate("fault.stopped", "stopped by {name}: {text}", severity=_WARN),
-    NoticeTemplate("fault.preflight", "pre-flight checks failed: {failed}", severity=_WARN),
-    NoticeTemplate("fault.not_armed", "not armed: {failed}", severity=_WARN),
     NoticeTemplate("fault.not_confirmed", "not armed: the operator did not confirm"),
-    NoticeTemplate("fault.no_first_pose", "no pose within {wait_s:g} s: {why}", severity=_WARN),
-    NoticeTemplate(
-        "fault.controller_hangs",
-        "the controller hangs: the link has brought the vehicle down without it",
-        severity=_WARN,
-    ),
-    NoticeTemplate(
-        "fault.late_command", "the link takes no newer command, and plays its bring-down: {text}", severity=_WARN
-    ),
-    NoticeTemplate(
-        "fault.stood_still",
-        "no command for {gap_ms:.0f} ms, as this program stood still: the link plays its bring-down",
-        severity=_WARN,
-    ),
-    NoticeTemplate("fault.no_pose", "no pose for {age_ms:.0f} ms: the link plays its bring-down", severity=_WARN),
-    NoticeTemplate("fault.pose_gap", "no pose for {age_ms:.0f} ms", severity=_WARN),
-    NoticeTemplate("fault.slept", "the computer that sends slept for {slept_s:.1f} s: arm anew to fly", severity=_WARN),
-    NoticeTemplate("fault.link_lost", "the link is lost: commands have stopped{last}. {text}", severity=_WARN),
-    NoticeTemplate("fault.link_lost_land", "the link is lost{last}: landing, as it may hear us still", severity=_WARN),
-    NoticeTemplate(
-        "fault.disarmed",
-        "the link is {state}, the vehicle armed no longer: commands have stopped. {text}",
-        severity=_WARN,
-    ),
-    NoticeTemplate(
-        "fault.will_not_disarm", "landed at zero thrust, but the autopilot will not disarm: {why}", severity=_WARN
-    ),
-    NoticeTemplate(
-        "fault.motors_unknown",
-        "landed at zero thrust, but nobody has told whether the motors are off: {why}",
-        severity=_WARN,
-    ),
-    NoticeTemplate("fault.poses_land", "{reason}: landing, as they still answer", severity=_WARN),
-    NoticeTemplate("fault.poses_descend", "{reason}: down by {whose}", severity=_WARN),
-    NoticeTemplate("fault.poses_model", "{reason}: down on the model", severity=_WARN),
-    NoticeTemplate(
-        "fault.no_floor",
-        "it should long have come down, and the floor was not felt (check flight.floor_z_m)",
-        severity=_WARN,
-    ),
-    NoticeTemplate("fault.no_floor_end", "{why}: commands end", severity=_WARN),
-    NoticeTemplate(
-        "fault.taken",
-        "the autopilot is in {mode}, and not by us: nothing leaves from here any more",
-        severity=_WARN,
-    ),
-    NoticeTemplate(
-        "fault.late_commands",
-        "commands reach the autopilot {late_ms:.0f} ms too late: nobody could fly by such ones",
-        severity=_WARN,
-    ),
-    NoticeTemplate("fault.late_commands_end", "{why}, so they end", severity=_WARN),
-    NoticeTemplate(
-        "fault.unanswered",
-        "commands do not reach the autopilot: it is heard, but has not answered for {overdue_ms:.0f} ms. It acts by "
-        "its own failsafe for set-points that stop; should it hear again, it is brought down",
-        severity=_WARN,
-    ),
-    # On the floor, as the motors spool up.
-    NoticeTemplate("takeoff.no_pose", "no pose for {age_ms:.0f} ms while the motors spool up", severity=_WARN),
-    NoticeTemplate("takeoff.fence", "{outside_m:.2f} m outside the fence while the motors spool up", severity=_WARN),
-    NoticeTemplate(
-        "takeoff.leaps",
-        "it is seen {step_m:.2f} m aside from one pose to the next",
-        "look at what holds or pushes it, and at its poses",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "takeoff.tips",
-        "it tips: {tilt_deg:.0f}° from how it stood, limit {limit_deg:g}°",
-        "look at what holds or pushes it, and at its poses",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "takeoff.slides",
-        "it moves sideways on the floor: {aside_m:.2f} m, limit {limit_m:.2f} m",
-        "look at what holds or pushes it, and at its poses",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "takeoff.jumps",
-        "its height jumps as no thrust makes it",
-        "look at its poses, and at what lifts it",
-        severity=_WARN,
-    ),
-    NoticeTemplate(
-        "takeoff.no_motion",
-        "no lift-off: is this the right body, is the mass right? Thrust went to {thrust_n:.3g} N, {percent:.0f} % of "
-        "the told weight, and the poses did not move",
-        "check the object's name, vehicle.mass_kg, battery and propellers, and that nothing holds the vehicle; one "
-        "that needs more thrust needs a larger takeoff.thrust_limit",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "takeoff.stuck",
-        "no lift-off: it began to move and did not leave the floor",
-        "check that nothing holds the vehicle",
-        _WARN,
-    ),
     # What is told beside the states.
-    NoticeTemplate("flight.preflight", "pre-flight {verdict}: {check}: {says}", severity=_WARN),
-    NoticeTemplate("flight.bringing_down", "bringing down: the link levels, sinks and stops by itself", severity=_WARN),
     NoticeTemplate("flight.taken", "the autopilot is in {mode}, and not by us: nothing leaves any more"),
     NoticeTemplate("flight.bring_down_over", "the bring-down is over: nothing leaves any more"),
-    NoticeTemplate("flight.not_brought_down", "NOT brought down from here: {why}", severity=_WARN),
     NoticeTemplate("flight.motors_off", "the vehicle has acknowledged: motors off"),
-    NoticeTemplate("flight.kill_unheard", "NOT acknowledged: {why}", severity=_WARN),
     NoticeTemplate(
         "flight.poses_go_on",
         "poses go on to the autopilot, and it can be killed from here until its motors stop; a second Ctrl-C ends "
@@ -176,12 +60,6 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("flight.left_as_asked", "nothing goes to the vehicle any more: as asked"),
     NoticeTemplate(
-        "flight.left_turning",
-        "nothing goes to the vehicle any more: its motors still turn after {limit_s:g} s, so use the remote control's "
-        "kill switch",
-        severity=_WARN,
-    ),
-    NoticeTemplate(
         "flight.left_stopped",
         "nothing goes to the vehicle any more: its motors have stopped, or it is heard no more",
     ),
@@ -191,24 +69,6 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("flight.state", "{state}: {reason}"),
     NoticeTemplate("flight.arms", "arming"),
-    NoticeTemplate("link.warns", "{says}", severity=_WARN),
-    NoticeTemplate("certificate.warns", "{says}", severity=_WARN),
-    # Total latency, by the vehicle's own answer and attitude.
-    NoticeTemplate(
-        "latency.total",
-        "poses seem {late} than told, or the vehicle turns so, by how it answers its commands",
-        "measure both (groundstation identify)",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "latency.vehicle",
-        "the vehicle turns {late} than told",
-        "measure the lag and delay of its rates (groundstation identify)",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "latency.poses", "poses seem {late} than told, by the vehicle's own attitude", "measure their latency", _WARN
-    ),
     # Gains that are changed in flight.
     NoticeTemplate("gain.none", "only the adaptive controller has gains that can be changed in flight"),
     NoticeTemplate("gain.unknown", "{key} can't be changed in flight: expected one of {keys}"),
@@ -226,11 +86,122 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         "gain.unproven",
         "{key} goes back to {value:g}: the flight goes on to something else, and it is not proven",
     ),
-    NoticeTemplate(
-        "gain.worse",
-        "{key} goes back to {value:g}: {worse} has risen by more than a factor of {factor:g}",
-        severity=_WARN,
-    ),
     NoticeTemplate("gain.several", "{says}"),
     NoticeTemplate("gain.stays", "{key} stays at {value:g}: the flight is as good as before"),
+    *as_warnings(
+        # States of the mission.
+        NoticeTemplate(
+            "mission.hover_thrust",
+            "it hovers at {hover_n:.4g} N, {percent:.0f} % of its weight; vehicle.hover_range allows {low:.0f} to "
+            "{high:.0f} %",
+            "check mass_kg, thrust_max_n, battery and propellers",
+        ),
+        NoticeTemplate("fault.link", "{why}"),
+        # Why a flight ends early.
+        NoticeTemplate("fault.stopped", "stopped by {name}: {text}"),
+        NoticeTemplate("fault.preflight", "pre-flight checks failed: {failed}"),
+        NoticeTemplate("fault.not_armed", "not armed: {failed}"),
+        NoticeTemplate("fault.no_first_pose", "no pose within {wait_s:g} s: {why}"),
+        NoticeTemplate(
+            "fault.controller_hangs", "the controller hangs: the link has brought the vehicle down without it"
+        ),
+        NoticeTemplate("fault.late_command", "the link takes no newer command, and plays its bring-down: {text}"),
+        NoticeTemplate(
+            "fault.stood_still",
+            "no command for {gap_ms:.0f} ms, as this program stood still: the link plays its bring-down",
+        ),
+        NoticeTemplate("fault.no_pose", "no pose for {age_ms:.0f} ms: the link plays its bring-down"),
+        NoticeTemplate("fault.pose_gap", "no pose for {age_ms:.0f} ms"),
+        NoticeTemplate("fault.slept", "the computer that sends slept for {slept_s:.1f} s: arm anew to fly"),
+        NoticeTemplate("fault.link_lost", "the link is lost: commands have stopped{last}. {text}"),
+        NoticeTemplate("fault.link_lost_land", "the link is lost{last}: landing, as it may hear us still"),
+        NoticeTemplate(
+            "fault.disarmed", "the link is {state}, the vehicle armed no longer: commands have stopped. {text}"
+        ),
+        NoticeTemplate("fault.will_not_disarm", "landed at zero thrust, but the autopilot will not disarm: {why}"),
+        NoticeTemplate(
+            "fault.motors_unknown", "landed at zero thrust, but nobody has told whether the motors are off: {why}"
+        ),
+        NoticeTemplate("fault.poses_land", "{reason}: landing, as they still answer"),
+        NoticeTemplate("fault.poses_descend", "{reason}: down by {whose}"),
+        NoticeTemplate("fault.poses_model", "{reason}: down on the model"),
+        NoticeTemplate(
+            "fault.no_floor", "it should long have come down, and the floor was not felt (check flight.floor_z_m)"
+        ),
+        NoticeTemplate("fault.no_floor_end", "{why}: commands end"),
+        NoticeTemplate("fault.taken", "the autopilot is in {mode}, and not by us: nothing leaves from here any more"),
+        NoticeTemplate(
+            "fault.late_commands",
+            "commands reach the autopilot {late_ms:.0f} ms too late: nobody could fly by such ones",
+        ),
+        NoticeTemplate("fault.late_commands_end", "{why}, so they end"),
+        NoticeTemplate(
+            "fault.unanswered",
+            "commands do not reach the autopilot: it is heard, but has not answered for {overdue_ms:.0f} ms. It acts "
+            "by its own failsafe for set-points that stop; should it hear again, it is brought down",
+        ),
+        # On the floor, as the motors spool up.
+        NoticeTemplate("takeoff.no_pose", "no pose for {age_ms:.0f} ms while the motors spool up"),
+        NoticeTemplate("takeoff.fence", "{outside_m:.2f} m outside the fence while the motors spool up"),
+        NoticeTemplate(
+            "takeoff.leaps",
+            "it is seen {step_m:.2f} m aside from one pose to the next",
+            "look at what holds or pushes it, and at its poses",
+        ),
+        NoticeTemplate(
+            "takeoff.tips",
+            "it tips: {tilt_deg:.0f}° from how it stood, limit {limit_deg:g}°",
+            "look at what holds or pushes it, and at its poses",
+        ),
+        NoticeTemplate(
+            "takeoff.slides",
+            "it moves sideways on the floor: {aside_m:.2f} m, limit {limit_m:.2f} m",
+            "look at what holds or pushes it, and at its poses",
+        ),
+        NoticeTemplate(
+            "takeoff.jumps", "its height jumps as no thrust makes it", "look at its poses, and at what lifts it"
+        ),
+        NoticeTemplate(
+            "takeoff.no_motion",
+            "no lift-off: is this the right body, is the mass right? Thrust went to {thrust_n:.3g} N, {percent:.0f} % "
+            "of the told weight, and the poses did not move",
+            "check the object's name, vehicle.mass_kg, battery and propellers, and that nothing holds the vehicle; one "
+            "that needs more thrust needs a larger takeoff.thrust_limit",
+        ),
+        NoticeTemplate(
+            "takeoff.stuck",
+            "no lift-off: it began to move and did not leave the floor",
+            "check that nothing holds the vehicle",
+        ),
+        # What is told beside the states.
+        NoticeTemplate("flight.preflight", "pre-flight {verdict}: {check}: {says}"),
+        NoticeTemplate("flight.bringing_down", "bringing down: the link levels, sinks and stops by itself"),
+        NoticeTemplate("flight.not_brought_down", "NOT brought down from here: {why}"),
+        NoticeTemplate("flight.kill_unheard", "NOT acknowledged: {why}"),
+        NoticeTemplate(
+            "flight.left_turning",
+            "nothing goes to the vehicle any more: its motors still turn after {limit_s:g} s, so use the remote "
+            "control's kill switch",
+        ),
+        NoticeTemplate("link.warns", "{says}"),
+        NoticeTemplate("certificate.warns", "{says}"),
+        # Total latency, by the vehicle's own answer and attitude.
+        NoticeTemplate(
+            "latency.total",
+            "poses seem {late} than told, or the vehicle turns so, by how it answers its commands",
+            "measure both (groundstation identify)",
+        ),
+        NoticeTemplate(
+            "latency.vehicle",
+            "the vehicle turns {late} than told",
+            "measure the lag and delay of its rates (groundstation identify)",
+        ),
+        NoticeTemplate(
+            "latency.poses", "poses seem {late} than told, by the vehicle's own attitude", "measure their latency"
+        ),
+        # Gains that are changed in flight.
+        NoticeTemplate(
+            "gain.worse", "{key} goes back to {value:g}: {worse} has risen by more than a factor of {factor:g}"
+        ),
+    ),
 )

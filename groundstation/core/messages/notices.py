@@ -8,9 +8,7 @@ from groundstation.core.messages.flight_notices import FLIGHT_NOTICES
 from groundstation.core.messages.pose_notices import POSE_NOTICES
 from groundstation.core.messages.preflight_notices import PREFLIGHT_NOTICES
 from groundstation.core.messages.station_notices import STATION_NOTICES
-from links.text import NoticeTemplate, Sentence, Severity
-
-_WARN = Severity.WARNING
+from links.text import NoticeTemplate, Sentence, as_warnings
 
 _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
@@ -41,171 +39,11 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "campaign.kernel", "--kernel has no effect, because numpy computes all flights of a campaign", "leave it out"
     ),
     NoticeTemplate("pose.dropping", "poses are dropped: {why}"),
-    NoticeTemplate(
-        "pose.unsteady_clock",
-        "the tracker's clock stepped {count} times within {within_s:g} s, so its stamps do not tell how old a pose is",
-        "in flight, land; then find out what sets the sender's clock",
-        Severity.WARNING,
-    ),
     NoticeTemplate("pose.steady_clock", "the tracker's clock is steady again"),
-    NoticeTemplate(
-        "pose.stamp_rate",
-        "the time stamps of the poses run {factor} times too {way}, limit {limit:g}",
-        "{field} is expected in {unit}{looks_like}",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "code.slow",
-        "{what} took {took_ms:.0f} ms, limit {limit_ms:.0f} ms",
-        "make its step faster",
-        Severity.WARNING,
-    ),
-    NoticeTemplate("code.hangs", "it did not return within {limit_ms:.0f} ms", severity=Severity.WARNING),
-    NoticeTemplate(
-        "code.hangs_making",
-        "it did not return within {limit_s:.0f} s",
-        "compute before the flight what takes long, and load it from a file",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "code.slow_end",
-        "{slow}. No command left in time, and the link plays its bring-down",
-        severity=Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "trajectory.derivative",
-        "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} is {found:.3g} {unit}",
-        "correct the {name} that it returns: limits and fence are checked by it",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "trajectory.direction",
-        "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} has another direction",
-        "correct the signs and axes of the {name} that it returns: limits and fence are checked by it",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "trajectory.fence",
-        "at {at_s:.2f} s it could not be braked within the fence, by {short_m:.2f} m",
-        "move it, slow it down, or correct [fence]",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "trajectory.period",
-        "at {at_s:.1f} s it is {far_m:.2f} m outside of where it was in its first {span_s:.3g} s",
-        "correct its period_s or joints_s, or give it a duration_s",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "pose.other_server",
-        "the NatNet server answers from another address, {address}, and only the one asked is heard",
-        'write pose.server = "{address}:{port}"',
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "pose.origin_moves",
-        "the source of the poses moved its origin {count} times within {within_s:g} s",
-        "see that one estimator alone sends them, and that it has settled before you arm",
-        Severity.WARNING,
-    ),
     NoticeTemplate("pose.none", "no poses: {why}"),
     NoticeTemplate("pose.few_dropped", "fewer than 1 % were dropped, {total} accepted"),
     NoticeTemplate("pose.dropped", "{count} of {total} poses were dropped, limit 1 %: {why}"),
     NoticeTemplate("link.few_dropped", "fewer than 1 % of {total} messages were lost, and none is a stranger's"),
-    NoticeTemplate(
-        "link.truncated",
-        "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) came in pieces of which some were lost",
-        "a bridge or radio cuts frames over datagrams: have it send whole frames, lower the autopilot's stream rates, "
-        "check the signal",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.bad_crc",
-        "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) had a wrong checksum",
-        "check baud rate, wiring and signal",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.unsigned",
-        "{count} MAVLink messages came without a signature and were ignored",
-        "give their sender the key of link.signing_key_file, or switch it off",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.bad_signature",
-        "{count} MAVLink messages were signed with another key and were ignored",
-        "compare the autopilot's key with link.signing_key_file; if they are the same, somebody forges messages",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.replayed",
-        "{count} signed MAVLink messages had time stamps that were used before and were ignored",
-        "somebody replays messages, or two senders sign with one system and link id: switch off all but the vehicle",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.other_address",
-        "{count} datagrams came from another address than the vehicle's ({addresses}) and were ignored",
-        "find out who else sends to this port, and give it another one",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.second_path",
-        "{count} datagrams of the vehicle came by a second path ({addresses}) and were ignored",
-        "end that path: commands go by the first",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.congested",
-        "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not leave, "
-        "as the network had no room",
-        "check the network's load and signal",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.full",
-        "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not leave, "
-        "as older ones still waited",
-        "raise the baud rate or link.period_s, check the signal",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.undeliverable",
-        "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) were given back by the network",
-        "check that the vehicle's address is reachable and its program runs",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.port_stuck",
-        "{count} of {total} frames ({percent:.1f} %, limit 1 %) did not leave, as the module's port took nothing",
-        "check the module's cable and supply",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.port_lost",
-        "the module's port was lost {count} times",
-        "check the module's cable and supply",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.bad_seal",
-        "{count} datagrams to the radio bridge were sealed with another key and were ignored",
-        "compare the keys of station and bridge; if they are the same, somebody forges datagrams",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.replayed_or_late",
-        "{count} of {total} datagrams of the radio bridge ({percent:.1f} %, limit 1 %) came late or twice",
-        "check the network between the two computers",
-        Severity.WARNING,
-    ),
-    NoticeTemplate(
-        "link.other_session",
-        "{count} datagrams of the radio bridge belonged to another session and were ignored",
-        "see that only one station uses this bridge",
-        Severity.WARNING,
-    ),
-    NoticeTemplate("link.flown", "during the flight {says}", "", _WARN),
     NoticeTemplate(
         "qualisys.too_old",
         "QTM at {server} speaks no version of its real-time protocol from {newest} down to {oldest}",
@@ -217,112 +55,10 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "the largest difference is {thrust_n:.2g} N of thrust and {rate_rad_s:.2g} rad/s of body rate",
     ),
     NoticeTemplate("replay.settings", "settings of the recording that this version leaves out: {settings}"),
-    NoticeTemplate(
-        "tui.multiplexer",
-        "{taker} takes some keys itself, as delivered Ctrl-A (screen) or Ctrl-B (tmux)",
-        "where a key does nothing, press the second one, which the footer names",
-        Severity.WARNING,
-    ),
     # Poses that do not answer what was commanded (docs/explanation/trust.md).
     NoticeTemplate("pose.suspect", "the poses are asked by small motions whether they answer"),
     NoticeTemplate("pose.answers", "the poses answer again"),
-    NoticeTemplate(
-        "pose.attitude_no_answer",
-        "the attitude of the poses does not answer the commanded turns",
-        "check the object's name, its axes (`groundstation carry`) and the latency of the tracker",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "pose.late",
-        "the poses follow the commands 0.1 s or more later than configured, whatever their stamps say",
-        "check the latency of the tracker and the link (`groundstation identify`)",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "pose.position_no_answer",
-        "the position of the poses does not answer the commanded motion, or something holds the vehicle",
-        "check the object's name and markers",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "pose.position_mirrored",
-        "the position moves against, or not with, the commanded accelerations",
-        "check pose.axes with `groundstation carry`",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "pose.stopped_dead",
-        "the position stopped dead while the vehicle moved on, or something caught the vehicle",
-        "check the tracker",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "pose.yaw_unasked",
-        "the poses turn about the vertical by more than 9 deg/s, and no command asks for that",
-        "check the object's markers",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "pose.height_behind",
-        "the height stays behind the thrust just off the floor",
-        "check the object's name and the floor's height",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "pose.autopilot_disagrees",
-        "the attitude of the poses disagrees with the autopilot's own",
-        "check that the tracked object is this vehicle, and its axes",
-        _WARN,
-    ),
     # Guards: one sentence for each row of core/safety/guards.py.
-    NoticeTemplate("guard.tilt", "tilt {tilt_deg:.0f}°, limit {limit_deg:g}°", "", _WARN),
-    NoticeTemplate(
-        "guard.oscillation",
-        "tilt {off_deg:.0f}° beside the wanted one, again and again, limit {limit_deg:g}°",
-        "check lags, delays and the latency of the poses (`groundstation identify`)",
-        _WARN,
-    ),
-    NoticeTemplate("guard.error", "{error_m:.2f} m from where it should be, limit {limit_m:g} m", "", _WARN),
-    NoticeTemplate("guard.speed", "{speed_m_s:.1f} m/s beside the wanted speed, limit {limit_m_s:g} m/s", "", _WARN),
-    NoticeTemplate(
-        "guard.thrust", "thrust at its limit for {lasts_s:g} s", "check battery, load and vehicle.thrust_max_n", _WARN
-    ),
-    NoticeTemplate("guard.rate", "a body rate at its limit for {lasts_s:g} s of the last 2 s", "", _WARN),
-    NoticeTemplate(
-        "guard.weak",
-        "thrust is {found:.0f} % of what is commanded, limit {limit:.0f} %",
-        "check battery, propellers and vehicle.mass_kg",
-        _WARN,
-    ),
-    NoticeTemplate("guard.fence", "{outside_m:.2f} m outside the fence", "", _WARN),
-    NoticeTemplate("guard.braking", "{room_m:.2f} m before the fence at {speed_m_s:.1f} m/s", "braking", _WARN),
-    NoticeTemplate("guard.separation", "{distance_m:.2f} m from {name}, limit {limit_m:g} m", "", _WARN),
-    NoticeTemplate("guard.approach", "{distance_m:.2f} m from {name} and nearing", "braking", _WARN),
-    NoticeTemplate("guard.unseen", "the cameras have not seen {names} for more than {limit_s:g} s", "", _WARN),
-    NoticeTemplate(
-        "guard.pose_age",
-        "pose age {age_ms:.0f} ms on arrival, limit {limit_ms:.0f} ms",
-        "check the tracker's network",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "guard.pose_resets",
-        "{count} resets of the estimate behind the poses within 5 s, limit {limit}",
-        "check the source of the poses",
-        _WARN,
-    ),
-    NoticeTemplate(
-        "guard.under_floor", "the poses show it {depth_m:.2f} m under the floor, limit {limit_m:g} m", "", _WARN
-    ),
-    NoticeTemplate(
-        "guard.overruns",
-        "{count} of the last 100 frames were late, limit {limit}",
-        "this computer is too slow",
-        _WARN,
-    ),
-    NoticeTemplate("guard.round_trip", "round trip {rtt_ms:.0f} ms, limit {limit_ms:.0f} ms", "check the radio", _WARN),
-    NoticeTemplate("guard.charge", "battery at {charge:.0f} %, limit {limit:.0f} %", "", _WARN),
-    NoticeTemplate("guard.voltage", "battery at {voltage_v:.2f} V, limit {limit_v:.2f} V", "", _WARN),
     NoticeTemplate(
         "tlog.no_message",
         "no MAVLink message in it: is it a .tlog?",
@@ -390,6 +126,221 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("recording.newest", "the newest recording: {path}"),
     NoticeTemplate("package.missing", "{what} needs {package}, which is not installed", "{command}"),
+    *as_warnings(
+        NoticeTemplate(
+            "pose.unsteady_clock",
+            "the tracker's clock stepped {count} times within {within_s:g} s, so its stamps do not tell how old "
+            "a pose is",
+            "in flight, land; then find out what sets the sender's clock",
+        ),
+        NoticeTemplate(
+            "pose.stamp_rate",
+            "the time stamps of the poses run {factor} times too {way}, limit {limit:g}",
+            "{field} is expected in {unit}{looks_like}",
+        ),
+        NoticeTemplate("code.slow", "{what} took {took_ms:.0f} ms, limit {limit_ms:.0f} ms", "make its step faster"),
+        NoticeTemplate("code.hangs", "it did not return within {limit_ms:.0f} ms"),
+        NoticeTemplate(
+            "code.hangs_making",
+            "it did not return within {limit_s:.0f} s",
+            "compute before the flight what takes long, and load it from a file",
+        ),
+        NoticeTemplate("code.slow_end", "{slow}. No command left in time, and the link plays its bring-down"),
+        NoticeTemplate(
+            "trajectory.derivative",
+            "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} is {found:.3g} {unit}",
+            "correct the {name} that it returns: limits and fence are checked by it",
+        ),
+        NoticeTemplate(
+            "trajectory.direction",
+            "at {at_s:.2f} s its {name} is declared as {declared:.3g} {unit}, and by its {of} has another direction",
+            "correct the signs and axes of the {name} that it returns: limits and fence are checked by it",
+        ),
+        NoticeTemplate(
+            "trajectory.fence",
+            "at {at_s:.2f} s it could not be braked within the fence, by {short_m:.2f} m",
+            "move it, slow it down, or correct [fence]",
+        ),
+        NoticeTemplate(
+            "trajectory.period",
+            "at {at_s:.1f} s it is {far_m:.2f} m outside of where it was in its first {span_s:.3g} s",
+            "correct its period_s or joints_s, or give it a duration_s",
+        ),
+        NoticeTemplate(
+            "pose.other_server",
+            "the NatNet server answers from another address, {address}, and only the one asked is heard",
+            'write pose.server = "{address}:{port}"',
+        ),
+        NoticeTemplate(
+            "pose.origin_moves",
+            "the source of the poses moved its origin {count} times within {within_s:g} s",
+            "see that one estimator alone sends them, and that it has settled before you arm",
+        ),
+        NoticeTemplate(
+            "link.truncated",
+            "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) came in pieces of which some were lost",
+            "a bridge or radio cuts frames over datagrams: have it send whole frames, lower the autopilot's stream "
+            "rates, check the signal",
+        ),
+        NoticeTemplate(
+            "link.bad_crc",
+            "{count} of {total} MAVLink frames ({percent:.1f} %, limit 1 %) had a wrong checksum",
+            "check baud rate, wiring and signal",
+        ),
+        NoticeTemplate(
+            "link.unsigned",
+            "{count} MAVLink messages came without a signature and were ignored",
+            "give their sender the key of link.signing_key_file, or switch it off",
+        ),
+        NoticeTemplate(
+            "link.bad_signature",
+            "{count} MAVLink messages were signed with another key and were ignored",
+            "compare the autopilot's key with link.signing_key_file; if they are the same, somebody forges messages",
+        ),
+        NoticeTemplate(
+            "link.replayed",
+            "{count} signed MAVLink messages had time stamps that were used before and were ignored",
+            "somebody replays messages, or two senders sign with one system and link id: switch off all but "
+            "the vehicle",
+        ),
+        NoticeTemplate(
+            "link.other_address",
+            "{count} datagrams came from another address than the vehicle's ({addresses}) and were ignored",
+            "find out who else sends to this port, and give it another one",
+        ),
+        NoticeTemplate(
+            "link.second_path",
+            "{count} datagrams of the vehicle came by a second path ({addresses}) and were ignored",
+            "end that path: commands go by the first",
+        ),
+        NoticeTemplate(
+            "link.congested",
+            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not leave, "
+            "as the network had no room",
+            "check the network's load and signal",
+        ),
+        NoticeTemplate(
+            "link.full",
+            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) did not leave, "
+            "as older ones still waited",
+            "raise the baud rate or link.period_s, check the signal",
+        ),
+        NoticeTemplate(
+            "link.undeliverable",
+            "{count} of {total} messages to the vehicle ({percent:.1f} %, limit 1 %) were given back by the network",
+            "check that the vehicle's address is reachable and its program runs",
+        ),
+        NoticeTemplate(
+            "link.port_stuck",
+            "{count} of {total} frames ({percent:.1f} %, limit 1 %) did not leave, as the module's port took nothing",
+            "check the module's cable and supply",
+        ),
+        NoticeTemplate(
+            "link.port_lost", "the module's port was lost {count} times", "check the module's cable and supply"
+        ),
+        NoticeTemplate(
+            "link.bad_seal",
+            "{count} datagrams to the radio bridge were sealed with another key and were ignored",
+            "compare the keys of station and bridge; if they are the same, somebody forges datagrams",
+        ),
+        NoticeTemplate(
+            "link.replayed_or_late",
+            "{count} of {total} datagrams of the radio bridge ({percent:.1f} %, limit 1 %) came late or twice",
+            "check the network between the two computers",
+        ),
+        NoticeTemplate(
+            "link.other_session",
+            "{count} datagrams of the radio bridge belonged to another session and were ignored",
+            "see that only one station uses this bridge",
+        ),
+        NoticeTemplate("link.flown", "during the flight {says}"),
+        NoticeTemplate(
+            "tui.multiplexer",
+            "{taker} takes some keys itself, as delivered Ctrl-A (screen) or Ctrl-B (tmux)",
+            "where a key does nothing, press the second one, which the footer names",
+        ),
+        # Poses that do not answer what was commanded (docs/explanation/trust.md).
+        NoticeTemplate(
+            "pose.attitude_no_answer",
+            "the attitude of the poses does not answer the commanded turns",
+            "check the object's name, its axes (`groundstation carry`) and the latency of the tracker",
+        ),
+        NoticeTemplate(
+            "pose.late",
+            "the poses follow the commands 0.1 s or more later than configured, whatever their stamps say",
+            "check the latency of the tracker and the link (`groundstation identify`)",
+        ),
+        NoticeTemplate(
+            "pose.position_no_answer",
+            "the position of the poses does not answer the commanded motion, or something holds the vehicle",
+            "check the object's name and markers",
+        ),
+        NoticeTemplate(
+            "pose.position_mirrored",
+            "the position moves against, or not with, the commanded accelerations",
+            "check pose.axes with `groundstation carry`",
+        ),
+        NoticeTemplate(
+            "pose.stopped_dead",
+            "the position stopped dead while the vehicle moved on, or something caught the vehicle",
+            "check the tracker",
+        ),
+        NoticeTemplate(
+            "pose.yaw_unasked",
+            "the poses turn about the vertical by more than 9 deg/s, and no command asks for that",
+            "check the object's markers",
+        ),
+        NoticeTemplate(
+            "pose.height_behind",
+            "the height stays behind the thrust just off the floor",
+            "check the object's name and the floor's height",
+        ),
+        NoticeTemplate(
+            "pose.autopilot_disagrees",
+            "the attitude of the poses disagrees with the autopilot's own",
+            "check that the tracked object is this vehicle, and its axes",
+        ),
+        # Guards: one sentence for each row of core/safety/guards.py.
+        NoticeTemplate("guard.tilt", "tilt {tilt_deg:.0f}°, limit {limit_deg:g}°"),
+        NoticeTemplate(
+            "guard.oscillation",
+            "tilt {off_deg:.0f}° beside the wanted one, again and again, limit {limit_deg:g}°",
+            "check lags, delays and the latency of the poses (`groundstation identify`)",
+        ),
+        NoticeTemplate("guard.error", "{error_m:.2f} m from where it should be, limit {limit_m:g} m"),
+        NoticeTemplate("guard.speed", "{speed_m_s:.1f} m/s beside the wanted speed, limit {limit_m_s:g} m/s"),
+        NoticeTemplate(
+            "guard.thrust", "thrust at its limit for {lasts_s:g} s", "check battery, load and vehicle.thrust_max_n"
+        ),
+        NoticeTemplate("guard.rate", "a body rate at its limit for {lasts_s:g} s of the last 2 s"),
+        NoticeTemplate(
+            "guard.weak",
+            "thrust is {found:.0f} % of what is commanded, limit {limit:.0f} %",
+            "check battery, propellers and vehicle.mass_kg",
+        ),
+        NoticeTemplate("guard.fence", "{outside_m:.2f} m outside the fence"),
+        NoticeTemplate("guard.braking", "{room_m:.2f} m before the fence at {speed_m_s:.1f} m/s", "braking"),
+        NoticeTemplate("guard.separation", "{distance_m:.2f} m from {name}, limit {limit_m:g} m"),
+        NoticeTemplate("guard.approach", "{distance_m:.2f} m from {name} and nearing", "braking"),
+        NoticeTemplate("guard.unseen", "the cameras have not seen {names} for more than {limit_s:g} s"),
+        NoticeTemplate(
+            "guard.pose_age",
+            "pose age {age_ms:.0f} ms on arrival, limit {limit_ms:.0f} ms",
+            "check the tracker's network",
+        ),
+        NoticeTemplate(
+            "guard.pose_resets",
+            "{count} resets of the estimate behind the poses within 5 s, limit {limit}",
+            "check the source of the poses",
+        ),
+        NoticeTemplate("guard.under_floor", "the poses show it {depth_m:.2f} m under the floor, limit {limit_m:g} m"),
+        NoticeTemplate(
+            "guard.overruns", "{count} of the last 100 frames were late, limit {limit}", "this computer is too slow"
+        ),
+        NoticeTemplate("guard.round_trip", "round trip {rtt_ms:.0f} ms, limit {limit_ms:.0f} ms", "check the radio"),
+        NoticeTemplate("guard.charge", "battery at {charge:.0f} %, limit {limit:.0f} %"),
+        NoticeTemplate("guard.voltage", "battery at {voltage_v:.2f} V, limit {limit_v:.2f} V"),
+    ),
 )
 
 NOTICES: dict[str, NoticeTemplate] = {

@@ -1,8 +1,6 @@
 """Sentences of the station: recorder, service, screens, MQTT. Sans-IO."""
 
-from links.text import NoticeTemplate, Severity
-
-_WARN = Severity.WARNING
+from links.text import NoticeTemplate, as_warnings
 
 STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     # The recorder. A flight goes on without it.
@@ -10,25 +8,8 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("recording.tidied", "recordings: {name} was removed to keep within recording.keep_gb and keep_days"),
     NoticeTemplate("recording.forgotten", "{name} was removed: nothing was armed in it"),
     NoticeTemplate("recording.goes_on", "recording to {path} goes on, nothing is lost"),
-    NoticeTemplate("recording.waits", "WARNING: recording waits, the flight goes on: {path}: {why}", "", _WARN),
-    NoticeTemplate("recording.ended", "WARNING: recording has ended, the flight goes on: {path}: {why}", "", _WARN),
-    NoticeTemplate("recording.not", "WARNING: not recording, the flight goes on: {why}", "", _WARN),
-    NoticeTemplate(
-        "recording.torn", "WARNING: parts of {path} are lost from here on, the flight goes on: {why}", "", _WARN
-    ),
-    NoticeTemplate("recording.no_end", "WARNING: the end of {path} is missing: {why}", "", _WARN),
-    NoticeTemplate("recording.no_tlog", "WARNING: no .tlog of this flight: {why}", "", _WARN),
-    NoticeTemplate("recording.unrecordable", "WARNING: a part of this flight can't be recorded: {why}", "", _WARN),
-    NoticeTemplate("recording.still_writing", "WARNING: the recorder is still writing; it ends by itself", "", _WARN),
-    NoticeTemplate(
-        "recording.died",
-        "WARNING: the recorder has died ({code}); the flight goes on and is no longer recorded",
-        severity=_WARN,
-    ),
     # The service, its log, and signals.
-    NoticeTemplate("log.lost", "{count} log lines were lost: nobody read them", severity=_WARN),
     NoticeTemplate("service.stopped", "{what} stopped: {why}"),
-    NoticeTemplate("service.no_flight", "this flight could not begin: {why}", severity=_WARN),
     NoticeTemplate("service.next", "{state}; the next flight gets ready in {pause_s:g} s"),
     NoticeTemplate(
         "service.waits",
@@ -48,8 +29,6 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "order.controlled_here", "{holder} holds control at the station: from afar it can only be brought down"
     ),
-    NoticeTemplate("order.none", "{client} has sent what is no order ({why}): nothing was done", severity=_WARN),
-    NoticeTemplate("order.not_killed", "NOT KILLED, {reason}: {why}", severity=_WARN),
     NoticeTemplate("order.not_allowed", "{client} may not ask for {ask}"),
     NoticeTemplate("control.gone", "{client} has gone, and held control: nobody does now"),
     NoticeTemplate("control.held", "{client} holds control"),
@@ -61,11 +40,30 @@ STATION_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("control.free", "nobody holds control now"),
     # MQTT.
     NoticeTemplate("mqtt.publishing", "publishing to {broker}"),
-    NoticeTemplate("mqtt.no_broker", "no broker at {broker} ({why}); trying again", severity=_WARN),
-    NoticeTemplate(
-        "mqtt.no_requests",
-        "the broker does not let us read {topic}: no requests; look at its access rules",
-        severity=_WARN,
+    *as_warnings(
+        # The recorder. A flight goes on without it.
+        NoticeTemplate("recording.waits", "WARNING: recording waits, the flight goes on: {path}: {why}"),
+        NoticeTemplate("recording.ended", "WARNING: recording has ended, the flight goes on: {path}: {why}"),
+        NoticeTemplate("recording.not", "WARNING: not recording, the flight goes on: {why}"),
+        NoticeTemplate("recording.torn", "WARNING: parts of {path} are lost from here on, the flight goes on: {why}"),
+        NoticeTemplate("recording.no_end", "WARNING: the end of {path} is missing: {why}"),
+        NoticeTemplate("recording.no_tlog", "WARNING: no .tlog of this flight: {why}"),
+        NoticeTemplate("recording.unrecordable", "WARNING: a part of this flight can't be recorded: {why}"),
+        NoticeTemplate("recording.still_writing", "WARNING: the recorder is still writing; it ends by itself"),
+        NoticeTemplate(
+            "recording.died", "WARNING: the recorder has died ({code}); the flight goes on and is no longer recorded"
+        ),
+        # The service, its log, and signals.
+        NoticeTemplate("log.lost", "{count} log lines were lost: nobody read them"),
+        NoticeTemplate("service.no_flight", "this flight could not begin: {why}"),
+        # Orders of clients, here and from afar.
+        NoticeTemplate("order.none", "{client} has sent what is no order ({why}): nothing was done"),
+        NoticeTemplate("order.not_killed", "NOT KILLED, {reason}: {why}"),
+        # MQTT.
+        NoticeTemplate("mqtt.no_broker", "no broker at {broker} ({why}); trying again"),
+        NoticeTemplate(
+            "mqtt.no_requests", "the broker does not let us read {topic}: no requests; look at its access rules"
+        ),
+        NoticeTemplate("mqtt.dropped", "request by MQTT dropped, {reason} ({count} so far): {why}"),
     ),
-    NoticeTemplate("mqtt.dropped", "request by MQTT dropped, {reason} ({count} so far): {why}", severity=_WARN),
 )

@@ -32,7 +32,7 @@ from groundstation.core.messages import STEADY_S
 from groundstation.machine import write_whole
 from groundstation.runtime import describe_install
 from groundstation.settings import Config
-from sim.batch import fly_batch, require_batchable
+from sim.batch import Flights, fly_batch, require_batchable
 from sim.runs import Workers, fly
 from sim.world import World, generator
 
@@ -343,23 +343,16 @@ def run(
     return [rows[seed] for seed in seeds], len(missing)
 
 
-LEFT_OUT = ("gust_peak_m", "gust_back_s", "lowest_m")
-"""Figures of a flight that no row of a campaign holds: it draws neither steps nor throws."""
-
-
 def fly_chunk(campaign: Campaign, seeds: list[int]) -> list[CampaignRow]:
     """Fly ``seeds`` as one batch."""
     worlds = [draw_world(campaign.world, seed, campaign.draws) for seed in seeds]
     flights = fly_batch(worlds, campaign.config, seeds, duration_s=campaign.duration_s)
-    columns = {name: column.tolist() for name, column in flights._asdict().items() if name not in LEFT_OUT}
-    return [
-        _row(seed, world, **{name: column[i] for name, column in columns.items()})
-        for i, (seed, world) in enumerate(zip(seeds, worlds, strict=True))
-    ]
+    return [_row(seed, world, flights, i) for i, (seed, world) in enumerate(zip(seeds, worlds, strict=True))]
 
 
-def _row(seed: int, w: World, *, rms_m: float, max_m: float, survived: bool, **figures: float) -> CampaignRow:
-    known: dict[str, Any] = {name: _finite_or_none(value) for name, value in figures.items()}
+def _row(seed: int, w: World, flights: Flights, i: int) -> CampaignRow:
+    """Return the row of flight ``i`` of the batch, flown in ``w``."""
+    figures: dict[str, Any] = {name: _finite_or_none(getattr(flights, name)[i].item()) for name in FIGURES}
     return CampaignRow(
         seed=seed,
         **{name: getattr(w, name) for name in COPIED},
@@ -369,14 +362,15 @@ def _row(seed: int, w: World, *, rms_m: float, max_m: float, survived: bool, **f
         gust_north=w.wind_gust[0],
         gust_east=w.wind_gust[1],
         gust_down=w.wind_gust[2],
-        rms_cm=_finite_or_none(100.0 * rms_m),
-        max_cm=_finite_or_none(100.0 * max_m),
-        survived=survived,
-        **known,
+        rms_cm=_finite_or_none(100.0 * flights.rms_m[i].item()),
+        max_cm=_finite_or_none(100.0 * flights.max_m[i].item()),
+        **figures,
     )
 
 
-COPIED = [name for name in CampaignRow.__struct_fields__ if name in World.__struct_fields__]
+FIGURES = [name for name in COLUMNS if name in Flights._fields]
+"""Fields of a row that are copied from the flight's figures."""
+COPIED = [name for name in COLUMNS if name in World.__struct_fields__]
 """Fields of a row that are copied from the world."""
 
 

@@ -275,9 +275,9 @@ HOGS_PER_CPU = 1.5
 
 _FLOOR_IN_PYTHON = """
 import sys
-from links.rf.pacer_child import Clock, prioritise
+from links.rf.pacer_child import MonotonicClock, prioritise
 period, count, priority = int(sys.argv[1]) / 1e9, int(sys.argv[2]), int(sys.argv[3])
-clock = Clock()
+clock = MonotonicClock()
 prioritise(priority, clock)
 due, late = clock.now(), []
 for _ in range(count):

@@ -92,7 +92,7 @@ class NotReached(Exception):
     """The flight ended before the state in which it was to be struck; the text says why."""
 
 
-class Copy(NamedTuple):
+class FlightCopy(NamedTuple):
     """One of the flights that go on from the same instant."""
 
     case: str
@@ -108,7 +108,7 @@ def fly_cell(
     seed: int = 0,
     scenario: str = "paper",
     overrides: tuple[str, ...] = (),
-    split: Callable[[], Copy] | None = None,
+    split: Callable[[], FlightCopy] | None = None,
 ) -> Row:
     """Fly one cell in virtual time; ``split`` tells at the strike which copy it is."""
     fault = find_fault(case, state, link or CASES[case].link)
@@ -144,7 +144,7 @@ async def fly_here(
     overrides: tuple[str, ...] = (),
     figure_s: float = FIGURE_S,
     keep: Give | None = None,
-    split: Callable[[], Copy] | None = None,
+    split: Callable[[], FlightCopy] | None = None,
 ) -> Row:
     """Fly one cell on the running loop of virtual time, whatever its time is; ``keep`` takes what is recorded.
 
@@ -421,14 +421,14 @@ class _CopiesFlown(Exception):
 class _Copies:
     """Processes that fly on from one instant, one after the other, each with its own fault."""
 
-    def __init__(self, copies: Sequence[Copy]) -> None:
+    def __init__(self, copies: Sequence[FlightCopy]) -> None:
         self.rows: list[Row] = []
         """Rows found so far, in their order."""
         self.out: int | None = None
         """Where a copy tells what it has found; None in the process that is none."""
         self._copies = copies
 
-    def split(self) -> Copy:
+    def split(self) -> FlightCopy:
         """In each copy, that copy."""
         loop = asyncio.get_running_loop()
         for copy in self._copies:
@@ -450,7 +450,7 @@ class _Copies:
 
 
 def fly_together(
-    copies: Sequence[Copy],
+    copies: Sequence[FlightCopy],
     state: str,
     *,
     link: str,

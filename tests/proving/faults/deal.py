@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from sim.runs import Workers
-from tests.proving.faults.cell import Copy, fly_together
+from tests.proving.faults.cell import FlightCopy, fly_together
 from tests.proving.faults.fault import Fault, Kind, name_of
 from tests.proving.faults.faults import CASES, STATES, find_fault
 from tests.proving.faults.judge import Row, judge_honest
@@ -42,12 +42,12 @@ class Planned(msgspec.Struct, frozen=True):
     forced: str = ""
     """Doubt that is forced upon it, as :func:`monitors.take_over` has it; empty for none."""
 
-    def copies(self) -> tuple[Copy, ...]:
+    def copies(self) -> tuple[FlightCopy, ...]:
         """Return what is flown for its row: honest rows have the same flight without guards."""
-        copy = Copy(self.cell.case, self.forced)
+        copy = FlightCopy(self.cell.case, self.forced)
         if self.cell.fault.kind is not Kind.HONEST:
             return (copy,)
-        return copy, Copy(self.cell.case, UNGUARDED)
+        return copy, FlightCopy(self.cell.case, UNGUARDED)
 
     def row(self, flown: Sequence[Row]) -> Row:
         """Return its row, of those of its copies."""

@@ -24,13 +24,13 @@ from links.rf import (
 from links.rf.betaflight_codec import MspAnswer, MspCommand
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
 from sim.__main__ import main
-from sim.autopilots import Firmware, betaflight
+from sim.autopilots import BetaflightFirmware, betaflight
 
 
 def test_a_missing_firmware_is_said_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(ConfigError, match="run `make firmware` in a checkout"):
-        Firmware()
+        BetaflightFirmware()
 
 
 def test_a_missing_compiler_is_said_with_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,7 +40,7 @@ def test_a_missing_compiler_is_said_with_what_to_do(tmp_path: Path, monkeypatch:
     binary.touch()
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(ConfigError, match="install gcc"):
-        Firmware()
+        BetaflightFirmware()
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from links.io import Sleep
 from links.io.wires import OURS_S, SHORTEST_S
 from links.mavlink import MavlinkLink
 from links.rf import Arm, FramePacer, pacer_child
-from links.rf.pacer_child import Clock, Commander
+from links.rf.pacer_child import Commander, MonotonicClock
 from tests.unit.links.mavlink.test_mavlink_link import Endpoint, command, orders, scene
 from tests.unit.links.rf.test_pacer import CONFIG, PERIOD_S, Bench, is_disarm, lifting
 
@@ -186,7 +186,7 @@ class Pilot(Commander):
         pass
 
 
-class Leap(Clock):
+class Leap(MonotonicClock):
     """Time goes by when somebody sleeps until then, and once the computer sleeps, too."""
 
     def __init__(self, lid: Lid, lid_s: float) -> None:
