@@ -968,8 +968,8 @@ class Flight:
 
     def _on_command(self, tick: Tick) -> None:
         state = self.state
-        if tick.seen.warning:
-            self._say(notice("certificate.warns", says=tick.seen.warning).as_warning(), "certificate")
+        for warning in tick.seen.warnings:
+            self._say(warning.as_warning(), "certificate")
         suspicious, self._suspicious = self._suspicious, self._pilot.is_suspicious
         if self._suspicious and not suspicious and self._link.autopilot is not None:
             self._link.autopilot.ask_mode()  # who has taken it over flies otherwise, too

@@ -209,7 +209,7 @@ class AdaptationMessage(msgspec.Struct, frozen=True, gc=False):
 
 
 class LyapunovMessage(msgspec.Struct, frozen=True, gc=False):
-    """V without its b̃ term, W, the terms of both, and V against its bound in flight (control/adaptive.py)."""
+    """V without its b̃ term, W, the terms of both, and V against its bound in flight (control/certificate.py)."""
 
     time_s: float
     v_known: float

@@ -172,7 +172,7 @@ class FlightVerdict(msgspec.Struct, frozen=True, kw_only=True):
     lyapunov_start: float | None
     """V at the first command."""
     certificate_violated: float
-    """Share of the commands at which V's bound was violated for longer than a moment; see control/adaptive.py."""
+    """Share of the commands at which V's bound was violated for longer than a moment; see control/certificate.py."""
     certificate_suspended: float
     """Share of the commands at which it was suspended, as the one before was clamped."""
     certificate_warnings: tuple[str, ...]
@@ -223,8 +223,7 @@ class Referee:
         x, y, z = (-push * r - drag * v for r, v in zip(third_column(estimate.motion.attitude), velocity, strict=True))
         self._moves.append((tick.time_s, velocity, (x, y, self._world.gravity + z)))
         self._states.append(tick.seen.state)
-        if tick.seen.warning:
-            self._warnings.append(f"{tick.flight_time_s:.2f} {tick.seen.warning}")
+        self._warnings += [f"{tick.flight_time_s:.2f} {warning}" for warning in tick.seen.warnings]
 
     def find_crash(self, position: Vec3, *, lands: bool = False) -> bool:
         """Whether the vehicle hit the floor, unless it ``lands``, or left every room; says why in ``crash``."""

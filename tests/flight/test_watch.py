@@ -3,7 +3,7 @@
 import pytest
 
 from groundstation.core.control import Gains, noise_power
-from groundstation.core.control.adaptive import LIMITS, POSES, VERTICAL, terms
+from groundstation.core.control.certificate import LIMITS, POSES, VERTICAL, terms
 from groundstation.core.messages import Diagnostics, Notice, Tick
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare

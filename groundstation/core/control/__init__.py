@@ -3,19 +3,12 @@
 from groundstation.core.control.adaptive import (
     CALM,
     HOLD,
-    LASTING_S,
-    SUSPENDED,
-    VIOLATED,
     Adaptive,
-    CertificateMonitor,
     Gains,
     Uncompensated,
     bound_decrease,
     calm_gains,
     hold_gains,
-    measure,
-    noise_power,
-    thrust_bound,
 )
 from groundstation.core.control.attitude import (
     acceleration,
@@ -28,6 +21,15 @@ from groundstation.core.control.attitude import (
 )
 from groundstation.core.control.backstepping import Law, LawState, backstep, yaw_rate
 from groundstation.core.control.bring_down import OFF, plan_bring_down
+from groundstation.core.control.certificate import (
+    LASTING_S,
+    SUSPENDED,
+    VIOLATED,
+    CertificateMonitor,
+    measure,
+    noise_power,
+    thrust_bound,
+)
 from groundstation.core.control.controllers import ControllerConfig, Custom, make_controller
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.control.descent import Descent, level

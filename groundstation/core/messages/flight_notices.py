@@ -184,7 +184,27 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
             "control's kill switch",
         ),
         NoticeTemplate("link.warns", "{says}"),
-        NoticeTemplate("certificate.warns", "{says}"),
+        # V against its bound, and the thrust against its limits.
+        NoticeTemplate("certificate.no_proof", "Lyapunov: {bound}; only a lasting rise of V will be told"),
+        NoticeTemplate(
+            "certificate.above", "Lyapunov: V has been above its bound for {for_s:.1f} s; largest term: {largest}"
+        ),
+        NoticeTemplate(
+            "certificate.suspended",
+            "Lyapunov: the bound is suspended most of the time, with commands at their limit; "
+            "largest other term: {largest}",
+        ),
+        NoticeTemplate(
+            "certificate.disturbance",
+            "Lyapunov: the disturbance estimate has been above controller.b_bound for {for_s:.1f} s: "
+            "{found_m_s2:.1f} m/s², limit {limit_m_s2:g} m/s²",
+            "check mass, thrust and wind: they are off by more than it covers",
+        ),
+        NoticeTemplate(
+            "certificate.thrust_margin",
+            "thrust margin: the command has been at its {which} limit, {thrust_n:.2f} N, for {for_s:.1f} s; "
+            "the Lyapunov bound is suspended",
+        ),
         # Total latency, by the vehicle's own answer and attitude.
         NoticeTemplate(
             "latency.total",

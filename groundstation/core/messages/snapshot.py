@@ -456,8 +456,8 @@ class CertificateReading(NamedTuple):
     """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no promise)."""
     excess: float
     """V_m above its bound [m²/s²]."""
-    warning: str
-    """A sentence for the operator, once for each lasting violation; else empty."""
+    warnings: tuple[Sentence, ...]
+    """Sentences for the operator, one for each lasting violation as it begins to last; mostly none."""
 
 
 class Tick(NamedTuple):

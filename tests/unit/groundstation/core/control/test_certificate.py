@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.control import Gains, Law, bound_decrease, thrust_bound
-from groundstation.core.control.adaptive import virtual_control_sup
 from groundstation.core.control.backstepping import BacksteppingAxis, axis
+from groundstation.core.control.certificate import virtual_control_sup
 from groundstation.core.geometry import FLOATS
 
 LAW = Law(sigma_slope=3.0, rho_slope=1.0, sigma_bound=1.5, rho_bound=1.0, b_bound=5.0)

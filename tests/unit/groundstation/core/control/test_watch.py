@@ -5,7 +5,7 @@ import math
 import pytest
 
 from groundstation.core.control import LASTING_S, CertificateMonitor, Gains, noise_power
-from groundstation.core.control.adaptive import (
+from groundstation.core.control.certificate import (
     COVERED_RATE_M_S3,
     LIMITS,
     POSES,
@@ -57,7 +57,7 @@ def decided(diagnostics: Diagnostics, *, saturated: bool = False, thrust: float 
 def flown(watch: CertificateMonitor, decision: Decision, seconds: float, start_s: float = 0.0) -> list[str]:
     """The warnings of ``seconds`` of the same decision."""
     looks = (watch.look(start_s + k * PERIOD_S, HOVER, decision) for k in range(round(seconds / PERIOD_S) + 1))
-    return [seen.warning for seen in looks if seen.warning]
+    return [warning.text for seen in looks for warning in seen.warnings]
 
 
 def test_a_v_that_only_stands_still_although_it_must_fall_is_told_once() -> None:
@@ -112,7 +112,9 @@ def test_time_at_a_limit_is_suspended_and_does_not_count() -> None:
 def test_a_disturbance_beyond_b_is_told_with_its_size() -> None:
     watch = CertificateMonitor(VEHICLE, Gains(b_bound=5.0))
     (warning,) = flown(watch, decided(said(b_hat=(3.0, 0.0, 4.2))), 2.0)
-    assert warning.startswith("Lyapunov: |b̂| = 5.2 m/s² has been above B = 5 for 0.5 s")
+    assert warning.startswith(
+        "Lyapunov: the disturbance estimate has been above controller.b_bound for 0.5 s: 5.2 m/s², limit 5 m/s²"
+    )
     reading = watch.reading()
     assert reading is not None
     assert reading.b_hat_fraction == pytest.approx(math.hypot(3.0, 4.2) / 5.5)
@@ -136,15 +138,15 @@ def test_a_thrust_that_stays_at_its_limit_is_told_under_every_controller(thrust:
 def test_gains_without_a_proof_are_told_at_the_first_command_and_promise_nothing(gains: Gains, why: str) -> None:
     watch = CertificateMonitor(VEHICLE, gains)
     first = watch.look(0.0, HOVER, decided(said(v=0.1, w=100.0)))
-    assert why in first.warning
+    assert why in first.warnings[0].text
     assert flown(watch, decided(said(v=0.1, w=100.0)), 3.0, PERIOD_S) == []
     assert watch.look(3.1, HOVER, decided(said())).state == "none"
 
 
 def test_without_a_proof_a_lasting_rise_of_v_is_told_still() -> None:
     watch = CertificateMonitor(VEHICLE, Gains(kb=2.0))
-    told = [watch.look(0.02 * k, HOVER, decided(said(v=0.2 * k))).warning for k in range(50)]
-    assert [words.startswith("Lyapunov: V has been above") for words in told if words] == [False, True]
+    looks = (watch.look(0.02 * k, HOVER, decided(said(v=0.2 * k))) for k in range(50))
+    assert [said.id for look in looks for said in look.warnings] == ["certificate.no_proof", "certificate.above"]
 
 
 def test_the_papers_own_adaptation_may_borrow_what_the_wind_owes() -> None:
