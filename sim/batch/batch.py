@@ -553,6 +553,44 @@ class DelayedCommands:
         return mean
 
 
+class ReceivedCommands:
+    """Commands as N vehicles take them: frames lost, single precision, thrust by its true gain, rates within limits."""
+
+    def __init__(self, worlds: Sequence[World], seeds: Sequence[int], duration_s: float) -> None:
+        """No thrust and no rates, before the first frame of a flight of ``duration_s`` [s]."""
+        first, n = worlds[0], len(worlds)
+        self._thrust_max, self._thrust_curve = column(worlds, "thrust_max_n"), column(worlds, "thrust_curve")
+        self._gain, self._sag = column(worlds, "thrust_gain"), column(worlds, "thrust_sag")
+        self._limits = np.radians(column(worlds, "rate_limits_deg_s"))
+        losses = [generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
+        self._frame_lost = column(worlds, "frame_loss") > np.array(losses).T
+        self.gains = self._gain.copy()
+        """True thrust gain at the newest command that arrived [-]."""
+        self.thrust: Any = np.zeros(n)
+        """Thrust of that command [N]."""
+        self.rates: Any = zeros(n, 3)
+        """And its body rates [rad/s]."""
+
+    def take(self, frame: int, time_s: float, drive: ActuatorCommand, told_full_n: float, told_curve: float) -> None:
+        """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
+
+        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/core/deadman.py).
+        """
+        told, straight = np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0), 1.0 - told_curve
+        signal = 2.0 * told / (straight + np.sqrt(straight * straight + 4.0 * told_curve * told))
+        # On the wire both are single-precision numbers.
+        signal = signal.astype(np.float32).astype(np.float64)
+        share = self._thrust_curve * signal * signal + (1.0 - self._thrust_curve) * signal
+        rates = [np.asarray(rate).astype(np.float32).astype(np.float64) for rate in drive.rates]
+        gain = self._gain * (1.0 - self._sag * min(1.0, time_s / 60.0))
+        # The first frame is what releases the vehicle; losses count from the second.
+        lost = self._frame_lost[frame - 1] & (frame > 0)
+        self.gains[...] = np.where(lost, self.gains, gain)
+        self.thrust[...] = np.where(lost, self.thrust, gain * share * self._thrust_max)
+        for now, new, limit in zip(self.rates, rates, self._limits, strict=True):
+            now[...] = np.where(lost, now, np.clip(new, -limit, limit))
+
+
 class Fleet:
     """The truth about N vehicles, one frame of commands at a time.
 
@@ -565,13 +603,11 @@ class Fleet:
         """Hold them; ``steps`` of the plant make a frame."""
         first, n = worlds[0], len(worlds)
         self.count = n
-        self._thrust_max, self._thrust_curve = column(worlds, "thrust_max_n"), column(worlds, "thrust_curve")
-        self._gain, self._sag = column(worlds, "thrust_gain"), column(worlds, "thrust_sag")
-        self._limits = np.radians(column(worlds, "rate_limits_deg_s"))
+        self.commands = ReceivedCommands(worlds, seeds, duration_s)
+        """Newest command that each has received."""
         self._floor = column(worlds, "floor_z_m")
         self.start = column(worlds, "start_ned")
         self._steps, self._step_s = steps, first.frame_period_s / steps
-        self._gains_now = self._gain.copy()
         self._plant: Any = self._describe_plant(worlds)
         physics, _, rotors = self._plant
         thrust = column(worlds, "start_thrust") * physics.mass_kg * first.gravity
@@ -586,11 +622,7 @@ class Fleet:
         self._gyros = None if rotors is None else GyroNoise(worlds, seeds, steps)
         self._wind = BatchWind(worlds, seeds)
         self.felt = np.zeros((steps + 1, 3, n))
-        self._thrust_command: Any = np.zeros(n)
-        self._rate_command: Any = zeros(n, 3)
         self._delayed = DelayedCommands(worlds, thrust)
-        losses = [generator(seed, "frame loss").random(int(duration_s / first.frame_period_s) + 8) for seed in seeds]
-        self._frame_lost = column(worlds, "frame_loss") > np.array(losses).T
 
     def _describe_plant(self, worlds: Sequence[World]) -> Any:
         """Physics, drag and rotors; None for the latter two where there are none."""
@@ -609,7 +641,7 @@ class Fleet:
         )
         drag: Any = describe_air(of)
         drags = any(np.any(x) for x in (*drag.linear, *drag[1:4]))
-        rotors = (*describe_rotors(of, first.gravity), self._gains_now) if first.plant == "rotors" else None
+        rotors = (*describe_rotors(of, first.gravity), self.commands.gains) if first.plant == "rotors" else None
         return physics, drag if drags else None, rotors
 
     def release(self) -> None:
@@ -621,35 +653,16 @@ class Fleet:
         """The Body of each at the end of the newest frame."""
         return _body(self.track[-1, :BODY])
 
-    def command(self, frame: int, time_s: float, drive: ActuatorCommand, told_full_n: float, told_curve: float) -> None:
-        """Frame number ``frame`` leaves at ``time_s`` after the release; some vehicles never hear it.
-
-        The full signal is told to give ``told_full_n`` [N], on the curve ``told_curve`` (links/core/deadman.py).
-        """
-        told, straight = np.clip(np.asarray(drive.thrust) / told_full_n, 1e-30, 1.0), 1.0 - told_curve
-        signal = 2.0 * told / (straight + np.sqrt(straight * straight + 4.0 * told_curve * told))
-        # On the wire both are single-precision numbers.
-        signal = signal.astype(np.float32).astype(np.float64)
-        share = self._thrust_curve * signal * signal + (1.0 - self._thrust_curve) * signal
-        rates = [np.asarray(rate).astype(np.float32).astype(np.float64) for rate in drive.rates]
-        gain = self._gain * (1.0 - self._sag * min(1.0, time_s / 60.0))
-        # The first frame is what releases the vehicle; losses count from the second.
-        lost = self._frame_lost[frame - 1] & (frame > 0)
-        self._gains_now[...] = np.where(lost, self._gains_now, gain)
-        self._thrust_command[...] = np.where(lost, self._thrust_command, gain * share * self._thrust_max)
-        for now, new, limit in zip(self._rate_command, rates, self._limits, strict=True):
-            now[...] = np.where(lost, now, np.clip(new, -limit, limit))
-
     def fly(self, time_s: float) -> Seen:
         """All steps of the frame that begins at ``time_s`` after the release; returns what cameras see in it."""
-        h, track = self._step_s, self.track
+        h, track, commands = self._step_s, self.track, self.commands
         track[0] = track[-1]
         starts: Array = time_s + np.arange(self._steps, dtype=np.float64) * h
         for row, time in zip(self.felt, (time_s, *(starts + 0.5 * h).tolist()), strict=True):
             row[...] = self._wind.at(time)
-        held: list[Any] = [(self._thrust_command, self._rate_command)] * self._steps
+        held: list[Any] = [(commands.thrust, commands.rates)] * self._steps
         if self._delayed.late:
-            self._delayed.put(self._thrust_command, self._rate_command)
+            self._delayed.put(commands.thrust, commands.rates)
             means = (self._delayed.compute_mean(step * h, h, slice(None)) for step in range(self._steps))
             held = [(thrust, tuple(rates)) for thrust, *rates in means]
         noise = None if self._gyros is None else self._gyros.draw()
@@ -662,7 +675,7 @@ class Fleet:
         def see(step: Any, who: Any, taken: Any) -> Any:
             before, wind = _vehicle(track[step, :, who].T), tuple(self.felt[step + 1, :, who].T)
             since = np.maximum(taken - starts[step], 1e-12)
-            thrust, rates = self._thrust_command[who], pick(self._rate_command, who)
+            thrust, rates = commands.thrust[who], pick(commands.rates, who)
             if self._delayed.late:
                 thrust, *rates = self._delayed.compute_mean(step * h, since, who)
             gyro = None if noise is None else tuple(noise[step, :, who].T)
@@ -775,6 +788,72 @@ def _find_last(ends: Array, marked: Any, before: Any) -> Any:
     return np.where(marked.any(axis=0), ends[ends.size - 1 - np.argmax(marked[::-1], axis=0)], before)
 
 
+class ErrorMarks:
+    """Position errors of N flights."""
+
+    def __init__(self, count: int) -> None:
+        self._squares, self.max_m = np.zeros(count), np.zeros(count)
+        self._last_far, self._steps = np.zeros(count), 0
+
+    def steps(self, ends: Array, errors: Array) -> None:
+        """As :meth:`Marks.steps`."""
+        self._last_far = _find_last(ends, errors >= SETTLED_M, self._last_far)
+        steady = errors[ends >= STEADY_FROM_S]
+        for error in steady:
+            self._squares += error * error
+        if len(steady):
+            self.max_m = np.maximum(self.max_m, steady.max(axis=0))
+            self._steps += len(steady)
+
+    @property
+    def rms_m(self) -> Any:
+        """RMS over the steady part [m]."""
+        return np.sqrt(self._squares / max(self._steps, 1))
+
+    def compute_settled(self, end_s: float) -> Any:
+        """Time from which the error stays small [s]; nan where it does not before ``end_s``."""
+        return np.where(self._last_far < end_s, self._last_far, np.nan)
+
+
+class LyapunovMarks:
+    """V of N flights with b̃ from the truth, and the largest |b̂|."""
+
+    def __init__(self, count: int, told_kg: float, law: Law | None) -> None:
+        """The flights are told a mass of ``told_kg`` [kg]; ``law`` has the bounds, if there are any."""
+        self._told_kg, self._law = told_kg, law
+        self._b_hat2 = np.zeros(count)
+        self._v: list[Array] = []
+
+    def command(self, time_s: float, decision: Decision, estimate: Estimate, wind: Array) -> None:
+        """As :meth:`Marks.command`."""
+        law, seen = self._law, decision.diagnostics
+        x, y, z = seen.b_hat
+        self._b_hat2 = np.maximum(self._b_hat2, x * x + y * y + z * z)
+        if 0.0 < time_s < STEADY_FROM_S:
+            return
+        weight = 0.5 / law.kb if law is not None and law.kb > 0.0 else 0.0
+        wind = sought(wind, estimate, self._told_kg)
+        self._v.append(seen.v_known + weight * ((x - wind[0]) ** 2 + (y - wind[1]) ** 2 + (z - wind[2]) ** 2))
+
+    @property
+    def start(self) -> Array:
+        """V at the first command [m²/s²]."""
+        return self._v[0]
+
+    @property
+    def floor(self) -> Any:
+        """Median of V over the steady part [m²/s²]; nan without one."""
+        if len(self._v) <= 2:
+            return np.nan
+        v = np.array(self._v[1:])
+        return np.sort(v, axis=0)[len(v) // 2]
+
+    @property
+    def b_hat_share(self) -> Any:
+        """Largest |b̂| in shares of B + ε [-]."""
+        return np.sqrt(self._b_hat2) / (np.inf if self._law is None else self._law.b_bound + self._law.epsilon)
+
+
 class Marks:
     """Score sheet of N flights."""
 
@@ -787,16 +866,13 @@ class Marks:
         """
         count = len(worlds)
         self._alive = np.ones(count, bool)
-        self._squares, self._max = np.zeros(count), np.zeros(count)
-        self._last_far = np.zeros(count)
-        self._saturated, self._late, self._steps = np.zeros(count), 0, 0
-        self._duration = duration_s
-        self._law, self._watch = law if isinstance(law, Law) else None, watch
+        self._saturated, self._late = np.zeros(count), 0
+        self._duration, self._watch = duration_s, watch
+        self._lyapunov = LyapunovMarks(count, vehicle.mass_kg, law if isinstance(law, Law) else None)
+        self._errors = ErrorMarks(count)
         self._gust, self._lowest = GustMarks(worlds), np.full(count, -np.inf)
-        self._told_kg = vehicle.mass_kg
         self._thrusts = vehicle.thrust_min_n, vehicle.thrust_max_n
-        self._margin, self._b_hat = np.full(count, np.inf), np.zeros(count)
-        self._v: list[Array] = []
+        self._margin = np.full(count, np.inf)
         self._effort, self._efforts, self._steady = Effort(), np.zeros(count), 0
         self._scale: tuple[Any, Any] = np.ones(count), np.zeros(count)
 
@@ -808,7 +884,7 @@ class Marks:
         """One command of each, what it was computed from, and the true disturbance b [m/s², NED] at that instant."""
         self._watch.look(decision)
         self._scale = estimate.effectiveness, estimate.effectiveness_deviation
-        law, seen = self._law, decision.diagnostics
+        self._lyapunov.command(time_s, decision, estimate, wind)
         if time_s >= SATURATION_FROM_S:
             self._saturated += decision.saturated
             self._late += 1
@@ -816,14 +892,6 @@ class Marks:
         if time_s >= STEADY_FROM_S:
             self._efforts += square
             self._steady += 1
-        x, y, z = seen.b_hat
-        self._b_hat = np.maximum(self._b_hat, x * x + y * y + z * z)
-        if 0.0 < time_s < STEADY_FROM_S:
-            return
-        weight = 0.5 / law.kb if law is not None and law.kb > 0.0 else 0.0
-        wind = sought(wind, estimate, self._told_kg)
-        self._v.append(seen.v_known + weight * ((x - wind[0]) ** 2 + (y - wind[1]) ** 2 + (z - wind[2]) ** 2))
-        if time_s >= STEADY_FROM_S:
             low, high = self._thrusts
             thrust: Any = decision.drive.thrust
             self._margin = np.minimum(self._margin, np.minimum(thrust - low, high - thrust))
@@ -835,39 +903,26 @@ class Marks:
         """
         if not ends.size:
             return
-        self._last_far = _find_last(ends, errors >= SETTLED_M, self._last_far)
+        self._errors.steps(ends, errors)
         self._gust.steps(ends, errors)
         self._lowest = np.maximum(self._lowest, heights.max(axis=0))
-        steady = errors[ends >= STEADY_FROM_S]
-        for error in steady:
-            self._squares += error * error
-        if len(steady):
-            self._max = np.maximum(self._max, steady.max(axis=0))
-            self._steps += len(steady)
 
     def flights(self) -> Flights:
         """The figures; nan for those that crashed."""
-        law = self._law
         nan = np.where(self._alive, 0.0, np.nan)
         end_s = self._duration - 0.01
-        settled = np.where(self._last_far < end_s, self._last_far, np.nan)
-        bound = np.inf if law is None else law.b_bound + law.epsilon
         violated, suspended = self._watch.shares()
-        floor = np.full(nan.size, np.nan)
-        if len(self._v) > 2:  # long enough to have a steady part
-            v = np.array(self._v[1:])
-            floor = np.sort(v, axis=0)[len(v) // 2]
         return Flights(
-            rms_m=np.sqrt(self._squares / max(self._steps, 1)) + nan,
-            max_m=self._max + nan,
-            settle_s=settled + nan,
+            rms_m=self._errors.rms_m + nan,
+            max_m=self._errors.max_m + nan,
+            settle_s=self._errors.compute_settled(end_s) + nan,
             effort_rad_s=np.sqrt(self._efforts / max(self._steady, 1)) + nan,
             saturated=self._saturated / max(self._late, 1),
-            lyapunov_start=self._v[0],
-            lyapunov_floor=floor + nan,
+            lyapunov_start=self._lyapunov.start,
+            lyapunov_floor=self._lyapunov.floor + nan,
             certificate_violated=violated + nan,
             certificate_suspended=suspended + nan,
-            b_hat_share_max=np.sqrt(self._b_hat) / bound + nan,
+            b_hat_share_max=self._lyapunov.b_hat_share + nan,
             thrust_margin_n=self._margin + nan,
             thrust_scale=self._scale[0] + nan,
             thrust_scale_deviation=self._scale[1] + nan,
@@ -975,7 +1030,7 @@ class Batch:
         self.marks.mark_failed(time_s > estimator.stamp_s + self._config.flight.coast_s)
         estimate, decision = self._decide(time_s, self.period_s if frame > 0 else 0.0)
         estimator.take_command(frame, decision.drive)
-        fleet.command(frame, time_s, decision.drive, self._config.full_thrust_n, self._config.thrust_curve)
+        fleet.commands.take(frame, time_s, decision.drive, self._config.full_thrust_n, self._config.thrust_curve)
         seen, ends = fleet.fly(time_s), time_s + self._starts + self._step_s
         self._cameras.expose(ends, seen)
         self.marks.command(time_s, decision, estimate, fleet.felt[0])
