@@ -627,6 +627,38 @@ class Shutdown:
 
 UNSEEN = 64
 """At most this many poses wait for the vehicle's attitude."""
+
+
+class AttitudeComparison:
+    """Poses against the attitude that the vehicle tells itself: do they agree, and how much later do they come?
+
+    Poses wait until the vehicle tells its attitude, or somebody asks.
+    """
+
+    def __init__(self) -> None:
+        self.witness, self.latency = Witness(), PoseLatency()
+        self._unseen: list[Pose] = []
+
+    def add(self, pose: Pose) -> None:
+        """Take one pose."""
+        self._unseen.append(pose)
+        if len(self._unseen) >= UNSEEN:
+            self.compare()
+
+    def compare(self) -> Witness:
+        """Show both all poses so far."""
+        unseen, self._unseen = self._unseen, []
+        for pose in unseen:
+            self.witness.pose(pose)
+            self.latency.pose(pose)
+        return self.witness
+
+    def hear(self, told: Attitude) -> None:
+        """Take the vehicle's own attitude; all poses so far have been shown."""
+        self.witness.attitude(told)
+        self.latency.attitude(told)
+
+
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING})
 """Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
 
@@ -678,10 +710,7 @@ class Flight:
             monitors.health,
         )  # fmt: skip
         self._suspicious = False
-        self._witness = Witness()
-        self._latency = PoseLatency()
-        self._unseen: list[Pose] = []
-        """Poses that neither has seen yet: both work as the vehicle tells its attitude, and where somebody asks."""
+        self._attitudes = AttitudeComparison()
         self._progress = MissionExecutive(
             config,
             self._pilot,
@@ -838,8 +867,7 @@ class Flight:
 
     def _attitude(self, told: Attitude) -> None:
         witness, now_s = self.witness(), asyncio.get_running_loop().time()
-        witness.attitude(told)
-        self._latency.attitude(told)
+        self._attitudes.hear(told)
         if not self._dismissed:
             self._tell_disagreement()
         if self.state in IN_AIR:
@@ -927,35 +955,29 @@ class Flight:
 
     def _pose(self, pose: Pose) -> None:
         if self._commands.pose(pose):
-            self._unseen.append(pose)
-            if len(self._unseen) >= UNSEEN:
-                self.witness()
+            self._attitudes.add(pose)
             if not self._dismissed and (news := self._pilot.response.describe_news(self._late_by_attitude)):
                 self._say(news.as_warning(), "latency")
             self._prearm.first_pose.set()
 
     def witness(self) -> Witness:
         """Return the comparison of all poses so far with the vehicle's own attitude."""
-        unseen, self._unseen = self._unseen, []
-        for pose in unseen:
-            self._witness.pose(pose)
-            self._latency.pose(pose)
-        return self._witness
+        return self._attitudes.compare()
 
     def _late_by_attitude(self) -> tuple[float, float] | None:
         """Return the extra delay of poses by the vehicle's own attitude, and its 1σ [s]."""
         self.witness()
-        return self._latency.estimate
+        return self._attitudes.latency.estimate
 
     def _tell_disagreement(self) -> None:
         """Tell the operator where poses are later than told by the vehicle's own attitude, or disagree with it.
 
         The latter while they are believed.
         """
-        if news := self._latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
+        if news := self._attitudes.latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
             self._say(news.as_warning(), "latency")
         state = self.state
-        if state in IN_AIR and state is not State.DESCENT and (news := self._witness.describe_news()):
+        if state in IN_AIR and state is not State.DESCENT and (news := self._attitudes.witness.describe_news()):
             self._say(news.as_warning())
 
     def _enter(self, state: State, reason: Sentence) -> None:

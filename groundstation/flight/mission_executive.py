@@ -317,6 +317,99 @@ class Hearing:
         return silent_s if max(SILENT_S, SILENTS * self._usual_s) < silent_s < LOST_S else 0.0
 
 
+class CommandUplink:
+    """Whether commands reach the vehicle. Times are on the loop's clock [s]."""
+
+    def __init__(self, arrival: Callable[[float], Arrival]) -> None:
+        """``arrival`` tells whether commands arrive at an instant [s]."""
+        self._arrival = arrival
+        self.hearing = Hearing()
+        """Monitor of the telemetry, which stalls where the radio does."""
+        self.unheard = False
+        """Whether the vehicle acknowledged nothing for so long that the uplink is assumed down."""
+
+    def look(self, now_s: float) -> bool:
+        """Return whether acknowledgements are overdue now; who does not hear the commands can't obey them."""
+        self.unheard = self._arrival(now_s)[0] > UNHEARD_S
+        return self.unheard
+
+    def is_late(self, now_s: float) -> bool:
+        """Whether commands are heard too late."""
+        return self._arrival(now_s)[1] > 0.0
+
+    def find_deafness(self, now_s: float) -> Sentence | None:
+        """Why commands can't fly the vehicle though the autopilot is heard; None where they reach it in time."""
+        overdue_s, late_s = self._arrival(now_s)
+        if late_s > 0.0:
+            return notice("fault.late_commands", late_ms=1e3 * late_s)
+        return notice("fault.unanswered", overdue_ms=1e3 * overdue_s) if overdue_s > DEAF_S else None
+
+
+class Clearance:
+    """Obstacles to a point and to the way there: floor, fence, other vehicles, speed limit."""
+
+    def __init__(self, config: Config, others: Others | None) -> None:
+        """``others`` are vehicles to keep away from."""
+        self._floor_z_m, self._max_speed_m_s = config.flight.floor_z_m, config.limits.max_speed_m_s
+        self.fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
+        """Space that is left only to be braked in; None for all of it."""
+        self.separation = None if others is None else Separation(config.separation, others)
+        """Distances to the other vehicles; None where there are none."""
+
+    def find_obstacle(self, place: Vec3) -> Sentence | None:
+        """Describe the obstacle to a stay at ``place``; None where there is none."""
+        height = self._floor_z_m - place[2]
+        if not (math.isfinite(sum(place)) and height >= LEAST_HEIGHT_M):
+            side = "above" if height >= 0.0 else "below"
+            return notice("goto.height", height_m=abs(height), side=side, limit_m=LEAST_HEIGHT_M)
+        room = math.inf if self.fence is None else self.fence.room_m(place)
+        if room > 0.0:
+            return None
+        return notice("goto.on_fence") if room > -SEEN_M else notice("goto.outside", outside_m=-room)
+
+    def find_way_out(self, leg: Leg, now_s: float) -> Sentence | None:
+        """Describe the obstacle on the way of ``leg``, braking included; None where there is none."""
+        separation, max_speed_m_s = self.separation, self._max_speed_m_s
+        if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
+            return notice("goto.unseen", names=", ".join(lost))
+        way = leg.trajectory
+        begin_s, steps = now_s - leg.start_s, LOOKS
+        for n in range(steps + 1):
+            at = way.at(begin_s * (1.0 - n / steps))
+            if self.fence is not None and not self.fence.braking_room_m(at.position_ned, at.velocity_ned) > 0.0:
+                return notice("goto.braking")
+            if max_speed_m_s is not None and math.hypot(*at.velocity_ned) > max_speed_m_s:
+                return notice("goto.speed", limit_m_s=max_speed_m_s)
+            near = None if separation is None else separation.nearest(at.position_ned, at.velocity_ned, now_s)
+            if near is not None and near.room_m <= 0.0:
+                return notice("goto.near", name=near.name)
+        return None
+
+
+class MissionNews:
+    """News of a mission for the operator, each told once for as long as it lasts."""
+
+    def __init__(self, say: Callable[..., None]) -> None:
+        """``say`` takes a sentence, and the kind of its :class:`Notice`."""
+        self.say = say
+        self._warned = ""
+        self._health = HealthState.OK
+
+    def warn(self, warning: Sentence | None) -> None:
+        """Tell a warning once, for as long as it lasts with these words; None where it is over."""
+        if warning is not None and warning.text != self._warned:
+            self.say(warning)
+        self._warned = "" if warning is None else warning.text
+
+    def tell_health(self, state: HealthState, reason_id: str) -> None:
+        """Tell that the poses are asked, and that they answer."""
+        before, self._health = self._health, state
+        if state is before or state is HealthState.FAILED:
+            return
+        suspect = state is HealthState.SUSPECT
+        self.say(notice(reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news")
+
+
 class MissionExecutive:
     """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
 
@@ -346,31 +439,26 @@ class MissionExecutive:
         self._pilot = pilot
         self._period_s = period_s
         self._means = DescentMeans(pilot, lands_by_own_position)
-        self._arrival = arrival
-        self._unheard = False
+        self._uplink = CommandUplink(arrival)
         self._on_failure = on_failure
         self.failure: Failure | None = None
         """Why the poses, or the commands, have ended the flight; None where they have not."""
-        self._health = HealthState.OK
-        self._hearing = Hearing()
         self._down_by_s = math.inf
-        self._say = say
+        self._news = MissionNews(say)
         self._on_state = on_state
         self._mission = Mission()
         self._course = Course(config)
         self._standing = StandingPoses()
         self._spooling: SpoolUp | None = None
         guards = config.guards
-        self._fence = fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._guards: Guards | None = None
-        self._separation = separation = None if others is None else Separation(config.separation, others)
+        self._clearance = clearance = Clearance(config, others)
         if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
             floor_z_m = config.flight.floor_z_m
             self._guards = monitors.guards(
-                guards, fence, config.vehicle, period_s, separation, floor_z_m, config.controller.gravity,
-                config.flight.coast_s,
+                guards, clearance.fence, config.vehicle, period_s, clearance.separation, floor_z_m,
+                config.controller.gravity, config.flight.coast_s,
             )  # fmt: skip
-        self._warned = ""
         self._escalation = Escalation(guards.lasting_s)
         self.tick: Tick | None = None
         """The newest command of the controller that left."""
@@ -450,43 +538,14 @@ class MissionExecutive:
     def move(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> Sentence | None:
         """Begin to fly to ``points``; returns why not, or None. Points are looked at now, each leg before it."""
         for number, point in enumerate(points, 1):
-            if refusal := self._find_obstacle(point.place_ned):
+            if refusal := self._clearance.find_obstacle(point.place_ned):
                 place = list(point.place_ned)
                 return notice("goto.point", number=number, count=len(points), place=place, why=refusal)
         self._course.plan(points)
         leg = self._course.leg(Event.GOTO, State.MOVING, *self._motion(now_s))
-        if refusal := self._find_way_out(leg, now_s):
+        if refusal := self._clearance.find_way_out(leg, now_s):
             return notice("goto.way", target=self._course.target, why=refusal)
         self.go(Event.GOTO, notice("mission.goto", target=self._course.target, why=why), now_s)
-        return None
-
-    def _find_obstacle(self, place: Vec3) -> Sentence | None:
-        """Describe the obstacle to a stay at ``place``; None where there is none."""
-        height = self._config.flight.floor_z_m - place[2]
-        if not (math.isfinite(sum(place)) and height >= LEAST_HEIGHT_M):
-            side = "above" if height >= 0.0 else "below"
-            return notice("goto.height", height_m=abs(height), side=side, limit_m=LEAST_HEIGHT_M)
-        room = math.inf if self._fence is None else self._fence.room_m(place)
-        if room > 0.0:
-            return None
-        return notice("goto.on_fence") if room > -SEEN_M else notice("goto.outside", outside_m=-room)
-
-    def _find_way_out(self, leg: Leg, now_s: float) -> Sentence | None:
-        """Describe the obstacle on the way of ``leg``, braking included; None where there is none."""
-        separation, limits = self._separation, self._config.limits
-        if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
-            return notice("goto.unseen", names=", ".join(lost))
-        way = leg.trajectory
-        begin_s, steps = now_s - leg.start_s, LOOKS
-        for n in range(steps + 1):
-            at = way.at(begin_s * (1.0 - n / steps))
-            if self._fence is not None and not self._fence.braking_room_m(at.position_ned, at.velocity_ned) > 0.0:
-                return notice("goto.braking")
-            if limits.max_speed_m_s is not None and math.hypot(*at.velocity_ned) > limits.max_speed_m_s:
-                return notice("goto.speed", limit_m_s=limits.max_speed_m_s)
-            near = None if separation is None else separation.nearest(at.position_ned, at.velocity_ned, now_s)
-            if near is not None and near.room_m <= 0.0:
-                return notice("goto.near", name=near.name)
         return None
 
     def _go_on(self, arrived: MissionMove, now_s: float) -> None:
@@ -495,10 +554,10 @@ class MissionExecutive:
             self.go(arrived.event, arrived.reason, now_s)
             return
         leg = self._course.leg(Event.GOTO, State.MOVING, *self._motion(now_s))
-        if refusal := self._find_way_out(leg, now_s):
+        if refusal := self._clearance.find_way_out(leg, now_s):
             self.go(Event.HOLD, notice("mission.not_to_point", target=self._course.target, why=refusal), now_s)
             return
-        self._say(notice("mission.to_point", target=self._course.target), kind="course")
+        self._news.say(notice("mission.to_point", target=self._course.target), kind="course")
         self._follow(leg)
 
     def command(self, now_s: float) -> tuple[Command, Tick | None]:
@@ -519,7 +578,7 @@ class MissionExecutive:
             return tick.command, tick
         assert pose is not None, "it stood, by its poses"
         coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
-        why = self._find_deafness(now_s) or spooling.fault(now_s, pose, coast_s, self._fence)
+        why = self._uplink.find_deafness(now_s) or spooling.fault(now_s, pose, coast_s, self._clearance.fence)
         if why is not None:
             self.go(Event.LAND, why, now_s, fault=True)
             return self._pilot.idle(now_s, 0.0), None
@@ -531,16 +590,13 @@ class MissionExecutive:
             self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
 
     def _comes_too_late(self, now_s: float) -> bool:
-        """Whether commands end, as they come too late; where none arrive, they are gentle, and nothing is learnt.
-
-        Who does not hear the commands can't obey them.
-        """
-        overdue_s, late_s = self._arrival(now_s)
-        self._unheard = overdue_s > UNHEARD_S
-        self._pilot.listen(self._unheard)
-        if not self._unheard:
+        """Whether commands end, as they come too late; where none arrive, they are gentle, and nothing is learnt."""
+        uplink = self._uplink
+        unheard = uplink.look(now_s)
+        self._pilot.listen(unheard)
+        if not unheard:
             return False
-        if (why := self._find_deafness(now_s)) and late_s > 0.0:
+        if (why := uplink.find_deafness(now_s)) and uplink.is_late(now_s):
             self.failure = Failure("link.late", notice("fault.late_commands_end", why=why))
             self._means.end()
             return True
@@ -548,20 +604,13 @@ class MissionExecutive:
             self.go(Event.DESCEND, why, now_s, fault=True)
         return False
 
-    def _find_deafness(self, now_s: float) -> Sentence | None:
-        """Why commands can't fly the vehicle though the autopilot is heard; None where they reach it in time."""
-        overdue_s, late_s = self._arrival(now_s)
-        if late_s > 0.0:
-            return notice("fault.late_commands", late_ms=1e3 * late_s)
-        return notice("fault.unanswered", overdue_ms=1e3 * overdue_s) if overdue_s > DEAF_S else None
-
     def _answer_failure(self, now_s: float) -> bool:
         """Come down by what still answers, where the poses have failed; return whether commands end."""
         health = self._pilot.health
         if self._guards is None:
             return False
-        self._pilot.pause_response(self._hearing.stalls(now_s) > 0.0)
-        self._tell_health(health.state, health.reason_id)
+        self._pilot.pause_response(self._uplink.hearing.stalls(now_s) > 0.0)
+        self._news.tell_health(health.state, health.reason_id)
         if not health.has_failed:
             return False
         if self.failure is None:
@@ -586,14 +635,6 @@ class MissionExecutive:
         height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest_s)
         self._means.descend_blind(now_s, height_m)
 
-    def _tell_health(self, state: HealthState, reason_id: str) -> None:
-        """Tell the operator once that the poses are asked, and that they answer."""
-        before, self._health = self._health, state
-        if state is before or state is HealthState.FAILED:
-            return
-        suspect = state is HealthState.SUSPECT
-        self._say(notice(reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news")
-
     def observe(self, tick: Tick) -> None:
         """One command of the controller has left: is the state over?"""
         self.tick = tick
@@ -601,10 +642,10 @@ class MissionExecutive:
         if guards is not None:
             finding = guards.see(tick, self.state)
             if finding is None or finding.step is GuardAction.WARN:
-                self._warn(None if finding is None else finding.reason.as_warning())
+                self._news.warn(None if finding is None else finding.reason.as_warning())
             else:
                 self._answer(finding, tick.time_s)
-        move = self._course.over(self.state, tick, heard=not self._unheard) or self._find_overtime(tick)
+        move = self._course.over(self.state, tick, heard=not self._uplink.unheard) or self._find_overtime(tick)
         self._pilot.touch(self.state is State.LANDING and self._course.touches)
         if move is not None and move.event is Event.ARRIVED:
             self._go_on(move, tick.time_s)
@@ -635,12 +676,6 @@ class MissionExecutive:
             why = notice("fault.pose_gap", age_ms=(now_s - pose.time_s) * 1e3)
             self._answer(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
 
-    def _warn(self, warning: Sentence | None) -> None:
-        """Say it once, for as long as it lasts with these words."""
-        if warning is not None and warning.text != self._warned:
-            self._say(warning)
-        self._warned = "" if warning is None else warning.text
-
     def _answer(self, finding: GuardFinding | None, now_s: float) -> None:
         """Do what a guard asks for, or the next possible step after it."""
         answer = None if finding is None else self._escalation.answer(finding, now_s)
@@ -656,7 +691,7 @@ class MissionExecutive:
                     self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
                 elif step is answer.step:
                     self.go(event, answer.reason, now_s, fault=True)
-                    self._say(answer.reason.as_warning())
+                    self._news.say(answer.reason.as_warning())
                 return
 
     def pose(self, pose: Pose) -> None:
@@ -668,7 +703,7 @@ class MissionExecutive:
 
     def hear(self, now_s: float) -> None:
         """The vehicle has told how it turns."""
-        self._hearing.hear(now_s)
+        self._uplink.hearing.hear(now_s)
 
     def attitude(self, told: Attitude, in_poses: Quat | None, now_s: float) -> None:
         """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
@@ -687,7 +722,7 @@ class MissionExecutive:
 
     def _climb_away(self, now_s: float) -> None:
         """Climb off the floor; from now on it flies by poses."""
-        self._say(notice("mission.off_floor"))
+        self._news.say(notice("mission.off_floor"))
         self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
 
     def _motion(self, now_s: float) -> tuple[Reference, float]:
