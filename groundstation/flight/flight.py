@@ -506,7 +506,7 @@ class FlightStatistics:
 
 def explain_end(error: FlightEnded | LinkError) -> Sentence:
     """Return why ``error`` ends a flight, for the operator."""
-    return error.sentence if isinstance(error, FlightEnded) else notice("fault.link", why=error)
+    return error.sentence if isinstance(error, FlightEnded) else notice("fault.link", why=error.says)
 
 
 def make_ends(

@@ -31,6 +31,7 @@ from links.bridge.codec import (
 from links.core import Command, LinkKind, LinkLost, LinkRejected, signal
 from links.io import NETWORK, Datagrams, beyond, parse_address, read_key
 from links.rf import Arm, End, Give, Hear, Manner, Order, PacedLink, PacerReport, Serve, Service, Stop
+from links.text import link_notice
 
 BEAT_S = 0.1
 """Longest time between two datagrams [s]."""
@@ -97,8 +98,8 @@ class RemotePacer(asyncio.DatagramProtocol):
     def why_mute(self) -> str:
         """Meaning of missing reports, for the operator."""
         if self._refused:
-            return f"the bridge at {self._remote} refuses: {self._refused}"
-        return f"the bridge at {self._remote} is not heard: where it still runs, it brings down and disarms by itself"
+            return link_notice("bridge.refuses", address=self._remote, why=self._refused).text
+        return link_notice("bridge.unheard", address=self._remote).text
 
     def _ask(self) -> SessionRequest:
         """A new request; a session that there was goes on until it is answered."""
@@ -115,7 +116,9 @@ class RemotePacer(asyncio.DatagramProtocol):
         try:
             await NETWORK.get().open_datagram(lambda: self, remote=(host, port))
         except OSError as error:
-            raise LinkLost(f"cannot reach {self._remote}: {error.strerror or error}") from None
+            raise LinkLost(
+                link_notice("bridge.unreachable", address=self._remote, why=error.strerror or error)
+            ) from None
         try:
             self._turn()
             async with asyncio.timeout(within_s):
@@ -130,8 +133,8 @@ class RemotePacer(asyncio.DatagramProtocol):
         if self._refused:
             return LinkRejected(self.why_mute)
         odd = {why: count for why, count in self.dropped.items() if why != "undeliverable"}
-        hint = f"what came was dropped: {odd}" if odd else "is it running there, and with the same key?"
-        return LinkLost(f"no answer from a bridge at {self._remote} within {within_s:g} s: {hint}")
+        id = "bridge.dropped" if odd else "bridge.silent"
+        return LinkLost(link_notice(id, address=self._remote, limit_s=within_s, dropped=odd))
 
     # ---- what the link wants
 
@@ -262,7 +265,7 @@ class RemotePacer(asyncio.DatagramProtocol):
 
 
 def _there(says: str) -> str:
-    return f"on the bridge: {says}" if says else ""
+    return link_notice("bridge.there", says=says).text if says else ""
 
 
 class BridgeLinkConfig(LinkKind, frozen=True, kw_only=True, tag="rf_bridge"):
@@ -329,7 +332,7 @@ class BridgeLink(PacedLink):
             try:
                 shared = read_key(Path(config.key_file)) if key is None else key
             except ValueError as error:
-                raise LinkLost(str(error)) from None
+                raise LinkLost(link_notice("bridge.key", why=error)) from None
             pacer = RemotePacer(config.remote, thrust_max_n, thrust_curve, shared, nonce, hear)
             await pacer.open(config.connect_timeout_s)
             return pacer

@@ -45,6 +45,7 @@ from links.rf import (
     Stop,
     open_process,
 )
+from links.text import link_notice
 
 AGAIN_S = 1.0
 """Wait before a pacer that ended within this time, or could not be started, is started again [s]."""
@@ -101,7 +102,7 @@ class KeptPacer:
             return
         try:
             await pacer.wait_for_end()
-            self._say("the pacer ended: starting it again, disarmed")
+            self._say(link_notice("bridge.restarts").text)
         except asyncio.CancelledError:
             self._ends = True
             pacer.give(End(self._config.disarm_s))
@@ -123,7 +124,7 @@ class KeptPacer:
                 self._relieved = True
                 self._pacer.give(End(self._config.disarm_s))  # once all is down, a pacer with a stand-by follows
         elif before is not None:  # what flew then may still do so: nobody sends it anything until there is another
-            report = msgspec.structs.replace(before, port="the pacer ended; it is being started again")
+            report = msgspec.structs.replace(before, port=link_notice("bridge.pacer_ended").text)
         self.report = report
         self._heard(ended)
 
@@ -131,14 +132,14 @@ class KeptPacer:
         if report.port and (before is None or before.port != report.port):
             self._say(report.port)
         if before is not None and before.port and not report.port:
-            self._say("the port is back, disarmed")
+            self._say(link_notice("bridge.port_back").text)
         if report.heir and not (before is not None and before.heir):
             self._say(report.heir)
         if report.alone and not (before is not None and before.alone):
             self._say(f"warning: {report.warning}")
         if not report.over:
             if self._disarmed:
-                self._say("the vehicle is armed")
+                self._say(link_notice("bridge.armed").text)
             self._disarmed, self._quiet = False, None
         elif report.port:
             self._quiet = None
@@ -147,7 +148,7 @@ class KeptPacer:
         elif not self._disarmed:
             left = report.frames - self._quiet.frames + 1  # one had left before the first such report
             if left * self._config.period_s >= self._config.disarm_s:
-                self._say("the vehicle is disarmed")
+                self._say(link_notice("bridge.disarmed").text)
                 self._disarmed = True
 
 
@@ -219,7 +220,9 @@ class Bridge(asyncio.DatagramProtocol):
         try:
             await loop.create_datagram_endpoint(lambda: self, local_addr=parse_address(self._config.listen))
         except OSError as error:
-            raise LinkError(f"cannot listen at {self._config.listen}: {error.strerror or error}") from None
+            raise LinkError(
+                link_notice("bridge.listen", address=self._config.listen, why=error.strerror or error)
+            ) from None
         try:
             await self._pacer.run()
         finally:
@@ -260,10 +263,7 @@ class Bridge(asyncio.DatagramProtocol):
 
     def _refuse_local(self, addr: Any) -> None:
         if not self.dropped["from_this_machine"]:
-            self._say(
-                f"a station on this machine ({addr[0]}) is not heard: give the flight the module itself, by "
-                f"link.kind = {self._config.link.kind!r} and link.port"
-            )
+            self._say(link_notice("bridge.local_station", address=addr[0], kind=self._config.link.kind).text)
         self.dropped["from_this_machine"] += 1
 
     def _hello(self, data: bytes, addr: Any, now_s: float) -> None:
@@ -313,7 +313,7 @@ class Bridge(asyncio.DatagramProtocol):
         if live is not None and not live.ended and now_s < live.heard_s + SILENT_S:
             return False
         self._live = session
-        self._say(f"station {session.peer[0]}:{session.peer[1]} commands")
+        self._say(link_notice("bridge.commands", host=session.peer[0], port=session.peer[1]).text)
         return True
 
     def _obey(self, session: BridgeEnd, up: Up, now_s: float) -> bool:
@@ -336,7 +336,7 @@ class Bridge(asyncio.DatagramProtocol):
             self._pacer.give(Serve(up.serve[1], up.serve[2]))
         if up.end and not session.ended:
             news = session.ended = True
-            self._say(f"station {session.peer[0]}:{session.peer[1]} leaves")
+            self._say(link_notice("bridge.leaves", host=session.peer[0], port=session.peer[1]).text)
         if up.command is not None and session.arming is not None and not up.end:
             self._pacer.give(Give(session.arming, _shift_deadline(up.command, to_ours)))
         return news
@@ -346,7 +346,7 @@ class Bridge(asyncio.DatagramProtocol):
         if report is None or self._wire is None:
             return
         now = asyncio.get_running_loop().time()
-        refused = "" if session is self._live else "it obeys another station, or brings a vehicle down"
+        refused = "" if session is self._live else link_notice("bridge.busy").text
         theirs = 0
         if session.wants is not None and session.arming in (None, report.arming):
             theirs = session.wants.arming  # what it says of this one is true; or this one is over in any case

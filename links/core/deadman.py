@@ -23,6 +23,8 @@ from typing import Annotated, ClassVar, NamedTuple, Protocol
 
 import msgspec
 
+from links.text import Sentence
+
 
 class Segment(msgspec.Struct, frozen=True, gc=False):
     """One part of a bring-down: thrust and body rates held for a while, whatever the vehicle does."""
@@ -75,6 +77,11 @@ class Attitude(msgspec.Struct, frozen=True, gc=False):
 
 class LinkError(Exception):
     """Anything that a link reports to the operator."""
+
+    def __init__(self, says: Sentence | str) -> None:
+        """``says`` is a sentence of the table, or plain words where somebody else has made them."""
+        super().__init__(str(says))
+        self.says = says
 
 
 class LinkLost(LinkError):

@@ -6,6 +6,8 @@ import os
 import stat
 from pathlib import Path
 
+from links.text import link_notice
+
 KEY_BYTES = 32
 """Length of a key [bytes]."""
 
@@ -21,19 +23,19 @@ def read_key(path: Path) -> bytes:
             owner = os.fstat(file.fileno())
             data = file.read(200)
     except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror}") from None
+        raise ValueError(link_notice("key_file.unread", path=path, why=error.strerror).text) from None
     if not stat.S_ISREG(owner.st_mode):
-        raise ValueError(f"{path} is no file")
+        raise ValueError(link_notice("key_file.no_file", path=path).text)
     if owner.st_uid != os.getuid():
-        raise ValueError(f"{path} belongs to another user: whoever owns it knows the key; make a new one of your own")
+        raise ValueError(link_notice("key_file.other_owner", path=path).text)
     if stat.S_IMODE(owner.st_mode) != 0o600:
         mode = stat.S_IMODE(owner.st_mode)
-        raise ValueError(f"{path} has mode {mode:04o}, so others may know the key: make a new one, chmod 600")
+        raise ValueError(link_notice("key_file.mode", path=path, mode=f"{mode:04o}").text)
     key = _decode(data)
     if key is None:
-        raise ValueError(f"{path} is no key: expected {KEY_BYTES} bytes, raw or as hex or base64 text")
+        raise ValueError(link_notice("key_file.none", path=path, bytes=KEY_BYTES).text)
     if not any(key):
-        raise ValueError(f"{path} holds only zeros, which is no key")
+        raise ValueError(link_notice("key_file.zeros", path=path).text)
     return key
 
 
@@ -60,6 +62,6 @@ def make_key(path: Path) -> None:
     try:
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     except OSError as error:
-        raise ValueError(f"cannot write {path}: {error.strerror}") from None
+        raise ValueError(link_notice("key_file.unwritten", path=path, why=error.strerror).text) from None
     with os.fdopen(fd, "w") as file:
         file.write(os.urandom(KEY_BYTES).hex() + "\n")

@@ -23,6 +23,8 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
+from links.text import link_notice
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     import asyncio
@@ -58,7 +60,7 @@ def open_port(path: str, baud: int) -> int:
         fcntl.ioctl(fd, _TCSETS2, _TERMIOS2.pack(*raw))
         speed = _TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[7]
         if abs(speed - baud) > _SPEED_TOLERANCE * baud:
-            raise OSError(errno.EINVAL, f"it can't go at {baud} baud, only at {speed}: take another adapter")
+            raise OSError(errno.EINVAL, link_notice("port.speed", baud=baud, speed=speed).text)
         discard(fd, termios.TCIOFLUSH)  # what was sent to, or by, whoever had it before
     except OSError as error:
         if fd >= 0:
@@ -70,13 +72,13 @@ def open_port(path: str, baud: int) -> int:
 def _advice(error: OSError) -> str:
     match error.errno:
         case errno.ENOENT | errno.ENXIO | errno.ENODEV | errno.EIO:
-            return "no such port; plug in the adapter, or correct its name"
+            return link_notice("port.missing").text
         case errno.EACCES | errno.EPERM:
-            return "permission denied; join the group that owns it (often dialout) and log in again"
+            return link_notice("port.forbidden").text
         case errno.EAGAIN | errno.EBUSY:
-            return "another program uses it; stop that first"
+            return link_notice("port.busy").text
         case errno.ENOTTY:
-            return "it is no serial port"
+            return link_notice("port.not_serial").text
     return error.strerror or str(error)
 
 

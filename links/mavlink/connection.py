@@ -44,6 +44,7 @@ from links.mavlink.protocol import (
     Words,
     choose_streams,
 )
+from links.text import Sentence, link_notice
 
 
 class TransportListener(Protocol):
@@ -181,7 +182,7 @@ class TcpTransport(StreamTransport):
         if self._ear is None:
             return
         if self._waited_s() > TCP_STALL_S:
-            self._end("the other end acknowledges nothing any more")
+            self._end(link_notice("mavlink.tcp_silent").text)
         elif self._unacknowledged:
             self._watch = self._loop.call_later(TCP_QUEUE_S / 4, self._look)
 
@@ -209,7 +210,8 @@ class TcpTransport(StreamTransport):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Pass it on (called by the event loop)."""
-        self._end("the other end closed the TCP connection" if exc is None else f"the TCP connection broke ({exc})")
+        says = link_notice("mavlink.tcp_closed") if exc is None else link_notice("mavlink.tcp_broken", why=exc)
+        self._end(says.text)
 
 
 async def open_tcp(config: MavlinkLinkConfig, ear: TransportListener) -> TcpTransport:
@@ -220,7 +222,7 @@ async def open_tcp(config: MavlinkLinkConfig, ear: TransportListener) -> TcpTran
         async with asyncio.timeout(TCP_OPEN_S):
             _, wire = await NETWORK.get().open_stream(lambda: TcpTransport(ear), host, port)
     except TimeoutError:
-        raise OSError(f"nobody accepts within {TCP_OPEN_S:g} s") from None
+        raise OSError(link_notice("mavlink.tcp_nobody", limit_s=TCP_OPEN_S).text) from None
     return wire
 
 
@@ -251,7 +253,7 @@ class SerialTransport(StreamTransport):
         if self._full_since_s is None:
             self._full_since_s = now
         elif now - self._full_since_s > SERIAL_STALL_S:
-            self._end("the port takes nothing any more: check flow control and wiring")
+            self._end(link_notice("mavlink.port_stuck").text)
         return "full"
 
     def _write(self, frame: bytes) -> bool:
@@ -260,13 +262,13 @@ class SerialTransport(StreamTransport):
         except BlockingIOError:
             return False
         except OSError as error:
-            self._end(f"the port is gone ({error.strerror})")
+            self._end(link_notice("mavlink.port_gone", why=error.strerror).text)
             return False
         return True
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Pass it on (called by the port)."""
-        self._end(f"the port is gone ({getattr(exc, 'strerror', None) or 'unplugged'})")
+        self._end(link_notice("mavlink.port_gone", why=getattr(exc, "strerror", None) or "unplugged").text)
 
 
 async def open_serial(config: MavlinkLinkConfig, ear: TransportListener) -> SerialTransport:
@@ -291,19 +293,16 @@ def opener(config: MavlinkLinkConfig) -> Opener:
     return open_udp
 
 
-def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> str:
+def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> Sentence:
     """Why the wire can't be opened, and what to do."""
-    says = f"cannot open {config.endpoint} for MAVLink ({_describe(error)})"
+    endpoint, why = config.endpoint, _describe(error)
     if config.way in ("tcp", "serial"):
-        return f"{says}: check that it is there, that you may open it, and that no other program has it"
+        return link_notice("mavlink.open", endpoint=endpoint, why=why)
     port = config.local_address[1] if config.way == "remote" else parse_address(config.endpoint)[1]
     holder = name_holder(port) if error.errno == EADDRINUSE else ""
-    held = f"{holder} holds" if holder else "stop the program that holds"
-    if config.way == "remote":
-        end = "end it, or give another port in link.local_port" if holder else "or give another in link.local_port"
-        return f"{says}: {held} UDP port {port} of this machine, from which it is spoken to; {end}"
-    end = "end it, or give another address of this machine" if holder else "or give an address of this machine"
-    return f"{says}: {held} this port{'; ' if holder else ', '}{end}"
+    which = "local_port" if config.way == "remote" else "port"
+    id = f"mavlink.{which}_{'held' if holder else 'taken'}"
+    return link_notice(id, endpoint=endpoint, why=why, holder=holder, port=port)
 
 
 FIRST_PAUSE_S = 0.5
@@ -352,7 +351,7 @@ class ReconnectingTransport:
             raise LinkLost(_explain_failure(config, error)) from error
         if self._loop is None:
             wire.cut()
-            raise LinkError("the link was closed before it was open")
+            raise LinkError(link_notice("mavlink.closed_early"))
         self.wire = wire
 
     def cut(self) -> None:
@@ -396,14 +395,14 @@ class ReconnectingTransport:
         """Open the wire again, as often as it takes."""
         pause_s = FIRST_PAUSE_S
         while self.wire is None:
-            self._tell(f"the link is lost: {why}; trying again in {pause_s:g} s")
+            self._tell(link_notice("mavlink.lost_tries", why=why, pause_s=pause_s).text)
             await asyncio.sleep(pause_s)
             try:
                 self.wire = await opener(self._config)(self._config, self)
             except OSError as error:
                 why = f"cannot open {self._config.endpoint} ({_describe(error)})"
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
-        self._tell("the wire is back: waiting for the autopilot's HEARTBEAT")
+        self._tell(link_notice("mavlink.wire_back").text)
 
 
 VISION = (
@@ -577,23 +576,21 @@ class Contact:
         except TimeoutError:
             raise LinkLost(self._silence()) from None
 
-    def _silence(self) -> str:
+    def _silence(self) -> Sentence:
         config = self._config
         dropped = [f"{count} {DROPS.get(reason, reason)}" for reason, count in self.dropped.items()]
         instead = [f"heard instead: {', '.join(self._instead)}"] if self._instead else []
-        what = f"got only: {', '.join(dropped + instead)}" if dropped else "nothing came at all"
-        says = (
-            f"no HEARTBEAT of MAVLink system {config.target_system}, component {config.target_component} on "
-            f"{config.endpoint} within {config.connect_timeout_s:g} s ({what}): check that the autopilot runs, that "
-            "it sends to this address, and its system id (MAV_SYS_ID or SYSID_THISMAV)"
+        silent = link_notice(
+            "mavlink.silent",
+            system=config.target_system,
+            component=config.target_component,
+            endpoint=config.endpoint,
+            limit_s=config.connect_timeout_s,
+            what=f"got only: {', '.join(dropped + instead)}" if dropped else "nothing came at all",
         )
         if config.remote is None or dropped:
-            return says
-        return (
-            f"{says}. PX4 answers only the first port that it heard since it started, and this program speaks from "
-            f"port {config.local_address[1]}: if another program or port spoke to it before, restart the autopilot, "
-            "or give that port in link.local_port"
-        )
+            return silent
+        return link_notice("mavlink.silent_port", silent=silent, port=config.local_address[1])
 
     def close(self) -> None:
         """Release the wire. Nothing leaves afterwards."""
@@ -706,7 +703,8 @@ class Contact:
             return
         who = system, component = message.get_srcSystem(), message.get_srcComponent()
         if who != (self.codec.system_id, self.codec.component_id) or not self._keeper.owes():
-            self._rival = f"MAVLink system {system}, component {component}, sends {message.get_type()}"
+            sends = message.get_type()
+            self._rival = link_notice("mavlink.rival_sends", system=system, component=component, message=sends).text
             self._rival_s = now_s
 
     def rival(self, now_s: float) -> str:
@@ -886,7 +884,7 @@ class MavlinkConnection:
         if self._loop is not None and self.state == "lost":
             silence_s = self._contact.heard.silence_s(self._loop.time())
             if silence_s < math.inf:
-                return f"the link is lost: no HEARTBEAT of the autopilot for {silence_s:.0f} s"
+                return link_notice("mavlink.lost_heartbeat", silence_s=silence_s).text
         return self._trouble or self.words.newest
 
     @property
@@ -1029,7 +1027,7 @@ class MavlinkConnection:
             try:
                 self._signing = Signing(Path(self._config.signing_key_file), loop.time)
             except ValueError as error:
-                raise LinkError(f"link.signing_key_file: {error}") from None
+                raise LinkError(link_notice("mavlink.key", why=error)) from None
             self.codec.signer = self._signing.signer
 
     def _note_stamp(self) -> None:
@@ -1054,7 +1052,7 @@ class MavlinkConnection:
 
     def lose_wire(self, why: str) -> None:
         """Nothing more is asked for."""
-        self.tell(f"the link is lost: {why}")
+        self.tell(link_notice("mavlink.lost", why=why).text)
         self._requests.wake()
         self.when_lost()
         if self._asking is not None:
@@ -1072,11 +1070,11 @@ class MavlinkConnection:
         self._trouble = trouble
 
     async def _ask_again(self) -> None:
-        self._trouble = "the link is back after it was lost: arm anew to fly"
+        self._trouble = link_notice("mavlink.back").text
         try:
             await self._choose_streams()
         except LinkError as error:
-            self._trouble = f"the link is back after it was lost, but: {error}"
+            self._trouble = link_notice("mavlink.back_but", why=error).text
 
     # ---- what leaves
 
@@ -1098,7 +1096,7 @@ class MavlinkConnection:
 
     def _obstacle(self) -> LinkError | None:
         if self._loop is None:
-            return LinkError("the link was closed before the autopilot answered")
+            return LinkError(link_notice("mavlink.closed"))
         return None if self._contact.has_wire else LinkLost(self._trouble)
 
 
@@ -1124,7 +1122,7 @@ class StampFile:
         except FileNotFoundError:
             kept = 0
         except (OSError, ValueError) as error:
-            raise ValueError(f"cannot read the newest time stamp in {self._path} ({error}): remove it") from None
+            raise ValueError(link_notice("mavlink.stamp_unread", path=self._path, why=error).text) from None
         return max(now, kept + 1)
 
     def keep(self, stamp: int) -> None:
@@ -1138,9 +1136,7 @@ class StampFile:
             new.write_text(f"{stamp}\n", "ascii")
             new.replace(self._path)
         except OSError as error:
-            raise ValueError(
-                f"cannot write {self._path} ({error.strerror}): signing needs it, or stamps repeat"
-            ) from None
+            raise ValueError(link_notice("mavlink.stamp_unwritten", path=self._path, why=error.strerror).text) from None
 
 
 class Signing:

@@ -53,6 +53,7 @@ from links.mavlink.protocol import (
     landing_disarmed,
     make_mode_request,
 )
+from links.text import link_notice
 
 REPEAT_AFTER = 2.0
 """A command is first repeated after this many periods; before, the next one may just be late."""
@@ -341,14 +342,13 @@ class MavlinkLink:
 
         def stream(now_s: float) -> None:
             if conflict := self.connection.conflict:
-                raise LinkError(f"arming was abandoned: {conflict}")
+                raise LinkError(link_notice("arming.abandoned", why=conflict))
             if not self._send(idle(), now_s):
-                why = "the idle command had expired, as its pose is too old"
                 if self._armed.slept_s:
-                    why = "this computer slept"
-                elif self._deadman.held:
-                    why = self.connection.text
-                raise LinkError(f"arming was abandoned: {why}")
+                    raise LinkError(link_notice("arming.slept"))
+                if self._deadman.held:
+                    raise LinkError(link_notice("arming.abandoned", why=self.connection.text))
+                raise LinkError(link_notice("arming.idle_expired"))
 
         if self._busy or not _over(self._killing):
             raise LinkMisuse(f"arm() {self._busy or 'while the motors are being killed'}")
@@ -509,7 +509,7 @@ class MavlinkLink:
         """See the port. It goes on to its end where the caller is cancelled, and :meth:`close` waits for it."""
         self._transmitter.stop()
         if self._under_way is not None:
-            self._under_way.failure = LinkError("the motors were killed")
+            self._under_way.failure = LinkError(link_notice("arming.motors_killed"))
         if self._landing is not None:
             self._landing.cancel()
         if self._killing is None or _over(self._killing):
@@ -521,7 +521,7 @@ class MavlinkLink:
 
     async def _see_kill_through(self, step: Kill) -> None:
         if self.connection.state == "closed":
-            raise LinkLost("the link is closed: nothing can be sent. Use the remote control's kill switch")
+            raise LinkLost(link_notice("kill.closed"))
         await beside(self.connection, step)
         self.connection.believe_armed(False)
 
@@ -529,7 +529,7 @@ class MavlinkLink:
         """See the port; a kill that is under way goes on until it is acknowledged."""
         self._busy = "on a link that is being closed"
         if self._under_way is not None:
-            self._under_way.failure = LinkError("the link was closed before the autopilot answered")
+            self._under_way.failure = LinkError(link_notice("mavlink.closed"))
         await self._transmitter.silent()
         for last in (self._killing, self._landing):
             if last is not None:
@@ -542,7 +542,7 @@ class MavlinkLink:
 
 
 def _tell_rival(rival: str) -> str:
-    return f"{rival}, to this vehicle, too: it would follow both by turns. End that program" if rival else ""
+    return link_notice("mavlink.rival", rival=rival).text if rival else ""
 
 
 def _is_slow(config: MavlinkLinkConfig) -> bool:

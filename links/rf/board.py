@@ -19,6 +19,7 @@ from links.rf.betaflight_codec import (
     find_refusal,
     is_armed,
 )
+from links.text import link_notice
 
 BAUD = 115200
 """Speed of the port [bit/s]; a USB port takes any."""
@@ -96,14 +97,18 @@ class Board:
                 self._cut()
                 if loop.time() > until:
                     why = error.strerror or str(error) if isinstance(error, OSError) else str(error)
-                    raise LinkLost(f"{self.port}: {why.removeprefix(f'{self.port}: ')}") from None
+                    raise LinkLost(
+                        link_notice("board.port", port=self.port, why=why.removeprefix(f"{self.port}: "))
+                    ) from None
                 await asyncio.sleep(AGAIN_S)
         if (variant := (await self.ask(MspCommand.FC_VARIANT)).payload) != VARIANT:
-            raise LinkRejected(f"{self.port}: expected Betaflight, this is {variant.decode('ascii', 'replace')!r}")
+            raise LinkRejected(
+                link_notice("board.other_firmware", port=self.port, found=variant.decode("ascii", "replace"))
+            )
         version = (await self.ask(MspCommand.FC_VERSION)).payload
         uid = (await self.ask(MspCommand.UID)).payload.hex()
         if self.uid and uid != self.uid:
-            raise LinkRejected(f"{self.port}: another board than before answers there; nothing more was changed")
+            raise LinkRejected(link_notice("board.other", port=self.port))
         self.version, self.uid = ".".join(map(str, version[:3])), uid
 
     async def _connect(self) -> None:
@@ -129,13 +134,10 @@ class Board:
             async for data in self._hear(ANSWER_S):
                 for answer in reader.feed(data):
                     if answer.command == command and not answer.known:
-                        raise LinkRejected(f"{self.port}: the board does not know MSP command {command}")
+                        raise LinkRejected(link_notice("board.unknown_command", port=self.port, command=command))
                     if answer.command == command:
                         return answer
-        raise LinkLost(
-            "nothing there answers MSP: is it the flight controller's own port, and nobody else's? One whose command "
-            "line was left open answers once it was switched off and on"
-        )
+        raise LinkLost(link_notice("board.silent"))
 
     async def ensure_disarmed(self) -> None:
         """Ask it twice whether it is armed.
@@ -149,9 +151,9 @@ class Board:
             try:
                 armed = is_armed((await self.ask(MspCommand.STATUS)).payload)
             except ValueError as error:
-                raise LinkRejected(f"nobody knows whether it is armed: {error}") from None
+                raise LinkRejected(link_notice("board.armed_unknown", why=error)) from None
             if armed:
-                raise LinkRejected("the vehicle is armed: settings are looked at and changed only while it is not")
+                raise LinkRejected(link_notice("board.armed"))
 
     async def enter(self) -> None:
         """Open the command line, unless it is open; the board can't be armed from then on.
@@ -169,7 +171,7 @@ class Board:
         status = await self.tell("status")
         flags = next((line for line in status.splitlines() if line.startswith("Arming disable flags:")), "")
         if "CLI" not in flags.split():
-            raise LinkRejected("the board does not say that its command line keeps it from arming: nothing is changed")
+            raise LinkRejected(link_notice("board.may_arm"))
 
     async def tell(self, line: str) -> str:
         """Its answer to ``line`` on the command line.
@@ -182,7 +184,7 @@ class Board:
         self._write(line.encode("ascii") + b"\n")
         answer = await self._wait_for_prompt(line)
         if (why := find_refusal(answer)) is not None:
-            raise LinkRejected(f"the board refuses `{line}`: {why}")
+            raise LinkRejected(link_notice("board.refuses", line=line, why=why))
         return answer
 
     async def save(self) -> None:
@@ -213,7 +215,7 @@ class Board:
             said = self._ear.heard.decode("ascii", "replace").replace("\r", "")
             if said.endswith(PROMPT):
                 return said
-        raise LinkLost(f"the board's command line says nothing to `{line}`")
+        raise LinkLost(link_notice("board.no_answer", line=line))
 
     async def _hear(self, within_s: float) -> Any:
         """Yield the bytes received so far, at each arrival, for ``within_s`` [s]; the port's end ends it."""
@@ -237,10 +239,10 @@ class Board:
     def _write(self, data: bytes) -> None:
         try:
             if self._ear.ended:
-                raise OSError("the port has ended")
+                raise OSError(link_notice("board.port_ended").text)
             (self._transport.send if self._address is None else self._transport.write)(data)
         except OSError as error:
-            raise LinkLost(f"{self.port}: {error.strerror or error}") from None
+            raise LinkLost(link_notice("board.port", port=self.port, why=error.strerror or error)) from None
 
     def _cut(self) -> None:
         if self._transport is not None:

@@ -14,6 +14,7 @@ from functools import partial
 from links.core import Attitude, Command, Deadman, LinkError, LinkLost, LinkMisuse, LinkRejected, LinkStatus, Phase
 from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
 from links.rf.pacer import Arm, End, Give, Hear, OpenPacer, Order, Pacer, PacerReport, Serve, Stop
+from links.text import link_notice
 
 END_LIMIT_S = 4.0
 """Longest wait for a pacer to end [s]: the longest command, its bring-down, and then some."""
@@ -102,12 +103,12 @@ class HeardPacer:
         """Reason of :meth:`why_silent`, with who has to act then."""
         nobody = self._dead or not self._mute
         why = self.why_silent()
-        return f"the receiver's failsafe has to act: {why}" if why and nobody else why
+        return link_notice("module.failsafe_acts", why=why).text if why and nobody else why
 
     def why_silent(self) -> str:
         """Why nothing leaves at all; empty where it does."""
         if self._dead:
-            return "the pacer and its stand-by ended, and with them every frame: close the link, and connect it again"
+            return link_notice("module.dead").text
         if self._mute:
             return self.pacer.why_mute if self.pacer is not None else "not connected"
         return self.report.port if self.report is not None else "not connected"
@@ -162,10 +163,7 @@ async def end(pacer: Pacer, linger_s: float) -> None:
 OBEY_LIMIT_S = 1.0
 """An arming that the pacer has not taken so long after its end has failed [s]."""
 
-_UNTIMELY = (
-    "where frames leave commands count no more, as none had come in time, or as the program there ends: "
-    "what it held is played to its end, bring-down and all"
-)
+_UNTIMELY = link_notice("module.untimely").text
 
 _CLOSED, _CLOSING, _ARMING = "on a link that is not connected", "on a link that is being closed", "while arm() streams"
 
@@ -267,7 +265,7 @@ class PacedLink:
         why = self._heard.why_lost()
         if self._busy == _CLOSED or why:
             await self.close()
-            raise LinkLost(why or "the link was closed before it was connected")
+            raise LinkLost(why or link_notice("module.closed_connecting"))
         self._busy = ""
 
     async def examine(self) -> None:
@@ -292,13 +290,13 @@ class PacedLink:
             self._deadman.arm()
             self._stopped, self._why_over, self._unmet = False, "", ""
             if not heard.give(Arm(self._arming, due)):
-                raise LinkLost(heard.why_lost() or "the pacer takes no orders: close the link, and connect it again")
+                raise LinkLost(heard.why_lost() or link_notice("module.no_orders"))
             obeys_s = due + manner.arm_low_s + manner.arm_high_s
             while due < obeys_s or heard.newest.arming != self._arming:
                 if not self._send(idle(), loop.time()) and not self._stopped:
-                    raise LinkError("arming was abandoned: the idle command had expired, as its pose is too old")
+                    raise LinkError(link_notice("arming.idle_expired"))
                 if due > obeys_s + OBEY_LIMIT_S:
-                    raise LinkLost("the pacer did not take the arming")
+                    raise LinkLost(link_notice("arming.not_taken"))
                 due += manner.period_s
                 if due < loop.time():
                     due = heard.ahead_of_frame(loop.time())
@@ -338,8 +336,8 @@ class PacedLink:
         self._stop()
         await asyncio.sleep(self._heard.manner.disarm_s)
         if pacer is None or (heard.pacer is pacer and heard.why_silent()):
-            why = heard.why_silent() if pacer is not None else "the link is closed"
-            raise LinkLost(f"nothing can be sent, the receiver's failsafe has to act: {why}")
+            why = heard.why_silent() if pacer is not None else link_notice("module.closed").text
+            raise LinkLost(link_notice("module.unsent", why=why))
 
     async def disarm(self) -> None:
         """Send disarm frames; the vehicle counts as disarmed once they have left for ``disarm_s``."""
@@ -358,9 +356,9 @@ class PacedLink:
         """
         self._free_for(service)
         if service not in self._heard.manner.services:
-            raise LinkRejected(f"a module of this kind takes no order to {service}: see its own menu")
+            raise LinkRejected(link_notice("module.no_service", service=service))
         if self._state() == "armed":
-            raise LinkRejected(f"no {service} while armed: disarm first")
+            raise LinkRejected(link_notice("module.service_armed", service=service))
         self._heard.give(Serve(service, duration_s))
         await asyncio.sleep(duration_s)
         self._still_there()
@@ -397,11 +395,11 @@ class PacedLink:
     def _still_arming(self) -> None:
         self._still_there()
         if self._stopped:
-            raise LinkError("arming was abandoned: the motors were killed")
+            raise LinkError(link_notice("arming.killed"))
 
     def _still_there(self) -> None:
         if self._busy in (_CLOSED, _CLOSING):
-            raise LinkError("the link was closed before it was done")
+            raise LinkError(link_notice("module.closed_early"))
         if self._state() == "lost":
             raise LinkLost(self._heard.why_lost())
 

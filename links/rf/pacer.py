@@ -19,6 +19,7 @@ from links.core import Command, Deadman, Lateness, LinkMisuse, Phase, Segment
 from links.rf.channel_map import Channels
 from links.rf.codec import Manner, RfLinkConfig, RfTelemetry, Service
 from links.rf.module_codec import RfConfig
+from links.text import link_notice
 
 MESSAGE_BYTES = 65536
 """Longest message between a link and its pacer [bytes]."""
@@ -389,7 +390,7 @@ class FramePacer:
 
         ``why`` says what became of it. The port is the one that it had, open as it was.
         """
-        self._heir = f"{why}; its stand-by has taken over and brings down: close the link, and connect it again"
+        self._heir = link_notice("module.heir", why=why).text
         self._port.fresh = False
         self._arming.number, self._arming.obey_s, self._linger_s = held.arming, held.obey_s, held.linger_s
         if held.command is not None and now_s >= held.obey_s:

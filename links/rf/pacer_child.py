@@ -20,16 +20,12 @@ import msgspec
 from links.io import Sleep
 from links.rf.pacer import MESSAGE_BYTES, FramePacer, Give, Order, PacerReport, PacerSetup
 from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox, SharedPort
+from links.text import link_notice
 
 PREPARE_S = 0.0004
 """Lead with which a frame is made [s]; then only the write is left to do."""
 SPIN_S = 0.00012
 """The last part of the wait is spent awake [s]: about what the kernel takes to wake a process up."""
-ALONE = (
-    "should the pacer end too, nothing but the receiver's failsafe brings the vehicle down; land, and connect the link "
-    "again"
-)
-"""Meaning of a missing stand-by, and the remedy."""
 _MOST_ORDERS = 256
 """Most orders taken between two frames, so that nobody who floods us delays a frame."""
 
@@ -115,7 +111,7 @@ class Estate:
     def warning(self, now_s: float) -> str:
         """Describe the stand-by's fault; empty without one."""
         wrong = "is gone" if self.deserted else "" if now_s < self.lease.vouched_s(STANDBY) else "stands still"
-        return f"the pacer's stand-by {wrong}: {ALONE}" if wrong else ""
+        return link_notice("module.alone", wrong=wrong).text if wrong else ""
 
 
 class Commander:
@@ -173,7 +169,7 @@ class Commander:
         if self._alive:
             estate = self._estate
             missing = estate.warning(now_s) if estate is not None else ""
-            warning = missing or ("" if self._fifo else f"frames may leave late, by {self._note}")
+            warning = missing or ("" if self._fifo else link_notice("module.frames_late", note=self._note).text)
             alone = estate is not None and estate.deserted
             report: PacerReport = pacer.report(now_s, note=self._note, fifo=self._fifo, alone=alone, warning=warning)
             with contextlib.suppress(OSError):  # nobody reads for now, or for ever: the next look tells
@@ -220,14 +216,14 @@ def pace(
 def prioritise(priority: int, clock: MonotonicClock) -> tuple[bool, str]:
     """Ask for real-time priority and locked memory; whether we have the first, and in words what we have."""
     if priority == 0:
-        return False, "ordinary priority, as configured"
+        return False, link_notice("module.priority_ordinary").text
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError:
-        return False, "ordinary priority: SCHED_FIFO is not allowed (set rtprio in /etc/security/limits.conf)"
+        return False, link_notice("module.priority_refused").text
     if not clock.lock_memory():
-        return True, f"SCHED_FIFO {priority}, memory not locked (set memlock in /etc/security/limits.conf)"
-    return True, f"SCHED_FIFO {priority}, memory locked"
+        return True, link_notice("module.priority_unlocked", priority=priority).text
+    return True, link_notice("module.priority", priority=priority).text
 
 
 if __name__ == "__main__":

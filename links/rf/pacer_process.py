@@ -15,6 +15,7 @@ from links.io import start_child
 from links.rf.codec import Manner, RfLinkConfig
 from links.rf.pacer import MESSAGE_BYTES, Arm, End, Give, Order, PacerReport, PacerSetup, Stop
 from links.rf.shared_memory import CAPACITY_BYTES, Mailbox
+from links.text import link_notice
 
 START_LIMIT_S = 30.0
 """Longest wait for the first report [s]."""
@@ -72,11 +73,7 @@ class PacerProcess:
     @property
     def why_mute(self) -> str:
         """Meaning of missing reports: a stand-by that runs would have taken the place of a dead pacer."""
-        if self._process.poll() is not None:
-            who = "the pacer stands still, and its stand-by is dead"
-        else:
-            who = "the pacer's stand-by stands still, and the pacer too, unless it is dead"
-        return f"{who}: the receiver's failsafe has to act; nothing leaves before one goes on, and then disarm frames"
+        return link_notice("module.stands" if self._process.poll() is None else "module.stands_dead").text
 
     async def wait_for_end(self) -> None:
         """Wait until it has ended."""
@@ -123,7 +120,7 @@ async def open_process(
     """
     loop = asyncio.get_running_loop()
     if sys.platform != "linux":
-        raise LinkLost("only Linux can pace an RF module; a bridge on a computer with Linux can have it: rf_bridge")
+        raise LinkLost(link_notice("module.linux_only"))
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     mailbox = Mailbox()
     first: asyncio.Future[PacerReport | None] = loop.create_future()
@@ -144,14 +141,14 @@ async def open_process(
     try:
         hello = await asyncio.wait_for(asyncio.shield(first), START_LIMIT_S)
         if hello is None:
-            raise LinkLost(f"the pacer ended at once, with code {process.wait()}: see what it printed")
+            raise LinkLost(link_notice("module.ended_at_once", code=process.wait()))
         if not started - CLOCK_TOLERANCE_S <= hello.now_s <= loop.time() + CLOCK_TOLERANCE_S:
-            raise LinkError("the pacer's clock is not the event loop's: deadlines would mean nothing to it")
+            raise LinkError(link_notice("module.other_clock"))
     except BaseException as error:
         pacer.forget()
         os.killpg(process.pid, signal.SIGKILL)  # nothing is armed yet
         process.wait()
         if isinstance(error, TimeoutError):
-            raise LinkLost(f"the pacer did not start within {START_LIMIT_S:g} s") from None
+            raise LinkLost(link_notice("module.not_started", limit_s=START_LIMIT_S)) from None
         raise
     return pacer

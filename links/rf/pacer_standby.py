@@ -19,6 +19,7 @@ from links.io import start_child
 from links.rf.pacer import MESSAGE_BYTES, FramePacer, Held, PacerSetup, StandbyWatch
 from links.rf.pacer_child import PREPARE_S, Commander, MonotonicClock, deafen, hush, pace, prioritise
 from links.rf.shared_memory import PACER, STANDBY, HeldPort, Lease, Mailbox, SharedPort
+from links.text import link_notice
 
 VOUCH_S = 0.5
 """A stand-by that comes so late to its next look is none [s]."""
@@ -66,15 +67,16 @@ def _stand_by(
             lease.take()
             code = pacer.wait()
             port.hear()
-            killed = f"the pacer was killed (signal {-code})" if code < 0 else ""
-            return killed or (f"the pacer failed (code {code})" if code else "")
+            if code < 0:
+                return link_notice("module.pacer_killed", signal=-code).text
+            return link_notice("module.pacer_failed", code=code).text if code else ""
         if (now := clock.now()) >= watch.next_s:
             if watch.look(now, lease.vouched_s(PACER)):
                 lease.take()
                 pacer.kill()
                 pacer.wait()
                 port.hear()
-                return "the pacer stood still and was ended"
+                return link_notice("module.pacer_stood").text
             lease.vouch(STANDBY, watch.next_s + VOUCH_S)
 
 

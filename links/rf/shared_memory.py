@@ -38,6 +38,7 @@ import time
 from binascii import crc32
 
 from links.io import discard, open_port, waiting
+from links.text import link_notice
 
 CAPACITY_BYTES = 16384
 """Largest value."""
@@ -200,7 +201,9 @@ class SharedPort:
         try:
             self._fd = open_port(self._path, self._baud)
         except OSError as error:
-            raise OSError(error.errno, f"cannot open {self._path}: {error.strerror}") from None
+            raise OSError(
+                error.errno, link_notice("module.port", path=self._path, why=error.strerror).text
+            ) from None
         self._tell(_OPENED, self._fd)
 
     def write(self, frame: bytes) -> bool:

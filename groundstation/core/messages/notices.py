@@ -8,7 +8,7 @@ from groundstation.core.messages.flight_notices import FLIGHT_NOTICES
 from groundstation.core.messages.pose_notices import POSE_NOTICES
 from groundstation.core.messages.preflight_notices import PREFLIGHT_NOTICES
 from groundstation.core.messages.station_notices import STATION_NOTICES
-from links.text import NoticeTemplate, Sentence, as_warnings
+from links.text import LINK_NOTICES, NoticeTemplate, Sentence, as_warnings
 
 _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
@@ -345,7 +345,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
 
 NOTICES: dict[str, NoticeTemplate] = {
     template.id: template
-    for table in (_TABLE, FLIGHT_NOTICES, PREFLIGHT_NOTICES, POSE_NOTICES, STATION_NOTICES)
+    for table in (_TABLE, FLIGHT_NOTICES, PREFLIGHT_NOTICES, POSE_NOTICES, STATION_NOTICES, LINK_NOTICES)
     for template in table
 }
 """Every sentence by its id."""

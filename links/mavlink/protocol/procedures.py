@@ -47,6 +47,7 @@ from links.mavlink.protocol.codec import (
     MavResult,
     Message,
 )
+from links.text import link_notice
 
 ANSWER_S = 0.5
 """Without an answer for this long a request is repeated [s]."""
@@ -181,10 +182,7 @@ class Repeated:
         if self.done or self.failure is not None or now_s < self._next_s:
             return []
         if self._unanswered == TRIES:
-            self.failure = LinkLost(
-                f"no answer to the request to {self._what}, sent {TRIES} times: the autopilot is heard but does not "
-                "hear us, or does not take commands from our system id; check the address it sends to"
-            )
+            self.failure = LinkLost(link_notice("autopilot.unanswered", what=self._what, count=TRIES))
             return []
         self._next_s = now_s + ANSWER_S
         frame = self._frame(min(self._sent, 255))
@@ -212,9 +210,7 @@ class Disarmed:
         if self._until is None:
             self._until = now_s + self._patience
         elif now_s >= self._until:
-            self.failure = LinkRejected(
-                f"still armed {self._patience:g} s after mode LAND: stop the motors with the remote control"
-            )
+            self.failure = LinkRejected(link_notice("autopilot.still_armed", patience_s=self._patience))
         return []
 
     def hear(self, message: Message, now_s: float) -> None:
@@ -277,8 +273,17 @@ class Exchange(Repeated):
         result, at_s = self._refused
         if now_s >= at_s + WORDS_S and self.failure is None:
             name, because = self._autopilot.name, self._autopilot.codec.describe_result(result)
-            reason = self._autopilot.words.complaints() or "it gave no reason"
-            self.failure = LinkRejected(f"{name} refused to {self._what} ({because}): {reason}. {self._hint}")
+            reason = self._autopilot.words.complaints() or link_notice("autopilot.no_reason").text
+            self.failure = LinkRejected(
+                link_notice(
+                    "autopilot.refused",
+                    autopilot=name,
+                    what=self._what,
+                    because=because,
+                    reason=reason,
+                    hint=self._hint,
+                )
+            )
         return []
 
     def hear(self, message: Message, now_s: float) -> None:
@@ -380,7 +385,7 @@ class AskMode:
         if self.done or now_s < self._next_s:
             return []
         if now_s >= self._until_s:
-            self.failure = LinkLost(f"it did not tell its mode within {MODE_PATIENCE_S:g} s")
+            self.failure = LinkLost(link_notice("autopilot.no_mode", limit_s=MODE_PATIENCE_S))
             return []
         self._next_s = now_s + MODE_AGAIN_S
         self._asked += 1
@@ -407,7 +412,6 @@ KILL_PATIENCE_S = 5.0
 CERTAIN = 2
 """Number of acceptances that end the request: one alone may answer an order to arm that was under
 way."""
-KILL_HINT = "Use the remote control's kill switch"
 
 
 class Kill:
@@ -452,11 +456,11 @@ class Kill:
         if self._accepted:  # the rest of the answers got lost
             self.done = True
         elif self._refused is None:
-            self.failure = LinkLost(f"no answer to “motors off”, sent {self._sent} times. {KILL_HINT}")
+            self.failure = LinkLost(link_notice("kill.unanswered", count=self._sent))
         else:
             name, because = self._autopilot.name, self._autopilot.codec.describe_result(self._refused)
-            reason = self._autopilot.words.complaints() or "it gave no reason"
-            self.failure = LinkRejected(f"{name} refused to stop the motors ({because}): {reason}. {KILL_HINT}")
+            reason = self._autopilot.words.complaints() or link_notice("autopilot.no_reason").text
+            self.failure = LinkRejected(link_notice("kill.refused", autopilot=name, because=because, reason=reason))
 
 
 REAL32 = 9
@@ -583,9 +587,16 @@ class Write(Repeated):
         if is_same(got, wanted.value):
             self.done = True
         else:
-            reason = self._autopilot.words.complaints() or "it gave no reason"
+            reason = self._autopilot.words.complaints() or link_notice("autopilot.no_reason").text
             self.failure = LinkRejected(
-                f"{self._autopilot.name} keeps {wanted.name} at {got:g} instead of {wanted.value:g}: {reason}"
+                link_notice(
+                    "autopilot.keeps_parameter",
+                    autopilot=self._autopilot.name,
+                    name=wanted.name,
+                    got=got,
+                    wanted=wanted.value,
+                    reason=reason,
+                )
             )
 
 
@@ -610,7 +621,11 @@ class ParameterMust(Repeated):
             # ArduPilot sends whole numbers as floats of the same value.
             self.done = self._accepts(int(message.param_value))
             if not self.done:
-                self.failure = LinkRejected(f"{self._name} is {message.param_value:g}: {self._hint}")
+                self.failure = LinkRejected(
+                    link_notice(
+                        "autopilot.unfit_parameter", name=self._name, value=message.param_value, hint=self._hint
+                    )
+                )
 
 
 def is_same(a: float, b: float) -> bool:
@@ -656,9 +671,9 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
     """
     steps: list[HandshakeStep] = [Wait(STREAM_S), *_musts(autopilot)]
     mode, params = ("OFFBOARD", _OFFBOARD) if autopilot.kind == PX4 else (guided, GUIDED_MODES[guided])
-    hint = f"Switch to {mode} by hand to see what it lacks: it needs an attitude and our stream of set-points."
+    hint = link_notice("hint.mode", mode=mode).text
     steps.append(Exchange(autopilot, f"enter {mode}", DO_SET_MODE, params, hint))
-    hint = "Clear what it names (its pre-arm checks tell more), then arm again."
+    hint = link_notice("hint.arm").text
     steps.append(Exchange(autopilot, "arm", ARM_DISARM, (1.0, 0.0), hint))
     if autopilot.kind == ARDUPILOT:
         steps.append(Wait(ARMING_DELAY_S))
@@ -668,33 +683,21 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
 def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
     """Return the steps that every arming requires; raises LinkRejected, see :func:`arming`."""
     if autopilot.kind not in (PX4, ARDUPILOT):
-        raise LinkRejected(
-            f"system {autopilot.system} is no PX4 and no ArduPilot ({autopilot.kind_name}): "
-            "nobody tried how it takes body rates, so it is not armed"
-        )
+        raise LinkRejected(link_notice("autopilot.unknown_kind", system=autopilot.system, kind=autopilot.kind_name))
     if autopilot.vehicle not in MULTIROTORS:
         vehicle = autopilot.codec.value_name("MAV_TYPE", autopilot.vehicle)
-        raise LinkRejected(
-            f"{autopilot.name} says that its vehicle is no multirotor ({vehicle}): it may take our "
-            "thrust for something else, so it is not armed. Set its frame or airframe to the multirotor that it is"
-        )
+        raise LinkRejected(link_notice("autopilot.no_multirotor", autopilot=autopilot.name, vehicle=vehicle))
     if autopilot.kind == PX4:
         return []
-    hint = (
-        "it would take our thrust as a climb rate. Set GUID_OPTIONS to 8 (bit 3, thrust as "
-        "thrust; `groundstation doctor` does), then arm again."
-    )
+    hint = link_notice("hint.guid_options").text
     thrust = ParameterMust(autopilot, "GUID_OPTIONS", lambda v: bool(v & _THRUST_AS_THRUST), hint)
-    hint = (
-        "it would raise our thrust whenever the vehicle leans, on top of the controller, which does so already. "
-        "Set ATC_ANGLE_BOOST to 0 (`groundstation doctor` does), then arm again."
-    )
+    hint = link_notice("hint.angle_boost").text
     return [thrust, ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, hint)]
 
 
 def disarming(autopilot: AutopilotAddress) -> Handshake:
     """Motors off, with patience until the autopilot believes that it stands."""
-    hint = "It must stand on the ground at zero thrust; the remote control's kill switch always works."
+    hint = link_notice("hint.disarm").text
     # ArduPilot that refuses goes on refusing: mode LAND is its way (see landing_disarmed).
     patience_s = 0.0 if autopilot.kind == ARDUPILOT else PATIENCE_S
     return Handshake([Exchange(autopilot, "disarm", ARM_DISARM, (0.0, 0.0), hint, patience_s=patience_s)])
@@ -702,7 +705,7 @@ def disarming(autopilot: AutopilotAddress) -> Handshake:
 
 def landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
     """ArduPilot's own way from standing on the ground to motors off: mode LAND."""
-    hint = "Stop the motors with the remote control."
+    hint = link_notice("hint.land_disarmed").text
     return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[ARDUPILOT], hint), Disarmed(LAND_S)])
 
 
@@ -713,15 +716,15 @@ def landing(autopilot: AutopilotAddress) -> Handshake:
         LinkRejected: the autopilot is neither PX4 nor ArduPilot.
     """
     if autopilot.kind not in _LAND_MODE:
-        raise LinkRejected(f"nobody knows how {autopilot.kind_name} is told to land")
-    hint = "The bring-down by rates went on instead."
+        raise LinkRejected(link_notice("autopilot.no_landing", kind=autopilot.kind_name))
+    hint = link_notice("hint.land").text
     return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[autopilot.kind], hint)])
 
 
 def stream(autopilot: AutopilotAddress, name: str, rate_hz: float) -> Handshake:
     """Have the message ``name`` sent ``rate_hz`` times a second."""
     params = (float(autopilot.codec.message_number(name)), 1e6 / rate_hz)
-    hint = "This autopilot may not have the message; do without what it is for (pose.kind, operator.hold)."
+    hint = link_notice("hint.stream").text
     what = f"send {name} at {rate_hz:g} Hz"
     return Handshake([Exchange(autopilot, what, SET_MESSAGE_INTERVAL, params, hint, patience_s=0.0)])
 

@@ -9,6 +9,7 @@ Source: mavlink.io/en/messages/common.html, 148 AUTOPILOT_VERSION.
 from typing import Any
 
 from links.mavlink.protocol.codec import Message
+from links.text import link_notice
 
 BOTH_S = 3.0
 """Two senders count while both sent a heartbeat within this time [s]: three periods of HEARTBEAT."""
@@ -86,34 +87,33 @@ class TargetSenders:
         """Why nobody knows which autopilot would obey what is sent to ``used``; empty where one does."""
         used_ids = self._ids(used)
         if len(used_ids) > 1:
-            return (
-                f"{len(used_ids)} autopilots with MAVLink system id {self._system} answer from "
-                f"{self._describe(used)} (hardware ids {', '.join(sorted(used_ids))}): all would obey. "
-                "Switch off all but one, or give each its own system id (MAV_SYS_ID or SYSID_THISMAV)"
-            )
+            return link_notice(
+                "mavlink.two_on_one",
+                count=len(used_ids),
+                system=self._system,
+                address=self._describe(used),
+                ids=", ".join(sorted(used_ids)),
+            ).text
         if self._examined is not None and self._is_replaced(used, *self._examined):
-            return (
-                f"the autopilot at {self._describe(used)}{self._tell_id(used)} is not the one that was "
-                f"checked at {self._describe(self._examined[0])}: check the vehicle again"
-            )
+            address, checked = self._describe(used), self._describe(self._examined[0])
+            return link_notice("mavlink.replaced", address=address, hardware=self._tell_id(used), checked=checked).text
         for other in self.others(used, now_s):
             if not self._is_same(used, other):
-                return (
-                    f"two autopilots with MAVLink system id {self._system} are heard: one at "
-                    f"{self._describe(used)}{self._tell_id(used)}, to which commands go, and one at "
-                    f"{self._describe(other)}{self._tell_id(other)}. Switch one off, or give each its own "
-                    "system id (MAV_SYS_ID or SYSID_THISMAV) and port"
-                )
+                return link_notice(
+                    "mavlink.two",
+                    system=self._system,
+                    address=self._describe(used),
+                    hardware=self._tell_id(used),
+                    other=self._describe(other),
+                    other_hardware=self._tell_id(other),
+                ).text
         return ""
 
     def second_path(self, used: Any, now_s: float) -> str:
         """That the same autopilot is heard by a second way; empty where it is not."""
         for other in self.others(used, now_s):
             if self._is_same(used, other):
-                return (
-                    f"the autopilot is heard from two addresses, {self._describe(used)} and "
-                    f"{self._describe(other)}: only the first is used. End the second path"
-                )
+                return link_notice("mavlink.two_paths", address=self._describe(used), other=self._describe(other)).text
         return ""
 
     def _ids(self, address: Any) -> set[str]:
