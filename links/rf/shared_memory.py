@@ -201,9 +201,7 @@ class SharedPort:
         try:
             self._fd = open_port(self._path, self._baud)
         except OSError as error:
-            raise OSError(
-                error.errno, link_notice("module.port", path=self._path, why=error.strerror).text
-            ) from None
+            raise OSError(error.errno, link_notice("module.port", path=self._path, why=error.strerror).text) from None
         self._tell(_OPENED, self._fd)
 
     def write(self, frame: bytes) -> bool:
