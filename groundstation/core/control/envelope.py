@@ -78,9 +78,11 @@ class Envelope:
     def limit_transit(self, time_s: float, decision: Decision, estimate: Estimate, wind_down_m_s2: float) -> Decision:
         """Return ``decision`` so that no pose, however wrong, lets the vehicle lean far, or drop."""
         motion, vehicle = estimate.motion, self._vehicle
-        hover_n = vehicle.mass_kg / estimate.effectiveness * (self._gravity + wind_down_m_s2)
+        per_m_s2 = vehicle.mass_kg / estimate.effectiveness
+        hover_n = per_m_s2 * (self._gravity + wind_down_m_s2)
         thrust, (roll, pitch, yaw) = decision.drive
-        least = min(LOW_SHARE * hover_n, vehicle.thrust_max_n)
+        # A push downwards may be over by now: the mean of it would hold the vehicle up.
+        least = min(LOW_SHARE * per_m_s2 * (self._gravity + min(wind_down_m_s2, 0.0)), vehicle.thrust_max_n)
         cosine = FIRST_CLIMB_COSINE if time_s - self._lifted_s < FIRST_CLIMB_S else TRANSIT_COSINE
         roll, pitch, _ = self._limits.limit_tilt(motion.attitude, motion.rates, (roll, pitch), cosine, self._rate_gain)
         # Across it is pushed no more than at that tilt in level flight.
