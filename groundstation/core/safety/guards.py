@@ -116,7 +116,9 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             "then the link brings it down [s].",
         ),
     ] = 0.25
-    tilt_deg: Annotated[float, msgspec.Meta(gt=0.0, le=90.0, description="Largest tilt [deg].")] = 60.0
+    tilt_deg: Annotated[
+        float, msgspec.Meta(gt=0.0, le=90.0, description="Largest tilt [deg]; the law asks for 80 at most.")
+    ] = 80.0
     tilt_s: Annotated[Seconds, msgspec.Meta(description="How long it may tilt farther [s].")] = 0.1
     oscillation_deg: Annotated[
         float,

@@ -82,7 +82,7 @@ def first(
 
 FULL = math.radians(VEHICLE.rate_limits_deg_s[0])
 CASES: list[tuple[dict[str, Any], float, GuardAction, str]] = [
-    ({"attitude": leaning(61.0)}, CONFIG.tilt_s, GuardAction.DESCEND, "tilt 61°, limit 60°"),
+    ({"attitude": leaning(81.0)}, CONFIG.tilt_s, GuardAction.DESCEND, "tilt 81°, limit 80°"),
     ({"attitude": (math.nan,) * 4}, CONFIG.tilt_s, GuardAction.DESCEND, "tilt 180°"),
     ({"attitude": leaning(41.0)}, CONFIG.oscillation_s, GuardAction.LAND, "tilt 41° beside the wanted one"),
     ({"disturbance": (9.0, 0.0, 0.0)}, CONFIG.oscillation_s, GuardAction.LAND, "beside the wanted one"),
@@ -160,14 +160,14 @@ def test_an_estimate_that_is_reset_again_and_again_lands() -> None:
 
 def test_of_several_the_gravest_is_told() -> None:
     guards = Guards(CONFIG, FENCE, VEHICLE, lambda: PERIOD_S)
-    outside = {"position": (2.1, 0.0, -1.0), "attitude": leaning(61.0)}
+    outside = {"position": (2.1, 0.0, -1.0), "attitude": leaning(81.0)}
     told = [guards.see(shown(PERIOD_S * i, **outside), State.TRACKING) for i in range(50)]
     assert [one.step for one in told if one is not None] == [GuardAction.LAND] * 5 + [GuardAction.DESCEND] * 45
 
 
 def test_a_descent_has_no_reference_to_be_far_from() -> None:
     assert first({"position": (1.9, 0.0, -1.0)}, State.DESCENT) is None
-    assert first({"attitude": leaning(61.0)}, State.DESCENT) is not None
+    assert first({"attitude": leaning(81.0)}, State.DESCENT) is not None
 
 
 def test_what_comes_and_goes_within_its_time_is_not_told() -> None:
