@@ -31,7 +31,7 @@ COVERAGE := $(BIN)/uv run --quiet --no-sync --with 'coverage>=7.10' python -m co
 YIELD := nice -n 5
 
 .PHONY: fly screenshot broker test test-all test-rest lint types contracts tests tests-real-time tests-computed long-real-time \
-    long-computed test-newer-pythons coverage soak bench evidence margins vehicles docs release setup lock clean firmware \
+    long-computed test-newer-pythons coverage soak bench evidence margins docs release setup lock clean firmware \
     test-firmware
 
 fly: setup ## fly one simulated flight, on real wire bytes, and sum it up
@@ -109,15 +109,11 @@ evidence: setup firmware ## docs/evidence.md once more; FLIGHTS="a.mcap b.mcap" 
 	    --map ardupilot-tlog --out build/evidence/$$name.mcap || exit 1; done
 	@$(BIN)/groundstation replay evidence build/evidence/*.mcap --write docs/evidence.md --part captures
 	@test -z "$(FLIGHTS)" || $(BIN)/groundstation replay evidence $(FLIGHTS) --write docs/evidence.md
-	@$(BIN)/groundstation-sim dev gale --ours 3 --write docs/evidence.md
 	@$(BIN)/groundstation-sim dev firmware --write docs/evidence.md
 
 margins: setup ## every law tuned by one search under the same floors, in minutes: table, picture, evaluations
 	@$(YIELD) $(BIN)/groundstation-sim compare --equal-margins --seeds 10 --workers $(WORKERS) \
 	    --table docs/equal-margins.csv --plot docs/equal-margins.png --write docs/explanation/equal-margins.md
-
-vehicles: setup ## what flights told of the vehicles that come along, flown and found once more, into their files
-	@$(YIELD) $(BIN)/groundstation-sim dev vehicles --write groundstation/vehicles
 
 docs: setup ## the documents as a site, in build/site
 	$(BIN)/groundstation-sim dev reference --write docs/reference

@@ -142,13 +142,6 @@ def _dev_alarms(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
 
 
-def _dev_soak(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--hours", type=hours, default=24.0, metavar="H", help="of virtual time (default 24)")
-    _add_scenario(parser, "adverse", "what is flown (default adverse)")
-    parser.add_argument("--seed", type=whole, default=0, help="every random draw comes from it (default 0)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
-
-
 def _compare(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenarios", metavar="A,B", type=names, help="default: all")
     parser.add_argument("--controllers", metavar="A,B", type=names, help="default: every one that comes along")
@@ -209,12 +202,6 @@ def _bench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
-def _dev_bring_down(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenarios", metavar="A,B", type=names, default=["paper", "adverse", "quad1kg"])
-    parser.add_argument("--flights", type=count, default=10, metavar="N", help="of each kind (default 10)")
-    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
-
-
 def _tune(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", type=path, metavar="FILE.toml", help="for its vehicle (default: the scenarios' own)"
@@ -254,13 +241,6 @@ def _tune(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _dev_gale(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seeds", type=count, default=5, metavar="N", help="of each (default 5)")
-    parser.add_argument("--ours", type=whole, default=0, metavar="N", help="fly ours, too: N seeds")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
-    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
-
-
 def _scenarios(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", metavar="NAME", help="every value of this one")
     parser.add_argument("--json", action="store_true")
@@ -268,14 +248,6 @@ def _scenarios(parser: argparse.ArgumentParser) -> None:
 
 def _dev_check_vectors(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=path, metavar="FILE.json")
-
-
-def _dev_fuzz(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--source", metavar="NAME", help="the decoder of this pose source only")
-    parser.add_argument("--link", metavar="NAME", help="the decoder of this link only")
-    parser.add_argument("--count", type=count, default=10_000, metavar="N", help="datagrams for each (default 10000)")
-    parser.add_argument("--seed", type=whole, default=0)
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
 def _dev_firmware(parser: argparse.ArgumentParser) -> None:
@@ -337,26 +309,11 @@ def _serve(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=seconds, metavar="S", help="stop after so many seconds")
 
 
-def _dev_intervals(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--scenarios", metavar="A,B", type=names, default=["adverse", "rotors_mqx", "rotors_mqx_radio"])
-    parser.add_argument("--flights", type=count, default=16, metavar="N", help="in each (default 16)")
-    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
-
-
-def _dev_split(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--flights", type=count, default=200, metavar="N", help="with drawn winds (default 200)")
-    parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
-
-
 def _dev_upsets(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenarios", metavar="A,B", type=names, help="default: paper, quad1kg")
     parser.add_argument("--seeds", type=count, default=3, metavar="N", help="of each push, 0 to N-1 (default 3)")
     parser.add_argument("--states", type=count, default=1000, metavar="N", help="drawn starts (default 1000)")
     parser.add_argument("--write", type=path, metavar="FILE.md", help="put the table between the file's markers")
-
-
-def _dev_vehicles(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--write", type=path, metavar="DIR", help="write the files there; `make vehicles` does")
 
 
 def _dev_states(parser: argparse.ArgumentParser) -> None:
@@ -382,23 +339,16 @@ COMMANDS: Groups = {
         "dev faults": ("break one thing in every state of a mission, and judge the outcome", _dev_faults),
         "dev honest": ("disturb flights whose poses are true, and judge monitor and guards", _dev_honest),
         "dev alarms": ("measure the monitor's margins to a false alarm, in flights without faults", _dev_alarms),
-        "dev soak": ("fly mission after mission with random faults, and check that nothing grows", _dev_soak),
-        "dev bring-down": ("cut flights short in the air, and measure how they come down", _dev_bring_down),
-        "dev intervals": ("count how often the truth lies within the intervals of identify", _dev_intervals),
-        "dev split": ("measure how well wind and thrust scale are told apart", _dev_split),
         "dev upsets": ("fly every law through large pushes of the wind, and from far starts", _dev_upsets),
-        "dev vehicles": ("measure the vehicles that come along again, in flight", _dev_vehicles),
-        "dev gale": ("fly published laws in a simulated wind tunnel, beside the real measurements", _dev_gale),
         "dev check-vectors": ("evaluate the control law on a file of test vectors", _dev_check_vectors),
         "dev firmware": ("fly Betaflight's own firmware: flights, strikes, rates", _dev_firmware),
         "dev autopilots": ("fly PX4's and ArduCopter's own firmware in real time, where it is built", _dev_autopilots),
-        "dev fuzz": ("feed every decoder random and damaged bytes", _dev_fuzz),
         "dev reference": ("make the reference pages of the documents from the code", _dev_reference),
         "dev states": ("draw the states of a flight and the transitions between them", _dev_states),
     }
 }
 
-NEW = ("dev states", "dev split", "dev upsets")
+NEW = ("dev states", "dev upsets")
 """Commands that never had another spelling."""
 MOVED = {
     name.removeprefix("dev "): name for name in COMMANDS["commands"] if name.startswith("dev ") and name not in NEW

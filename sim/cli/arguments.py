@@ -63,7 +63,5 @@ def names(text: str) -> list[str]:
     return found
 
 
-MEASUREMENTS = (
-    "tick", "flight", "command", "decode", "batch", "recording", "allocation", "links", "screen", "mqtt",
-)  # fmt: skip
+MEASUREMENTS = ("tick", "flight", "command", "decode", "batch", "allocation", "links", "screen")
 """Measurements of ``groundstation-sim bench``, in their order: each a module of tests/proving/bench."""

@@ -1,13 +1,10 @@
 """Questions put to many flights: campaigns, comparisons, tuning, margins."""
 
-from sim.studies.bring_down import CAUSES, cut_all, markdown
 from sim.studies.budget import Contribution
 from sim.studies.comparison import (
     CONTROLLERS,
-    GUST,
     SEARCHED_LAWS,
     TRIALS,
-    WITHOUT_ADAPTATION,
     Case,
     ComparedFlight,
     cases,
@@ -17,7 +14,6 @@ from sim.studies.comparison import (
     describe_terms,
     draw_equal_margins,
     equal_margins_table,
-    fly_case,
     markdown_table,
     plot,
     read_trials,
@@ -26,9 +22,5 @@ from sim.studies.comparison import (
     write_between_markers,
     write_trials,
 )
-from sim.studies.gale import gale_command
-from sim.studies.intervals import coverage_table, identify_flights
-from sim.studies.split import STEADY_SCENARIOS, fly_drawn, fly_steadily, split_table
 from sim.studies.upsets import BATCHES, VEHICLES, compare_upsets, upsets_table
 from sim.studies.vectors import LIMIT, worst_disagreement
-from sim.studies.vehicles import FOUND_IN_FLIGHT, remake, remake_all

@@ -224,20 +224,6 @@ def test_the_lemniscate_has_the_period_of_the_lemniscate_constant() -> None:
     assert LemniscateConfig().build().period_s == pytest.approx(float(2 * VARPI / Fraction(1, 2)), rel=1e-15)
 
 
-def test_the_lemniscate_starts_at_its_far_end_and_heads_inwards_of_north_west() -> None:
-    start = LemniscateConfig().build().at(0.0)
-    half = math.sqrt(0.5)
-    assert start.position_ned == pytest.approx((half, half, -1.0), abs=1e-15)
-    assert start.velocity_ned == pytest.approx((0.5 * half, -0.5 * half, 0.0), abs=1e-15)
-    # 1.81 m from where the paper's scenario lets the vehicle go.
-    assert math.dist(start.position_ned, (0.8, -0.8, 0.0)) == pytest.approx(1.81, abs=0.005)
-
-
-def test_a_quarter_period_later_it_passes_the_crossing() -> None:
-    trajectory = LemniscateConfig().build()
-    assert trajectory.position_at(trajectory.period_s / 4.0) == pytest.approx((0.0, 0.0, -1.0), abs=1e-15)
-
-
 @given(time_s=times)
 def test_the_lemniscate_is_the_formula_of_the_paper_to_rounding(time_s: float) -> None:
     trajectory = LemniscateConfig().build()
@@ -260,14 +246,6 @@ def test_the_phase_obeys_its_differential_equation(time_s: float) -> None:
     cosine = y * (1.0 + sine * sine)
     phi_dot = (vx - vy * sine) / y / cosine
     assert phi_dot == pytest.approx(math.sqrt(1.0 + sine * sine), rel=1e-9)
-
-
-def test_a_circle_turns_from_north_to_east_or_the_other_way() -> None:
-    clockwise = CircleConfig(radius_m=2.0, centre_ned=(1.0, 1.0, 0.0)).build()
-    assert clockwise.position_at(0.0) == (3.0, 1.0, -1.0)
-    assert clockwise.position_at(clockwise.period_s / 4.0) == pytest.approx((1.0, 3.0, -1.0), abs=1e-15)
-    other = CircleConfig(radius_m=2.0, centre_ned=(1.0, 1.0, 0.0), clockwise=False).build()
-    assert other.position_at(other.period_s / 4.0) == pytest.approx((1.0, -1.0, -1.0), abs=1e-15)
 
 
 coordinate = st.floats(-100.0, 100.0)

@@ -4,12 +4,11 @@
 
 import asyncio
 import contextlib
-import math
 import os
 import re
 import stat
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,7 +20,7 @@ from groundstation.core.messages import Ask, Request, Snapshot
 from groundstation.interfaces.api import Control, Server, ask_station, snapshots
 from groundstation.interfaces.api import server as api_server
 from groundstation.interfaces.api.client import open_client
-from groundstation.interfaces.api.messages import VERSION, StationHello
+from groundstation.interfaces.api.messages import StationHello
 from groundstation.machine import ApiError, Latest, StatusConfig, find_socket, socket_path
 from tests.loops import in_real_time
 from tests.sample_flight import Sampled, sample
@@ -98,28 +97,6 @@ async def test_the_socket_is_for_its_owner_alone_and_goes_away_at_the_end(path: 
     assert not path.exists()
 
 
-@contextlib.contextmanager
-def as_nobody() -> Iterator[None]:
-    """Root may open every socket: for a while we are somebody else."""
-    us = os.geteuid()
-    if us == 0:
-        os.seteuid(65534)
-    try:
-        yield
-    finally:
-        os.seteuid(us)
-
-
-@in_real_time
-async def test_whoever_may_not_open_the_socket_is_told_whose_it_is(tmp_path: Path) -> None:
-    path = tmp_path / "mqx.sock"
-    async with served(path, Latest()):
-        whose = path.owner()
-        path.chmod(0)
-        with as_nobody(), pytest.raises(ApiError, match=f"is for user {whose} alone: .* sudo -u {whose}"):
-            await ask_station(Request(Ask.LAND), None, path)
-
-
 @in_real_time
 async def test_clients_get_the_last_snapshot_when_the_flight_ends_and_then_the_end_of_the_stream(
     path: Path, latest: Latest[Snapshot]
@@ -158,29 +135,6 @@ async def test_no_client_gets_more_than_the_configured_rate(path: Path, latest: 
         watcher.cancel()
         most = 10.0 * (loop.time() - start) + 2.0
     assert 3 <= len(seen) <= most < 100
-
-
-@in_real_time
-async def test_nothing_is_encoded_while_nobody_is_attached(
-    path: Path, latest: Latest[Snapshot], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    encoded = []
-    real = msgspec.json.encode
-
-    def count(value: Any) -> bytes:
-        if isinstance(value, dict) and "snapshot" in value:
-            encoded.append(value)
-        return real(value)
-
-    monkeypatch.setattr(msgspec.json, "encode", count)
-
-    async with served(path, latest):
-        for i in range(20):
-            latest.put(sample(float(i)))
-            await asyncio.sleep(0.005)
-        assert encoded == []
-        await asyncio.gather(*(first(path) for _ in range(5)))
-        assert len(encoded) == 1
 
 
 @in_real_time
@@ -329,15 +283,6 @@ async def test_arming_names_the_vehicle(path: Path, latest: Latest[Snapshot]) ->
         assert (await client.ask(Request(Ask.ARM), vehicle="mqx")).done
 
 
-@in_real_time
-async def test_a_request_to_arm_without_a_name_says_which_one_to_give(path: Path, latest: Latest[Snapshot]) -> None:
-    core = Sampled()
-    async with served(path, latest, core=core):
-        with pytest.raises(ApiError, match="must name it: --vehicle mqx"):
-            await ask_station(Request(Ask.ARM), None, path)
-        assert core.asked == []
-
-
 @pytest.mark.parametrize(
     ("asked", "wrong"),
     [
@@ -387,11 +332,6 @@ async def test_the_python_of_the_page_asks_the_station_to_fly_there(
     (asked,) = core.asked
     assert asked.ask is Ask.GOTO and [point.yaw_deg for point in asked.points] == [None, 90.0]
     assert capsys.readouterr().out
-
-
-def test_the_page_tells_the_version_that_is_spoken() -> None:
-    page = (Path(__file__).parents[2] / "docs/reference/api.md").read_text("utf-8")
-    assert f"## The protocol, version {VERSION}\n" in page and f'{{"hello": {{"version": {VERSION},' in page
 
 
 @in_real_time
@@ -451,24 +391,6 @@ async def test_who_only_reads_keeps_no_order_out(path: Path, latest: Latest[Snap
 
 
 @in_real_time
-async def test_who_holds_control_is_never_dropped_for_another(path: Path, latest: Latest[Snapshot]) -> None:
-    latest.put(sample(1.0))
-    core = Sampled()
-    async with served(path, latest, core=core), contextlib.AsyncExitStack() as stack:
-        most = api_server.CLIENTS_MAX + api_server.GUESTS_MAX
-        clients = [await stack.enter_async_context(open_client(path)) for _ in range(most)]
-        for client in clients:
-            await client.ask(Request(Ask.LAND))
-        holder = clients[api_server.CLIENTS_MAX]
-        assert (await holder.take_control()).done
-        for _ in range(most):
-            new = await stack.enter_async_context(open_client(path))
-            assert (await new.ask(Request(Ask.LAND))).done
-        assert (await holder.ask(Request(Ask.RETURN))).done
-        assert core.asked[-1].ask is Ask.RETURN
-
-
-@in_real_time
 async def test_the_socket_of_a_process_that_was_killed_is_replaced(path: Path, latest: Latest[Snapshot]) -> None:
     process = await asyncio.create_subprocess_exec(sys.executable, "-m", "tests.sample_flight", str(path))
     while not path.exists():
@@ -518,41 +440,6 @@ async def test_a_folder_that_others_may_write_to_is_refused(
 async def test_a_path_too_long_for_a_socket_is_told(tmp_path: Path, path: Path, latest: Latest[Snapshot]) -> None:
     with pytest.raises(ApiError, match=r"more than the 107 that .* set status\.path to a shorter one"):
         await Server(StatusConfig(path=str(tmp_path / ("x" * 120))), "mqx", latest, Sampled()).serve()
-
-
-@in_real_time
-async def test_numbers_that_are_not_finite_reach_the_screen_as_such(path: Path, latest: Latest[Snapshot]) -> None:
-    broken = msgspec.structs.replace(
-        sample(1.0), error_m=math.nan, position_ned=(math.nan, 1.0, math.inf), diagnostics=None
-    )
-    latest.put(broken)
-    async with served(path, latest):
-        seen = await first(path)
-    assert math.isnan(seen.error_m)
-    assert math.isnan(seen.position_ned[0])
-    assert seen.position_ned[1] == 1.0
-    assert not math.isfinite(seen.position_ned[2])
-    assert seen.diagnostics is None
-    assert seen.events == broken.events
-
-
-@pytest.mark.parametrize("line", [b"hello\n", b"[]\n", b'{"vehicle": "a"}\n', b"null\n", b"\xff\n", b"x" * (2 << 20)])
-@in_real_time
-async def test_a_socket_that_serves_something_else_is_told_to_the_reader(
-    line: bytes, path: Path, latest: Latest[Snapshot]
-) -> None:
-    del latest
-
-    async def say(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(ConnectionError):
-            writer.write(line)
-            await writer.drain()
-        writer.close()
-
-    server = await asyncio.start_unix_server(say, path)
-    with pytest.raises(ApiError, match=r"mqx\.sock"):
-        await first(path)
-    server.close()
 
 
 def test_the_socket_is_in_the_users_runtime_folder_unless_the_configuration_says_otherwise(

@@ -79,6 +79,15 @@ def test_the_word_behind_browser_is_a_port_or_the_recording(monkeypatch: pytest.
         assert run_here(main, "tui", *words).returncode == 2
 
 
+def test_a_recording_is_shown_in_the_browser(tmp_path: Path, needs_program: Callable[..., str]) -> None:
+    log, port = recorded()[0], asyncio.run(free_tcp_port())
+    with running(["-m", "groundstation", "tui", str(log), "--browser", str(port)]) as server:
+        assert server.stdout is not None
+        assert f"http://127.0.0.1:{port}" in server.stdout.readline()
+        with opened(needs_program(*BROWSERS), f"http://127.0.0.1:{port}/", tmp_path) as tab:
+            tab.until(lambda: "mqx" in shown(tab) and "recording" in shown(tab).lower())
+
+
 def test_a_page_of_somebody_elses_cannot_look(page: str) -> None:
     with urllib.request.urlopen(page) as answer:
         assert answer.status == 200

@@ -12,7 +12,6 @@ from groundstation.interfaces.tui.fleet import FleetScreen
 from groundstation.interfaces.tui.widgets import Banner
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.loops import in_real_time
-from tests.proving.bench.mqtt import run
 from tests.sample_flight import sample
 
 __all__ = ["lab"]
@@ -94,11 +93,3 @@ async def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
         await until(screen, lambda: "1 offline" in headline(screen))
         await say(lab.address("quad2"), "groundstation/quad2/state", b"ready")
         await until(screen, lambda: shown(screen)[0][1] == "!!NO DATA")
-
-
-def test_ten_stations_meet_at_one_broker_and_little_is_lost(needs_program: Callable[..., str]) -> None:
-    """Latency is measured by ``groundstation-sim bench mqtt``; here the machine may be busy."""
-    facts = run(needs_program("mosquitto"), stations=10, seconds=1.0, settle_s=1.5)
-    assert facts["vehicles"] == 10
-    assert facts["published"] >= 60
-    assert facts["delivered_share"] > 0.7

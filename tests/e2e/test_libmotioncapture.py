@@ -77,18 +77,6 @@ def test_a_child_that_dies_and_one_that_hangs_are_started_again(monkeypatch: pyt
     assert set(run(work).status.dropped) == {"child_lost"}
 
 
-def test_nothing_is_delivered_after_close_and_closing_twice_does_no_harm() -> None:
-    async def work(source: Any, poses: list[Pose]) -> None:
-        await until(lambda: len(poses) > 5)
-        await source.close()
-        count = len(poses)
-        await asyncio.sleep(0.2)
-        await source.close()
-        assert len(poses) == count
-
-    run(work)
-
-
 def test_no_child_is_left_behind() -> None:
     children: list[int] = []
 
@@ -98,16 +86,6 @@ def test_no_child_is_left_behind() -> None:
 
     run(work)
     assert not Path(f"/proc/{children[0]}").exists()
-
-
-def test_a_name_that_nobody_streams_is_told_from_a_silent_stream() -> None:
-    async def work(source: Any, poses: list[Pose]) -> None:
-        await until(lambda: bool(source.other_objects))
-        assert set(source.other_objects) == {"quad", "wand"}
-        assert poses == []
-
-    config = LibmotioncaptureConfig(backend="mock", options=MOCK.options, name="quod")
-    assert set(run(work, config).status.dropped) == {"no_such_body"}
 
 
 def test_a_server_that_does_not_answer_is_a_sentence_though_the_library_waits_for_ever(

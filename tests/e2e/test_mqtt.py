@@ -14,10 +14,8 @@ import aiomqtt
 import msgspec
 import pytest
 
-from groundstation.config import ConfigError
 from groundstation.core.messages import Notice, Snapshot
-from groundstation.interfaces.api import new_events
-from groundstation.interfaces.mqtt import heed_cancellation, publish_forever
+from groundstation.interfaces.mqtt import publish_forever
 from groundstation.interfaces.mqtt.messages import EventMessage
 from groundstation.machine import Latest
 from groundstation.settings import MqttConfig
@@ -290,54 +288,6 @@ def test_a_broker_that_is_killed_and_comes_back_is_found_again_and_misses_no_eve
     assert [line.partition(" ")[0] for line in said] == ["no", "publishing", "no", "publishing"]
 
 
-def test_a_cancellation_that_comes_as_a_wait_ends_is_not_forgotten() -> None:
-    """As ``asyncio.wait_for`` of Python 3.11 does, which aiomqtt waits by: the end of a flight would wait for ever."""
-
-    async def scene() -> None:
-        loop = asyncio.get_running_loop()
-        acknowledged: asyncio.Future[None] = loop.create_future()
-
-        async def publish() -> None:
-            await asyncio.wait_for(acknowledged, 3.0)
-            heed_cancellation()
-
-        task = asyncio.create_task(publish())
-        await asyncio.sleep(0)
-        acknowledged.set_result(None)
-        task.cancel()
-        await asyncio.wait([task])
-        assert task.cancelled()
-
-    play(scene())
-
-
-def test_a_broker_that_hangs_delays_nobody(broker: Callable[[], Broker]) -> None:
-    async def scene() -> None:
-        async def hang(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            try:
-                await reader.read()  # until the other end gives up; never answers
-            finally:
-                writer.close()
-
-        silent = await asyncio.start_server(hang, "127.0.0.1", 0)
-        latest: Latest[Snapshot] = Latest()
-        config = MqttConfig(port=silent.sockets[0].getsockname()[1])
-        latest.put(sample(0.0))
-        loop = asyncio.get_running_loop()
-        async with publishing(config, latest) as task:
-            slowest = 0.0
-            for _ in range(100):
-                before = loop.time()
-                latest.put(sample(1.0))
-                await asyncio.sleep(0.005)
-                slowest = max(slowest, loop.time() - before)
-            assert not task.done()
-        assert slowest < 0.5
-        silent.close()
-
-    play(scene())
-
-
 def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(broker: Callable[[], Broker]) -> None:
     server = broker()
 
@@ -360,32 +310,6 @@ def test_a_broker_that_stands_still_delays_nobody_and_gets_the_newest_after(brok
             await listener.until(lambda to: msgspec.json.decode(to.got[SNAPSHOT][-1], type=Snapshot) == sample(300.0))
             assert len(listener.got[SNAPSHOT]) < 150
         assert slowest < 0.5
-
-    play(scene())
-
-
-def test_the_last_will_of_a_connection_that_fell_silent_comes_before_the_next_connection(
-    broker: Callable[[], Broker],
-) -> None:
-    """Else the broker would say ``offline`` of a vehicle that flies."""
-    server = broker()
-
-    async def scene() -> None:
-        await server.start()
-        wire = Wire(server.port)
-        carrier = await asyncio.start_server(wire.carry, "127.0.0.1", 0)
-        latest: Latest[Snapshot] = Latest()
-        flying = sample(1.0)
-        latest.put(flying)
-        config = msgspec.structs.replace(config_for(server), port=carrier.sockets[0].getsockname()[1])
-        async with Listener(server.port) as listener, publishing(config, latest):
-            await listener.until(lambda to: len(to.got[EVENT]) == 2)
-            wire.fall_silent()
-            latest.put(msgspec.structs.replace(flying, events=(*flying.events, Notice(103.0, "tracking", "unheard"))))
-            await listener.until(lambda to: len(to.got[EVENT]) == 3)  # by the next connection
-            assert wire.ended == [0]
-            assert listener.got[STATE] == ["tracking", "offline", "tracking"]
-        carrier.close()
 
     play(scene())
 
@@ -470,17 +394,3 @@ def test_a_broker_with_passwords_is_published_to_and_anonymous_refused(
                 await listener.until(lambda to: bool(to.got[SNAPSHOT]))
 
     play(scene())
-
-
-def test_a_password_file_that_is_missing_is_told() -> None:
-    with pytest.raises(ConfigError, match=r"mqtt\.password_file: cannot read /nowhere/secret: No such file"):
-        asyncio.run(publish_forever(MqttConfig(username="mqx", password_file="/nowhere/secret"), Latest()))
-
-
-def test_only_events_that_were_not_seen_are_published() -> None:
-    a, b, c, x, y = (Notice(1.0, "tracking", text) for text in "abcxy")
-    assert new_events((), (a, b)) == (a, b)
-    assert new_events((a, b), (a, b)) == ()
-    assert new_events((a, b), (b, c)) == (c,)
-    assert new_events((a, a), (a, a, a)) == (a,)
-    assert new_events((a, b), (x, y)) == (x, y)

@@ -15,18 +15,8 @@ import pytest
 
 from groundstation import load
 from groundstation.machine import NonBlockingWriter
-from groundstation.machine.outlets import LINE_MAX_BYTES
 from groundstation.recording import NoRecording, Recording
 from tests.e2e.stations import Room, served
-
-
-def test_lines_come_out_as_they_were_said() -> None:
-    reading, writing = os.pipe()
-    outlet = NonBlockingWriter(writing)
-    outlet.say("one")
-    outlet.say("zwei ü")
-    assert os.read(reading, 4096).decode() == "one\nzwei ü\n"
-    assert outlet.lost == 0
 
 
 def test_a_full_pipe_loses_lines_and_tells_how_many_once_it_is_read() -> None:
@@ -66,22 +56,6 @@ def test_a_terminal_that_is_held_by_control_s_is_not_waited_for() -> None:
     assert os.get_blocking(theirs)  # whoever shares it waits as before
 
 
-def test_a_reader_that_has_gone_and_a_descriptor_that_is_closed_are_borne(tmp_path: Path) -> None:
-    reading, writing = os.pipe()
-    outlet = NonBlockingWriter(writing)
-    os.close(reading)
-    outlet.say("nobody")
-    os.close(writing)
-    outlet.say("nothing")
-    NonBlockingWriter(writing).say("nothing at all")
-    with (tmp_path / "file").open("w") as file:
-        kept = NonBlockingWriter(file.fileno())
-        kept.say("x" * 2 * LINE_MAX_BYTES)
-        kept.say("y")
-    first, second = (tmp_path / "file").read_text().splitlines()
-    assert (len(first), second) == (LINE_MAX_BYTES - 1, "y")
-
-
 @pytest.mark.tried(2)  # commands
 @pytest.mark.parametrize(
     "words",
@@ -109,13 +83,6 @@ def test_a_full_disk_is_told_of_in_one_line() -> None:
         words = [sys.executable, "-m", "groundstation", "config", "show"]
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (1, "the output cannot be written: No space left on device\n")
-
-
-def test_help_that_finds_the_disk_full_leaves_no_trace_of_python() -> None:
-    with open("/dev/full", "w") as full:  # noqa: PTH123  # a device
-        words = [sys.executable, "-m", "groundstation", "--version"]
-        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
-    assert done.returncode in (0, 1) and "Exception" not in done.stderr
 
 
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])

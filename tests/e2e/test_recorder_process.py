@@ -1,14 +1,11 @@
 """The recorder in its own process: killed, stopped, out of room, and never in the way of the flight."""
 
 import asyncio
-import ctypes
 import json
 import os
-import platform
 import random
 import resource
 import signal
-import struct
 import subprocess
 import sys
 import time
@@ -20,13 +17,11 @@ import pytest
 
 from groundstation.core.messages import TickRecord
 from groundstation.flight import about
-from groundstation.machine import RecordingConfig, is_being_written
+from groundstation.machine import RecordingConfig
 from groundstation.pose import TlogReader
 from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord
-from groundstation.recording.__main__ import NICE, SLICE_NS
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.settings import Config
-from tests.conftest import LEFT_OUT
 from tests.e2e.endless_recording import a_tick
 from tests.e2e.stations import served
 
@@ -38,14 +33,6 @@ def the_recording(folder: Path) -> Path:
 
 def times(path: Path, topic: str = "/command") -> list[float]:
     return [entry.value()["time_s"] for entry in Recording(path).entries((topic,))]
-
-
-def await_unlocked(path: Path) -> None:
-    """Until the recorder has closed the file."""
-    deadline = time.monotonic() + 60.0
-    while is_being_written(path) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert not is_being_written(path)
 
 
 async def killed_at(moments: list[float], folder: Path) -> list[tuple[float, list[float]]]:
@@ -94,29 +81,6 @@ def test_a_kill_at_any_moment_leaves_a_recording_of_all_but_the_last_quarter_of_
     # Ten recorders at once keep a busy machine from being on time, and this program, whose steps are of 10 ms, as well.
     assert median(lost_s) < 0.25
     assert max(lost_s) < 0.25 + 20.0 * late_s, "one that is late by seconds has not written"
-
-
-def test_a_flight_that_is_killed_leaves_a_whole_recording(tmp_path: Path) -> None:
-    said = tmp_path / "said.txt"
-    with said.open("wb") as out:
-        process = subprocess.Popen([sys.executable, "-m", "tests.e2e.endless_recording", str(tmp_path)], stdout=out)
-    deadline = time.monotonic() + 60.0
-    while not any(path.stat().st_size for path in tmp_path.glob("*.mcap")) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    time.sleep(1.5)
-    process.kill()
-    process.wait()
-    path = the_recording(tmp_path)
-    await_unlocked(path)
-    handed = [float(line) for line in said.read_text().splitlines() if line[:1].isdigit()]
-    found = times(path)
-    common = min(len(found), len(handed))
-    assert found[:common] == handed[:common]
-    assert len(found) > 50
-    assert handed[-1] - found[-1] < 0.25, "50 ms wait to be handed over; the rest is for a busy machine"
-    recording = Recording(path)
-    assert recording.headline().commands == len(found)
-    assert recording.whole
 
 
 async def recording_in(folder: Path) -> None:
@@ -218,18 +182,6 @@ def test_the_recorder_is_deaf_to_what_a_terminal_sends(tmp_path: Path) -> None:
     assert times(the_recording(tmp_path), "/mission") == [1.0]
 
 
-def test_a_folder_that_cannot_be_written_is_told_of_and_nothing_else_happens(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-
-    async def script(process: RecorderProcess, _: list[str]) -> None:
-        for _again in range(100):
-            process.give(LineRecord(1.0, "tracking", "x"))
-            await asyncio.sleep(0.01)
-
-    said = asyncio.run(talk(tmp_path / "file", script))
-    assert [line for line in said if line.startswith("WARNING: not recording, the flight goes on")], said
-
-
 def test_a_real_flight_is_recorded_whole_listed_and_flown_again_to_the_last_bit(tmp_path: Path) -> None:
     with served() as room:
         run = subprocess.Popen(
@@ -296,34 +248,3 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
         assert "WARNING: the recorder has died (-9); the flight goes on" in out
         assert "landed and disarmed" in out
         assert len(list(Recording(the_recording(room.recordings)).entries())) > 10
-
-
-CHILD = """
-import sys
-from groundstation.recording.__main__ import stand_back
-stand_back()
-print(flush=True)
-sys.stdin.read()
-"""
-SCHED_GETATTR = {"x86_64": 315, "aarch64": 275, "riscv64": 275, "armv7l": 381}
-
-
-def knows_slices() -> bool:
-    """Linux 6.12 and later."""
-    major, minor = (int(part) for part in platform.release().split(".")[:2])
-    return (major, minor) >= (6, 12) and platform.machine() in SCHED_GETATTR
-
-
-def test_the_recorder_stands_behind_the_flight_by_every_means_of_the_system() -> None:
-    with subprocess.Popen([sys.executable, "-c", CHILD], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
-        assert child.stdout is not None
-        child.stdout.readline()
-        assert os.sched_getscheduler(child.pid) == os.SCHED_BATCH
-        assert os.getpriority(os.PRIO_PROCESS, child.pid) == min(os.getpriority(os.PRIO_PROCESS, 0) + NICE, 19)
-        if not knows_slices():
-            child.kill()
-            pytest.skip(LEFT_OUT + "this kernel has no slices that could be asked for")
-        found = ctypes.create_string_buffer(48)
-        assert ctypes.CDLL(None).syscall(SCHED_GETATTR[platform.machine()], child.pid, found, 48, 0) == 0
-        assert struct.unpack("=IIQiIQQQ", found.raw)[5] == SLICE_NS
-        child.kill()

@@ -56,16 +56,6 @@ def test_the_text_names_the_verdict_and_its_reasons() -> None:
     assert "positions and velocity of the autopilot disagree by 0." in done.stdout
 
 
-def test_a_configuration_and_an_override_are_used(tmp_path: Path) -> None:
-    config = tmp_path / "vehicle.toml"
-    config.write_text("[vehicle]\nmass_kg = 1.5\nthrust_max_n = 40.0\n[flight]\ncoast_s = 0.2\n")
-    done = replay(ARDUPILOT, "--json", "--config", config, "--set", "flight.coast_s=0.1")
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
-    assert found["hover_configured"] == pytest.approx(1.5 * 9.81 / 40.0)
-    assert found["gaps"]["limit_s"] == 0.1
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [(None, "cannot read the recording: No such file"), (b"", "the recording is empty"), (b"hello " * 40, "a .tlog?")],
@@ -81,9 +71,3 @@ def test_a_file_that_can_not_be_replayed_is_named_in_one_line(
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert str(file) in done.stderr and words in done.stderr
-
-
-def test_a_bad_override_is_named_with_its_key() -> None:
-    done = replay(ARDUPILOT, "--set", "vehicle.mass=1.0")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "vehicle.mass: unknown key" in done.stderr

@@ -2,10 +2,8 @@
 
 import asyncio
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -74,57 +72,6 @@ def test_a_dsm_module_on_a_port_flies_the_paper_in_real_time() -> None:
 def test_a_minute_over_a_dsm_module_stays_within_a_centimetre() -> None:
     errors = asyncio.run(flown(60.0))
     assert rms_cm(errors, 15.0) < 1.0
-
-
-@pytest.mark.tried(1)  # who dies first; test_pacer_standby.py kills either
-@pytest.mark.parametrize("first", ["pacer", "stand-by"])
-def test_a_flight_is_told_that_its_stand_by_is_gone_and_what_became_of_the_bring_down(
-    first: str, tmp_path: Path
-) -> None:
-    listen = f"pose.listen=127.0.0.1:{free_udp_port()}"
-    serve = (sys.executable, "-m", "sim", "serve", "--link", "dsm", "--set", listen, "--duration", "60")
-    with subprocess.Popen(serve, stdout=subprocess.PIPE, text=True) as server:
-        try:
-            assert server.stdout is not None
-            port = server.stdout.readline().split(" receiver on ")[1].split(",")[0]
-            sets = (listen, f"link.port={port}", "link.simulated=true", f"status.path={tmp_path}/status.sock")
-            words = (word for each in sets for word in ("--set", each))
-            fly = (sys.executable, "-m", "groundstation", "fly", str(EXAMPLE), "--arm", "mqx", *words)
-            with subprocess.Popen(fly, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as flight:
-                assert flight.stdout is not None
-                said = ""
-                while "tracking:" not in said:
-                    line = flight.stdout.readline()
-                    assert line, f"it ended before the figure: {said}"
-                    said += line
-                standby = next(child for child in _children(flight.pid) if "pacer_standby" in _command(child))
-                (pacer,) = _children(standby)
-                for process in (pacer, standby) if first == "pacer" else (standby, pacer):
-                    os.kill(process, signal.SIGKILL)
-                    if process == standby and first == "stand-by":
-                        while "stand-by is gone" not in said:
-                            line = flight.stdout.readline()
-                            assert line, f"nothing was told: {said}"
-                            said += line
-                        time.sleep(1.0)  # it is told once
-                    time.sleep(0.1)
-                said += flight.communicate(timeout=60)[0]
-                assert flight.returncode == 1
-        finally:
-            server.terminate()
-    told = "warning: the pacer's stand-by is gone: should the pacer end too"
-    assert said.count(told) == (1 if first == "stand-by" else 0), said
-    assert ("its stand-by has taken over and brings down" in said) == (first == "pacer"), said
-    assert "NOT brought down from here: the receiver's failsafe has to act: the pacer and its stand-by ended" in said
-    assert "the bring-down is over" not in said
-
-
-def _children(parent: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
-
-
-def _command(process: int) -> str:
-    return Path(f"/proc/{process}/cmdline").read_text()
 
 
 def test_fly_refuses_a_port_that_may_be_a_real_module(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import os
 import signal
-import subprocess
 import sys
 import tempfile
 import termios
@@ -19,8 +18,7 @@ from typing import NamedTuple
 import pytest
 
 from links.core import Command, LinkLost
-from links.io import is_pseudo_terminal, open_port
-from links.rf import Channels, CrsfLinkConfig, DsmLinkConfig, SerialRfLink
+from links.rf import Channels, DsmLinkConfig, SerialRfLink
 from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer import AFTERLIFE_S
 from sim.radio import PtyWire
@@ -270,72 +268,6 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
     second.close()
 
 
-KILLED = """
-import os, pathlib, sys
-from sim.radio import PtyWire
-
-PtyWire(pathlib.Path(sys.argv[1]))
-print(flush=True)
-sys.stdin.read()
-"""
-
-
-def test_the_port_that_a_killed_simulation_leaves_behind_leads_to_nobodys_terminal(tmp_path: Path) -> None:
-    port = tmp_path / "port"
-    command = [sys.executable, "-c", KILLED, str(port)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as simulation:
-        assert simulation.stdout is not None
-        simulation.stdout.readline()
-        assert is_pseudo_terminal(str(port))
-        os.close(open_port(str(port), 115200))
-        simulation.kill()
-    next_ones = [end for _ in range(20) for end in os.openpty()]  # one has its number
-    try:
-        assert port.is_symlink()
-        with pytest.raises(OSError, match="no such port"):
-            open_port(str(port), 115200)
-    finally:
-        for end in next_ones:
-            os.close(end)
-
-
-@in_real_time
-async def test_garbage_and_half_frames_from_the_module_are_counted_and_delay_nothing() -> None:
-    wire = PtyWire()
-    came: list[bytes] = []
-    wire.listen(came.append)
-    link = SerialRfLink(CrsfLinkConfig(port=wire.path, period_s=0.01), thrust_max_n=2.0)
-    await link.connect()
-    for _ in range(20):
-        wire.say(os.urandom(3000) + bytes.fromhex("C8 04 28 EE"))
-        await asyncio.sleep(0.02)
-    await asyncio.sleep(0.3)
-    status = link.status
-    await link.close()
-    wire.close()
-    assert status.state == "connected"
-    assert sum(status.dropped.values()) > 1000
-    decoder = CrsfLinkConfig().codec().decoder()
-    assert len(decoder.feed(b"".join(came))) > 40
-    assert not decoder.dropped, "what leaves is whole"
-
-
-@pytest.mark.parametrize(
-    ("port", "words"),
-    [
-        ("/dev/nothing", "no such port; plug in the adapter, or correct its name"),
-        ("/dev", "cannot open /dev"),
-        ("/dev/null", "it is no serial port"),
-    ],
-)
-@in_real_time
-async def test_a_port_that_cannot_be_used_says_why(port: str, words: str) -> None:
-    link = SerialRfLink(DsmLinkConfig(port=port), thrust_max_n=2.0)
-    with pytest.raises(LinkLost, match=words):
-        await link.connect()
-    assert link.status.state == "closed"
-
-
 @in_real_time
 async def test_a_port_in_use_is_not_shared() -> None:
     wire = PtyWire()
@@ -345,19 +277,6 @@ async def test_a_port_in_use_is_not_shared() -> None:
     with pytest.raises(LinkLost, match="another program uses it"):
         await second.connect()
     await first.close()
-    wire.close()
-
-
-@in_real_time
-async def test_a_pacer_without_real_time_priority_is_a_warning_before_take_off() -> None:
-    wire = PtyWire()
-    wire.listen(lambda data: None)
-    link = SerialRfLink(DsmLinkConfig(port=wire.path, fifo_priority=0), thrust_max_n=2.0)
-    await link.connect()
-    async with asyncio.timeout(60.0):  # its stand-by may not have looked yet
-        while link.status.warning != "frames may leave late, by ordinary priority, as configured":
-            await asyncio.sleep(0.01)
-    await link.close()
     wire.close()
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.__main__ import COMMANDS
 from groundstation.config import load
 from groundstation.core.messages import Notice
 from groundstation.core.safety.geofence import BoxFence
@@ -22,17 +21,13 @@ from groundstation.interfaces.service.flights import (
     STALE_S,
     DaemonHealth,
     HealthFile,
-    LogHandler,
     Notify,
     find_fault,
     health_path,
-    is_journal,
     line_of,
     longest_landing_s,
 )
 from groundstation.machine import Taken, hold_lock
-from groundstation.runtime import Exit
-from groundstation.runtime.entry import CODES
 from groundstation.settings import Config
 from tests.conftest import LEFT_OUT
 from tests.loops import in_real_time
@@ -91,23 +86,6 @@ def test_the_manager_is_told_on_a_path_and_on_an_abstract_name(tmp_path: Path, a
         ]
 
 
-@pytest.mark.parametrize(
-    "environment",
-    [{}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "/nowhere/at/all"}, {"NOTIFY_SOCKET": "vsock:2:1"},
-     {"WATCHDOG_USEC": "0"}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": "1000", "WATCHDOG_PID": "1"}],
-    ids=str,
-)  # fmt: skip
-def test_without_a_manager_nothing_happens(environment: dict[str, str]) -> None:
-    async def tell() -> float | None:
-        notify = Notify(environment)
-        await notify.open()
-        notify.ready()
-        notify.close()
-        return notify.feed_s
-
-    assert asyncio.run(tell()) is None
-
-
 @in_real_time
 async def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path) -> None:
     path = str(tmp_path / "notify")
@@ -123,50 +101,6 @@ async def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path
         await asyncio.sleep(0)
     notify.close()
     await asyncio.sleep(0)
-
-
-@pytest.mark.parametrize(
-    ("style", "journal", "expected"),
-    [
-        (Format.TEXT, False, 'WARNING say "no" twice'),
-        (Format.TEXT, True, '<4>say "no" twice'),
-        (Format.LOGFMT, True, '<4>level=warning msg="say \\"no\\" twice"'),
-        (Format.JSON, False, '{"level": "warning", "msg": "say \\"no\\" twice"}'),
-    ],
-)
-def test_a_log_line_is_one_line(style: Format, journal: bool, expected: str) -> None:
-    assert line_of(logging.WARNING, 'say "no"\ntwice', style, journal=journal) == expected
-
-
-def test_a_reader_that_is_stuck_loses_log_lines_and_is_told_how_many(tmp_path: Path) -> None:
-    reading, writing = os.pipe()
-    handler = LogHandler(writing, Format.TEXT, journal=False)
-
-    def log(text: str) -> None:
-        handler.emit(logging.LogRecord("groundstation", logging.INFO, "", 0, text, None, None))
-
-    for number in range(500):
-        log(f"{number} " + "x" * 1000)
-    held = os.read(reading, 1 << 20).decode().splitlines()
-    assert len(held) < 100
-    log("after")
-    assert (
-        os.read(reading, 1 << 20).decode()
-        == f"WARNING {500 - len(held)} log lines were lost: nobody read them\nINFO after\n"
-    )
-    log("ü" * 5000)
-    assert len(os.read(reading, 1 << 20)) <= 4096
-    os.close(reading)
-    log("nobody is there")
-    os.close(writing)
-
-
-def test_a_journal_is_known_by_its_device_and_inode(tmp_path: Path) -> None:
-    with (tmp_path / "file").open("w") as file:
-        info = os.fstat(file.fileno())
-        assert is_journal(file.fileno(), {"JOURNAL_STREAM": f"{info.st_dev}:{info.st_ino}"})
-        assert not is_journal(file.fileno(), {"JOURNAL_STREAM": f"{info.st_dev}:1"})
-        assert not is_journal(file.fileno(), {})
 
 
 WELL = DaemonHealth("mqx", "tracking", "following", 7, 100.0, 0.02, 1, {})
@@ -232,26 +166,6 @@ def test_the_unit_file_pleases_systemd(tmp_path: Path) -> None:
     done = subprocess.run([program, "verify", str(file)], capture_output=True, check=False, text=True)
     about = [line for line in done.stderr.splitlines() if "groundstation" in line]
     assert (done.returncode, about) == (0, []), done.stderr
-
-
-def exit_code_table() -> str:
-    """The table of docs/reference/exit-codes.md."""
-    lines = ["| command | code | means |", "|---|---|---|"]
-    for command, codes in CODES.items():
-        lines += [f"| `{command}` | {code} | {means} |" for code, means in codes.items()]
-    lines += [
-        "| all others | 0 | done |",
-        "| all others | 1 | not done: the reason is printed |",
-        "| all | 2 | a bad command line or configuration; nothing was opened |",
-        f"| all | {Exit.INTERRUPTED} | Ctrl-C, outside a flight |",
-    ]
-    return "\n".join(lines)
-
-
-def test_the_table_of_exit_codes_is_that_of_the_code_and_names_commands_that_there_are() -> None:
-    document = (ROOT / "docs/reference/exit-codes.md").read_text("utf-8")
-    assert exit_code_table() in document
-    assert set(CODES) <= {name for group in COMMANDS.values() for name in group}
 
 
 def test_json_log_lines_are_json() -> None:

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import io
 import math
-import os
 import shlex
 import socket
 import subprocess
@@ -20,7 +19,7 @@ from textual.command import CommandList, CommandPalette
 from textual.pilot import Pilot
 
 from groundstation.config import ConfigError
-from groundstation.interfaces.tui.app import Dashboard, served_socket
+from groundstation.interfaces.tui.app import served_socket
 from groundstation.interfaces.tui.drawing import big
 from groundstation.interfaces.tui.model import ORDERS
 from groundstation.interfaces.tui.widgets import (
@@ -30,11 +29,10 @@ from groundstation.interfaces.tui.widgets import (
     InTime,
     Knob,
     Numbers,
-    Preflight,
     Tabs,
     TopView,
 )
-from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, standing, text, until
+from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, text, until
 from tests.sample_flight import sample
 
 
@@ -90,21 +88,6 @@ def test_nothing_is_drawn_outside_a_terminal_of_any_size(size: tuple[int, int]) 
     play(scene, Fixed(flown(10.0)), size)
 
 
-def test_the_checks_stand_where_the_plots_will_be_until_it_takes_off(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            stage.latest.put(standing())
-            await until(pilot, lambda: says(pilot, "ready"))
-            await pilot.pause(0.3)
-            assert text(pilot, Preflight).split("\n")[1].startswith("✗ FAIL floor: it stands at +1.00 m")
-            assert not pilot.app.query_one(TopView).display
-            stage.latest.put(sample(1.0))
-            await until(pilot, lambda: pilot.app.query_one(TopView).display)
-            assert not pilot.app.query_one(Preflight).display
-
-    play(scene, stage.path)
-
-
 def test_no_data_is_said_in_large_letters_and_goes_away_when_the_core_comes_back(stage: Stage) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: says(pilot, "NO DATA"))
@@ -158,22 +141,6 @@ def test_a_new_flight_begins_with_empty_plots(stage: Stage) -> None:
     play(scene, stage.path)
 
 
-def test_configuration_and_events_can_be_searched() -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        await until(pilot, lambda: says(pilot, "ready"))
-
-        def shown() -> str:
-            found = pilot.app.screen.query("#text")
-            return str(found.first().render()) if found else ""
-
-        await pilot.press("4", "slash", *"coast", "enter")
-        await until(pilot, lambda: "flight.coast_s = 0.25" in shown() and "vehicle.mass_kg" not in shown())
-        await pilot.press("5", "slash", *"link and")
-        await until(pilot, lambda: "ready: link and poses" in shown() and "tracking" not in shown())
-
-    play(scene, Fixed(on_ground()))
-
-
 def finds(pilot: Pilot[None], words: str) -> bool:
     """Whether the palette's first command is what these words look for, not what an earlier search has found."""
     lists = pilot.app.screen.query(CommandList)
@@ -204,30 +171,6 @@ def test_the_palette_changes_page_and_colours() -> None:
             await choose(words, lambda theme=theme: pilot.app.theme == theme)  # type: ignore[misc]
 
     play(scene, Fixed(on_ground()))
-
-
-def test_the_palette_opens_while_another_one_is_closing_or_left_on_a_page() -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        app = pilot.app
-        assert isinstance(app, Dashboard)
-
-        async def is_open() -> None:
-            await until(pilot, lambda: bool(app.screen.query("CommandPalette CommandList")))
-
-        app.action_command_palette()
-        await is_open()
-        app.action_page("links")
-        await until(pilot, lambda: app.current_mode == "links")
-        app.action_command_palette()
-        await is_open()
-        app.pop_screen()
-        app.action_command_palette()
-        await is_open()
-        assert isinstance(app.screen, CommandPalette)
-        app.action_command_palette()
-        assert len(app.screen_stack) == 2
-
-    play(scene, Fixed(flown(3.0)))
 
 
 def test_without_a_name_it_is_the_only_one_that_runs_or_the_operator_is_asked(
@@ -429,79 +372,6 @@ def test_a_paste_without_its_marks_orders_nothing_and_the_kill_key_works_after_i
         assert set(asked.read_text().split()) == {"kill"}
 
 
-@pytest.mark.parametrize("typed", [
-    b"\x0b\x0b",
-    b"j\x1b[Bk\x0b\x0b",
-    b"\x1b\x0b\x0b",
-    b"x" * 50 + b"\x0b\x0b",  # a key that is held down
-    b"\x0c\x18\x0b\x0b" * 10,  # somebody hammers on all that stop
-    b"\x10\x10\x0b\x0b",
-])  # fmt: skip
-def test_keys_that_a_slow_connection_brings_at_once_still_kill(
-    terminal: Terminal, tmp_path: Path, typed: bytes
-) -> None:
-    with orders_shown(terminal, tmp_path) as asked:
-        terminal.paste(typed)
-        wait_for_order(asked, "kill")
-
-
-@pytest.mark.parametrize("pieces", [
-    [b"\x1b[200~never ended"],
-    [b"\x1b[20", b"0~never ended"],
-    [b"\x1b[200~text", b"\x1b[200~again"],
-])  # fmt: skip
-def test_a_paste_without_an_end_keeps_the_kill_key_for_a_second_only(
-    terminal: Terminal, tmp_path: Path, pieces: list[bytes]
-) -> None:
-    with orders_shown(terminal, tmp_path) as asked:
-        for piece in pieces:
-            terminal.paste(piece)
-        terminal.wait_for("A paste had no end")
-        assert asked.read_text() == ""
-        terminal.paste(b"\x0b\x0b")
-        wait_for_order(asked, "kill")
-
-
-@pytest.mark.parametrize("typed", [
-    b"\xe9x",
-    bytes(range(128, 256)) * 20,
-    b"\x1b[99999999999u",  # a key of a number that no character has
-    b"\xe9\x1b[1;1;99999999999u\xff",
-])  # fmt: skip
-def test_keys_still_work_after_bytes_that_are_no_text(terminal: Terminal, tmp_path: Path, typed: bytes) -> None:
-    with orders_shown(terminal, tmp_path):
-        terminal.paste(typed)
-        terminal.type("Escape")
-        terminal.type("?")
-        terminal.wait_for("twice within 1 s")
-
-
-@pytest.mark.tried(1)  # commands
-@pytest.mark.parametrize(("words", "says"), [
-    (["flight.mcap"], "--screenshot FILE.svg draws a picture of it"),
-    (["--socket", "nobody.sock"], "groundstation daemon health says in a line how the flight is"),
-    (["--fleet", "mqtt://127.0.0.1:1"], "`groundstation mqtt topics` says what other programs can read"),
-])  # fmt: skip
-def test_nothing_is_drawn_where_there_is_no_terminal(words: list[str], says: str) -> None:
-    command = [sys.executable, "-m", "groundstation", "tui", *words]
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 2 and not done.stdout
-    assert f"a dashboard needs a terminal; {says}" in done.stderr
-
-
-def test_a_dashboard_that_would_be_drawn_into_a_file_of_errors_says_so(tmp_path: Path) -> None:
-    far, near = os.openpty()
-    with (tmp_path / "errors.log").open("w") as errors:
-        done = subprocess.run(
-            [sys.executable, "-m", "groundstation", "tui", "--socket", "nobody.sock"],
-            stdin=near, stdout=near, stderr=errors, timeout=60, check=False,
-        )  # fmt: skip
-    os.close(near)
-    os.close(far)
-    assert done.returncode == 2
-    assert "a dashboard needs a terminal" in (tmp_path / "errors.log").read_text()
-
-
 @pytest.mark.tried(2)  # the least and the largest width
 @pytest.mark.parametrize("columns", [60, 80, 120, 200])
 def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns: int) -> None:
@@ -531,20 +401,6 @@ def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns
     play(scene, Fixed(flown(10.0, **more)), (columns, 24))
 
 
-@pytest.mark.parametrize("rows", [20, 24])
-def test_a_low_screen_still_tells_of_the_pose_the_link_and_the_battery(rows: int) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        await until(pilot, lambda: "10.0 s" in text(pilot, Banner))
-        await pilot.pause(0.3)
-        numbers = pilot.app.screen.query_one(Numbers)
-        shown = text(pilot, Numbers).splitlines()
-        assert all(any(line.startswith(name) for line in shown) for name in ("position", "pose", "link", "battery"))
-        assert len(shown) <= numbers.size.height
-        assert numbers.region.bottom <= pilot.app.screen.query_one(Events).region.y
-
-    play(scene, Fixed(flown(10.0)), (60, rows))
-
-
 @pytest.mark.tried(1)  # the least width
 @pytest.mark.parametrize("columns", [60, 80, 120])
 def test_every_order_has_its_key_and_its_name_at_every_width(columns: int) -> None:
@@ -560,14 +416,3 @@ def test_every_order_has_its_key_and_its_name_at_every_width(columns: int) -> No
         assert len({knob.region.y for knob in knobs}) == (2 if columns < 79 else 1)
 
     play(scene, Fixed(flown(10.0)), (columns, 24))
-
-
-def test_the_check_that_stands_in_the_way_is_whole_where_the_others_have_no_room() -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        await until(pilot, lambda: "FAIL" in text(pilot, Preflight))
-        await pilot.pause(0.3)
-        shown = " ".join(text(pilot, Preflight).split())
-        assert "FAIL floor: it stands at +1.00 m, flight.floor_z_m says +0.00 m: correct it" in shown
-        assert "PASS" in shown
-
-    play(scene, Fixed(on_ground()), (44, 13))

@@ -1,6 +1,5 @@
 """What leaves a dashboard: each order by its key, from every page and dialog, and nothing that was not ordered."""
 
-import asyncio
 from pathlib import Path
 
 import pytest
@@ -9,12 +8,12 @@ from textual.pilot import Pilot
 from textual.screen import ModalScreen
 from textual.widgets import Input
 
-from groundstation.core.messages import Ask, Reply
+from groundstation.core.messages import Ask
 from groundstation.interfaces.api.client import StopReport
 from groundstation.interfaces.tui import app as ordering
 from groundstation.interfaces.tui import model as feed
-from groundstation.interfaces.tui.app import Attached, Dashboard
-from groundstation.interfaces.tui.widgets import Help, Knob, Typed
+from groundstation.interfaces.tui.app import Dashboard
+from groundstation.interfaces.tui.widgets import Knob, Typed
 from tests.dashboards import Fixed, Stage, flown, play, says, standing, told, until
 from tests.sample_flight import sample
 
@@ -66,24 +65,6 @@ def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(
                     await pilot.press(*keys)
                     await until(pilot, lambda: stage.asked == STOPS)
             assert isinstance(pilot.app.screen, CommandPalette)
-
-    play(scene, stage.path)
-
-
-@pytest.mark.usefixtures("patient")
-def test_it_leaves_while_a_name_is_being_typed(stage: Stage) -> None:
-    stage.latest.put(standing())
-
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await in_control(pilot)
-            await pilot.press("a", "m", "q")
-            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-            for keys in (STOP_KEYS, SECOND_STOP_KEYS):
-                stage.core.asked.clear()
-                await pilot.press(*keys)
-                await until(pilot, lambda: stage.asked == STOPS)
-            assert isinstance(pilot.app.screen, Typed)
 
     play(scene, stage.path)
 
@@ -149,36 +130,6 @@ def test_one_press_kills_nothing_and_a_second_one_that_is_late_does_not_either(s
             assert stage.asked == []
             await pilot.press("ctrl+k")
             await until(pilot, lambda: stage.asked == [Ask.KILL])
-
-    play(scene, stage.path)
-
-
-@pytest.mark.usefixtures("patient")
-def test_each_order_can_be_clicked_on(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await in_control(pilot)
-            for knob in pilot.app.screen.query(Knob):
-                if knob.order.ask in (Ask.HOLD, Ask.RETURN, *STOPS) and not knob.order.everywhere:
-                    await pilot.click(knob)
-            await pilot.pause(0.1)
-            killed = pilot.app.screen.query(Knob).filter(".kill").first()
-            assert Ask.KILL not in stage.asked
-            await pilot.click(killed)
-            await until(pilot, lambda: stage.asked == [Ask.HOLD, Ask.RETURN, Ask.LAND, Ask.ABORT, Ask.KILL])
-
-    play(scene, stage.path)
-
-
-def test_the_knobs_in_a_dialog_can_be_clicked_on(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await until(pilot, lambda: knows(pilot))
-            await pilot.press("question_mark")
-            await until(pilot, lambda: isinstance(pilot.app.screen, Help))
-            await pilot.pause(0.1)
-            await pilot.click(pilot.app.screen.query(Knob).filter(".land").first())
-            await until(pilot, lambda: stage.asked == [Ask.LAND])
 
     play(scene, stage.path)
 
@@ -318,14 +269,6 @@ def test_what_starts_or_steers_is_not_ordered_by_what_is_old(stage: Stage) -> No
     play(scene, stage.path)
 
 
-def test_a_ground_station_that_is_not_there_is_told(tmp_path: Path) -> None:
-    async def deaf() -> Reply:
-        feed = Attached(tmp_path / "nobody.sock")
-        return await feed.ask(Ask.LAND, "")
-
-    assert not asyncio.run(deaf()).done
-
-
 def test_leaving_in_the_air_asks_and_says_how_to_come_back(capsys: pytest.CaptureFixture[str]) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: knows(pilot))
@@ -343,12 +286,3 @@ def test_leaving_in_the_air_asks_and_says_how_to_come_back(capsys: pytest.Captur
         assert "groundstation request land --vehicle mqx" in goodbye
 
     play(scene, Fixed(flown(3.0)))
-
-
-def test_leaving_on_the_ground_asks_nothing() -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        await until(pilot, lambda: knows(pilot))
-        await pilot.press("q")
-        await until(pilot, lambda: not pilot.app.is_running)
-
-    play(scene, Fixed([standing()]))

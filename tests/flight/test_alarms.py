@@ -63,13 +63,6 @@ def test_no_flight_ends_by_its_poses_where_something_is_configured_wrong(floor: 
     assert found.grounded == (1 if watch.floor is not None and "0.62" in watch.floor.name else 0)
 
 
-@pytest.mark.soak
-@pytest.mark.parametrize("scenario", ["adverse", "storm"])
-def test_nor_does_one_of_very_many(scenario: str) -> None:
-    (found,) = watch_all([Watch(scenario)], range(20, 250), workers=2)
-    assert ended(found) == []
-
-
 @pytest.mark.tried(1)  # seeds
 @pytest.mark.parametrize("seed", [0, 1])
 def test_an_estimate_that_wanders_and_turns_its_heading_does_not_fail(seed: int) -> None:
@@ -95,18 +88,6 @@ def test_an_estimate_that_has_its_height_wrong_on_the_floor_has_touched_down_all
     assert [one.why for one in found.flights if not one.landed] == []
 
 
-def test_the_command_tells_windows_and_the_largest_alarm(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = "dev alarms paper --seed 4 --flights 1 --workers 1 --duration 1 --json"
-    monkeypatch.setattr(sys, "argv", ["groundstation-sim", *words.split()])
-    assert main() == 0
-    (told,) = json.loads(capsys.readouterr().out)
-    assert told["windows"] == sum(one["windows"] for one in told["flights"]) > 100
-    assert [one["seed"] for one in told["flights"]] == [4]
-    assert (told["ended_by_poses"], told["not_flown"]) == (0, 0)
-
-
 def test_a_flight_that_its_poses_end_is_told_and_the_command_fails(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,15 +105,6 @@ def test_a_flight_that_its_poses_end_is_told_and_the_command_fails(
         "  seed 7: pose.stopped_dead: it stopped",
         "  seed 8: did not land as planned: a fence",
     ]
-
-
-def test_a_flight_that_is_refused_is_none_without_alarm(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = "dev alarms paper --flights 1 --workers 1 --duration 1 --set vehicle.mass_kg=0.03"
-    monkeypatch.setattr(sys, "argv", ["groundstation-sim", *words.split()])
-    assert main() == 1
-    assert "1 NOT FLOWN" in capsys.readouterr().out
 
 
 class Hop(shadow_flight.Flight, frozen=True):

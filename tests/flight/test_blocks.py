@@ -18,19 +18,6 @@ def rms(scenario: str, *overrides: str, duration_s: float = 20.0) -> float:
     return 100.0 if value is None else value
 
 
-ON = ("actuator_compensation=true", "delay_prediction=true", "observer=model", "composite=provable")
-
-
-@pytest.mark.matrix  # the next test switches each off alone
-def test_each_block_of_the_ladder_lowers_the_error_with_the_papers_gains() -> None:
-    ladder = ["controller.kind=uncompensated", *(f"controller.{switch}" for switch in ON)]
-    printed, actuators, prediction, observer, composite = (rms("paper", *ladder[: i + 1]) for i in range(len(ladder)))
-    assert actuators < 0.1 * printed
-    assert prediction < 0.5 * actuators
-    assert composite < 0.5 * min(prediction, observer)
-    assert rms("paper") < composite
-
-
 @pytest.mark.tried(1)  # test_scenarios.py holds what is flown to its figures
 @pytest.mark.parametrize(
     ("scenario", "switch", "factor"),

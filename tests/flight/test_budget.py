@@ -2,7 +2,6 @@
 
 import json
 
-import msgspec
 import pytest
 
 import groundstation
@@ -73,15 +72,6 @@ def test_without_the_only_disturbance_of_a_flight_its_error_vanishes(
     assert one.rms_cm == pytest.approx(undisturbed, rel=1e-3)
     assert one.squared_cm2 == pytest.approx(budget.rms_cm**2 - undisturbed**2, rel=1e-3)
     assert set(by_source(budget)) == {source}
-
-
-def test_without_limits_nothing_saturates_and_without_latency_none_is_told() -> None:
-    changed = {source.name: source.off(*prepare(SCENARIOS["storm"], [])) for source in SOURCES}
-    world, config = changed["saturation"]
-    assert config.full_thrust_n == config.vehicle.thrust_max_n == world.thrust_max_n == pytest.approx(1370.0)
-    world, config = changed["latency"]
-    assert world.pose_latency_s == msgspec.to_builtins(config.pose)["latency_s"] == 0.0
-    assert changed["losses"][0].outage_s == changed["losses"][0].frame_loss == 0.0
 
 
 def test_what_has_no_budget_says_why() -> None:

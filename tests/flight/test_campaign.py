@@ -16,8 +16,8 @@ from groundstation.core.messages import STEADY_S, Tick
 from sim.__main__ import main
 from sim.runs import fly
 from sim.scenarios import SCENARIOS, prepare
-from sim.studies.campaign import USUAL, Campaign, CampaignRow, Local, plot, report, run, text, verify
-from sim.studies.campaign.campaign import DRAWS, Folder, command, draw_world, fields, overrides
+from sim.studies.campaign import USUAL, Campaign, CampaignRow, Local, report, run, text
+from sim.studies.campaign.campaign import Folder, command, draw_world, fields, overrides
 from tests.flight.flights import campaign_of
 
 DURATION_S = 16.0
@@ -79,21 +79,6 @@ def test_flights_of_other_settings_are_not_mixed(other: Campaign, key: str, tmp_
         run(other, SEEDS, Local(1), out=tmp_path)
 
 
-def test_flights_of_another_program_are_not_mixed(tmp_path: Path) -> None:
-    Folder(tmp_path, _campaign().settings() | {"program_sha256": "0"})
-    with pytest.raises(ConfigError, match="program_sha256"):
-        run(_campaign(), SEEDS, Local(1), out=tmp_path)
-
-
-def test_a_folder_that_is_no_campaign_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "flights.csv").write_text("who,knows\n1,2\n")
-    with pytest.raises(ConfigError, match=str(tmp_path)):
-        Folder(tmp_path, _campaign().settings())
-    (tmp_path / "settings.json").write_text(json.dumps(_campaign().settings()))
-    with pytest.raises(ConfigError, match="no folder of a campaign"):
-        Folder(tmp_path, _campaign().settings())
-
-
 def test_the_command_of_each_flight_flies_it_again(
     rows: list[CampaignRow], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,16 +87,6 @@ def test_the_command_of_each_flight_flies_it_again(
         verdict = json.loads(capsys.readouterr().out)
         assert verdict["rms_cm"] == pytest.approx(row.rms_cm, abs=1e-3)
         assert verdict["max_cm"] == pytest.approx(row.max_cm, abs=1e-3)
-
-
-@pytest.mark.parametrize("draws", [USUAL, tuple(DRAWS), ("latency", "gain")])
-def test_the_command_carries_the_drawn_world_to_the_last_bit_and_what_was_set(draws: tuple[str, ...]) -> None:
-    campaign = _campaign("sim.wind_mean=[1, 0, 0]", "controller.kb=0.01", draws=draws)
-    words = shlex.split(command(campaign, 5))
-    pairs = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
-    world, config = prepare(SCENARIOS["adverse"], pairs)
-    assert world == draw_world(campaign.world, 5, draws)
-    assert config == campaign.config
 
 
 @given(seed=st.integers(0, 2**31), scenario=st.sampled_from(sorted(SCENARIOS)))
@@ -127,29 +102,6 @@ def test_draws_stay_within_their_bounds_and_change_nothing_else(seed: int, scena
     assert msgspec.structs.replace(world, **{name: getattr(truth, name) for name in fields(USUAL)}) == truth
 
 
-@given(seed=st.integers(0, 2**31), names=st.sets(st.sampled_from(sorted(DRAWS))))
-def test_what_else_is_drawn_shifts_no_draw(seed: int, names: set[str]) -> None:
-    truth = SCENARIOS["adverse"].world
-    everything, some = draw_world(truth, seed, tuple(DRAWS)), draw_world(truth, seed, names)
-    for field in fields(DRAWS):
-        assert getattr(some, field) == getattr(everything if field in fields(names) else truth, field)
-    assert 0.015 <= everything.pose_latency_s <= 0.030
-    assert 0.0003 <= everything.pose_noise_m <= 0.0012
-    assert 0.002 <= everything.attitude_noise_rad <= 0.008
-    assert max(everything.pose_loss, everything.frame_loss) <= 0.05
-    assert everything.outage_s <= 0.15
-
-
-def test_directions_favour_no_side() -> None:
-    winds = [draw_world(SCENARIOS["adverse"].world, seed).wind_mean for seed in range(2000)]
-    length = math.hypot(*winds[0])
-    for axis in range(3):
-        shares = sorted(wind[axis] / length for wind in winds)
-        # On a sphere each coordinate is uniform from -1 to 1.
-        assert shares[500] == pytest.approx(-0.5, abs=0.07)
-        assert shares[1500] == pytest.approx(0.5, abs=0.07)
-
-
 def test_a_crash_is_worse_than_any_error(rows: list[CampaignRow]) -> None:
     def row(seed: int, rms_cm: float | None) -> CampaignRow:
         return msgspec.structs.replace(rows[0], seed=seed, rms_cm=rms_cm, max_cm=rms_cm, survived=rms_cm is not None)
@@ -162,14 +114,6 @@ def test_a_crash_is_worse_than_any_error(rows: list[CampaignRow]) -> None:
     assert [w["seed"] for w in facts["worst"]] == [99, 98, 97, 96, 95]
     assert facts["ns_per_vehicle_step"] == pytest.approx(2.0 * 2 / (100 * DURATION_S / 0.0025) * 1e9)
     assert "RMS error, worst        crashed" in text(facts)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("draws", [USUAL, tuple(DRAWS)])
-def test_twenty_flights_of_a_minute_agree_with_whole_ones(draws: tuple[str, ...]) -> None:
-    campaign = _campaign(duration_s=60.0, draws=draws)
-    rows, _ = run(campaign, range(1000), Local(2))
-    assert verify(campaign, rows, 20, workers=2)["apart"] == []
 
 
 def test_forty_adverse_flights_stay_as_close_as_a_thousand_and_v_under_its_bound() -> None:
@@ -202,17 +146,6 @@ def test_the_certificate_of_each_flight_stands_in_its_row(rows: list[CampaignRow
     assert row.thrust_margin_n == pytest.approx(margin, rel=1e-2)
     assert row.certificate_violated == verdict.certificate_violated == 0.0
     assert row.certificate_suspended == pytest.approx(verdict.certificate_suspended, abs=0.002)
-
-
-@pytest.mark.matrix  # a picture of what others check
-def test_a_campaign_is_drawn(rows: list[CampaignRow], tmp_path: Path) -> None:
-    crashed = msgspec.structs.replace(rows[0], seed=99, rms_cm=None, survived=False)
-    for draws in (USUAL, tuple(DRAWS), ("mass",), ()):
-        picture = tmp_path / f"{len(draws)}.png"
-        plot(picture, _campaign(draws=draws), [*rows, crashed])
-        assert picture.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(ConfigError, match="--plot: cannot write"):
-        plot(tmp_path / "nowhere" / "campaign.png", _campaign(), rows)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import json
-import tomllib
 from collections.abc import Coroutine, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,8 @@ import msgspec
 import pytest
 
 from groundstation.config import ConfigError, load
-from groundstation.core.geometry import Alignment, Frames, so3
+from groundstation.core.geometry import so3
 from groundstation.lab import pose_monitor as command
-from groundstation.lab.pose_monitor import set_keys
 from groundstation.machine import sleep_until
 from groundstation.runtime import Exit
 from groundstation.settings import Config
@@ -148,20 +146,6 @@ def test_the_axes_and_the_latency_are_found_and_written(
     assert there.sent <= {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG"}
 
 
-def test_a_dry_run_writes_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    lab = tmp_path / "lab.toml"
-    lab.write_text(LAB.replace("KIND", "vicon"))
-    with room(lab, monkeypatch):
-        assert command.carry_command(load(lab, Config), lab, ["vehicle.name=x"], as_json=False, keep=True) == 0
-    assert lab.read_text() == LAB.replace("KIND", "vicon")
-    assert [*tmp_path.iterdir()] == [lab]
-    out = capsys.readouterr().out
-    assert "pose.world = 'eus'" in out
-    assert "40" in out
-
-
 @pytest.mark.parametrize("armed_at_s", [-1.0, 12.0])
 def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(
     armed_at_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -207,43 +191,6 @@ def test_ctrl_c_leaves_one_object_and_writes_nothing(
     assert lab.read_text() == LAB.replace("KIND", "vicon")
 
 
-def test_poses_of_the_autopilot_itself_and_recordings_have_no_axes_to_find(tmp_path: Path) -> None:
-    for pose in ({"kind": "mavlink"}, {"kind": "csv", "path": "x"}):
-        config = msgspec.convert({"pose": pose}, Config)
-        with pytest.raises(ConfigError, match=r"pose\.kind"):
-            command.carry_command(config, tmp_path / "lab.toml", [], as_json=True, keep=True)
-
-
-def test_overrides_can_not_be_written(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="dry-run"):
-        command.carry_command(Config(), tmp_path / "lab.toml", ["vehicle.name=x"], as_json=True, keep=False)
-
-
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        ("", '[pose]\nworld = "nwu"\n'),
-        (
-            '[pose] # x\nworld = "ned" # y\nkind = "json"\n[link]\n',
-            '[pose] # x\nworld = "nwu"\nkind = "json"\n[link]\n',
-        ),
-        ('[pose]\nkind = "json"\n\n[link]\nq = 1', '[pose]\nkind = "json"\nworld = "nwu"\n\n[link]\nq = 1\n'),
-        ("[link]\nworld = 1\n", '[link]\nworld = 1\n\n[pose]\nworld = "nwu"\n'),
-        ("[ pose ]\n", '[ pose ]\nworld = "nwu"\n'),
-        ("[pose.alignment]\n", '[pose.alignment]\n\n[pose]\nworld = "nwu"\n'),
-    ],
-)
-def test_a_key_is_set_and_the_rest_stays(before: str, after: str) -> None:
-    assert set_keys(before, "pose", {"world": "nwu"}) == after
-    assert tomllib.loads(after)["pose"]["world"] == "nwu"
-
-
-def test_numbers_and_lists_are_written_on_one_line() -> None:
-    text = set_keys("", "a", {"x": 0.035, "y": (0.0, -1.5, 20.0)})
-    assert tomllib.loads(text) == {"a": {"x": 0.035, "y": [0.0, -1.5, 20.0]}}
-    assert len(text.splitlines()) == 3
-
-
 def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -254,9 +201,3 @@ def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(
         command.carry_command(load(lab, Config), lab, [], as_json=False, keep=False)
     assert lab.read_text() == text
     assert [*tmp_path.iterdir()] == [lab]
-
-
-def test_frames_and_alignment_of_the_room_are_what_the_tests_think() -> None:
-    lab = Frames("eus", "rub", Alignment(lab_rotation_deg=(0.0, 0.0, 40.0)))
-    place, _ = lab.theirs((0.0, 0.0, -1.0), so3.IDENTITY)
-    assert place == pytest.approx((0.0, 1.0, 0.0)), "its y is up"

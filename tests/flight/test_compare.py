@@ -5,7 +5,6 @@ import contextlib
 import io
 import json
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,23 +16,17 @@ from sim.cli import commands
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies import (
     CONTROLLERS,
-    GUST,
-    WITHOUT_ADAPTATION,
     Case,
     ComparedFlight,
     cases,
-    fly_case,
     markdown_table,
-    plot,
     rows,
     text_table,
     write_between_markers,
 )
-from tests.flight.flights import flown as one_flight
 
 SCENARIO = "storm"
 DURATION_S = 17.0
-PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture(scope="module")
@@ -93,12 +86,6 @@ def test_ours_beats_every_baseline(compared: list[dict[str, Any]]) -> None:
         assert row["rms_cm"] is None or row["rms_cm"] > 1.1 * ours["rms_cm"], row
 
 
-def test_a_row_says_what_the_same_flight_says(compared: list[dict[str, Any]]) -> None:
-    verdict = one_flight(SCENARIO, "controller.kind=pid", duration_s=DURATION_S).verdict
-    row = next(row for row in compared if row["controller"] == "pid")
-    assert (row["rms_cm"], row["max_cm"], row["settle_s"]) == (verdict.rms_cm, verdict.max_cm, verdict.settle_s)
-
-
 def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
     compared: list[dict[str, Any]], controllers: tuple[str, ...], folder: Path
 ) -> None:
@@ -112,11 +99,6 @@ def test_the_table_stands_between_the_markers_with_the_command_that_makes_it(
     assert f"made by `{flown_by} --plot pictures/x.png --write PAGE.md`" in text
 
 
-def test_the_picture_is_drawn(compared: list[dict[str, Any]], folder: Path) -> None:
-    assert compared
-    assert (folder / "pictures" / "x.png").read_bytes().startswith(PNG)
-
-
 # ---- the parts, on made-up flights
 
 
@@ -128,12 +110,6 @@ def made_up(controller: str, rms: list[float | None], scenario: str = "paper") -
         )
         for seed, value in enumerate(rms)
     ]
-
-
-def test_figures_are_medians_with_their_spread() -> None:
-    (row,) = rows(made_up("pid", [3.0, 1.0, 2.0]))
-    assert (row.rms_cm, row.rms_cm_min, row.rms_cm_max, row.max_cm) == (2.0, 1.0, 3.0, 4.0)
-    assert (row.survived, row.crashed, row.flights) == (True, 0, 3)
 
 
 def test_one_crash_leaves_no_figure_that_could_be_boasted_of() -> None:
@@ -171,27 +147,6 @@ def test_large_pushes_come_from_every_side_and_are_flown_only_when_asked_for() -
     assert (world.wind_push_s, config.controller.kind, last.variant) == (1.0, "pid", 15)
 
 
-def test_the_gust_front_is_flown_without_adaptation_too() -> None:
-    work = cases(["paper", GUST], ["pid", "adaptive", "indi"])
-    names = [case.controller for case in work if case.scenario == GUST]
-    assert names == ["pid", "adaptive", WITHOUT_ADAPTATION, "indi"]
-    assert WITHOUT_ADAPTATION not in [case.controller for case in work if case.scenario == "paper"]
-    _, off = prepare(SCENARIOS[GUST], list(work[5].overrides))
-    assert (off.controller.kind, off.controller.kb, off.controller.composite) == ("adaptive", 0.0, "off")
-
-
-def test_a_trace_holds_the_true_error_from_the_start_on(tmp_path: Path) -> None:
-    one = fly_case(Case(GUST, "adaptive", ("sim.wind_step_time_s=3.0",)), 0, 17.0, traced=True)
-    trace = one.trace
-    assert trace is not None
-    assert len(trace) == pytest.approx(17.0 / 0.05, abs=1)
-    assert trace[0] == pytest.approx(181.0, abs=3.0)
-    # The 15th second on is what the figures are taken from; a point of the trace is the largest error of its 50 ms.
-    assert max(trace[300:]) == pytest.approx(one.max_cm, rel=1e-3)
-    plot(tmp_path / "gust.svg", rows([one]), [one])
-    assert "the wind steps" in (tmp_path / "gust.svg").read_text("utf-8")
-
-
 def asked(**changes: Any) -> argparse.Namespace:
     args = parser().parse_args(["compare", "--seeds", "1", "--duration", "20", "--workers", "1", "--json"])
     vars(args).update(changes)
@@ -226,12 +181,6 @@ def asked(**changes: Any) -> argparse.Namespace:
 def test_what_cannot_be_flown_or_written_is_said_before_anything_flies(changes: dict[str, Any], line: str) -> None:
     with pytest.raises(ConfigError, match=line):
         commands.compare(asked(**changes))
-
-
-def test_without_matplotlib_a_picture_is_refused_before_anything_flies(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(ConfigError, match=r"--plot: needs matplotlib.*pip install .*\[plot\]"):
-        commands.compare(asked(plot=Path("x.png")))
 
 
 @pytest.mark.parametrize(

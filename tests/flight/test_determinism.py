@@ -49,15 +49,6 @@ def test_another_process_with_another_hash_seed_gives_the_same_bytes(link: str) 
     assert digests[0] == digests[1]
 
 
-def test_another_seed_gives_other_bytes() -> None:
-    assert digest("paper", 1) != first("paper")
-
-
-def test_the_digest_sees_commands_and_poses() -> None:
-    assert digest("paper", 0, "controller.k2=2.1") != first("paper")
-    assert digest("paper", 0, "sim.pose_noise_m=0.00031") != first("paper")
-
-
 def test_a_minute_of_flight_takes_no_longer_than_some_millions_of_additions() -> None:
     """What a minute is promised to take, of whatever processor there is: both are measured by turns."""
     world, config = prepare(SCENARIOS["paper"], [])

@@ -2,11 +2,8 @@
 
 import argparse
 import math
-import textwrap
 from pathlib import Path
 
-import msgspec
-import numpy as np
 import pytest
 
 from groundstation.config import ConfigError
@@ -15,23 +12,16 @@ from sim.__main__ import parser
 from sim.cli import commands
 from sim.studies import (
     SEARCHED_LAWS,
-    TRIALS,
     compare_at_equal_margins,
-    describe_terms,
-    draw_equal_margins,
-    equal_margins_table,
     read_trials,
     write_trials,
 )
 from sim.studies import comparison as module
 from sim.studies.comparison import (
-    EFFORT_RAD_S,
     FLOORS,
-    LQG_CM,
     EqualMarginsRow,
     EqualTerms,
     SearchedLaw,
-    find_dominators,
     make_wrong,
 )
 from sim.studies.tune import Flyers, Search, SortieOutcome, TuningTrial, stage_scenarios
@@ -65,13 +55,6 @@ def judged(position: float, velocity: float, best_cm: float = math.inf) -> tuple
     return EqualTerms(best_cm)(search(), {"p_position": position, "p_velocity": velocity}, judges, 1), judges
 
 
-def test_gains_that_keep_every_floor_cost_what_they_err() -> None:
-    trial, judges = judged(2.0, 5.0)
-    assert trial.broken == [] and trial.cost == trial.rms_cm == pytest.approx(1.0)
-    assert len(judges.flights) == 2 + 2 + 2 * sum(not floor.only for floor in FLOORS) + 2
-    assert {sortie.seed for sortie in judges.flights} == {100}  # none that is reflown
-
-
 @pytest.mark.parametrize(
     ("position", "velocity", "why"),
     [
@@ -84,17 +67,6 @@ def test_what_breaks_a_floor_never_wins_and_says_which(position: float, velocity
     trial, _ = judged(position, velocity)
     assert trial.broken == [why]
     assert trial.cost >= BROKEN
-
-
-def test_a_delay_that_is_not_borne_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "ROTORS_SATURATED", 1.0)
-    assert judged(4.5, 5.0)[0].broken == ["paper, 21.5 ms more command delay: RMS 50.0 cm"]
-
-
-def test_what_does_not_beat_the_best_so_far_is_not_put_to_the_floors() -> None:
-    trial, judges = judged(2.0, 5.0, best_cm=0.9)
-    assert len(judges.flights) == 2
-    assert trial.cost > 0.9
 
 
 def test_a_floor_makes_one_thing_wrong_by_what_is_told() -> None:
@@ -134,15 +106,6 @@ def test_a_search_is_kept_as_a_table_and_not_flown_again(tmp_path: Path) -> None
         read_trials(path)
 
 
-def test_the_table_that_comes_along_is_one_that_the_command_does_not_search_again() -> None:
-    """With fewer evaluations than the command asks for it would search every law anew, for most of an hour."""
-    table = read_trials(Path(__file__).parents[2] / "docs" / "equal-margins.csv")
-    for law in SEARCHED_LAWS:
-        assert len(table[law.name]) == (TRIALS if law.start else 1), law.name
-    page = (Path(__file__).parents[2] / "docs" / "explanation" / "equal-margins.md").read_text("utf-8")
-    assert textwrap.fill(describe_terms(TRIALS, module.SEEDS), 118) in page
-
-
 def row(law: str, rms_cm: float, effort: float, delay_s: float, *, keeps: bool = True) -> EqualMarginsRow:
     both = ("paper", "adverse")
     return EqualMarginsRow(
@@ -154,45 +117,6 @@ def row(law: str, rms_cm: float, effort: float, delay_s: float, *, keeps: bool =
         effort_rad_s=dict.fromkeys(both, effort),
         delay_s=dict.fromkeys(both, delay_s),
     )
-
-
-def test_who_dominates_is_as_close_as_calm_and_as_tolerant_and_better_in_one() -> None:
-    ours = row("adaptive", 0.1, 0.4, 0.03)
-    assert find_dominators([ours, row("indi", 0.1, 0.4, 0.03)]) == []
-    assert find_dominators([ours, row("indi", 0.09, 0.41, 0.03)]) == []
-    assert find_dominators([ours, row("indi", 0.09, 0.4, 0.03, keeps=False)]) == []
-    assert find_dominators([ours, row("indi", 0.1, 0.4, 0.031)]) == [
-        "indi dominates adaptive in `paper`",
-        "indi dominates adaptive in `adverse`",
-    ]
-    shipped = row("adaptive, as shipped", 0.1, 0.41, 0.03)
-    assert find_dominators([shipped, ours]) == [], "ours with other gains is ours"
-    assert (
-        find_dominators([shipped, row("indi", 0.1, 0.4, 0.03)])[0] == "indi dominates adaptive, as shipped in `paper`"
-    )
-
-
-def test_table_and_picture_have_every_law_and_the_limit() -> None:
-    rows = [row("adaptive", 0.1, 0.4, 0.03), row("pid", 0.3, 0.1, 0.05, keeps=False)]
-    peaks = dict(zip(module.PUSHED, (14.25, 33.9, 84.7, 47.0, None), strict=True))
-    rows[0] = msgspec.structs.replace(rows[0], peak_cm=peaks)
-    table = equal_margins_table(rows)
-    assert "| peak, cm | `step_3` | `step_5` | `step_8` | `push_6` | `push_10` |" in table
-    assert "| adaptive | 14.2 | 33.9 | 84.7 | 47 | lost |" in table
-    assert "| adaptive | 0.1 | crash | 0.1 |" in table and "| 30 / 30 | all |" in table and "not all" in table
-    figure = draw_equal_margins(rows)
-    for panel, limit in zip(figure.axes, (*[LQG_CM["paper"]] * 2, *[LQG_CM["adverse"]] * 2), strict=True):
-        labels = {line.get_label(): line for line in panel.get_lines()}
-        assert {"adaptive", "pid", "LQG limit"} <= set(labels)
-        assert np.asarray(labels["LQG limit"].get_ydata())[0] == limit
-
-
-def test_every_law_is_searched_over_gains_that_it_has() -> None:
-    for law in SEARCHED_LAWS:
-        (stage,) = module._stages(law, ["paper"])
-        told = msgspec.to_builtins(stage.config.controller)
-        assert {name: told[name] for name in law.start} == law.start
-    assert set(EFFORT_RAD_S) == {"paper", "adverse"}
 
 
 @pytest.mark.matrix  # twelve flights of a page of figures, which `make margins` makes

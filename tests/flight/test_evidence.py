@@ -18,7 +18,6 @@ import pytest
 
 from groundstation.analysis.evidence import import_command
 from groundstation.analysis.evidence.evidence import (
-    DRIFTED,
     ROAMED,
     WANDERED,
     Wander,
@@ -26,18 +25,16 @@ from groundstation.analysis.evidence.evidence import (
     doubt_attitude,
     drive_flight,
     examine_flight,
-    find_airborne,
     fit_attitude_loop,
     judge_filter,
     load_flight,
     match_wander,
-    measure_drift,
     measure_pose_noise,
     measure_wander,
     respond,
     tabulate_flights,
 )
-from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, find_repeats, load_mapping
+from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping
 from groundstation.config import ConfigError, from_dict, shipped_texts
 from groundstation.core.estimation import (
     Densities,
@@ -270,17 +267,6 @@ def test_an_autopilot_that_tells_when_it_flies_is_judged_there_alone(tmp_path: P
         examine_flight(imported(tmp_path, ulog(tmp_path, 11.5), "px4-ulog"))
 
 
-def test_where_nobody_commanded_an_attitude_the_motors_tell_of_thrust_and_it_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = imported(tmp_path, nanobench(tmp_path, tells_attitude=False), "nanobench")
-    said = capsys.readouterr().out
-    assert "neither body rates nor an attitude were commanded in it: only thrust is known" in said
-    assert "missing: no truth in it" in said
-    told = next(Recording(path).entries((SETPOINT,))).value()
-    assert set(told) == {"time_s", "thrust"}
-
-
 KEYS = {
     "name", "pose_hz", "gap_max_ms", "jitter_ms", "noise_across_mm", "noise_along_mm", "nis3", "prediction",
     "identified", "told", "untold",
@@ -367,75 +353,12 @@ def test_noise_across_the_motion_and_jitter_of_stamps_are_told_apart(jitter_s: f
     assert noise.jitter_s == pytest.approx(jitter_s, rel=0.1, abs=2e-5)
 
 
-def test_noise_does_not_depend_on_how_evenly_poses_come() -> None:
-    stamps, place = circle(100.0, 0.0, 5e-5)
-    kept = np.random.default_rng(2).random(len(stamps)) > 0.1
-    assert measure_pose_noise(stamps[kept], place[kept]).across_m == pytest.approx(5e-5, rel=0.15)
-
-
 def hover(step_m: float, count: int = 3000) -> Column:
     """Places that hardly move, with 0.3 mm of noise, rounded."""
     draw = np.random.default_rng(8)
     way = 0.002 * np.sin(0.01 * np.arange(count))[:, None] * [1.0, 0.5, 0.2]
     rounded: Column = step_m * np.round((way + 3e-4 * draw.standard_normal((count, 3))) / step_m)
     return rounded
-
-
-def test_rounded_places_that_hardly_move_are_no_repetitions() -> None:
-    place = hover(0.001)
-    assert np.count_nonzero((np.diff(place, axis=0) == 0.0).all(axis=1)) > 0.1 * len(place)
-    assert not find_repeats(place)[:-3].any()
-
-
-@pytest.mark.parametrize("step_m", [1e-9, 0.001, 0.005])
-def test_a_log_that_is_faster_than_its_source_repeats_rounded_places_or_not(step_m: float) -> None:
-    _, place = circle(100.0, 0.0, 5e-5)
-    place = step_m * np.round(place / step_m)
-    assert not find_repeats(place).any()
-    assert (np.flatnonzero(find_repeats(np.repeat(place, 2, axis=0))) == 2 * np.arange(len(place)) + 1).all()
-
-
-def test_a_tracker_that_stands_still_for_a_while_repeats_rounded_places_too() -> None:
-    """While the vehicle flies on; where it hovers, what is the same was seen."""
-    _, place = circle(100.0, 0.0, 5e-5)
-    still = hover(0.001)
-    place = np.concatenate([still, still[-1] + 0.001 * np.round((place - place[0]) / 0.001)])
-    held = np.arange(4000, 4010)
-    place[held] = place[3999]
-    found = np.flatnonzero(find_repeats(place))
-    assert len(found) <= len(held) + 2  # the last of the hover may be the same, and are left by more than a step
-    assert found[found > len(still)].tolist()[-len(held) :] == held.tolist()
-
-
-def test_noise_is_no_less_than_what_rounding_leaves_where_neighbours_are_mostly_the_same() -> None:
-    stamps = np.arange(3000) / 100.0
-    crept = 0.001 * np.round(0.01 * np.arange(3000))[:, None] * np.ones(3)
-    noise = measure_pose_noise(stamps, crept)
-    assert noise.across_m == noise.along_m == pytest.approx(0.001 / math.sqrt(12.0))
-    stood = measure_wander(stamps, np.zeros((3000, 3)))
-    assert stood == (0.0, 0.0)
-
-
-@pytest.mark.parametrize("hz", [50.0, 100.0])
-def test_stamps_that_are_off_where_the_motion_turns_are_neither_noise_across_it_nor_a_wander(hz: float) -> None:
-    draw = np.random.default_rng(5)
-    stamps = np.arange(round(25.0 * hz)) / hz
-    phase = 1.3 * (stamps + 1.8e-3 * draw.standard_normal(len(stamps)))
-    place = np.stack([np.sin(phase), 0.6 * np.sin(2.0 * phase), 0.25 * np.sin(phase) - 1.0], axis=1)
-    place += 5e-5 * draw.standard_normal(place.shape)
-    noise = measure_pose_noise(stamps, place)
-    assert noise.across_m == pytest.approx(5e-5, rel=0.15)
-    assert noise.jitter_s == pytest.approx(1.8e-3, rel=0.2)
-    assert measure_wander(stamps, place).velocity < 0.02
-
-
-def test_a_flight_that_mostly_stands_tells_no_wander_of_stamps_that_are_off() -> None:
-    draw = np.random.default_rng(6)
-    stamps = np.arange(1200) / 50.0
-    seen = stamps + 1.8e-3 * draw.standard_normal(len(stamps))
-    way = 0.5 * np.tanh(20.0 * np.sin(0.2 * math.pi * seen))
-    place = np.stack([way, 0.5 * way, 0.0 * way], axis=1) + 5e-5 * draw.standard_normal((len(stamps), 3))
-    assert measure_wander(stamps, place).velocity < 0.03
 
 
 @pytest.mark.tried(3)  # wanders
@@ -483,76 +406,6 @@ def test_the_wander_of_a_sources_velocity_is_found_beside_its_white_noise(densit
     assert pytest.approx(8.0 / 3.0 / 70.0) == WANDERED
 
 
-@pytest.mark.parametrize("hz", [50.0, 100.0, 300.0])
-@pytest.mark.parametrize("jitter_s", [0.0, 0.001])
-def test_errors_that_last_longer_than_from_pose_to_pose_are_found_and_white_ones_are_none(
-    hz: float, jitter_s: float
-) -> None:
-    stamps, place = circle(hz, jitter_s, 5e-5)
-    assert measure_wander(stamps, place).position == 0.0
-    steps = 1e-3 / math.sqrt(hz) * np.random.default_rng(3).standard_normal(place.shape)
-    assert measure_wander(stamps, place + np.cumsum(steps, axis=0)).position == pytest.approx(1e-3, rel=0.2)
-
-
-def test_what_errs_along_the_motion_and_lasts_is_not_put_down_to_its_stamps() -> None:
-    """As an autopilot's own position does, which its filter moves after each fix."""
-    stamps, place = circle(100.0, 0.0, 2e-5)
-    steps = 1e-3 * 0.1 * np.random.default_rng(3).standard_normal(len(stamps))
-    ahead = np.gradient(place, axis=0)
-    place += ahead / np.linalg.norm(ahead, axis=1, keepdims=True) * np.cumsum(steps)[:, None]
-    assert measure_pose_noise(stamps, place).jitter_s == 0.0
-
-
-@pytest.mark.parametrize("density", [1.0, 4.0])
-def test_the_wander_of_an_acceleration_is_found_beside_white_noise_and_a_wandering_velocity(density: float) -> None:
-    stamps, place = circle(100.0, 0.001, 5e-5)
-    draw = np.random.default_rng(4)
-    steps = draw.standard_normal((2, *place.shape)) * 0.1  # of densities 1, for 0.01 s
-    drifts = np.cumsum(np.cumsum(np.cumsum(density * steps[0], axis=0) * 0.01, axis=0) * 0.01, axis=0)
-    wanders = np.cumsum(np.cumsum(0.05 * steps[1], axis=0) * 0.01, axis=0)
-    found = measure_drift(stamps, place + drifts + wanders, Wander(0.0, 0.05))
-    assert found.mean == pytest.approx(density, rel=0.2)
-    assert found.bursts < 1.1
-    assert measure_drift(stamps, place + wanders, Wander(0.0, 0.05)).mean < 0.5
-    assert pytest.approx(2.0 / 3.0 / 70.0) == DRIFTED
-
-
-def test_an_acceleration_that_jumps_in_bursts_is_told_from_one_that_wanders_all_the_time() -> None:
-    stamps, place = circle(100.0, 0.0, 5e-5)
-    jolts = 0.5 * np.random.default_rng(4).standard_normal(place.shape)
-    jolts[np.arange(len(stamps)) % 500 > 50] = 0.0
-    drifts = np.cumsum(np.cumsum(np.cumsum(jolts, axis=0), axis=0), axis=0) * 1e-4
-    assert measure_drift(stamps, place + drifts, Wander(0.0, 0.0)).bursts > 1.25
-
-
-@pytest.mark.tried(1)  # stamps, with and without attitudes
-@pytest.mark.parametrize("leans", [True, False], ids=["poses", "positions"])
-@pytest.mark.parametrize("jitter_s", [0.001, 0.002])
-def test_hard_steps_that_nobody_commanded_are_predicted_better_than_by_constant_velocity(
-    jitter_s: float, leans: bool, tmp_path: Path
-) -> None:
-    """A vehicle that leaps every two seconds; where its attitude is not known, nothing tells of the leap."""
-    draw = np.random.default_rng(5)
-    time = np.arange(0.0, 24.0, 0.001)
-    goals = np.repeat(draw.uniform(-0.5, 0.5, (12, 2)), 2000, axis=0)
-    lagging, place = np.zeros((4, 2)), np.empty((len(time), 2))
-    for k, goal in enumerate(goals):
-        place[k] = lagging[0]
-        lagging += 0.001 / 0.08 * (np.concatenate([lagging[1:], [goal]]) - lagging)
-    push = np.gradient(np.gradient(place, time, axis=0), time, axis=0)
-    rows = []
-    for at in np.arange(0.05, 23.9, 0.01):
-        k = int(1000.0 * (at + jitter_s * draw.standard_normal()))
-        x, y, z = np.array([*place[k], 1.0]) + 1e-4 * draw.standard_normal(3)
-        i, j = (0.5 * math.atan2(a, 9.81) if leans else 0.0 for a in (-push[k, 1], push[k, 0]))
-        rows.append({"t": at, "px": x, "py": y, "pz": z, "qw": 1.0, "qx": i, "qy": j, "qz": 0.0})
-    facts = examine_flight(imported(tmp_path, write_csv(tmp_path / "steps.csv", rows), "nanobench"))
-    row = facts["prediction"]["60"]
-    assert facts["jitter_ms"] == pytest.approx(1e3 * jitter_s, rel=0.2)
-    assert row["rms_mm"] < (0.8 if leans else 0.95) * row["pvt_rms_mm"]
-    assert row["across_mm"] < row["along_mm"]
-
-
 @pytest.mark.parametrize("flown_s", [24.0, 5.0])
 @pytest.mark.parametrize("hz", [50.0, 100.0])
 def test_a_hover_that_nobody_commanded_is_predicted_better_than_by_constant_velocity(
@@ -589,17 +442,6 @@ def test_an_attitude_loop_is_found_with_its_delay(gain: float, lag_s: float, del
         assert low <= value <= high
     assert loop.explained > 0.95
     assert fit_attitude_loop(time, noise, time, asked) is None
-
-
-def test_what_stands_on_the_floor_before_and_after_does_not_fly() -> None:
-    at_s = np.arange(1000) / 50.0
-    height = np.clip(np.minimum(at_s - 3.0, 17.0 - at_s), 0.0, 1.0) + 0.05
-    place = np.stack([0.0 * at_s, 0.0 * at_s, -height], axis=1)
-    air = find_airborne(at_s, place, [True] * 1000)
-    assert at_s[air.start] == pytest.approx(3.2, abs=0.05)
-    assert at_s[air.stop - 1] == pytest.approx(16.8, abs=0.05)
-    place[:, 2] = -1.0 - 0.3 * np.sin(at_s)
-    assert find_airborne(at_s, place, [True] * 1000) == slice(0, 1000)
 
 
 def test_every_mapping_that_comes_along_is_one() -> None:
@@ -687,46 +529,6 @@ def test_of_a_flight_whose_clock_is_set_back_the_longer_part_is_judged_and_it_is
     assert facts["prediction"]["60"]["rms_mm"] < 0.5 * facts["prediction"]["60"]["pvt_rms_mm"]
     newest = [entry.value()["time_s"] for entry in Recording(path).entries((SETPOINT,))]
     assert len(newest) == later and newest == sorted(newest)
-
-
-def test_commands_whose_clock_is_set_back_at_other_times_are_left_out_and_it_is_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rows = nanobench_rows(tmp_path)
-    told = [row | {"sent": float(row["t"]) - (5.0 if n > 300 else 0.0)} for n, row in enumerate(rows)]
-    mapping = tmp_path / "own.toml"
-    mapping.write_text(shipped_texts("mappings")["nanobench"].replace("[[command]]", '[[command]]\ntime = "sent"'))
-    out = tmp_path / "own.mcap"
-    assert import_command([write_csv(tmp_path / "own.csv", told)], str(mapping), out) == 0
-    assert "no commands in it but with a clock that is set back at other times" in capsys.readouterr().out
-    assert not list(Recording(out).entries((SETPOINT,)))
-
-
-def test_what_never_moves_is_said_to_stand(tmp_path: Path) -> None:
-    def stands(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        return [rows[0] | {"t": row["t"], "px": 1e-4 * math.sin(37.0 * n)} for n, row in enumerate(rows)]
-
-    facts = examine_flight(imported(tmp_path, poses_only(tmp_path, stands), "nanobench"))
-    assert facts["note"] == "it stands all the time: nothing flies in it"
-    assert facts["nis3"] is None and set(facts["prediction"].values()) == {None}
-
-
-def test_a_packed_file_that_is_damaged_is_refused(tmp_path: Path) -> None:
-    path = nanobench(tmp_path)
-    data = path.read_bytes()
-    for at in range(40, len(data), 2000):
-        path.write_bytes(data[:at] + b"\xff" * 50 + data[at + 50 :])
-        with pytest.raises(ConfigError, match=r"no csv file, or damaged|cannot read it|not UTF-8"):
-            import_command([path], "nanobench", tmp_path / "out.mcap")
-
-
-def test_a_place_that_none_can_be_is_left_out(tmp_path: Path) -> None:
-    def leaps(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        return [row | ({"py": 1e35} if n % 50 == 7 else {}) for n, row in enumerate(rows)]
-
-    facts = examine_flight(imported(tmp_path, poses_only(tmp_path, leaps), "nanobench"))
-    assert facts["left_out"] == {"rows without a number": 12}
-    assert facts["prediction"]["60"]["rms_mm"] < 0.7 * facts["prediction"]["60"]["pvt_rms_mm"]
 
 
 def test_a_file_without_a_column_is_told_which(tmp_path: Path) -> None:
@@ -821,28 +623,6 @@ def test_csv_as_other_programs_write_it_is_read(change: Callable[[str], str], tm
     assert len(list(Recording(imported(tmp_path, path, "nanobench")).entries(("/measured",)))) == 600
 
 
-def test_rows_and_commands_that_are_not_used_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = nanobench_rows(tmp_path)
-    rows = [row | ({"pid_controller_cmd_thrust": ""} if n % 50 == 7 else {}) for n, row in enumerate(rows)]
-    path = write_csv(tmp_path / "holes.csv", rows)
-    path.write_text(path.read_text() + "1,2,3\n")
-    imported(tmp_path, path, "nanobench")
-    said = capsys.readouterr().out
-    assert "commands without a number: 12" in said
-    assert "rows with another number of cells than the head: 1" in said
-    path.write_text("t,px,t\n1,2,3\n")
-    with pytest.raises(ConfigError, match="several columns are called t"):
-        import_command([path], "nanobench", tmp_path / "out.mcap")
-
-
-def test_thrust_that_is_none_is_no_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = nanobench_rows(tmp_path)
-    names = ["pid_controller_cmd_thrust", *(f"motor_motor_m{n}" for n in (1, 2, 3, 4))]
-    rows = [row | {name: -float(row[name]) for name in names} for row in rows]
-    examine_flight(imported(tmp_path, write_csv(tmp_path / "down.csv", rows), "nanobench"))
-    assert "no commands in it" in capsys.readouterr().out
-
-
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # pymavlink leaves open what it refuses
 @pytest.mark.parametrize("name", ["px4-ulog", "ardupilot-bin"])
 def test_a_log_that_is_damaged_is_refused_or_read_as_far_as_it_goes_without_a_word_of_its_reader(
@@ -864,8 +644,3 @@ def test_a_log_that_is_damaged_is_refused_or_read_as_far_as_it_goes_without_a_wo
         assert not said.err
         assert all(":" in line for line in said.out.splitlines())
     gc.collect()  # here, and not in the midst of another test
-
-
-def test_a_folder_in_the_place_of_a_log_is_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"FILE: cannot read it: Is a directory$"):
-        import_command([tmp_path], "ardupilot-bin", tmp_path / "out.mcap")

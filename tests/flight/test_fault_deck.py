@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.config import ConfigError
 from groundstation.core.geometry import euler_zyx
 from groundstation.core.messages import IdleRecord
 from links.core import Command, Segment
@@ -31,7 +30,6 @@ from tests.proving.faults import (
     Poses,
     Row,
     Scene,
-    check_forced,
     fly_all,
     fly_cell,
     fly_here,
@@ -138,11 +136,6 @@ def test_no_doubt_is_worse_than_what_it_doubts(doubt: str, ended: str) -> None:
     assert (row.forced, row.ended) == (doubt, ended)
 
 
-def test_a_doubt_that_nobody_knows_is_not_forced() -> None:
-    with pytest.raises(ConfigError, match=r"--forced.*expected one of.*suspect.*failed:pose"):
-        check_forced("failed:pose.unknown")
-
-
 def test_an_estimator_that_resets_its_heading_has_the_true_one_again_and_says_so() -> None:
     world = World(attitude_noise_rad=0.0)
     vehicle = SimulatedVehicle(Quadrotor(world, Wind(world, iter(()))), world, repeat((0.0,) * 6), iter(()))
@@ -165,14 +158,6 @@ def test_where_only_answers_get_lost_the_descent_is_no_fall(state: str) -> None:
     assert row.safe, row.why
     assert row.touchdown_m_s is not None
     assert row.touchdown_m_s < 0.85
-
-
-def test_what_a_radio_vehicle_can_not_be_asked_for_is_said() -> None:
-    row = fly_cell("serial unplug", "hold")
-    assert row.safe
-    assert row.touchdown_m_s is not None
-    assert row.touchdown_m_s > TOUCHDOWN_M_S
-    assert row.exemption == "no link"
 
 
 @pytest.mark.tried(1)  # faults
@@ -306,17 +291,6 @@ def test_cells_that_are_flown_together_are_those_of_flights_of_their_own(cases: 
     copies = [FlightCopy(case) for case in cases]
     together = fly_together(copies, "hold", link=link, seed=0, scenario="paper")
     assert together == [fly_cell(case, "hold", link=link) for case in cases]
-
-
-def test_a_flight_that_never_comes_to_its_strike_is_a_row_that_is_unsafe() -> None:
-    copies = [FlightCopy("dropout"), FlightCopy("gust")]
-    grounded = ("vehicle.mass_kg=0.03",)
-    rows = fly_together(copies, "hold", link="mavlink", seed=0, scenario="paper", overrides=grounded)
-    assert [(row.fault, row.safe, row.struck_s) for row in rows] == [
-        ("dropout", False, None),
-        ("gust", False, None),
-    ]
-    assert "the flight ended before hold" in rows[0].why
 
 
 def test_what_poses_alone_can_not_tell_is_judged_after_five_seconds() -> None:

@@ -40,33 +40,6 @@ def test_what_the_law_makes_out_is_told_beside_what_it_should(wrong: str) -> Non
         assert true[2] - wind[2] > 0.5, "the vehicle sinks by more than the wind"
 
 
-def test_drag_that_was_told_is_no_disturbance() -> None:
-    facts = simulate("quad1kg", duration=18.0, record=False).facts
-    assert math.dist(facts["disturbance_true"], facts["disturbance_found"]) < 0.1
-
-
-def test_a_controller_without_v_says_so() -> None:
-    assert re.search(r"V above its bound +–$", screen("pid"), re.MULTILINE)
-    assert re.search(r"V above its bound +\d", screen())
-
-
-def test_no_line_tells_of_a_bound_that_promises_nothing() -> None:
-    assert not re.search("promises nothing|a priori", screen())
-
-
-@pytest.mark.parametrize(
-    ("words", "its"),
-    [([], True), (["--seed", "7"], True), (["--controller", "pid"], False), (["fast"], False),
-     (["--set", "sim.wind_mean=[1,0,0]"], False), (["--source", "natnet"], False)],
-)  # fmt: skip
-def test_the_papers_figures_stand_only_beside_its_own_flight(
-    words: list[str], its: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["groundstation-sim", "fly", "--duration", "1", *words])
-    main()
-    assert ("4.61 cm" in capsys.readouterr().out) is its
-
-
 LATE = ("sim.telemetry_hz=50", "sim.pose_latency_s=0.04")
 """Poses come 20 ms later than told, and the vehicle tells its attitude."""
 

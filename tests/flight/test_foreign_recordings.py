@@ -89,22 +89,6 @@ def test_it_is_where_the_operator_says_so(foreign: tuple[Path, Path], tmp_path: 
     assert mark.exists()
 
 
-def test_the_other_commands_import_nothing(
-    foreign: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, mark = foreign
-    monkeypatch.setattr(figures, "FIGURES", figures.FIGURES[:1])
-    for words in (
-        ["report", str(path), "--out", str(tmp_path / "page.html")],
-        ["identify", str(path)],
-        ["logs", str(tmp_path)],
-        ["export", str(path), "--format", "poses", "--out", str(tmp_path / "poses.csv")],
-    ):
-        monkeypatch.setattr(sys, "argv", ["groundstation", *words])
-        program.main()
-    assert not mark.exists()
-
-
 @pytest.mark.parametrize("config", [".".join(["a"] * 3_000) + " = 1", "x = ]", "x = " + "[" * 3_000])
 def test_a_configuration_that_is_none_is_told_by_the_name_of_the_file(config: str, tmp_path: Path) -> None:
     path = changed(tmp_path / "broken.mcap", lambda about: {**about, "config": config})

@@ -10,14 +10,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Ask, Pose, PoseStatus, Reply, Request
 from groundstation.core.mission import State
 from groundstation.flight import Flight, make_flight
 from groundstation.pose import ForwardingSource
 from groundstation.pose.forward import Forward
-from groundstation.settings import Config
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry
 from sim.autopilots import Px4Autopilot
@@ -98,12 +96,6 @@ def test_ardupilot_is_told_an_origin_once_a_second_until_it_is_armed(autopilot: 
     ready(ON, autopilot=autopilot, meanwhile=listen)
     assert len(origins) in ((times - 1, times) if times else (0,))
     assert all(one == pytest.approx((47.397742, 8.545594)) for one in origins)
-
-
-def test_nothing_is_forwarded_unless_told_to() -> None:
-    external, _ = ready(meanwhile=three_seconds)
-    assert not external.fused
-    assert not external.left
 
 
 def test_a_pilot_who_takes_over_keeps_the_poses_until_the_motors_stop() -> None:
@@ -269,28 +261,6 @@ def pose(n: int, place: Vec3 | None = None, **more: Any) -> Pose:
     return Pose(n, 0.01 * n, 0.01 * n + 0.01, where, **{"attitude": so3.IDENTITY, **more})
 
 
-@pytest.mark.parametrize("rate_hz", [10.0, 40.0, 50.0, 100.0])
-def test_the_rate_is_never_exceeded_and_reached_where_poses_allow(rate_hz: float) -> None:
-    forward = Forward(ForwardConfig(rate_hz=rate_hz))
-    times = [n * 0.01 for n in range(500) if forward.take(pose(n), 0.01 * n + 0.01) is not None]
-    assert (len(times) - 1) / (times[-1] - times[0]) == pytest.approx(min(rate_hz, 100.0), rel=0.03)
-
-
-def test_a_moved_origin_counts_as_a_reset_and_no_velocity_is_made_across_it() -> None:
-    forward = Forward(ForwardConfig(rate_hz=200.0))
-    poses = [pose(n, (0.0, 0.0, -1.0)) for n in range(20)]
-    poses += [pose(n, (5.0, 0.0, -1.0), reset_count=1 << 40) for n in range(20, 40)]
-    told = [t for t in (forward.take(p, p.arrival_s) for p in poses) if t is not None]
-    assert sorted({t.resets for t in told}) == [0, 1]
-    assert all(math.hypot(*t.velocity) < 1e-9 for t in told)
-    assert [t.resets for t in told if t.position[0] == 5.0] == [1] * sum(t.position[0] == 5.0 for t in told)
-
-
-def test_a_pose_that_is_too_old_is_not_forwarded() -> None:
-    forward = Forward(ForwardConfig(oldest_s=0.05))
-    assert [forward.take(pose(n), 0.01 * n + 0.06) for n in range(30)] == [None] * 30
-
-
 def test_the_bytes_hold_what_each_autopilot_wants() -> None:
     told = Odometry(12.5, (1.0, 2.0, -3.0), so3.IDENTITY, (0.1, 0.2, 0.3), False, 300, 0.01, 0.02, 0.5)
     codec = MavlinkCodec(245, 190)
@@ -312,15 +282,3 @@ def test_the_bytes_hold_what_each_autopilot_wants() -> None:
         assert isinstance(fused, Fused)
         assert fused.velocity_body == (None if speed is None else pytest.approx(speed))
         assert len(frame) <= 258
-
-
-def test_the_autopilots_own_poses_are_not_told_it_as_new() -> None:
-    with pytest.raises(ConfigError, match="own"):
-        from_dict({"pose": {"kind": "mavlink"}}, Config, [ON])
-
-
-def test_a_serial_port_keeps_room_for_commands() -> None:
-    with pytest.raises(ConfigError, match="too much beside commands at baud = 57600"):
-        from_dict({"link": {"serial": "/dev/ttyX", "baud": 57600}}, Config, [ON])
-    config = from_dict({"link": {"serial": "/dev/ttyX"}}, Config, [ON])
-    assert msgspec.structs.asdict(config.link)["forward"].enabled

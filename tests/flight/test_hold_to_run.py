@@ -87,16 +87,6 @@ def test_let_go_before_it_has_lifted_off_it_never_does(hand: Hand, state: State,
     assert mission.states[-1].state in ("landed", "aborted")
 
 
-def test_a_contact_that_bounces_does_not_land(hand: Hand) -> None:
-    def bounce(hand: Hand) -> None:
-        hand.held = False
-        asyncio.get_running_loop().call_later(0.02, lambda: setattr(hand, "held", True))
-
-    mission, _ = flown(hand, bounce, State.TRACKING)
-    assert [one.state for one in mission.states][-4:] == ["returning", "landing", "disarming", "landed"]
-    assert "held" not in " ".join(one.reason for one in mission.states)
-
-
 @pytest.mark.parametrize(("stuck", "why"), [(False, "is not held: hold it"), (True, "was held from the beginning")])
 def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: str) -> None:
     hand.held = stuck

@@ -90,18 +90,6 @@ def test_poses_that_come_late_for_good_are_as_old_as_they_are_for_good(source: s
         assert f"poses come {1e3 * late_s:.0f} ms later than they did" in text(told, "later")
 
 
-@pytest.mark.tried(2)  # sources
-@pytest.mark.parametrize("source", SOURCES)
-def test_a_flight_whose_poses_come_older_than_commands_may_rest_on_one_ends_as_if_none_came(source: str) -> None:
-    mission, told, _ = late(source, 0.4)
-    assert mission.fault.startswith("no pose for 2"), "at flight.coast_s, with the frames' step"
-    descent, ended = (next(e for e in mission.states if e.state == s) for s in (State.DESCENT, State.ABORTED))
-    assert ended.time_s - descent.time_s == pytest.approx(0.25, abs=0.05), "guards.level_s more, and no fresh pose"
-    assert "late" in text(told, "poses are dropped")
-    assert mission.touchdown_m_s is not None
-    assert mission.touchdown_m_s < 2.5
-
-
 @pytest.mark.tried(1)  # vehicles
 @pytest.mark.parametrize(("scenario", "late_s"), [("paper", 0.02), ("quad1kg", 0.02)])
 def test_a_latency_that_is_told_wrong_is_found_in_flight_and_told(scenario: str, late_s: float) -> None:

@@ -1,19 +1,15 @@
 """``check --watch`` towards simulated trackers in virtual time, with every byte that it sends looked at."""
 
 import asyncio
-import io
 import math
 from collections import Counter
 from functools import cache
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
-from groundstation.core.geometry import so3
-from groundstation.core.messages import Pose, PoseEvent, PoseStatus, Sentence
-from groundstation.lab.pose_monitor import listen, summary_rows, summary_table
-from groundstation.lab.pose_stream import WINDOW_S, PoseStreamMonitor, PoseStreamSummary
+from groundstation.lab.pose_monitor import listen, summary_rows
+from groundstation.lab.pose_stream import PoseStreamSummary
 from groundstation.pose.registry import CsvConfig, Speed
 from groundstation.settings import Config
 from links.mavlink.protocol import MavlinkCodec
@@ -114,36 +110,3 @@ def test_a_recording_has_no_age_and_no_drift_and_is_fine_at_its_end(speed: Speed
     words = " ".join(" ".join(row) for row in summary_rows(seen))
     assert "they are recorded" in words
     assert "ppm" not in words
-
-
-def test_a_recording_whose_poses_are_all_dropped_is_not_fine(tmp_path: Path) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_text("0,1,2,-1,3,0,0,0\n")
-    seen = in_virtual_time(listen)(Config(pose=CsvConfig(path=str(path))), 1.0)
-    assert (seen.ok, seen.dropped) == (False, {"not_unit": 1})
-    assert ("age", "no pose yet") in summary_rows(seen)
-
-
-def test_noise_is_of_the_poses_also_where_they_drift_and_unknown_while_they_move() -> None:
-    def seen(speed: float, sigma: float) -> PoseStreamSummary:
-        watcher = PoseStreamMonitor(0.0)
-        for n in range(300):
-            jerk = sigma * math.sqrt(2.0) * math.sin(2.4 * n)
-            place = (speed * 0.01 * n + jerk, jerk, 0.0)
-            watcher.pose(Pose(n, 0.01 * n - 0.02, 0.01 * n, place, so3.IDENTITY))
-        return watcher.summarize(3.0, PoseStatus(accepted=300, dropped={}))
-
-    still = seen(0.0, 1e-3)
-    assert still.noise_m == pytest.approx((1e-3, 1e-3, 0.0), rel=0.05)
-    assert seen(0.2, 1e-3).noise_m is None
-    assert seen(0.2, 1e-3).at_rest is False
-    assert PoseStreamMonitor(0.0).summarize(WINDOW_S, PoseStatus(accepted=0, dropped={})).age_s is None
-
-
-def test_names_from_the_network_do_not_steer_the_terminal() -> None:
-    watcher = PoseStreamMonitor(0.0)
-    watcher.event(PoseEvent("moved", "", Sentence("pose.elsewhere", "poses \x1b[2J")), 1.0)
-    seen = watcher.summarize(2.0, PoseStatus(accepted=0, dropped={"jump": 2}), ("\x1b[31mred",))
-    console = Console(width=100, record=True, file=io.StringIO())
-    console.print(summary_table("poses", seen))
-    assert "\x1b" not in console.export_text()

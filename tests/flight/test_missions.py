@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.messages import Ask, Notice, Reply, Request, Severity
+from groundstation.core.messages import Ask, Notice, Reply, Request
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
@@ -87,21 +87,6 @@ def test_a_controller_that_does_not_hold_its_place_is_brought_down_though_its_wi
     assert flown.home_m < 30.0  # 20 s of descent with that wind
 
 
-@pytest.mark.parametrize(("source", "autopilot"), [("odometry", "px4"), ("vicon", "ardupilot")])
-def test_other_poses_and_another_autopilot(source: str, autopilot: str) -> None:
-    flown = mission("paper", *SHORT, source=source, autopilot=autopilot)
-    assert flown.landed, flown.fault or flown.why
-
-
-@pytest.mark.tried(1)  # links
-@pytest.mark.parametrize("link", ["dsm", "rf_bridge"])
-def test_a_radio_without_telemetry(link: str) -> None:
-    flown = mission("adverse", *SHORT, link=link)
-    assert flown.landed, flown.fault or flown.why
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s <= 0.5
-
-
 def test_thrust_effectiveness_is_not_learnt_on_the_floor() -> None:
     learnt: list[float] = []
 
@@ -139,29 +124,6 @@ def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(
     assert "its own pre-arm checks do not pass" in warning
     assert flown.states[-1].state == "aborted"
     assert "Compass Sensor 0 missing" in flown.why
-
-
-def test_what_needs_a_look_is_told_as_a_warning() -> None:
-    told: tuple[Notice, ...] = ()
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        nonlocal told
-        stage.autopilot.lacks = "Preflight Fail: Compass Sensor 0 missing"
-        while True:
-            await asyncio.sleep(0.1)
-            told = flight.snapshot().events
-
-    fly_mission(*from_floor(*prepare(SCENARIOS["paper"], []), 2.0), seed=0, script=script)
-    severity = {notice.says.split()[0]: notice.severity for notice in told}
-    assert [severity[word] for word in ("connecting:", "ready:")] == [Severity.INFO] * 2
-    assert [severity[word] for word in ("pre-flight", "aborted:")] == [Severity.WARNING] * 2
-
-
-def test_an_autopilot_whose_own_checks_pass_is_not_warned_of() -> None:
-    told: list[str] = []
-    world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 2.0)
-    assert fly_mission(world, config, seed=0, on_event=lambda event: told.append(event.line)).landed
-    assert not [line for line in told if "ready to arm" in line]
 
 
 def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_again() -> None:

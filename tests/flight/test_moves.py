@@ -190,10 +190,3 @@ def test_a_flight_with_points_is_flown_again_from_its_recording_to_the_last_bit(
     facts = replay_facts(tmp_path / RECORDING)
     assert facts["first_difference"] is None
     assert facts["commands"] > 250
-
-
-def test_points_belong_to_goto_alone() -> None:
-    with pytest.raises(ValueError, match="expected 1 to 64 with goto"):
-        Request(Ask.LAND, points=(NEAR,))
-    with pytest.raises(ValueError, match="expected 1 to 64 with goto"):
-        Request(Ask.GOTO)

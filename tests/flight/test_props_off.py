@@ -324,22 +324,6 @@ def test_a_vehicle_that_disarms_itself_too_early_has_the_step_once_more() -> Non
         scene.run()
 
 
-def test_one_that_disarms_itself_while_the_operator_looks_at_the_motors_has_them_turn_once_more() -> None:
-    scene = Scene([[(0.0, News("disarmed", 0.0))], *WHOLE])
-    scene.run()
-    assert [hand.end for hand in scene.hands[:2]] == ["off", "off"]
-    assert len(scene.hands) == 6
-    assert any("Once more" in line for line in scene.said)
-
-
-def test_poses_or_a_link_that_go_on_prove_nothing() -> None:
-    for before, words in ((1, "poses still come"), (3, "was it the right plug")):
-        scene = Scene([*WHOLE[:before], []])
-        with pytest.raises(NotProven, match=words):
-            scene.run()
-        assert scene.hands[-1].end == "off"
-
-
 def test_motors_that_nobody_sees_stop_prove_nothing() -> None:
     scene = Scene(WHOLE)
     told = scene.ask

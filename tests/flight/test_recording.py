@@ -1,14 +1,10 @@
 """groundstation/recording: what stands in the file, whoever reads it and wherever it was cut off."""
 
-import argparse
-import csv
-import errno
 import json
 import math
 import os
 import stat
 import tomllib
-from collections import Counter
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -19,13 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from groundstation.analysis import export_command, logs_command
-from groundstation.analysis.recordings import load
+from groundstation.analysis import export_command
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import STEADY_S, PoseRecord, TickRecord
 from groundstation.interfaces.tui.app import Tape
 from groundstation.machine import RecordingConfig, make_folder
-from groundstation.pose import TlogReader, read_csv
 from groundstation.recording import (
     CHANNELS,
     LineRecord,
@@ -37,7 +31,7 @@ from groundstation.recording import (
     quick_headline,
     schema,
 )
-from groundstation.recording.writer import FLUSH_S, PatientFile
+from groundstation.recording.writer import FLUSH_S
 from groundstation.settings import Config
 from sim.__main__ import main
 from sim.runs import RECORDING, fly
@@ -144,16 +138,6 @@ def test_recording_changes_nothing_about_the_flight() -> None:
     assert result.log_sha256 == flown("paper", duration_s=8.0).log_sha256
 
 
-def test_the_tlog_holds_what_crossed_the_wire_both_ways() -> None:
-    path, _, records = recorded()
-    found = list(TlogReader(path.with_suffix(".tlog").read_bytes()))
-    names = [record.message.get_type() for record in found]
-    ticks = sum(isinstance(record, TickRecord) for record in records)
-    assert names.count("SET_ATTITUDE_TARGET") >= ticks
-    assert {"HEARTBEAT", "COMMAND_ACK"} <= set(names)
-    assert [record.time_s for record in found] == sorted(record.time_s for record in found)
-
-
 def test_the_headline_is_the_same_from_the_index_from_the_messages_in_the_summary_and_on_the_dashboard() -> None:
     path, result, records = recorded(duration_s=17.0)
     about, headline, whole = quick_headline(path)
@@ -212,57 +196,6 @@ def test_a_damaged_byte_never_gives_a_false_message(where: int, flip: int) -> No
     assert found == whole[: len(found)]
 
 
-@given(st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 255))
-def test_a_list_calls_no_recording_whole_of_which_a_byte_before_its_index_is_another(share: float, flip: int) -> None:
-    path, _, _ = recorded()
-    data = bytearray(path.read_bytes())
-    data[int(share * _index_at(data))] ^= flip
-    bad = path.with_name("not_as_written.mcap")
-    bad.write_bytes(data)
-    try:
-        _, headline, whole = quick_headline(bad)
-    except NoRecording:
-        return
-    assert not whole
-    assert "(the recording " in headline.reason
-
-
-def _index_at(data: bytes | bytearray) -> int:
-    """Where what is listed of a recording begins: its footer tells."""
-    return int.from_bytes(data[-28:-20], "little")
-
-
-def test_a_damaged_recording_is_listed_as_damaged_and_not_by_its_end(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, _, _ = recorded()
-    data = path.read_bytes()
-    (tmp_path / "20270101-120000-whole.mcap").write_bytes(data)
-    for name, at in (("early", 40_000), ("late", _index_at(data) - 60_000)):
-        bad = bytearray(data)
-        bad[at : at + 4] = bytes(byte ^ 0xFF for byte in bad[at : at + 4])
-        (tmp_path / f"20270101-120000-{name}.mcap").write_bytes(bad)
-    logs_command(RecordingConfig(folder=str(tmp_path)), argparse.Namespace(folder=None, tidy=False, json=False))
-    lines = capsys.readouterr().out.splitlines()
-    assert ["is damaged at" in line for line in lines[2:]] == [True, True, False]
-
-
-def test_a_recording_of_before_its_bytes_were_summed_up_is_checked_chunk_by_chunk(tmp_path: Path) -> None:
-    path, _, _ = recorded()
-    old = bytearray(path.read_bytes())
-    old[_index_at(old) - 4 : _index_at(old)] = bytes(4)  # no sum
-    (tmp_path / "old.mcap").write_bytes(old)
-    about, headline, whole = quick_headline(tmp_path / "old.mcap")
-    assert whole
-    assert (about, headline) == quick_headline(path)[:2]
-    at = next(index for index in range(60_000, len(old)) if old[index : index + 4] == b"zstd") + 200
-    old[at] ^= 1  # in a chunk
-    (tmp_path / "old.mcap").write_bytes(old)
-    _, headline, whole = quick_headline(tmp_path / "old.mcap")
-    assert not whole
-    assert "the recording is damaged" in headline.reason
-
-
 def test_a_recording_is_for_its_owner_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, _, _ = recorded()
     for file in (path, path.with_suffix(".tlog")):
@@ -284,29 +217,6 @@ def test_a_recording_is_for_its_owner_alone(tmp_path: Path, monkeypatch: pytest.
     assert [stat.S_IMODE(folder.stat().st_mode) for folder in (usual, chosen, shared)] == [0o700, 0o700, 0o750]
 
 
-def test_what_never_reaches_the_disk_is_told_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    said: list[str] = []
-    file = PatientFile(tmp_path / "flight.mcap", lambda sentence, *_: said.append(str(sentence)))
-    file.write(b"x" * 100)
-    file.flush()
-    file.sync()
-    assert said == []
-
-    def full(_: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fdatasync", full)
-    file.sync()
-    file.sync()
-    (line,) = said
-    assert line.startswith("WARNING: parts of ")
-    assert "No space left on device" in line
-    file.write(b"y")
-    file.close()
-    assert (tmp_path / "flight.mcap").stat().st_size == 101
-    assert len(said) == 1
-
-
 def test_a_recording_that_was_cut_off_is_made_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, _, _ = recorded()
     cut = tmp_path / "cut.mcap"
@@ -318,30 +228,6 @@ def test_a_recording_that_was_cut_off_is_made_whole(tmp_path: Path, capsys: pyte
     made = messages(tmp_path / "cut-whole.mcap")
     held = [(entry.topic, entry.value()) for entry in Recording(cut).entries()]
     assert sorted(map(str, held)) == sorted(str((topic, value)) for topic, _, value in made)
-
-
-def test_a_table_has_what_comes_only_later(tmp_path: Path) -> None:
-    path, _, _ = recorded()
-    assert export_command(path, "csv", ["link"], tmp_path / "csv") == 0
-    with (tmp_path / "csv" / "link.csv").open() as lines:
-        rows = list(csv.DictReader(lines))
-    assert rows[0]["status.angles_rad.1"] == ""  # connecting: nothing is heard yet
-    assert float(rows[-1]["status.angles_rad.1"]) == pytest.approx(0.0, abs=0.5)
-    assert sorted(rows[0]) == sorted(load(path)["link"])
-
-
-def test_the_poses_of_a_recording_can_be_played_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, _, records = recorded()
-    assert export_command(path, "poses", [], tmp_path / "poses.csv") == 0
-    dropped: Counter[str] = Counter()
-    with (tmp_path / "poses.csv").open() as lines:
-        played = list(read_csv(lines, dropped))
-    came = [record.pose for record in records if isinstance(record, PoseRecord)]
-    assert [(r.t_s, r.arrival_s, r.position, r.attitude) for r in played] == [
-        (pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude) for pose in came
-    ]
-    assert not dropped
-    assert f"{len(came)} poses" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("form", ["mcap", "poses", "npz", "mat", "rrd", "foxglove"])
@@ -382,15 +268,6 @@ def test_a_recording_ends_as_its_flight_did(tmp_path: Path) -> None:
     assert not any("Cancelled" in one.text or one.state == "aborted" for one in told)
     landed, _ = ended("b", "flight.duration_s=1.0", "trajectory.altitude_m=0.0", duration_s=30.0)
     assert (landed["state"], landed["reason"]) == ("landed", "landed and disarmed")
-
-
-def test_where_commands_follow_poses_the_recording_knows_how_long_after_their_pose_they_left() -> None:
-    path, _, records = recorded("paper", "link.pace=poses", duration_s=3.0)
-    ticks = [record.tick for record in records if isinstance(record, TickRecord)]
-    late = [entry.value().get("lateness_s") for entry in Recording(path).entries(("/timing",))]
-    assert sum(one is not None for one in late) == len({tick.pose.id for tick in ticks}) > 50
-    for one, tick in zip(late, ticks, strict=True):
-        assert one in (None, tick.time_s - tick.pose.arrival_s)
 
 
 def test_of_a_simulated_flight_that_ends_in_an_error_everything_up_to_it_is_recorded(

@@ -70,32 +70,11 @@ def test_every_name_that_logs_lists_is_accepted_and_without_one_the_newest_is_ta
     assert told.startswith(f"the newest recording: {folder / NEW}\n")
 
 
-def test_a_file_that_is_there_comes_before_one_that_logs_lists(folder: Path, run: Run) -> None:
-    put(folder / OLD, 0.0)
-    Path(OLD).write_bytes(b"no recording")
-    code, _, err = run("replay", OLD)
-    assert code != 0 and str(folder) not in err
-
-
-def test_a_folder_beside_a_recording_does_not_take_its_name(folder: Path, run: Run) -> None:
-    put(folder / OLD, 0.0)
-    (folder / OLD).with_suffix("").mkdir()
-    assert "Is a directory" not in run("replay", OLD.removesuffix(".mcap"))[2]
-
-
 @pytest.mark.parametrize("command", ["replay", "report", "identify", "export", "view"])
 def test_without_any_recording_it_is_said_where_they_would_be(folder: Path, run: Run, command: str) -> None:
     code, _, err = run(command)
     assert code == 2
     assert f"no flight is recorded in {folder}" in err
-
-
-def test_of_another_folder_logs_lists_names_that_other_commands_find(folder: Path, run: Run, tmp_path: Path) -> None:
-    (tmp_path / "usb").mkdir()
-    put(tmp_path / "usb" / OLD, 0.0)
-    _, out, _ = run("logs", "usb")
-    name = out.splitlines()[-1].split()[0]
-    assert run("replay", name)[0] == 0
 
 
 def test_a_flight_ends_with_its_error_figures_and_the_path(capfd: pytest.CaptureFixture[str]) -> None:

@@ -7,16 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from groundstation.analysis import replay_command
 from groundstation.analysis.replay import replay_facts
 from groundstation.recording import CHANNELS, Entry, Recording
-from groundstation.recording.reader import MAGIC
-from sim.runs import RECORDING, fly
-from sim.runs.simulation import RunFolder
-from sim.scenarios import SCENARIOS, prepare
 from tests.recordings import recorded
 
 
@@ -62,20 +57,6 @@ def test_a_simulated_flight_is_flown_again_to_the_last_bit(
     assert facts["poses"] > 300
     assert facts["idle_commands"] > 10
     assert facts["differing"] == {"pose": 0, "idle": 0, "command": 0}
-
-
-def test_a_flight_by_an_older_qtm_is_flown_again_to_the_last_bit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sim.trackers.trackers.NEWEST_MINOR", 22)
-    world, config = prepare(SCENARIOS["paper"], [], source="qualisys")
-    run = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
-    flown = fly(world, config, seed=0, duration_s=2.0, give=run.give)
-    run.close({"completed": flown.completed, "why": flown.why})
-    assert sum(1 for _ in Recording(tmp_path / RECORDING).entries(("/raw/opened",))) == 5  # four for QTM
-    facts = replay_facts(tmp_path / RECORDING)
-    assert facts["identical"] is True
-    assert facts["poses"] > 100
 
 
 def test_another_gain_shows_what_it_would_have_changed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -170,48 +151,6 @@ def test_a_recording_that_was_cut_off_is_flown_again_up_to_there(tmp_path: Path)
     facts = replay_facts(cut)
     assert (facts["identical"], facts["whole"]) == (True, False)
     assert 0 < facts["commands"] < replay_facts(path)["commands"]
-
-
-@pytest.mark.parametrize("share", [0.4, 0.7])
-def test_a_recording_damaged_in_its_middle_is_not_called_cut_off(
-    share: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path, _, _ = recorded()
-    data = bytearray(path.read_bytes())
-    where = int(share * len(data))
-    data[where : where + 30] = bytes(byte ^ 0x5A for byte in data[where : where + 30])
-    bad = tmp_path / "bad.mcap"
-    bad.write_bytes(data)
-    assert replay_command(bad, [], as_json=True) == 1
-    facts = json.loads(capsys.readouterr().out)
-    assert (facts["whole"], facts["identical"]) == (False, True)
-    assert where - 100_000 < facts["damaged_at"] <= where
-    assert 0 < facts["commands"] < replay_facts(path)["commands"]
-    assert replay_command(bad, [], as_json=False) == 1
-    text = capsys.readouterr().out
-    assert f"DAMAGED at byte {facts['damaged_at']}: the rest is not read" in text
-    assert "cut off" not in text
-    assert replay_command(bad, ["controller.k2=3"], as_json=True) == 1
-    bad.write_bytes(data[: len(data) - 1000])  # cut off behind the damage
-    assert replay_facts(bad)["damaged_at"] == facts["damaged_at"]
-
-
-@pytest.mark.parametrize("kind", [0x05, 0x46, 0x0A])
-def test_a_chunk_that_does_not_look_like_one_any_more_is_damage(kind: int, tmp_path: Path) -> None:
-    path, _, _ = recorded()
-    data = bytearray(path.read_bytes())
-    at = len(MAGIC)
-    for _ in range(20):
-        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
-    while data[at] != Opcode.CHUNK:
-        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
-    data[at] = kind
-    bad = tmp_path / "bad.mcap"
-    bad.write_bytes(data)
-    recording = Recording(bad)
-    found = [entry.data for entry in recording.entries()]
-    assert (recording.whole, recording.damaged_at) == (False, at)
-    assert found == [entry.data for entry in Recording(path).entries()][: len(found)]
 
 
 def test_a_change_that_a_replay_does_not_ask_for_is_told_of(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,32 +5,19 @@ import csv
 import json
 import re
 import sys
-from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.text import Text
 
 from groundstation.analysis.identify import find_outside
-from groundstation.analysis.report import draw_columns, read_columns, report_command
+from groundstation.analysis.report import read_columns, report_command
 from groundstation.analysis.report.figures import (
     FIGURES,
-    OVERLAYS,
-    draw_figure,
-    draw_figures,
-    find_figure,
-    flight_letters,
-    print_figures,
 )
-from groundstation.analysis.report.flight import floor_z_m, numbers
+from groundstation.analysis.report.flight import numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
 from groundstation.core.messages import SETTLED_M
@@ -133,18 +120,6 @@ def test_the_page_holds_every_figure_and_needs_nothing_from_elsewhere(
         assert words in text
 
 
-@pytest.mark.matrix  # each stands on a page of its own
-def test_two_recordings_stand_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    other = recorded("paper", "controller.kind=pid")[0]
-    assert report_command([recorded()[0], other], tmp_path, nothing_outside, as_json=True) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [flight["flight"]["controller"] for flight in found["flights"]] == ["adaptive", "pid"]
-    text = Path(found["page"]).read_text("utf-8")
-    assert "mqx, adaptive" in text
-    assert "mqx, pid" in text
-    assert len(Page(text).pictures) == len(FIGURES) + len(OVERLAYS)
-
-
 def test_a_recording_that_was_cut_off_is_reported_as_far_as_it_goes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -190,116 +165,6 @@ def test_the_error_against_the_truth_stands_beside_that_against_the_estimate() -
     assert "RMS error against the truth, from 15 s on [cm]" in table
 
 
-def cut_off(canvas: Figure) -> list[str]:
-    """What is written in a figure and reaches over its edge; numbers at an axis excepted."""
-    canvas.draw_without_rendering()
-    written: list[Text] = []
-    for panel in canvas.axes:
-        legend = panel.get_legend()
-        written += [axis.label for axis in panel._axis_map.values()]
-        written += [*panel.texts, panel.title, *(legend.get_texts() if legend else [])]
-    edge = canvas.bbox.padded(1.0)
-    return [
-        text.get_text()
-        for text in written
-        if text.get_text() and not all(edge.contains(*corner) for corner in text.get_window_extent().get_points())
-    ]
-
-
-@pytest.mark.matrix  # how figures look; what stands in them, other tests of it hold
-def test_what_an_event_says_is_broken_into_lines_and_cut_only_where_no_line_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
-    flown = read_columns(recorded(duration_s=30.0)[0])
-    draw_columns(tmp_path, [find_figure("events")], flown, "pdf")
-    told = [f"{time_s:.1f} s  {kind}: {text}" for time_s, kind, text in flown.events]
-    assert [text.get_text().replace("\n", " ") for text in drawn[0].axes[0].texts] == told
-    many = [(float(i), "holding", "the pilot has it, " * 5) for i in range(14)]
-    draw_columns(tmp_path, [find_figure("events")], replace(flown, events=many), "pdf")
-    (panel,) = drawn[1].axes
-    assert all("\n" not in text.get_text() for text in panel.texts)
-    assert panel.texts[0].get_text().endswith("…")
-    assert not cut_off(drawn[1])
-
-
-def test_a_second_flight_is_drawn_on_limits_that_hold_it_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Poses of `adverse` get older than those of `paper`: they were cut off at the first's limits."""
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
-    flights = [read_columns(recorded(scenario)[0]) for scenario in ("paper", "adverse")]
-    draw_figures(tmp_path, flights)
-    oldest_ms = [1e3 * flown.scalars["pose_age_s"].max() for flown in flights]
-    assert oldest_ms[1] > 1.3 * oldest_ms[0]
-    ages = [panel for canvas in drawn for panel in canvas.axes if panel.get_ylabel().startswith("pose age")]
-    assert [panel.get_ylim()[1] > oldest_ms[1] for panel in ages] == [True]
-
-
-def test_the_truth_is_the_uppermost_line_where_it_is_known() -> None:
-    flown = read_columns(recorded()[0])
-    for name in ("position", "path"):
-        lines = draw_figure(find_figure(name), [flown]).axes[0].lines
-        assert [line.get_label() for line in lines] == ["reference", "estimate", "truth"]
-        # They lie upon each other: only what is broader than the line above it, and not as bright, is seen.
-        for below, above in pairwise(lines):
-            assert below.get_linewidth() > 1.5 * above.get_linewidth()
-            assert abs(brightness(below) - brightness(above)) > 0.2
-
-
-def test_heights_of_the_path_count_from_the_floor() -> None:
-    path, *_ = recorded()
-    flown = read_columns(path)
-    floor = floor_z_m(flown)
-    assert floor == 1.0, "its floor lies a metre below the origin"
-    panel = draw_figure(find_figure("path"), [flown]).axes[0]
-    estimate: Any = panel.lines[1]
-    heights = np.asarray(estimate.get_data_3d()[2])
-    assert heights == pytest.approx(floor - flown.vectors["position_ned"][:, 2])
-    low, high = panel.get_zlim()  # type: ignore[attr-defined]
-    assert low < heights.min()
-    assert heights.max() < high
-
-
-def brightness(line: Line2D) -> float:
-    """How bright a line is printed in grey, 0 to 1 (ITU-R BT.709, of linear light)."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(line.get_color())]
-    return float(np.dot((0.2126, 0.7152, 0.0722), linear) ** (1 / 2.2))
-
-
-def test_flights_of_one_name_are_told_apart_in_the_legend_by_the_letters_of_the_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
-    ours, other = (read_columns(recorded("paper", *words)[0]) for words in ((), ("controller.kind=pid",)))
-    print_figures(tmp_path, [ours, other], "pdf")
-    print_figures(tmp_path, [ours, ours], "pdf")
-    legends = [canvas.axes[0].get_legend() for canvas in drawn]
-    names = [[text.get_text() for text in legend.get_texts()][:2] for legend in legends if legend is not None]
-    assert names == [["adaptive, paper", "pid, paper"]] * 2 + [["A: adaptive, paper", "B: adaptive, paper"]] * 2
-
-
-@pytest.mark.parametrize(("controller", "says"), [("__main__:PD", "PD, paper"), ("_mine:PD", " _mine:PD, paper")])
-def test_a_controller_of_a_script_or_a_notebook_stands_in_the_legend(
-    controller: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda canvas, *_, **__: drawn.append(canvas))
-    ours, other = read_columns(recorded("paper")[0]), read_columns(recorded("paper")[0])
-    other.recording.about["controller"] = controller
-    print_figures(tmp_path, [ours, other], "pdf")
-    legends = [canvas.axes[0].get_legend() for canvas in drawn]
-    names = [[text.get_text() for text in legend.get_texts()][:2] for legend in legends if legend is not None]
-    assert names == [["adaptive, paper", says]] * 2
-
-
-def test_the_papers_figures_stand_beside_no_other_flight() -> None:
-    papers, other = facts(), {**facts(), "paper": None}
-    assert result_table(["A", "B"], [papers, papers])[0] == ["", "A", "B", "the paper"]
-    assert result_table(["A", "B"], [papers, other])[0] == ["", "A", "B"]
-
-
 def test_the_table_is_written_for_spreadsheets_and_for_latex(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -316,15 +181,3 @@ def test_the_table_is_written_for_spreadsheets_and_for_latex(
     assert not re.search(r"(?<!\\)[%&#_](?! )", text.replace(" & ", ""))
     assert "$-$0." in text  # a minus, not a hyphen
     assert text.isascii()  # so that no engine or encoding of LaTeX misses a letter
-
-
-def test_flights_beyond_the_alphabet_have_letters_too() -> None:
-    assert flight_letters(28)[24:] == ["Y", "Z", "AA", "BB"]
-
-
-def test_a_controller_without_a_v_has_no_certificate_in_the_table(tmp_path: Path) -> None:
-    paths = [recorded()[0], recorded("paper", "controller.kind=pid")[0]]
-    assert report_command(paths, tmp_path, nothing_outside, as_json=False, formats=["csv"]) == 0
-    rows = {row[0]: row[1:3] for row in csv.reader((tmp_path / "results.csv").read_text("utf-8").splitlines())}
-    assert rows["certificate violated [%]"] == ["0.00", "–"]
-    assert rows["certificate holds [%]"][1] == "–"

@@ -7,12 +7,7 @@ from typing import NamedTuple
 
 import pytest
 
-from groundstation.core.control import controllers
-from sim.runs import fly
-from sim.scenarios import SCENARIOS, prepare
-from sim.studies.comparison import EFFORT_RAD_S
 from tests.flight.flights import flown, middle
-from tests.law_before import TOLD, LawBefore
 
 
 class Flights(NamedTuple):
@@ -53,14 +48,6 @@ def test_every_scenario_is_tracked_as_closely_as_promised_and_settles_within_fou
     assert middle(scenario, "settle_s", seeds=flights.seeds, duration_s=seconds) <= 4.0
 
 
-@pytest.mark.parametrize("scenario", EFFORT_RAD_S)
-def test_no_more_effort_is_taken_than_by_the_law_before_its_gains_were_searched(
-    scenario: str, flights: Flights
-) -> None:
-    more = SCATTER if flights.seeds == 1 else 1.0
-    assert middle(scenario, "effort_rad_s", **flights._asdict()) <= more * EFFORT_RAD_S[scenario]
-
-
 def test_paper_errs_by_8_mm_at_most_where_the_paper_has_7_6_cm(flights: Flights) -> None:
     assert middle("paper", "max_cm", **flights._asdict()) <= 0.8
 
@@ -98,29 +85,6 @@ def test_adverse_tells_the_weak_thrust_from_the_wind() -> None:
 def test_on_rotors_it_flies_by_what_identify_found(scenario: str, most_cm: float, flights: Flights) -> None:
     assert middle(scenario, "rms_cm", **flights._asdict()) <= most_cm
     assert middle(scenario, "saturated_fraction", **flights._asdict()) <= 0.01
-
-
-@pytest.mark.matrix  # unit/sim/world/test_rotors.py holds the plant's answers
-@pytest.mark.parametrize(
-    ("scenario", "lags_s", "rms_cm", "saturated"),
-    [
-        ("paper", (), 0.108, (0.0, 0.01)),
-        ("rotors_quad1kg", (0.043, 0.042), 0.30, (0.0, 0.01)),
-        ("rotors_mqx", (0.041, 0.054), 1.86, (0.2, 0.7)),
-        ("rotors_mqx_radio", (0.109, 0.104), 3.5, (0.2, 0.8)),
-    ],
-)
-def test_rotors_are_those_on_which_the_law_before_rang_as_an_independent_simulation_has_it(
-    scenario: str, lags_s: tuple[float, ...], rms_cm: float, saturated: tuple[float, float],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    """Told the best pure lags of thrust and rates, within 30 %; `paper` shows that it is the law before."""
-    monkeypatch.setattr(controllers, "Adaptive", LawBefore)
-    lags = (f"vehicle.{name}_lag_s={lag_s}" for name, lag_s in zip(("thrust", "rate"), lags_s, strict=False))
-    world, config = prepare(SCENARIOS[scenario], [*TOLD, *lags])
-    verdict = fly(world, config, seed=0, duration_s=20.0 if scenario == "rotors_quad1kg" else 40.0).verdict
-    assert verdict.rms_cm == pytest.approx(rms_cm, rel=0.3)
-    assert saturated[0] <= verdict.saturated_fraction <= saturated[1]
 
 
 def test_adverse_errs_by_7_cm_at_most(flights: Flights) -> None:

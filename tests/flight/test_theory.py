@@ -11,14 +11,6 @@ def ideal(request: pytest.FixtureRequest) -> list[Certified]:
     return flown_ideal(request.param)[1]
 
 
-@pytest.mark.matrix  # property/test_composite_proof.py keeps the inequality in whole flights
-def test_v_falls_from_its_start_to_a_floor_a_million_times_lower(ideal: list[Certified]) -> None:
-    start = ideal[0][1]
-    floor = max(v for t, v, _ in ideal if t > 10.0)
-    assert start > 1.0
-    assert floor < 1e-6 * start
-
-
 @pytest.mark.tried(1)  # as we fly it
 def test_v_never_rises_by_more_than_sampling_allows_on_its_way_down(ideal: list[Certified]) -> None:
     """Between samples Ṫ and ω are held for 2 ms, so V may rise by terms of second order in that time."""

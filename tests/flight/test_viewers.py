@@ -1,6 +1,5 @@
 """groundstation/analysis/viewers: what Foxglove and Rerun are given of a flight, as a file and while it is recorded."""
 
-import math
 import subprocess
 import sys
 from collections import Counter
@@ -8,23 +7,16 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from groundstation.analysis import export_command
 from groundstation.analysis.viewers import (
-    DRAW_S,
-    TRAIL_S,
     FoxgloveScene,
     Placement,
     RoomScene,
     Trail,
     WindArrow,
-    turn_to,
 )
-from groundstation.config import ConfigError
-from groundstation.core.geometry import to_world
 from groundstation.recording import About, FlightLog, Recording
 from tests.recordings import recorded
 
@@ -46,46 +38,9 @@ def exported(flight: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-@pytest.mark.parametrize(("form", "ending"), [("foxglove", "mcap"), ("rrd", "rrd")])
-def test_a_file_for_viewers_is_named_as_they_know_it(flight: Path, form: str, ending: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=rf"--out: expected a name that ends in \.{ending}"):
-        export_command(flight, form, [], tmp_path / "flight")
-
-
 def shapes(flight: Path) -> list[tuple[float, Placement | Trail | WindArrow]]:
     scene = RoomScene()
     return [(1e-9 * e.stamp_ns, shape) for e in Recording(flight).entries() for shape in scene.shapes(e)]
-
-
-def test_the_scene_has_vehicle_reference_and_truth_where_the_recording_says(flight: Path) -> None:
-    last = {shape.name: shape for _, shape in shapes(flight) if isinstance(shape, Placement)}
-    assert set(last) == {"estimate", "reference", "truth", "measured"}
-    told = {entry.topic.strip("/"): entry.value() for entry in Recording(flight).entries()}
-    for name, shape in last.items():
-        assert shape.position_ned == tuple(told[name]["position_ned"].values())
-    assert math.dist(last["truth"].position_ned, last["estimate"].position_ned) < 0.02
-
-
-def test_a_trail_is_as_long_as_told_and_drawn_no_more_often(flight: Path) -> None:
-    trails = [(at, shape) for at, shape in shapes(flight) if isinstance(shape, Trail) and shape.name == "estimate"]
-    assert all(later - earlier >= DRAW_S for (earlier, _), (later, _) in zip(trails, trails[1:], strict=False))
-    last = trails[-1][1].points_ned
-    assert 0.9 * TRAIL_S / 0.1 / 1.5 < len(last) <= TRAIL_S / 0.1 + 1
-    assert len(trails[0][1].points_ned) == 1
-
-
-def test_the_wind_is_drawn_as_believed_and_as_it_is(flight: Path) -> None:
-    last = {shape.name: shape for _, shape in shapes(flight) if isinstance(shape, WindArrow)}
-    assert last["truth"].wind_m_s2 == pytest.approx((0.1, -0.05, 0.2))
-    believed = next(e for e in reversed(list(Recording(flight).entries(("/adaptation",))))).value()
-    assert last["estimate"].wind_m_s2 == tuple(believed["b_hat_m_s2"].values())
-
-
-@given(st.tuples(*[st.floats(-10.0, 10.0)] * 3))
-def test_an_arrow_points_where_the_wind_blows(wind: tuple[float, float, float]) -> None:
-    length = math.hypot(*wind)
-    ahead = to_world(turn_to(wind), (length, 0.0, 0.0))
-    assert math.dist(ahead, wind) <= 1e-4 * length + 1e-12
 
 
 def test_foxglove_reads_protobuf_in_place_of_json_and_all_else_as_it_was(flight: Path, exported: Path) -> None:
@@ -117,17 +72,6 @@ def components(rrd: Path) -> dict[str, set[str]]:
             entity = line.split(" - ")[1].strip()
             found.setdefault(entity, set()).update(line.rpartition("[")[2].rstrip("]").split())
     return found
-
-
-@needs_rerun
-def test_rerun_imports_the_frames_the_poses_and_the_words(exported: Path, tmp_path: Path) -> None:
-    _rerun("mcap", "convert", str(exported), "-o", str(tmp_path / "flight.rrd"))
-    columns = components(tmp_path / "flight.rrd")
-    for topic in ("/tf", "/tf_static"):
-        assert {"Transform3D:translation", "Transform3D:quaternion", "Transform3D:child_frame"} <= columns[topic]
-    for topic in ("/pose", "/scene/estimate", "/scene/reference", "/scene/truth"):
-        assert "InstancePoses3D:translations" in columns[topic]
-    assert "TextLog:text" in columns["/log"]
 
 
 @needs_rerun

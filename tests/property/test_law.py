@@ -247,13 +247,6 @@ def test_the_yaw_rate_is_limited_and_turns_the_short_way(
     assert abs(rate) <= 2.0
 
 
-@pytest.mark.parametrize(("heading", "target", "sign"), [(3.0, -3.0, 1.0), (-3.0, 3.0, -1.0), (0.5, 0.0, -1.0)])
-def test_the_heading_takes_the_short_way_round(heading: float, target: float, sign: float) -> None:
-    q = so3.from_euler_zyx(0.1, -0.1, heading)
-    rate = yaw_rate(FLOATS, q, target, 0.0, 0.0, 1.0, 9.0)
-    assert rate * sign > 0.1
-
-
 @given(st.lists(st.tuples(vec, vec, angle, st.floats(0.2, 2.0), vec, vec), min_size=1, max_size=8))
 def test_arrays_of_vehicles_agree_with_one_vehicle_at_a_time(states: list[tuple[Any, ...]]) -> None:
     ops = arrays()

@@ -44,14 +44,6 @@ def test_the_newest_value_is_got_once(ends: tuple[Mailbox, Mailbox]) -> None:
     assert reader.get() == b""
 
 
-def test_what_does_not_fit_is_refused_and_changes_nothing(ends: tuple[Mailbox, Mailbox]) -> None:
-    writer, reader = ends
-    writer.put(b"whole")
-    with pytest.raises(ValueError, match="too many for a mailbox"):
-        writer.put(bytes(CAPACITY_BYTES + 1))
-    assert reader.get() == b"whole"
-
-
 values = st.binary(max_size=40)
 
 

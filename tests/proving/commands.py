@@ -1,11 +1,11 @@
-"""``groundstation-sim dev faults``, ``honest``, ``soak`` and ``fuzz``: break, disturb, go on, feed garbage."""
+"""``groundstation-sim dev faults`` and ``honest``: break one thing, or disturb what is whole."""
 
 import argparse
 import json
 import os
 import shlex
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 
 import msgspec
 
@@ -116,36 +116,3 @@ def honest(args: argparse.Namespace) -> Exit:
         write_csv(args.csv, rows)
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else tell_honest(rows))
     return Exit.DONE if all(row.safe for row in rows) else Exit.FAILED
-
-
-def soak(args: argparse.Namespace) -> Exit:
-    """Fly for hours, and see whether anything grows."""
-    from sim.cli import ProgressBar
-    from tests.proving.soak import soak as fly_on
-    from tests.proving.soak import text
-
-    scenario_of(args.scenario)
-    with ProgressBar("flying", args.hours, quiet=args.json, unit="h", digits=1) as progress:
-        facts = fly_on(args.hours, scenario=args.scenario, seed=args.seed, on_progress=progress.at)
-    print(json.dumps(msgspec.to_builtins(facts)) if args.json else text(facts))
-    return Exit.DONE if facts.passed else Exit.FAILED
-
-
-def fuzz(args: argparse.Namespace) -> Exit:
-    """Feed decoders random and damaged bytes."""
-    from sim.cli import ProgressBar
-    from tests.proving.fuzz import LINKS, SOURCES, Subject, fuzz_all, text
-
-    chosen: dict[str, Callable[[], Subject]] = {}
-    for option, table in (("source", SOURCES), ("link", LINKS)):
-        name = getattr(args, option)
-        if name is not None and not any(key.split()[0] == name for key in table):
-            raise ConfigError(
-                f"--{option}", f"expected one of {sorted({key.split()[0] for key in table})}, got {name!r}"
-            )
-        if name is not None or (args.source is None and args.link is None):
-            chosen |= {key: make for key, make in table.items() if name in (None, key.split()[0])}
-    with ProgressBar("datagrams", args.count * len(chosen), quiet=args.json) as counter:
-        total = fuzz_all(chosen, args.count, args.seed, counter.at)
-    print(json.dumps(msgspec.to_builtins(total)) if args.json else text(total))
-    return Exit.DONE if total.exceptions == 0 and total.mismatches == 0 else Exit.FAILED

@@ -1,13 +1,12 @@
-"""Fuzzer: feeds every decoder of poses and links random and damaged bytes.
+"""Random and damaged bytes for every decoder of poses and links.
 
-Nothing may raise, memory may not grow, and a stream that comes in pieces must say the same as one that comes whole. Of
-each decoder there is a subject, with good datagrams to damage: for each pose source a reader as the source would make
-it, and the datagrams of a short flight for it. A benchmark times them, too.
+Nothing may raise, and a stream that comes in pieces must say the same as one that comes whole. Each decoder has a
+subject with good datagrams to damage: for each pose source a reader as the source makes it, and the datagrams of a
+short flight for it. A benchmark times them, too.
 """
 
 import random
 import struct
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -279,8 +278,6 @@ SOURCES: dict[str, Callable[[], Subject]] = {
 """Decoders of pose sources; a new source adds its own here."""
 
 
-SHOWN = 1000
-"""Part of a datagram that made a decoder raise which is shown [hex digits]."""
 LONGEST = 2000
 """Longest random datagram [bytes]."""
 STREAM_PACKETS = 6
@@ -292,107 +289,30 @@ _AWKWARD = (
 )  # fmt: skip
 
 
-class FuzzReport(msgspec.Struct, frozen=True):
-    """Result of one decoder."""
+def try_damaged(make: Callable[[], Subject], count: int, seed: int = 0) -> tuple[int, Mapping[str, int]]:
+    """Feed ``count`` damaged datagrams to one decoder; return how many events came of them, and its drops.
 
-    name: str
-    tried: int
-    """Datagrams, or pieces of streams' worth of them."""
-    events: int
-    """Poses or messages that came out."""
-    drops: dict[str, int]
-    """Counts of drops by reason."""
-    exceptions: int
-    mismatches: int
-    """Streams that said something else in pieces."""
-    memory_growth_mb: float
-    """Growth of the process's peak memory after the first tenth [MB]."""
-
-
-class Total(msgspec.Struct, frozen=True):
-    """Result of all decoders."""
-
-    tried: int
-    events: int
-    drops: dict[str, int]
-    exceptions: int
-    mismatches: int
-    memory_growth_mb: float
-    decoders: list[FuzzReport]
-
-
-def fuzz_all(
-    subjects: Mapping[str, Callable[[], Subject]],
-    count: int,
-    seed: int = 0,
-    on_progress: Callable[[int], None] = lambda _: None,
-) -> Total:
-    """Try ``count`` datagrams on each of ``subjects``; ``on_progress`` hears how many were tried."""
-    reports = [
-        fuzz(name, make, count, seed, lambda tried, before=count * i: on_progress(before + tried))  # type: ignore[misc]
-        for i, (name, make) in enumerate(subjects.items())
-    ]
-    drops: Counter[str] = Counter()
-    for report in reports:
-        drops.update(report.drops)
-    return Total(
-        sum(r.tried for r in reports),
-        sum(r.events for r in reports),
-        dict(drops),
-        sum(r.exceptions for r in reports),
-        sum(r.mismatches for r in reports),
-        max((r.memory_growth_mb for r in reports), default=0.0),
-        reports,
-    )
-
-
-def text(total: Total) -> str:
-    """For people."""
-    lines = [f"{'':<16} {'tried':>9} {'events':>9} {'exceptions':>10} {'in pieces':>10} {'memory MB':>10}  drops"]
-    for r in total.decoders:
-        grown = r.memory_growth_mb
-        drops = ", ".join(f"{reason} {n}" for reason, n in sorted(r.drops.items(), key=lambda item: -item[1])[:4])
-        differ = f"{r.mismatches} differ" if r.mismatches else "same"
-        lines.append(f"{r.name:<16} {r.tried:>9} {r.events:>9} {r.exceptions:>10} {differ:>10} {grown:>10.1f}  {drops}")
-    return "\n".join(lines)
-
-
-def fuzz(
-    name: str,
-    make: Callable[[], Subject],
-    count: int,
-    seed: int = 0,
-    on_progress: Callable[[int], None] = lambda _: None,
-) -> FuzzReport:
-    """Try ``count`` datagrams on one decoder; what raises is told on stderr, the first three of a kind."""
+    Raises:
+        Exception: what the decoder raises, with the datagram as a note.
+        AssertionError: a stream says something else in pieces.
+    """
     subject = make()
-    chance = random.Random(f"{seed} {name}")
-    exceptions: Counter[str] = Counter()
-    tried = events = mismatches = 0
-    memory = peak_mb()
+    chance, events = random.Random(seed), 0
     batch: list[bytes] = []
     for n, datagram in enumerate(_damage_some(subject, chance, count)):
-        if n == count // 10:
-            memory = peak_mb()
-        tried += 1
         try:
             events += subject.feed(datagram, n * PERIOD_S)
-            batch.append(datagram)
-            if len(batch) == STREAM_PACKETS:
-                stream, batch = b"".join(batch), []
-                on_progress(tried)
-                cuts = sorted(chance.randrange(len(stream) + 1) for _ in range(chance.randrange(1, 12)))
-                if (decode := subject.decode_stream) is not None:
-                    mismatches += decode([stream]) != decode(pieces_of(stream, cuts))
-        except Exception as error:  # noqa: BLE001  # which is what we are here to find
-            kind = f"{type(error).__name__}: {error}"
-            exceptions[type(error).__name__] += 1
-            if exceptions[type(error).__name__] <= 3:
-                print(f"fuzz {name}: {kind} on {datagram.hex()[:SHOWN]}", file=sys.stderr)
-    growth = max(0.0, peak_mb() - memory)
-    return FuzzReport(
-        name, tried, events, dict(subject.drops()), sum(exceptions.values()), mismatches, round(growth, 2)
-    )
+        except Exception as error:
+            error.add_note(f"fed {datagram.hex()}")
+            raise
+        batch.append(datagram)
+        if len(batch) == STREAM_PACKETS and (decode := subject.decode_stream) is not None:
+            stream = b"".join(batch)
+            cuts = sorted(chance.randrange(len(stream) + 1) for _ in range(chance.randrange(1, 12)))
+            assert decode([stream]) == decode(pieces_of(stream, cuts)), (stream.hex(), cuts)
+        if len(batch) == STREAM_PACKETS:
+            batch = []
+    return events, subject.drops()
 
 
 def _damage_some(subject: Subject, chance: random.Random, count: int) -> Iterator[bytes]:
@@ -430,14 +350,6 @@ def _damage(data: bytearray, chance: random.Random, seeds: Sequence[bytes]) -> N
         case _:
             awkward = chance.choice(_AWKWARD)
             data[place : place + len(awkward)] = awkward
-
-
-def peak_mb() -> float:
-    """The most memory that this process has held so far [MB]."""
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / 1024.0 if sys.platform != "darwin" else peak / 1024.0**2
 
 
 def read_mavlink() -> Subject:

@@ -2,8 +2,7 @@
 
 The words of a page stand in the page, and between its markers what is made here.
 Every key of a configuration, every command of both programs with its arguments, every channel of a recording with its
-fields, every column of a campaign's table, and the rooms: the folders of the project as its imports arrange them, as a
-table and as a picture.
+fields, every column of a campaign's table, and the rooms: the folders of the project.
 """
 
 import argparse
@@ -13,10 +12,9 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Iterator
-from html import escape
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 from msgspec import inspect as mi
@@ -42,52 +40,16 @@ from sim.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
 HOUSES = ("sim", "groundstation", "links")
-OPENED = "groundstation/core"
-"""The room whose inner rooms are drawn, too."""
-WIDTH = 1000
-"""Width of the picture [px]."""
-BOX = 29
-"""Height of a box, one line of text [px]."""
-HEAD = 28
-"""Height of a box's heading [px]."""
-GAP = 7
-"""Gap between boxes [px]."""
-MARGIN = 12
-"""Margin of the picture [px]."""
-TITLE = "The rooms: each imports only what stands below it"
-COLORS = {"sim": "#D55E00", "groundstation": "#0072B2", "links": "#009E73"}
 
 
-class Room(NamedTuple):
-    """A folder: its path in the repository, and the first sentence of its face."""
-
-    path: str
-    text: str
-
-    @property
-    def name(self) -> str:
-        """The last part of its path."""
-        return self.path.rpartition("/")[2]
-
-
-def rooms_below(folder: str) -> list[Room]:
-    """The rooms that stand next in a folder, by name."""
-    return [_room(face) for face in sorted((ROOT / folder).glob("*/__init__.py"))]
-
-
-def _room(face: Path) -> Room:
-    text = ast.get_docstring(ast.parse(face.read_text("utf-8"))) or ""
-    return Room(face.parent.relative_to(ROOT).as_posix(), " ".join(text.partition("\n\n")[0].split()))
-
-
-@functools.cache
-def folder_imports(folder: str) -> frozenset[str]:
-    """Paths of what the modules of a folder ask for, but for what only types need."""
-    return frozenset(
-        module.replace(".", "/")
-        for path in (ROOT / folder).rglob("*.py")
-        for module, _ in tree_imports(ast.parse(path.read_text("utf-8")))
-    )
+def describe_rooms() -> str:
+    """Every folder of the three packages, and the first sentence of its face."""
+    lines = ["| room | what is in it |", "|---|---|"]
+    for face in (path for house in HOUSES for path in sorted((ROOT / house).rglob("__init__.py"))):
+        text = ast.get_docstring(ast.parse(face.read_text("utf-8"))) or ""
+        sentence = " ".join(text.partition("\n\n")[0].split())
+        lines.append(f"| `{face.parent.relative_to(ROOT).as_posix()}/` | {sentence} |")
+    return "\n".join(lines)
 
 
 def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, str]]:
@@ -105,90 +67,6 @@ def tree_imports(tree: ast.AST, *, typing: bool = False) -> Iterator[tuple[str, 
 def is_for_types(node: ast.AST) -> bool:
     """Whether that is what only types need."""
     return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-
-
-def floors(rooms: list[Room]) -> list[list[Room]]:
-    """Rooms one above the other, so that each asks only for what stands on a lower floor; the highest first."""
-    asks = {
-        room: [
-            other
-            for other in rooms
-            if other != room and any(_within(path, other) for path in folder_imports(room.path))
-        ]
-        for room in rooms
-    }
-
-    @functools.cache
-    def height(room: Room) -> int:
-        return 1 + max((height(other) for other in asks[room]), default=-1)
-
-    return [[room for room in rooms if height(room) == level] for level in sorted({*map(height, rooms)}, reverse=True)]
-
-
-def _within(path: str, room: Room) -> bool:
-    return f"{path}/".startswith(f"{room.path}/")
-
-
-def describe_rooms() -> str:
-    """Every folder of the three packages, and what is in it."""
-    rooms = [_room(face) for house in HOUSES for face in sorted((ROOT / house).rglob("__init__.py"))]
-    return "\n".join(
-        ["| room | what is in it |", "|---|---|", *(f"| `{room.path}/` | {room.text} |" for room in rooms)]
-    )
-
-
-def rooms_picture() -> str:
-    """The rooms as an SVG picture: a room stands above all that it imports."""
-    drawn, y = "", float(MARGIN)
-    for house in HOUSES:
-        color = COLORS[house]
-        below, inner = _stack(floors(rooms_below(house)), MARGIN, y + HEAD, WIDTH - 2 * MARGIN, color)
-        drawn += _box(4, y, WIDTH - 8, below - y, color, f' fill-opacity=".08" fill="{color}"')
-        drawn += _draw_words(MARGIN, y + 19, f'<tspan font-size="16" font-weight="bold" fill="{color}">{house}</tspan>')
-        drawn += inner
-        y = below + GAP
-    return (
-        "<!-- made by `groundstation-sim dev reference`: change the code, not this picture -->\n"
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {y:.0f}" role="img" aria-label="{TITLE}" '
-        f'font-family="Helvetica, Arial, sans-serif" font-size="13">\n<title>{TITLE}</title>\n'
-        f'<rect width="{WIDTH}" height="{y:.0f}" fill="#ffffff"/>\n{drawn}</svg>'
-    )
-
-
-def _stack(levels: list[list[Room]], x: float, y: float, width: float, color: str) -> tuple[float, str]:
-    """Floors drawn from ``y`` on; where they end, and the drawing."""
-    drawn = ""
-    for level in levels:
-        wide = (width - GAP * (len(level) - 1)) / len(level)
-        end = y + BOX
-        for number, room in enumerate(level):
-            left, inner, below = x + number * (wide + GAP), "", y + BOX
-            text = _shorten(room.text, wide - 8 * len(room.name))
-            if room.path == OPENED:
-                below, inner = _stack(floors(rooms_below(room.path)), left + GAP, y + HEAD, wide - 2 * GAP, color)
-            name = f'<tspan font-weight="bold" fill="#222">{room.name}</tspan>'
-            drawn += _box(left, y, wide, below - y, color, ' fill="#fff"')
-            drawn += _draw_words(
-                left + 8, y + 19, f'{name}<tspan dx="9" font-size="11" fill="#555">{escape(text)}</tspan>'
-            )
-            drawn += inner
-            end = max(end, below)
-        y = end + GAP
-    return y, drawn
-
-
-def _box(x: float, y: float, width: float, height: float, color: str, fill: str) -> str:
-    return f'<rect x="{x:.0f}" y="{y:.0f}" width="{width:.0f}" height="{height:.0f}" rx="5"{fill} stroke="{color}"/>\n'
-
-
-def _draw_words(x: float, y: float, spans: str) -> str:
-    return f'<text x="{x:.0f}" y="{y:.0f}">{spans}</text>\n'
-
-
-def _shorten(text: str, wide: float) -> str:
-    """As many words of a room's sentence as there is room for."""
-    most, text = int((wide - 30) / 6.0), text.removesuffix(".")
-    return text if len(text) <= most else f"{text[:most].rpartition(' ')[0].rstrip(',:')} …"
 
 
 ROLE = re.compile(r":\w+:`~?([^`]+)`")
@@ -515,9 +393,8 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
         "asking": describe_asking,
     },
     "rooms.md": {"rooms": describe_rooms},
-    "rooms.svg": {"": rooms_picture},
 }
-"""File → what stands between its markers, by their name; without a name it is all of the file."""
+"""File → what stands between its markers, by their name."""
 
 SCHEMAS = "mqtt-schemas"
 """Folder of the JSON Schemas, beside the pages."""
@@ -525,8 +402,6 @@ SCHEMAS = "mqtt-schemas"
 
 def page(name: str) -> str:
     """The whole text of that page: its own words, and what is made from the code now."""
-    if "" in PAGES[name]:
-        return PAGES[name][""]() + "\n"
     return fill_markers(ROOT / "docs" / "reference" / name, {part: make() for part, make in PAGES[name].items()})
 
 

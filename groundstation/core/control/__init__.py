@@ -5,7 +5,6 @@ from groundstation.core.control.adaptive import (
     HOLD,
     Adaptive,
     Gains,
-    Uncompensated,
     bound_decrease,
     calm_gains,
     hold_gains,

@@ -350,7 +350,7 @@ SHARE_OF_KNOWN = 0.1
 """λ̂ moves only where the last second adds such a share to what is known [-]: noise then never moves it for minutes."""
 CALMEST_NOISE = 0.05
 """Least noise of λ̂'s score, as a share of what the chain's noises give [-]: a room with constant wind, `paper` and
-`quad1kg`, measured by `groundstation-sim dev split`. The chain is tuned to follow gusts, so it takes wind for
+`quad1kg`, measured in simulated holds and figures of 300 s. The chain is tuned to follow gusts, so it takes wind for
 rougher."""
 NOISE_MEMORY_S = 10.0
 """Time of excitation over which that noise is averaged [s]: in less, the first seconds of a calm flight raise it."""

@@ -4,6 +4,9 @@ The flight is `fly`'s without its referee, which keeps every step, and without a
 """
 
 import asyncio
+import gc
+import sys
+from pathlib import Path
 from typing import Any
 
 from groundstation.flight import make_flight
@@ -12,11 +15,20 @@ from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import in_virtual_time
 from tests.proving.bench.bench import Options
-from tests.proving.soak import look
 
 SCENARIO = "adverse"
 LOOKS = 20
 """Looks spread over the flight. The first quarter is warm-up: deques and caches fill."""
+PAGE_BYTES = 4096
+"""Size of a memory page [bytes]."""
+
+
+def look() -> dict[str, int]:
+    """Count the interpreter's objects and memory after a full collection."""
+    gc.collect()
+    statm = Path("/proc/self/statm")
+    resident = int(statm.read_text(encoding="utf-8").split()[1]) * PAGE_BYTES if statm.exists() else 0
+    return {"objects": len(gc.get_objects()), "blocks": sys.getallocatedblocks(), "resident_bytes": resident}
 
 
 @in_virtual_time

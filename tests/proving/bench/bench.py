@@ -26,7 +26,7 @@ class Options(NamedTuple):
     hours: float = 1.0
     """Duration of the flight of ``allocation``, in virtual time [h]."""
     seconds: float = 60.0
-    """Duration of ``mqtt``, ``screen`` and each part of ``links`` [s]."""
+    """Duration of ``screen`` and each part of ``links`` [s]."""
 
 
 def measure_all(names: list[str], options: Options) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """groundstation/shadow on made-up flights, of which everything is known."""
 
 import math
-from collections import Counter
 from pathlib import Path
 
 import msgspec
@@ -9,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.analysis.evidence.shadow import ShadowReport, in_order, report
+from groundstation.analysis.evidence.shadow import ShadowReport, report
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
-from groundstation.pose import TlogRecord
 from tests.shadow_flight import Flight
 
 UNKNOWN: Vec3 = (math.nan, math.nan, math.nan)
@@ -48,49 +46,6 @@ def test_along_a_path_flown_perfectly_the_shadow_asks_for_what_was_sent(tmp_path
         assert rate.difference_rms < 0.03
 
 
-@pytest.mark.parametrize("hover", [0.25, 0.4, 0.7])
-def test_hover_thrust_is_read_from_the_flight(tmp_path: Path, hover: float) -> None:
-    found = replayed(Flight(hover=hover), tmp_path)
-    assert found.hover_thrust == pytest.approx(hover, rel=0.005)
-    assert found.hover_configured == found.hover_thrust
-
-
-def test_a_configured_thrust_that_does_not_carry_the_vehicle_is_named(tmp_path: Path) -> None:
-    found = replayed(Flight(hover=0.4), tmp_path, "vehicle.thrust_max_n=15.0")
-    assert found.hover_configured == pytest.approx(9.81 / 15.0)
-    assert levels(found)["hover"] == "care"
-
-
-def test_a_vehicle_twice_as_heavy_gets_twice_the_thrust_for_the_same_flight(tmp_path: Path) -> None:
-    light, heavy = (replayed(Flight(), tmp_path, f"vehicle.mass_kg={mass}").commands for mass in (1.0, 2.0))
-    assert light is not None and heavy is not None
-    assert heavy.thrust_n.shadow_mean == pytest.approx(2.0 * light.thrust_n.shadow_mean, rel=1e-6)
-    assert heavy.roll_rate_rad_s.shadow_std == pytest.approx(light.roll_rate_rad_s.shadow_std, rel=1e-6)
-
-
-def test_only_the_time_in_the_air_counts_as_flight(tmp_path: Path) -> None:
-    for says_ground in (True, False):  # the set-points tell, even where the autopilot does not
-        found = replayed(Flight(says_ground=says_ground), tmp_path)
-        assert found.flights == 1
-        assert found.flight_s == pytest.approx(8.0, abs=0.9)
-
-
-def test_a_vehicle_that_was_never_armed_has_not_flown(tmp_path: Path) -> None:
-    found = replayed(Flight(armed=False), tmp_path)
-    assert (found.flights, found.flight_s, found.hover_thrust) == (0, 0.0, None)
-    assert found.velocity_rms_m_s is None and found.commands is None
-    assert found.rate_hz == pytest.approx(50.0, rel=0.01)
-    assert found.verdict == "fit with care"
-    assert "no flight" in found.reasons[0]
-
-
-def test_too_few_poses_are_not_fit(tmp_path: Path) -> None:
-    found = replayed(Flight(pose_period_s=0.04), tmp_path)
-    assert found.verdict == "not fit"
-    assert levels(found)["rate"] == "bad"
-    assert "25.0 poses a second" in found.reasons[0]
-
-
 @pytest.mark.parametrize(("length_s", "level"), [(0.05, "fine"), (0.15, "care"), (0.35, "bad")])
 def test_an_outage_is_judged_by_how_long_commands_may_rest_on_one_pose(
     tmp_path: Path, length_s: float, level: str
@@ -100,12 +55,6 @@ def test_an_outage_is_judged_by_how_long_commands_may_rest_on_one_pose(
     assert found.gaps.count == (1 if length_s > 0.05 else 0)
     assert found.gaps.longest_s == pytest.approx(length_s, abs=0.021)
     assert found.gaps.limit_s == 0.25
-
-
-def test_an_outage_on_the_ground_is_no_gap_in_flight(tmp_path: Path) -> None:
-    found = replayed(Flight(poses=lambda t: not 0.2 < t < 0.8), tmp_path)
-    assert found.gaps.count == 0
-    assert found.verdict == "fit"
 
 
 def test_stamps_that_repeat_or_run_back_are_counted_and_judged(tmp_path: Path) -> None:
@@ -137,12 +86,6 @@ def test_a_jump_with_a_reset_is_not_taken_for_motion(tmp_path: Path, error: Vec3
     assert told.commands.pitch_rate_rad_s.correlation > 0.65  # an estimate that slides there turns the vehicle
 
 
-def test_a_reset_on_the_ground_is_only_counted(tmp_path: Path) -> None:
-    found = replayed(Flight(moved=lambda t: (0.5, 7) if t >= 0.5 else (0.0, 6)), tmp_path)
-    assert (found.resets, found.resets_in_flight) == (1, [])
-    assert "resets" not in levels(found)
-
-
 @pytest.mark.parametrize(("error", "level"), [(0.05, "fine"), (0.2, "care"), (0.5, "bad")])
 def test_an_autopilot_whose_velocity_is_not_that_of_its_positions_is_found_out(
     tmp_path: Path, error: float, level: str
@@ -156,59 +99,6 @@ def test_an_autopilot_whose_velocity_is_not_that_of_its_positions_is_found_out(
     # The estimate and the reference are of its velocity, whatever its positions do.
     assert found.velocity_rms_m_s is not None and found.velocity_rms_m_s < 0.1
     assert levels(found)["velocity"] == levels(found)["commands"] == "fine"
-
-
-def test_a_source_without_velocity_is_judged_by_its_positions(tmp_path: Path) -> None:
-    found = replayed(Flight(velocity_error=UNKNOWN), tmp_path)
-    assert (found.velocity_rms_m_s, found.own_velocity_path_rms_m_s) == (None, None)
-    assert "wander" not in levels(found)
-    assert [check.text for check in found.checks if check.about == "velocity"] == [
-        f"the estimated velocity is {found.velocity_path_rms_m_s:.3f} m/s RMS from that of the recorded positions; "
-        "the source sends none"
-    ]
-
-
-def test_the_configuration_file_is_taken_as_it_is(tmp_path: Path) -> None:
-    config = tmp_path / "vehicle.toml"
-    config.write_text('[vehicle]\nname = "two"\nmass_kg = 2.0\nthrust_max_n = 50.0\n[flight]\ncoast_s = 0.1\n')
-    file = tmp_path / "flight.tlog"
-    file.write_bytes(Flight(hover=0.4).tlog())
-    found = report(file, config)
-    assert found.hover_configured == pytest.approx(2.0 * 9.81 / 50.0)
-    assert found.gaps.limit_s == 0.1
-    assert found.commands is not None
-    assert found.commands.thrust_n.sent_mean == pytest.approx(2.0 * 9.81, rel=0.05)
-
-
-def test_every_number_goes_into_json_and_back(tmp_path: Path) -> None:
-    found = replayed(Flight(), tmp_path)
-    assert msgspec.json.decode(msgspec.json.encode(found), type=ShadowReport) == found
-
-
-def logged_at(*times_s: float) -> list[TlogRecord]:
-    return [TlogRecord(time_s, None) for time_s in times_s]
-
-
-@pytest.mark.parametrize(
-    ("times_s", "expected_s", "dropped"),
-    [
-        ((100.0, 100.5, 101.0), (0.0, 0.5, 1.0), 0),
-        ((100.0, 100.5, 100.499, 101.0), (0.0, 0.5, 0.5, 1.0), 0),
-        ((100.0, 100.5, 9e9, 101.0), (0.0, 0.5, 1.0), 1),
-        ((100.0, 100.5, 3.0, 101.0), (0.0, 0.5, 1.0), 1),
-        ((9e9, 100.5, 101.0, 101.5), (0.0, 0.0, 0.5), 1),
-        ((100.0, 100.5, 50.0, 50.5, 51.0), (0.0, 0.5, 0.5, 1.0), 1),
-        ((100.0, 100.5, 9000.0, 9000.5), (0.0, 0.5, 0.5), 1),
-    ],
-    ids=["in order", "two wires", "one far ahead", "one far back", "first damaged", "clock set back", "a long pause"],
-)
-def test_log_times_never_run_back_and_a_damaged_one_moves_no_other(
-    times_s: tuple[float, ...], expected_s: tuple[float, ...], dropped: int
-) -> None:
-    counts = Counter[str]()
-    found = [record.time_s for record in in_order(logged_at(*times_s), counts)]
-    assert found == pytest.approx(list(expected_s))
-    assert counts["log_time"] == dropped
 
 
 @pytest.mark.parametrize(
@@ -231,19 +121,6 @@ def test_a_file_that_is_no_recording_is_named_with_what_is_wrong(
         report(file)
     assert str(file) in str(caught.value)
     assert words in str(caught.value)
-
-
-def test_a_recording_without_poses_says_what_to_record(tmp_path: Path) -> None:
-    file = tmp_path / "flight.tlog"
-    file.write_bytes(Flight(poses=lambda t: False).tlog())
-    with pytest.raises(ConfigError, match="record its ODOMETRY"):
-        report(file)
-
-
-def test_a_recording_of_one_pose_is_replayed(tmp_path: Path) -> None:
-    found = replayed(Flight(poses=lambda t: t == 5.0), tmp_path)
-    assert (found.poses, found.rate_hz) == (1, None)
-    assert found.verdict == "not fit"
 
 
 SHORT = Flight(duration_s=0.6).tlog()

@@ -130,18 +130,6 @@ def test_what_motive_states_and_is_not_read_is_refused(stated: dict[str, Any], s
         list(read_motive_tables(write(tmp_path, "take.csv", motive(**stated))))
 
 
-def test_an_export_of_markers_alone_has_no_body(tmp_path: Path) -> None:
-    text = motive().replace("Rigid Body Marker", "Marker").replace("Rigid Body", "Bone")
-    with pytest.raises(ConfigError, match=r"no rigid body with position and rotation \(found: Bone, Marker\)"):
-        list(read_motive_tables(write(tmp_path, "take.csv", text)))
-
-
-@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "Format Version,1.23\n\n1,2\n"])
-def test_what_motive_did_not_write_is_named(text: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no motive file, or damaged"):
-        read_flight(load_mapping("motive"), [write(tmp_path, "take.csv", text)])
-
-
 @pytest.mark.parametrize("bodies", [("quad",), ("wand", "quad"), ("quad", "wand")])
 @pytest.mark.parametrize("time", [True, False])
 def test_qtms_export_is_read(bodies: tuple[str, ...], time: bool, tmp_path: Path) -> None:
@@ -224,10 +212,6 @@ def test_columns_by_number_and_lines_to_skip(tmp_path: Path) -> None:
     assert (table["1"], table["2"]) == ([0.0, 1.0], [1.5, 2.5])
 
 
-def test_empty_names_at_the_end_of_a_head_are_no_columns(tmp_path: Path) -> None:
-    assert columns(tmp_path, "t,x,,\n0,1,,\n1,2,,\n") == {"t": [0.0, 1.0], "x": [1.0, 2.0]}
-
-
 @pytest.mark.parametrize(
     ("text", "hint"),
     [
@@ -272,10 +256,3 @@ def test_qtms_export_with_decimal_commas_or_without_any_time_is_read(tmp_path: P
     for other in (commas, bare):
         for name, column in plain.items():
             np.testing.assert_allclose(other[name], column, atol=1e-9)
-
-
-def test_numbers_between_tabs_may_have_decimal_commas(tmp_path: Path) -> None:
-    path = write(tmp_path, "run.txt", "t\tx\n0,5\t-1,25\n1.5\t2\n")
-    ((_, table),) = read_csv_table(path, CsvLayout(), ["t"], Counter())
-    assert table["t"].tolist() == [0.5, 1.5]
-    assert table["x"].tolist() == [-1.25, 2.0]

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from groundstation.config import RETIRED_KEYS, ConfigError, RetiredKeyWarning, dump, from_dict, keys_of, load
 from groundstation.core.trajectory.port import HoldConfig
 from groundstation.core.trajectory.shapes import CircleConfig
-from groundstation.lab import read_fleet
 from groundstation.settings import Config
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -187,39 +186,6 @@ def test_an_override_equals_the_same_key_in_the_file(override: str, data: dict[s
     assert from_dict({}, Root, [override]) == from_dict(data, Root)
 
 
-def test_a_later_override_wins_and_the_callers_data_stay_as_they_were() -> None:
-    data: dict[str, Any] = {"vehicle": {"mass_kg": 5, "arms": 3}}
-    config = from_dict(data, Root, ["vehicle.mass_kg=6", "vehicle.mass_kg=7"])
-    assert config.vehicle == Vehicle(mass_kg=7.0, arms=3)
-    assert data == {"vehicle": {"mass_kg": 5, "arms": 3}}
-
-
-REFUSED_OVERRIDES = [
-    ("vehicle.mass_kg=-1", "--set: vehicle.mass_kg: expected a number > 0, got -1"),
-    ("vehicle.mass_kg=nan", "--set: vehicle.mass_kg: expected a number > 0, got nan"),
-    ("vehicle.mass_kg=1\narms=2", r"--set: vehicle.mass_kg: expected a number > 0, got '1\narms=2'"),
-    ("vehicle.name=3", "--set: vehicle.name: expected a string matching ^[a-z]+$, got 3"),
-    ("vehicle.mass_kg.x=1", "--set: vehicle.mass_kg: expected a number > 0, got a table"),
-    ("sim.mass_kg=1", "--set: sim: unknown section (known: vehicle, link, steps, names, wait, points)"),
-    ("link.kind=pigeon", "--set: link.kind: expected one of ['udp', 'radio'], got 'pigeon'"),
-    ("vehicle", "--set: expected key=value, such as vehicle.mass_kg=0.08, got 'vehicle'"),
-    ("=3", "--set: expected key=value, such as vehicle.mass_kg=0.08, got '=3'"),
-    ("vehicle.=3", "--set: expected key=value, such as vehicle.mass_kg=0.08, got 'vehicle.=3'"),
-]
-
-
-@pytest.mark.parametrize(("override", "line"), REFUSED_OVERRIDES, ids=[text for text, _ in REFUSED_OVERRIDES])
-def test_a_bad_override_is_blamed_itself_and_not_the_file(override: str, line: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        from_dict({"vehicle": {"mass_kg": 1}}, Root, [override], source="lab.toml")
-    assert str(caught.value) == line
-
-
-def test_the_file_is_blamed_for_its_own_mistake_beside_a_good_override() -> None:
-    with pytest.raises(ConfigError, match=r"^lab\.toml: vehicle\.arms: "):
-        from_dict({"vehicle": {"arms": "x"}}, Root, ["vehicle.mass_kg=2"], source="lab.toml")
-
-
 def test_an_override_of_a_sections_kind_keeps_the_keys_of_the_file_that_fit_and_drops_the_others() -> None:
     lab = {"trajectory": {"kind": "lemniscate", "speed_m_s": 0.7, "scale_m": 0.4, "yaw_deg": 20.0}}
     flown = from_dict(lab, Config, ["trajectory.kind=circle"]).trajectory
@@ -227,24 +193,6 @@ def test_an_override_of_a_sections_kind_keeps_the_keys_of_the_file_that_fit_and_
     lab = {"trajectory": {"scale_m": 0.4}}  # of the default kind
     assert from_dict(lab, Config, ["trajectory.kind=hold"]).trajectory == HoldConfig()
     assert lab == {"trajectory": {"scale_m": 0.4}}
-
-
-@pytest.mark.parametrize(
-    ("overrides", "line"),
-    [
-        (["trajectory.kind=circle", "trajectory.scale_m=1"], "--set: trajectory.scale_m: unknown key"),
-        (["trajectory.kind=lemniscate", "trajectory.radius_m=1"], "--set: trajectory.radius_m: unknown key"),
-        (["trajectory.kind=transit"], "--set: trajectory.start_ned: missing; .*; add --set trajectory.start_ned=VALUE"),
-        (["trajectory.kind=[1]"], "--set: trajectory.kind: expected one of"),
-        (["trajectory.kind=circle", "trajectory=3"], "--set: trajectory: expected a table"),
-        ([], "lab.toml: trajectory.scal_m: unknown key"),
-        (["trajectory.kind=circle"], "lab.toml: trajectory.scal_m: unknown key"),
-    ],
-)
-def test_another_kind_does_not_hide_a_key_that_is_wrong(overrides: list[str], line: str) -> None:
-    data = {"trajectory": {"kind": "lemniscate", **({"scal_m": 1.0} if "scal_m" in line else {"scale_m": 1.0})}}
-    with pytest.raises(ConfigError, match=line):
-        from_dict(data, Config, overrides, source="lab.toml")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
@@ -408,38 +356,3 @@ def test_a_key_of_an_earlier_version_is_ignored_with_a_word_of_advice(
 def test_no_key_that_is_read_is_retired() -> None:
     known = keys_of(Config)
     assert [key for key in RETIRED_KEYS if any(f"{one}.".startswith(f"{key}.") for one in known)] == []
-
-
-DEEP = ".".join(["a"] * 3_000)
-NESTED = {
-    "dotted keys": f"{DEEP} = 1\n",
-    "dotted keys in a section": f"[controller]\n{DEEP} = 1\n",
-    "a header": f"[{DEEP}]\n",
-    "arrays": f"x = {'[' * 3_000}{']' * 3_000}\n",
-    "fewer arrays": f"x = {'[' * 90}{']' * 90}\n",
-    "tables": f"x = {'{a=' * 90}1{'}' * 90}\n",
-}
-
-
-@pytest.mark.parametrize("text", NESTED.values(), ids=NESTED)
-def test_what_is_nested_without_end_is_refused_by_the_name_of_its_file(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "deep.toml"
-    path.write_text(text)
-    (tmp_path / "flat.toml").write_text("[vehicle]\nfile = 'deep.toml'\n")
-    with pytest.raises(ConfigError, match="16 deep") as error:
-        load(path, Config)
-    assert str(error.value).startswith(f"{path}: no configuration")
-    with pytest.raises(ConfigError, match="16 deep") as error:
-        load(tmp_path / "flat.toml", Config)
-    assert "vehicle.file: deep.toml: no configuration" in str(error.value)
-    with pytest.raises(ConfigError, match="16 deep") as error:
-        read_fleet(path)
-    assert str(path) in str(error.value)
-
-
-@pytest.mark.parametrize("key", [DEEP, f"controller.{DEEP}", f"mqtt.requests.clients.{DEEP}", "vehicle.mass_kg"])
-@pytest.mark.parametrize("value", ["[" * 3_000 + "]" * 3_000, "[" * 90 + "]" * 90])
-def test_an_override_nested_without_end_is_refused_as_any_other(key: str, value: str) -> None:
-    with pytest.raises(ConfigError) as error:
-        load(None, Config, [f"{key}={value}"])
-    assert str(error.value).startswith("--set: ")

@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import main
-from groundstation.config import ConfigError, dump, from_dict, load, presets
+from groundstation.config import ConfigError, from_dict, load, presets
 from groundstation.core.control import Gains
 from groundstation.core.vehicle import Vehicle
 from groundstation.settings import Config
-from sim.scenarios import SCENARIOS
 
 PRESETS = presets(Vehicle)
 FULL = """name = "mine"
@@ -56,11 +55,6 @@ def test_every_preset_says_all_of_its_vehicle_with_the_source_of_each_figure(nam
     assert told.thrust_min_n < 0.2 * told.mass_kg * 9.81
 
 
-def test_the_presets_are_the_vehicles_of_the_scenarios() -> None:
-    assert from_dict({"vehicle": {"preset": "mqx"}}, Config).vehicle == Vehicle()
-    assert from_dict({"vehicle": {"preset": "quad1kg"}}, Config).vehicle == SCENARIOS["quad1kg"].told
-
-
 def test_keys_of_the_section_lie_on_top_of_the_preset_and_overrides_on_top_of_all() -> None:
     data = {"vehicle": {"preset": "x500", "mass_kg": 2.2, "name": "ours"}}
     told = from_dict(data, Config, ["vehicle.thrust_lag_s=0.04", "vehicle.name=theirs"]).vehicle
@@ -74,14 +68,6 @@ def test_a_file_is_found_beside_the_configuration_and_may_start_from_a_preset(tm
     assert vehicle(tmp_path, FULL, "vehicle.mass_kg=0.6").mass_kg == 0.6
     heavy = vehicle(tmp_path, 'preset = "x500"\nname = "heavy"\nmass_kg = 2.5\n')
     assert (heavy.name, heavy.mass_kg, heavy.thrust_max_n) == ("heavy", 2.5, 34.2)
-
-
-def test_what_is_shown_needs_the_file_no_more(tmp_path: Path) -> None:
-    vehicle(tmp_path, FULL)
-    config = load(tmp_path / "lab.toml", Config)
-    (tmp_path / "mine.toml").unlink()
-    (tmp_path / "shown.toml").write_text(dump(config), "utf-8")
-    assert load(tmp_path / "shown.toml", Config) == config
 
 
 REFUSED = [
@@ -126,11 +112,6 @@ SECTIONS = [
 def test_a_vehicle_that_is_not_there_is_refused(section: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=re.escape(words)):
         vehicle(tmp_path, FULL, section=section)
-
-
-def test_only_a_configuration_follows_a_name() -> None:
-    with pytest.raises(ValueError, match="preset and file are for configurations"):
-        Vehicle(preset="x500")
 
 
 def test_the_command_lists_the_presets_and_prints_one_to_start_from(

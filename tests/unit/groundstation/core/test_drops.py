@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from groundstation.core.messages import NOTICES, LinkDropWatch, PoseStatus, find_link_drops, find_pose_drops
+from groundstation.core.messages import NOTICES, LinkDropWatch, PoseStatus, find_pose_drops
 from groundstation.core.messages.drops import LINK_DROPS, USUAL_POSE_DROPS
 from links.core import LinkStatus
 
@@ -19,8 +19,6 @@ NOBODY_NEEDS = {
 """See the module's text; the last line is told by the bridge itself where it runs."""
 
 
-COUNTERS = {"dropped", "_dropped", "errors"}
-"""Attributes of links and sources that count what they drop."""
 KNOWN = {id.removeprefix("drop.") for id in NOTICES if id.startswith("drop.")}
 """Reasons that have their sentence."""
 
@@ -61,19 +59,6 @@ def test_every_reason_that_a_pose_source_counts_has_its_meaning_or_is_no_loss() 
 @pytest.mark.parametrize("reason", LINK_DROPS)
 def test_every_reason_has_a_sentence_and_says_what_to_do(reason: str) -> None:
     assert NOTICES[f"link.{reason}"].remedy
-
-
-def test_losses_below_one_in_a_hundred_are_not_told() -> None:
-    assert find_link_drops(with_drops(truncated=10)) == []
-    (drop,) = find_link_drops(with_drops(truncated=11))
-    assert "11 of 1011 MAVLink frames (1.1 %, limit 1 %) came in pieces of which some were lost" in drop.says.text
-    assert "have it send whole frames" in drop.says.text
-
-
-def test_what_never_happens_on_a_good_link_is_told_from_the_first_on() -> None:
-    link = msgspec.structs.replace(with_drops(other_address=1, replayed=1), other_addresses=("10.0.0.9:14550",))
-    assert {drop.reason for drop in find_link_drops(link)} == {"other_address", "replayed"}
-    assert any("(10.0.0.9:14550)" in drop.says.text for drop in find_link_drops(link))
 
 
 def test_in_flight_a_reason_is_told_once_and_again_when_it_is_tenfold() -> None:

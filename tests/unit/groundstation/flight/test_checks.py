@@ -3,14 +3,14 @@
 import math
 import os
 import random
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 import pytest
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry.so3 import from_euler_zyx
-from groundstation.core.messages import Check, Pose, PoseKind, PoseStatus, Verdict
+from groundstation.core.messages import Check, Pose, PoseStatus, Verdict
 from groundstation.core.safety import Agreement, StandingPoses
 from groundstation.flight import (
     describe_checks,
@@ -20,9 +20,8 @@ from groundstation.flight import (
     examine_trajectory,
 )
 from groundstation.flight.prearm import Checks, real
-from groundstation.pose import PoseConfig
-from groundstation.settings import Config, LinkConfig
-from links.core import LinkKind, LinkStatus
+from groundstation.settings import Config
+from links.core import LinkStatus
 
 BASE: dict[str, Any] = {
     "pose": {"kind": "vicon", "rate_hz": 50.0},
@@ -147,11 +146,6 @@ CASES: list[tuple[str, dict[str, Any], Verdict]] = [
 ]
 
 
-@pytest.mark.parametrize("controller", [{"kind": "adaptive"}, GENTLE])
-def test_the_thrust_bound_says_from_where_it_counts(controller: dict[str, Any]) -> None:
-    assert "m/s² from rest on the reference" in check("thrust bound", config={"controller": controller}).says
-
-
 @pytest.mark.parametrize(("name", "given", "verdict"), CASES)
 def test_each_check_has_its_verdict_and_a_sentence(name: str, given: dict[str, Any], verdict: Verdict) -> None:
     found = check(name, **given)
@@ -192,13 +186,6 @@ def test_where_nobody_else_can_tell_the_second_witness_is_off(config: dict[str, 
     assert says in found.says
 
 
-def test_a_longer_deadline_names_both_keys_and_what_is_usual() -> None:
-    says = check("deadline", config={"flight": {"coast_s": 0.5}, "guards": {"level_s": 0.5}}).says
-    assert "500 ms (flight.coast_s)" in says
-    assert "500 ms more (guards.level_s)" in says
-    assert "500 ms unless told otherwise" in says
-
-
 def test_without_poses_nothing_else_is_asked_of_them() -> None:
     checks = Checks(from_dict(BASE, Config))(StandingPoses(), 0.0, LINK, 1.0)
     assert "poses: no poses" in describe_failures(checks)
@@ -220,31 +207,6 @@ def test_stamps_in_the_wrong_unit_fail_with_the_factor_and_the_unit() -> None:
 def test_a_clock_that_steps_again_and_again_fails() -> None:
     source = PoseStatus(accepted=50, dropped={}, unsteady_clock=True)
     assert "pose age: the tracker's clock stepped" in checked(source, standing(), {"kind": "json"})
-
-
-def test_without_poses_the_commonest_reason_is_named_with_its_meaning() -> None:
-    source = PoseStatus(accepted=1, dropped={"not_tracked": 3, "same_stamp": 70})
-    failures = checked(source, StandingPoses(), {"kind": "json"})
-    assert "70 were dropped: same_stamp (the sender does not set its time stamp" in failures
-
-
-def test_without_poses_a_loss_is_named_before_what_else_comes_to_the_port() -> None:
-    source = PoseStatus(accepted=0, dropped={"not_finite": 20, "other_message": 900})
-    assert "20 were dropped: not_finite" in checked(source, StandingPoses(), {"kind": "vision"})
-
-
-def test_an_origin_that_moves_at_every_pose_is_the_reason_why_none_stands() -> None:
-    source = PoseStatus(accepted=90, dropped={"late": 3}, origin_moves=60)
-    assert "moved its origin 60 times within 5 s" in checked(source, StandingPoses(), {"kind": "vision"})
-
-
-def test_a_second_path_of_the_vehicle_is_no_stranger() -> None:
-    given: dict[str, Any] = {"dropped": {"other_address": 9}, "other_addresses": ("192.168.1.7:14550",)}
-    assert "who else sends" in check("link drops", **given).says
-    says = check("link drops", warning="the autopilot is heard from two addresses", **given).says
-    assert "9 datagrams of the vehicle came by a second path (192.168.1.7:14550)" in says
-    given["other_addresses"] = (*given["other_addresses"], "192.168.1.9:14550")
-    assert "who else sends" in check("link drops", warning="the autopilot is heard from two", **given).says
 
 
 def test_what_fails_is_one_sentence_and_all_of_it_a_list() -> None:
@@ -302,37 +264,6 @@ LOCAL: list[dict[str, Any]] = [
 def test_a_simulated_one_needs_neither(data: dict[str, Any]) -> None:
     assert real(from_dict(data, Config)) is None
     ensure_guarded(from_dict(data, Config))
-
-
-class Unasked(LinkKind, PoseKind, frozen=True, kw_only=True, tag="homemade"):
-    """A kind of link or of poses that has never heard of the question."""
-
-
-def test_what_does_not_answer_whether_it_is_real_counts_as_real() -> None:
-    for section in ("link", "pose"):
-        config = msgspec.structs.replace(from_dict({}, Config), **{section: Unasked()})
-        assert real(config) == f"{section}.kind = homemade"
-
-
-def test_every_kind_of_link_and_of_poses_answers() -> None:
-    for kind in (*get_args(LinkConfig), *get_args(PoseConfig)):
-        assert kind.real not in (LinkKind.real, PoseKind.real), kind
-
-
-def test_no_key_of_a_kind_hides_an_answer_that_means_something_else() -> None:
-    for base, kinds, same in (
-        (LinkKind, LinkConfig, {"period_s", "simulated", "own_position"}),
-        (PoseKind, PoseConfig, {"rate_hz", "latency_s"}),
-    ):
-        for kind in get_args(kinds):
-            assert set(kind.__struct_fields__) & set(vars(base)) <= same, kind
-
-
-def test_the_keys_that_a_kind_of_poses_names_are_its_own() -> None:
-    for kind in get_args(PoseConfig):
-        keys = {kind.body_key, kind.address_key} - {""}
-        live = set() if kind.recorded else {kind.latency_key}
-        assert keys | live <= set(kind.__struct_fields__), kind
 
 
 def test_a_simulated_port_is_believed_of_a_pseudo_terminal_alone_and_told_before_each_flight() -> None:

@@ -6,7 +6,6 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.messages import Check, Others, Verdict
-from groundstation.core.messages.pose import BODIES_MAX
 from groundstation.flight import Company, entry_of
 from groundstation.machine import Running
 from groundstation.settings import Config
@@ -51,12 +50,6 @@ def test_equal_names_of_running_flights_are_told(change: dict[str, Any], verdict
     assert says in seen.says
 
 
-def test_two_bodies_by_number_are_told_apart_by_it() -> None:
-    one = entry_of(config_of({**BASE, "pose": {"kind": "natnet", "id": 1}}), "fly", 1)
-    two = entry_of(config_of({**BASE, "pose": {"kind": "natnet", "id": 2}}), "fly", 1)
-    assert (one.body, two.body) == ("id 1", "id 2")
-
-
 def test_a_bridge_is_compared_by_its_port() -> None:
     bridge = Running(pid=77, command="rf-bridge", vehicle="0.0.0.0:14600", link="crsf /dev/ttyUSB0")
     config = config_of({**BASE, "link": {"kind": "crsf", "port": "/dev/ttyUSB0"}})
@@ -94,14 +87,6 @@ def test_bodies_that_are_far_or_not_seen_any_more_pass(
     assert (seen.verdict, seen.says) == (Verdict.PASS, says)
 
 
-def test_a_smaller_vehicle_may_stand_nearer() -> None:
-    assert bodies_near({"bee": (0.2, 0.0, 0.0)}, size_m=0.14).verdict is Verdict.PASS
-
-
-def test_a_source_without_other_bodies_tells_none() -> None:
-    assert Company(config_of(BASE), None, tuple, None)(standing(), 1.0)[1].verdict is Verdict.OFF
-
-
 def test_once_it_takes_off_only_those_count_that_are_looked_for() -> None:
     bodies = Others(("bee",), own="ant")
     assert ("bee" in bodies, "cat" in bodies, "ant" in bodies) == (True, True, False)
@@ -110,11 +95,3 @@ def test_once_it_takes_off_only_those_count_that_are_looked_for() -> None:
     assert bodies.unseen(0.0) == ("bee",)
     Company(config_of(BASE), bodies, tuple, None).leave()
     assert ("bee" in bodies, "cat" in bodies, "dog" in bodies) == (True, False, False)
-
-
-def test_a_stream_of_ever_new_names_fills_no_memory() -> None:
-    bodies = Others((), own="ant")
-    for number in range(2 * BODIES_MAX):
-        if f"body{number}" in bodies:
-            bodies.see(f"body{number}", 1.0, (1.0, 0.0, 0.0))
-    assert len(bodies.bodies) == BODIES_MAX

@@ -54,12 +54,6 @@ def test_it_is_held_once_it_was_free_and_until_it_is_open_for_longer_than_a_boun
     assert str(seen(*shares).obstacle or "") == obstacle
 
 
-def test_an_axis_that_trembles_at_its_threshold_stays_held() -> None:
-    assert seen(0.0, 0.76, *[0.70, 0.66] * 9).obstacle is None
-    assert str(seen(0.0, 0.74).obstacle) == "the pedal is not held"
-    assert str(seen(0.0, 0.76, *[0.64] * 4).obstacle) == "the pedal is not held"
-
-
 def test_what_was_lost_must_be_let_go_before_it_counts_again() -> None:
     hold = seen(0.0, 1.0)
     hold.lose("No such device")
@@ -130,23 +124,6 @@ def test_the_only_device_that_has_the_key_is_found_and_asked_and_the_others_are_
     assert it.closed
 
 
-def test_an_axis_is_asked_by_its_range(monkeypatch: pytest.MonkeyPatch) -> None:
-    it = pad()
-    plugged(monkeypatch, it)
-    held = open_device(OperatorConfig(hold="ABS_RZ"))
-    it.axes[ecodes.ABS_RZ] = 204
-    assert held.share() == 0.8
-
-
-def test_two_flights_may_hold_by_one_device_that_is_grabbed(monkeypatch: pytest.MonkeyPatch) -> None:
-    it = pad()
-    plugged(monkeypatch, it)
-    config = OperatorConfig(hold="BTN_TR", device="xbox", grab=True)
-    first, second = open_device(config), open_device(config)
-    it.pressed = {ecodes.BTN_TR}
-    assert (it.grabbed, first.share(), second.share()) == (True, 1.0, 1.0)
-
-
 @pytest.mark.parametrize(
     ("operator", "says"),
     [
@@ -170,12 +147,6 @@ def test_a_device_that_is_not_there_stops_at_the_start_with_those_that_are(
     with pytest.raises(ConfigError, match=says):
         require_flyable(from_dict({"operator": operator}, Config))
     assert all(device.closed for device in devices) or "no key" in says or operator.get("device", "").startswith("/")
-
-
-def test_where_no_device_may_be_read_the_operator_is_told_of_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
-    plugged(monkeypatch)
-    with pytest.raises(ConfigError, match="are you in the group input"):
-        open_device(OperatorConfig(hold="BTN_TR"))
 
 
 class Wire:
@@ -243,15 +214,3 @@ async def test_what_goes_wrong_with_the_reader_is_a_loss_and_goes_on_being_told(
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
     assert hand.closed
-
-
-@in_virtual_time
-async def test_a_device_that_has_gone_before_the_flight_begins_is_a_loss() -> None:
-    def connect() -> Hand:
-        raise ConfigError("operator.device", "there are none")
-
-    watch = HoldWatch("BTN_TR", 0.75, connect)
-    running = asyncio.ensure_future(watch.run(lambda: None))
-    await asyncio.sleep(0.1)
-    assert str(watch.hold.obstacle) == "BTN_TR is lost: operator.device: there are none"
-    running.cancel()

@@ -8,7 +8,6 @@ from groundstation.recording import ReceivedRecord, Record, SentRecord
 from groundstation.recording.records import WireRecord
 from groundstation.recording.writer import TlogCutter
 from links.io import NETWORK, parse_address
-from sim.time import VirtualTimeLoop
 from tests.loops import free_address, in_real_time
 from tests.mavlink_table import FRAMES
 
@@ -68,45 +67,6 @@ def check(records: list[Record], echo: Echo, address: tuple[str, int]) -> None:
 def test_a_real_datagram_is_seen_both_ways_and_only_ours() -> None:
     records: list[Record] = []
     check(records, *asyncio.run(talk(records)))
-
-
-def test_in_virtual_time_the_other_side_on_the_same_loop_is_not_seen() -> None:
-    records: list[Record] = []
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        check(records, *runner.run(talk(records)))
-
-
-def test_a_tcp_connection_is_seen_both_ways() -> None:
-    records: list[Record] = []
-
-    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.write((await reader.readline()).upper())
-        writer.close()
-
-    async def run() -> bytes:
-        server = await asyncio.start_server(answer, "127.0.0.1", 0)
-        port = server.sockets[0].getsockname()[1]
-
-        async def ours() -> bytes:
-            reader = asyncio.StreamReader()
-            transport, _ = await WireTaps(records.append).open_stream(
-                lambda: asyncio.StreamReaderProtocol(reader), "127.0.0.1", port
-            )
-            transport.write(b"hello\n")
-            answered = await reader.read()
-            transport.close()
-            return answered
-
-        answered = await asyncio.create_task(ours())
-        server.close()
-        return answered
-
-    assert asyncio.run(run()) == b"HELLO\n"
-    assert [(type(record), getattr(record, "data", b"")) for record in records] == [
-        (WireRecord, b""),
-        (SentRecord, b"hello\n"),
-        (ReceivedRecord, b"HELLO\n"),
-    ]
 
 
 @in_real_time

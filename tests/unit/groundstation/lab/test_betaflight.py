@@ -17,7 +17,6 @@ from links.rf import (
     describe_change,
     describe_pulses,
     encode_request,
-    find_refusal,
     find_settings,
     is_armed,
 )
@@ -88,12 +87,6 @@ def test_frames_of_msp_are_written_and_read_as_their_document_says(
     assert reader.dropped["bad_checksum"] == 1
 
 
-def test_the_payload_of_a_request_has_its_limit() -> None:
-    assert len(encode_request(MspCommand.UID, bytes(255))) == 261
-    with pytest.raises(ValueError, match="at most 255"):
-        encode_request(MspCommand.UID, bytes(256))
-
-
 def test_a_status_tells_whether_it_is_armed_and_a_short_one_does_not() -> None:
     assert is_armed(bytes.fromhex("7d00000021000100000000"))
     assert not is_armed(bytes.fromhex("7d00000021000600000000"))
@@ -142,13 +135,6 @@ def test_settings_are_found_in_what_the_command_line_says() -> None:
 )
 def test_a_setting_is_changed_by_its_own_line(name: str, value: float | str, line: str) -> None:
     assert describe_change(name, value) == line
-
-
-def test_a_refusal_is_found_and_its_echo_is_none() -> None:
-    assert find_refusal("get error\r\n\r\n# ") is None
-    assert find_refusal("set x = 1\r\n###ERROR IN set: INVALID NAME: x###\r\n\r\n# ") == (
-        "###ERROR IN set: INVALID NAME: x###"
-    )
 
 
 def test_a_board_s_map_follows_ours() -> None:
@@ -210,28 +196,6 @@ def test_the_arm_channel_is_to_stand_for_disarmed_once_it_says_nothing(
         visit.parameters = {name: Setting(name, value)}
         (one,) = [judge(advice, visit.parameters) for advice in visit.advice if advice.names == (name,)]
         assert (one.verdict, one.recommended) == (verdict, right if verdict == "must" else None)
-
-
-@pytest.mark.parametrize(
-    ("settings", "verdict"),
-    [
-        ({"thr_mid": 50.0, "thr_hover": 50.0}, "ok"),
-        ({"thr_mid": 30.0, "thr_hover": 30.0}, "ok"),
-        ({"thr_mid": 30.0, "thr_hover": 50.0}, "must"),
-        ({"thr_mid": 50.0, "thr_hover": 30.0}, "must"),
-        ({"thr_mid": 30.0}, "absent"),  # before 4.6, where no expo is no curve
-    ],
-)
-def test_the_throttles_curve_is_to_have_no_corner(settings: dict[str, float], verdict: str) -> None:
-    visit = BoardVisit(from_dict({"link": {"kind": "crsf", "map": {"arm": {"channel": 5}}}}, Config), "/dev/ttyACM0")
-    visit.parameters = {name: Setting(name, value) for name, value in settings.items()}
-    (one,) = [judge(advice, visit.parameters) for advice in visit.advice if advice.names == ("thr_hover",)]
-    assert (one.verdict, one.recommended) == (verdict, settings["thr_mid"] if verdict == "must" else None)
-
-
-def test_a_channel_that_is_fixed_where_a_mode_is_meets_it() -> None:
-    slots = {"aux 0": ARM, "aux 1": "1 1 1700 2100 0 0"}
-    assert slot_verdicts(slots, fixed=[{"channel": 6, "position": 0.8}])["aux 1"] == "must"
 
 
 @pytest.mark.parametrize(

@@ -144,37 +144,3 @@ def test_what_can_not_be_is_refused_by_vehicle_and_key(tmp_path: Path, number: i
         fleet(tmp_path, *vehicles, **more)
     for words in (*says, str(tmp_path)):
         assert words in str(refused.value)
-
-
-def test_several_vehicles_may_be_behind_one_radio(tmp_path: Path) -> None:
-    vehicles = [
-        {"name": n, "link": {"remote": "10.0.0.9:14550", "target_system": i}} for i, n in ((1, "ant"), (2, "bee"))
-    ]
-    assert len(fleet(tmp_path, *vehicles).members) == 2
-
-
-def test_an_error_in_what_all_share_names_that_file(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError) as refused:
-        fleet(tmp_path, ANT, BEE, lab={"vehicle": {"mass_kg": -1.0}})
-    assert "lab.toml (for ant): vehicle.mass_kg" in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("config = ", "not valid TOML"),
-        ('[pose]\nkind = "vicon"', r"config: this is no fleet file: .* is it that configuration itself\?"),
-        ('config = "none.toml"\nvehicles = [{name = "a"}]', "cannot read"),
-    ],
-)
-def test_a_file_that_can_not_be_read_is_named(tmp_path: Path, text: str, says: str) -> None:
-    (tmp_path / "fleet.toml").write_text(text, "utf-8")
-    with pytest.raises(ConfigError, match=says):
-        read_fleet(tmp_path / "fleet.toml")
-    with pytest.raises(ConfigError, match="cannot read"):
-        read_fleet(tmp_path / "missing.toml")
-
-
-def test_a_password_is_beside_the_shared_configuration(tmp_path: Path) -> None:
-    ant, bee = fleet(tmp_path, ANT, BEE, lab={**LAB, "mqtt": {"username": "a", "password_file": "secret"}}).members
-    assert ant.core.mqtt.password_file == bee.core.mqtt.password_file == str(tmp_path / "secret")

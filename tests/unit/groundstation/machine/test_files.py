@@ -1,18 +1,15 @@
 """Text files: UTF-8 whatever the locale is, written whole or not at all; and no output ends a program."""
 
-import ast
 import os
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from groundstation.machine import open_whole, write_whole
 
-ROOT = Path(__file__).parents[4]
 ASCII_LOCALE = {"PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "LC_ALL": "C"}
 """The locale of a machine that has none, with what Python does about it switched off."""
 
@@ -73,31 +70,3 @@ def test_a_flight_in_a_locale_without_utf_8_leaves_the_same_files(tmp_path: Path
     assert tomllib.loads(texts[0])["mqtt"]["password_file"] == str(folder / "pass")
     shown = run("groundstation", "report", "c/flight.mcap", folder=folder)
     assert shown.returncode == 0, shown.stderr.decode()
-
-
-@pytest.mark.parametrize(
-    "command", ["groundstation config new", "groundstation config vehicles", "groundstation-sim scenarios paper"]
-)
-def test_letters_that_the_terminal_does_not_have_are_replaced(command: str, tmp_path: Path) -> None:
-    done = run(*command.split(), folder=tmp_path)
-    assert done.returncode == 0, done.stderr.decode()
-    assert done.stdout.isascii()
-
-
-def calls_without_encoding(path: Path) -> Iterator[str]:
-    """Text files that are opened in whatever encoding the locale has."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if not isinstance(node, ast.Call) or any(word.arg == "encoding" for word in node.keywords):
-            continue
-        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-        if name in ("run", "Popen", "check_output") and any(word.arg == "text" for word in node.keywords):
-            yield f"{path}:{node.lineno}"
-        if (name == "read_text" and not node.args) or (name == "write_text" and len(node.args) < 2):
-            yield f"{path}:{node.lineno}"
-
-
-def test_every_text_file_of_the_project_names_its_encoding() -> None:
-    modules = [
-        file for top in ("groundstation", "links", "sim", "tests/proving") for file in (ROOT / top).rglob("*.py")
-    ]
-    assert [place for module in modules for place in calls_without_encoding(module)] == []

@@ -88,17 +88,6 @@ def test_the_newest_a_running_one_and_files_of_others_always_stay(tmp_path: Path
     assert len(kept(tmp_path)) == 4
 
 
-def test_without_limits_nothing_goes(tmp_path: Path) -> None:
-    flight(tmp_path, 1)
-    flight(tmp_path, 2)
-    assert tidy(config(tmp_path), NOW) == []
-
-
-def test_a_folder_that_is_not_there_holds_nothing(tmp_path: Path) -> None:
-    assert tidy(config(tmp_path / "none", gb=1.0), NOW) == []
-    assert list_recordings(tmp_path / "none") == []
-
-
 def listed(folder: Path, capsys: pytest.CaptureFixture[str], **more: Any) -> dict[str, Any]:
     options = {"folder": folder, "tidy": False, "json": True, "now_s": NOW, **more}
     assert logs_command(RecordingConfig(), argparse.Namespace(**options)) == 0
@@ -112,15 +101,6 @@ def test_a_file_that_is_no_recording_spoils_no_list(tmp_path: Path, capsys: pyte
     assert row["error"] == f"{tmp_path / row['file']} is no MCAP file"
 
 
-def test_the_list_tidies_when_told_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    old, new = flight(tmp_path, 1), flight(tmp_path, 30)
-    settings = config(tmp_path, days=15.0)
-    logs_command(settings, argparse.Namespace(folder=None, tidy=True, json=True, now_s=NOW))
-    answer = json.loads(capsys.readouterr().out)
-    assert answer["removed"] == [old.name]
-    assert [row["file"] for row in answer["flights"]] == [new.name]
-
-
 def test_why_a_flight_ended_is_what_led_to_its_last_state_and_not_what_was_told_after() -> None:
     count = HeadlineCounter()
     for state, text in (
@@ -132,11 +112,3 @@ def test_why_a_flight_ended_is_what_led_to_its_last_state_and_not_what_was_told_
     assert (count.headline().state, count.headline().reason) == ("landed", "landed and disarmed")
     count.end_flight("landed", "flown to the end")
     assert count.headline().reason == "flown to the end"
-
-
-def test_the_list_is_as_wide_as_what_stands_in_it_and_an_error_names_its_file_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    name = flight(tmp_path, 1).name
-    logs_command(RecordingConfig(), argparse.Namespace(folder=tmp_path, tidy=False, json=False, now_s=NOW))
-    assert capsys.readouterr().out.splitlines()[-1] == f"{tmp_path / name}  is no MCAP file"

@@ -11,7 +11,6 @@ import pytest
 from groundstation.machine import (
     ApiError,
     Running,
-    register,
     registration,
     running_processes,
     send_signal,
@@ -72,13 +71,6 @@ def test_a_process_is_registered_while_it_lives_and_what_a_killed_one_left_is_re
     assert running_processes(tmp_path) == []
 
 
-def test_ones_own_entry_is_not_told_and_goes_with_the_flight(folder: Path, tmp_path: Path) -> None:
-    with registration(ONE):
-        assert len(entries(folder)) == 1
-        assert running_processes(tmp_path) == []
-    assert list(folder.iterdir()) == []
-
-
 def test_a_signal_reaches_only_who_is_registered(tmp_path: Path) -> None:
     bee = another("bee")
     try:
@@ -127,14 +119,3 @@ def test_flights_of_a_service_of_this_user_are_found_in_its_folder(
         assert [one.vehicle for one in running_processes(services)] == ["bee"]
     finally:
         end(bee)
-
-
-@pytest.mark.parametrize("told", [None, "/run/user/{uid}"])
-def test_flights_from_shells_with_and_without_a_runtime_folder_are_found_by_each(
-    told: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    uid = os.getuid()
-    monkeypatch.delenv("XDG_RUNTIME_DIR")
-    if told is not None:
-        monkeypatch.setenv("XDG_RUNTIME_DIR", told.format(uid=uid))
-    assert register._folders() == {Path(f"/run/user/{uid}/groundstation"), Path(f"/tmp/groundstation-{uid}")}

@@ -2,15 +2,12 @@
 
 import asyncio
 import contextlib
-import gc
 import os
 
 import pytest
 
-from groundstation.interfaces.service.flights import calm_memory
 from groundstation.machine import cancel_task, precise_loop
 from groundstation.machine.clock import CANCEL_AGAIN_S, PreciseSelector
-from groundstation.runtime import rare_collections
 from tests.loops import in_virtual_time
 
 
@@ -70,13 +67,3 @@ async def test_a_task_that_forgets_its_cancellation_is_cancelled_again_and_what_
     assert loop.time() - begun == pytest.approx(CANCEL_AGAIN_S)
     with pytest.raises(OSError, match="gone"):
         await cancel_task(failing)
-
-
-def test_a_start_collects_garbage_rarely_and_a_flight_in_real_time_little_at_a_time() -> None:
-    before = gc.get_threshold()
-    with rare_collections():
-        assert gc.get_threshold()[0] >= 50 * 700
-        calm_memory()
-        assert gc.get_threshold() == (700, 10, 1000)
-    assert gc.get_threshold() == before
-    assert gc.get_freeze_count() == 0

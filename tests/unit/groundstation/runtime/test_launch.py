@@ -4,8 +4,6 @@ import json
 import shlex
 import sys
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -42,18 +40,3 @@ def test_an_extra_is_installed_from_where_the_program_came(
     text = None if origin is None else json.dumps(origin)
     monkeypatch.setattr("importlib.metadata.distribution", lambda _: SimpleNamespace(read_text=lambda _: text))
     assert shlex.split(packages.describe_install("tune")) == [sys.executable, "-m", "pip", "install", *what]
-
-
-def test_a_program_that_runs_from_its_sources_names_their_folder(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(name: str) -> None:
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr("importlib.metadata.distribution", missing)
-    command = shlex.split(packages.describe_install("view"))
-    folder = command[-1].removesuffix("[view]")
-    assert command[-2:] == ["-e", f"{folder}[view]"]
-    assert (Path(folder) / "pyproject.toml").is_file() and Path(folder) in Path(packages.__file__).parents
-
-
-def test_this_very_environment_is_the_one_that_is_added_to() -> None:
-    assert packages.describe_install("tune").startswith(f"{shlex.quote(sys.executable)} -m pip install ")

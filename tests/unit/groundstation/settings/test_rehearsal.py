@@ -15,7 +15,7 @@ from groundstation.config import (
     texts_of,
 )
 from groundstation.lab import read_fleet
-from groundstation.settings import Config, describe_rehearsal, ensure_served, is_rehearsal, rehearse
+from groundstation.settings import Config, ensure_served, is_rehearsal, rehearse
 from groundstation.settings.settings import ADDRESSES, TEXTS
 from links.io import is_loopback, parse_address
 
@@ -125,11 +125,6 @@ def test_poses_and_telemetry_that_would_come_to_one_port_are_refused() -> None:
         rehearse(from_dict(told, Config), FILE)
 
 
-def test_two_files_are_rehearsed_on_hosts_of_their_own() -> None:
-    one, other = (rehearse(from_dict({}, Config), Path(name)).rehearsal for name in ("a.toml", "b.toml"))
-    assert one is not None and other is not None and one.host != other.host
-
-
 def test_a_rehearsed_fleet_has_a_name_a_link_and_copies_of_the_poses_for_each(tmp_path: Path) -> None:
     for name in ("fleet", "fleet-lab"):
         (tmp_path / f"{name}.toml").write_text(example_text(name))
@@ -147,12 +142,3 @@ def test_a_rehearsal_that_nobody_plays_opens_nothing_and_says_what_to_start(tmp_
     assert room is not None
     with pytest.raises(ConfigError, match="groundstation-sim serve --config"):
         ensure_served(room, tmp_path / "my_room.toml")
-
-
-def test_the_operator_reads_what_was_turned() -> None:
-    before = from_dict({"vehicle": {"name": "quad"}, "link": {"serial": "/dev/ttyACM0"}}, Config)
-    line = describe_rehearsal(rehearse(before, FILE), before)
-    assert line.startswith("REHEARSAL of quad: nothing real is reached or moves. Turned: link.serial ")
-    assert "pose.listen 127." in line and "mqtt" not in line
-    before = from_dict({"pose": {"kind": "libmotioncapture", "backend": "vrpn", "hostname": "vrpn.lab"}}, Config)
-    assert "Turned: pose.kind json, " in describe_rehearsal(rehearse(before, FILE), before)

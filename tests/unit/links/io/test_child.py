@@ -4,7 +4,6 @@ import asyncio
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -33,21 +32,6 @@ def test_a_module_of_the_users_with_the_name_of_ours_is_not_run(
     assert done.stdout.startswith("groundstation")
 
 
-def test_a_module_of_the_users_with_another_name_is_found_on_its_path(tmp_path: Path) -> None:
-    (tmp_path / "leaning.py").write_text("", "utf-8")
-    words = ("fly", "--duration", "1", "--controller", "leaning:make")
-    assert "leaning has no attribute 'make'" in run(make_child_command("sim", *words), tmp_path, ".").stderr
-    assert "No module named 'leaning'" in run(make_child_command("sim", *words), tmp_path, "").stderr
-
-
-def test_whoever_only_imports_our_packages_finds_his_own(tmp_path: Path) -> None:
-    (tmp_path / "sim.py").write_text("mine = True", "utf-8")
-    script = tmp_path / "script.py"
-    script.write_text("import groundstation.flight.flight, links.rf.pacer_process, sim\nassert sim.mine\n", "utf-8")
-    done = run([sys.executable, str(script)], tmp_path, "")
-    assert done.returncode == 0, done.stderr
-
-
 def test_no_program_of_ours_is_started_in_any_other_way() -> None:
     texts = {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in SOURCES}
     # Rerun's own program, and the advice that names pip
@@ -73,16 +57,3 @@ def test_a_child_is_in_a_session_of_its_own_unless_it_is_told_otherwise(apart: b
         session, *words = said.decode().split()
         assert words == ["''", "a", "b"]
         assert (int(session) != os.getsid(0)) is apart
-
-
-CHILDREN = re.compile(r'(?:start_child|open_child)\(\s*"((?:links|groundstation)\.[\w.]+\.\w+)"')
-
-
-def test_what_runs_as_a_program_is_not_there_already_as_a_module() -> None:
-    """Else Python warns on the operator's terminal, and its classes are there twice."""
-    names = {name for file in SOURCES for name in CHILDREN.findall(file.read_text("utf-8"))}
-    assert len(names) >= 3
-    look = "import sys, importlib; importlib.import_module(sys.argv[1]); sys.exit(sys.argv[2] in sys.modules)"
-    for name in names:
-        done = run([sys.executable, "-c", look, name.rpartition(".")[0], name], ROOT, "")
-        assert done.returncode == 0, (name, done.stderr)

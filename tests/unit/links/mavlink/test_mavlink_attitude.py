@@ -4,13 +4,12 @@ import asyncio
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from groundstation.core.geometry import so3
 from groundstation.pose import TlogReader
-from links.core import Attitude, LinkMisuse
+from links.core import Attitude
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import ATTITUDE_HZ, PX4, Message, Trip, attitude_of, load_dialect
 from sim.autopilots import AutopilotPeer, Px4Autopilot, SimulatedAutopilot
@@ -163,33 +162,3 @@ async def test_one_that_is_wanted_anyhow_is_asked_for_once() -> None:
     beating.cancel()
     await link.close()
     assert [interval for number, interval in seen if number == 31.0] == [10_000.0]
-
-
-@pytest.mark.parametrize(
-    ("way", "rate_hz"),
-    [
-        ({"serial": "/dev/ttyUSB0", "baud": 57_600}, 12.5),
-        ({"serial": "/dev/ttyUSB0", "baud": 921_600}, 50.0),
-        ({"listen": "127.0.0.1:14540"}, 50.0),
-    ],
-)
-def test_a_slow_serial_port_is_not_filled_with_it(way: dict[str, Any], rate_hz: float) -> None:
-    link = MavlinkLink(MavlinkLinkConfig(**way), thrust_max_n=2.0)
-    with pytest.MonkeyPatch.context() as patch:
-        wished: list[float] = []
-        patch.setattr(link.connection, "wish", lambda names, hz: wished.append(hz))
-        link.watch_attitude(lambda told: None)
-    assert wished == [rate_hz]
-
-
-@in_virtual_time
-async def test_it_can_only_be_watched_from_before_the_link_is_connected() -> None:
-    autopilot = await Endpoint(kind=PX4).open()
-    autopilot.answer = accept
-    beating = asyncio.create_task(autopilot.beating())
-    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-    await link.connect()
-    with pytest.raises(LinkMisuse, match="before"):
-        link.watch_attitude(lambda told: None)
-    beating.cancel()
-    await link.close()

@@ -114,25 +114,6 @@ def test_heartbeats_tell_offboard_and_armed() -> None:
     assert (last.custom_mode, last.base_mode & 128) == (6 << 16, 128)
 
 
-def test_its_default_telemetry_is_that_of_the_onboard_link() -> None:
-    flight = Flight()
-    flight.until(flight.now + 9.999)
-    rates = {name: len(flight.messages(name)) / 10.0 for name in ("ODOMETRY", "LOCAL_POSITION_NED")}
-    assert rates == pytest.approx({"ODOMETRY": 30.0, "LOCAL_POSITION_NED": 30.0}, abs=0.2)
-    assert len(flight.messages("ATTITUDE_QUATERNION")) / 10.0 == pytest.approx(50.0, abs=0.2)
-    assert len(flight.messages("TIMESYNC")) / 10.0 == pytest.approx(10.0, abs=0.2)
-
-
-def test_odometry_tells_the_motion_in_local_ned_with_the_time_since_boot() -> None:
-    flight = Flight()
-    flight.wait(1.0)
-    message = flight.messages("ODOMETRY")[-1]
-    assert (message.frame_id, message.child_frame_id) == (1, 1)
-    assert (message.x, message.y, message.z) == (0.0, 0.0, -2.0)
-    assert message.q == [1.0, 0.0, 0.0, 0.0]
-    assert message.time_usec == pytest.approx(1e6, abs=4e4)
-
-
 def test_a_message_comes_at_the_interval_that_was_set_and_stops_with_minus_one() -> None:
     flight = Flight()
     assert flight.command(SET_MESSAGE_INTERVAL, 331.0, 10_000.0) == 0
@@ -148,68 +129,12 @@ def test_a_message_comes_at_the_interval_that_was_set_and_stops_with_minus_one()
     assert len(flight.messages("ODOMETRY")) == 30
 
 
-def test_with_every_stream_stopped_only_heartbeats_are_left() -> None:
-    flight = Flight()
-    for number in (331.0, 32.0, 31.0, 111.0, 230.0, 1.0):
-        assert flight.command(SET_MESSAGE_INTERVAL, number, -1.0) == 0
-    flight.heard.clear()
-    flight.wait(10.0)
-    assert {m.get_type() for _, m in flight.heard} == {"HEARTBEAT"}
-
-
-def test_an_interval_for_a_message_that_it_does_not_have_fails() -> None:
-    assert Flight().command(SET_MESSAGE_INTERVAL, 105.0, 10_000.0) == 4
-
-
-def test_an_absurdly_short_interval_does_not_stop_time() -> None:
-    flight = Flight()
-    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, 1e-30) == 0
-    flight.heard.clear()
-    flight.wait(0.1)
-    assert len(flight.messages("ODOMETRY")) == pytest.approx(100, abs=2)
-
-
-def test_an_unknown_command_is_unsupported() -> None:
-    assert Flight().command(16) == 3
-
-
-def test_it_answers_timesync_and_asks_it_itself() -> None:
-    flight = Flight()
-    flight.now += 2.0
-    question = flight.codec.dialect.MAVLink_timesync_message(0, 777)
-    flight.heard.clear()
-    flight.send(flight.codec.pack(question))
-    (answer,) = flight.messages("TIMESYNC")
-    assert (answer.tc1, answer.ts1) == (2_000_000_000, 777)
-    flight.send(flight.codec.pack(flight.codec.dialect.MAVLink_timesync_message(123, 456)))
-    assert len(flight.messages("TIMESYNC")) == 1  # an answer is not answered
-
-
 def test_offboard_without_set_points_is_accepted_and_then_arming_is_denied() -> None:
     flight = Flight()
     assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
     assert flight.command(ARM_DISARM, 1.0) == 1
     assert flight.words == "Arming denied: Resolve system health failures first"
     assert flight.airframe.powered == []
-
-
-def test_half_a_second_of_set_points_is_not_enough_to_arm() -> None:
-    flight = Flight()
-    flight.stream(0.5)
-    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
-    assert flight.command(ARM_DISARM, 1.0) == 1
-    flight.stream(0.6)
-    assert flight.command(ARM_DISARM, 1.0) == 0
-
-
-def test_set_points_at_less_than_two_a_second_are_no_stream() -> None:
-    flight = Flight()
-    for _ in range(6):
-        flight.target()
-        flight.wait(0.6)
-    flight.target()
-    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
-    assert flight.command(ARM_DISARM, 1.0) == 1
 
 
 def test_arming_outside_offboard_is_denied() -> None:
@@ -233,41 +158,6 @@ def test_the_first_set_point_after_arming_lets_the_vehicle_go() -> None:
     assert when == flight.now
     assert thrust == pytest.approx(0.6)
     assert rates == pytest.approx((0.1, -0.2, 0.3))
-
-
-@pytest.mark.parametrize(("mask", "part", "acts"), [(192, 1, 0.0), (135, 2, (0.0, 0.0, 0.0))])
-def test_masked_thrust_lets_the_vehicle_fall_and_masked_rates_are_zero(mask: int, part: int, acts: object) -> None:
-    flight = Flight().arm()
-    set_point = flight.codec.dialect.MAVLink_set_attitude_target_message(0, 1, 1, mask, (1, 0, 0, 0), 1, 2, 3, 0.5)
-    flight.send(flight.codec.pack(set_point))
-    assert flight.airframe.acts[-1][part] == acts
-
-
-def test_an_attitude_that_is_not_masked_wins_over_the_rates() -> None:
-    flight = Flight().arm()
-    attitude = so3.from_euler_zyx(0.2, -0.1, 0.5)
-    message = flight.codec.dialect.MAVLink_set_attitude_target_message(0, 1, 1, 0, attitude, 1.0, 1.0, 1.0, 0.5)
-    for _ in range(100):
-        flight.send(flight.codec.pack(message))
-        flight.wait(PERIOD_S)
-    assert flight.airframe.truth(flight.now).attitude == pytest.approx(attitude, abs=1e-3)
-    assert flight.airframe.acts[-1][1] == 0.5
-
-
-def test_messages_to_another_system_are_ignored() -> None:
-    flight = Flight()
-    flight.arm()
-    flight.send(flight.codec.attitude_target(flight.now, 2, 1, 0.9, (0.0, 0.0, 0.0)))
-    flight.heard.clear()
-    flight.send(flight.codec.command(2, 1, ARM_DISARM, 0.0, FORCE))
-    assert (flight.airframe.acts, flight.heard, flight.autopilot.armed) == ([], [], True)
-
-
-def test_set_points_that_the_air_loses_do_not_count() -> None:
-    lost = iter([False] * 60 + [True] * 1000)
-    flight = Flight(lose=lambda: next(lost)).arm()
-    flight.stream(2.0)
-    assert flight.autopilot.failsafe
 
 
 def test_a_set_point_that_is_not_finite_is_not_obeyed() -> None:
@@ -338,28 +228,6 @@ def test_disarming_is_denied_in_the_air_and_until_it_has_stood_for_a_while() -> 
     assert (flight.autopilot.armed, flight.airframe.powered[-1]) == (False, (flight.now, False))
 
 
-def test_a_bounce_off_the_ground_starts_the_wait_anew() -> None:
-    flight = Flight(Brick(0.0)).arm()
-    flight.stream(1.5, thrust=0.0)
-    flight.stream(1.5, thrust=0.6)
-    assert flight.command(ARM_DISARM, 0.0) == 1
-    while not flight.airframe.truth(flight.now).on_ground:
-        flight.stream(PERIOD_S, thrust=0.2)
-    assert flight.command(ARM_DISARM, 0.0) == 1
-    flight.stream(2.0, thrust=0.0)
-    assert flight.command(ARM_DISARM, 0.0) == 0
-
-
-def test_offboard_without_a_stream_is_rejected_in_the_air() -> None:
-    flight = Flight(Brick(5.0, held=True)).arm()
-    flight.stream(0.2)
-    assert flight.command(DO_SET_MODE, 1.0, 4.0, 6.0) == 0
-    flight.wait(1.0)
-    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 1
-    flight.stream(1.1)
-    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
-
-
 def test_disarming_by_force_stops_the_motors_in_the_air() -> None:
     flight = Flight().arm()
     flight.stream(0.1)
@@ -374,11 +242,3 @@ def test_mode_land_on_command_is_not_left_because_set_points_come() -> None:
     flight.stream(8.0)
     assert flight.autopilot.mode == LAND
     assert not flight.autopilot.armed
-
-
-def test_nothing_is_due_earlier_than_it_says() -> None:
-    flight = Flight().arm()
-    flight.stream(0.5)
-    due = flight.autopilot.next_due_s
-    assert flight.autopilot.poll(due - 1e-6) == []
-    assert flight.autopilot.poll(due) != []

@@ -186,21 +186,6 @@ def test_words_that_come_shortly_after_the_refusal_are_quoted() -> None:
     assert "“Preflight Fail: no attitude”" in str(scene.handshake.failure)
 
 
-def test_a_refusal_without_words_says_so() -> None:
-    failure = Scene(PX4, arming, refuse(DO_SET_MODE, 3)).run().handshake.failure
-    assert (
-        "PX4 refused to enter OFFBOARD (it does not have this command, MAV_RESULT_UNSUPPORTED): it gave no reason."
-        in str(failure)
-    )
-
-
-def test_chatter_is_not_quoted_as_a_reason() -> None:
-    def answer(request: Any) -> list[Any]:
-        return [says("[logger] ./log/1.ulg", severity=6), ack(request, 2)]
-
-    assert "it gave no reason" in str(Scene(PX4, arming, answer).run().handshake.failure)
-
-
 def heard(*parts: tuple[int, int, bytes], component: int = 1, words: Words | None = None) -> Words:
     """What is known after ``parts`` (STATUSTEXT.id, chunk_seq, text) of the system's ``component`` have come."""
     words = Words() if words is None else words
@@ -238,33 +223,12 @@ def test_a_piece_that_was_lost_is_marked(parts: tuple[tuple[int, int, bytes], ..
     assert heard(*parts).newest == shown
 
 
-def test_a_text_of_one_piece_is_whole_however_long_it_is() -> None:
-    assert heard((0, 0, FIRST)).newest == FIRST.decode()
-    assert heard((0, 0, b"one"), (0, 0, b"two")).complaints() == "“one”; “two”"
-
-
 def test_pieces_are_joined_by_their_sender_and_number_also_with_others_between() -> None:
     words = heard((7, 0, FIRST))
     heard((7, 0, b"Camera: lens dirty"), component=100, words=words)
     heard((8, 0, b"Battery low"), (0, 0, b"Armed"), (7, 1, b" to arm"), words=words)
     assert words.complaints() == "“Camera: lens dirty”; “Battery low”; “Armed”"
     assert FIRST.decode() + " to arm" in [text.show() for text in words._texts]
-
-
-def test_a_piece_that_is_delivered_twice_is_one_piece() -> None:
-    words = heard((7, 0, FIRST), (7, 0, FIRST), (7, 1, SECOND), (7, 1, SECOND), (7, 2, LAST), (7, 2, LAST))
-    assert words.complaints() == f"“{WHOLE}”"
-
-
-def test_a_number_that_is_used_again_begins_a_new_text() -> None:
-    words = heard((7, 0, b"first"), (7, 0, b"second"))
-    assert words.complaints() == "“first”; “second”"
-
-
-def test_a_restarted_autopilot_that_counts_anew_does_not_add_to_its_old_texts() -> None:
-    words = heard((1, 0, b"Armed"), (2, 0, b"Landed"), (1, 0, FIRST), (1, 1, SECOND), (1, 2, LAST))
-    assert words.newest == WHOLE
-    assert words.complaints() == f"“Armed”; “Landed”; “{WHOLE}”"
 
 
 def test_a_temporary_refusal_is_asked_again_until_it_passes() -> None:

@@ -7,9 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.messages import Pose
-from groundstation.pose.sources import MavlinkPoseConfig, MavlinkPoseSource
-from links.core import Command, LinkError, LinkLost, LinkMisuse, LinkRejected
+from links.core import Command, LinkError, LinkLost
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.connection import RIVAL_S
 from links.mavlink.protocol import (
@@ -18,13 +16,9 @@ from links.mavlink.protocol import (
     DO_SET_MODE,
     INVALID,
     PX4,
-    SET_MESSAGE_INTERVAL,
     MavlinkCodec,
 )
 from links.mavlink.protocol.autopilot_state import STALE_NEWS_S
-from sim.autopilots import AutopilotPeer, Px4Autopilot
-from sim.time import VirtualTimeLoop
-from tests.airframe_double import Brick
 from tests.loops import Scene, in_virtual_time, on_stage
 
 HERE = ("127.0.0.1", 14540)
@@ -132,16 +126,6 @@ async def test_the_autopilot_that_is_waiting_for_us_is_spoken_to_first() -> None
 
 
 @scene()
-async def test_a_question_for_the_time_is_answered_an_answer_is_not(link: MavlinkLink, autopilot: Endpoint) -> None:
-    await asyncio.sleep(0.5)
-    autopilot.heard.clear()
-    autopilot.say(D.MAVLink_timesync_message(0, 42), D.MAVLink_timesync_message(7, 42))
-    await asyncio.sleep(0.1)
-    (answer,) = autopilot.of("TIMESYNC")
-    assert (answer.tc1, answer.ts1) == (500_000_000, 42)
-
-
-@scene()
 async def test_the_status_tells_the_round_trip_and_the_autopilots_clock(link: MavlinkLink, autopilot: Endpoint) -> None:
     assert link.status.rtt_s is None
     assert link.status.offset_s is None
@@ -173,17 +157,6 @@ async def test_messages_reach_subscribers_with_their_arrival_until_they_leave(
     autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
     await asyncio.sleep(0.25)
     assert len(got) == 1
-
-
-@scene()
-async def test_datagrams_from_another_address_are_ignored_and_counted(link: MavlinkLink, autopilot: Endpoint) -> None:
-    got: list[str] = []
-    link.connection.subscribe(lambda m, s: got.append(m.get_type()))
-    stranger = await Endpoint().open()
-    stranger.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-    await asyncio.sleep(0.1)
-    assert got == []
-    assert link.status.dropped == {"other_address": 1}
 
 
 @pytest.mark.parametrize(("system", "component"), [(2, 1), (1, 191)])
@@ -319,44 +292,6 @@ async def test_what_is_owed_to_a_vehicle_in_the_air_never_goes_to_another_with_i
     await link.close()
 
 
-def test_the_default_talk_of_the_autopilot_is_stopped() -> None:
-    def play(quiet: bool) -> set[str]:
-        seen: set[str] = set()
-
-        async def main() -> None:
-            link = MavlinkLink(MavlinkLinkConfig(quiet=quiet), thrust_max_n=2.0)
-            peer = asyncio.create_task(AutopilotPeer(Px4Autopilot(Brick()), HERE).run())
-            await link.connect()
-            link.connection.subscribe(lambda m, s: seen.add(m.get_type()))
-            await asyncio.sleep(3.0)
-            await link.close()
-            peer.cancel()
-
-        in_virtual_time(main)()
-        return seen
-
-    assert play(quiet=True) == {"ESTIMATOR_STATUS", "HEARTBEAT", "SYS_STATUS", "TIMESYNC"}
-    assert play(quiet=False) > {"ODOMETRY", "ATTITUDE_QUATERNION", "TIMESYNC"}
-
-
-@scene(connect=False, quiet=True)
-async def test_a_message_that_is_wanted_is_not_stopped_first(link: MavlinkLink, autopilot: Endpoint) -> None:
-    link.connection.request(lambda kind: {"ODOMETRY": 50.0})
-    await link.connect()
-    asked = [(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG")]
-    assert (30.0, -1.0) in asked
-    assert [interval for number, interval in asked if number == 331.0] == [20_000.0]
-
-
-@scene()
-async def test_connecting_again_does_not_double_the_heartbeats(link: MavlinkLink, autopilot: Endpoint) -> None:
-    await link.close()
-    await link.connect()
-    autopilot.heard.clear()
-    await asyncio.sleep(5.0)
-    assert len(autopilot.of("HEARTBEAT")) == pytest.approx(5, abs=1)
-
-
 @scene(connect=False, quiet=True)
 async def test_an_autopilot_that_answers_no_requests_is_connected_all_the_same(
     link: MavlinkLink, autopilot: Endpoint
@@ -365,101 +300,6 @@ async def test_an_autopilot_that_answers_no_requests_is_connected_all_the_same(
     await link.connect()
     assert link.status.state == "connected"
     assert len({m.param1 for m in autopilot.of("COMMAND_LONG")}) == 1  # and asked no further
-
-
-def fly_with_poses(autopilot: Px4Autopilot) -> tuple[list[Pose], MavlinkPoseSource]:
-    poses: list[Pose] = []
-    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-    source = MavlinkPoseSource(MavlinkPoseConfig(latency_s=0.01, rate_hz=80.0), link)
-
-    async def main() -> None:
-        await source.start(poses.append)
-        peer = asyncio.create_task(AutopilotPeer(autopilot, HERE).run())
-        await link.connect()
-        begun = asyncio.get_running_loop().time()
-        await asyncio.sleep(1.999)
-        poses[:] = [pose for pose in poses if pose.arrival_s >= begun]
-        await source.close()
-        count = len(poses)
-        await asyncio.sleep(1.0)
-        assert len(poses) == count
-        await link.close()
-        peer.cancel()
-
-    in_virtual_time(main)()
-    return poses, source
-
-
-def test_the_autopilots_odometry_comes_at_the_rate_that_was_asked_for() -> None:
-    poses, source = fly_with_poses(Px4Autopilot(Brick(2.0, held=True)))
-    assert len(poses) == pytest.approx(160, abs=1)
-    assert poses[-1].position_ned == (0.0, 0.0, -2.0)
-    assert poses[-1].arrival_s - poses[-1].time_s == pytest.approx(0.01, abs=1e-3)
-    assert source.status.dropped == {}
-
-
-@scene(kind=ARDUPILOT, connect=False)
-async def test_ardupilot_is_asked_for_position_and_attitude_instead(link: MavlinkLink, autopilot: Endpoint) -> None:
-    poses: list[Pose] = []
-    await MavlinkPoseSource(MavlinkPoseConfig(rate_hz=50.0), link).start(poses.append)
-    await link.connect()
-    asked = {(m.param1, m.param2) for m in autopilot.of("COMMAND_LONG") if m.command == SET_MESSAGE_INTERVAL}
-    assert asked == {(32.0, 20_000.0), (31.0, 20_000.0), (193.0, 500_000.0)}
-    autopilot.say(
-        D.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        D.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0),
-    )
-    await asyncio.sleep(0.1)
-    assert [pose.position_ned for pose in poses] == [(1.0, 2.0, 3.0)]
-
-
-@in_virtual_time
-async def test_poses_that_are_a_while_under_way_are_as_old_as_the_configuration_says() -> None:
-    poses: list[Pose] = []
-    peer = AutopilotPeer(Px4Autopilot(Brick(2.0, held=True)), HERE, delay_s=0.02)
-    running = asyncio.create_task(peer.run())
-    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-    await MavlinkPoseSource(MavlinkPoseConfig(latency_s=0.02), link).start(poses.append)
-    ages: list[float] = []  # the autopilot booted at 0 of our clock
-    link.connection.subscribe(lambda m, s: ages.append(s - getattr(m, "time_usec", s * 1e6) * 1e-6))
-    await link.connect()
-    await asyncio.sleep(0.1)
-    assert max(ages) == pytest.approx(0.02, abs=2e-6)
-    await link.close()
-    running.cancel()
-    assert all(pose.arrival_s - pose.time_s == pytest.approx(0.02, abs=2e-6) for pose in poses)
-    assert len(poses) >= 8
-
-
-@in_virtual_time
-async def test_poses_go_on_counting_after_the_link_was_connected_again() -> None:
-    poses: list[Pose] = []
-    peer = asyncio.create_task(AutopilotPeer(Px4Autopilot(Brick(2.0, held=True)), HERE).run())
-    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-    await MavlinkPoseSource(MavlinkPoseConfig(), link).start(poses.append)
-    for _ in range(2):
-        await link.connect()
-        await asyncio.sleep(0.5)
-        await link.close()
-    peer.cancel()
-    assert len(poses) > 60
-    assert [pose.id for pose in poses] == list(range(len(poses)))
-
-
-@scene()
-async def test_poses_must_be_asked_for_before_connecting(link: MavlinkLink, autopilot: Endpoint) -> None:
-    with pytest.raises(LinkMisuse, match="before"):
-        await MavlinkPoseSource(MavlinkPoseConfig(), link).start(lambda pose: None)
-
-
-@scene(connect=False)
-async def test_an_autopilot_that_refuses_the_poses_refuses_the_connection(
-    link: MavlinkLink, autopilot: Endpoint
-) -> None:
-    autopilot.answer = lambda m: [D.MAVLink_command_ack_message(511, 2, 0, 0, 245, 190)]
-    await MavlinkPoseSource(MavlinkPoseConfig(), link).start(lambda pose: None)
-    with pytest.raises(LinkRejected, match="PX4 refused to send ODOMETRY at 100 Hz"):
-        await link.connect()
 
 
 @scene()
@@ -532,13 +372,6 @@ async def test_ardupilot_that_will_not_disarm_is_put_into_land(link: MavlinkLink
     assert link.status.state == "connected"
 
 
-@scene()
-async def test_the_autopilots_newest_words_are_in_the_status(link: MavlinkLink, autopilot: Endpoint) -> None:
-    autopilot.say(D.MAVLink_statustext_message(6, b"Takeoff detected\t"))
-    await asyncio.sleep(0.1)
-    assert link.status.text == "Takeoff detected"
-
-
 @pytest.mark.parametrize(("own", "share"), [(None, 0.5), (0.0, 0.25), (1.0, 0.5)])
 @in_virtual_time
 async def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(own: float | None, share: float) -> None:
@@ -556,44 +389,6 @@ async def test_the_vehicles_curve_bends_the_signal_unless_the_link_has_its_own(o
     await link.close()
 
 
-@scene(thrust_curve=1.0)
-async def test_a_motor_curve_in_the_configuration_bends_the_signal(link: MavlinkLink, autopilot: Endpoint) -> None:
-    await link.arm(lambda: command(0.0))
-    link.send(command(0.5))
-    await asyncio.sleep(0.1)
-    assert autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust == pytest.approx(0.5)  # the root of 0.25
-
-
-@in_virtual_time
-async def test_a_refused_arming_is_told_in_px4s_words() -> None:
-    # All set-points are lost on the air: PX4 hears only the commands.
-    autopilot = Px4Autopilot(Brick(), lose=lambda: True)
-    peer = asyncio.create_task(AutopilotPeer(autopilot, HERE).run())
-    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-    await link.connect()
-    with pytest.raises(LinkRejected) as refused:
-        await link.arm(lambda: command(0.0))
-    assert str(refused.value).startswith(
-        "PX4 refused to arm (not possible at this moment, MAV_RESULT_TEMPORARILY_REJECTED): "
-        "“Arming denied: Resolve system health failures first”."
-    )
-    assert not autopilot.armed
-    await link.close()
-    peer.cancel()
-
-
-def test_a_peer_whose_vehicle_fails_says_so() -> None:
-    class Broken(Brick):
-        def measure(self, time_s: float) -> Any:
-            raise ArithmeticError("the vehicle broke")
-
-    async def main() -> None:
-        await AutopilotPeer(Px4Autopilot(Broken()), HERE).run()
-
-    with pytest.raises(ArithmeticError, match="the vehicle broke"):
-        in_virtual_time(main)()
-
-
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
@@ -609,37 +404,6 @@ def test_a_peer_whose_vehicle_fails_says_so() -> None:
 def test_a_bad_configuration_is_refused(options: dict[str, Any], complaint: str) -> None:
     with pytest.raises(msgspec.ValidationError, match=complaint):
         msgspec.convert(options, MavlinkLinkConfig)
-
-
-def test_px4s_own_address_is_the_default() -> None:
-    assert MavlinkLinkConfig().endpoint == "127.0.0.1:14540"
-    assert MavlinkLinkConfig(remote="127.0.0.1:14580").endpoint == "127.0.0.1:14580"
-
-
-def test_two_runs_put_the_same_bytes_on_the_wire() -> None:
-    def record() -> list[tuple[float, bytes]]:
-        log: list[tuple[float, bytes]] = []
-
-        async def main() -> None:
-            loop = asyncio.get_running_loop()
-            assert isinstance(loop, VirtualTimeLoop)
-            loop.tap = lambda time_s, source, target, data: log.append((time_s, data))
-            peer = asyncio.create_task(AutopilotPeer(Px4Autopilot(Brick(1.0, held=True)), HERE).run())
-            link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-            await link.connect()
-            await link.arm(lambda: command(0.0))
-            for _ in range(50):
-                link.send(command())
-                await asyncio.sleep(link.period_s)
-            await link.close()
-            peer.cancel()
-
-        in_virtual_time(main)()
-        return log
-
-    first = record()
-    assert first == record()
-    assert len(first) > 150
 
 
 @scene()

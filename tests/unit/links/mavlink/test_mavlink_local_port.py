@@ -3,8 +3,6 @@
 import asyncio
 import errno
 import os
-import subprocess
-import sys
 from typing import Any
 
 import pytest
@@ -95,15 +93,3 @@ def test_a_port_that_is_taken_is_told_with_its_holder() -> None:
         return number
 
     assert name_holder(asyncio.run(main())) == ""
-
-
-def test_a_command_of_several_lines_is_named_on_one() -> None:
-    code = "import socket, sys\nhere = socket.socket(type=socket.SOCK_DGRAM)\nhere.bind(('127.0.0.1', 0))\n"
-    code += "print(here.getsockname()[1], flush=True)\nsys.stdin.read()"
-    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout is not None
-        named = name_holder(int(other.stdout.readline()))
-        other.communicate()
-    assert named.isprintable()
-    assert "-c import socket, sys here" in named
-    assert named.endswith(f"(process {other.pid})")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from links.core import LinkLost, LinkRejected
+from links.core import LinkRejected
 from links.mavlink.protocol import (
     ARDUPILOT,
     PX4,
@@ -23,7 +23,7 @@ from links.mavlink.protocol import (
     decode,
     encode,
 )
-from links.mavlink.protocol.procedures import ASKED, AT_ONCE, TRIES
+from links.mavlink.protocol.procedures import ASKED, AT_ONCE
 
 INT8, INT32 = 2, 6
 
@@ -130,11 +130,3 @@ def test_a_value_that_it_does_not_take_is_told_of() -> None:
     scene.tell(write, "GUID_TIMEOUT", 3.0)
     assert isinstance(write.failure, LinkRejected)
     assert "keeps GUID_TIMEOUT at 3 instead of 0.5" in str(write.failure)
-
-
-def test_silence_after_setting_is_given_up() -> None:
-    scene = Scene()
-    write = Write(scene.autopilot, AutopilotParameter("GUID_TIMEOUT", 0.5, REAL32))
-    scene.run(write, {})
-    assert isinstance(write.failure, LinkLost)
-    assert len(scene.asked) == TRIES

@@ -18,7 +18,7 @@ from links.mavlink.protocol import (
     TargetSenders,
     load_dialect,
 )
-from links.mavlink.protocol.senders import BOTH_S, MOST_OTHERS, hardware_id
+from links.mavlink.protocol.senders import BOTH_S, hardware_id
 from tests.loops import Scene, in_virtual_time, on_stage
 from tests.unit.links.mavlink.test_mavlink_link import Endpoint, accept, command
 
@@ -104,13 +104,6 @@ def test_another_autopilot_than_the_one_that_was_examined_conflicts() -> None:
     assert seen.conflict(HERE, 20.0) == ""
     seen.identify(HERE, version(8))
     assert "not the one that was checked" in seen.conflict(HERE, 20.0)
-
-
-def test_so_many_senders_are_remembered_and_no_more() -> None:
-    seen = senders()
-    for port in range(100):
-        seen.beat(("10.0.0.7", port), 1.0 + 0.001 * port)
-    assert len(seen.others(HERE, 1.1)) == MOST_OTHERS + 1
 
 
 # ---- on a link

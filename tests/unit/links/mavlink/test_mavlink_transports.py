@@ -197,43 +197,6 @@ def test_garbage_and_half_frames_are_counted_and_commands_go_on(end: End, seed: 
     play(main)
 
 
-def test_a_wire_that_goes_and_comes_again_with_noise_is_found_each_time(end: End) -> None:
-    async def main() -> None:
-        await end.start()
-        config = MavlinkLinkConfig(**end.options, quiet=False, heartbeat_timeout_s=SILENCE_S)
-        link = MavlinkLink(config, thrust_max_n=2.0)
-        await link.connect()
-        await link.arm(command)
-        assert link.send(command())
-        await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
-        for _ in range(2):
-            end.lose()
-            await until(lambda: link.status.state == "lost")
-            assert link.status.text.startswith("the link is lost: ")
-            assert link.status.phase == "over"
-            assert not link.send(command())
-            end.heard.clear()
-            await end.start()
-            for trouble in troubles(MavlinkCodec(1, 1), 5):
-                end.put(trouble)
-            end.put(bytes(300))
-            await until(lambda: link.status.state in ("connected", "armed"))
-            await until(lambda: link.status.text == "the link is back after it was lost: arm anew to fly")
-            assert not link.send(command())
-            await asyncio.sleep(0.1)
-            assert "SET_ATTITUDE_TARGET" not in end.heard
-        await link.arm(command)
-        assert link.send(command())
-        await until(lambda: "SET_ATTITUDE_TARGET" in end.heard)
-        await link.kill()
-        await link.close()
-        assert link.status.state == "closed"
-        end.lose()
-        await asyncio.sleep(0.02)
-
-    play(main)
-
-
 def test_a_link_that_is_closed_while_its_wire_is_away_opens_nothing_any_more(end: End) -> None:
     async def main() -> None:
         await end.start()

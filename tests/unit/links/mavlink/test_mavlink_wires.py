@@ -12,13 +12,11 @@ from typing import Any
 import msgspec
 import pytest
 
-import links.mavlink.connection
 from links.core import Command, LinkLost
 from links.io import open_port
-from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
-from links.mavlink.connection import TransportListener
+from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import PX4, MavlinkCodec
-from tests.loops import free_address, in_real_time, in_virtual_time
+from tests.loops import free_address, in_real_time
 
 pytestmark = pytest.mark.real_time
 
@@ -119,12 +117,6 @@ class SerialEnd(Answering):
             self.fd = -1
 
 
-@pytest.fixture(autouse=True)
-def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(links.mavlink.connection, "FIRST_PAUSE_S", 0.05)
-    monkeypatch.setattr("links.mavlink.protocol.procedures.STREAM_S", 0.1)
-
-
 def command() -> Command:
     now = asyncio.get_running_loop().time()
     return Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.9)
@@ -191,42 +183,6 @@ async def test_a_serial_port_that_is_unplugged_is_opened_again_and_waits_for_a_n
     end.unplug()
 
 
-@in_real_time
-async def test_the_pauses_before_a_port_is_opened_again_grow_to_a_limit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(links.mavlink.connection, "LONGEST_PAUSE_S", 0.2)
-    end = SerialEnd(tmp_path / "ttyACM0").plug()
-    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
-    await link.connect()
-    end.unplug()
-    told: dict[str, None] = {}
-
-    def four() -> bool:
-        told[link.status.text.rpartition("trying again in ")[2]] = None
-        return "0.2 s" in told
-
-    await until(four)
-    assert list(told)[-3:] == ["0.05 s", "0.1 s", "0.2 s"]
-    await asyncio.sleep(0.5)
-    assert "no such port; plug in the adapter, or correct its name); trying again in 0.2 s" in link.status.text
-    await link.close()
-
-
-@in_real_time
-async def test_garbage_on_a_serial_port_is_counted_and_the_link_lives(tmp_path: Path) -> None:
-    end = SerialEnd(tmp_path / "ttyACM0").plug()
-    link = MavlinkLink(MavlinkLinkConfig(serial=str(end.name), quiet=False), thrust_max_n=2.0)
-    await link.connect()
-    os.write(end.fd, b"\xfd\x05half a frame" + bytes(300))
-    await until(lambda: link.status.dropped.get("garbage", 0) > 100)
-    received = link.status.received
-    await until(lambda: link.status.received > received)
-    assert link.status.state == "connected"
-    await link.close()
-    end.unplug()
-
-
 @pytest.mark.parametrize("path", ["/dev/null", "nowhere/ttyACM0"])
 @in_real_time
 async def test_what_is_no_serial_port_is_told_of(path: str) -> None:
@@ -264,61 +220,6 @@ async def test_a_port_that_takes_nothing_drops_frames_and_throws_away_what_waits
     assert "the port takes nothing any more" in link.status.text
     await link.close()
     end.unplug()
-
-
-class BreakingWire:
-    """A port that ends in the moment when a frame is to leave, as a serial port does."""
-
-    datagrams = speaks_first = True
-
-    def __init__(self, ear: TransportListener) -> None:
-        self.ear = ear
-        self.breaks = False
-
-    def leave(self, frame: bytes, to: Any) -> str:
-        if self.breaks:
-            self.ear.lose_transport("unplugged")
-        return "full" if self.breaks else ""
-
-    def cut(self) -> None:
-        self.breaks = False
-
-
-@in_virtual_time
-async def test_a_port_that_ends_as_the_autopilot_is_heard_is_opened_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    wires: list[BreakingWire] = []
-
-    async def open_breaking(config: MavlinkLinkConfig, ear: TransportListener) -> BreakingWire:
-        wires.append(BreakingWire(ear))
-        return wires[-1]
-
-    monkeypatch.setattr(links.mavlink.connection, "opener", lambda config: open_breaking)
-    config = MavlinkLinkConfig(serial="/dev/ttyACM0", quiet=False)
-    connection, end = MavlinkConnection(config), Answering()
-    opening = asyncio.create_task(connection.open())
-    await asyncio.sleep(0.01)
-    wires[-1].ear.hear(end.beat(), None)
-    await asyncio.sleep(0.1)
-    opening.cancel()  # what it asks for is not answered here
-    await asyncio.sleep(config.heartbeat_timeout_s + 0.5)
-    assert connection.state == "lost"
-    wires[0].breaks = True
-    wires[-1].ear.hear(end.beat(), None)
-    await asyncio.sleep(1.0)
-    assert len(wires) == 2
-    wires[-1].ear.hear(end.beat(), None)
-    assert connection.state == "connected"
-    connection.close()
-
-
-@in_real_time
-async def test_nobody_at_a_tcp_address_is_a_lost_link() -> None:
-    address = await free_address()
-    link = MavlinkLink(MavlinkLinkConfig(tcp=address), thrust_max_n=2.0)
-    with pytest.raises(LinkLost, match=f"cannot open {address}"):
-        await link.connect()
 
 
 @in_real_time

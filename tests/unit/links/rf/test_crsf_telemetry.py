@@ -129,13 +129,6 @@ def test_the_pacer_meets_the_modules_phase_by_two_percent_of_a_period_a_frame(ea
     assert shifts[-1] == 0.0
 
 
-def test_a_phase_that_is_whole_periods_off_is_no_phase() -> None:
-    bench = Bench(CrsfLinkConfig())
-    bench.port.comes = timing(3.0 * bench.period + 0.00005)
-    bench.frame()
-    assert sum(bench.pacer.steer() for _ in range(10)) == pytest.approx(0.00005)
-
-
 def test_no_deadline_moves_however_the_frames_are_steered() -> None:
     """The module asks for later frames all the time; what a command may do ends when it would without."""
     config = CrsfLinkConfig(arm_low_s=0.0, arm_high_s=0.01)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from links.core import Command, Lateness, Segment
-from links.rf import Arm, Channels, CrsfLinkConfig, DsmLinkConfig, End, FramePacer, Give, Serve, Service, Stop
+from links.core import Command, Segment
+from links.rf import Arm, Channels, CrsfLinkConfig, DsmLinkConfig, End, FramePacer, Give, Stop
 from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer import AFTERLIFE_S
 
@@ -218,53 +218,6 @@ def test_no_arming_counts_while_the_port_is_away() -> None:
     assert bench.pacer.report(bench.now).over
 
 
-def test_a_port_that_takes_nothing_loses_frames_and_says_so() -> None:
-    bench = Bench()
-    bench.port.stuck = True
-    bench.flown(PERIOD_S * 3)
-    report = bench.pacer.report(bench.now)
-    assert (report.frames, report.lost, report.dropped["port_stuck"]) == (0, 3, 3)
-
-
-def test_what_the_module_says_is_counted_and_never_believed() -> None:
-    bench = Bench(CrsfLinkConfig())
-    bench.port.comes = b"\x00garbage" + bytes.fromhex("C8 04 28 EE EA 97")
-    bench.frame()
-    report = bench.pacer.report(bench.now)
-    assert report.received == 1
-    assert sum(report.dropped.values()) == 8
-
-
-def test_a_module_is_greeted_once_each_time_its_port_opens() -> None:
-    bench = Bench(CrsfLinkConfig(model_id=3))
-    bench.flown(0.02)
-    bench.port.gone = True
-    bench.frame()
-    bench.port.gone = False
-    bench.flown(1.0)
-    assert [frame[2] for frame in bench.port.frames].count(0x32) == 2
-    assert bench.port.frames[0][2] == 0x32
-
-
-def test_a_service_lasts_as_long_as_asked_and_only_while_disarmed() -> None:
-    bench = Bench()
-    bench.pacer.order(Serve(Service.BIND, 0.1), bench.now)
-    bench.flown(0.5)
-    assert [bool(frame[0] & 0x80) for frame in bench.port.frames] == [True] * 4 + [False] * 18
-    bench.arm()
-    bench.pacer.order(Serve(Service.RANGE_CHECK, 10.0), bench.now)
-    bench.flown(4.0)
-    assert not any(frame[0] & 0x20 for frame in bench.port.frames)
-
-
-def test_arming_ends_a_service() -> None:
-    bench = Bench()
-    bench.pacer.order(Serve(Service.RANGE_CHECK, 10.0), bench.now)
-    bench.flown(0.1)
-    bench.arm()
-    assert not bench.port.frames[-1][0] & 0x20
-
-
 @pytest.mark.parametrize("orphaned", [True, False])
 def test_in_flight_it_ends_only_after_the_bring_down_and_some_disarm_frames(orphaned: bool) -> None:
     bench = Bench()
@@ -350,29 +303,6 @@ def test_whatever_is_ordered_nothing_lifts_without_an_arming_and_a_fresh_command
             assert bench.now <= fresh_s + 0.25 + 0.5 + 1e-6
             assert sticks is not None
             assert sticks.thrust_n == pytest.approx(1.5, abs=0.01) or sticks.thrust_n == pytest.approx(0.8, abs=0.01)
-
-
-def test_lateness_is_told_by_the_share_that_did_not_exceed_it() -> None:
-    late = Lateness()
-    assert late.percentiles_us() == (0, 0, 0)
-    for us in range(1000):
-        late.add(1e-6 * (us + 0.5))
-    late.add(9.9)
-    late.add(-1.0)
-    assert late.count == sum(late.octaves) == 1002
-    assert late.percentiles_us() == pytest.approx((499, 990, 999), rel=0.01)
-    assert late.octaves[:11] == [2, 1, 2, 4, 8, 16, 32, 64, 128, 256, 488]
-    assert late.octaves[-1] == 1
-
-
-@given(st.lists(st.floats(0.0, 5.0), min_size=1))
-def test_percentiles_of_lateness_are_right_within_half_a_percent(lates_s: list[float]) -> None:
-    late = Lateness()
-    for each in lates_s:
-        late.add(each)
-    ordered = sorted(int(1e6 * each) for each in lates_s)
-    exact = [ordered[max(0, math.ceil(share * len(ordered)) - 1)] for share in (0.5, 0.99, 0.999)]
-    assert late.percentiles_us() == pytest.approx(exact, rel=0.004, abs=1)
 
 
 # ---- what comes in time, and what comes after the end
@@ -522,12 +452,3 @@ def test_whoever_takes_over_in_a_bring_down_goes_on_with_it() -> None:
     heir = heir_of(bench, PERIOD_S)
     thrusts = [round(sticks.thrust_n, 1) for sticks in (heir.frame() for _ in range(20)) if sticks is not None]
     assert thrusts == [0.8] * 12 + [0.0] * 8
-
-
-def test_a_module_is_not_greeted_by_whoever_takes_over() -> None:
-    bench = Bench(CrsfLinkConfig(model_id=3))
-    bench.flown(0.02)
-    heir = Bench(CrsfLinkConfig(model_id=3))
-    heir.pacer.inherit(bench.pacer.make_estate(), "the pacer was killed", bench.now)
-    heir.flown(0.02)
-    assert 0x32 not in [frame[2] for frame in heir.port.frames]

@@ -4,16 +4,11 @@ import argparse
 import os
 import sys
 import types
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from groundstation.config import ConfigError
-from groundstation.interfaces.mqtt import FleetMonitor
-from groundstation.interfaces.tui.drawing import row as shown
-from groundstation.interfaces.tui.fleet import fleet_row, vehicle_details
-from groundstation.interfaces.tui.widgets import content
 from groundstation.machine import NonBlockingWriter
 from groundstation.runtime import entry
 from links.mavlink.protocol import MavlinkCodec, Words
@@ -116,30 +111,3 @@ def test_what_draws_with_escapes_of_its_own_still_can(
     assert _program(monkeypatch, show) == 0
     assert capsys.readouterr().out == "\x1b[1mbold\x1b[0m\na\tb\n"
     assert entry.raw_stream(sys.stdout) is sys.stdout
-
-
-@pytest.mark.parametrize("text", [*HOSTILE.values(), "[red]armed[/]", "[link=file:///etc/passwd]click[/link]"])
-def test_a_fleets_screen_shows_words_of_a_broker_as_they_are(text: str) -> None:
-    fleet = FleetMonitor("lab")
-    fleet.hear("lab/mqx/state", text.encode(), 0.0)
-    fleet.hear("lab/mqx/event", b'{"number": 1, "time_s": 1.0, "text": "%s"}' % _json(text), 0.0)
-    (seen,) = fleet
-    cells = [*fleet_row(seen, 0.0).cells, *vehicle_details(seen, 0.0)]
-    assert all(map(is_safe, cells))
-    if text.startswith("["):
-        assert any(text in cell for cell in cells)
-
-
-@pytest.mark.parametrize("text", ["[red]armed[/]", "[link=file:///etc/passwd]click[/link]", "[@click=app.quit]x[/]"])
-def test_markup_in_an_autopilots_words_is_only_words(text: str) -> None:
-    words = Words()
-    words.hear(
-        SimpleNamespace(id=0, chunk_seq=0, severity=3, text=text, get_srcSystem=lambda: 1, get_srcComponent=lambda: 1)
-    )
-    drawn = content([shown("says", words.newest)], 200)
-    assert text in drawn.plain
-    assert all("link" not in str(span.style) and "click" not in str(span.style) for span in drawn.spans)
-
-
-def _json(text: str) -> bytes:
-    return "".join(f"\\u{ord(letter):04x}" for letter in text).encode()

@@ -24,11 +24,3 @@ def test_a_wrong_number_in_a_vector_is_noticed(output: str, tmp_path: Path) -> N
     changed = tmp_path / "changed.json"
     changed.write_text(json.dumps(data))
     assert worst_disagreement(changed)[0] > LIMIT
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"vectors": []}', '{"vectors": [{"input": 3}]}'])
-def test_a_file_that_holds_no_vectors_is_refused_by_name(text: str, tmp_path: Path) -> None:
-    broken = tmp_path / "broken.json"
-    broken.write_text(text)
-    with pytest.raises(ValueError, match=r"broken\.json"):
-        worst_disagreement(broken)

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundstation.config import ConfigError, from_dict
-from groundstation.core.control import ControllerConfig, Custom, Gains, Uncompensated, bound_decrease
-from groundstation.core.control.controllers import L1, Geometric, Indi, Pid
+from groundstation.config import ConfigError
+from groundstation.core.control import Gains, bound_decrease
 from groundstation.pose.sources import ViconConfig
 from groundstation.settings import Config
 from links.mavlink import MavlinkLinkConfig
@@ -19,48 +18,30 @@ from sim.scenarios import SCENARIOS
 from sim.studies.tune import (
     AXES,
     DELAY,
-    SEARCH_SEED,
     Floors,
-    Key,
     Search,
     SortieOutcome,
     TuningTrial,
     failure,
     limit_cm,
-    loses_proof,
-    markdown_table,
-    own,
     run,
     space,
     stage_scenarios,
     station_of,
-    text,
-    with_gains,
 )
 from sim.studies.tune.tune import (
     BROKEN,
     GAIN_DOWN,
     GAIN_UP,
-    KEYS,
     Margin,
     MarginReport,
     Sortie,
     boundary,
     fit_scenario,
-    format_margin,
     short_of,
     try_gains,
 )
 from tests.flight.flights import UnflownFlyers
-
-KINDS: dict[str, ControllerConfig] = {
-    "adaptive": Gains(),
-    "uncompensated": Uncompensated(),
-    "geometric": Geometric(),
-    "l1": L1(),
-    "pid": Pid(),
-    "indi": Indi(),
-}
 
 
 def mavlink(config: Config) -> MavlinkLinkConfig:
@@ -71,29 +52,6 @@ def mavlink(config: Config) -> MavlinkLinkConfig:
 # ---- which gains
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_has_usual_gains_whose_bounds_hold_the_default(kind: str) -> None:
-    keys = space(KINDS[kind], [])
-    assert [key.name for key in keys] == list(KEYS[kind])
-    for key in keys:
-        assert key.low < key.start < key.high
-        for bound in (key.low, key.high):
-            from_dict({"controller": {"kind": kind, key.name: bound}}, Config)
-
-
-def test_bounds_follow_the_default_and_hold_the_value_in_force_and_what_the_key_accepts() -> None:
-    assert space(Gains(k2=0.1), ["controller.k2"]) == [Key("k2", 0.1, 8.0, 0.1)]
-    assert space(Gains(k2=9.5), ["k2"]) == [Key("k2", 0.5, 9.5, 9.5)]
-    assert space(Gains(attitude_gain=0.5), ["attitude_gain"]) == [Key("attitude_gain", 0.25, 1.0, 0.5)]
-    assert space(Gains(), ["k3=2:5"]) == [Key("k3", 2.0, 5.0, 5.0)]
-
-
-def test_a_gain_that_is_switched_off_stays_off_unless_it_is_named() -> None:
-    assert "kb" not in [key.name for key in space(Gains(kb=0.0), [])]
-    with pytest.raises(ConfigError, match=r"controller\.kb is switched off"):
-        space(Gains(kb=0.0), ["kb"])
-
-
 @pytest.mark.parametrize("text", [
     "k9", "gravity", "observer", "vehicle.mass_kg", "projection_order", "k2=3:1", "k2=0:1",
     "k2=a:b", "k2=1", "k2=1:nan", "k2=1:inf", "attitude_gain=0.5:2",
@@ -101,25 +59,6 @@ def test_a_gain_that_is_switched_off_stays_off_unless_it_is_named() -> None:
 def test_what_is_no_gain_or_no_range_that_the_config_takes_is_refused(text: str) -> None:
     with pytest.raises(ConfigError, match="--keys"):
         space(Gains(), [text])
-
-
-def test_a_controller_of_the_users_own_is_searched_over_its_positive_options() -> None:
-    own = Custom(factory="leaning:make", options={"stiffness": 6.0, "mode": "soft", "off": 0.0, "fast": True})
-    assert space(own, []) == [Key("stiffness", 1.5, 24.0, 6.0)]
-    changed = with_gains(own, {"stiffness": 3.0})
-    assert isinstance(changed, Custom)
-    assert changed.options == {"stiffness": 3.0, "mode": "soft", "off": 0.0, "fast": True}
-    with pytest.raises(ConfigError, match="no usual gains"):
-        space(Custom(factory="leaning:make"), [])
-
-
-def test_the_proof_is_asked_for_where_the_form_that_flies_has_one() -> None:
-    assert not loses_proof(Gains())
-    assert loses_proof(Gains(kb=3.0, kappa=7.0, k3=4.0))
-    assert not loses_proof(Gains(kb=3.0, kappa=7.0, k3=4.0, composite="raw"))
-    assert not loses_proof(Gains(kb=3.0, kappa=7.0, k3=4.0, composite="off"))
-    assert not loses_proof(Gains(kb=0.0))
-    assert not loses_proof(Geometric())
 
 
 # ---- in which world
@@ -157,56 +96,6 @@ def test_a_vehicle_meets_a_scenario_with_the_scenarios_ratio_of_truth_to_told(tm
     assert msgspec.to_builtins(config.trajectory)["scale_m"] == 0.5
 
 
-@pytest.mark.parametrize(
-    ("text", "scenario", "complaint"),
-    [
-        ("pose = { kind = 'tlog', path = 'x.tlog' }", "paper", "a recording cannot be flown"),
-        ("vehicle = { mass_kg = 0.5 }", "ideal", "ideal has no lags"),
-        ("controller = { k2 = -1.0 }", "paper", "controller.k2"),
-        ("", "hurricane", "--scenarios: expected some of"),
-        ("link = { period_s = 0.01 }", "paper", r"link\.period_s: commands leave every 0\.01 s, but vehicle\.frame_p"),
-    ],
-)
-def test_a_configuration_that_fits_no_scenario_is_refused(
-    text: str, scenario: str, complaint: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "lab.toml"
-    path.write_text(text)
-    with pytest.raises(ConfigError, match=complaint):
-        stage_scenarios([scenario], path, [])
-
-
-def test_a_vehicle_that_comes_along_needs_no_file_around_it() -> None:
-    overrides = ["vehicle.preset=x500", "vehicle.mass_kg=2.2", "sim.drag_per_s=0.3"]
-    (stage,) = stage_scenarios(["adverse"], None, overrides)
-    assert (stage.world.mass_kg, stage.world.thrust_max_n, stage.world.drag_per_s) == (2.2, 34.2, 0.3)
-    assert (stage.world.command_delay_s, stage.world.frame_period_s) == (0.005, 0.010)
-    assert (stage.config.vehicle.name, mavlink(stage.config).period_s) == ("x500", 0.010)
-    station = own(None, overrides)
-    assert station is not None
-    assert (station.vehicle, mavlink(station).period_s) == (stage.config.vehicle, 0.010)
-    assert own(None, ["vehicle.mass_kg=0.09", "sim.drag_per_s=0.3"]) is None
-
-
-def test_what_a_scenario_tells_makes_a_configuration_for_a_real_room() -> None:
-    (stage,) = stage_scenarios(["quad1kg"], None, ["controller.k2=3.0"])
-    station = station_of(stage)
-    assert station.vehicle == SCENARIOS["quad1kg"].told
-    assert isinstance(station.pose, ViconConfig)
-    assert (mavlink(station).period_s, mavlink(station).pace, station.pose.latency_s) == (0.010, "period", 0.010)
-    assert station.flight == Config().flight  # the simulated room's floor and idle thrust are not yours
-    assert fit_scenario(SCENARIOS["quad1kg"], station).world == SCENARIOS["quad1kg"].world
-
-
-@pytest.mark.parametrize("kind", ["dsm", "rf_bridge"])
-def test_a_vehicle_behind_a_radio_is_tuned_for_its_frames(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / "lab.toml"
-    path.write_text(f'[vehicle]\ncommand_delay_s = 0.006\n[link]\nkind = "{kind}"\n')
-    (stage,) = stage_scenarios(["paper"], path, [])
-    link = mavlink(stage.config)
-    assert (link.period_s, link.pace, stage.world.command_delay_s) == (0.0225, "period", 0.006)
-
-
 # ---- margins
 
 
@@ -219,13 +108,6 @@ def test_bisection_finds_the_edge_from_both_sides(edge: float, step: float, tole
         assert holds < edge
     else:
         assert holds < edge <= fails <= holds + tolerance
-
-
-def test_the_first_failure_outwards_counts_not_one_beyond_it() -> None:
-    # It flies again beyond: that is no margin.
-    (holds, fails), _ = searched(boundary(0.1, 10.0, 0.01), lambda x: 0.5 < x < 1.0)
-    assert fails is not None
-    assert holds <= 0.5 < fails <= 0.51
 
 
 def searched(
@@ -281,17 +163,6 @@ def _report(*margins: Margin) -> MarginReport:
 DELAYED = _margin("command_delay", "s", 0.030, 0.031)
 LIGHT = _margin("thrust_gain_high", "ratio", 1.5, 1.52)
 HEAVY = _margin("thrust_gain_low", "ratio", 0.125, None)
-
-
-def test_margins_in_words_say_where_it_fails_and_what_that_means() -> None:
-    assert [format_margin(margin) for margin in (DELAYED, LIGHT, HEAVY)] == ["+31 ms", "1.52x", "< 0.12x"]
-    assert format_margin(_margin("command_delay", "s", 0.32, None)) == "> +320 ms"
-    said = text(_report(DELAYED, LIGHT))
-    assert "extra command delay  +31 ms  the radio or the autopilot is slower than told  (RMS 11.0 cm)" in said
-    assert "any of 3 flights of 25 s crashes" in said
-    assert "fails with nothing wrong" in text(_report())
-    table = markdown_table([_report(DELAYED, LIGHT), _report(DELAYED)])
-    assert "| thrust gain, up to | 1.52x | - |" in table
 
 
 def test_margins_below_a_floor_are_named() -> None:
@@ -369,24 +240,6 @@ def test_gains_without_the_proof_are_never_flown() -> None:
     assert max(trial.gains["kb"] for trial in trials) > 1.0  # so the bounds do not keep it by themselves
 
 
-def test_where_nothing_between_the_bounds_has_the_proof_the_search_says_so() -> None:
-    with pytest.raises(ConfigError, match="the proof holds for none"):
-        run(_search(keys=["kb=4:8"]), Judges(), trials=2)
-
-
-def test_a_start_without_the_proof_is_not_flown_and_anything_with_it_beats_it() -> None:
-    trials = run(_search("controller.kb=4.0", keys=["kb"]), Judges(), trials=3)
-    assert trials[0].broken == ["the proof does not hold for these gains"]
-    assert trials[1].beats(trials[0])
-
-
-def test_the_flights_of_a_search_share_no_seed_with_those_that_verify() -> None:
-    judges = Judges()
-    run(_search(), judges, trials=3)
-    assert {sortie.seed for sortie in judges.flights} == {SEARCH_SEED, SEARCH_SEED + 1}
-    assert SEARCH_SEED >= 100  # --verify takes at most 100, from 0 on
-
-
 class Interrupted(Judges):
     def fly(self, work: Sequence[Sortie]) -> list[SortieOutcome]:
         if len(self.flights) > 50:
@@ -407,17 +260,3 @@ def test_an_interrupted_search_goes_on_as_if_it_had_not_been(tmp_path: Path) -> 
     again = Judges()
     assert run(_search(*BAD), again, trials=14, journal=journal) == whole
     assert again.flights == []
-
-
-def test_the_journal_of_another_search_or_of_none_is_refused(tmp_path: Path) -> None:
-    journal = tmp_path / "x.toml.trials"
-    run(_search(), Judges(), trials=1, journal=journal)
-    with pytest.raises(ConfigError, match="made with other sampler_seed"):
-        run(_search(sampler_seed=1), Judges(), trials=2, journal=journal)
-    journal.write_text("dear diary\n")
-    with pytest.raises(ConfigError, match="no journal of a search"):
-        run(_search(), Judges(), trials=1, journal=journal)
-
-
-def test_a_timeout_ends_the_search_after_the_trial_under_way() -> None:
-    assert len(run(_search(), Judges(), trials=1000, timeout_s=0.0)) == 1

@@ -3,16 +3,13 @@
 import asyncio
 import time
 from contextvars import ContextVar, copy_context
-from typing import Any, get_args
+from typing import Any
 
-import msgspec
 import pytest
 
 from groundstation.machine import sleep_until
-from groundstation.pose import PoseConfig
-from links.io import parse_address
 from sim.time import VirtualTimeLoop
-from sim.time.virtual_time import FREE_PORTS, SimulationStuck
+from sim.time.virtual_time import SimulationStuck
 
 
 def run(work: Any) -> Any:
@@ -96,16 +93,6 @@ def test_a_connected_endpoint_hears_only_its_peer() -> None:
     assert [d for _, d, _ in run(work()).got] == [b"peer"]
 
 
-def test_an_address_can_be_used_once() -> None:
-    async def work() -> None:
-        loop = asyncio.get_running_loop()
-        await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 5))
-        await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 5))
-
-    with pytest.raises(OSError, match="already in use"):
-        run(work())
-
-
 class Line(asyncio.Protocol):
     def __init__(self) -> None:
         self.got = b""
@@ -121,43 +108,6 @@ class Line(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         self.lost += 1
-
-
-def test_ports_that_are_handed_out_come_round_again_and_meet_none_that_is_in_use() -> None:
-    """A soak opens thousands: counted on and on, one day they were the port of the poses, and a flight was refused."""
-
-    async def work() -> list[int]:
-        loop, ports = asyncio.get_running_loop(), list[int]()
-        kept, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", FREE_PORTS[1]))
-        for _ in range(len(FREE_PORTS) + 2):
-            transport, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 0))
-            ports.append(transport.get_extra_info("sockname")[1])
-            transport.close()
-        kept.close()
-        return ports
-
-    ports = run(work())
-    assert ports[:2] == [FREE_PORTS[0], FREE_PORTS[2]]
-    assert set(ports) == set(FREE_PORTS) - {FREE_PORTS[1]}
-    assert ports[-3:] == [FREE_PORTS[0], FREE_PORTS[2], FREE_PORTS[3]]
-
-
-def test_no_port_that_is_handed_out_is_one_that_poses_come_to_by_default() -> None:
-    fields = [field for source in get_args(PoseConfig) for field in msgspec.structs.fields(source)]
-    listens = [field.default for field in fields if field.name == "listen"]
-    assert len(listens) >= 3
-    assert not [listen for listen in listens if parse_address(listen)[1] in FREE_PORTS]
-
-
-def test_a_host_whose_ports_are_all_in_use_says_so() -> None:
-    async def work() -> None:
-        loop = asyncio.get_running_loop()
-        for port in FREE_PORTS:
-            await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", port))
-        with pytest.raises(OSError, match="in use"):
-            await loop.create_datagram_endpoint(Inbox, remote_addr=("127.0.0.1", 9))
-
-    run(work())
 
 
 def test_a_stream_carries_bytes_both_ways_until_one_end_hangs_up() -> None:

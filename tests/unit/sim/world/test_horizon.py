@@ -60,12 +60,3 @@ def test_who_accelerates_for_long_is_taken_for_less_leant() -> None:
             velocity = (speed * math.cos(heading), speed * math.sin(heading), 0.0)
             roll_pitch = so3.euler_zyx(felt.feel(truth(0.02 * n, attitude, velocity))[0])
         assert 2.0 < 15.0 - abs(math.degrees(roll_pitch[axis])) < 12.0
-
-
-def test_it_draws_its_own_numbers_and_the_same_for_the_same_seed() -> None:
-    one, same, other = horizon(3), horizon(3), horizon(4)
-    for n in range(50):
-        now = truth(0.02 * n)
-        told = one.feel(now)
-        assert told == same.feel(now)
-        assert told != other.feel(now)

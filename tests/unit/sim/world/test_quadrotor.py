@@ -94,29 +94,6 @@ def test_the_motion_agrees_with_a_fine_independent_integration() -> None:
     assert np.array(so3.matrix(got.attitude)) == pytest.approx(rotation, abs=3e-5)
 
 
-def test_every_step_is_seen_at_400_hz_or_more_and_ends_where_a_command_cuts_it() -> None:
-    seen: list[tuple[float, Vec3]] = []
-    plant = vehicle(CALM, seen)
-    plant.release(0.0)
-    plant.command(0.0, 0.7848, (0.0, 0.0, 0.0))
-    plant.advance(0.0225)
-    plant.command(0.0301, 0.7848, (0.0, 0.0, 0.0))
-    times = [t for t, _ in seen]
-    assert max(b - a for a, b in zip([0.0, *times], times, strict=False)) <= 0.0025 + 1e-12
-    assert times[-1] == pytest.approx(0.0301)
-
-
-def test_questions_do_not_change_the_flight() -> None:
-    gusty = msgspec.structs.replace(CALM, wind_turbulence=0.5, rate_leak=0.02)
-    asked, left_alone = vehicle(gusty), vehicle(gusty)
-    for plant in (asked, left_alone):
-        plant.release(0.0)
-        plant.command(0.0, 0.9, (0.5, -0.4, 0.3))
-    for k in range(1, 60):
-        asked.truth(0.0011 * k)
-    assert asked.truth(0.0661) == left_alone.truth(0.0661)
-
-
 def test_it_lands_upright_on_the_floor_and_takes_off_again() -> None:
     world = msgspec.structs.replace(CALM, floor_z_m=0.2)
     plant = vehicle(world)
@@ -130,15 +107,6 @@ def test_it_lands_upright_on_the_floor_and_takes_off_again() -> None:
     assert plant.floor.touchdown_m_s > 1.0
     plant.command(2.0, 1.2, (0.0, 0.0, 0.0))
     assert not plant.truth(3.0).on_ground
-
-
-def test_the_battery_sags_over_the_flight() -> None:
-    plant = vehicle(msgspec.structs.replace(CALM, thrust_sag=0.05, thrust_gain=0.85, thrust_lag_s=0.0))
-    plant.release(0.0)
-    plant.command(0.0, 1.0, (0.0, 0.0, 0.0))
-    assert plant.truth(1.0).thrust_n == pytest.approx(0.85)
-    plant.command(60.0, 1.0, (0.0, 0.0, 0.0))
-    assert plant.truth(60.1).thrust_n == pytest.approx(0.85 * 0.95)
 
 
 def test_turbulence_has_the_asked_rms_and_correlation_on_every_axis() -> None:

@@ -1,6 +1,5 @@
 """The rotor-level plant: it answers as its constants say, and another autopilot may have its rotors."""
 
-import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -85,17 +84,6 @@ def test_rotors_at_their_limit_turn_it_slower_and_the_integral_does_not_wind_up(
     assert peaks[1] < 1.3 * 3.0
 
 
-def test_rotors_spin_down_in_a_time_of_their_own() -> None:
-    slow = msgspec.structs.replace(SCENARIOS["rotors_mqx"].world.rotors, spin_down_s=0.080)
-    plant, hover = vehicle("rotors_mqx", rotors=slow), 0.08 * 9.81
-    plant.command(0.0, 1.2 * hover, (0.0, 0.0, 0.0))
-    assert plant.truth(0.04).thrust_n == pytest.approx(hover * (1.2 - 0.2 * math.exp(-1.0)), rel=0.002)
-    top = plant.truth(0.4).thrust_n
-    plant.command(0.4, 0.8 * hover, (0.0, 0.0, 0.0))
-    fallen = (plant.truth(0.48).thrust_n - 0.8 * hover) / (top - 0.8 * hover)
-    assert fallen == pytest.approx(math.exp(-1.0), rel=0.01)
-
-
 def test_thrust_is_as_told_on_any_curve_of_the_rotors() -> None:
     for curve in (0.0, 0.5, 1.0):
         rotors = msgspec.structs.replace(SCENARIOS["rotors_mqx"].world.rotors, curve=curve)
@@ -123,32 +111,6 @@ def test_another_autopilot_has_the_rotors_in_their_order() -> None:
     assert signs == [(-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, -1.0), (-1.0, -1.0, -1.0)]
     with pytest.raises(ValueError, match=r'sim\.plant = "rotors" only'):
         Quadrotor(World(), Wind(World(), iter(()))).drive_rotors(0.0, (0.0, 0.0, 0.0, 0.0))
-
-
-def test_questions_do_not_change_a_flight_on_rotors() -> None:
-    asked, left_alone = (vehicle("rotors_mqx_radio", seed=3, rate_delay_s=0.0115) for _ in range(2))
-    for plant in (asked, left_alone):
-        plant.command(0.0, 0.9, (0.5, -0.4, 0.3))
-        plant.command(0.0225, 0.8, (-0.5, 0.4, 0.3))
-    for k in range(50, 140):
-        asked.truth(0.00047 * k)
-    assert asked.truth(0.0661) == left_alone.truth(0.0661)
-
-
-@pytest.mark.parametrize("kind", ["thrust", "rate"])
-@pytest.mark.parametrize("scenario", ["paper", "rotors_mqx"])
-def test_a_delay_of_its_own_moves_an_answer_by_itself_alone(kind: str, scenario: str) -> None:
-    delay: dict[str, Any] = {f"{kind}_delay_s": 0.0305}
-    late, plain = vehicle(scenario, **delay), vehicle(scenario)
-    for plant, k in itertools.product((late, plain), range(6)):
-        plant.command(0.02 * k, 0.8 + 0.02 * k, (0.1 * k, -0.1 * k, 0.05 * k))
-    delayed, before, now = late.truth(0.15), plain, vehicle(scenario)
-    for k in range(6):
-        now.command(0.02 * k, 0.8 + 0.02 * k, (0.1 * k, -0.1 * k, 0.05 * k))
-    then, on_time = before.truth(0.1195), now.truth(0.15)
-    thrust, rates = (then, on_time) if kind == "thrust" else (on_time, then)
-    assert delayed.thrust_n == pytest.approx(thrust.thrust_n, rel=1e-3)
-    assert delayed.rates_rad_s == pytest.approx(rates.rates_rad_s, rel=5e-3)
 
 
 def test_drag_along_the_bodys_axes_is_against_the_air() -> None:

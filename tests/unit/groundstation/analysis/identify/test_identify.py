@@ -1,12 +1,10 @@
 """groundstation/identify: each part on data whose truth is known."""
 
 import math
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -23,7 +21,6 @@ from groundstation.analysis.identify.command import (
 from groundstation.analysis.identify.fit import (
     TURN_NAMES,
     Bounds,
-    design_filter,
     fit_noise,
     fit_turns,
     full_n,
@@ -37,7 +34,6 @@ from groundstation.analysis.identify.stretch import Column
 from groundstation.core.geometry import FLOATS, IDENTITY
 from groundstation.core.geometry import rotate as turned_by
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
-from groundstation.pose.sources import NatNetConfig
 from groundstation.settings import Config
 from links.core import full_thrust_n, signal, thrust
 from links.mavlink import MavlinkLinkConfig
@@ -161,12 +157,6 @@ def test_the_noise_of_a_drifting_place_is_found_and_its_innovations_are_white() 
     assert abs(neighbours) < 0.05
 
 
-def test_after_a_gap_the_filter_knows_nothing() -> None:
-    at = np.array([0.0, 0.02, 0.04, 0.06, 0.08, 1.0, 1.02, 1.04, 1.06, 1.08])
-    unsure = np.isinf(design_filter(at, (0.0, 1.0, 1.0), 0.1).variances)
-    assert unsure.tolist() == [True] * 3 + [False] * 2 + [True] * 3 + [False] * 2
-
-
 def test_a_fit_finds_what_is_seen_and_says_of_the_rest_that_it_is_not() -> None:
     rng = np.random.default_rng(2)
     t = np.linspace(0.0, 1.0, 500)
@@ -284,24 +274,6 @@ def test_a_curve_that_nobody_told_is_found() -> None:
     assert written["thrust_max_n"] <= 1.02 * full
 
 
-@pytest.mark.matrix  # the test before finds a curve that nobody told
-def test_where_the_link_has_the_curve_the_vehicle_keeps_its_own() -> None:
-    found = identify(flown(curve=0.5, told_curve=0.2, link_curve=0.5, seconds=16.0))
-    written = Vehicle.with_text({}, file_text(found))
-    assert written["thrust_curve"] == 0.2
-    assert full_thrust_n(0.5 * G, written["hover_thrust"], 0.5) == pytest.approx(0.9 * 9.0, rel=0.03)
-
-
-@pytest.mark.matrix  # two ways to be wrong about a vehicle that the first test finds
-def test_a_tracked_point_above_the_centre_of_mass_does_not_pass_for_thrust_and_a_wrong_latency_is_seen() -> None:
-    seen = flown(lever_m=0.03, seconds=16.0)
-    found = identify(replace(seen, at_s=seen.at_s - 0.025))
-    holds(found, thrust_scale=0.9, rate_lag=0.04, rate_delay=-0.010)
-    assert (
-        "poses are stamped 10 ms early or more, so pose.latency_s is too large" in found.parameters["rate_delay"].note
-    )
-
-
 def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
     found = identify(flown(strength=0.0, scale=1.0, noise_m=1e-4, noise_rad=1e-4, wind=0.0, seconds=10.0))
     for name in ("thrust_scale", "thrust_curve", "thrust_lag", "rate_lag", "yaw_rate_lag", "rate_delay", "drag"):
@@ -310,14 +282,6 @@ def test_of_a_flight_that_moves_nothing_it_says_so() -> None:
     assert found.parameters["position_noise"].identified
     assert table(found).count(FLY) == len(found.parameters) - 3
     assert found.parameters["pose_latency"].note == "the vehicle told no attitude of its own"
-
-
-def test_late_poses_of_a_source_that_tells_their_age_itself_are_late_against_nothing() -> None:
-    seen = flown(strength=0.0, seconds=10.0)
-    natnet = msgspec.structs.replace(seen.config, pose=NatNetConfig())
-    found = identify(replace(seen, config=natnet, late_s=(0.02, 0.001))).parameters["pose_latency"]
-    assert found.told == 0.0
-    assert found.value == pytest.approx(0.02)
 
 
 def test_scale_and_curve_agree_with_what_was_told_where_the_vehicle_flew() -> None:

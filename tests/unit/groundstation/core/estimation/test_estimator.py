@@ -2,7 +2,6 @@
 
 import math
 import random
-from statistics import fmean
 from typing import Any
 
 import msgspec
@@ -11,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.control import Gains
-from groundstation.core.estimation import ModelEstimator, fourth_difference
+from groundstation.core.estimation import ModelEstimator
 from groundstation.core.geometry import FLOATS, Vec3, so3
 from groundstation.core.messages import Pose
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, lead
@@ -20,7 +19,6 @@ from sim.world import Quadrotor, Wind, World, generator, rows
 
 VEHICLE = Vehicle()
 CALM = World(wind_mean=(0.0, 0.0, 0.0), floor_z_m=1e6)
-REST = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), so3.IDENTITY, 0.7848, (0.0, 0.0, 0.0))
 
 
 def roll(motion: Motion, drive: ActuatorCommand, duration: float, **changes: Any) -> Motion:
@@ -77,11 +75,6 @@ def test_a_command_led_through_the_lag_arrives_where_it_should(hold: float, lag:
     assert 1.0 + approach(FLOATS, hold, lag) * (command - 1.0) == pytest.approx(1.0 + hold * wanted_rise)
 
 
-def test_without_lag_the_lead_is_the_hold_time_and_for_short_holds_the_lag() -> None:
-    assert lead(FLOATS, 0.02, 0.0) == 0.02
-    assert lead(FLOATS, 1e-6, 0.1) == pytest.approx(0.1, rel=1e-4)
-
-
 def test_the_rolled_model_agrees_with_the_plant() -> None:
     plant = Quadrotor(CALM, Wind(CALM, rows(generator(0, "wind").standard_normal, 3)))
     plant.release(0.0)
@@ -99,20 +92,6 @@ def test_the_rolled_model_agrees_with_the_plant() -> None:
     assert motion.attitude == pytest.approx(truth.attitude, abs=1e-4)
 
 
-def test_many_small_steps_of_the_model_converge_with_third_order() -> None:
-    drive = ActuatorCommand(1.1, (2.0, -1.5, 1.0))
-
-    def after(steps: int) -> Vec3:
-        motion = REST
-        for _ in range(steps):
-            motion = roll(motion, drive, 0.1 / steps)
-        return motion.position
-
-    exact = after(512)
-    coarse, fine = math.dist(after(4), exact), math.dist(after(8), exact)
-    assert fine < coarse / 3.0
-
-
 def test_the_observer_finds_velocity_far_better_than_differences_do() -> None:
     world = msgspec.structs.replace(CALM, pose_noise_m=0.0003)
     estimator, plant = flown(world, 6.0)
@@ -128,65 +107,6 @@ def test_the_observer_finds_the_disturbance(wind: Vec3) -> None:
         msgspec.structs.replace(CALM, wind_mean=wind, pose_noise_m=0.0001), 8.0, effectiveness_deviation=0.0
     )
     assert math.dist(estimator.predict(8.0).disturbance, wind) < 0.1
-
-
-CROSSWISE = (0.6, 0.0, -0.8)
-
-
-def watch_dash(jitter_s: float, told_s: float | None, uneven: bool = False) -> tuple[float, float, float]:
-    """How far the estimate of a vehicle that falls sideways at 3 m/s is off across its way and along it (RMS) [m], and
-    how consistent the filter is."""
-    draw, n = random.Random(3), 0.0003
-    estimator = ModelEstimator(VEHICLE, Gains(pose_jitter_s=told_s, effectiveness_deviation=0.0))
-    speed, (east, _, down) = 3.0, CROSSWISE
-    estimator.add_command(0.0, ActuatorCommand(VEHICLE.mass_kg * 9.81, (0.0, 0.0, 0.0)))
-    across, along, nis = list[float](), list[float](), list[float]()
-    for number in range(1000):
-        seen_s = 0.02 * number
-        late_s = jitter_s * draw.gauss(0.0, 1.0)
-        way = speed * (seen_s if uneven else seen_s + late_s)
-        place = tuple(way * axis + draw.gauss(0.0, n) for axis in (0.0, east, down))
-        stamp_s = seen_s - late_s if uneven else seen_s
-        pose = Pose(number, stamp_s, stamp_s + 0.02, (place[0], place[1], place[2]), so3.IDENTITY)
-        if number == 0:
-            pose = msgspec.structs.replace(pose, velocity_ned=(0.0, speed * east, speed * down))
-        elif number > 300:
-            nis.append(estimator.consistency(pose))
-        estimator.update(pose)
-        assert estimator.motion is not None
-        north, right, low = estimator.motion.position
-        if number > 300:
-            off = right * east + low * down - speed * stamp_s
-            along.append(off * off)
-            across.append(north * north + (right * down - low * east) ** 2)
-    return math.sqrt(fmean(across)), math.sqrt(fmean(along)), fmean(nis) / 3.0
-
-
-@pytest.mark.parametrize("uneven", [False, True])
-def test_stamps_that_are_off_are_noise_along_the_way_and_none_across_it(uneven: bool) -> None:
-    calm, _, _ = watch_dash(0.0, 0.0)
-    exact, told = (watch_dash(0.002, told_s, uneven) for told_s in (0.0, 0.002))
-    for across, along, nis in [told, watch_dash(0.002, None, uneven)]:
-        assert across == pytest.approx(calm, rel=0.02)
-        assert along < 0.95 * exact[1]
-        assert 0.7 < nis < 1.4
-
-
-@pytest.mark.parametrize("times", [(0.0, 1.0, 2.0, 3.0, 4.0), (0.0, 0.7, 2.2, 2.9, 4.4)])
-def test_a_fourth_difference_shows_noise_and_no_cubic_motion(times: tuple[float, ...]) -> None:
-    draw, moving = random.Random(4), [0.3 - 2.0 * t + 1.5 * t**2 - 0.4 * t**3 for t in times]
-    smooth = [(x, 2.0 * x, -x) for x in moving]
-    assert fourth_difference(times, smooth)[0] < 1e-20
-    noisy = list[float]()
-    for _ in range(4000):
-        places = [(x + draw.gauss(0.0, 0.1), y + draw.gauss(0.0, 0.1), z + draw.gauss(0.0, 0.1)) for x, y, z in smooth]
-        noisy.append(fourth_difference(times, places)[0])
-    assert fmean(noisy) == pytest.approx(0.01, rel=0.05)
-
-
-def test_where_stamps_are_right_it_is_the_same_to_the_bit_whether_their_jitter_is_measured_or_told_to_be_none() -> None:
-    measured, told = (flown(CALM, 4.0, pose_jitter_s=told)[0] for told in (None, 0.0))
-    assert measured.predict(4.05) == told.predict(4.05)
 
 
 def test_prediction_reaches_over_the_latency() -> None:

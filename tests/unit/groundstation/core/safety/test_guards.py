@@ -170,21 +170,6 @@ def test_a_descent_has_no_reference_to_be_far_from() -> None:
     assert first({"attitude": leaning(81.0)}, State.DESCENT) is not None
 
 
-def test_what_comes_and_goes_within_its_time_is_not_told() -> None:
-    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
-    for i in range(500):
-        far = (1.1, 0.0, -1.0) if i % 12 else (0.0, 0.0, -1.0)
-        assert guards.see(shown(0.02 * i, position=far), State.TRACKING) is None
-
-
-def test_a_rate_that_has_left_its_limit_is_told_no_more() -> None:
-    guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
-    frames = round(2.0 * CONFIG.rate_limit_s / PERIOD_S)
-    found = [guards.see(shown(PERIOD_S * i, rates_rad_s=(FULL, 0.0, 0.0)), State.TRACKING) for i in range(frames)]
-    assert found[-1] is not None and "body rate" in found[-1].reason.text
-    assert guards.see(shown(PERIOD_S * frames), State.TRACKING) is None
-
-
 @pytest.mark.parametrize(("share", "lands"), [(0.3, False), (0.6, True)])
 def test_a_limit_cycle_has_breaks_and_lands_it_all_the_same(share: float, lands: bool) -> None:
     guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S)
@@ -230,27 +215,6 @@ def test_frames_that_are_late_again_and_again_land() -> None:
     assert first({}, period_s=2.4 * PERIOD_S) is None
 
 
-@pytest.mark.parametrize(("apart", "lands"), [(99, True), (100, False)])
-def test_frames_are_late_again_and_again_within_a_hundred(apart: int, lands: bool) -> None:
-    guards = Guards(GuardsConfig(overruns=2), None, VEHICLE, lambda: PERIOD_S)
-    time_s, found = 0.0, []
-    for n in range(10 + apart + 1):
-        time_s += PERIOD_S * (3.0 if n in (10, 10 + apart) else 1.0)
-        found.append(guards.see(shown(time_s), State.TRACKING))
-    assert (found[-1] is not None) == lands
-    assert not any(found[:-1])
-
-
-def test_frames_are_late_by_the_period_that_the_link_has_once_it_is_connected() -> None:
-    told_s = 0.0225
-    guards = Guards(CONFIG, None, VEHICLE, lambda: told_s)
-    told_s = 0.004
-    found = [guards.see(shown(0.012 * i), State.TRACKING) for i in range(CONFIG.overruns + 1)]
-    assert found[:-1] == [None] * CONFIG.overruns
-    assert found[-1] is not None
-    assert "frames were late" in found[-1].reason.text
-
-
 @pytest.mark.parametrize(
     ("status", "says"),
     [
@@ -290,13 +254,6 @@ def test_an_operator_who_sends_it_on_begins_anew() -> None:
     escalation.answer(brake, 0.0)
     escalation.reset()
     assert escalation.answer(brake, 50.0) == brake
-
-
-def test_where_it_should_lean_is_reckoned_with_the_gravity_that_the_controller_has() -> None:
-    for gravity, leans_wrong in ((9.81, False), (1.62, True)):
-        guards = Guards(CONFIG, None, VEHICLE, lambda: PERIOD_S, gravity=gravity)
-        found = [guards.see(shown(0.02 * i, disturbance=(1.5, 0.0, 0.0)), State.TRACKING) for i in range(100)]
-        assert any(one is not None and "beside the wanted one" in one.reason.text for one in found) == leans_wrong
 
 
 @pytest.mark.parametrize(

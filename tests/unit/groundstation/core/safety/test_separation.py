@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Check, Others, Sentence, Verdict
-from groundstation.core.messages.pose import BASE_S, GAP_S, BodySighting
+from groundstation.core.messages.pose import GAP_S, BodySighting
 from groundstation.core.mission import State
 from groundstation.core.safety import Escalation, GuardAction, GuardFinding, Guards, Separation, SeparationConfig
 from groundstation.core.safety.geofence import Near
@@ -83,23 +83,6 @@ def test_a_place_that_is_none_is_counted_and_not_believed(place: Vec3, reason: s
     assert sight is not None
     assert sight.time_s == 1.0
     assert others.dropped == {reason: 1}
-
-
-def test_what_is_not_newer_is_ignored() -> None:
-    others = seen((1.0, 0.0, 0.0))
-    for late_s in (1.0, 0.99, 1.0 - BASE_S, -100.0):
-        others.see("bee", late_s, (5.0, 0.0, 0.0))
-    sight = others.sighting("bee")
-    assert sight is not None
-    assert sight.position_ned == (1.0, 0.0, 0.0)
-
-
-@given(places, speeds, places, speeds)
-def test_both_find_the_same_room_between_them(a: Vec3, u: Vec3, b: Vec3, v: Vec3) -> None:
-    assume(math.dist(a, b) > 0.01)
-    one, other = near(a, u, b, v), near(b, v, a, u)
-    assert one.distance_m == pytest.approx(other.distance_m)
-    assert one.room_m == pytest.approx(other.room_m, abs=1e-6)
 
 
 @given(places, speeds, places, speeds)

@@ -91,58 +91,12 @@ def test_a_fast_circle_at_rest_by_its_own_word_is_told_with_both_speeds() -> Non
     assert "its velocity is declared as 0 m/s, and by its position is 15 m/s" in told.text
 
 
-def test_a_velocity_of_the_wrong_sign_is_told_by_its_direction() -> None:
-    config = from_dict({"trajectory": {"kind": f"{__name__}:backwards"}}, Config)
-    told = explain_refusal(config, examine_trajectory(config))
-    assert told is not None
-    assert (
-        "its velocity is declared as 1.5 m/s, and by its position has another direction: correct the signs" in told.text
-    )
-
-
 def backwards(options: dict[str, Any]) -> Curve:
     return Curve(scaled("velocity_ned", -1.0))
 
 
 def lie(options: dict[str, Any]) -> Curve:
     return Curve(replace(velocity_ned=ZERO, acceleration_ned=ZERO, jerk_ned=ZERO), 15.0)
-
-
-def test_a_jump_between_two_looks_is_found() -> None:
-    curve = Curve(lambda exact, t: exact)
-
-    def jumping(exact: Reference, t: float) -> Reference:
-        x, y, z = exact.position_ned
-        return msgspec.structs.replace(exact, position_ned=(x + (0.5 if t > 4.0033 else 0.0), y, z))
-
-    assert report(curve).inconsistency is None
-    odd = report(Curve(jumping)).inconsistency
-    assert odd is not None
-    assert odd.time_s == pytest.approx(4.0, abs=0.02)
-
-
-def test_a_formula_that_takes_over_without_being_named_is_no_lie() -> None:
-    def bent(exact: Reference, t: float) -> Reference:
-        """From one moment on it goes on straight, with a step of its acceleration."""
-        at = 4.0033
-        if t <= at:
-            return exact
-        end = Curve(lambda exact, t: exact).at(at)
-        x, y, z = (p + (t - at) * v for p, v in zip(end.position_ned, end.velocity_ned, strict=True))
-        return Reference((x, y, z), end.velocity_ned, yaw_rad=end.yaw_rad)
-
-    curve = Curve(bent)
-    curve.duration_s = curve.joints_s[-1]
-    assert report(curve).inconsistency is None
-
-
-def test_a_turn_that_is_told_too_short_is_found() -> None:
-    curve = Curve(lambda exact, t: exact)
-    curve.joints_s = (0.0, 2.0)
-    odd = report(curve).inconsistency
-    assert odd is not None
-    assert odd.name == "period"
-    assert odd.found > 0.05
 
 
 @pytest.mark.parametrize(

@@ -3,15 +3,11 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from groundstation.__main__ import main
 from groundstation.config import ConfigError, dump, load
-from groundstation.core.messages import Waypoint
 from groundstation.core.trajectory import parse_course
 from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
-from groundstation.interfaces.cli.commands import _read_points
 from groundstation.settings import Config
 
 GOOD = """# a comment
@@ -61,17 +57,6 @@ def test_a_bad_line_is_refused_with_its_number_and_its_column(text: str, words: 
     with pytest.raises(ValueError, match="line") as caught:
         parse_course(text)
     assert str(caught.value).startswith(words)
-
-
-@given(st.text(alphabet="xyztup_m,;\"' \n\r\0#1.-e5", max_size=60) | st.text(max_size=30))
-def test_any_text_is_read_or_refused(text: str) -> None:
-    for head in ("", "t,x,y,z\n1,2,3,4\n"):
-        try:
-            course = parse_course(head + text)
-        except ValueError as error:
-            assert "\n" not in str(error)
-        else:
-            assert len(course["points_ned"]) >= 2
 
 
 def configured(folder: Path, course: str, *lines: str, kind: str = "waypoints") -> Config:
@@ -131,15 +116,6 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
     (tmp_path / "lab.toml").write_text('trajectory = { kind = "waypoints", file = 3 }')
     with pytest.raises(ConfigError, match=r"trajectory\.file: expected a string, got 3$"):
         load(tmp_path / "lab.toml", Config)
-
-
-def test_a_spreadsheet_s_mark_at_the_beginning_is_no_part_of_the_first_name() -> None:
-    assert parse_course("\ufeffx,y,z\n1,2,3\n4,5,6\n")["points_ned"] == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
-
-
-def test_follow_takes_a_file_of_one_point(tmp_path: Path) -> None:
-    (tmp_path / "one.csv").write_bytes("\ufeffnorth_m,east_m,up_m\r\n1,2,3\r\n".encode())
-    assert _read_points("follow", [str(tmp_path / "one.csv")]) == (Waypoint(1.0, 2.0, -3.0),)
 
 
 @pytest.mark.parametrize(("words", "says"), [

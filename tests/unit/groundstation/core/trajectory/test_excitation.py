@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from groundstation.config import ConfigError, from_dict, load, presets
 from groundstation.core.trajectory import ExcitationConfig
 from groundstation.core.trajectory.shapes import Excitation
-from groundstation.core.vehicle import Vehicle
 from groundstation.flight import examine_trajectory
 from groundstation.settings import Config
 
@@ -48,18 +46,3 @@ def test_it_begins_and_ends_at_rest_and_stays_close() -> None:
     assert all(abs(low + high - 2.0 * middle) < 0.4 and high - low < 0.4 for low, high, middle in zip(
         report.lowest_ned, report.highest_ned, CONFIG.position_ned, strict=True
     ))  # fmt: skip
-
-
-@pytest.mark.parametrize("preset", presets(Vehicle))
-def test_as_it_comes_every_vehicle_may_fly_it(preset: str) -> None:
-    assert examine_trajectory(load(None, Config, [f"vehicle.preset={preset}", "trajectory.kind=excitation"])).ok
-
-
-def test_one_that_asks_too_much_is_refused_like_any_other() -> None:
-    report = examine_trajectory(load(None, Config, ["trajectory.kind=excitation", "trajectory.acceleration_m_s2=9"]))
-    assert not report.ok
-
-
-def test_a_band_without_room_for_its_sines_is_refused() -> None:
-    with pytest.raises(ConfigError, match=r"highest_hz: expected at least 0\.8 Hz with this lowest_hz and period_s"):
-        from_dict({"trajectory": {"kind": "excitation", "highest_hz": 0.5}}, Config)

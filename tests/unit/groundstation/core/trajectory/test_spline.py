@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.trajectory import Trajectory
-from groundstation.core.trajectory.shapes import SamplesConfig, TransitConfig, WaypointsConfig
+from groundstation.core.trajectory.shapes import SamplesConfig, WaypointsConfig
 from groundstation.core.trajectory.waypoints import smoothest
 
-POINTS = ((0.0, 0.0, -1.0), (2.0, 0.5, -1.0), (2.0, 3.0, -2.0), (-1.0, 2.0, -1.5))
 coordinate = st.integers(-50, 50).map(lambda n: n / 10.0)
 courses = st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=2, max_size=7).filter(
     lambda points: all(a != b for a, b in itertools.pairwise(points))
@@ -89,42 +88,6 @@ def test_times_that_are_found_keep_both_limits_and_reach_one(
         assert math.dist(course.position_at(knot), point) < 1e-8
 
 
-def test_a_point_on_a_straight_way_costs_hardly_any_time_however_near_an_end() -> None:
-    start, end = (0.0, 0.0, -1.0), (10.0, 0.0, -1.0)
-    transit = TransitConfig(start_ned=start, end_ned=end, max_speed_m_s=1.0, max_acceleration_m_s2=2.0)
-    straight = transit.build().duration_s
-
-    def through(*points: Vec3) -> float:
-        return (
-            WaypointsConfig(points_ned=(start, *points, end), max_speed_m_s=1.0, max_acceleration_m_s2=2.0)
-            .build()
-            .duration_s
-        )
-
-    assert through() == pytest.approx(straight, rel=2e-3)
-    for x in (0.001, 0.1, 1.0, 9.0):
-        assert through((x, 0.0, -1.0)) < 1.1 * straight
-
-
-def test_given_times_are_kept_and_count_from_the_first() -> None:
-    course = WaypointsConfig(points_ned=POINTS, times_s=(100.0, 101.0, 103.0, 106.0)).build()
-    assert course.joints_s == [0.0, 1.0, 3.0, 6.0]
-
-
-def test_laps_fly_through_the_start_without_a_stop() -> None:
-    course = WaypointsConfig(points_ned=(*POINTS, POINTS[0]), laps=3).build()
-    assert len(course.joints_s) == 13
-    for lap in (4, 8):
-        assert math.dist(course.position_at(course.joints_s[lap]), POINTS[0]) < 1e-9
-        assert math.hypot(*course.at(course.joints_s[lap]).velocity_ned) > 0.1
-
-
-def test_the_heading_turns_the_shorter_way() -> None:
-    course = WaypointsConfig(points_ned=POINTS, yaws_deg=(170.0, -170.0, 175.0, 0.0)).build()
-    turned = [math.degrees(course.at(knot).yaw_rad) for knot in course.joints_s]
-    assert turned == pytest.approx([170.0, 190.0, 175.0, 0.0], abs=1e-9)
-
-
 @pytest.mark.parametrize(("with_velocity", "worst"), [(False, 2e-3), (True, 5e-4)])
 def test_samples_of_a_known_motion_give_its_derivatives_back(with_velocity: bool, worst: float) -> None:
     times = tuple(0.05 * i for i in range(201))
@@ -141,13 +104,3 @@ def test_samples_of_a_known_motion_give_its_derivatives_back(with_velocity: bool
         assert math.dist(there.jerk_ned, (-math.cos(t), math.sin(t), 0.0)) < worst
     for t in (0.0, 0.02, 9.98):
         assert math.dist(course.at(t).jerk_ned, (-math.cos(t), math.sin(t), 0.0)) < 0.2
-
-
-def test_ten_thousand_samples_are_no_trouble() -> None:
-    times = tuple(0.01 * i for i in range(10_000))
-    points = tuple((math.sin(0.3 * t), math.sin(0.5 * t), -1.5) for t in times)
-    course = SamplesConfig(times_s=times, points_ned=points).build()
-    for i in range(0, 9_999, 97):
-        t = times[i] + 0.003
-        exact = (0.3 * math.cos(0.3 * t), 0.5 * math.cos(0.5 * t), 0.0)
-        assert math.dist(course.at(t).velocity_ned, exact) < 1e-7

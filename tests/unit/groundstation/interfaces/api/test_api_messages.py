@@ -22,23 +22,6 @@ from groundstation.interfaces.api.messages import (
 from links.text import printable
 from tests.sample_flight import Sampled, sample
 
-LINES = [b'{"id": 1, "ask": "land"}', b"", b"x" * 40, b"{}", b"y" * 41]
-
-
-def fed(pieces: list[bytes]) -> list[bytes | None]:
-    lines = LineSplitter(40)
-    return [line for piece in pieces for line in lines.feed(piece)]
-
-
-@given(st.lists(st.integers(1, 50), max_size=40))
-def test_lines_come_out_the_same_however_they_are_cut(cuts: list[int]) -> None:
-    data = b"\n".join(LINES) + b"\n"
-    pieces = []
-    for cut in cuts:
-        pieces.append(data[:cut])
-        data = data[cut:]
-    assert fed([*pieces, data]) == [LINES[0], b"", LINES[2], b"{}", None]
-
 
 def test_a_line_without_an_end_keeps_no_memory_and_is_told_once() -> None:
     lines = LineSplitter(100)
@@ -78,10 +61,6 @@ def test_a_message_comes_out_as_it_went_in(message: StationHello) -> None:
     line = encode(message)
     assert line.endswith(b"\n") and line.count(b"\n") == 1
     assert decode(line) == message
-
-
-def test_a_message_of_a_later_version_is_passed_over() -> None:
-    assert decode(b'{"fireworks": {"on": true}}') is None
 
 
 def points_of(ask: str) -> tuple[Waypoint, ...]:

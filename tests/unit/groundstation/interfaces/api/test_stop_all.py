@@ -69,7 +69,3 @@ def test_a_bridge_is_left_to_its_station_and_stopped_by_kill() -> None:
         assert bridge.wait(60) == -signal.SIGQUIT
     finally:
         end(bridge)
-
-
-def test_nothing_is_asked_where_nothing_runs() -> None:
-    assert asyncio.run(stop_all(Ask.LAND)) == []

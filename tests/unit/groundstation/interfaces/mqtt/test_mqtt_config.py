@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from groundstation.config import ConfigError, dump, from_dict
+from groundstation.config import ConfigError, from_dict
 from groundstation.interfaces.mqtt import describe_error, ensure_mqtt, from_url
 from groundstation.interfaces.mqtt.broker import open_broker
 from groundstation.settings import Config, MqttConfig
@@ -91,13 +91,6 @@ def test_half_a_configuration_is_refused(mqtt: dict[str, Any], error: str) -> No
         of(**mqtt)
 
 
-def test_a_configuration_with_clients_is_shown_and_read_back() -> None:
-    import tomllib
-
-    config = from_dict({"mqtt": {"requests": {"clients": {"tablet": {"key_file": "k", "may": ["land"]}}}}}, Config)
-    assert from_dict(tomllib.loads(dump(config)), Config) == config
-
-
 def test_a_password_or_a_key_that_others_may_read_stops_the_start(tmp_path: Path) -> None:
     password, key = tmp_path / "password", tmp_path / "key"
     password.write_text("secret\n")
@@ -147,15 +140,3 @@ def test_a_url_says_where_the_broker_is() -> None:
 def test_what_is_no_url_of_a_broker_is_refused(url: str) -> None:
     with pytest.raises(ConfigError):
         from_url(url)
-
-
-def test_what_is_wrong_with_a_broker_of_the_command_line_is_told_by_its_options(tmp_path: Path) -> None:
-    (tmp_path / "ca.crt").write_text("no certificate")
-    with pytest.raises(ConfigError, match=r"^--ca: cannot use .*ca\.crt: "):
-        from_url("mqtts://lab.example", ca=tmp_path / "ca.crt")
-    with pytest.raises(ConfigError, match=r"^--password-file: cannot read .*gone: No such file"):
-        from_url("mqtt://localhost", user="viewer", password_file=tmp_path / "gone")
-    with pytest.raises(
-        ConfigError, match=r"^mqtt://lab\.example: lab\.example is another machine, .*: write mqtts://$"
-    ):
-        from_url("mqtt://lab.example")

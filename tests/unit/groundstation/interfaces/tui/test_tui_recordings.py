@@ -9,9 +9,8 @@ import pytest
 
 from groundstation.core.messages import Ask, Snapshot
 from groundstation.interfaces.tui.app import STEP_S, Playback, Tape
-from groundstation.interfaces.tui.drawing import number_rows
-from groundstation.interfaces.tui.model import FlightIdentity, Jump, News, Picture
-from groundstation.recording import NoRecording, Recording
+from groundstation.interfaces.tui.model import FlightIdentity, Jump, News
+from groundstation.recording import NoRecording
 from sim.time import VirtualTimeLoop
 from tests.recordings import recorded
 from tests.sample_flight import sample
@@ -46,22 +45,6 @@ def test_they_hold_what_was_flown(flight: Path) -> None:
     assert any("tracking: " in event.line for event in last.events)
     assert last.rms_m == 0.0  # not steady yet
     assert last.gains["controller.k2"] == 2.0
-
-
-def test_of_a_simulated_flight_the_error_by_truth_stands_below_the_one_by_estimate() -> None:
-    path, result, _ = recorded(duration_s=17.0)
-    last = [one for one in Tape(path).snapshots() if one.state == "tracking"][-1]
-    told = [entry.value()["error_m"] for entry in Recording(path).entries(("/truth",))]
-    assert last.true_error_m == told[-1]
-    assert last.true_error_m is not None
-    assert last.true_rms_m is not None
-    assert result.verdict.rms_cm is not None
-    assert last.true_rms_m == pytest.approx(result.verdict.rms_cm / 100.0, rel=0.05), "a sample a command, not a step"
-    errors = [f"{100.0 * error:.1f} cm   rms {100.0 * rms:.1f} cm" for error, rms in
-              ((last.error_m, last.rms_m), (last.true_error_m, last.true_rms_m))]  # fmt: skip
-    text = ["".join(part for part, _ in spans) for spans in number_rows(last)]
-    at = text.index(f"error     {errors[0]}   by estimate")
-    assert text[at + 1] == f"          {errors[1]}   by truth"
 
 
 def test_a_recording_that_was_cut_off_is_read_up_to_the_cut(flight: Path, tmp_path: Path) -> None:
@@ -125,18 +108,6 @@ def test_winding_shows_what_came_before_too() -> None:
     assert times[0] == 0.0
     assert times == sorted(times)
     assert times[-1] == pytest.approx(30.4, abs=0.2)
-
-
-def test_winding_stops_at_both_ends() -> None:
-    assert newest(played(lambda playback: playback.seek(-5.0), 0.05)).flight_time_s == pytest.approx(0.0, abs=0.1)
-    assert newest(played(lambda playback: playback.seek(99.0), 1.0)).flight_time_s == pytest.approx(60.0)
-
-
-def test_a_picture_forgets_what_it_showed_where_it_is_wound() -> None:
-    picture = Picture(0.0)
-    for news in (HELLO, sample(50.0), sample(51.0), Jump(), sample(20.0)):
-        picture.take(news, 0.0)
-    assert [one.time_s for one in picture.flown] == [120.0]
 
 
 def test_a_recording_can_not_be_asked_for_anything() -> None:

@@ -91,26 +91,6 @@ async def test_a_server_that_answers_from_a_second_address_is_named(first: str) 
 
 
 @in_virtual_time
-async def test_a_stranger_beside_a_server_that_streams_is_no_second_address_of_it() -> None:
-    config = NatNetConfig(server="127.0.0.1:1510")
-    server = NatNetServer(config)
-    await server.open()
-    source, poses = config.build(), list[Pose]()
-    await source.start(poses.append)
-    await streaming(server, 0.5)
-    loop = asyncio.get_running_loop()
-    stranger, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
-    (ours,) = server._clients
-    stranger.sendto(natnet_codec.encode_server_info(natnet_codec.ServerInfo("x", (4, 1), 10**7)), ours)
-    await streaming(server, 0.5)
-    assert source.status.dropped["other_address"] == 1
-    assert source.status.advice == ""
-    await source.close()
-    stranger.close()
-    server.close()
-
-
-@in_virtual_time
 async def test_a_unicast_server_that_forgets_its_clients_is_told_again() -> None:
     config = NatNetConfig()
     server = NatNetServer(config)

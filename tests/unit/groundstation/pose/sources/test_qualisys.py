@@ -133,19 +133,6 @@ def test_a_body_that_is_added_while_we_listen_is_asked_for() -> None:
     scene(play)
 
 
-def test_a_misspelt_name_shows_the_names_that_are_there() -> None:
-    async def play(room: Room) -> None:
-        room.names = ["Quad"]
-        await asyncio.sleep(1.1)
-        room.poses.clear()
-        await asyncio.sleep(1.0)
-        assert room.poses == []
-        assert room.source.other_objects == ("Quad",)
-        assert room.source.status.dropped["no_such_body"] > 0
-
-    scene(play)
-
-
 @in_virtual_time
 async def test_nobody_there_is_said_with_what_to_check() -> None:
     source = QualisysConfig(server="127.0.0.1:22223").build()
@@ -205,16 +192,6 @@ def test_an_older_qtm_is_asked_for_older_versions_on_a_new_connection_each(
         assert len(room.server.clients) == 1
 
     scene(play, run)
-
-
-def test_a_qtm_that_says_that_it_has_no_data_is_counted() -> None:
-    async def play(room: Room) -> None:
-        await room.more()
-        room.say(qtm.packet(qtm.RtPacket.NO_DATA, b""))
-        await room.more()
-        assert room.source.status.dropped == {"no_data": 1}
-
-    scene(play)
 
 
 @in_virtual_time

@@ -75,14 +75,6 @@ def test_clocks_that_drift_and_networks_that_stall_do_not_fail(factor: float, st
     assert check is None or check.verdict is Verdict.WARN
 
 
-def test_a_rate_of_frames_is_nobodys_unit() -> None:
-    reader = JsonReader("quad", Intake(0.0, frame_s=1.0), Intake(0.0, frame_s=0.001))
-    for n in range(150):
-        pose = json_pose("quad", (1e-4 * n, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), frame=n)
-        reader.read(encode([pose]), 0.02 * n)
-    assert check_stamp_rate(reader.status, JsonConfig()) is None
-
-
 def same(n: int) -> float:
     return 0.0
 
@@ -99,14 +91,6 @@ def test_stamps_that_do_not_change_from_pose_to_pose_are_named(stamp: Callable[[
         intake.pose(stamp(n), 0.02 * n, place, (1.0, 0.0, 0.0, 0.0))
     assert intake.dropped["same_stamp"] >= 148
     assert "the sender does not set its time stamp" in str(describe_drop("same_stamp"))
-
-
-def test_the_same_pose_that_came_twice_is_a_duplicate() -> None:
-    intake = Intake(LATENCY_S)
-    for n in range(200):
-        for _ in range(2):
-            intake.pose(0.02 * n, 0.02 * n, (1e-4 * n, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    assert (intake.accepted, intake.dropped) == (200, {"duplicate": 200})
 
 
 _CHANCE = random.Random(7)
