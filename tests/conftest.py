@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, settings
 from tests.flown_once import FOLDER
 from tests.orphans import MARK, end_orphans, mark_session
 
-pytest_plugins = ["tests.busy", "tests.matrix", "tests.progress"]
+pytest_plugins = ["tests.busy", "tests.matrix"]
 
 # The same examples in every run: `make test` passes or fails by the code alone. `make soak` looks further.
 settings.register_profile(

@@ -20,7 +20,6 @@ from groundstation.core.messages import Ask, Request, Snapshot
 from groundstation.interfaces.api import Control, Server, ask_station, snapshots
 from groundstation.interfaces.api import server as api_server
 from groundstation.interfaces.api.client import open_client
-from groundstation.interfaces.api.messages import StationHello
 from groundstation.machine import ApiError, Latest, StatusConfig, find_socket, socket_path
 from tests.loops import in_real_time
 from tests.sample_flight import Sampled, sample
@@ -332,20 +331,6 @@ async def test_the_python_of_the_page_asks_the_station_to_fly_there(
     (asked,) = core.asked
     assert asked.ask is Ask.GOTO and [point.yaw_deg for point in asked.points] == [None, 90.0]
     assert capsys.readouterr().out
-
-
-@in_real_time
-async def test_the_greeting_tells_whom_one_speaks_to(path: Path, latest: Latest[Snapshot]) -> None:
-    about = {"pid": 7, "version": "0.1", "config_text": "[vehicle]\n"}
-    task = asyncio.create_task(
-        Server(StatusConfig(path=str(path)), "mqx", latest, Sampled(), **about).serve()  # type: ignore[arg-type]  # a table
-    )
-    while not path.exists() or not await listening(path):
-        await asyncio.sleep(0.01)
-    async with open_client(path) as client:
-        assert client.hello == StationHello(2, "mqx", 7, "0.1", "[vehicle]\n")
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
 
 
 @in_real_time

@@ -201,29 +201,6 @@ def test_a_station_that_was_frozen_brings_down_or_is_silent_and_never_flies_on(t
     )
 
 
-async def failing(folder: Path, fault: str, *options: str) -> None:
-    loop = asyncio.get_running_loop()
-    controller = ("--set", "controller.kind=tests.e2e.misbehaving:make", "--set", f"controller.fault={fault}")
-    async with lab(folder, *ARMED, *controller, "--set", "controller.after_s=1.0", *options) as here:
-        await here.says("following the trajectory")
-        begun = loop.time()
-        code = await here.exit_code()
-        assert code == 1, here.log
-        assert any("the bring-down is over" in line for line in here.log), here.log
-        after = here.set_points(begun + 1.2)
-        assert len({(thrust, rates) for _, thrust, rates in after[20:]}) <= 6, here.log
-        assert after[-1][1] == 0.0
-        assert after[-1][0] < begun + 1.0 + 0.25 + 2.0 + 0.2
-
-
-@pytest.mark.matrix  # flight/test_dead_man.py in virtual time, at every instant
-def test_a_controller_that_raises_or_blocks_the_program_ends_in_a_bring_down(tmp_path: Path) -> None:
-    together(
-        failing(tmp_path / "raises", "raise"),
-        failing(tmp_path / "blocks", "block", "--set", "controller.for_s=0.5"),
-    )
-
-
 async def told(folder: Path, *signals: signal.Signals) -> Lab:
     async with lab(folder, *ARMED) as here:
         await tracking(here)

@@ -3,11 +3,6 @@
 import asyncio
 import contextlib
 import gc
-import math
-import subprocess
-import sys
-import time
-from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 
@@ -17,18 +12,15 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.messages import Ask, Snapshot
-from groundstation.core.mission import State
 from groundstation.interfaces.api.messages import ClientOrder, Desk, Party
 from groundstation.interfaces.mqtt import publish_forever
 from groundstation.interfaces.mqtt.command import Unanswered, request_by_mqtt
 from groundstation.interfaces.mqtt.messages import HealthMessage, SessionMessage
 from groundstation.interfaces.mqtt.requests import Place, seal_request
 from groundstation.machine import Latest, wall_ms
-from groundstation.recording import Recording
 from groundstation.settings import Config, MqttConfig
 from links.io import make_key, read_key
 from tests.e2e.lab_broker import LabBroker, lab
-from tests.e2e.stations import served
 from tests.sample_flight import Sampled, sample
 
 __all__ = ["lab"]
@@ -261,88 +253,3 @@ def test_a_station_can_speak_for_no_other_vehicle_and_nobody_without_a_password(
             assert str(message.topic) == "groundstation/mqx/state"
 
     play(scene())
-
-
-@pytest.mark.matrix  # test_bystanders.py compares every byte beside a broker that dies
-def test_a_flight_is_held_moved_and_landed_by_mqtt_and_the_death_of_the_broker_delays_no_command(
-    lab: LabBroker, key: Path
-) -> None:
-    overrides = {
-        **lab.settings("mqx"),
-        "mqtt.requests.enabled": "true",
-        "mqtt.requests.clients.tablet.key_file": str(key),
-        "mqtt.requests.clients.tablet.may": MAY.replace("]", ', "goto"]'),
-        "mqtt.requests.authority": "move",
-    }
-
-    def request(*ask: str, why: str = "") -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [
-                *(sys.executable, "-m", "groundstation", "request", *ask, "--vehicle", "mqx", "--mqtt", lab.url),
-                *("--client", "tablet", "--key", str(key), *lab.login("operator"), "--why", why),
-            ],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-
-    async def until(state: State) -> None:
-        async with asyncio.timeout(60.0), lab.address("viewer").client() as client:
-            await client.subscribe("groundstation/mqx/state")
-            async for message in client.messages:
-                if message.payload == state.value.encode():
-                    return
-
-    async def until_held_at(*place_ned: float) -> None:
-        async with asyncio.timeout(60.0), lab.address("viewer").client() as client:
-            await client.subscribe("groundstation/mqx/snapshot")
-            async for message in client.messages:
-                snapshot = msgspec.json.decode(message.payload, type=Snapshot)
-                if snapshot.state == State.HOLD and math.dist(snapshot.position_ned, place_ned) < 0.1:
-                    return
-
-    with served() as room:
-        daemon = subprocess.Popen(
-            room.station("daemon", "--arm", "mqx", *(p for k, v in overrides.items() for p in ("--set", f"{k}={v}"))),
-            stderr=subprocess.PIPE,
-            text=True,
-            stdin=subprocess.DEVNULL,
-        )
-        try:
-            asyncio.run(until(State.TRACKING))
-            held = request("hold", why="people in the room")
-            assert held.returncode == 0, held.stderr
-            assert "people in the room (tablet by MQTT)" in held.stdout
-            asyncio.run(until(State.HOLD))
-            floor = request("goto", "0.6", "-0.4", "1.0")
-            assert floor.returncode == 1
-            assert "is 0.00 m above the floor" in floor.stdout
-            moved = request("goto", "0.6", "-0.4", "0.3", why="out of the way")
-            assert moved.returncode == 0, moved.stderr
-            assert "to north 0.60, east -0.40, 0.70 m above the floor: out of the way (tablet by MQTT)" in moved.stdout
-            asyncio.run(until_held_at(0.6, -0.4, 0.3))
-            assert request("track").returncode == 0
-            lab.kill()
-            time.sleep(1.0)
-            nobody = request("land")
-            assert (nobody.returncode, nobody.stdout) == (2, "")
-            asyncio.run(lab.begin())
-            asyncio.run(until(State.TRACKING))
-            landed = request("land")
-            assert landed.returncode == 0, landed.stderr
-            asyncio.run(until(State.READY))  # a daemon goes on to wait for the next flight
-            daemon.terminate()
-            _, log = daemon.communicate(timeout=60)
-        finally:
-            daemon.kill()
-            daemon.wait()
-        assert daemon.returncode == 0, log
-        gaps = [gap for file in room.recordings.glob("*.mcap") for gap in command_gaps(file)]
-    assert len(gaps) > 100
-    assert max(gaps) < 0.2, Counter(round(gap, 2) for gap in gaps)
-
-
-def command_gaps(file: Path) -> list[float]:
-    """Times between the commands of a recording [s]."""
-    times = [entry.value()["time_s"] for entry in Recording(file).entries({"/command"})]
-    return [after - before for before, after in zip(times, times[1:], strict=False)]

@@ -1,7 +1,6 @@
 """`groundstation props-off` at a terminal, against a simulated vehicle in a process of its own."""
 
 import contextlib
-import json
 import os
 import pty
 import select
@@ -14,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from groundstation.flight.prearm import on_file
 from links.mavlink.protocol import ARMED, MavlinkCodec
 from tests.e2e.stations import Room, served
 
@@ -71,58 +69,6 @@ def at_terminal(room: Room, state: Path) -> Iterator[Terminal]:
         yield terminal
     finally:
         terminal.close()
-
-
-@pytest.mark.matrix  # flight/test_props_off.py goes through it in virtual time
-def test_the_whole_test_is_gone_through_and_kept_and_preflight_finds_it(tmp_path: Path) -> None:
-    with served() as room, at_terminal(room, tmp_path) as terminal:
-        assert room.server is not None
-        frozen = room.server.send_signal
-        terminal.wait_for("THE MOTORS OF mqx WILL START")
-        terminal.wait_for("to begin")
-        terminal.types("mqx")
-        for _ in range(2):
-            terminal.wait_for("[y/n]")
-            terminal.types("y")
-        terminal.wait_for("close the tracker, NOW")
-        frozen(signal.SIGSTOP)  # poses end, and before the link is given up they are back
-        time.sleep(1.0)
-        frozen(signal.SIGCONT)
-        terminal.wait_for("[y/n]")
-        terminal.types("y")
-        terminal.wait_for("press Enter")
-        terminal.types("")
-        terminal.wait_for("[y/n]")
-        terminal.types("y")
-        terminal.wait_for("It is killed")
-        terminal.types("")
-        terminal.wait_for("[y/n]")
-        terminal.types("y")
-        terminal.wait_for("Pull the plug")
-        frozen(signal.SIGSTOP)
-        terminal.wait_for("has noticed")
-        terminal.types("")
-        terminal.wait_for("[y/n]")
-        terminal.types("y")
-        terminal.wait_for("Put the plug back")
-        frozen(signal.SIGCONT)
-        time.sleep(1.0)
-        terminal.types("")
-        terminal.wait_for("kill switch NOW")
-        terminal.types("")
-        terminal.wait_for("[y/n]")
-        terminal.types("y")
-        terminal.wait_for("Passed. Kept in")
-        assert terminal.exit_code() == 0
-        proof = on_file(tmp_path / "groundstation" / "props-off" / "mqx.json")
-        assert proof is not None
-        assert proof.vehicle == "mqx"
-        assert proof.firmware.startswith("PX4 1.16.0")
-        assert len(proof.steps) == 5
-        assert "ms after the last pose" in proof.steps["no poses"]
-        facts = subprocess.run(room.station("check", "--json"), capture_output=True, text=True, timeout=60, check=False)
-        (ready,) = [one for one in json.loads(facts.stdout)["checks"] if one["name"] == "ready to arm"]
-        assert ready["verdict"] == "PASS", "it was left disarmed"
 
 
 @pytest.mark.tried(1)  # ends

@@ -62,21 +62,6 @@ def test_every_flight_lands_and_one_that_stands_still_is_told_in_time_and_lands_
     assert (nobody.returncode, nobody.stdout) == (0, "nothing flies here\n")
 
 
-@pytest.mark.matrix  # unit/groundstation/interfaces/api/test_stop_all.py and the other test of it
-def test_a_flight_with_the_same_body_is_told_and_kill_asks_before_and_reaches_what_stands_ready(tmp_path: Path) -> None:
-    with served() as north, served() as south, running(north, tmp_path / "log", "--once") as daemon:
-        daemon.says("ready: link and poses are there")
-        looked = subprocess.run(south.station("check"), capture_output=True, check=False, text=True, timeout=60)
-        assert f"WARN other flights       daemon mqx (process {daemon.process.pid}) follows the body" in looked.stdout
-
-        unasked = stop_all("--kill")
-        assert (unasked.returncode, "mqx in the air: without a terminal it needs --yes" in unasked.stderr) == (2, True)
-        assert daemon.process.poll() is None
-        killed = stop_all("--kill", "--yes")
-        assert (killed.returncode, "killed: motors off: stop-all" in killed.stdout) == (0, True), killed.stderr
-        daemon.process.wait(60)
-
-
 def test_a_bridge_goes_on_and_is_told_with_how_to_end_it(tmp_path: Path) -> None:
     key, config, port = tmp_path / "key", tmp_path / "bridge.toml", tmp_path / "port"
     subprocess.run(

@@ -15,7 +15,7 @@ from random import Random
 
 import msgspec
 import pytest
-from textual.command import CommandList, CommandPalette
+from textual.command import CommandList
 from textual.pilot import Pilot
 
 from groundstation.config import ConfigError
@@ -27,12 +27,11 @@ from groundstation.interfaces.tui.widgets import (
     ErrorHistory,
     Events,
     InTime,
-    Knob,
     Numbers,
     Tabs,
     TopView,
 )
-from tests.dashboards import Fixed, Stage, flown, on_ground, play, says, text, until
+from tests.dashboards import Fixed, Stage, flown, play, says, text, until
 from tests.sample_flight import sample
 
 
@@ -128,49 +127,12 @@ def test_something_else_at_the_socket_is_told_and_does_not_end_the_screen(stage:
     play(scene, stage.path, (160, 40))
 
 
-def test_a_new_flight_begins_with_empty_plots(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            for time_s in (50.0, 51.0, 52.0):
-                stage.latest.put(sample(time_s))
-                await until(pilot, lambda wanted=f"{time_s:.1f} s": wanted in text(pilot, Banner))  # type: ignore[misc]
-            assert len(text(pilot, ErrorHistory).split("\n")[-1].strip()) > 1
-            stage.latest.put(msgspec.structs.replace(sample(0.5), error_m=0.01))
-            await until(pilot, lambda: text(pilot, ErrorHistory).endswith(" █"))
-
-    play(scene, stage.path)
-
-
 def finds(pilot: Pilot[None], words: str) -> bool:
     """Whether the palette's first command is what these words look for, not what an earlier search has found."""
     lists = pilot.app.screen.query(CommandList)
     if not lists or not lists.first().option_count:
         return False
     return words.rsplit(maxsplit=1)[-1] in str(lists.first().get_option_at_index(0).prompt).lower()
-
-
-def test_the_palette_changes_page_and_colours() -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        await until(pilot, lambda: says(pilot, "ready"))
-
-        async def choose(words: str, done: Callable[[], bool]) -> None:
-            await pilot.press("ctrl+p")
-            await until(pilot, lambda: isinstance(pilot.app.screen, CommandPalette))
-            await pilot.press(*words)
-            await until(pilot, lambda: finds(pilot, words))
-            await pilot.press("enter")
-            await until(pilot, done)
-
-        await choose("page links", lambda: pilot.app.current_mode == "links")
-        for words, theme in (
-            ("colours light", "light"),
-            ("theme", "dark"),
-            ("colors contrast", "contrast"),
-            ("color", "dark"),
-        ):
-            await choose(words, lambda theme=theme: pilot.app.theme == theme)  # type: ignore[misc]
-
-    play(scene, Fixed(on_ground()))
 
 
 def test_without_a_name_it_is_the_only_one_that_runs_or_the_operator_is_asked(
@@ -399,20 +361,3 @@ def test_at_every_width_the_banner_the_numbers_and_the_way_out_are_whole(columns
 
     more = {"poses_dropped": dropped, "link": link, "attitude": turned, "rms_m": math.nan}
     play(scene, Fixed(flown(10.0, **more)), (columns, 24))
-
-
-@pytest.mark.tried(1)  # the least width
-@pytest.mark.parametrize("columns", [60, 80, 120])
-def test_every_order_has_its_key_and_its_name_at_every_width(columns: int) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        await until(pilot, lambda: "10.0 s" in text(pilot, Banner))
-        await pilot.pause(0.3)
-        knobs = list(pilot.app.screen.query(Knob))
-        for knob in knobs:
-            assert str(knob.render()) == f"{knob.order.shown} {knob.order.label}"
-            assert knob.region.width >= len(str(knob.render())) and knob.region.right <= columns
-        stops = ["^L/^D LAND", "^A/^E LAND ALL", "^X/^R ABORT", "^K/^Y×2 KILL"]
-        assert [str(knob.render()) for knob in knobs][-4:] == stops
-        assert len({knob.region.y for knob in knobs}) == (2 if columns < 79 else 1)
-
-    play(scene, Fixed(flown(10.0)), (columns, 24))

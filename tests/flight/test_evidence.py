@@ -25,13 +25,10 @@ from groundstation.analysis.evidence.evidence import (
     doubt_attitude,
     drive_flight,
     examine_flight,
-    fit_attitude_loop,
     judge_filter,
     load_flight,
     match_wander,
     measure_pose_noise,
-    measure_wander,
-    respond,
     tabulate_flights,
 )
 from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping
@@ -308,21 +305,6 @@ def test_a_configuration_with_what_was_told_flies_the_filter_that_was_judged(tmp
     assert f"60 ms, told nothing   {untold['along_mm']:>9.2f}{untold['across_mm']:>9.2f}" in said
 
 
-def test_of_a_hover_that_was_written_down_in_millimetres_every_pose_counts(tmp_path: Path) -> None:
-    """A source that rounds sees the same place again; that is no pose that its log repeats."""
-    rows = [
-        (t, tuple(round(x, 3) for x in place), *rest)
-        for t, place, *rest in flown("paper", 1.37, "trajectory.kind=hold", "sim.pose_rate_hz=100")
-    ]
-    facts = examine_flight(imported(tmp_path, neural_fly(tmp_path, rows), "neural-fly"))
-    assert facts["left_out"].get("poses that repeat the one before", 0) < 0.01 * len(rows)
-    assert facts["pose_hz"] == pytest.approx(100.0, rel=0.01)
-    assert facts["gap_max_ms"] < 60.0
-    assert facts["noise_across_mm"] == pytest.approx(math.hypot(0.3, 1.0 / math.sqrt(12.0)), rel=0.1)
-    assert 0.7 < facts["nis3"] < 1.4
-    assert facts["prediction"]["60"]["rms_mm"] < 0.7 * facts["prediction"]["60"]["pvt_rms_mm"]
-
-
 @pytest.mark.tried(1)  # captures
 @pytest.mark.parametrize("name", ["px4_takeoff", "ardupilot_landing"])
 def test_prediction_of_an_autopilots_flight_is_no_worse_than_constant_velocity(name: str, tmp_path: Path) -> None:
@@ -393,57 +375,6 @@ def test_what_the_filter_is_told_of_a_wander_makes_its_innovations_as_wide_as_it
     assert np.mean(squares[100:]) == pytest.approx(1.0, rel=0.05)
 
 
-@pytest.mark.parametrize("density", [0.05, 0.2])
-def test_the_wander_of_a_sources_velocity_is_found_beside_its_white_noise(density: float) -> None:
-    stamps, place = circle(100.0, 0.0, 5e-5)
-    draw = np.random.default_rng(3)
-    steps = density * math.sqrt(0.001) * draw.standard_normal((10 * len(place), 3))
-    wanders = np.cumsum(np.cumsum(steps, axis=0) * 0.001, axis=0)[9::10]
-    found = measure_wander(stamps, place + wanders)
-    assert found.velocity == pytest.approx(density, rel=0.2)
-    assert found.position < 4e-4
-    assert measure_wander(stamps, place).velocity < 0.03
-    assert pytest.approx(8.0 / 3.0 / 70.0) == WANDERED
-
-
-@pytest.mark.parametrize("flown_s", [24.0, 5.0])
-@pytest.mark.parametrize("hz", [50.0, 100.0])
-def test_a_hover_that_nobody_commanded_is_predicted_better_than_by_constant_velocity(
-    hz: float, flown_s: float, tmp_path: Path
-) -> None:
-    """Centimetres to and fro within seconds: what the differences do not show of an acceleration is not there."""
-    draw = np.random.default_rng(6)
-    time = np.arange(0.0, flown_s, 1.0 / hz)
-    phases = 2.0 * math.pi * (np.outer(time, [0.1, 0.2, 0.35]) + draw.random(3))
-    place = np.sin(phases) @ draw.uniform(-0.005, 0.005, (3, 3)) + 5e-5 * draw.standard_normal((len(time), 3))
-    rows = [
-        {"t": at, "px": x, "py": y, "pz": 1.0 + z, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
-        for at, (x, y, z) in zip(time + 0.05, place, strict=True)
-    ]
-    facts = examine_flight(imported(tmp_path, write_csv(tmp_path / "hover.csv", rows), "nanobench"))
-    row = facts["prediction"]["60"]
-    assert row["rms_mm"] < 0.85 * row["pvt_rms_mm"]
-    assert 0.7 < facts["nis3"] < 1.4
-
-
-@pytest.mark.tried(1)  # gains
-@pytest.mark.parametrize(("gain", "lag_s", "delay_s"), [(6.0, 0.045, 0.05), (7.0, 0.15, 0.02)])
-def test_an_attitude_loop_is_found_with_its_delay(gain: float, lag_s: float, delay_s: float) -> None:
-    time = np.arange(2000) / 100.0
-    asked = 0.2 * np.stack([np.sin(2.1 * time) + np.sin(5.3 * time), np.cos(3.2 * time) + np.sin(7.1 * time)], axis=1)
-    late = round(100 * delay_s)
-    answer = respond(
-        np.concatenate([np.repeat(asked[:1], late, axis=0), asked[:-late]]), 0.01, *map(np.array, ([gain], [lag_s]))
-    )
-    noise = 1e-3 * np.random.default_rng(4).standard_normal((2000, 2))
-    loop = fit_attitude_loop(time, answer[:, :, 0] + noise, time, asked)
-    assert loop is not None
-    for value, (low, high) in zip((gain, lag_s, delay_s), loop.intervals, strict=True):
-        assert low <= value <= high
-    assert loop.explained > 0.95
-    assert fit_attitude_loop(time, noise, time, asked) is None
-
-
 def test_every_mapping_that_comes_along_is_one() -> None:
     assert all(load_mapping(name).title for name in shipped_texts("mappings"))
 
@@ -512,25 +443,6 @@ def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
     assert "identified" not in facts
 
 
-@pytest.mark.tried(1)  # by how much
-@pytest.mark.parametrize("back_s", [0.07, 5.0, 1e5])
-def test_of_a_flight_whose_clock_is_set_back_the_longer_part_is_judged_and_it_is_said(
-    back_s: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rows = nanobench_rows(tmp_path)
-    later = len(rows) - 200
-    rows = [row | {"t": float(row["t"]) - (back_s if n >= later else 0.0)} for n, row in enumerate(rows)]
-    path = imported(tmp_path, write_csv(tmp_path / "back.csv", rows), "nanobench")
-    left_out = "poses left out, before or after a set-back of their clock: 200"
-    assert left_out in capsys.readouterr().out
-    facts = examine_flight(path)
-    assert left_out in describe_flight(facts)
-    assert facts["flown_s"] == pytest.approx((later - 1) / 50.0, abs=0.7)
-    assert facts["prediction"]["60"]["rms_mm"] < 0.5 * facts["prediction"]["60"]["pvt_rms_mm"]
-    newest = [entry.value()["time_s"] for entry in Recording(path).entries((SETPOINT,))]
-    assert len(newest) == later and newest == sorted(newest)
-
-
 def test_a_file_without_a_column_is_told_which(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "short.csv", [{"t": 0.0, "px": 0.0, "py": 0.0, "pz": 0.0}])
     with pytest.raises(ConfigError, match="no column qx, qy, qz, qw"):
@@ -541,21 +453,6 @@ def test_a_file_without_a_column_is_told_which(tmp_path: Path) -> None:
 def test_stamps_of_another_unit_are_refused(factor: float, tmp_path: Path) -> None:
     path = poses_only(tmp_path, lambda rows: [row | {"t": factor * row["t"]} for row in rows])
     with pytest.raises(ConfigError, match=r"time_unit: by 's' a pose comes every .* of another unit"):
-        import_command([path], "nanobench", tmp_path / "out.mcap")
-
-
-def test_rows_that_come_twice_and_stamps_that_are_rounded_are_no_other_unit(tmp_path: Path) -> None:
-    for change in (
-        lambda rows: [row for row in rows for _ in range(2)],
-        lambda rows: [row | {"t": rows[n // 2 * 2]["t"]} for n, row in enumerate(rows)],
-    ):
-        path = imported(tmp_path, poses_only(tmp_path, change), "nanobench")
-        facts = examine_flight(path)
-        path.unlink()
-        assert facts["left_out"]["poses not newer than the one before"] in (300, 600)
-        assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
-    path = poses_only(tmp_path, lambda rows: [row | {"t": 1.0} for row in rows])
-    with pytest.raises(ConfigError, match="all poses have the same stamp"):
         import_command([path], "nanobench", tmp_path / "out.mcap")
 
 

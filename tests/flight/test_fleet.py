@@ -1,7 +1,6 @@
 """Several vehicles in one room: side by side, made to meet, hidden from the cameras, and without their relay."""
 
 import asyncio
-import json
 from collections.abc import Callable
 
 import msgspec
@@ -167,21 +166,6 @@ def test_who_stands_too_near_to_another_does_not_take_off() -> None:
         assert "it stands 0.50 m from quad" in one.why
         assert one.states[-1].state == State.ABORTED
         assert one.touchdown_m_s is None
-
-
-def test_the_command_tells_separation_and_each_flight_as_json(capsys: pytest.CaptureFixture[str]) -> None:
-    words = [word for override in HOLD for word in ("--set", override)]
-    args = parser().parse_args(["mission", "--vehicles", "2", "--duration", "0.5", "--json", *words])
-    assert mission_command(args) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert facts["landed"] is True
-    assert facts["min_separation_m"] == pytest.approx(3.0, abs=0.1)
-    assert facts["tick_p99_ms"] is None  # in virtual time nothing takes any
-    assert [one["name"] for one in facts["vehicles"]] == ["quad1", "quad2"]
-    for one in facts["vehicles"]:
-        assert one["touchdown_m_s"] <= 0.5
-        assert [entered["state"] for entered in one["states"]][-1] == "landed"
-        assert all(entered["reason"] for entered in one["states"])
 
 
 @pytest.mark.parametrize(

@@ -312,18 +312,6 @@ def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
     ]
 
 
-def test_holding_in_the_hold_after_a_climb_waits_too() -> None:
-    async def script(flight: Flight, _: Stage) -> None:
-        await in_state(State.HOLD, Ask.HOLD)(flight, _)
-        await asyncio.sleep(5.0)
-        assert flight.state is State.HOLD
-        flight.ask(Request(Ask.TRACK, "on"))
-
-    flown = mission("paper", *SHORT, script=script)
-    assert flown.landed
-    assert [one.state for one in flown.states][3:6] == ["takeoff", "hold", "tracking"]
-
-
 def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_though_it_was_told_to_hold() -> None:
     script = in_state(State.HOLD, Ask.HOLD)
     flown = mission("paper", *SHORT, "sim.thrust_gain=1.6", script=script)

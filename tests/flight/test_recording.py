@@ -1,7 +1,6 @@
 """groundstation/recording: what stands in the file, whoever reads it and wherever it was cut off."""
 
 import json
-import math
 import os
 import stat
 import tomllib
@@ -17,8 +16,7 @@ from mcap.reader import make_reader
 
 from groundstation.analysis import export_command
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.messages import STEADY_S, PoseRecord, TickRecord
-from groundstation.interfaces.tui.app import Tape
+from groundstation.core.messages import PoseRecord, TickRecord
 from groundstation.machine import RecordingConfig, make_folder
 from groundstation.recording import (
     CHANNELS,
@@ -28,7 +26,6 @@ from groundstation.recording import (
     Record,
     Recording,
     SentRecord,
-    quick_headline,
     schema,
 )
 from groundstation.recording.writer import FLUSH_S
@@ -136,29 +133,6 @@ def test_every_command_pose_and_byte_is_in_it_to_the_last_bit() -> None:
 def test_recording_changes_nothing_about_the_flight() -> None:
     _, result, _ = recorded()
     assert result.log_sha256 == flown("paper", duration_s=8.0).log_sha256
-
-
-def test_the_headline_is_the_same_from_the_index_from_the_messages_in_the_summary_and_on_the_dashboard() -> None:
-    path, result, records = recorded(duration_s=17.0)
-    about, headline, whole = quick_headline(path)
-    assert whole
-    assert about["controller"] == "adaptive"
-    errors = [
-        math.dist(r.tick.estimate.motion.position, r.tick.reference.position_ned)
-        for r in records
-        if isinstance(r, TickRecord) and r.tick.flight_time_s >= STEADY_S
-    ]
-    assert headline.max_m == pytest.approx(max(errors))
-    assert headline.rms_m == pytest.approx(math.sqrt(sum(e * e for e in errors) / len(errors)))
-    assert headline.rms_m == pytest.approx(0.01 * (result.verdict.estimate_rms_cm or 0.0))
-    assert headline.true_rms_m == pytest.approx(0.01 * (result.verdict.rms_cm or 0.0))
-    assert list(Tape(path).snapshots())[-1].rms_m == pytest.approx(headline.rms_m)
-    data = path.read_bytes()
-    cut = path.with_name("cut.mcap")
-    cut.write_bytes(data[:-100])  # into the index
-    counted = Recording(cut).headline()
-    assert (counted.rms_m, counted.max_m) == (headline.rms_m, headline.max_m)
-    assert (counted.commands, counted.poses) == (headline.commands, headline.poses)
 
 
 @given(st.floats(0.0, 1.0), st.binary(max_size=20))

@@ -342,25 +342,6 @@ def test_v_and_the_observers_error_together_fall_by_a_share_of_w(case: tuple[Loo
     assert composite <= -p.w0 - 0.5 * share * damping - e * e + rounding + 1e-9 * mu * e * e
 
 
-@given(laws(), vec, st.floats(0.5, 1.5))
-def test_the_condition_on_kappa_is_sharp(law: Gains, direction: Vec3, excess: float) -> None:
-    """With e = 0, z1 = z2 = 0 and z3 = kb κ b̃/(2 k3), V˙ = -κ |b̃|² (1 - kb² κ/(4 k3)): no more can be proved."""
-    kappa = excess * 4.0 * law.k3 / law.kb**2
-    law = Gains(k2=law.k2, k3=law.k3, k3_down=law.k3, kb=law.kb, kappa=kappa, b_bound=law.b_bound, epsilon=law.epsilon)
-    b = within(FLOATS, direction, law.b_bound)
-    if math.hypot(*b) < 0.1 or abs(excess - 1.0) < 1e-3:
-        return
-    z3 = 0.5 * law.kb * kappa / law.k3 * np.asarray(b)
-    # Level, b̂ = 0: û = g e3 - (T/m) e3 - p¨d, and u* = 0.
-    acceleration = vec3(-z3)
-    hover = MASS * GRAVITY
-    loop = Loop(law, OBSERVERS[0], b, lambda _: (acceleration, (0.0, 0.0, 0.0)), False)
-    zero = (0.0, 0.0, 0.0)
-    s = State(zero, zero, so3.IDENTITY, hover, zero, np.zeros((4, 3)))
-    expected = -kappa * float(np.dot(b, b)) * (1.0 - excess)
-    assert v_dot(parts(loop, s), law) == pytest.approx(expected, rel=1e-6)
-
-
 @given(laws(), vec, vec, vec)
 def test_projection_stretches_no_difference_beyond_its_lipschitz_constant(
     law: Gains, one: Vec3, other: Vec3, direction: Vec3
@@ -403,18 +384,6 @@ def test_the_inverse_covariance_is_a_lyapunov_function_for_any_intervals_and_any
             gain, covariance = update_moving_covariance(covariance, 0.01)
             e = e - np.array(gain) * e[1]
         assert size_in(covariance, e) <= before * (1.0 + 1e-6) + 1e-12
-
-
-@pytest.mark.parametrize("h", [0.002, 0.01, 0.02, 0.1])
-@pytest.mark.parametrize("noise", [1e-5, 3e-4, 3e-3])
-def test_what_the_estimators_roll_leaves_out_of_the_chain_is_too_small_to_matter(h: float, noise: float) -> None:
-    """It holds d̂ at its mid-span value, so ĉ moves p̂ by h³/4, not h³/6: eᵀΣ⁻¹e falls strictly all the same."""
-    gain, covariance = steady(h, noise, DEFAULT)
-    chain = np.array([[1, h, h * h / 2, h**3 / 4], [0, 1, h, h * h / 2], [0, 0, 1, h], [0, 0, 0, 1]])
-    once = (np.eye(4) - np.outer(np.array(gain), [1.0, 0.0, 0.0, 0.0])) @ chain
-    p = np.linalg.inv(full(covariance))
-    scale = 1.0 / np.sqrt(np.diag(p))
-    assert min(np.linalg.eigvalsh((p - once.T @ p @ once) * np.outer(scale, scale))) > 0.0
 
 
 FIGURE_EIGHT = LemniscateConfig().build()

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,6 @@ from tests.seeded_faults import CONCERNED, FAULTS, PACKAGES, copy_checkout, file
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 COMMANDS: dict[str, str] = PROJECT["project"]["scripts"]
-
-# A folder that exists on one machine only; the look-behind leaves out web addresses and relative paths.
-MACHINE_PATH = re.compile(rb"(?<![\w.*}-])/(?:root|work|opt|srv|mnt|(?:home|Users)/\w+)/")
 
 
 @cache
@@ -75,28 +72,6 @@ def test_every_codec_is_under_the_purity_contract() -> None:
     codecs = {".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files}
     assert codecs != set()
     assert {codec for codec in codecs if not any(f"{codec}.".startswith(f"{name}.") for name in pure)} == set()
-
-
-@pytest.fixture
-def files_of_the_project(needs_program: Callable[..., str]) -> list[Path]:
-    """What git tracks, or would: everything that is not ignored."""
-    listing = subprocess.run(
-        [needs_program("git"), "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
-        cwd=ROOT,
-        capture_output=True,
-        check=False,
-    )
-    if listing.returncode != 0:
-        pytest.skip("not a git checkout")
-    return [file for name in listing.stdout.decode().split("\0") if name and (file := ROOT / name).is_file()]
-
-
-def test_no_file_names_a_folder_of_one_machine(files_of_the_project: list[Path]) -> None:
-    found = {
-        str(file.relative_to(ROOT)): [match.group().decode() for match in MACHINE_PATH.finditer(file.read_bytes())]
-        for file in files_of_the_project
-    }
-    assert {name: paths for name, paths in found.items() if paths} == {}
 
 
 # Whoever has installed a program has it compiled.

@@ -121,22 +121,6 @@ def test_settings_are_found_in_what_the_command_line_says() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "line"),
-    [
-        ("thr_expo", 0.0, "set thr_expo = 0"),
-        ("rc_smoothing", "OFF", "set rc_smoothing = OFF"),
-        ("aux 0", "0 0 1700 2100 0 0", "aux 0 0 0 1700 2100 0 0"),
-        ("rxrange 3", "988 2012", "rxrange 3 988 2012"),
-        ("rxfail 4", "s 1000", "rxfail 4 s 1000"),
-        ("rxfail 4", "h", "rxfail 4 h"),
-        ("map", "TAER1234", "map TAER1234"),
-    ],
-)
-def test_a_setting_is_changed_by_its_own_line(name: str, value: float | str, line: str) -> None:
-    assert describe_change(name, value) == line
-
-
 def test_a_board_s_map_follows_ours() -> None:
     swapped = ChannelMap(
         thrust=Throttle(channel=1), roll=Stick(channel=6), pitch=Stick(channel=2), yaw=Stick(channel=3)
@@ -181,21 +165,6 @@ def test_arming_is_by_one_row_and_no_mode_that_our_frames_meet_takes_the_sticks(
     slots: dict[str, str], verdicts: dict[str, str]
 ) -> None:
     assert slot_verdicts(slots) == verdicts
-
-
-@pytest.mark.parametrize(
-    ("arm", "row"),
-    [({"channel": 5}, ("rxfail 4", "s 1000")), ({"channel": 7, "armed": -1, "disarmed": 1}, ("rxfail 6", "s 2000"))],
-)
-def test_the_arm_channel_is_to_stand_for_disarmed_once_it_says_nothing(
-    arm: dict[str, Any], row: tuple[str, str]
-) -> None:
-    visit = BoardVisit(from_dict({"link": {"kind": "crsf", "map": {"arm": arm}}}, Config), "/dev/ttyACM0")
-    name, right = row
-    for value, verdict in (("h", "must"), ("s 1500", "must"), (right, "ok")):
-        visit.parameters = {name: Setting(name, value)}
-        (one,) = [judge(advice, visit.parameters) for advice in visit.advice if advice.names == (name,)]
-        assert (one.verdict, one.recommended) == (verdict, right if verdict == "must" else None)
 
 
 @pytest.mark.parametrize(

@@ -137,28 +137,3 @@ def test_the_quaternion_is_asked_for_and_the_angles_are_stopped() -> None:
     assert (31.0, -1.0) not in seen
     assert (30.0, -1.0) in seen
     assert (30.0, 20_000.0) not in seen
-
-
-def test_an_autopilot_that_has_no_quaternion_is_asked_for_the_angles() -> None:
-    def answer(message: Message) -> list[Message]:
-        if message.get_type() == "COMMAND_LONG" and message.param1 == 31.0:
-            return [DIALECT.MAVLink_command_ack_message(message.command, 2, 0, 0, 245, 190)]
-        return accept(message)
-
-    assert asked(answer)[-1] == (30.0, 20_000.0)
-
-
-@in_virtual_time
-async def test_one_that_is_wanted_anyhow_is_asked_for_once() -> None:
-    seen: list[tuple[float, float]] = []
-    autopilot = await Endpoint(kind=PX4).open()
-    autopilot.answer = accept
-    beating = asyncio.create_task(autopilot.beating())
-    link = MavlinkLink(MavlinkLinkConfig(quiet=True), thrust_max_n=2.0)
-    link.watch_attitude(lambda told: None)
-    link.connection.request(lambda _kind: {"ATTITUDE_QUATERNION": 100.0})
-    await link.connect()
-    seen.extend((m.param1, m.param2) for m in autopilot.of("COMMAND_LONG"))
-    beating.cancel()
-    await link.close()
-    assert [interval for number, interval in seen if number == 31.0] == [10_000.0]

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, SET_MESSAGE_INTERVAL, MavlinkCodec
+from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, MavlinkCodec
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.dialects import OFFBOARD
 from sim.autopilots.dialects import PX4_LAND as LAND
@@ -114,21 +114,6 @@ def test_heartbeats_tell_offboard_and_armed() -> None:
     assert (last.custom_mode, last.base_mode & 128) == (6 << 16, 128)
 
 
-def test_a_message_comes_at_the_interval_that_was_set_and_stops_with_minus_one() -> None:
-    flight = Flight()
-    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, 10_000.0) == 0
-    flight.heard.clear()
-    flight.until(flight.now + 0.999)
-    assert len(flight.messages("ODOMETRY")) == 100
-    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, -1.0) == 0
-    flight.heard.clear()
-    flight.wait(1.0)
-    assert flight.messages("ODOMETRY") == []
-    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, 0.0) == 0
-    flight.until(flight.now + 0.999)
-    assert len(flight.messages("ODOMETRY")) == 30
-
-
 def test_offboard_without_set_points_is_accepted_and_then_arming_is_denied() -> None:
     flight = Flight()
     assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
@@ -198,19 +183,6 @@ def test_the_failsafe_levels_out_and_comes_down_slowly() -> None:
     assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=0.01)
     assert speeds[-2] == pytest.approx(0.5, abs=0.15)
     assert flight.now < 80.0
-
-
-def test_it_follows_set_points_again_when_they_come_again() -> None:
-    flight = Flight(Brick(5.0, held=True)).arm()
-    flight.stream(0.2)
-    flight.wait(1.5)
-    assert flight.autopilot.mode == LAND
-    flight.target(0.7, (0.4, 0.0, 0.0))
-    assert flight.autopilot.mode == OFFBOARD
-    acts = len(flight.airframe.acts)
-    flight.wait(0.5)
-    assert len(flight.airframe.acts) == acts  # its own control loop is silent
-    assert flight.airframe.acts[-1][1] == pytest.approx(0.7)
 
 
 def test_disarming_is_denied_in_the_air_and_until_it_has_stood_for_a_while() -> None:

@@ -126,54 +126,6 @@ async def test_the_autopilot_that_is_waiting_for_us_is_spoken_to_first() -> None
 
 
 @scene()
-async def test_the_status_tells_the_round_trip_and_the_autopilots_clock(link: MavlinkLink, autopilot: Endpoint) -> None:
-    assert link.status.rtt_s is None
-    assert link.status.offset_s is None
-    later = asyncio.get_running_loop().call_later
-
-    def answer(message: Any) -> list[Any]:
-        if message.get_type() == "TIMESYNC" and message.tc1 == 0:
-            theirs = D.MAVLink_timesync_message(message.ts1 + 5_010_000_000, message.ts1)
-            later(0.02, autopilot.say, theirs)
-        return accept(message)
-
-    autopilot.answer = answer
-    await asyncio.sleep(1.5)
-    assert link.status.rtt_s == pytest.approx(0.02, abs=1e-6)
-    assert link.status.offset_s == pytest.approx(5.0, abs=1e-6)
-
-
-@scene()
-async def test_messages_reach_subscribers_with_their_arrival_until_they_leave(
-    link: MavlinkLink, autopilot: Endpoint
-) -> None:
-    got: list[tuple[str, float]] = []
-    leave = link.connection.subscribe(lambda m, s: got.append((m.get_type(), s)))
-    await asyncio.sleep(0.25)
-    autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-    await asyncio.sleep(0.25)
-    assert got == [("VFR_HUD", 0.25)]
-    leave()
-    autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-    await asyncio.sleep(0.25)
-    assert len(got) == 1
-
-
-@pytest.mark.parametrize(("system", "component"), [(2, 1), (1, 191)])
-@scene()
-async def test_messages_of_other_systems_and_components_are_ignored(
-    link: MavlinkLink, autopilot: Endpoint, system: int, component: int
-) -> None:
-    got: list[str] = []
-    link.connection.subscribe(lambda m, s: got.append(m.get_type()))
-    autopilot.codec = MavlinkCodec(system, component)
-    autopilot.say(D.MAVLink_vfr_hud_message(1, 2, 3, 4, 5, 6))
-    await asyncio.sleep(0.1)
-    assert got == []
-    assert link.status.dropped == {"other_system": 1}
-
-
-@scene()
 async def test_a_heartbeat_of_what_is_no_autopilot_leaves_an_armed_vehicle_armed(
     link: MavlinkLink, autopilot: Endpoint
 ) -> None:

@@ -1,13 +1,11 @@
 """Tuning without flying: which gains, between which bounds, in which world, and what a search does with verdicts."""
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from groundstation.config import ConfigError
 from groundstation.core.control import Gains, bound_decrease
@@ -36,7 +34,6 @@ from sim.studies.tune.tune import (
     Margin,
     MarginReport,
     Sortie,
-    boundary,
     fit_scenario,
     short_of,
     try_gains,
@@ -97,29 +94,6 @@ def test_a_vehicle_meets_a_scenario_with_the_scenarios_ratio_of_truth_to_told(tm
 
 
 # ---- margins
-
-
-@given(edge=st.floats(0.001, 2.0), step=st.floats(0.002, 0.1), tolerance=st.floats(1e-4, 1e-2))
-def test_bisection_finds_the_edge_from_both_sides(edge: float, step: float, tolerance: float) -> None:
-    (holds, fails), asked = searched(boundary(step, 1.0, tolerance), lambda x: x >= edge)
-    assert len(asked) < 40
-    if fails is None:
-        assert 1.0 in asked
-        assert holds < edge
-    else:
-        assert holds < edge <= fails <= holds + tolerance
-
-
-def searched(
-    search: Generator[float, bool, tuple[float, float | None]], fails: Callable[[float], bool]
-) -> tuple[tuple[float, float | None], list[float]]:
-    """What a search returns, and what it asked."""
-    asked = [next(search)]
-    while True:
-        try:
-            asked.append(search.send(fails(asked[-1])))
-        except StopIteration as end:
-            return end.value, asked
 
 
 def test_a_flight_fails_by_a_crash_or_by_five_times_the_error_but_never_below_10_cm() -> None:

@@ -78,21 +78,6 @@ def test_datagrams_arrive_by_address_in_order_and_the_tap_sees_them() -> None:
     assert [d for *_, d in seen] == [b"one", b"two", b"lost"]
 
 
-def test_a_connected_endpoint_hears_only_its_peer() -> None:
-    async def work() -> Inbox:
-        loop = asyncio.get_running_loop()
-        _, inbox = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 5), remote_addr=("127.0.0.1", 6))
-        stranger, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 7))
-        peer, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 6))
-        stranger.sendto(b"stranger", ("127.0.0.1", 5))
-        peer.sendto(b"peer", ("127.0.0.1", 5))
-        await asyncio.sleep(0.1)
-        assert isinstance(inbox, Inbox)
-        return inbox
-
-    assert [d for _, d, _ in run(work()).got] == [b"peer"]
-
-
 class Line(asyncio.Protocol):
     def __init__(self) -> None:
         self.got = b""
@@ -143,26 +128,6 @@ def test_a_stream_carries_bytes_both_ways_until_one_end_hangs_up() -> None:
     assert (client.got, server.got) == (b"hi", b"hello there")
     assert (client.lost, server.lost) == (1, 1)
     assert seen == [b"hello ", b"there", b"hi"]
-
-
-def test_a_group_brings_a_datagram_to_each_of_its_members() -> None:
-    from groundstation.pose.sources import join, send_by
-
-    async def work() -> list[list[bytes]]:
-        loop = asyncio.get_running_loop()
-        inboxes = []
-        for member in range(3):
-            transport, inbox = await loop.create_datagram_endpoint(Inbox, local_addr=("239.1.2.3", 7), reuse_port=True)
-            if member < 2:
-                join(transport, "239.1.2.3", "127.0.0.1")
-            inboxes.append(inbox)
-        sender, _ = await loop.create_datagram_endpoint(Inbox, local_addr=("127.0.0.1", 8))
-        send_by(sender, "127.0.0.1")
-        sender.sendto(b"all", ("239.1.2.3", 7))
-        await asyncio.sleep(0.1)
-        return [[data for _, data, _ in inbox.got] for inbox in inboxes]
-
-    assert run(work()) == [[b"all"], [b"all"], []]
 
 
 def test_a_suspended_process_finds_its_timers_and_datagrams_due_at_once_when_it_goes_on() -> None:

@@ -8,21 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundstation.analysis.identify import FlightStretch, command, identify
+from groundstation.analysis.identify import FlightStretch, identify
 from groundstation.analysis.identify.command import (
     FLY,
     IdentifiedVehicle,
     file_text,
-    jitter_of,
-    measure_jitter,
     measure_noise,
     table,
 )
 from groundstation.analysis.identify.fit import (
-    TURN_NAMES,
     Bounds,
-    fit_noise,
-    fit_turns,
     full_n,
     hover_signal,
     minimize,
@@ -140,23 +135,6 @@ def test_without_a_lag_commands_are_obeyed_at_once() -> None:
     assert response.integral(np.array([0.05, 0.2])).tolist() == pytest.approx([0.05, 0.4])
 
 
-def test_the_noise_of_a_drifting_place_is_found_and_its_innovations_are_white() -> None:
-    rng = np.random.default_rng(1)
-    count, h = 3000, 0.02
-    at = np.linspace(0.0, h * (count - 1), count)
-    drift = np.cumsum(rng.normal(0.0, math.sqrt(2.0 * h), (count, 2)), axis=0)
-    speed = np.cumsum(h * drift, axis=0)
-    place = np.cumsum(h * speed, axis=0) + rng.normal(0.0, 1e-3, (count, 2))
-    noise, filter_ = fit_noise(at, place, (0.0, 1.0, 1e4), 0.1)
-    assert math.sqrt(noise.variance) == pytest.approx(1e-3, rel=0.1)
-    assert noise.ratios[2] * noise.variance == pytest.approx(2.0, rel=0.7)
-    news, _ = filter_.innovations(place)
-    whitened = (news / math.sqrt(noise.variance))[20:]
-    assert float((whitened**2).mean()) == pytest.approx(1.0, rel=0.1)
-    neighbours = float((whitened[1:] * whitened[:-1]).mean())
-    assert abs(neighbours) < 0.05
-
-
 def test_a_fit_finds_what_is_seen_and_says_of_the_rest_that_it_is_not() -> None:
     rng = np.random.default_rng(2)
     t = np.linspace(0.0, 1.0, 500)
@@ -176,19 +154,6 @@ def _free(spread: Column) -> tuple[Column, Column, Column]:
     return np.full(2, 1e-3), np.zeros(2), spread
 
 
-def test_a_fit_counts_in_that_innovations_hang_together() -> None:
-    rng = np.random.default_rng(4)
-    slow = np.repeat(rng.normal(0.0, 1.0, 40), 25)
-    t = np.ones(1000)
-
-    def whitened(sets: Any) -> Column:
-        return np.stack([(slow - one[0] * t)[:, None] for one in sets], axis=-1)
-
-    bounds = Bounds(np.array([-9.0]), np.array([9.0]), np.array([1e-3]), np.zeros(1), np.array([np.inf]))
-    fit = minimize(whitened, np.zeros(1), bounds, 0.02)
-    assert fit.deviations[0] > 3.0 / math.sqrt(1000.0)
-
-
 def test_noise_is_told_from_motion() -> None:
     rng = np.random.default_rng(5)
     at = np.linspace(0.0, 39.98, 2000)
@@ -197,23 +162,6 @@ def test_noise_is_told_from_motion() -> None:
     assert abs(found.value - 3e-4) < 3.0 * found.deviation
     assert found.deviation < 1e-5
     assert math.isinf(measure_noise(at[:40], motion[:40]).deviation)
-
-
-@pytest.mark.parametrize("jitter_s", [0.0, 0.001, 0.003])
-def test_stamps_that_are_early_or_late_by_chance_are_told_from_noise(jitter_s: float) -> None:
-    rng = np.random.default_rng(6)
-    at = np.linspace(0.0, 39.98, 2000)
-    speed = np.stack([0.6 * np.cos(3.0 * at), 0.3 * np.sin(5.0 * at), 0.0 * at], axis=1)
-    left = rng.normal(0.0, 3e-4, (2000, 3)) + rng.normal(0.0, jitter_s, 2000)[:, None] * speed
-    place = np.stack([0.2 * np.sin(3.0 * at), -0.06 * np.cos(5.0 * at), 0.0 * at], axis=1) + left
-    measured = measure_jitter(at, left, place)
-    assert abs(measured.across - 9e-8) < 3.0 * measured.across_deviation < 3e-8
-    found = jitter_of(measured)
-    assert found.interval is not None
-    assert found.interval[0] <= jitter_s <= found.interval[1]
-    assert found.interval[1] - found.interval[0] < 7e-4
-    still = rng.normal(0.0, 3e-4, (2000, 3))
-    assert not jitter_of(measure_jitter(at, still, still)).identified
 
 
 def test_turns_are_those_between_the_attitudes() -> None:
@@ -242,25 +190,6 @@ def test_a_made_up_vehicle_is_found_again() -> None:
     )
     assert found.parameters["thrust_lag"].value == pytest.approx(0.06, rel=0.05)
     assert found.parameters["thrust_scale"].value == pytest.approx(0.9, rel=0.02)
-
-
-def test_where_lag_and_delay_of_yaw_may_stand_for_one_another_their_sum_alone_is_told(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    seen = flown()
-    turned = fit_turns(seen)
-    unsure, apart = turned.fit.covariance.copy(), np.zeros(len(TURN_NAMES))
-    apart[TURN_NAMES.index("yaw_lag")], apart[TURN_NAMES.index("yaw_delay")] = 0.01, -0.01
-    unsure += np.outer(apart, apart)
-    unsure_turns = turned._replace(fit=turned.fit._replace(covariance=unsure))
-    monkeypatch.setattr(command, "fit_turns", lambda seen: unsure_turns)
-    found = identify(seen).parameters
-    assert [found[name].note for name in ("yaw_rate_lag", "yaw_rate_delay")] == [FLY, FLY]
-    assert found["rate_delay"].identified
-    whole = found["yaw_rate_response"]
-    assert whole.value is not None and whole.interval is not None
-    assert whole.value == pytest.approx(sum(turned.fit.values[3:]))
-    assert 0.05 < whole.interval[0] < 0.055 < whole.interval[1] < 0.06
 
 
 def test_a_curve_that_nobody_told_is_found() -> None:

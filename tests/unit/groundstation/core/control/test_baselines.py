@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -106,13 +105,3 @@ def test_l1_finds_an_unknown_push_by_its_formulas_and_counteracts_what_its_filte
         off = keep * off + phi * found - h * sigma
     # What stays of it is the known share: e^(A_s T_s) T_s / Φ.
     assert filtered == pytest.approx(keep * h / phi * sigma, rel=1e-3)
-
-
-@pytest.mark.parametrize("config", [Geometric(k_integral=1.0), Pid(i_velocity=1.0, speed_limit_m_s=1.0)])
-def test_an_integral_stops_while_the_command_is_clamped(config: Geometric | Pid) -> None:
-    tight = msgspec.structs.replace(VEHICLE, thrust_max_n=1.1 * VEHICLE.mass_kg * G)
-    far = estimate({"position": (0.0, 0.0, 4.0)})
-    controller = make_controller(config, tight)
-    seen = [controller.decide(far, HERE, 0.0225).diagnostics.b_hat[2] for _ in range(400)]
-    assert abs(seen[-1]) < 1.0
-    assert seen[-1] == seen[10]

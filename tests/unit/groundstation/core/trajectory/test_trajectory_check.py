@@ -11,8 +11,6 @@ import pytest
 
 from groundstation.__main__ import main
 from groundstation.config import ConfigError, from_dict
-from groundstation.core.control import turning
-from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.trajectory import (
     Demand,
     FeasibilityReport,
@@ -71,24 +69,6 @@ def test_an_upright_circle_is_lightest_at_its_top_and_heaviest_at_its_bottom() -
     # It starts at the top, north being uphill.
     assert by_name["least thrust"].time_s == pytest.approx(0.0)
     assert by_name["least height above the floor"].value == pytest.approx(1.0, abs=1e-4)
-
-
-@pytest.mark.parametrize("yaw_deg", [0.0, 70.0])
-def test_body_rates_agree_with_the_attitude_that_the_push_asks_for(yaw_deg: float) -> None:
-    trajectory = LemniscateConfig(speed_m_s=1.5, yaw_deg=yaw_deg).build()
-    _, by_name = seen(LemniscateConfig(speed_m_s=1.5, yaw_deg=yaw_deg))
-    rates = []
-    for i in range(351):
-        r = trajectory.at(0.01 * i)
-        x, y, z = (-r.acceleration_ned[0], -r.acceleration_ned[1], G - r.acceleration_ned[2])
-        yaw = math.radians(yaw_deg)
-        forward, right = math.cos(yaw) * x + math.sin(yaw) * y, math.cos(yaw) * y - math.sin(yaw) * x
-        pitch = math.atan2(forward, z)
-        roll = math.atan2(-right, math.hypot(forward, z))
-        dot = (-r.jerk_ned[0], -r.jerk_ned[1], -r.jerk_ned[2])
-        rates.append(turning(from_euler_zyx(roll, pitch, yaw), (x, y, z), dot))
-    assert by_name["roll rate"].value == pytest.approx(max(abs(math.degrees(p)) for p, _ in rates), rel=1e-3)
-    assert by_name["pitch rate"].value == pytest.approx(max(abs(math.degrees(q)) for _, q in rates), rel=1e-3)
 
 
 def limited(**values: Any) -> LimitsConfig:

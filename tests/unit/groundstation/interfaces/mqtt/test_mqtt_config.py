@@ -7,24 +7,10 @@ from typing import Any
 import pytest
 
 from groundstation.config import ConfigError, from_dict
-from groundstation.interfaces.mqtt import describe_error, ensure_mqtt, from_url
+from groundstation.interfaces.mqtt import ensure_mqtt, from_url
 from groundstation.interfaces.mqtt.broker import open_broker
 from groundstation.settings import Config, MqttConfig
 from links.io import make_key
-
-
-@pytest.mark.parametrize(
-    ("error", "says"),
-    [
-        ("[Errno 111] Connection refused", "Connection refused"),
-        ("[code:135] Not authorized", "Not authorized"),
-        ("[SSL: WRONG] certificate verify failed: self-signed (_ssl.c:1006)", "certificate verify failed: self-signed"),
-        ("[code:None] ", "the connection was lost"),
-        ("Operation timed out", "Operation timed out"),
-    ],
-)
-def test_the_operator_reads_no_numbers_of_libraries(error: str, says: str) -> None:
-    assert describe_error(OSError(error)) == says
 
 
 def of(**mqtt: Any) -> MqttConfig:
