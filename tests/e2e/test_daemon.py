@@ -171,4 +171,4 @@ def test_sigterm_in_flight_lands_before_a_daemon_ends(tmp_path: Path) -> None:
         daemon.says("tracking: ")
         daemon.process.terminate()
         assert daemon.process.wait(60) == 0, daemon.log
-        assert "landing: " in daemon.log and "landed: " in daemon.log
+        assert "landing: told by SIGTERM" in daemon.log and "landed: " in daemon.log

@@ -209,7 +209,7 @@ def test_where_linux_is_not_what_computes_works_and_the_rest_ends_with_a_sentenc
 
 
 def test_what_takes_long_shows_on_a_terminal_how_far_it_is() -> None:
-    words = ["compare", "--scenarios", "ideal", "--controllers", "adaptive", "--seeds", "1", "--duration", "5"]
+    words = ["compare", "--scenarios", "ideal", "--controllers", "adaptive", "--seeds", "1", "--duration", "17"]
     reader, writer = os.openpty()
     shown = b""
     with subprocess.Popen([sys.executable, "-m", "sim", *words], stdout=subprocess.DEVNULL, stderr=writer) as program:
