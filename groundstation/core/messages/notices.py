@@ -7,6 +7,7 @@ A sentence states the fact, then the number and its limit; the remedy says what 
 from groundstation.core.messages.flight_notices import FLIGHT_NOTICES
 from groundstation.core.messages.pose_notices import POSE_NOTICES
 from groundstation.core.messages.preflight_notices import PREFLIGHT_NOTICES
+from groundstation.core.messages.screen_notices import SCREEN_NOTICES
 from groundstation.core.messages.station_notices import STATION_NOTICES
 from links.text import LINK_NOTICES, NoticeTemplate, Sentence, as_warnings
 
@@ -345,7 +346,15 @@ _TABLE: tuple[NoticeTemplate, ...] = (
 
 NOTICES: dict[str, NoticeTemplate] = {
     template.id: template
-    for table in (_TABLE, FLIGHT_NOTICES, PREFLIGHT_NOTICES, POSE_NOTICES, STATION_NOTICES, LINK_NOTICES)
+    for table in (
+        _TABLE,
+        FLIGHT_NOTICES,
+        PREFLIGHT_NOTICES,
+        POSE_NOTICES,
+        STATION_NOTICES,
+        SCREEN_NOTICES,
+        LINK_NOTICES,
+    )
     for template in table
 }
 """Every sentence by its id."""

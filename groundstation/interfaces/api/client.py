@@ -23,7 +23,7 @@ from typing import Literal, cast
 import msgspec
 
 from groundstation.config import ConfigError, locate
-from groundstation.core.messages import Ask, Request, Snapshot, Waypoint
+from groundstation.core.messages import Ask, Request, Snapshot, Waypoint, notice
 from groundstation.interfaces.api.messages import (
     ANYONE,
     LINE_MAX_BYTES,
@@ -322,7 +322,7 @@ async def _at_once(asked: Awaitable[OrderAnswer]) -> OrderAnswer:
         async with asyncio.timeout(STOP_ANSWER_S):
             return await asked
     except TimeoutError:
-        raise ApiError(f"no answer within {STOP_ANSWER_S:g} s") from None
+        raise ApiError(str(notice("request.no_answer", limit_s=STOP_ANSWER_S))) from None
 
 
 def _find_flight(vehicle: str | None, socket: Path | None) -> Running | None:
@@ -355,13 +355,13 @@ async def ask_station(request: Request, vehicle: str | None = None, socket: Path
     try:
         client = await attach(path, "request")
     except (FileNotFoundError, ConnectionRefusedError):
-        raise ApiError(f"{path}: no ground station serves there") from None
+        raise ApiError(str(notice("request.nobody", path=path))) from None
     try:
         served = client.hello.vehicle
         if request.ask is Ask.ARM and vehicle is None:
-            raise ApiError(f"arm moves the vehicle, and must name it: --vehicle {served}")
+            raise ApiError(str(notice("request.name_it", vehicle=served)))
         if vehicle is not None and vehicle != served:
-            raise ApiError(f"{path}: the vehicle there is {served!r}, not {vehicle!r}")
+            raise ApiError(str(notice("request.other_vehicle", path=path, found=served, wanted=vehicle)))
         if request.ask not in ANYONE:
             taken = await client.take_control()
             if not taken.done:
@@ -408,13 +408,13 @@ async def _stop(one: Running, ask: Ask, why: str) -> StopReport:
     try:
         async with asyncio.timeout(STOP_ANSWER_S), open_client(Path(one.socket), "stop-all") as client:
             answer = await client.ask(Request(ask, why))
-        return StopReport(True, f"{who}: {answer.says}")
+        return StopReport(True, str(notice("stop_all.answered", who=who, answer=answer.says)))
     except TimeoutError:
-        trouble = f"no answer within {STOP_ANSWER_S:g} s"
+        trouble = str(notice("request.no_answer", limit_s=STOP_ANSWER_S))
     except ApiError as error:
         trouble = str(error)
     except OSError as error:
-        trouble = f"its socket {one.socket}: {error.strerror or error}"
+        trouble = str(notice("stop_all.socket", socket=one.socket, why=error.strerror or error))
     return _stop_by_signal(one, ask, trouble)
 
 
@@ -423,13 +423,10 @@ def _stop_by_signal(one: Running, ask: Ask, trouble: str) -> StopReport:
     who = f"{one.vehicle} (process {one.pid})"
     number = signal.SIGQUIT if ask is Ask.KILL else signal.SIGTERM
     if not send_signal(one, number):
-        return StopReport(True, f"{who}: {trouble}, and it has ended")
+        return StopReport(True, str(notice("stop_all.ended", who=who, trouble=trouble)))
     means = "motors off" if number is signal.SIGQUIT else "lands"
-    return StopReport(
-        False,
-        f"{who}: NOT ANSWERED: {trouble}; {number.name} sent ({means} as soon as it runs): take the remote control "
-        "and see that it comes down",
-    )
+    says = notice("stop_all.signal", who=who, trouble=trouble, signal=number.name, means=means)
+    return StopReport(False, str(says))
 
 
 def _bridge(one: Running, ask: Ask) -> StopReport:
@@ -437,12 +434,8 @@ def _bridge(one: Running, ask: Ask) -> StopReport:
     who = f"{BRIDGE} at {one.vehicle} (process {one.pid})"
     if ask is Ask.KILL:
         done = send_signal(one, signal.SIGQUIT)
-        return StopReport(done, f"{who}: " + ("SIGQUIT sent: motors off" if done else "it has ended"))
-    return StopReport(
-        True,
-        f"{who}: goes on, as what flies by it lands by its station's commands. kill {one.pid} ends it and brings down "
-        f"what flies; kill -QUIT {one.pid} stops its motors",
-    )
+        return StopReport(done, str(notice("stop_all.bridge_killed" if done else "stop_all.bridge_ended", who=who)))
+    return StopReport(True, str(notice("stop_all.bridge", who=who, pid=f"{one.pid}")))
 
 
 def stop_all_command(args: argparse.Namespace, ask_back: Callable[[str], str] | None) -> Exit:
@@ -458,16 +451,16 @@ def stop_all_command(args: argparse.Namespace, ask_back: Callable[[str], str] | 
     if ask is Ask.KILL and there and not args.yes:
         names = ", ".join(one.vehicle for one in there)
         if ask_back is None:
-            raise ConfigError("--kill", f"stops the motors of {names} in the air: without a terminal it needs --yes")
-        if ask_back(f"Motors off, AND THEY FALL: {names}. Type yes: ").strip() != "yes":
-            print("nothing was done: without --kill they land")
+            raise ConfigError("--kill", str(notice("stop_all.needs_yes", names=names)))
+        if ask_back(str(notice("stop_all.question", names=names))).strip() != "yes":
+            print(notice("stop_all.not_done"))
             return Exit.FAILED
     told = asyncio.run(stop_all(ask))
     for one in told:
         print(printable(one.says), file=sys.stdout if one.answered else sys.stderr)
     for folder in foreign_services():
         whose = owner(folder)
-        print(f"{folder} is of user {whose}: sudo -u {whose} groundstation stop-all reaches what flies there")
+        print(notice("stop_all.foreign", folder=folder, user=whose))
     if not told:
-        print("nothing flies here")
+        print(notice("stop_all.nothing"))
     return Exit.DONE if all(one.answered for one in told) else Exit.FAILED

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from groundstation.config import ConfigError, dump
-from groundstation.core.messages import Ask, Request, SourceError
+from groundstation.core.messages import Ask, Request, SourceError, notice
 from groundstation.core.mission import State
 from groundstation.flight import ensure_flyable, ensure_guarded, ensure_held, ensure_link
 from groundstation.interfaces.api import ask_station, snapshots
@@ -126,16 +126,13 @@ class Supervisor:
                     return asyncio.ensure_future(self._watch_relay(relay))
         with suppress(ProcessLookupError):
             relay.kill()
-        self._say("the relay did not begin: nothing was started")
+        self._say(str(notice("fleet.no_relay")))
         return None
 
     async def _watch_relay(self, relay: asyncio.subprocess.Process) -> None:
         code = await self._listen("relay", relay)
         if any(core.returncode is None for core in self.cores.values()):
-            self._say(
-                f"WARNING: the relay has ended ({code}): no vehicle gets poses any more, and their guards bring each "
-                "of them down"
-            )
+            self._say(str(notice("fleet.relay_ended", code=code)))
 
     async def _start_core(self, member: Member, folder: Path, held: int) -> asyncio.subprocess.Process:
         file = folder / f"{member.name}.toml"
@@ -164,26 +161,23 @@ class Supervisor:
         late = [name for name, task in ready.items() if task.cancelled() or not task.done() or watching[name].done()]
         if late:
             if self._arm:
-                self._say(f"nobody is armed: {', '.join(late)} did not get ready")
+                self._say(str(notice("fleet.nobody_armed", names=", ".join(late))))
                 self._pass_on(signal.SIGTERM)
             return
         for name in self._arm:
             refused = await arm_vehicle(name, sockets[name])
             if refused:
-                self._say(f"{name}: not armed: {refused}")
+                self._say(str(notice("fleet.not_armed", name=name, why=refused)))
 
     async def _watch(self, name: str) -> int:
         code = await self._listen(name, self.cores[name])
         if -code in self._passed_on:  # in flight it handles every signal that we pass on
-            self._say(f"{name}: its core has ended before it could fly")
+            self._say(str(notice("fleet.core_early", name=name)))
             return Exit.DONE
         if code < 0:
-            self._say(
-                f"{name}: WARNING: its core has died ({signal.Signals(-code).name}) and is not started again: the "
-                "vehicle does what it does when commands stop. The others fly on"
-            )
+            self._say(str(notice("fleet.core_died", name=name, signal=signal.Signals(-code).name)))
         else:
-            self._say(f"{name}: its core has ended ({code})")
+            self._say(str(notice("fleet.core_ended", name=name, code=code)))
         return code
 
     async def _listen(self, name: str, process: asyncio.subprocess.Process) -> int:
@@ -213,7 +207,8 @@ class Supervisor:
                 if core.returncode is None:
                     core.send_signal(sent)
                     told.append(name)
-        self._say(f"{number.name}: passed on to {', '.join(told) or 'nobody: all have ended'}")
+        names = ", ".join(told) or "nobody: all have ended"
+        self._say(str(notice("fleet.passed_on", signal=number.name, names=names)))
 
 
 async def _python(

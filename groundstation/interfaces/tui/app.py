@@ -44,6 +44,7 @@ from groundstation.core.messages import (
     PoseStatus,
     Reply,
     Request,
+    Sentence,
     Severity,
     Snapshot,
     SteadyError,
@@ -126,12 +127,12 @@ class Attached:
     async def news(self) -> AsyncIterator[News]:
         """For ever, what is served, and why nothing is."""
         while True:
-            trouble = "The ground station closed its status socket."
+            trouble = str(notice("screen.closed"))
             try:
                 self._client = await attach(self._path, NAME)
                 hello = self._client.hello
                 if self._pid not in (None, hello.pid):
-                    raise ApiError(f"{self._path}: another ground station (process {hello.pid}) serves there")
+                    raise ApiError(str(notice("screen.other_station", path=self._path, pid=hello.pid)))
                 origin = f"process {hello.pid}, groundstation {hello.groundstation}"
                 yield FlightIdentity(hello.vehicle, origin, hello.config)
                 async for message in self._client:
@@ -140,7 +141,7 @@ class Attached:
                     else:
                         yield message
             except FileNotFoundError:
-                trouble = f"No ground station serves {self._path}."
+                trouble = str(notice("screen.no_station", path=self._path))
             except OSError as error:
                 trouble = f"{error.strerror or error}: {self._path}"
             except ApiError as error:
@@ -164,12 +165,12 @@ class Attached:
 
     async def _order(self, order: Callable[[StationClient], Awaitable[OrderAnswer]]) -> Reply:
         if self._client is None:
-            return Reply(done=False, says="NOT SENT: no ground station is there")
+            return Reply.of(False, notice("screen.not_sent"))
         try:
             answer = await order(self._client)
         except ApiError as error:
-            return Reply(done=False, says=f"NO ANSWER, it may not have been heard: {error}")
-        return Reply(answer.done, answer.says)
+            return Reply.of(False, notice("screen.no_answer", why=error))
+        return Reply(answer.done, answer.says, answer.message, answer.numbers)
 
     def _close(self) -> None:
         client, self._client = self._client, None
@@ -497,7 +498,7 @@ class Ordering:
         if not self._orders:
             self._only_looks()
         elif not order.always and now - self._picture.arrived_s > SILENCE_S:
-            self._say(Reply(done=False, says="what is shown is old: nothing is ordered by it"))
+            self._say(Reply.of(False, notice("screen.old", limit_s=SILENCE_S)))
         elif order.ask is Ask.KILL and not self._twice.press(now):
             self._draw()
         elif order.always or order.ask in (Ask.HOLD, Ask.RETURN):
@@ -509,18 +510,18 @@ class Ordering:
         """Arm and fly, once the operator has confirmed."""
         newest = self._picture.newest
         if newest is None:
-            self._say(Reply(done=False, says="there is no vehicle to see"))
+            self._say(Reply.of(False, notice("screen.no_vehicle")))
         elif not self._picture.holder.yours:
-            self._say(Reply(done=False, says="take control first: key c"))
+            self._say(Reply.of(False, notice("screen.take_first")))
         elif not possible(order, newest.state):
-            self._say(Reply(done=False, says=f"{order.ask} is not possible while {newest.state}"))
+            self._say(Reply.of(False, notice("mission.not_possible", ask=order.ask, state=newest.state)))
         elif order.ask is Ask.ARM:
-            says = f"The motors of {newest.vehicle} will start. Type its name:"
+            says = str(notice("screen.arm", vehicle=newest.vehicle))
             typed = await self._app.push_screen_wait(Typed(f"ARM {newest.vehicle}?", says, wanted=newest.vehicle))
             if typed is not None:
                 self._ask(order.ask, typed)
         else:
-            says = f"{newest.vehicle} leaves the hold for its trajectory."
+            says = str(notice("screen.fly", vehicle=newest.vehicle))
             options = [("no", "No, stay"), ("yes", "Yes, fly")]
             if await self._app.push_screen_wait(Choice("FLY the trajectory?", says, options)) == "yes":
                 self._ask(order.ask)
@@ -539,7 +540,9 @@ class Ordering:
     async def _stop_all(self) -> Reply:
         told = await stop_all(Ask.LAND, "stop-all from a dashboard")
         silent = [one.says for one in told if not one.answered]
-        return Reply(done=not silent, says="; ".join(silent) or f"land all: {len(told)} have answered")
+        if silent:
+            return Reply.of(False, notice("screen.some_silent", says="; ".join(silent)))
+        return Reply.of(True, notice("screen.all_landed", count=len(told)))
 
     def control(self) -> None:
         """Take control, or give it back."""
@@ -558,21 +561,21 @@ class Ordering:
             self._only_looks()
             return
         if not self._picture.holder.yours:
-            self._say(Reply(done=False, says="gains need control: key c"))
+            self._say(Reply.of(False, notice("screen.gain_control")))
             return
         typed = await self._app.push_screen_wait(Typed(gain.key, gain.text(), value=f"{gain.value:g}"))
         if typed is None:
             return
         value = gain.read(typed)
-        if isinstance(value, str):
-            self._say(Reply(done=False, says=value))
+        if isinstance(value, Sentence):
+            self._say(Reply.of(False, value))
             return
         self._say(await self._feed.set_gain(gain.key, value))
 
     def _only_looks(self) -> None:
         """Whoever tries to stop a vehicle from here must not wait for it."""
         if self._read_only:
-            self._say(Reply(done=False, says="NOTHING WAS ORDERED: this screen may only look; go to the station"))
+            self._say(Reply.of(False, notice("screen.only_looks")))
 
     def _later(self, work: Callable[[], Awaitable[Reply]]) -> None:
         """Do it beside the screen, which goes on being drawn, and say what came of it."""
@@ -727,11 +730,11 @@ class Dashboard(App[None]):
         if isinstance(self._feed, Playback):
             return self._feed.where()
         if self._read_only:
-            return "read only: orders nothing"
+            return str(notice("screen.read_only"))
         holder = self.picture.holder
         if holder.yours:
-            return "you hold control"
-        return f"{holder.name} holds control" if holder.name else "control is free: c takes it"
+            return str(notice("control.yours"))
+        return str(notice("control.held", client=holder.name) if holder.name else notice("screen.control_free"))
 
     # ---- what goes out
 
@@ -819,13 +822,13 @@ class Dashboard(App[None]):
             self.run_worker(self._leave(newest.vehicle, newest.state))
 
     async def _leave(self, vehicle: str, state: str) -> None:
-        says = f"{vehicle} is {state}. Without this screen the flight goes on; nobody is asked to land."
+        says = str(notice("screen.leave", vehicle=vehicle, state=state))
         options: Sequence[tuple[str, str]] = [("stay", "Stay"), ("leave", "Leave; the flight goes on")]
         if await self.push_screen_wait(Choice("Leave?", says, options, orders=self._orders)) == "leave":
             which = self._which or f"--vehicle {vehicle}"
             self.left = True
             self.exit(
-                message=f"The flight of {vehicle} goes on ({state}).\n"
+                message=f"{notice('screen.left', vehicle=vehicle, state=state)}\n"
                 f"  see it again  groundstation tui {which}\n  land          groundstation request land {which}"
             )
 
@@ -888,7 +891,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     require_terminal("groundstation fly without --tui needs none")
     if asyncio.run(is_served(path)):
         again = f"groundstation tui {_which(path)}"
-        raise ConfigError("status.path", f"a ground station serves {path} already; to see it: {again}")
+        raise ConfigError("status.path", str(notice("screen.served", path=path, again=again)))
     log = make_folder(config.recording) / f"{vehicle}.log"
     overrides = [word for override in args.overrides for word in ("--set", override)]
     overrides += ["--rehearse"] if args.rehearse else []
@@ -898,7 +901,9 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         core = start_child("groundstation", *words, stdout=output, stderr=output)
 
     def describe_end() -> str:
-        return "" if core.poll() is None else f"It has ended, exit code {core.returncode}: {_last_line(log)}"
+        if core.poll() is None:
+            return ""
+        return str(notice("screen.core_ended", code=core.returncode, last=_last_line(log)))
 
     which = _which(path if config.status.path else None)
 
@@ -908,7 +913,7 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
     dashboard = make("")
     code = _run(dashboard, args.theme)
     while not dashboard.left and core.poll() is None and sys.stdin.isatty():  # without a terminal nobody sees it
-        says = f"The dashboard has failed and begins anew; the ground station goes on as process {core.pid}"
+        says = str(notice("screen.begins_anew", pid=core.pid))
         print(says, file=sys.stderr)
         try:
             asyncio.run(asyncio.sleep(AGAIN_S))
@@ -922,14 +927,14 @@ def fly_with_screen(args: argparse.Namespace, config: Config) -> int:
         try:
             core.wait(END_S)
         except subprocess.TimeoutExpired:
-            print(f"The ground station is still busy, see {log}")
+            print(notice("screen.busy", log=log))
     if core.poll() is None:
-        print(f"The ground station goes on as process {core.pid}; what it says is in {log}")
+        print(notice("screen.goes_on", pid=core.pid, log=log))
         return code
     told = newest is not None and newest.state in FINAL
     last = _last_line(log)  # of a flight that was recorded: its error figures and the path
     ended = f"{vehicle} {newest.state}: {newest.reason}\n{last}" if told and newest is not None else last
-    print(f"The ground station has ended. {ended}\nWhat it said is in {log}")
+    print(notice("screen.station_ended", ended=ended, log=log))
     return core.returncode
 
 
@@ -1014,7 +1019,7 @@ def served_socket(vehicle: str | None) -> Path:
     if not served:
         raise ConfigError(
             "tui",
-            "no ground station runs here: `groundstation fly CONFIG --tui` starts one; or name a recording, LOG.mcap",
+            str(notice("screen.nobody")),
         )
     if not sys.stdin.isatty():
         try:
@@ -1031,4 +1036,4 @@ def served_socket(vehicle: str | None) -> Path:
 
 def _last_line(log: Path) -> str:
     lines = log.read_text("utf-8", "replace").split("\n")
-    return next((line for line in reversed(lines) if line.strip()), "it has said nothing")
+    return next((line for line in reversed(lines) if line.strip()), str(notice("screen.silent_log")))

@@ -9,7 +9,7 @@ import msgspec
 
 from groundstation.config import parse_toml
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Ask, Notice, Reply, Snapshot
+from groundstation.core.messages import Ask, Notice, Reply, Sentence, Snapshot, notice
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, TABLE, State
 from groundstation.core.safety import RAMP_S, STEP_FACTOR
 from groundstation.interfaces.api import new_events
@@ -46,7 +46,7 @@ class Jump(msgspec.Struct, frozen=True):
 News = FlightIdentity | Snapshot | Holder | FeedTrouble | Jump
 
 
-NOBODY = Reply(done=False, says="a recording can't be asked for anything")
+NOBODY = Reply.of(False, notice("screen.recording"))
 
 
 class Feed(Protocol):
@@ -252,18 +252,16 @@ class GainRow(msgspec.Struct, frozen=True):
 
     def text(self) -> str:
         """For who is to change it."""
-        return (
-            f"now {self.value:g}; one change goes from {self.value / STEP_FACTOR:g} to {self.value * STEP_FACTOR:g}. "
-            f"It gets there within {RAMP_S:g} s, and goes back by itself where the error or V rises."
-        )
+        least, most = self.value / STEP_FACTOR, self.value * STEP_FACTOR
+        return str(notice("screen.gain", now=self.value, least=least, most=most, ramp_s=RAMP_S))
 
-    def read(self, typed: str) -> float | str:
+    def read(self, typed: str) -> float | Sentence:
         """The value that was typed, or why it can't be taken; bounds are the ground station's to judge."""
         try:
             value = float(typed)
         except ValueError:
-            return f"{typed!r} is no number: nothing was changed"
-        return value if math.isfinite(value) else f"{typed} is no gain: nothing was changed"
+            return notice("screen.no_number", typed=typed)
+        return value if math.isfinite(value) else notice("screen.no_gain", typed=typed)
 
 
 def gains(config: Mapping[str, Any], now: Mapping[str, float]) -> list[GainRow]:

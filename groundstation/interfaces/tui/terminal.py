@@ -16,6 +16,7 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.events import Key, Paste
 from textual.message import Message
 
+from groundstation.core.messages import Sentence, notice
 from groundstation.interfaces.tui.model import STOP_KEYS
 from links.text import printable
 
@@ -148,14 +149,14 @@ class TolerantDriver(LinuxDriver):
                 if not gate.dropped:
                     since_s = now_s
                 elif not gate.is_dropping(now_s) or now_s - since_s >= PASTE_S:
-                    self._warn(f"{gate.dropped} keys dropped: a paste?")
+                    self._warn(notice("screen.paste", count=gate.dropped))
                     gate.dropped = 0
                 if parser.cut:
-                    self._warn("A paste had no end: what came meanwhile was its text.")
+                    self._warn(notice("screen.paste_open"))
                     parser.cut = 0
 
-    def _warn(self, says: str) -> None:
-        self._app.notify(f"{says} What you pressed yourself, press again", severity="error", timeout=6.0, markup=False)
+    def _warn(self, says: Sentence) -> None:
+        self._app.notify(says.text, severity="error", timeout=6.0, markup=False)
 
 
 MULTIPLEXERS = {"STY": "GNU screen", "TMUX": "tmux", "ZELLIJ": "Zellij"}

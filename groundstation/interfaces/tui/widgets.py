@@ -25,7 +25,7 @@ from textual.widgets.option_list import Option
 
 from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3, euler_zyx
-from groundstation.core.messages import Check, Notice, Severity, Snapshot
+from groundstation.core.messages import Check, Notice, Severity, Snapshot, notice
 from groundstation.interfaces.tui.drawing import (
     ERROR,
     FLOWN,
@@ -499,7 +499,9 @@ class Typed(Dialog[str]):
         """Take what was typed, where it is right."""
         typed = event.value.strip()
         if self._wanted is not None and typed != self._wanted:
-            self.query_one("#says", Static).update(Content(f"{typed!r} is not {self._wanted!r}: nothing was done"))
+            self.query_one("#says", Static).update(
+                Content(str(notice("screen.other_name", typed=typed, wanted=self._wanted)))
+            )
             event.input.clear()  # what is typed next is a name of its own
             return
         self.dismiss(typed)
@@ -602,4 +604,4 @@ def require_terminal(otherwise: str) -> None:
     """There must be a terminal to draw on, or the browser's page in its place; else nobody could read or end it."""
     drawn = (sys.stdin, sys.stdout, sys.stderr)  # Textual draws on the last
     if "TEXTUAL_DRIVER" not in os.environ and not all(stream.isatty() for stream in drawn):
-        raise ConfigError("tui", f"a dashboard needs a terminal; {otherwise}")
+        raise ConfigError("tui", str(notice("screen.no_terminal", otherwise=otherwise)))
