@@ -168,7 +168,7 @@ def _campaign(parser: argparse.ArgumentParser) -> None:
         type=count,
         default=1000,
         metavar="N",
-        help="how many (default 1000: half a minute on two processors)",
+        help="how many (default 1000: a minute of processor time, half a minute on two)",
     )
     parser.add_argument("--first-seed", type=whole, default=0, metavar="N", help="the others follow it (default 0)")
     parser.add_argument("--duration", type=seconds, default=60.0, metavar="S", help="of each (default 60)")

@@ -126,8 +126,8 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "mavlink.two",
-        "two autopilots with MAVLink system id {system} are heard: one at {address}{hardware}, "
-        "to which commands go, and one at {other}{other_hardware}. Switch one off, or give each "
+        "{count} autopilots with MAVLink system id {system} are heard: one at {address}{hardware}, "
+        "to which commands go, and {others}. Switch off all but one, or give each "
         "its own system id (MAV_SYS_ID or SYSID_THISMAV) and port",
     ),
     NoticeTemplate(

@@ -243,7 +243,7 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
                 "FILE", f"cannot read it: {getattr(error, 'strerror', None) or error}", str(path)
             ) from None
         except UnicodeDecodeError as error:
-            raise ConfigError("FILE", f"is no {form} file: not UTF-8 text (byte {error.start})", str(path)) from None
+            raise ConfigError("FILE", notice("import.not_utf8", at=error.start), str(path)) from None
         except (ValueError, TypeError, KeyError, IndexError, zlib.error) as error:
             raise ConfigError("FILE", f"is no {form} file, or damaged: {error}", str(path)) from None
     return tables
@@ -863,8 +863,13 @@ class _MappingReader:
             return f"it has no such table (found: {_few(sorted(self._tables))})"
         if self.unclear:
             return self.unclear[-1]
+        table = self._tables[name]
         if fewest:
-            return f"no column {', '.join(fewest)} (found in {name}: {_few(self._tables[name])})"
+            return f"no column {', '.join(fewest)} (found in {name}: {_few(table)})"
+        named = {column for part in parts for column in [part.time or self._mapping.time, *self._columns(part)]}
+        empty = [column for column in table if column in named and not np.isfinite(table[column]).any()]
+        if empty and len(table[empty[0]]):
+            return notice("import.no_numbers", columns=", ".join(empty), table=name).text
         return f"no row of numbers (found: {name})"
 
     @staticmethod

@@ -62,10 +62,15 @@ class CsvLayout(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 @contextmanager
 def open_text(path: Path) -> Iterator[TextIO]:
-    """Open a text file, packed by gzip or not; in UTF-8, or in UTF-16 where its first bytes say so."""
+    """Open a text file, packed by gzip or not; in UTF-8, or in UTF-16 where its first bytes say so.
+
+    Of UTF-16 without a mark, one of the first two bytes is zero: no text begins with a zero in UTF-8.
+    """
     with path.open("rb") as raw:
         begin = raw.read(2)
     encoding = "utf-16" if begin in UTF_16_BEGINS else "utf-8-sig"
+    if len(begin) == 2 and 0 in begin:
+        encoding = "utf-16-le" if begin[1] == 0 else "utf-16-be"
     with (gzip.open if begin == GZIP_BEGIN else open)(path, "rt", encoding=encoding, newline="") as text:
         assert not isinstance(text, gzip.GzipFile)
         yield text
@@ -83,11 +88,14 @@ def read_csv_table(
 
     Raises:
         ConfigError: no head is found, or several columns have the same name.
+        ValueError: the file is empty.
     """
     with open_text(path) as text:
         for _ in islice(text, layout.skip_rows):
             pass
         lines = [line for line in islice(text, LOOK_ROWS) if line.strip()]
+        if not lines:
+            raise ValueError("it is empty")
         separator, head, body = _find_head(lines, layout, times, path)
         names = [name for name in head if name]
         values: dict[str, array[float]] = {}
@@ -125,9 +133,10 @@ def _find_head(
     first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
     top = lines[first] if first < len(lines) else ""
     if layout.head_rows == 0:
-        separator = told or next((one for one in ";\t, " if one in top), ",")
-        count = len(next(_split([top], separator), []))
-        return separator, [str(k + 1) for k in range(count)], lines[first:]
+        # A program may write a warning among the rows: most of them say how the table is laid out.
+        separator = told or next((one for one in ";\t, " if 2 * sum(one in row for row in lines) > len(lines)), ",")
+        counts = Counter(len(row) for row in _split(lines, separator))
+        return separator, [str(k + 1) for k in range(counts.most_common(1)[0][0])], lines[first:]
     tried = [told] if told else list(SEPARATORS.values())
     for k, line in enumerate(lines):
         found = {one: _names(line, one) for one in tried}
@@ -181,7 +190,7 @@ def _names(line: str, separator: str) -> list[str]:
 def _split(lines: Iterable[str], separator: str) -> Iterator[list[str]]:
     if separator == " ":
         return (line.split() for line in lines)
-    return csv.reader(lines, delimiter=separator)
+    return csv.reader(lines, delimiter=separator, skipinitialspace=True)
 
 
 def _is_number(cell: str) -> bool:

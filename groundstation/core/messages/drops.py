@@ -66,8 +66,13 @@ class DropCount(NamedTuple):
     says: Sentence
 
 
-def find_link_drops(link: LinkStatus, before: LinkStatus | None = None) -> list[DropCount]:
-    """Find the drops of ``link`` to report since ``before`` (None: since it was opened)."""
+def find_link_drops(
+    link: LinkStatus, before: LinkStatus | None = None, *, has_second_path: bool = False
+) -> list[DropCount]:
+    """Find the drops of ``link`` to report since ``before`` (None: since it was opened).
+
+    ``has_second_path``: the vehicle was heard by a second way before; a link that is closed tells no more of it.
+    """
     counts = _count_since(link.dropped, {} if before is None else before.dropped)
     heard = link.received - (0 if before is None else before.received)
     sent = link.sent - (0 if before is None else before.sent)
@@ -78,7 +83,8 @@ def find_link_drops(link: LinkStatus, before: LinkStatus | None = None) -> list[
         total = count + sent if limit.leaves else came
         if count and (limit.share == EACH or (count >= FEW and count > limit.share * total)):
             numbers = {"count": count, "total": total, "percent": 100.0 * count / total}
-            is_own = reason == "other_address" and bool(link.warning) and len(link.other_addresses) == 1
+            is_heard_twice = has_second_path or bool(link.warning)
+            is_own = reason == "other_address" and is_heard_twice and len(link.other_addresses) == 1
             name = "link.second_path" if is_own else f"link.{reason}"
             says = notice(name, addresses=", ".join(link.other_addresses), **numbers)
             found.append(DropCount(reason, count, says))
@@ -102,9 +108,11 @@ class LinkDropWatch:
         """Start at ``begin``: the pre-flight checks reported earlier drops."""
         self._begin = begin
         self._told: dict[str, int] = {}
+        self._has_second_path = False
 
     def find_news(self, link: LinkStatus) -> list[Sentence]:
         """Sentences for what has become too much since the last look."""
+        self._has_second_path = self._has_second_path or bool(link.warning)
         news = []
         for drop in find_link_drops(link, self._begin):
             if drop.number >= TOLD_AGAIN * self._told.get(drop.reason, 0):
@@ -114,7 +122,8 @@ class LinkDropWatch:
 
     def summarize(self, link: LinkStatus) -> list[Sentence]:
         """Sentences for all of the flight, after it."""
-        return [drop.says for drop in find_link_drops(link, self._begin)]
+        drops = find_link_drops(link, self._begin, has_second_path=self._has_second_path)
+        return [drop.says for drop in drops]
 
 
 def _count_since(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:

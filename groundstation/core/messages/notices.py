@@ -29,6 +29,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "export rigid bodies from the tracker's program",
     ),
     NoticeTemplate("import.stated", "{key} is {found}, expected {wanted}", "export the file anew"),
+    NoticeTemplate("import.not_utf8", "is no text in UTF-8 (byte {at})", "save it as UTF-8"),
+    NoticeTemplate(
+        "import.no_numbers",
+        "no number in column {columns} of {table}",
+        "check the columns of the mapping, and that times count in a unit of time_unit",
+    ),
     NoticeTemplate("import.bodies", "it holds {count} bodies, {names}", "name the vehicle, --body NAME"),
     NoticeTemplate("command.moved", "`{old}` is now `{new}`", "the old spelling works for one more release"),
     NoticeTemplate(

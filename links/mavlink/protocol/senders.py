@@ -97,16 +97,16 @@ class TargetSenders:
         if self._examined is not None and self._is_replaced(used, *self._examined):
             address, checked = self._describe(used), self._describe(self._examined[0])
             return link_notice("mavlink.replaced", address=address, hardware=self._tell_id(used), checked=checked).text
-        for other in self.others(used, now_s):
-            if not self._is_same(used, other):
-                return link_notice(
-                    "mavlink.two",
-                    system=self._system,
-                    address=self._describe(used),
-                    hardware=self._tell_id(used),
-                    other=self._describe(other),
-                    other_hardware=self._tell_id(other),
-                ).text
+        strangers = [other for other in self.others(used, now_s) if not self._is_same(used, other)]
+        if strangers:
+            return link_notice(
+                "mavlink.two",
+                count="two" if len(strangers) == 1 else "several",
+                system=self._system,
+                address=self._describe(used),
+                hardware=self._tell_id(used),
+                others=" and ".join(f"one at {self._describe(other)}{self._tell_id(other)}" for other in strangers),
+            ).text
         return ""
 
     def second_path(self, used: Any, now_s: float) -> str:

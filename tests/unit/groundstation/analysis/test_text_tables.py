@@ -256,3 +256,62 @@ def test_qtms_export_with_decimal_commas_or_without_any_time_is_read(tmp_path: P
     for other in (commas, bare):
         for name, column in plain.items():
             np.testing.assert_allclose(other[name], column, atol=1e-9)
+
+
+def test_ros_2_messages_with_the_frame_of_the_body_are_read(tmp_path: Path) -> None:
+    """nav_msgs/Odometry has it as its fourth column, with covariances and a twist behind the pose."""
+    odometry = "".join(
+        f"{1_700_000_000 + n // 100},{n % 100 * 10_000_000},odom,base_link,"
+        f"{','.join(f'{p:.9f}' for p in place(n))},0.0,0.0,0.0,1.0,{','.join(['0.0'] * 78)}\n"
+        for n in range(ROWS)
+    )
+    got = poses(tmp_path, write(tmp_path, "odometry.csv", odometry), "ros2-pose")
+    assert len(got) == ROWS
+    x, y, z = place(0)
+    at = got[0].position_ned
+    assert (at.x, at.y, at.z) == pytest.approx((y, x, -z))
+
+
+def test_a_warning_above_a_table_without_a_head_is_no_row(tmp_path: Path) -> None:
+    """``ros2 topic echo`` writes one into the file where nobody publishes yet."""
+    text = "WARNING: topic [/pose] does not appear to be published yet\n1,2,3\n2,2,4\n3,2,5\n"
+    got = columns(tmp_path, text, "1", head_rows=0)
+    assert got == {"1": [1.0, 2.0, 3.0], "2": [2.0, 2.0, 2.0], "3": [3.0, 4.0, 5.0]}
+
+
+def test_quoted_cells_may_have_a_blank_before_them(tmp_path: Path) -> None:
+    assert columns(tmp_path, '"t", "x"\n"0", "1"\n"1", "2"\n') == {"t": [0.0, 1.0], "x": [1.0, 2.0]}
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+def test_utf_16_without_a_mark_is_read(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes("t,x\n0,1\n".encode(encoding))
+    ((_, table),) = read_csv_table(path, CsvLayout(), ["t"], Counter())
+    assert table["x"].tolist() == [1.0]
+
+
+MAPPING = """title = "a lab"
+format = "csv"
+source = "motion capture"
+[[pose]]
+position = ["x", "y", "z"]
+"""
+
+
+def refusal(folder: Path, data: bytes) -> str:
+    """Why a file is not imported by ``MAPPING``."""
+    (folder / "run.csv").write_bytes(data)
+    with pytest.raises(ConfigError) as refused:
+        import_command([folder / "run.csv"], str(write(folder, "map.toml", MAPPING)), folder / "out.mcap")
+    assert not (folder / "out.mcap").exists()
+    return str(refused.value)
+
+
+def test_a_file_that_can_not_be_imported_says_why_and_what_to_do(tmp_path: Path) -> None:
+    head = "t,x,y,z\n"
+    assert "it is empty" in refusal(tmp_path, b"")
+    latin = (head + "0,1,1,1\nä,2,2,2\n").encode("latin-1")
+    assert "is no text in UTF-8 (byte 16): save it as UTF-8" in refusal(tmp_path, latin)
+    dates = head + "".join(f"2026-03-05T10:00:0{n},1,1,1\n" for n in range(5))
+    assert "no number in column t of run.csv: check the columns" in refusal(tmp_path, dates.encode())

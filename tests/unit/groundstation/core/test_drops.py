@@ -75,3 +75,14 @@ def test_poses_are_told_of_by_their_commonest_reason_and_what_else_is_said_on_th
     assert find_pose_drops(PoseStatus(accepted=10, dropped={"other_message": 500, "jump": 2})) is None
     found = find_pose_drops(PoseStatus(accepted=100, dropped={"other_message": 500, "jump": 8, "late": 4}))
     assert found == ("jump", 8, 112)
+
+
+def test_after_the_flight_a_second_path_is_still_called_one() -> None:
+    """A link that is closed tells no more of it."""
+    closed = msgspec.structs.replace(with_drops(other_address=9), other_addresses=("10.0.0.9:14550",))
+    watch = LinkDropWatch(LINK)
+    (stranger,) = watch.summarize(closed)
+    assert "find out who else sends" in stranger.text
+    watch.find_news(msgspec.structs.replace(closed, warning="the autopilot is heard from two addresses"))
+    (path,) = watch.summarize(closed)
+    assert "end that path: commands go by the first" in path.text

@@ -272,3 +272,13 @@ async def test_signed_frames_replayed_from_another_port_are_refused_and_no_secon
     assert link.status.received > received, "the vehicle itself is still heard"
     beating.cancel()
     await link.close()
+
+
+def test_every_autopilot_beside_the_one_that_is_used_is_named() -> None:
+    seen = senders()
+    for address, uid in ((HERE, 1), (THERE, 2), (("10.0.0.7", 14550), 3)):
+        seen.beat(address, 1.0)
+        seen.identify(address, version(uid))
+    conflict = seen.conflict(HERE, 1.0)
+    assert conflict.startswith("several autopilots with MAVLink system id 1 are heard: one at 10.0.0.5:14550")
+    assert "10.0.0.9:14550 (hardware id 2) and one at 10.0.0.7:14550 (hardware id 3)" in conflict
