@@ -88,7 +88,7 @@ FAULTS = (
     Fault("backstepping.py", "ops.where(suspended, 0.0, law.kb)", "ops.where(suspended, law.kb, law.kb)"),
     Fault("adaptive.py", "_add(b_hat, interval_s, dot)", "_add(b_hat, -interval_s, dot)"),
     Fault("demand_limits.py", "p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)", "p, q, r = x, y, z"),
-    Fault("protocol/codec.py", "_IGNORE_ATTITUDE = 128", "_IGNORE_ATTITUDE = 0"),
+    Fault("protocol/codec.py", "    IGNORE_ATTITUDE = 128", "    IGNORE_ATTITUDE = 0"),
     Fault("protocol/senders.py", "return len(ids) == 1 and ids ==", "return ids =="),
     Fault("protocol/signing.py", "if stamp <= newest:", "if stamp < newest:"),
     Fault("module_codec.py", "packed |= counts(at, _LOW, _HIGH, _LARGEST) << (11 * i)",

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from links.mavlink.protocol import ARM_DISARM, MavlinkCodec
+from links.mavlink.protocol import MavCommand, MavlinkCodec
 
 GRAVITY = 9.81
 START_US = 1_790_000_000_000_000
@@ -76,8 +76,8 @@ class Flight(msgspec.Struct, frozen=True, kw_only=True):
             mode = 128 if self.armed and second else 0
             events.append((1_000_000 * second, VEHICLE.pack(D.MAVLink_heartbeat_message(2, 12, mode, 0, 4, 3))))
         if self.armed:
-            events.append((200_000, ground.command(1, 1, ARM_DISARM, 1.0)))
-            events.append((210_000, VEHICLE.pack(D.MAVLink_command_ack_message(ARM_DISARM, 0))))
+            events.append((200_000, ground.command(1, 1, MavCommand.ARM_DISARM, 1.0)))
+            events.append((210_000, VEHICLE.pack(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0))))
         for tenth in range(int(10 * end)):
             aground = self.says_ground and not 10 <= tenth < 10 * (1.0 + self.duration_s)
             state = D.MAVLink_extended_sys_state_message(0, 1 if aground else 2)

@@ -10,6 +10,7 @@ clock [s], the log time its wall time.
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator
+from enum import IntEnum
 from functools import lru_cache
 from typing import Any
 
@@ -398,10 +399,14 @@ def _inline_refs(part: Any, parts: dict[str, Any]) -> Any:
 Message = tuple[str, float, msgspec.Struct]
 """Topic, time on the event loop's clock [s], and what it says."""
 
-INFO = 2
-"""Level of foxglove.Log."""
-WARNING = 3
-"""Level of foxglove.Log."""
+
+class LogLevel(IntEnum):
+    """Level of foxglove.Log."""
+
+    INFO = 2
+    WARNING = 3
+
+
 NAME = "groundstation"
 
 
@@ -453,14 +458,16 @@ class MessageMaker:
                 yield "/switch", time_s, SwitchMessage(time_s, what, list(values))
             case LineRecord(time_s, state, text, id, numbers):
                 yield "/mission", time_s, MissionMessage(time_s, state, text, id, numbers)
-                yield self._log(time_s, INFO, f"{state}: {text}")
+                yield self._log(time_s, LogLevel.INFO, f"{state}: {text}")
             case EndRecord(time_s, state, reason):
-                yield self._log(time_s, INFO, f"the flight is over, {state}: {reason}")
+                yield self._log(time_s, LogLevel.INFO, f"the flight is over, {state}: {reason}")
             case RequestRecord(time_s, what, reason):
                 yield "/request", time_s, FlightRequestMessage(time_s, what, reason)
             case LossRecord(time_s, count):
                 yield "/lost", time_s, LostMessage(time_s, count)
-                yield self._log(time_s, WARNING, f"{count} records are missing here: the recorder could not keep up")
+                yield self._log(
+                    time_s, LogLevel.WARNING, f"{count} records are missing here: the recorder could not keep up"
+                )
 
     def _log(self, time_s: float, level: int, text: str) -> Message:
         return "/log", time_s, LogMessage(self._time(time_s), level, text, NAME, "", 0)

@@ -20,6 +20,7 @@ import hmac
 import math
 import struct
 from collections import Counter
+from enum import IntEnum
 from typing import Any, TypeVar
 
 import msgspec
@@ -27,14 +28,16 @@ import msgspec
 from links.core import Command
 from links.rf import Manner, PacerReport, Service
 
-HELLO = 1
-"""Kind of datagram: a station's greeting [-]."""
-WELCOME = 2
-"""Kind of datagram: the bridge's answer to it [-]."""
-UP = 3
-"""Kind of datagram: from the station to the bridge [-]."""
-DOWN = 4
-"""Kind of datagram: from the bridge to the station [-]."""
+
+class DatagramKind(IntEnum):
+    """Kinds of datagrams: greeting, its answer, from the station to the bridge, and back."""
+
+    HELLO = 1
+    WELCOME = 2
+    UP = 3
+    DOWN = 4
+
+
 NONCE_BYTES = 16
 """Length of a side's random number in the greeting [bytes]."""
 TAG_BYTES = 16
@@ -167,7 +170,7 @@ def session_seals(key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> tupl
         return hmac.digest(key, what + station_nonce + bridge_nonce, "sha256")
 
     name = derive(b"name")[:8]
-    return Seal(derive(b"up"), UP, name), Seal(derive(b"down"), DOWN, name)
+    return Seal(derive(b"up"), DatagramKind.UP, name), Seal(derive(b"down"), DatagramKind.DOWN, name)
 
 
 _ENCODER = msgspec.msgpack.Encoder(order="deterministic")  # a set has another order in every process
@@ -232,7 +235,7 @@ class BridgeEnd:
 
     def __init__(self, key: bytes, station_nonce: bytes, bridge_nonce: bytes) -> None:
         self.bridge_nonce = bridge_nonce
-        self.welcome = first_seal(key, WELCOME, station_nonce)
+        self.welcome = first_seal(key, DatagramKind.WELCOME, station_nonce)
         self.up, self.down = session_seals(key, station_nonce, bridge_nonce)
         self.clock = ClockBounds()
         self.peer: Any = None

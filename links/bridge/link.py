@@ -16,11 +16,10 @@ from typing import Annotated, Any
 import msgspec
 
 from links.bridge.codec import (
-    HELLO,
     NONCE_BYTES,
-    WELCOME,
     WELCOMES,
     BridgeHello,
+    DatagramKind,
     Down,
     StationEnd,
     Up,
@@ -53,8 +52,8 @@ class SessionRequest:
 
     def __init__(self, key: bytes, nonce: bytes) -> None:
         self.nonce = nonce
-        self.hello = first_seal(key, HELLO, nonce)
-        self.welcome = first_seal(key, WELCOME, nonce)
+        self.hello = first_seal(key, DatagramKind.HELLO, nonce)
+        self.welcome = first_seal(key, DatagramKind.WELCOME, nonce)
 
 
 class RemotePacer(asyncio.DatagramProtocol):
@@ -218,7 +217,7 @@ class RemotePacer(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take one datagram (called by the event loop)."""
         now = self._loop.time()
-        if kind_of(data) == WELCOME:
+        if kind_of(data) == DatagramKind.WELCOME:
             welcome = self._request.welcome.open(data, WELCOMES, self.dropped)
             if welcome is not None and welcome.station_nonce == self._request.nonce and self._is_mute():
                 self._begin(welcome, now)

@@ -15,12 +15,11 @@ from typing import Annotated, Any
 import msgspec
 
 from links.bridge.codec import (
-    HELLO,
     HELLOS,
     NONCE_BYTES,
-    UP,
     UPS,
     BridgeEnd,
+    DatagramKind,
     Down,
     Up,
     Welcome,
@@ -254,9 +253,9 @@ class Bridge(asyncio.DatagramProtocol):
         kind = kind_of(data)
         if self._remote_only and is_loopback(addr[0]):
             self._refuse_local(addr)
-        elif kind == UP:
+        elif kind == DatagramKind.UP:
             self._up(data, addr, now)
-        elif kind == HELLO:
+        elif kind == DatagramKind.HELLO:
             self._hello(data, addr, now)
         else:
             self.dropped["not_ours"] += 1
@@ -267,7 +266,7 @@ class Bridge(asyncio.DatagramProtocol):
         self.dropped["from_this_machine"] += 1
 
     def _hello(self, data: bytes, addr: Any, now_s: float) -> None:
-        seal = first_seal(self._key, HELLO, name_of(data))
+        seal = first_seal(self._key, DatagramKind.HELLO, name_of(data))
         hello = seal.open(data, HELLOS, self.dropped)
         if hello is None or self._pacer.report is None:
             return

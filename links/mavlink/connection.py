@@ -29,11 +29,11 @@ from links.io import NETWORK, Datagrams, name_holder, parse_address, read_key, w
 from links.mavlink.protocol import (
     GROUND_STATION,
     INVALID,
-    REQUEST_MESSAGE,
     TICKS_PER_S,
     AutopilotAddress,
     Handshake,
     HeartbeatMonitor,
+    MavCommand,
     MavlinkCodec,
     MavlinkLinkConfig,
     Message,
@@ -674,7 +674,7 @@ class Contact:
         """Ask the autopilot at ``address`` for its hardware id, unless it has told."""
         if not self.senders.is_known(address):
             number = float(self.codec.message_number("AUTOPILOT_VERSION"))
-            self._line.leave(self.codec.command(*self._target, REQUEST_MESSAGE, number), address)
+            self._line.leave(self.codec.command(*self._target, MavCommand.REQUEST_MESSAGE, number), address)
 
     def _name_address(self, address: Any) -> str:
         """``address`` as the operator writes it; where the wire has none, its own."""

@@ -30,7 +30,6 @@ from links.io import Sleep
 from links.mavlink.connection import ASKED_S, ASKED_SLOWLY_S, MavlinkConnection, Uplink
 from links.mavlink.protocol import (
     ARDUPILOT,
-    ARM_DISARM,
     ATTITUDE_HZ,
     ATTITUDES,
     SLOW_BAUD,
@@ -41,6 +40,7 @@ from links.mavlink.protocol import (
     Handshake,
     HandshakeStep,
     Kill,
+    MavCommand,
     MavlinkLinkConfig,
     Message,
     ReadVersion,
@@ -371,7 +371,7 @@ class MavlinkLink:
         except BaseException:
             self._transmitter.stop()
             if handshake.at_last_step and self._killing is None:
-                self.connection.leave(self.connection.codec.command(*self._target, ARM_DISARM, 0.0))
+                self.connection.leave(self.connection.codec.command(*self._target, MavCommand.ARM_DISARM, 0.0))
             raise
         finally:
             self._under_way = None

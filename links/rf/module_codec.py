@@ -34,7 +34,7 @@ Source: EdgeTX e2bcbd6c, radio/src/pulses/dsm2.cpp; captures on noisebridge.net,
 
 import math
 from collections.abc import Iterable, Sequence
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 from typing import Annotated, Literal
 
 import msgspec
@@ -46,13 +46,19 @@ DSM_FRAME_BYTES = 14
 """Length of a DSM frame [bytes]."""
 DSM_CHANNELS = 6
 """Channels in a DSM frame."""
-_DSM_BIND = 0x80
-"""Flag of a DSM frame: bind."""
-_RANGE_CHECK = 0x20
-"""Flag of a DSM frame: reduced power for the range check."""
-_PROTOCOLS = {"rtf": 0x00, "dsm2": 0x10, "dsmx": 0x18}
-_KNOWN_FLAGS = 0xB8
-"""Flags that a DSM frame may have: bind, range check and the two protocols."""
+
+
+class DsmFlag(IntFlag):
+    """Flags of a DSM frame: protocol on the air, reduced power for the range check, bind."""
+
+    DSMX = 0x08
+    DSM2 = 0x10
+    RANGE_CHECK = 0x20
+    BIND = 0x80
+
+
+_KNOWN_FLAGS = int(DsmFlag.DSMX | DsmFlag.DSM2 | DsmFlag.RANGE_CHECK | DsmFlag.BIND)
+_PROTOCOLS = {"rtf": DsmFlag(0), "dsm2": DsmFlag.DSM2, "dsmx": DsmFlag.DSM2 | DsmFlag.DSMX}
 _DSM_LARGEST = 1023
 """Largest count of a DSM channel."""
 
@@ -104,7 +110,7 @@ class DsmCodec:
         """The frame for six positions; a service is a flag in every frame while it lasts."""
         config = self._config
         low, high = config.low, config.high
-        flags = self._flags | (_DSM_BIND if service is Service.BIND else _RANGE_CHECK if service else 0)
+        flags = self._flags | (DsmFlag.BIND if service is Service.BIND else DsmFlag.RANGE_CHECK if service else 0)
         frame = bytearray((flags, config.model_id))
         for i in range(DSM_CHANNELS):
             count = counts(positions[i], low, high, _DSM_LARGEST)
@@ -143,7 +149,7 @@ class DsmDecoder(RfDecoder):
         low, high = self._low, self._high
         found = [(data[k] & 3) << 8 | data[k + 1] for k in range(at + 2, at + DSM_FRAME_BYTES, 2)]
         flags = data[at]
-        service = Service.BIND if flags & _DSM_BIND else Service.RANGE_CHECK if flags & _RANGE_CHECK else None
+        service = Service.BIND if flags & DsmFlag.BIND else Service.RANGE_CHECK if flags & DsmFlag.RANGE_CHECK else None
         return RfFrame(tuple(position(count, low, high) for count in found), service, data[at + 1])
 
 
@@ -168,22 +174,28 @@ class CrsfFrame(IntEnum):
     RADIO = 0x3A
 
 
-TO_MODULE = 0xEE
-"""CRSF address of a transmitter module."""
-SYNC = 0xC8
-"""CRSF sync byte; address of a flight controller."""
+class CrsfAddress(IntEnum):
+    """Devices that a CRSF frame is for or from; the first byte of a frame, where SYNC is a flight controller's."""
+
+    BROADCAST = 0x00
+    SYNC = 0xC8
+    RADIO = 0xEA
+    RECEIVER = 0xEC
+    MODULE = 0xEE
+
+
+class CrsfCommand(IntEnum):
+    """Command group of this system, and its commands."""
+
+    BIND = 0x01
+    MODEL = 0x05
+    THIS_SYSTEM = 0x10
+
+
 FRAME_BYTES = 26
 """Length of a CRSF frame of channels [bytes]."""
-_RADIO = 0xEA
-"""CRSF address of a radio transmitter."""
-_ADDRESSES = frozenset((SYNC, TO_MODULE, _RADIO, 0xEC, 0x00))
+_ADDRESSES = frozenset(CrsfAddress)
 """First bytes that a CRSF frame may have."""
-_THIS_SYSTEM = 0x10
-"""CRSF command group: this system."""
-_BIND = 0x01
-"""CRSF command: bind."""
-_MODEL = 0x05
-"""CRSF command: select a model."""
 _TIMING = 0x10
 """CRSF sub-type of RADIO: period and offset of our frames."""
 _LOW = 172
@@ -258,17 +270,17 @@ class CrsfCodec:
 
     def __init__(self, config: CrsfLinkConfig) -> None:
         self._model = config.model_id
-        self._address = TO_MODULE if config.address == "module" else SYNC
+        self._address = CrsfAddress.MODULE if config.address == "module" else CrsfAddress.SYNC
         self._pitch = 1.0 if config.attitude_pitch == "nose_up" else -1.0
 
     def greeting(self) -> bytes:
         """The model that is selected, where one is configured."""
-        return b"" if self._model is None else _command(_MODEL, self._model)
+        return b"" if self._model is None else _command(CrsfCommand.MODEL, self._model)
 
     def encode(self, positions: Sequence[float], service: Service | None = None, nth: int = 0) -> bytes:
         """The frame for 16 positions; the order to bind takes the place of one frame."""
         if service is Service.BIND and nth == 0:
-            return _command(_BIND)
+            return _command(CrsfCommand.BIND)
         packed = 0
         for i, at in enumerate(positions):
             packed |= counts(at, _LOW, _HIGH, _LARGEST) << (11 * i)
@@ -313,11 +325,11 @@ class CrsfDecoder(RfDecoder):
             packed = int.from_bytes(payload[:_CHANNEL_BYTES], "little")
             found = (packed >> (11 * i) & 0x7FF for i in range(CHANNELS))
             return RfFrame(tuple(position(count, _LOW, _HIGH) for count in found))
-        is_order = kind == CrsfFrame.COMMAND and len(payload) >= 5 and payload[2] == _THIS_SYSTEM
+        is_order = kind == CrsfFrame.COMMAND and len(payload) >= 5 and payload[2] == CrsfCommand.THIS_SYSTEM
         if is_order and _crc8((kind, *payload[:-1]), _BA) == payload[-1]:
-            if payload[3] == _BIND:
+            if payload[3] == CrsfCommand.BIND:
                 return RfFrame(None, Service.BIND)
-            if payload[3] == _MODEL and len(payload) == 6:
+            if payload[3] == CrsfCommand.MODEL and len(payload) == 6:
                 return RfFrame(None, None, payload[4])
         if kind == CrsfFrame.ATTITUDE and len(payload) >= 6:
             pitch, roll, yaw = (1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4))
@@ -358,12 +370,14 @@ def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:
 def encode_attitude(pitch: float, roll: float, yaw: float) -> bytes:
     """The frame by which a module hands on an attitude [rad]."""
     angles = (round(1e4 * math.remainder(angle, math.tau)) for angle in (pitch, roll, yaw))
-    return _frame(_RADIO, CrsfFrame.ATTITUDE, b"".join(angle.to_bytes(2, "big", signed=True) for angle in angles))
+    return _frame(
+        CrsfAddress.RADIO, CrsfFrame.ATTITUDE, b"".join(angle.to_bytes(2, "big", signed=True) for angle in angles)
+    )
 
 
 def _command(what: int, *data: int) -> bytes:
-    payload = bytes((TO_MODULE, _RADIO, _THIS_SYSTEM, what, *data))
-    return _frame(SYNC, CrsfFrame.COMMAND, payload + bytes((_crc8((CrsfFrame.COMMAND, *payload), _BA),)))
+    payload = bytes((CrsfAddress.MODULE, CrsfAddress.RADIO, CrsfCommand.THIS_SYSTEM, what, *data))
+    return _frame(CrsfAddress.SYNC, CrsfFrame.COMMAND, payload + bytes((_crc8((CrsfFrame.COMMAND, *payload), _BA),)))
 
 
 def _frame(address: int, kind: int, payload: bytes) -> bytes:

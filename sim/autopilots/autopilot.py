@@ -19,20 +19,17 @@ from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.vehicle import GRAVITY
 from links.mavlink.protocol import (
     ARDUPILOT,
-    ARM_DISARM,
     ARMED,
-    DO_SET_MODE,
     FORCE,
-    NAV_LAND,
     PX4,
-    REAL32,
-    REQUEST_MESSAGE,
-    SET_MESSAGE_INTERVAL,
     WHOLE_BITS,
+    AttitudeTargetMask,
     EstimatorFlag,
     EstimatorKind,
+    MavCommand,
     MavFrame,
     MavlinkCodec,
+    MavParamType,
     MavResult,
     MavSeverity,
     MavState,
@@ -42,24 +39,19 @@ from links.mavlink.protocol import (
 )
 from sim.world import Airframe, TrueState
 
-_IGNORE_THRUST = 64
-"""Bit of SET_ATTITUDE_TARGET.type_mask: thrust is ignored."""
-_IGNORE_ATTITUDE = 128
-"""Bit of SET_ATTITUDE_TARGET.type_mask: attitude is ignored."""
-
 
 class SetPoint:
     """One SET_ATTITUDE_TARGET; what its mask takes out is None."""
 
     def __init__(self, message: Message) -> None:
         mask = message.type_mask
-        self.thrust: float | None = None if mask & _IGNORE_THRUST else message.thrust
+        self.thrust: float | None = None if mask & AttitudeTargetMask.IGNORE_THRUST else message.thrust
         self.rates: tuple[float | None, float | None, float | None] = (
             None if mask & 1 else message.body_roll_rate,
             None if mask & 2 else message.body_pitch_rate,
             None if mask & 4 else message.body_yaw_rate,
         )
-        self.attitude: Quat | None = None if mask & _IGNORE_ATTITUDE else tuple(message.q)
+        self.attitude: Quat | None = None if mask & AttitudeTargetMask.IGNORE_ATTITUDE else tuple(message.q)
 
     @property
     def is_finite(self) -> bool:
@@ -112,7 +104,7 @@ class Dialect(ABC):
 
     @abstractmethod
     def _set_mode(self, mode: tuple[int, int], now_s: float) -> tuple[int, list[bytes]]:
-        """Answer the main and sub mode of a DO_SET_MODE, and frames to send first."""
+        """Answer the main and sub mode of a MavCommand.DO_SET_MODE, and frames to send first."""
 
     @abstractmethod
     def _refuses_to_arm(self, now_s: float) -> tuple[int, str]:
@@ -128,7 +120,7 @@ class Dialect(ABC):
 
     @abstractmethod
     def _set_interval(self, number: int, interval_us: float, now_s: float) -> tuple[int, list[bytes]]:
-        """Answer a SET_MESSAGE_INTERVAL."""
+        """Answer a MavCommand.SET_MESSAGE_INTERVAL."""
 
     @property
     @abstractmethod
@@ -136,66 +128,59 @@ class Dialect(ABC):
         """Whether it is in a mode that ends with the motors off on the ground."""
 
 
-INT8 = 2
-"""MAV_PARAM_TYPE_INT8 [-]."""
-INT16 = 4
-"""MAV_PARAM_TYPE_INT16 [-]."""
-INT32 = 6
-"""MAV_PARAM_TYPE_INT32 [-]."""
-
 PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
-    "COM_OF_LOSS_T": (0.4, REAL32),
-    "COM_OBL_RC_ACT": (4.0, INT32),
-    "COM_RCL_EXCEPT": (4.0, INT32),
-    "COM_RC_IN_MODE": (4.0, INT32),
-    "COM_RC_OVERRIDE": (1.0, INT32),
-    "COM_DISARM_PRFLT": (10.0, REAL32),
-    "EKF2_EV_CTRL": (15.0, INT32),
-    "EKF2_EVA_NOISE": (0.1, REAL32),
-    "EKF2_EVP_NOISE": (0.1, REAL32),
-    "EKF2_EV_DELAY": (0.0, REAL32),
-    "EKF2_GPS_CTRL": (7.0, INT32),
-    "EKF2_HGT_REF": (1.0, INT32),
-    "EKF2_MAG_TYPE": (0.0, INT32),
-    "MAV_FWDEXTSP": (1.0, INT32),
-    "MAV_SYS_ID": (1.0, INT32),
-    "MAV_TYPE": (2.0, INT32),
-    "MPC_THR_HOVER": (0.5, REAL32),
-    "SYS_HAS_GPS": (1.0, INT32),
-    "THR_MDL_FAC": (0.0, REAL32),
+    "COM_OF_LOSS_T": (0.4, MavParamType.REAL32),
+    "COM_OBL_RC_ACT": (4.0, MavParamType.INT32),
+    "COM_RCL_EXCEPT": (4.0, MavParamType.INT32),
+    "COM_RC_IN_MODE": (4.0, MavParamType.INT32),
+    "COM_RC_OVERRIDE": (1.0, MavParamType.INT32),
+    "COM_DISARM_PRFLT": (10.0, MavParamType.REAL32),
+    "EKF2_EV_CTRL": (15.0, MavParamType.INT32),
+    "EKF2_EVA_NOISE": (0.1, MavParamType.REAL32),
+    "EKF2_EVP_NOISE": (0.1, MavParamType.REAL32),
+    "EKF2_EV_DELAY": (0.0, MavParamType.REAL32),
+    "EKF2_GPS_CTRL": (7.0, MavParamType.INT32),
+    "EKF2_HGT_REF": (1.0, MavParamType.INT32),
+    "EKF2_MAG_TYPE": (0.0, MavParamType.INT32),
+    "MAV_FWDEXTSP": (1.0, MavParamType.INT32),
+    "MAV_SYS_ID": (1.0, MavParamType.INT32),
+    "MAV_TYPE": (2.0, MavParamType.INT32),
+    "MPC_THR_HOVER": (0.5, MavParamType.REAL32),
+    "SYS_HAS_GPS": (1.0, MavParamType.INT32),
+    "THR_MDL_FAC": (0.0, MavParamType.REAL32),
 }
 """Name → value, MAV_PARAM_TYPE. A vehicle that is set up to be flown from outside, without a remote control."""
 
 ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
-    "ATC_ANGLE_BOOST": (0.0, INT8),
-    "COMPASS_ENABLE": (1.0, INT8),
-    "DISARM_DELAY": (10.0, INT8),
-    "EK3_SRC1_POSXY": (3.0, INT8),
-    "EK3_SRC1_POSZ": (1.0, INT8),
-    "EK3_SRC1_VELXY": (3.0, INT8),
-    "EK3_SRC1_VELZ": (3.0, INT8),
-    "EK3_SRC1_YAW": (1.0, INT8),
-    "FRAME_CLASS": (1.0, INT8),
-    "FS_GCS_ENABLE": (5.0, INT8),
-    "FS_GCS_TIMEOUT": (2.0, REAL32),
-    "FS_THR_ENABLE": (0.0, INT8),
-    "GPS1_TYPE": (1.0, INT8),
-    "GUID_OPTIONS": (8.0, INT32),
-    "GUID_TIMEOUT": (3.0, REAL32),
-    "LAND_REPOSITION": (0.0, INT8),
-    "MOT_SPIN_ARM": (0.1, REAL32),
-    "MOT_SPIN_MIN": (0.15, REAL32),
-    "MOT_SPOOL_TIME": (0.5, REAL32),
-    "MOT_THST_EXPO": (0.65, REAL32),
-    "MOT_THST_HOVER": (0.5, REAL32),
-    "PILOT_Y_RATE": (0.0, REAL32),
-    "RC_OPTIONS": (32.0, INT32),
-    "SYSID_MYGCS": (245.0, INT16),
-    "SYSID_THISMAV": (1.0, INT16),
-    "VISO_DELAY_MS": (10.0, INT16),
-    "VISO_POS_M_NSE": (0.2, REAL32),
-    "VISO_TYPE": (0.0, INT8),
-    "VISO_VEL_M_NSE": (0.1, REAL32),
+    "ATC_ANGLE_BOOST": (0.0, MavParamType.INT8),
+    "COMPASS_ENABLE": (1.0, MavParamType.INT8),
+    "DISARM_DELAY": (10.0, MavParamType.INT8),
+    "EK3_SRC1_POSXY": (3.0, MavParamType.INT8),
+    "EK3_SRC1_POSZ": (1.0, MavParamType.INT8),
+    "EK3_SRC1_VELXY": (3.0, MavParamType.INT8),
+    "EK3_SRC1_VELZ": (3.0, MavParamType.INT8),
+    "EK3_SRC1_YAW": (1.0, MavParamType.INT8),
+    "FRAME_CLASS": (1.0, MavParamType.INT8),
+    "FS_GCS_ENABLE": (5.0, MavParamType.INT8),
+    "FS_GCS_TIMEOUT": (2.0, MavParamType.REAL32),
+    "FS_THR_ENABLE": (0.0, MavParamType.INT8),
+    "GPS1_TYPE": (1.0, MavParamType.INT8),
+    "GUID_OPTIONS": (8.0, MavParamType.INT32),
+    "GUID_TIMEOUT": (3.0, MavParamType.REAL32),
+    "LAND_REPOSITION": (0.0, MavParamType.INT8),
+    "MOT_SPIN_ARM": (0.1, MavParamType.REAL32),
+    "MOT_SPIN_MIN": (0.15, MavParamType.REAL32),
+    "MOT_SPOOL_TIME": (0.5, MavParamType.REAL32),
+    "MOT_THST_EXPO": (0.65, MavParamType.REAL32),
+    "MOT_THST_HOVER": (0.5, MavParamType.REAL32),
+    "PILOT_Y_RATE": (0.0, MavParamType.REAL32),
+    "RC_OPTIONS": (32.0, MavParamType.INT32),
+    "SYSID_MYGCS": (245.0, MavParamType.INT16),
+    "SYSID_THISMAV": (1.0, MavParamType.INT16),
+    "VISO_DELAY_MS": (10.0, MavParamType.INT16),
+    "VISO_POS_M_NSE": (0.2, MavParamType.REAL32),
+    "VISO_TYPE": (0.0, MavParamType.INT8),
+    "VISO_VEL_M_NSE": (0.1, MavParamType.REAL32),
 }
 """Parameters of ArduPilot Copter; MOT_THST_EXPO straightens what the motors do, so thrust is what we ask for."""
 
@@ -373,7 +358,7 @@ _UNKNOWN = (math.nan,) * 21
 
 
 class Streams:
-    """When each message is due; intervals change by SET_MESSAGE_INTERVAL."""
+    """When each message is due; intervals change by MavCommand.SET_MESSAGE_INTERVAL."""
 
     def __init__(self, rates_hz: Mapping[int, float], start_s: float) -> None:
         """Messages by number with their default rates [Hz] (0: off), the first of each at ``start_s`` [s]."""
@@ -689,17 +674,17 @@ class SimulatedAutopilot(Dialect):
         said: list[bytes] = []
         d = self.codec.dialect
         match message.command:
-            case c if c == DO_SET_MODE:
+            case c if c == MavCommand.DO_SET_MODE:
                 result, said = self._set_mode((whole(message.param2), whole(message.param3)), now_s)
-            case c if c == NAV_LAND:
+            case c if c == MavCommand.NAV_LAND:
                 result, said = self._set_mode(self.land_mode, now_s)
-            case c if c == ARM_DISARM:
+            case c if c == MavCommand.ARM_DISARM:
                 result, said = self._arm(now_s) if message.param1 == 1.0 else self._try_to_disarm(message, now_s)
-            case c if c == SET_MESSAGE_INTERVAL:
+            case c if c == MavCommand.SET_MESSAGE_INTERVAL:
                 result, said = self._set_interval(whole(message.param1), message.param2, now_s)
-            case c if c == REQUEST_MESSAGE and whole(message.param1) == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            case c if c == MavCommand.REQUEST_MESSAGE and whole(message.param1) == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
                 result, said = MavResult.ACCEPTED, [self.codec.pack(self._version())]
-            case c if c == REQUEST_MESSAGE and whole(message.param1) == d.MAVLINK_MSG_ID_HEARTBEAT:
+            case c if c == MavCommand.REQUEST_MESSAGE and whole(message.param1) == d.MAVLINK_MSG_ID_HEARTBEAT:
                 result, said = MavResult.ACCEPTED, [self.codec.pack(self._heartbeat())]
             case _:
                 result = MavResult.UNSUPPORTED

@@ -22,7 +22,7 @@ PX4:
 - It denies to disarm until it has stood on the ground for 1-2 s; disarming by force works always.
 - SET_ATTITUDE_TARGET: an attitude that is not masked out wins over the rates; a masked thrust is no thrust.
 - SYS_STATUS tells by its health bit alone that the pre-arm checks pass; in OFFBOARD without a stream they don't.
-- Telemetry as on its ONBOARD link, changed by SET_MESSAGE_INTERVAL.
+- Telemetry as on its ONBOARD link, changed by MavCommand.SET_MESSAGE_INTERVAL.
 """
 
 import math

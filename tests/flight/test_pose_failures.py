@@ -11,7 +11,7 @@ from groundstation.analysis.replay import replay_facts
 from groundstation.core.messages import IdleRecord, SwitchRecord, TickRecord
 from groundstation.core.mission import FINAL
 from groundstation.recording import LineRecord, Record, SentRecord
-from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
+from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.runs import RECORDING, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
@@ -122,5 +122,5 @@ def test_poses_that_fail_are_forwarded_no_more_and_no_land_rests_on_them() -> No
     assert cell.row.struck_s is not None and cell.row.answer_ms is not None
     failed_s = cell.row.struck_s + 1e-3 * cell.row.answer_ms
     assert failed_s - 0.05 < forwarded_s[-1] <= failed_s
-    modes = (time_s for time_s, one in left if getattr(one, "command", None) == DO_SET_MODE)
+    modes = (time_s for time_s, one in left if getattr(one, "command", None) == MavCommand.DO_SET_MODE)
     assert max(modes) < failed_s, "its position may come from those poses"

@@ -8,7 +8,7 @@ from groundstation.core.messages import Check, Verdict, tell_lines
 from groundstation.core.mission import State
 from groundstation.flight import FlightOutcome, make_flight
 from links.io import parse_address
-from links.mavlink.protocol import ARM_DISARM, PX4, MavlinkCodec
+from links.mavlink.protocol import PX4, MavCommand, MavlinkCodec
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import in_virtual_time
@@ -71,7 +71,7 @@ def test_the_check_fails_and_names_both_addresses() -> None:
     assert frames.verdict is Verdict.FAIL
     assert frames.says.startswith("two autopilots with MAVLink system id 1 are heard")
     assert frames.says.count("127.0.0.1:") == 2
-    assert ARM_DISARM not in second.commands
+    assert MavCommand.ARM_DISARM not in second.commands
 
 
 def test_nothing_is_armed() -> None:
@@ -79,7 +79,7 @@ def test_nothing_is_armed() -> None:
     outcome, second, _ = flown(lambda flight: flight.run(), 0.3)
     assert outcome.state is State.ABORTED
     assert "two autopilots with MAVLink system id 1 are heard" in outcome.reason
-    assert ARM_DISARM not in second.commands
+    assert MavCommand.ARM_DISARM not in second.commands
     assert [m for m in second.heard if m.get_type() == "SET_ATTITUDE_TARGET"] == []
 
 
@@ -90,4 +90,4 @@ def test_in_flight_it_is_told_once_and_the_flight_goes_on() -> None:
     told = [line for line in said if "two autopilots with MAVLink system id 1 are heard" in line]
     assert len(told) == 1
     assert any("during the flight" in line and "another address" in line for line in said)
-    assert ARM_DISARM not in second.commands
+    assert MavCommand.ARM_DISARM not in second.commands

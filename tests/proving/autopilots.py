@@ -32,7 +32,7 @@ from groundstation.machine import replace_between_markers, split_at_markers
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.io import make_child_command
-from links.mavlink.protocol import SET_MESSAGE_INTERVAL, MavlinkCodec
+from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.autopilots import FrameCutter, find_built
 from tests.proving.onboard import fly_in_lockstep
 from tests.proving.takeoff_start import TakeoffStart, describe_worst
@@ -148,7 +148,7 @@ class TruthReceiver(asyncio.DatagramProtocol):
                     while data := await reader.read(4096):
                         cutter.feed(data)
                         if not self.rows:
-                            writer.write(self._codec.command(1, 1, SET_MESSAGE_INTERVAL, number, TRUTH_US))
+                            writer.write(self._codec.command(1, 1, MavCommand.SET_MESSAGE_INTERVAL, number, TRUTH_US))
                 finally:
                     writer.close()
             await asyncio.sleep(0.2)

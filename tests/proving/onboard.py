@@ -27,7 +27,7 @@ from groundstation.lab import DoctorOrders, run_doctor
 from groundstation.machine import replace_between_markers, split_at_markers
 from groundstation.runtime import Exit
 from groundstation.settings import Config
-from links.mavlink.protocol import DO_SET_MODE, MavlinkCodec
+from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.autopilots import Airworthy, Make, OnboardFirmware, Px4, make_ardupilot, make_px4
 from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
@@ -301,7 +301,9 @@ async def take_over(scene: StrikeScene) -> None:
     """A pilot's ground station sets a mode in which the autopilot stops (PX4: hold, ArduCopter: BRAKE)."""
     codec = MavlinkCodec(250, 190)
     modes = (4.0, 3.0) if isinstance(scene.firmware.firmware, Px4) else (17.0, 0.0)
-    message = codec.dialect.MAVLink_command_long_message(1, 1, DO_SET_MODE, 0, 1.0, *modes, 0.0, 0.0, 0.0, 0.0)
+    message = codec.dialect.MAVLink_command_long_message(
+        1, 1, MavCommand.DO_SET_MODE, 0, 1.0, *modes, 0.0, 0.0, 0.0, 0.0
+    )
     scene.firmware.firmware.say(codec.pack(message))
 
 

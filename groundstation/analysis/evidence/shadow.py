@@ -43,7 +43,7 @@ from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import thrust
 from links.mavlink import MavlinkLinkConfig
-from links.mavlink.protocol import ARDUPILOT, ARM_DISARM, ARMED, PX4, Message
+from links.mavlink.protocol import ARDUPILOT, ARMED, PX4, MavCommand, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 """Names of autopilots by HEARTBEAT.autopilot."""
@@ -205,7 +205,7 @@ def _of_vehicle(records: list[TlogRecord], vehicle: Sender, decoder: PoseDecoder
         if record.sender != vehicle:
             if not vehicle.is_addressed(message):
                 continue
-            if name == "COMMAND_LONG" and message.command == ARM_DISARM:
+            if name == "COMMAND_LONG" and message.command == MavCommand.ARM_DISARM:
                 asked = message.param1 == 1.0
             elif name == "SET_ATTITUDE_TARGET":
                 if _is_rates_and_thrust(message):
@@ -216,7 +216,7 @@ def _of_vehicle(records: list[TlogRecord], vehicle: Sender, decoder: PoseDecoder
         elif name == "HEARTBEAT" and is_autopilot(message):
             autopilot = AUTOPILOTS.get(message.autopilot, f"autopilot of type {message.autopilot}")
             armed, told = bool(message.base_mode & ARMED), True
-        elif name == "COMMAND_ACK" and message.command == ARM_DISARM and message.result == 0:
+        elif name == "COMMAND_ACK" and message.command == MavCommand.ARM_DISARM and message.result == 0:
             armed, told = asked, True
         elif name == "EXTENDED_SYS_STATE":
             on_ground = message.landed_state == ON_GROUND

@@ -138,10 +138,11 @@ _BODY = struct.Struct("<i3f4ffH")
 _SUFFIX = struct.Struct("<IIdQQQ")
 _PRECISION = struct.Struct("<II")
 _FLAGS = struct.Struct("<H")
-_POINT_BYTES = 12
-"""Length of a marker without label [bytes]: x, y, z."""
-_LABELLED_BYTES = 26
-"""Length of a labelled marker [bytes]."""
+_POINT = struct.Struct("<3f")
+"""A marker without label, or in a description: x, y, z."""
+_LABELLED = struct.Struct("<i4fhf")
+"""A labelled marker: id, x, y, z, size, flags, residual."""
+_QUATERNION = struct.Struct("<4f")
 
 
 class ServerInfo(msgspec.Struct, frozen=True):
@@ -243,7 +244,7 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
     sized = version >= SIZED
     number = walk.count()
     walk.section(sized, _skip_marker_set)
-    walk.section(sized, lambda walk: walk.skip(_POINT_BYTES))  # unlabelled markers
+    walk.section(sized, lambda walk: walk.skip(_POINT.size))  # unlabelled markers
     count = walk.count()
     if sized and walk.count() != count * _BODY.size:
         raise UnreadableNatNet("wrong_layout")
@@ -251,7 +252,7 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
     walk.section(sized, _skip_skeleton)
     if sized:
         walk.section(sized, _skip_skeleton)  # assets, which only sized streams have
-    walk.section(sized, lambda walk: walk.skip(_LABELLED_BYTES))
+    walk.section(sized, lambda walk: walk.skip(_LABELLED.size))
     for _ in (0, 1):  # force plates, devices
         walk.section(sized, _skip_channels)
     _, _, _, exposure, _, transmit = walk.take(_SUFFIX)
@@ -266,7 +267,7 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
 
 def _skip_marker_set(walk: Payload) -> None:
     walk.text()
-    walk.skip(walk.count() * _POINT_BYTES)
+    walk.skip(walk.count() * _POINT.size)
 
 
 def _skip_skeleton(walk: Payload) -> None:
@@ -320,10 +321,6 @@ TURNED: Version = (4, 2)
 """A body's description holds a quaternion from this version on."""
 
 _BODY_DESCRIPTION = struct.Struct("<ii3f")
-_MODEL_POINT_BYTES = 12
-"""Length of a marker in a description [bytes]."""
-_QUATERNION_BYTES = 16
-"""Length of a quaternion [bytes]."""
 
 
 def decode_models(payload: bytes, version: Version) -> dict[str, int]:
@@ -362,9 +359,9 @@ def _body_description(walk: Payload, version: Version) -> tuple[str, int]:
     name = walk.text()
     number, *_ = walk.take(_BODY_DESCRIPTION)
     if version >= TURNED:
-        walk.skip(_QUATERNION_BYTES)
+        walk.skip(_QUATERNION.size)
     markers = walk.count()
-    walk.skip(markers * (_MODEL_POINT_BYTES + 4))
+    walk.skip(markers * (_POINT.size + 4))
     if version >= (4, 0):
         for _ in range(markers):
             walk.text()
@@ -375,7 +372,7 @@ def encode_models(bodies: Mapping[str, int], version: Version) -> bytes:
     """The message MODELDEF with rigid bodies that have no markers, for simulators and tests."""
     parts = [U32.pack(len(bodies))]
     for name, number in bodies.items():
-        turn = bytes(_QUATERNION_BYTES) if version >= TURNED else b""
+        turn = bytes(_QUATERNION.size) if version >= TURNED else b""
         body = name.encode() + b"\0" + _BODY_DESCRIPTION.pack(number, -1, 0.0, 0.0, 0.0) + turn + U32.pack(0)
         parts += [U32.pack(1), U32.pack(len(body)) if version >= SIZED else b"", body]
     return message(NatNetMessage.MODELDEF, b"".join(parts))

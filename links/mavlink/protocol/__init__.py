@@ -3,19 +3,16 @@
 from links.mavlink.protocol.autopilot_state import STALE_NEWS_S, HeartbeatMonitor, Vitals, Words
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
-    ARM_DISARM,
     ARMED,
-    DO_SET_MODE,
     FORCE,
     GROUND_STATION,
     INVALID,
     MOST_SENDERS,
-    NAV_LAND,
     PX4,
-    REQUEST_MESSAGE,
-    SET_MESSAGE_INTERVAL,
+    AttitudeTargetMask,
     EstimatorFlag,
     EstimatorKind,
+    MavCommand,
     MavFrame,
     MavlinkCodec,
     MavResult,
@@ -29,7 +26,6 @@ from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
 from links.mavlink.protocol.odometry_codec import Odometry, odometry, origin
 from links.mavlink.protocol.procedures import (
     MULTIROTORS,
-    REAL32,
     WHOLE_BITS,
     AskMode,
     AutopilotAddress,
@@ -37,6 +33,7 @@ from links.mavlink.protocol.procedures import (
     Handshake,
     HandshakeStep,
     Kill,
+    MavParamType,
     ReadAll,
     ReadVersion,
     Write,

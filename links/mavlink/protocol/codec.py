@@ -44,6 +44,16 @@ ARMED = 128
 """Bit of HEARTBEAT.base_mode that says that the motors are on (MAV_MODE_FLAG_SAFETY_ARMED)."""
 
 
+class MavCommand(IntEnum):
+    """MAV_CMD: what COMMAND_LONG asks for; ARM_DISARM is MAV_CMD_COMPONENT_ARM_DISARM."""
+
+    NAV_LAND = 21
+    DO_SET_MODE = 176
+    ARM_DISARM = 400
+    SET_MESSAGE_INTERVAL = 511
+    REQUEST_MESSAGE = 512
+
+
 class MavFrame(IntEnum):
     """MAV_FRAME: axes of a position, a velocity or an attitude."""
 
@@ -81,6 +91,13 @@ class MavState(IntEnum):
     CRITICAL = 5
 
 
+class AttitudeTargetMask(IntFlag):
+    """Bits of SET_ATTITUDE_TARGET.type_mask: what does not count."""
+
+    IGNORE_THRUST = 64
+    IGNORE_ATTITUDE = 128
+
+
 class EstimatorKind(IntEnum):
     """MAV_ESTIMATOR_TYPE: origin of an estimate."""
 
@@ -108,16 +125,6 @@ class EstimatorFlag(IntFlag):
     """Of ArduPilot: it is not initialised yet."""
 
 
-NAV_LAND = 21
-"""MAV_CMD_NAV_LAND."""
-DO_SET_MODE = 176
-"""MAV_CMD_DO_SET_MODE."""
-ARM_DISARM = 400
-"""MAV_CMD_COMPONENT_ARM_DISARM."""
-SET_MESSAGE_INTERVAL = 511
-"""MAV_CMD_SET_MESSAGE_INTERVAL."""
-REQUEST_MESSAGE = 512
-"""MAV_CMD_REQUEST_MESSAGE."""
 FORCE = 21196.0
 """Second parameter of ARM_DISARM that overrides every check: with it, disarming stops the motors in the air."""
 
@@ -126,8 +133,6 @@ _V1 = 0xFE
 _MAGIC = re.compile(b"[%c%c]" % (_V1, V2))
 _MAVLINK_VERSION = 3
 """HEARTBEAT.mavlink_version, which every sender fills in so."""
-_IGNORE_ATTITUDE = 128
-"""SET_ATTITUDE_TARGET.type_mask: body rates and thrust count, the attitude does not."""
 _RESULTS = {
     0: "accepted",
     1: "not possible at this moment",
@@ -355,7 +360,7 @@ class MavlinkCodec:
         boot_ms = int(time_s * 1e3) & 0xFFFFFFFF
         level = (1.0, 0.0, 0.0, 0.0)
         target = self.dialect.MAVLink_set_attitude_target_message
-        mask = _IGNORE_ATTITUDE
+        mask = AttitudeTargetMask.IGNORE_ATTITUDE
         return self.pack(target(boot_ms, system, component, mask, level, *rates_rad_s, thrust))
 
     def command(self, system: int, component: int, command: int, *params: float, confirmation: int = 0) -> bytes:

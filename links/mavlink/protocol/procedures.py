@@ -29,6 +29,7 @@ import struct
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from enum import IntEnum
 from itertools import islice
 from typing import NamedTuple, Protocol
 
@@ -36,13 +37,10 @@ from links.core import LinkError, LinkLost, LinkRejected
 from links.mavlink.protocol.autopilot_state import ESTIMATE, ESTIMATE_HZ, Words
 from links.mavlink.protocol.codec import (
     ARDUPILOT,
-    ARM_DISARM,
     ARMED,
-    DO_SET_MODE,
     FORCE,
     PX4,
-    REQUEST_MESSAGE,
-    SET_MESSAGE_INTERVAL,
+    MavCommand,
     MavlinkCodec,
     MavResult,
     Message,
@@ -334,7 +332,7 @@ class ReadVersion:
         self._next_s = now_s + ANSWER_S
         codec, system, component = self._autopilot.codec, self._autopilot.system, self._autopilot.component
         number = float(codec.message_number("AUTOPILOT_VERSION"))
-        return [codec.command(system, component, REQUEST_MESSAGE, number, confirmation=self._asked - 1)]
+        return [codec.command(system, component, MavCommand.REQUEST_MESSAGE, number, confirmation=self._asked - 1)]
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take the version, or the answer that there is none."""
@@ -342,7 +340,7 @@ class ReadVersion:
         if name == "AUTOPILOT_VERSION":
             self.firmware = f"{self._autopilot.name} {version(message)}"
             self.done = True
-        elif _answers(message, REQUEST_MESSAGE, self._autopilot) and message.result != MavResult.ACCEPTED:
+        elif _answers(message, MavCommand.REQUEST_MESSAGE, self._autopilot) and message.result != MavResult.ACCEPTED:
             self.done = True
 
 
@@ -395,14 +393,14 @@ class AskMode:
         """Take a heartbeat, or the answer."""
         name = message.get_type()
         self._heard = self._heard or name == "HEARTBEAT"
-        self._answered = self._answered or _answers(message, REQUEST_MESSAGE, self._autopilot)
+        self._answered = self._answered or _answers(message, MavCommand.REQUEST_MESSAGE, self._autopilot)
 
 
 def make_mode_request(autopilot: AutopilotAddress, repetition: int = 0) -> bytes:
     """The frame that asks for HEARTBEAT."""
     codec, number = autopilot.codec, float(autopilot.codec.message_number("HEARTBEAT"))
     system, component = autopilot.system, autopilot.component
-    return codec.command(system, component, REQUEST_MESSAGE, number, confirmation=min(repetition, 255))
+    return codec.command(system, component, MavCommand.REQUEST_MESSAGE, number, confirmation=min(repetition, 255))
 
 
 KILL_AGAIN_S = 0.05
@@ -440,11 +438,13 @@ class Kill:
         self._sent += 1
         asked = self._autopilot
         again = min(self._sent - 1, 255)
-        return [asked.codec.command(asked.system, asked.component, ARM_DISARM, 0.0, FORCE, confirmation=again)]
+        return [
+            asked.codec.command(asked.system, asked.component, MavCommand.ARM_DISARM, 0.0, FORCE, confirmation=again)
+        ]
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take the answer, where ``message`` is one."""
-        if not self._sent or not _answers(message, ARM_DISARM, self._autopilot):
+        if not self._sent or not _answers(message, MavCommand.ARM_DISARM, self._autopilot):
             return
         if message.result == MavResult.ACCEPTED:
             self._accepted += 1
@@ -463,10 +463,27 @@ class Kill:
             self.failure = LinkRejected(link_notice("kill.refused", autopilot=name, because=because, reason=reason))
 
 
-REAL32 = 9
-"""MAV_PARAM_TYPE_REAL32."""
-WHOLE_BITS = {1: (8, False), 2: (8, True), 3: (16, False), 4: (16, True), 5: (32, False), 6: (32, True)}
-"""MAV_PARAM_TYPE of whole numbers → bits, signed."""
+class MavParamType(IntEnum):
+    """MAV_PARAM_TYPE."""
+
+    UINT8 = 1
+    INT8 = 2
+    UINT16 = 3
+    INT16 = 4
+    UINT32 = 5
+    INT32 = 6
+    REAL32 = 9
+
+
+WHOLE_BITS: dict[int, tuple[int, bool]] = {
+    MavParamType.UINT8: (8, False),
+    MavParamType.INT8: (8, True),
+    MavParamType.UINT16: (16, False),
+    MavParamType.INT16: (16, True),
+    MavParamType.UINT32: (32, False),
+    MavParamType.INT32: (32, True),
+}
+"""Types of whole numbers → bits, signed."""
 AT_ONCE = 8
 """Questions that may wait for their answers at the same time."""
 ASKED = 4
@@ -641,12 +658,12 @@ LAND_S = 10.0
 """Mode LAND must disarm a vehicle on the ground within this time [s]."""
 
 GUIDED_MODES = {"GUIDED": (1.0, 4.0), "GUIDED_NOGPS": (1.0, 20.0)}
-"""ArduPilot's modes that follow set-points: parameters of DO_SET_MODE."""
+"""ArduPilot's modes that follow set-points: parameters of MavCommand.DO_SET_MODE."""
 MULTIROTORS = {2: "quadrotor", 3: "coaxial", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
 """HEARTBEAT.type of vehicles that thrust and body rates fly."""
 
 _OFFBOARD = (1.0, 6.0)
-"""Mode as DO_SET_MODE takes it: custom mode enabled, PX4's main mode OFFBOARD."""
+"""Mode as MavCommand.DO_SET_MODE takes it: custom mode enabled, PX4's main mode OFFBOARD."""
 _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
 _THRUST_AS_THRUST = 8
 """Bit of ArduCopter's GUID_OPTIONS: the thrust field is a thrust, no climb rate."""
@@ -672,9 +689,9 @@ def arming(autopilot: AutopilotAddress, guided: str = "GUIDED") -> Handshake:
     steps: list[HandshakeStep] = [Wait(STREAM_S), *_musts(autopilot)]
     mode, params = ("OFFBOARD", _OFFBOARD) if autopilot.kind == PX4 else (guided, GUIDED_MODES[guided])
     hint = link_notice("hint.mode", mode=mode).text
-    steps.append(Exchange(autopilot, f"enter {mode}", DO_SET_MODE, params, hint))
+    steps.append(Exchange(autopilot, f"enter {mode}", MavCommand.DO_SET_MODE, params, hint))
     hint = link_notice("hint.arm").text
-    steps.append(Exchange(autopilot, "arm", ARM_DISARM, (1.0, 0.0), hint))
+    steps.append(Exchange(autopilot, "arm", MavCommand.ARM_DISARM, (1.0, 0.0), hint))
     if autopilot.kind == ARDUPILOT:
         steps.append(Wait(ARMING_DELAY_S))
     return Handshake(steps)
@@ -700,13 +717,15 @@ def disarming(autopilot: AutopilotAddress) -> Handshake:
     hint = link_notice("hint.disarm").text
     # ArduPilot that refuses goes on refusing: mode LAND is its way (see landing_disarmed).
     patience_s = 0.0 if autopilot.kind == ARDUPILOT else PATIENCE_S
-    return Handshake([Exchange(autopilot, "disarm", ARM_DISARM, (0.0, 0.0), hint, patience_s=patience_s)])
+    return Handshake([Exchange(autopilot, "disarm", MavCommand.ARM_DISARM, (0.0, 0.0), hint, patience_s=patience_s)])
 
 
 def landing_disarmed(autopilot: AutopilotAddress) -> Handshake:
     """ArduPilot's own way from standing on the ground to motors off: mode LAND."""
     hint = link_notice("hint.land_disarmed").text
-    return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[ARDUPILOT], hint), Disarmed(LAND_S)])
+    return Handshake(
+        [Exchange(autopilot, "enter LAND", MavCommand.DO_SET_MODE, _LAND_MODE[ARDUPILOT], hint), Disarmed(LAND_S)]
+    )
 
 
 def landing(autopilot: AutopilotAddress) -> Handshake:
@@ -718,7 +737,7 @@ def landing(autopilot: AutopilotAddress) -> Handshake:
     if autopilot.kind not in _LAND_MODE:
         raise LinkRejected(link_notice("autopilot.no_landing", kind=autopilot.kind_name))
     hint = link_notice("hint.land").text
-    return Handshake([Exchange(autopilot, "enter LAND", DO_SET_MODE, _LAND_MODE[autopilot.kind], hint)])
+    return Handshake([Exchange(autopilot, "enter LAND", MavCommand.DO_SET_MODE, _LAND_MODE[autopilot.kind], hint)])
 
 
 def stream(autopilot: AutopilotAddress, name: str, rate_hz: float) -> Handshake:
@@ -726,14 +745,14 @@ def stream(autopilot: AutopilotAddress, name: str, rate_hz: float) -> Handshake:
     params = (float(autopilot.codec.message_number(name)), 1e6 / rate_hz)
     hint = link_notice("hint.stream").text
     what = f"send {name} at {rate_hz:g} Hz"
-    return Handshake([Exchange(autopilot, what, SET_MESSAGE_INTERVAL, params, hint, patience_s=0.0)])
+    return Handshake([Exchange(autopilot, what, MavCommand.SET_MESSAGE_INTERVAL, params, hint, patience_s=0.0)])
 
 
 def silence(autopilot: AutopilotAddress, name: str) -> Handshake:
     """Have the message ``name`` sent no more; one that the autopilot does not have is silent already."""
     params = (float(autopilot.codec.message_number(name)), -1.0)
     return Handshake(
-        [Exchange(autopilot, f"stop sending {name}", SET_MESSAGE_INTERVAL, params, hint="", any_answer=True)]
+        [Exchange(autopilot, f"stop sending {name}", MavCommand.SET_MESSAGE_INTERVAL, params, hint="", any_answer=True)]
     )
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from links.bridge import Bridge, BridgeConfig, BridgeLink, BridgeLinkConfig
-from links.bridge.codec import UP, UPS, Seal, Up, kind_of
+from links.bridge.codec import UPS, DatagramKind, Seal, Up, kind_of
 from links.bridge.link import RemotePacer
 from links.bridge.server import SILENT_S
 from links.core import Command, LinkLost, LinkRejected, Segment
@@ -56,7 +56,7 @@ class Network:
         self._carry(*datagram)
 
     def ups(self) -> list[Datagram]:
-        return [each for each in self.seen if kind_of(each[2]) == UP]
+        return [each for each in self.seen if kind_of(each[2]) == DatagramKind.UP]
 
 
 class Room(RfRoom):
@@ -197,7 +197,7 @@ async def test_whoever_delays_datagrams_makes_no_command_live_longer() -> None:
     loop = asyncio.get_running_loop()
     async with room(armed=True) as it:
         await it.stream(1.0, 0.3)
-        it.network.delay_s = lambda datagram: 0.4 if kind_of(datagram[2]) == UP else 0.0
+        it.network.delay_s = lambda datagram: 0.4 if kind_of(datagram[2]) == DatagramKind.UP else 0.0
         it.vehicle.acts.clear()
         last = loop.time()
         await it.stream(1.5, 0.5)
@@ -238,7 +238,7 @@ async def test_a_network_that_comes_back_or_fails_one_way_does_not_cut_a_bring_d
         down = (Segment(1.5, 0.8, (0.0, 0.0, 0.0)),)
         assert it.link.send(command(1.0, bring_down=down))
         await asyncio.sleep(it.link.period_s)
-        it.network.lose = lambda datagram: both_ways or kind_of(datagram[2]) != UP
+        it.network.lose = lambda datagram: both_ways or kind_of(datagram[2]) != DatagramKind.UP
         it.vehicle.acts.clear()
         failed_s, until_s = loop.time(), loop.time() + 3.5
         while loop.time() < until_s:
@@ -453,7 +453,11 @@ async def test_no_bytes_at_all_make_either_side_raise(data: bytes) -> None:
 def test_a_seal_opens_what_it_closed_once_and_in_order() -> None:
     from collections import Counter
 
-    ours, theirs, dropped = Seal(KEY, UP, b"12345678"), Seal(KEY, UP, b"12345678"), Counter[str]()
+    ours, theirs, dropped = (
+        Seal(KEY, DatagramKind.UP, b"12345678"),
+        Seal(KEY, DatagramKind.UP, b"12345678"),
+        Counter[str](),
+    )
     first, second = ours.close(Up(1.0, 2.0, 3.0)), ours.close(Up(2.0, 2.0, 3.0))
     assert theirs.open(second, UPS, dropped) == Up(2.0, 2.0, 3.0)
     assert theirs.open(first, UPS, dropped) is None

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, FORCE, MavlinkCodec
+from links.mavlink.protocol import FORCE, MavCommand, MavlinkCodec
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.dialects import OFFBOARD
 from sim.autopilots.dialects import PX4_LAND as LAND
@@ -65,8 +65,8 @@ class Flight:
 
     def arm(self) -> "Flight":
         self.stream(1.1)
-        assert self.command(DO_SET_MODE, 1.0, 6.0) == 0
-        assert self.command(ARM_DISARM, 1.0) == 0
+        assert self.command(MavCommand.DO_SET_MODE, 1.0, 6.0) == 0
+        assert self.command(MavCommand.ARM_DISARM, 1.0) == 0
         return self
 
     def messages(self, name: str) -> list[Any]:
@@ -95,7 +95,7 @@ def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
 
     flight = Flight()
     assert told(flight) == (0, prearm)
-    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
+    assert flight.command(MavCommand.DO_SET_MODE, 1.0, 6.0) == 0
     flight.wait(1.1)
     assert told(flight) == (0, 0)  # OFFBOARD wants a stream first
     flight.stream(2.1)
@@ -103,7 +103,7 @@ def test_its_health_bit_alone_tells_whether_it_would_arm() -> None:
     flight.autopilot.lacks = "Preflight Fail: Compass Sensor 0 missing"
     flight.stream(1.1)
     assert told(flight) == (0, 0)
-    assert flight.command(ARM_DISARM, 1.0) != 0
+    assert flight.command(MavCommand.ARM_DISARM, 1.0) != 0
     assert "Compass Sensor 0 missing" in flight.words
 
 
@@ -116,8 +116,8 @@ def test_heartbeats_tell_offboard_and_armed() -> None:
 
 def test_offboard_without_set_points_is_accepted_and_then_arming_is_denied() -> None:
     flight = Flight()
-    assert flight.command(DO_SET_MODE, 1.0, 6.0) == 0
-    assert flight.command(ARM_DISARM, 1.0) == 1
+    assert flight.command(MavCommand.DO_SET_MODE, 1.0, 6.0) == 0
+    assert flight.command(MavCommand.ARM_DISARM, 1.0) == 1
     assert flight.words == "Arming denied: Resolve system health failures first"
     assert flight.airframe.powered == []
 
@@ -125,11 +125,11 @@ def test_offboard_without_set_points_is_accepted_and_then_arming_is_denied() -> 
 def test_arming_outside_offboard_is_denied() -> None:
     flight = Flight()
     flight.stream(1.1)
-    assert flight.command(ARM_DISARM, 1.0) == 1
+    assert flight.command(MavCommand.ARM_DISARM, 1.0) == 1
 
 
 def test_an_unknown_mode_is_denied() -> None:
-    assert Flight().command(DO_SET_MODE, 1.0, 9.0) == 2
+    assert Flight().command(MavCommand.DO_SET_MODE, 1.0, 9.0) == 2
 
 
 def test_the_first_set_point_after_arming_lets_the_vehicle_go() -> None:
@@ -188,12 +188,12 @@ def test_the_failsafe_levels_out_and_comes_down_slowly() -> None:
 def test_disarming_is_denied_in_the_air_and_until_it_has_stood_for_a_while() -> None:
     flight = Flight(Brick(0.5, held=True)).arm()
     flight.stream(0.1)
-    assert flight.command(ARM_DISARM, 0.0) == 1
+    assert flight.command(MavCommand.ARM_DISARM, 0.0) == 1
     assert flight.words.endswith("Disarming denied: not landed")
     flight.stream(1.0, thrust=0.0)
     landed_s = flight.now
     assert flight.airframe.truth(flight.now).on_ground
-    while flight.command(ARM_DISARM, 0.0) == 1:
+    while flight.command(MavCommand.ARM_DISARM, 0.0) == 1:
         flight.stream(0.1, thrust=0.0)
         assert flight.now < landed_s + 3.0
     assert flight.now >= landed_s + 0.3
@@ -203,14 +203,14 @@ def test_disarming_is_denied_in_the_air_and_until_it_has_stood_for_a_while() -> 
 def test_disarming_by_force_stops_the_motors_in_the_air() -> None:
     flight = Flight().arm()
     flight.stream(0.1)
-    assert flight.command(ARM_DISARM, 0.0, FORCE) == 0
+    assert flight.command(MavCommand.ARM_DISARM, 0.0, FORCE) == 0
     assert flight.airframe.powered[-1] == (flight.now, False)
 
 
 def test_mode_land_on_command_is_not_left_because_set_points_come() -> None:
     flight = Flight(Brick(1.0, held=True)).arm()
     flight.stream(0.2)
-    assert flight.command(DO_SET_MODE, 1.0, 4.0, 6.0) == 0
+    assert flight.command(MavCommand.DO_SET_MODE, 1.0, 4.0, 6.0) == 0
     flight.stream(8.0)
     assert flight.autopilot.mode == LAND
     assert not flight.autopilot.armed

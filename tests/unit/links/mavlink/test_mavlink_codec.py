@@ -7,7 +7,7 @@ import sys
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from links.mavlink.protocol import ARM_DISARM, MOST_SENDERS, MavlinkCodec
+from links.mavlink.protocol import MOST_SENDERS, MavCommand, MavlinkCodec
 from tests.mavlink_table import FRAMES, Golden, golden, same
 
 
@@ -68,7 +68,7 @@ def test_frames_are_numbered_one_after_the_other_across_all_kinds() -> None:
     frames = [
         codec.heartbeat(),
         codec.attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0)),
-        codec.command(1, 1, ARM_DISARM, 1.0),
+        codec.command(1, 1, MavCommand.ARM_DISARM, 1.0),
         codec.parameter_request(1, 1, "GUID_OPTIONS"),
         codec.attitude_target(0.0, 1, 1, 0.5, (0.0, 0.0, 0.0)),
     ]

@@ -9,12 +9,11 @@ import pytest
 from links.core import LinkLost, LinkRejected
 from links.mavlink.protocol import (
     ARDUPILOT,
-    ARM_DISARM,
-    DO_SET_MODE,
     PX4,
     AutopilotAddress,
     Handshake,
     Kill,
+    MavCommand,
     MavlinkCodec,
     Words,
     arming,
@@ -113,7 +112,7 @@ def test_ardupilot_is_asked_for_guided_once_its_thrust_means_thrust(mode: str, n
     scene = Scene(ARDUPILOT, lambda autopilot: arming(autopilot, mode), answer).run()
     assert scene.handshake.done
     assert [getattr(m, "param_id", getattr(m, "command", None)) for _, m in scene.asked] == [
-        "GUID_OPTIONS", "ATC_ANGLE_BOOST", DO_SET_MODE, ARM_DISARM
+        "GUID_OPTIONS", "ATC_ANGLE_BOOST", MavCommand.DO_SET_MODE, MavCommand.ARM_DISARM
     ]  # fmt: skip
     assert (scene.asked[2][1].param1, scene.asked[2][1].param2) == (1.0, number)
     armed_s, turns_s = scene.asked[3][0], 2.0  # ARMING_DELAY_SEC of ArduCopter's config.h
@@ -126,7 +125,7 @@ def test_what_is_given_up_while_ardupilots_rotors_stand_has_been_ordered() -> No
     ordered = []
     while not scene.handshake.done:
         scene.run(0.02)
-        ordered.append((ARM_DISARM in scene.commands, scene.handshake.at_last_step))
+        ordered.append((MavCommand.ARM_DISARM in scene.commands, scene.handshake.at_last_step))
     assert {orders for armed, orders in ordered if armed} == {True}
     assert not all(orders for _, orders in ordered)
 
@@ -164,10 +163,10 @@ def test_another_kind_of_autopilot_is_not_armed() -> None:
 
 
 def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> None:
-    answer = refuse(ARM_DISARM, 2, words="Arming denied: resolve health failures first\t")
+    answer = refuse(MavCommand.ARM_DISARM, 2, words="Arming denied: resolve health failures first\t")
     scene = Scene(PX4, arming, answer).run()
     failure = scene.handshake.failure
-    assert scene.commands == [DO_SET_MODE, ARM_DISARM]
+    assert scene.commands == [MavCommand.DO_SET_MODE, MavCommand.ARM_DISARM]
     assert isinstance(failure, LinkRejected)
     assert str(failure) == (
         "PX4 refused to arm (not allowed in its present state, or not with these values, MAV_RESULT_DENIED): "
@@ -177,9 +176,9 @@ def test_a_refusal_to_arm_is_told_in_the_autopilots_words_with_what_to_do() -> N
 
 
 def test_words_that_come_shortly_after_the_refusal_are_quoted() -> None:
-    scene = Scene(PX4, arming, refuse(ARM_DISARM, 2))
+    scene = Scene(PX4, arming, refuse(MavCommand.ARM_DISARM, 2))
     scene.run(1.3)
-    assert scene.commands == [DO_SET_MODE, ARM_DISARM]
+    assert scene.commands == [MavCommand.DO_SET_MODE, MavCommand.ARM_DISARM]
     assert scene.handshake.failure is None
     scene.hear(says("Preflight Fail: no attitude"))
     scene.run()
@@ -232,15 +231,20 @@ def test_pieces_are_joined_by_their_sender_and_number_also_with_others_between()
 
 
 def test_a_temporary_refusal_is_asked_again_until_it_passes() -> None:
-    scene = Scene(PX4, arming, refuse(ARM_DISARM, 1, 1, 0)).run()
+    scene = Scene(PX4, arming, refuse(MavCommand.ARM_DISARM, 1, 1, 0)).run()
     assert scene.handshake.done
-    assert scene.commands == [DO_SET_MODE, ARM_DISARM, ARM_DISARM, ARM_DISARM]
-    times = [s for s, m in scene.asked if m.command == ARM_DISARM]
+    assert scene.commands == [
+        MavCommand.DO_SET_MODE,
+        MavCommand.ARM_DISARM,
+        MavCommand.ARM_DISARM,
+        MavCommand.ARM_DISARM,
+    ]
+    times = [s for s, m in scene.asked if m.command == MavCommand.ARM_DISARM]
     assert times[1] - times[0] == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_temporary_refusal_that_does_not_pass_becomes_final() -> None:
-    scene = Scene(PX4, arming, refuse(ARM_DISARM, 1, words="Arming denied")).run()
+    scene = Scene(PX4, arming, refuse(MavCommand.ARM_DISARM, 1, words="Arming denied")).run()
     assert isinstance(scene.handshake.failure, LinkRejected)
     assert "MAV_RESULT_TEMPORARILY_REJECTED" in str(scene.handshake.failure)
     assert str(scene.handshake.failure).count("Arming denied") == 1
@@ -251,7 +255,7 @@ def test_a_lost_request_or_answer_is_made_up_for() -> None:
     lost = [True, True, False, True, False]
     scene = Scene(PX4, arming, lambda request: [] if lost.pop(0) else accept(request)).run()
     assert scene.handshake.done
-    assert scene.commands == [DO_SET_MODE] * 3 + [ARM_DISARM] * 2
+    assert scene.commands == [MavCommand.DO_SET_MODE] * 3 + [MavCommand.ARM_DISARM] * 2
     assert [m.confirmation for _, m in scene.asked] == [0, 1, 2, 0, 1]
 
 
@@ -259,7 +263,7 @@ def test_silence_is_given_up_after_some_tries() -> None:
     scene = Scene(PX4, arming, lambda request: []).run()
     assert isinstance(scene.handshake.failure, LinkLost)
     assert "no answer to the request to enter OFFBOARD" in str(scene.handshake.failure)
-    assert scene.commands == [DO_SET_MODE] * TRIES
+    assert scene.commands == [MavCommand.DO_SET_MODE] * TRIES
     assert scene.now - 100.0 - STREAM_S == pytest.approx(TRIES * ANSWER_S, abs=0.2)
 
 
@@ -290,21 +294,21 @@ def test_a_refusal_of_another_station_s_order_is_not_quoted_as_ours() -> None:
 
 def test_an_answer_before_the_question_is_not_one() -> None:
     scene = Scene(PX4, disarming, lambda request: [])
-    scene.hear(D.MAVLink_command_ack_message(ARM_DISARM, 0, 0, 0, 245, 190))
+    scene.hear(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0, 0, 0, 245, 190))
     assert not scene.handshake.done
     assert not scene.run(0.1).handshake.done
 
 
 def test_work_in_progress_is_waited_for() -> None:
-    scene = Scene(PX4, disarming, refuse(ARM_DISARM, 5)).run(2.0)
-    assert scene.commands == [ARM_DISARM]
+    scene = Scene(PX4, disarming, refuse(MavCommand.ARM_DISARM, 5)).run(2.0)
+    assert scene.commands == [MavCommand.ARM_DISARM]
     assert scene.handshake.failure is None
-    scene.hear(D.MAVLink_command_ack_message(ARM_DISARM, 0, 0, 0, 245, 190))
+    scene.hear(D.MAVLink_command_ack_message(MavCommand.ARM_DISARM, 0, 0, 0, 245, 190))
     assert scene.run(0.1).handshake.done
 
 
 def test_disarming_waits_until_the_autopilot_believes_that_it_stands() -> None:
-    scene = Scene(PX4, disarming, refuse(ARM_DISARM, 1, 1, 0, words="Disarming denied: not landed")).run()
+    scene = Scene(PX4, disarming, refuse(MavCommand.ARM_DISARM, 1, 1, 0, words="Disarming denied: not landed")).run()
     assert scene.handshake.done
     assert [(m.param1, m.param2) for _, m in scene.asked] == [(0.0, 0.0)] * 3
 

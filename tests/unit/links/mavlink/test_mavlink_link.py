@@ -12,10 +12,9 @@ from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.connection import RIVAL_S
 from links.mavlink.protocol import (
     ARDUPILOT,
-    ARM_DISARM,
-    DO_SET_MODE,
     INVALID,
     PX4,
+    MavCommand,
     MavlinkCodec,
 )
 from links.mavlink.protocol.autopilot_state import STALE_NEWS_S
@@ -267,12 +266,12 @@ async def test_arming_stops_when_the_pose_under_the_idle_command_is_too_old(
 
 
 def orders(autopilot: Endpoint) -> list[float]:
-    return [m.param1 for m in autopilot.of("COMMAND_LONG") if m.command == ARM_DISARM]
+    return [m.param1 for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.ARM_DISARM]
 
 
 @scene()
 async def test_arming_that_is_given_up_after_the_order_takes_it_back(link: MavlinkLink, autopilot: Endpoint) -> None:
-    autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) == DO_SET_MODE else []
+    autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) == MavCommand.DO_SET_MODE else []
     arming = asyncio.create_task(link.arm(lambda: command(0.0)))
     await asyncio.sleep(1.5)
     arming.cancel()
@@ -312,15 +311,15 @@ async def test_ardupilot_that_will_not_disarm_is_put_into_land(link: MavlinkLink
     def answer(message: Any) -> list[Any]:
         if message.get_type() != "COMMAND_LONG":
             return []
-        if message.command == DO_SET_MODE:
+        if message.command == MavCommand.DO_SET_MODE:
             autopilot.armed = False
-        result = 4 if message.command == ARM_DISARM else 0
+        result = 4 if message.command == MavCommand.ARM_DISARM else 0
         return [D.MAVLink_command_ack_message(message.command, result, 0, 0, 245, 190)]
 
     autopilot.answer = answer
     await link.disarm()
     last = autopilot.of("COMMAND_LONG")[-1]
-    assert (last.command, last.param2) == (DO_SET_MODE, 9.0)
+    assert (last.command, last.param2) == (MavCommand.DO_SET_MODE, 9.0)
     assert link.status.state == "connected"
 
 

@@ -12,11 +12,11 @@ from links.core import LinkRejected
 from links.mavlink.protocol import (
     ARDUPILOT,
     PX4,
-    REAL32,
     WHOLE_BITS,
     AutopilotAddress,
     AutopilotParameter,
     MavlinkCodec,
+    MavParamType,
     ReadAll,
     Words,
     Write,
@@ -25,7 +25,7 @@ from links.mavlink.protocol import (
 )
 from links.mavlink.protocol.procedures import ASKED, AT_ONCE
 
-INT8, INT32 = 2, 6
+INT8, INT32, REAL32 = MavParamType.INT8, MavParamType.INT32, MavParamType.REAL32
 
 
 @pytest.mark.parametrize(

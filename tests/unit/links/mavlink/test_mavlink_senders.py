@@ -10,9 +10,8 @@ import pytest
 from links.core import LinkError
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import (
-    ARM_DISARM,
     PX4,
-    REQUEST_MESSAGE,
+    MavCommand,
     MavlinkCodec,
     Signer,
     TargetSenders,
@@ -113,7 +112,11 @@ def tells(uid: int, frames: Callable[[Any], list[Any]] = accept) -> Callable[[An
     """Answers as ``frames`` do, and tells the hardware id ``uid`` where it is asked for."""
 
     def answer(message: Any) -> list[Any]:
-        asked = message.get_type() == "COMMAND_LONG" and message.command == REQUEST_MESSAGE and message.param1 == 148.0
+        asked = (
+            message.get_type() == "COMMAND_LONG"
+            and message.command == MavCommand.REQUEST_MESSAGE
+            and message.param1 == 148.0
+        )
         return [*([version(uid)] if asked else []), *frames(message)]
 
     return answer
@@ -160,7 +163,7 @@ async def test_with_a_second_vehicle_on_the_port_nothing_is_armed_and_both_addre
     with pytest.raises(LinkError, match="arming was abandoned: two autopilots with MAVLink system id 1"):
         await link.arm(lambda: command(0.0))
     for end in (vehicle, other):
-        assert [m for m in end.of("COMMAND_LONG") if m.command == ARM_DISARM] == []
+        assert [m for m in end.of("COMMAND_LONG") if m.command == MavCommand.ARM_DISARM] == []
     assert other.of("SET_ATTITUDE_TARGET") == []
     beating.cancel()
     await asyncio.sleep(BOTH_S + 1.1)

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from links.io import read_key
 from links.mavlink import StampFile
-from links.mavlink.protocol import ARM_DISARM, TICKS_PER_S, MavlinkCodec, Signer
+from links.mavlink.protocol import TICKS_PER_S, MavCommand, MavlinkCodec, Signer
 from links.mavlink.protocol.signing import MINUTE
 from tests.mavlink_table import golden
 
@@ -57,7 +57,10 @@ def test_what_we_sign_pymavlink_believes() -> None:
     peer.signing.sign_outgoing = False
     ours = signed()
     for n in range(3):
-        for frame in (ours.attitude_target(n, 1, 1, 0.5, (0.0, 0.0, 0.0)), ours.command(1, 1, ARM_DISARM, 1.0)):
+        for frame in (
+            ours.attitude_target(n, 1, 1, 0.5, (0.0, 0.0, 0.0)),
+            ours.command(1, 1, MavCommand.ARM_DISARM, 1.0),
+        ):
             (message,) = peer.parse_buffer(frame)
             assert message.get_signed()
 

@@ -13,12 +13,10 @@ from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.link import Transmitter
 from links.mavlink.protocol import (
     ARDUPILOT,
-    ARM_DISARM,
-    DO_SET_MODE,
     FORCE,
     PX4,
-    REQUEST_MESSAGE,
     ForwardConfig,
+    MavCommand,
     MavlinkCodec,
 )
 from tests.loops import in_real_time, in_virtual_time
@@ -37,7 +35,7 @@ def flown() -> Command:
 
 
 def is_kill(message: Any) -> bool:
-    return (message.get_type(), getattr(message, "command", None)) == ("COMMAND_LONG", ARM_DISARM) and (
+    return (message.get_type(), getattr(message, "command", None)) == ("COMMAND_LONG", MavCommand.ARM_DISARM) and (
         message.param1,
         message.param2,
     ) == (0.0, FORCE)
@@ -59,7 +57,7 @@ async def test_a_kill_is_repeated_until_it_is_acknowledged_and_the_stream_ends_b
 
     def answer(message: Any) -> list[Any]:
         heard.append(message)
-        return [ack(ARM_DISARM)] if is_kill(message) and sum(map(is_kill, heard)) > 20 else []
+        return [ack(MavCommand.ARM_DISARM)] if is_kill(message) and sum(map(is_kill, heard)) > 20 else []
 
     autopilot.answer = answer
     await link.kill()
@@ -79,10 +77,10 @@ async def test_one_acknowledgement_alone_may_belong_to_an_order_to_arm(link: Mav
     autopilot.answer = lambda message: []
     killing = asyncio.create_task(link.kill())
     await asyncio.sleep(0.01)
-    autopilot.say(ack(ARM_DISARM))
+    autopilot.say(ack(MavCommand.ARM_DISARM))
     await asyncio.sleep(1.0)
     assert sum(map(is_kill, (m for _, m in autopilot.heard))) > 15
-    autopilot.say(ack(ARM_DISARM))
+    autopilot.say(ack(MavCommand.ARM_DISARM))
     await killing
 
 
@@ -91,14 +89,14 @@ async def test_one_acknowledgement_alone_may_belong_to_an_order_to_arm(link: Mav
 async def test_a_kill_that_nobody_obeys_says_what_to_do(
     link: MavlinkLink, autopilot: Endpoint, result: int | None, error: type[LinkError]
 ) -> None:
-    autopilot.answer = lambda m: [ack(ARM_DISARM, result)] if result is not None and is_kill(m) else []
+    autopilot.answer = lambda m: [ack(MavCommand.ARM_DISARM, result)] if result is not None and is_kill(m) else []
     with pytest.raises(error, match="kill switch"):
         await link.kill()
 
 
 @scene()
 async def test_a_kill_while_arming_ends_that_and_nobody_arms_after_it(link: MavlinkLink, autopilot: Endpoint) -> None:
-    autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) != ARM_DISARM or is_kill(m) else []
+    autopilot.answer = lambda m: accept(m) if getattr(m, "command", None) != MavCommand.ARM_DISARM or is_kill(m) else []
     arming = asyncio.create_task(link.arm(idle))
     await asyncio.sleep(1.4)  # the order to arm has left
     killing = asyncio.create_task(link.kill())
@@ -108,7 +106,7 @@ async def test_a_kill_while_arming_ends_that_and_nobody_arms_after_it(link: Mavl
     with pytest.raises(LinkError, match="killed"):
         await arming
     await killing
-    orders = [m for m in autopilot.of("COMMAND_LONG") if m.command == ARM_DISARM]
+    orders = [m for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.ARM_DISARM]
     first = next(i for i, m in enumerate(orders) if is_kill(m))
     assert first > 0
     assert all(m.param1 == 0.0 for m in orders[first:])
@@ -123,7 +121,7 @@ async def test_a_kill_works_on_a_link_that_is_lost_or_brings_down_and_waits_for_
     link.send(flown())
     await asyncio.sleep(0.5)
     assert link.status.phase == "bring_down"
-    autopilot.answer = lambda m: [ack(ARM_DISARM)] if is_kill(m) else []
+    autopilot.answer = lambda m: [ack(MavCommand.ARM_DISARM)] if is_kill(m) else []
     disarming = asyncio.create_task(link.disarm())  # holds the queue of hand-shakes
     await asyncio.sleep(0.01)
     await link.kill()
@@ -147,10 +145,10 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
             if message.get_type() == "PARAM_REQUEST_READ":
                 right = {"GUID_OPTIONS": 8.0, "ATC_ANGLE_BOOST": 0.0}[message.param_id]
                 return [D.MAVLink_param_value_message(message.param_id.encode(), right, 9, 1, 0)]
-            if getattr(message, "command", None) == DO_SET_MODE and (message.param2, message.param3) == mode:
+            if getattr(message, "command", None) == MavCommand.DO_SET_MODE and (message.param2, message.param3) == mode:
                 lands.append(asyncio.get_running_loop().time())
                 return [] if len(lands) == 1 else accept(message)  # the first got lost
-            if getattr(message, "command", None) == REQUEST_MESSAGE:
+            if getattr(message, "command", None) == MavCommand.REQUEST_MESSAGE:
                 autopilot.beat()
             return accept(message)
 
@@ -179,7 +177,7 @@ async def test_an_autopilot_that_a_pilot_has_just_taken_over_is_asked_for_its_mo
     asked: list[float] = []
 
     def answer(message: Any) -> list[Any]:
-        if getattr(message, "command", None) != REQUEST_MESSAGE:
+        if getattr(message, "command", None) != MavCommand.REQUEST_MESSAGE:
             return accept(message)
         assert message.param1 == D.MAVLINK_MSG_ID_HEARTBEAT
         asked.append(asyncio.get_running_loop().time())
@@ -194,7 +192,7 @@ async def test_an_autopilot_that_a_pilot_has_just_taken_over_is_asked_for_its_mo
     autopilot.heard.clear()
     await link.silent()
     assert len(asked) == loses + 1
-    assert not [m for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
+    assert not [m for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
     assert link.status.taken == "POSCTL"
     assert all(m.thrust > 0.0 for m in autopilot.of("SET_ATTITUDE_TARGET")), "it was not played to its end"
 
@@ -230,7 +228,7 @@ def test_unless_told_otherwise_land_is_asked_of_an_autopilot_that_says_that_it_k
             await asyncio.sleep(0.05)
         autopilot.heard.clear()
         await link.silent()
-        modes = [(m.param2, m.param3) for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
+        modes = [(m.param2, m.param3) for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
         assert modes == ([(4.0, 6.0) if kind == PX4 else (9.0, 0.0)] if lands else [])
         assert (autopilot.of("SET_ATTITUDE_TARGET")[-1].thrust > 0.0) == lands  # the rates ended early, or at their end
 
@@ -293,7 +291,7 @@ def test_after_poses_were_wrong_land_is_asked_only_where_it_can_not_rest_on_them
             link.distrust()
         autopilot.heard.clear()
         await link.silent()
-        asked = [m for m in autopilot.of("COMMAND_LONG") if m.command == DO_SET_MODE]
+        asked = [m for m in autopilot.of("COMMAND_LONG") if m.command == MavCommand.DO_SET_MODE]
         assert bool(asked) == (lands or (not distrusted and settings.get("bring_down") != "rates"))
 
     play_scene(play, **settings)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol import ARM_DISARM, DO_SET_MODE, NAV_LAND, SET_MESSAGE_INTERVAL, MavlinkCodec
+from links.mavlink.protocol import MavCommand, MavlinkCodec
 from sim.autopilots.dialects import ARMING_DELAY_S, ArduPilotAutopilot, CopterMode
 from tests.airframe_double import Brick
 
@@ -55,8 +55,8 @@ class Flight:
         return int(ack.result)
 
     def arm(self, mode: int = CopterMode.GUIDED) -> "Flight":
-        assert self.command(DO_SET_MODE, 1.0, float(mode)) == 0
-        assert self.command(ARM_DISARM, 1.0) == 0
+        assert self.command(MavCommand.DO_SET_MODE, 1.0, float(mode)) == 0
+        assert self.command(MavCommand.ARM_DISARM, 1.0) == 0
         self.wait(ARMING_DELAY_S)
         return self
 
@@ -70,10 +70,10 @@ class Flight:
 
 def test_it_arms_in_guided_without_a_stream_and_nowhere_else() -> None:
     flight = Flight()
-    assert flight.command(ARM_DISARM, 1.0) == 4
+    assert flight.command(MavCommand.ARM_DISARM, 1.0) == 4
     assert "RC not found" in flight.words
-    assert flight.command(DO_SET_MODE, 1.0, float(CopterMode.LAND)) == 0
-    assert flight.command(ARM_DISARM, 1.0) == 4
+    assert flight.command(MavCommand.DO_SET_MODE, 1.0, float(CopterMode.LAND)) == 0
+    assert flight.command(MavCommand.ARM_DISARM, 1.0) == 4
     assert "not armable" in flight.words
     flight.arm()
 
@@ -128,8 +128,8 @@ def test_set_points_that_stop_are_held_for_three_seconds_then_it_levels_and_says
 
 def test_armed_its_rotors_stand_for_two_seconds_and_then_spool_up_on_the_ground() -> None:
     flight = Flight(Brick(0.0)).arm()
-    assert flight.command(ARM_DISARM, 0.0) == 0
-    assert flight.command(ARM_DISARM, 1.0) == 0
+    assert flight.command(MavCommand.ARM_DISARM, 0.0) == 0
+    assert flight.command(MavCommand.ARM_DISARM, 1.0) == 0
     flight.stream(ARMING_DELAY_S - 0.1, 0.6)
     flight.stream(0.3, 0.0)
     assert not flight.airframe.acts
@@ -142,8 +142,8 @@ def test_after_a_flight_it_refuses_to_disarm_in_guided_and_mode_land_disarms() -
     flight = Flight(Brick(0.5, held=True)).arm()
     flight.stream(1.5, 0.01)
     assert flight.airframe.truth(flight.now).on_ground
-    assert flight.command(ARM_DISARM, 0.0) == 4
-    assert flight.command(DO_SET_MODE, 1.0, float(CopterMode.LAND)) == 0
+    assert flight.command(MavCommand.ARM_DISARM, 0.0) == 4
+    assert flight.command(MavCommand.DO_SET_MODE, 1.0, float(CopterMode.LAND)) == 0
     flight.wait(3.0)
     assert not flight.autopilot.armed
     assert flight.airframe.powered[-1][1] is False
@@ -152,15 +152,15 @@ def test_after_a_flight_it_refuses_to_disarm_in_guided_and_mode_land_disarms() -
 def test_the_command_to_land_comes_down_slowly_and_set_points_do_not_stop_it() -> None:
     flight = Flight(Brick(1.0, held=True)).arm()
     flight.stream(0.2)
-    assert flight.command(NAV_LAND) == 0
+    assert flight.command(MavCommand.NAV_LAND) == 0
     flight.stream(6.0, 0.9)
     assert not flight.autopilot.armed
 
 
 def test_it_has_no_odometry_and_sends_nothing_faster_than_250_hz() -> None:
     flight = Flight()
-    assert flight.command(SET_MESSAGE_INTERVAL, 331.0, 10_000.0) == 2
-    assert flight.command(SET_MESSAGE_INTERVAL, 31.0, 1_000.0) == 0
+    assert flight.command(MavCommand.SET_MESSAGE_INTERVAL, 331.0, 10_000.0) == 2
+    assert flight.command(MavCommand.SET_MESSAGE_INTERVAL, 31.0, 1_000.0) == 0
     assert "250 Hz" in flight.words
     flight.heard.clear()
     flight.wait(1.0)
