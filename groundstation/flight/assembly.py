@@ -297,7 +297,10 @@ def make_flight(
     source = GatedSource(source, config.gate, asyncio.get_running_loop, lost_s=config.flight.coast_s, tell=tell)
     if config.forwards is not None:
         assert isinstance(link, MavlinkLink), "only a MAVLink section says so"
-        source = ForwardingSource(source, link, config.forwards)
+        floor_z_m = config.flight.floor_z_m
+        source = ForwardingSource(
+            source, link, config.forwards, floor_z_m=floor_z_m, believes=lambda: flight.believes_poses
+        )
     tape = None
     if give is not None:
         tape = FlightRecorder(give, tell_recording, link, source)

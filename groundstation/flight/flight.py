@@ -338,7 +338,7 @@ class CommandLoop:
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""
-        loop = asyncio.get_running_loop()
+        loop, ended = asyncio.get_running_loop(), "mission.disarmed"
         give_up = loop.time() + DISARM_WAIT_S
         zeros = asyncio.create_task(self._stream_zeros())
         try:
@@ -351,11 +351,27 @@ class CommandLoop:
                         fault = self._progress.fault if self._link.status.state == "lost" else None
                         if fault is not None:
                             raise FlightEnded(notice("fault.motors_unknown", why=fault)) from error
-                        raise FlightEnded(notice("fault.will_not_disarm", why=error)) from error
+                        await self._force_motors_off(error)
+                        ended = "mission.forced_off"
+                        break
                     await asyncio.sleep(0.5)
         finally:
             zeros.cancel()
-        self._progress.go(Event.DISARMED, notice("mission.disarmed"), loop.time())
+        self._progress.go(Event.DISARMED, notice(ended), loop.time())
+
+    async def _force_motors_off(self, refusal: LinkError) -> None:
+        """Stop the motors by force where the poses still show the vehicle on the floor: its own LAND might drive off.
+
+        Raises:
+            FlightEnded: it is not there, or that is refused, too.
+        """
+        why = FlightEnded(notice("fault.will_not_disarm", why=refusal))
+        if not self._progress.at_floor:
+            raise why from refusal
+        try:
+            await self._link.kill()
+        except LinkError:
+            raise why from refusal
 
     async def _stream_zeros(self) -> None:
         loop = asyncio.get_running_loop()
@@ -567,9 +583,13 @@ class Shutdown:
         if self._staying is not None:
             self._staying.set()
 
+    def end_forwarding(self) -> None:
+        """Note that the autopilot gets no poses any more."""
+        self._forwards = False
+
     def distrust(self) -> None:
         """Our poses are wrong: nobody gets them any more, and no LAND is asked for that may rest on them."""
-        self._forwards = False
+        self.end_forwarding()
         for part in (self._source, self._link):
             if isinstance(part, Distrusts):
                 part.distrust()
@@ -579,6 +599,8 @@ class Shutdown:
         link = self._link
         if self._kill is None and link.status.phase in ("fresh", "bring_down"):
             self._say(notice("flight.bringing_down"))
+            if link.autopilot is not None:
+                link.autopilot.land()
             await link.silent()
             if not self.killed and not link.status.unmet:
                 taken = link.status.taken
@@ -748,6 +770,8 @@ class Flight:
         self._shutdown = Shutdown(link, source, self._say, forwards=config.forwards is not None)
         self._crew: asyncio.Task[None] | None = None
         self._dismissed = False
+        self.believes_poses = True
+        """Whether the pose that came last is flown by; after the last command, whether that before it was."""
 
     # ---- what may be asked of it
 
@@ -955,6 +979,8 @@ class Flight:
 
     def _pose(self, pose: Pose) -> None:
         if self._commands.pose(pose):
+            if not self._dismissed:  # from then on the model, which the gate asks, hears of no commands
+                self.believes_poses = self._pilot.newest_pose is pose
             self._attitudes.add(pose)
             if not self._dismissed and (news := self._pilot.response.describe_news(self._late_by_attitude)):
                 self._say(news.as_warning(), "latency")
@@ -985,6 +1011,8 @@ class Flight:
         self._tell(Notice.of(self._now(), state, reason, "state", severity))
         if state in FINAL and state is not State.LANDED:  # no more commands from here: what follows is the link's
             self._dismissed = True
+            if not self.believes_poses:
+                self._shutdown.end_forwarding()
             if self._crew is not None:
                 self._crew.cancel()
 

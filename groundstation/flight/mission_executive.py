@@ -488,6 +488,12 @@ class MissionExecutive:
         floor = self._config.flight.floor_z_m
         return self.tick is not None and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
 
+    @property
+    def at_floor(self) -> bool:
+        """Whether the newest pose shows it on the floor, or nearly."""
+        pose = self._pilot.newest_pose
+        return pose is not None and self._config.flight.floor_z_m - pose.position_ned[2] < DISARMED_HEIGHT_M
+
     def allows(self, event: Event) -> bool:
         """Whether ``event`` is possible now."""
         return self._mission.allows(event)

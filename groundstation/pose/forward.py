@@ -1,6 +1,7 @@
-"""Forwarding: poses that have passed the gate, to the autopilot's own estimator, which flies when ours hands back.
+"""Forwarding: believed poses, to the autopilot's own estimator, which flies when ours hands back.
 
-Only as poses come: when they stop, so does this, and the autopilot's estimator knows by itself what to do.
+Only as poses come: when they stop, so does this, and the autopilot's estimator knows by itself what to do. Heights are
+above the floor, where the autopilot's barometer has its zero: ArduPilot's estimator goes over to it when poses stop.
 """
 
 import asyncio
@@ -27,8 +28,9 @@ ORIGIN_S = 1.0
 class Forward:
     """Which poses are told, and how. Sans-IO."""
 
-    def __init__(self, config: ForwardConfig) -> None:
-        self._config = config
+    def __init__(self, config: ForwardConfig, floor_z_m: float) -> None:
+        """``floor_z_m`` is the floor's place along z, NED [m]: the height 0 that is told."""
+        self._config, self._floor_z_m = config, floor_z_m
         self._period_s = 1.0 / config.rate_hz
         self._due_s = -math.inf
         self._recent: deque[Pose] = deque()
@@ -53,9 +55,10 @@ class Forward:
             return None
         late = pose.time_s - self._due_s > self._period_s
         self._due_s = (pose.time_s if late else self._due_s) + self._period_s
+        north, east, down = pose.position_ned
         return Odometry(
             time_s=pose.time_s,
-            position=pose.position_ned,
+            position=(north, east, down - self._floor_z_m),
             attitude=pose.attitude,
             velocity=to_body(pose.attitude, velocity),
             measured_velocity=measured is not None,
@@ -77,12 +80,24 @@ class Forward:
 class ForwardingSource:
     """Implements :class:`groundstation.core.messages.pose.PoseSource`: a source whose poses the autopilot gets too."""
 
-    def __init__(self, source: PoseSource, link: MavlinkLink, config: ForwardConfig) -> None:
-        """``source`` is behind the gate; the frames leave on the connection of ``link``."""
-        self._source = source
+    def __init__(
+        self,
+        source: PoseSource,
+        link: MavlinkLink,
+        config: ForwardConfig,
+        *,
+        floor_z_m: float,
+        believes: Callable[[], bool],
+    ) -> None:
+        """``source`` is behind the gate; the frames leave on the connection of ``link``.
+
+        ``floor_z_m`` is the floor's place along z, NED [m]. ``believes`` tells whether the pose delivered last is
+        flown by.
+        """
+        self._source, self._believes = source, believes
         self._connection = link.connection
         self._origin_due_s = -math.inf
-        self._forward = Forward(config)
+        self._forward = Forward(config, floor_z_m)
         self._distrusted = False
 
     @property
@@ -96,7 +111,8 @@ class ForwardingSource:
 
         def both(pose: Pose) -> None:
             deliver(pose)
-            loop.call_soon(self._tell, pose)
+            if self._believes():
+                loop.call_soon(self._tell, pose)
 
         await self._source.start(both)
 

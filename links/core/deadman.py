@@ -269,6 +269,10 @@ class AutopilotLink(Protocol):
         """Have it tell its mode now: what it does not do may be somebody else's doing."""
         ...
 
+    def land(self) -> None:
+        """Ask it to land by itself now, where it can: no newer command comes, and the newest need not run out first."""
+        ...
+
     def arrival(self, now_s: float) -> Arrival:
         """Whether commands reach it, and in time."""
         ...

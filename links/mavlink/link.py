@@ -421,7 +421,16 @@ class MavlinkLink:
         self._sent += self.connection.leave(frame)
         if (asked_ns := self._uplink.ask(now_s)) is not None:
             self.connection.leave(self.connection.codec.timesync_question(asked_ns))
-        if isinstance(what, Segment) and self._landing is None and self._lands(now_s):
+        if isinstance(what, Segment):
+            self._begin_landing(now_s)
+
+    def land(self) -> None:
+        """See the port. Its landing begins from the newest command's thrust: from a bring-down's PX4 sinks too fast."""
+        if self._loop is not None and self._armed.obeys_s is not None:
+            self._begin_landing(self._loop.time())
+
+    def _begin_landing(self, now_s: float) -> None:
+        if self._landing is None and self._lands(now_s):
             self._landing = asyncio.ensure_future(self._land())
 
     def _lands(self, now_s: float) -> bool:

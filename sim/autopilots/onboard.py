@@ -7,6 +7,7 @@ it. What the firmware says and hears over MAVLink passes between its own UDP por
 
 import asyncio
 import errno
+import math
 import shutil
 import socket
 import tempfile
@@ -17,7 +18,7 @@ from subprocess import DEVNULL, STDOUT, Popen
 from typing import Any, NamedTuple, Self, TypeAlias
 
 from groundstation.config import ConfigError
-from groundstation.core.geometry import Vec3
+from groundstation.core.geometry import ZERO, Vec3, so3
 from groundstation.machine import sleep_until
 from sim.world import FourRotors, Quadrotor, TrueState
 
@@ -28,6 +29,10 @@ PATIENCE_S = 60.0
 """Time without an answer after which a process has stopped [s, wall clock]; on a busy machine PX4 took 20 to start."""
 LIFTS = 0.2
 """Motor outputs above this share let go of a vehicle that is held; idling is below .1 [-]."""
+
+
+LEGS_M_S2 = 40.0
+"""Largest specific force as it meets the floor [m/s²]: from 0.8 m/s, legs that give by 8 mm stop it in 20 ms."""
 
 
 class Told(NamedTuple):
@@ -133,6 +138,11 @@ class Firmware(ABC):
         if self._theirs is not None:
             self.mavlink.sendto(datagram, self._theirs)
 
+    def say_all(self, datagrams: list[bytes]) -> None:
+        """Send ``datagrams``; it has taken them before its next step ends."""
+        for datagram in datagrams:
+            self.say(datagram)
+
     def hear(self) -> list[bytes]:
         """The datagrams that it has sent since the last time."""
         heard = list[bytes]()
@@ -170,7 +180,10 @@ class OnboardFirmware(asyncio.DatagramProtocol):
         """Whether a datagram from the ground station arrives; may be changed in flight."""
         self.overhear: Callable[[float, bytes], None] | None = None
         """Sees every datagram from the ground station as it comes, and when [s]."""
-        firmware.boot(plant.truth(0.0), plant.specific_force)
+        self._before, self._unfelt_m_s = plant.truth(0.0), ZERO
+        at_rest = plant.specific_force
+        self._gravity = math.hypot(*at_rest)
+        firmware.boot(self._before, at_rest)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take what the ground station says (called by the event loop)."""
@@ -196,16 +209,35 @@ class OnboardFirmware(asyncio.DatagramProtocol):
             self.firmware.close()
 
     def _fly(self, now_s: float) -> None:
-        for datagram in self._unheard:
-            self.firmware.say(datagram)
-        self._unheard.clear()
+        if self._unheard:
+            self.firmware.say_all(self._unheard)
+            self._unheard.clear()
         plant = self._plant
-        motors = self.firmware.step(plant.truth(now_s), plant.specific_force)
+        truth = plant.truth(now_s)
+        motors = self.firmware.step(truth, self._average_force(truth))
         if plant.released_s is None and sum(motors) > 4.0 * LIFTS:
             plant.release(now_s)
         plant.drive_rotors(now_s, motors)
         if self.on_motors is not None:
             self.on_motors(now_s, motors)
+
+    def _average_force(self, truth: TrueState) -> Vec3:
+        """Specific force since the step before [m/s², FRD], as an IMU averages it.
+
+        The plant's floor stops a vehicle within a step; its legs give, so a jolt is felt over several.
+        """
+        before, self._before = self._before, truth
+        h = truth.time_s - before.time_s
+        if h <= 0.0:
+            return self._plant.specific_force
+        gains = [v - u + w for u, v, w in zip(before.velocity_ned, truth.velocity_ned, self._unfelt_m_s, strict=True)]
+        north, east, down = gains[0] / h, gains[1] / h, gains[2] / h - self._gravity
+        share = min(1.0, LEGS_M_S2 / max(math.hypot(north, east, down), LEGS_M_S2))
+        felt = share * north, share * east, share * down
+        x, y, z = (gain - h * force for gain, force in zip(gains, felt, strict=True))
+        self._unfelt_m_s = x, y, z - h * self._gravity
+        (p, q, r), back = truth.rates_rad_s, -0.5 * h
+        return so3.to_body(so3.rotate(truth.attitude, (back * p, back * q, back * r)), felt)
 
 
 class Airworthy:

@@ -5,6 +5,9 @@ Each HIL_SENSOR sets its clock (time_usec) and moves it on. HIL_ACTUATOR_CONTROL
 motor outputs 0..1, and its time says for which of them. Where its outputs are not refreshed, as
 while it is disarmed, no answer comes.
 
+A thread of its own reads its MAVLink port, in the machine's time. So the plant waits until this
+thread has taken what the ground station said: a TIMESYNC behind it has been answered.
+
 Source: src/modules/simulation/simulator_mavlink/SimulatorMavlink.cpp of PX4 main, March 2026.
 """
 
@@ -46,6 +49,9 @@ BEGINS_US = 1_000_000
 """Time of the first HIL_SENSOR [µs]; PX4 takes 0 for no time."""
 ANSWER_S = 0.002
 """Disarmed, an answer is waited for so long [s, of the wall clock]: there may be none."""
+TAKEN_S = 0.1
+"""Its MAVLink thread is waited for so long [s, of the wall clock]: in SET_MESSAGE_INTERVAL it sleeps in
+the plant's time, and does not answer."""
 BAROMETER_EVERY = 5
 """Steps between readings of the barometer [-]: 50 Hz."""
 MAGNETOMETER_EVERY = 2
@@ -165,11 +171,12 @@ class Px4(Firmware):
         self._number = take_number(self.mavlink, OFFBOARD_PORT)
         self._program, self._noise = program, noise
         self._codec = SimulatorCodec()
+        self._port = MavlinkCodec(_SIMULATOR_SYSTEM, _SIMULATOR_COMPONENT)
         self._wire: socket.socket | None = None
         self._count = 0
         self._outputs = Outputs(0, False, (0.0, 0.0, 0.0, 0.0))
-        self.missed = 0
-        """Steps, while it was armed, whose outputs did not come in time."""
+        self._asked = self._answered = 0
+        self._unread = list[bytes]()
 
     def boot(self, truth: TrueState, specific_force: Vec3) -> None:
         """Start it, take its connection, and let it run at rest until it has started up."""
@@ -221,6 +228,38 @@ class Px4(Firmware):
                 raise ConnectionResetError
             for outputs in self._codec.feed(data):
                 self._outputs = outputs
+
+    def say_all(self, datagrams: list[bytes]) -> None:
+        """Send them, and wait for the answer to a TIMESYNC behind them.
+
+        Where none comes, its thread waits for the plant's time itself.
+        """
+        super().say_all(datagrams)
+        if self._theirs is None:
+            return
+        self._asked += 1
+        question_ns = -self._asked  # the ground station's own are not negative
+        self.mavlink.sendto(self._port.timesync_question(question_ns), self._theirs)
+        until = time.monotonic() + TAKEN_S
+        while self._answered < self._asked:
+            ready, _, _ = select([self.mavlink], [], [], max(0.0, until - time.monotonic()))
+            if not ready:
+                return
+            self._take(self.mavlink.recv(4096))
+
+    def hear(self) -> list[bytes]:
+        """The datagrams that it has sent since the last time, but for answers to our own questions."""
+        for data in super().hear():
+            self._take(data)
+        heard, self._unread = self._unread, []
+        return heard
+
+    def _take(self, data: bytes) -> None:
+        answers = [-one.ts1 for one in self._port.feed(data) if one.get_type() == "TIMESYNC" and one.ts1 < 0]
+        if answers:
+            self._answered = max(answers)
+        else:
+            self._unread.append(data)
 
     def close(self) -> None:
         """Switch it off."""

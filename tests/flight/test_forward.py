@@ -68,7 +68,8 @@ def test_each_autopilot_fuses_what_the_cameras_see(autopilot: str, source: str) 
     rate = (len(last) - 1) / (last[-1].arrival_s - last[0].arrival_s)
     assert rate == pytest.approx(40.0, rel=0.02)
     for fused in last:
-        assert fused.position == pytest.approx(stage.world.start_ned, abs=0.005)
+        north, east, down = stage.world.start_ned
+        assert fused.position == pytest.approx((north, east, down - stage.world.floor_z_m), abs=0.005)
         assert fused.attitude == pytest.approx((1.0, 0.0, 0.0, 0.0), abs=0.02)
         assert fused.arrival_s - fused.stamp_s == pytest.approx(0.01, abs=0.002), "on the clock that answers TIMESYNC"
         assert fused.variance == pytest.approx((0.005**2, math.radians(0.5) ** 2), rel=1e-5)
@@ -171,8 +172,13 @@ async def test_a_pose_that_is_under_way_to_the_autopilot_does_not_leave_either()
             pass
 
     source = Source()
+    believed = True
     forwarding = ForwardingSource(
-        source, MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0), ForwardConfig(rate_hz=200.0)
+        source,
+        MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0),
+        ForwardConfig(rate_hz=200.0),
+        floor_z_m=0.0,
+        believes=lambda: believed,
     )
     forwarding._connection = SimpleNamespace(  # type: ignore[assignment]  # what it needs of one
         kind=PX4, state="armed", codec=MavlinkCodec(245, 190), leave=left.append
@@ -184,7 +190,12 @@ async def test_a_pose_that_is_under_way_to_the_autopilot_does_not_leave_either()
     await asyncio.sleep(0)
     before = len(left)
     assert before > 0
+    believed = False
     source.deliver(msgspec.structs.replace(pose(10), time_s=now + 0.1))
+    await asyncio.sleep(0)
+    assert len(left) == before, "the flight does not go by it"
+    believed = True
+    source.deliver(msgspec.structs.replace(pose(11), time_s=now + 0.11))
     forwarding.distrust()
     await asyncio.sleep(0.01)
     assert len(left) == before
@@ -239,11 +250,13 @@ def test_a_pose_that_the_gate_drops_does_not_reach_the_autopilot() -> None:
     mishaps = ("sim.swap_s=0.2", "sim.mishap_period_s=1", "sim.other_bodies=1")
     external, stage = ready(ON, *mishaps, source="json", meanwhile=three_seconds)
     assert len(external.fused) > 60
-    assert all(math.dist(fused.position, stage.world.start_ned) < 0.01 for fused in external.fused)
+    north, east, down = stage.world.start_ned
+    there = north, east, down - stage.world.floor_z_m
+    assert all(math.dist(fused.position, there) < 0.01 for fused in external.fused)
 
 
 def test_in_flight_the_autopilot_is_told_the_velocity_along_its_own_axes() -> None:
-    forward = Forward(ForwardConfig(rate_hz=200.0))
+    forward = Forward(ForwardConfig(rate_hz=200.0), 0.0)
     east = so3.from_euler_zyx(0.0, 0.0, math.pi / 2.0)
     told = [forward.take(pose(n, attitude=east), 0.01 * n + 0.01) for n in range(30)]
     assert told[:2] == [None, None], "no velocity yet"

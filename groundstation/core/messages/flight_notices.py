@@ -23,6 +23,9 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("mission.touched_down", "touched down"),
     NoticeTemplate("mission.still_on_floor", "still on the floor"),
     NoticeTemplate("mission.disarmed", "landed and disarmed"),
+    NoticeTemplate(
+        "mission.forced_off", "landed; the autopilot refused to disarm, so its motors were stopped by force"
+    ),
     NoticeTemplate("mission.felt_floor", "the autopilot has felt the floor and disarmed"),
     NoticeTemplate("mission.asked", "{why}"),
     NoticeTemplate("mission.ended_before", "ended before take-off: {why}"),
