@@ -202,11 +202,6 @@ PX4_FLIGHT = (
         "What PX4 does after that time. Land comes down where it is. Position, altitude and hold (0, 1, 5) leave "
         "it in the air, return (3) flies through the lab.",
     ),
-    should(
-        "MPC_LAND_SPEED",
-        between(0.3, 0.6, 0.5),
-        "How fast its own landing meets the floor [m/s]. With 0.7, as delivered, it met it at 0.8 m/s.",
-    ),
     note(
         "COM_RCL_EXCEPT",
         between(0.0, 31.0, 4.0),
