@@ -13,6 +13,7 @@ import pytest
 from groundstation.core.geometry import Vec3, so3
 from groundstation.core.messages import Ask, Pose, PoseStatus, Reply, Request
 from groundstation.core.mission import State
+from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.flight import Flight, make_flight
 from groundstation.pose import ForwardingSource
 from groundstation.pose.forward import Forward
@@ -156,6 +157,27 @@ def test_poses_that_were_found_to_be_wrong_leave_no_more_and_no_land_rests_on_th
     assert all(fused.arrival_s <= convicted_s[0] + 0.001 for fused in external.fused), "nothing that left afterwards"
     assert "poses go on" not in told
     assert lands == [not forwards]
+
+
+def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, config = from_floor(*prepare(SCENARIOS["paper"], [ON, "sim.own_estimate=true"]), 30.0)
+    stages: list[Stage] = []
+    rejected_s: list[float] = []
+    lines: list[str] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        stages.append(stage)
+        await reached(flight, State.TRACKING)
+        await asyncio.sleep(2.0)
+        monkeypatch.setattr(PoseGate, "accepts", lambda *_: False)
+        rejected_s.append(asyncio.get_running_loop().time())
+
+    fly_mission(world, config, seed=1, on_event=lambda event: lines.append(event.line), script=script)
+    external, told = stages[0].autopilot.external, "\n".join(lines)
+    assert len(external.fused) > 60
+    assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external.fused), "those of before alone"
+    assert "aborted: no pose for" in told
+    assert "poses go on" not in told, "nor after the last command"
 
 
 @in_virtual_time

@@ -10,6 +10,8 @@ from groundstation.analysis.replay import replay_facts
 from groundstation.core.messages import Ask, Notice, Reply, Request
 from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
+from links.mavlink.protocol import MavResult
+from sim.autopilots import Px4Autopilot
 from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
 from sim.runs.flight import Script
 from sim.runs.simulation import RunFolder
@@ -244,6 +246,22 @@ def test_an_autopilot_that_lands_by_itself_after_an_abort_can_still_be_killed(au
     landing, killed = thrusts_n
     assert landing > 0.5
     assert killed < 0.05
+
+
+def test_motors_that_an_autopilot_will_not_stop_on_the_floor_are_stopped_by_force(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stages: list[Stage] = []
+
+    async def script(flight: Flight, stage: Stage) -> None:
+        stages.append(stage)
+
+    denied = MavResult.TEMPORARILY_REJECTED, "Disarming denied: not landed"
+    monkeypatch.setattr(Px4Autopilot, "_refuses_to_disarm", lambda self, now_s: denied)
+    flown = mission("paper", *SHORT, script=script)
+    assert flown.landed
+    assert "stopped by force" in flown.why
+    assert not stages[0].autopilot.armed
 
 
 @pytest.mark.parametrize("state", [State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING, State.LANDING])

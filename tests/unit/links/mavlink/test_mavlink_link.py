@@ -304,6 +304,21 @@ async def test_a_heartbeat_that_left_before_arming_is_not_believed_after_it(
     assert link.status.state == "armed"
 
 
+@scene()
+async def test_land_is_asked_for_while_the_newest_command_still_holds(link: MavlinkLink, autopilot: Endpoint) -> None:
+    link._config = msgspec.structs.replace(link._config, bring_down="land")
+    autopilot.armed = True
+    await link.arm(lambda: command(0.0))
+    assert link.send(command(5.0))
+    link.land()
+    await asyncio.sleep(0.1)
+    modes = [one for one in autopilot.of("COMMAND_LONG") if one.command == DO_SET_MODE]
+    assert (modes[-1].param2, modes[-1].param3) == (4.0, 6.0)  # AUTO, LAND
+    thrusts = {one.thrust for one in autopilot.of("SET_ATTITUDE_TARGET")[-1:]}
+    await link.silent()
+    assert {one.thrust for one in autopilot.of("SET_ATTITUDE_TARGET")[-1:]} == thrusts, "no bring-down left"
+
+
 @scene(kind=ARDUPILOT)
 async def test_ardupilot_that_will_not_disarm_is_put_into_land(link: MavlinkLink, autopilot: Endpoint) -> None:
     autopilot.armed = True

@@ -1,6 +1,7 @@
 """Real firmware's place on the vehicle: rotors, release and MAVLink, with a firmware that is a few lines of Python."""
 
 import asyncio
+import math
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,10 @@ class Hoverer(Firmware):
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
         self.seen: list[TrueState] = []
+        self.felt: list[Vec3] = []
         self.booted = False
+        self.ends_s = math.inf
+        """When its rotors stop [s]."""
         self._answers: list[bytes] = []
 
     def boot(self, truth: TrueState, specific_force: Vec3) -> None:
@@ -33,7 +37,9 @@ class Hoverer(Firmware):
 
     def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
         self.seen.append(truth)
-        return (0.6, 0.6, 0.6, 0.6)
+        self.felt.append(specific_force)
+        share = 0.6 if truth.time_s < self.ends_s else 0.0
+        return (share, share, share, share)
 
     def say(self, datagram: bytes) -> None:
         self._answers.append(datagram)
@@ -54,10 +60,13 @@ class Station(asyncio.DatagramProtocol):
         self.heard.append((asyncio.get_running_loop().time(), data))
 
 
-def fly(folder: Path, seconds: float, *, passes: bool = True) -> tuple[Hoverer, Quadrotor, Station]:
+def fly(
+    folder: Path, seconds: float, *, passes: bool = True, ends_s: float = math.inf
+) -> tuple[Hoverer, Quadrotor, Station]:
     world, _ = from_floor(*prepare(SCENARIOS["rotors_quad1kg"], []), None)
     plant = Quadrotor(world, Wind(world, rows(generator(0, "turbulence").standard_normal, 3)))
     firmware, station = Hoverer(folder), Station()
+    firmware.ends_s = ends_s
 
     async def main() -> None:
         loop = asyncio.get_running_loop()
@@ -94,6 +103,19 @@ def test_a_datagram_reaches_it_in_its_next_step_and_its_answer_the_station(tmp_p
 def test_what_does_not_pass_is_lost(tmp_path: Path) -> None:
     _, _, station = fly(tmp_path, 0.2, passes=False)
     assert station.heard == []
+
+
+def test_its_imu_feels_a_touchdown_whole_and_over_some_steps_as_legs_give(tmp_path: Path) -> None:
+    firmware, plant, _ = fly(tmp_path, 2.5, ends_s=0.8)
+    assert plant.floor.hardest_m_s is not None and plant.floor.hardest_m_s > 1.0
+    down = next(one.time_s for one in firmware.seen if one.on_ground and one.time_s > 1.0)
+    times = [one.time_s for one in firmware.seen]
+    begin, end = times.index(down) - 2, times.index(down) + 40
+    sunk_m_s = firmware.seen[begin - 1].velocity_ned[2]
+    felt_m_s = sum(firmware.step_s * (force[2] + 9.81) for force in firmware.felt[begin:end])
+    assert felt_m_s == pytest.approx(-sunk_m_s, abs=0.02)
+    hardest = max(math.hypot(*force) for force in firmware.felt)
+    assert hardest == pytest.approx(onboard.LEGS_M_S2, rel=1e-6)
 
 
 def test_each_firmware_of_a_machine_takes_a_number_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
