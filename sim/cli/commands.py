@@ -11,9 +11,11 @@ import os
 import shlex
 import sys
 import textwrap
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from time import perf_counter  # noqa: TID251  # how long it took is for people; no flight sees it
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -244,6 +246,26 @@ def bench(args: argparse.Namespace) -> Exit:
     return Exit.DONE
 
 
+def dev_bring_down(args: argparse.Namespace) -> Exit:
+    """Cut flights short, and tell how the bring-down ends."""
+    from sim.studies import CAUSES, cut_all, markdown
+
+    falls = _count_flights(args, len(CAUSES), lambda: cut_all(args.scenarios, args.flights))
+    _show(args, "dev bring-down", markdown(falls), f"{args.flights} flights each: medians, the worst in brackets. ")
+    return Exit.DONE
+
+
+def dev_intervals(args: argparse.Namespace) -> Exit:
+    """Fly excitation flights, and count how often the truth lies within what is identified of them."""
+    from sim.studies import coverage_table, identify_flights
+
+    flown = _count_flights(
+        args, 1, lambda: (f for name in args.scenarios for f in identify_flights(name, args.flights))
+    )
+    _show(args, "dev intervals", coverage_table(list(chain.from_iterable(flown)), args.flights))
+    return Exit.DONE
+
+
 def dev_upsets(args: argparse.Namespace) -> Exit:
     """Fly every law through large steps and pushes of the wind, and from drawn starts."""
     from sim.cli import ProgressBar
@@ -264,6 +286,29 @@ def dev_upsets(args: argparse.Namespace) -> Exit:
         words = f"groundstation-sim dev upsets{some} {told}"
         replace_between_markers(args.write, f"{table}\n\nMade by `{words}`.")
     return Exit.DONE
+
+
+def _count_flights(args: argparse.Namespace, kinds: int, fly_all: Callable[[], Iterable[T]]) -> list[T]:
+    """All that ``fly_all`` makes of ``kinds`` of flights in each scenario; what can't be done is said before."""
+    from sim.cli import ProgressBar
+
+    for name in args.scenarios:
+        scenario_of(name)
+    if args.write is not None:
+        split_at_markers(args.write)
+    made = []
+    with ProgressBar("flights", len(args.scenarios) * kinds * args.flights) as counter:
+        for one in fly_all():
+            made.append(one)
+            counter.step()
+    return made
+
+
+def _show(args: argparse.Namespace, command: str, table: str, about: str = "") -> None:
+    print(table)
+    if args.write is not None:
+        words = f"groundstation-sim {command} --flights {args.flights} --write {args.write.name}"
+        replace_between_markers(args.write, f"{table}\n\n{about}Made by `{words}`.")
 
 
 def scenarios(args: argparse.Namespace) -> Exit:

@@ -18,8 +18,8 @@ from links.core import Command
 from links.io import Sleep
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
+from sim.studies.bring_down import cut
 from sim.time import VirtualTimeLoop
-from tests.cut_flight import cut
 
 SET_POINT = b"\x52\x00\x00"
 CONFIRMED_S = 1.0
