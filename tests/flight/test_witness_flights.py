@@ -18,7 +18,7 @@ from sim.trackers import TrackedBody, Tracker
 
 LOOK_S = 0.01
 SEEN_LEAN_DEG = 3.0
-IN_S = 0.4
+IN_S = 0.45
 """So soon after the vehicle leans or turns it must doubt."""
 
 Lie = Callable[[Quat], Quat]

@@ -18,7 +18,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("screen.no_vehicle", "there is no vehicle to see"),
     NoticeTemplate("screen.take_first", "take control first", "key c"),
-    NoticeTemplate("screen.arm", "the motors of {vehicle} will start. Type its name:"),
+    NoticeTemplate("screen.arm", "The motors of {vehicle} will start. Type its name:"),
     NoticeTemplate("screen.fly", "{vehicle} leaves the hold for its trajectory"),
     NoticeTemplate("screen.all_landed", "land all: {count} have answered"),
     NoticeTemplate("screen.some_silent", "{says}"),

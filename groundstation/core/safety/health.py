@@ -100,6 +100,9 @@ STOP_S = 2.0 * DRIVEN_S
 STOPPED_M_S = 0.15
 """Speed as a place begins to stand, and of the model since [m/s]: only what is struck loses so much
 within a pose; slower, noise and wind explain it."""
+MISTIMED_S = 0.025
+"""Delay of the commands that may be configured wrong [s], and so the model's speed by as much of its acceleration: a
+radio's frame period (`alarms --floors`)."""
 STANDS_NOISES = 4.0
 """Noise of a place that stands, in standard deviations of one pose [-]: of the difference of two, 2.8 sigma."""
 
@@ -185,11 +188,12 @@ class StopDetector:
             if lasts_s < STOPPED_S or poses < STOPPED_POSES - 1:
                 continue
             room_m = STANDS_NOISES * noise_m
-            if abs(speed) <= slow_m_s or abs(way) <= max(3.0 * room_m, STOPPED_M_S * lasts_s):
+            least_m_s = slow_m_s + MISTIMED_S * abs(pushed)
+            if abs(speed) <= least_m_s or abs(way) <= max(3.0 * room_m, STOPPED_M_S * lasts_s):
                 continue
             driven = lasts_s >= DRIVEN_S and abs(way) > DRIVEN_WAYS * room_m
             self.is_driven |= driven
-            if abs(moved) > slow_m_s or (driven and abs(way) > 0.5 * DRIVEN_M_S2 * lasts_s * lasts_s):
+            if abs(moved) > least_m_s or (driven and abs(way) > 0.5 * DRIVEN_M_S2 * lasts_s * lasts_s):
                 stopped_s = since_s
         return stopped_s
 
