@@ -90,7 +90,7 @@ def test_nothing_is_drawn_outside_a_terminal_of_any_size(size: tuple[int, int]) 
 def test_no_data_is_said_in_large_letters_and_goes_away_when_the_core_comes_back(stage: Stage) -> None:
     async def scene(pilot: Pilot[None]) -> None:
         await until(pilot, lambda: says(pilot, "NO DATA"))
-        await until(pilot, lambda: "No ground station" in text(pilot, Banner).replace("\n", " "))
+        await until(pilot, lambda: "no ground station" in text(pilot, Banner).replace("\n", " "))
         async with stage.up():
             stage.latest.put(sample(1.0))
             await until(pilot, lambda: says(pilot, "tracking"))
