@@ -4,10 +4,12 @@ from sim.studies.bring_down import CAUSES, cut_all, markdown
 from sim.studies.budget import Contribution
 from sim.studies.comparison import (
     CONTROLLERS,
+    FLOORS,
     SEARCHED_LAWS,
     TRIALS,
     Case,
     ComparedFlight,
+    ModelError,
     cases,
     check_plot,
     compare,

@@ -26,6 +26,7 @@ from groundstation.analysis.report import figure_class
 from groundstation.config import ConfigError, lend, refuse_io, several, without_frames
 from groundstation.core.control import make_controller
 from groundstation.core.messages import STEADY_S, Tick
+from groundstation.core.vehicle import Vehicle
 from groundstation.machine import open_whole, replace_between_markers
 from groundstation.runtime import require_package
 from sim.runs import LONGEST_S, TrueTrack, Workers, fly, lend_name, run_beside
@@ -50,6 +51,7 @@ from sim.studies.tune import (
     sorties,
     stage_scenarios,
 )
+from sim.world import World
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -670,34 +672,37 @@ JUDGED_S = 60.0
 
 
 class ModelError(NamedTuple):
-    """One thing that is wrong, untold: the value of a field of the world, and of which scenario alone."""
+    """A world that is wrong in one thing, untold."""
 
-    what: str
+    name: str
     field: str
+    """Field of the world."""
     value: float
-    """Seconds; of a lag or a thrust, true over told."""
+    """Value that is added (delay [s]), a share of what is configured (lag), or set (thrust, noise)."""
     only: str = ""
+    """Scenario that is flown alone; empty for all."""
+
+    def find_value(self, world: World, vehicle: Vehicle) -> float:
+        """Value of the field that makes ``world`` wrong, where ``vehicle`` is configured."""
+        if self.field == "command_delay_s":
+            return world.command_delay_s + self.value
+        return self.value * vehicle.rate_lag_s if self.field == "rate_lag_s" else self.value
 
 
 FLOORS = (
     ModelError("21.5 ms more command delay", "command_delay_s", 0.0215),
-    ModelError("thrust 0.62 of told", "thrust_gain", 0.62, "paper"),
-    ModelError("thrust 0.70 of told", "thrust_gain", 0.70, "adverse"),
-    ModelError("rate lag 1.5 of told", "rate_lag_s", 1.5),
-    ModelError("thrust 1.6 of told", "thrust_gain", 1.6),
-    ModelError("rate lag 0.5 of told", "rate_lag_s", 0.5),
+    ModelError("thrust 0.62 of configured", "thrust_gain", 0.62, "paper"),
+    ModelError("thrust 0.70 of configured", "thrust_gain", 0.70, "adverse"),
+    ModelError("rate lag 1.5 of configured", "rate_lag_s", 1.5),
+    ModelError("thrust 1.6 of configured", "thrust_gain", 1.6),
+    ModelError("rate lag 0.5 of configured", "rate_lag_s", 0.5),
 )
 
 
 def make_wrong(stage: Staged, floor: ModelError) -> Staged:
     """``stage`` in a world that is wrong by ``floor``."""
-    world, told = stage.world, stage.config.vehicle
-    value = {
-        "command_delay_s": world.command_delay_s + floor.value,
-        "thrust_gain": floor.value,
-        "rate_lag_s": floor.value * told.rate_lag_s,
-    }[floor.field]
-    return msgspec.structs.replace(stage, world=msgspec.structs.replace(world, **{floor.field: value}))
+    value = floor.find_value(stage.world, stage.config.vehicle)
+    return msgspec.structs.replace(stage, world=msgspec.structs.replace(stage.world, **{floor.field: value}))
 
 
 class EqualTerms:
@@ -735,7 +740,7 @@ class EqualTerms:
                 limit = limit_cm([plain[name]])
                 assert limit is not None
                 if (why := failure([outcome], limit)) is not None:
-                    return _broken(number, gains, rms_cm, f"{name}, {floor.what}: {why}", outcome.cost_cm / limit)
+                    return _broken(number, gains, rms_cm, f"{name}, {floor.name}: {why}", outcome.cost_cm / limit)
         self._best = rms_cm
         return TuningTrial(number=number, gains=gains, rms_cm=rms_cm, broken=[], cost=rms_cm)
 
@@ -997,7 +1002,7 @@ def describe_terms(trials: int, seeds: int) -> str:
         f"Each law: {trials} evaluations with seed {SEARCH_SEED}, flights of {DURATION_S:g} s, gains within {SPREAD:g} "
         f"times their start either way; then medians of seeds 0 to {seeds - 1}, in `paper`, `adverse` and "
         f"`rotors_mqx_radio` flights of {JUDGED_S:g} s. Floors in the first two: "
-        f"{', '.join(floor.what + (f' ({floor.only})' if floor.only else '') for floor in FLOORS)}; effort at most "
+        f"{', '.join(floor.name + (f' ({floor.only})' if floor.only else '') for floor in FLOORS)}; effort at most "
         f"{' / '.join(f'{value:g}' for value in EFFORT_RAD_S.values())} rad/s; on rotors at most {ROTORS_CM:g} cm and "
         f"{100.0 * ROTORS_SATURATED:g} % of commands at a limit."
     )

@@ -15,7 +15,7 @@ from links.mavlink.protocol import MavlinkCodec
 from sim.__main__ import main
 from tests import shadow_flight
 from tests.proving import alarms as alarms_command
-from tests.proving.alarms import FLOORS, Alarms, Watch, WatchedFlight, plan_floors, watch_all
+from tests.proving.alarms import WRONGS, Alarms, Watch, WatchedFlight, plan_floors, watch_all
 from tests.proving.alarms import watch_capture as recorded_flights
 from tests.shadow_flight import GRAVITY, NOTHING, D
 
@@ -54,7 +54,7 @@ def test_flights_that_a_monitor_ended_once_are_flown(scenario: str, seed: int, w
 
 
 @pytest.mark.tried(3)  # what is wrong
-@pytest.mark.parametrize("floor", FLOORS, ids=lambda floor: floor.name)
+@pytest.mark.parametrize("floor", WRONGS, ids=lambda floor: floor.name)
 def test_no_flight_ends_by_its_poses_where_something_is_configured_wrong(floor: object) -> None:
     (*_, watch) = [one for one in plan_floors(Watch("", figure_s=5.0)) if one.floor == floor]
     (found,) = watch_all([watch], (0,), workers=1)

@@ -61,7 +61,7 @@ class Spoiler:
 
 
 class Flown(NamedTuple):
-    """What became of a flight."""
+    """Outcome of a flight."""
 
     outcome: FlightOutcome
     said: list[str]

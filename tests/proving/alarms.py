@@ -27,6 +27,7 @@ from groundstation.runtime import Exit
 from sim.cli import ProgressBar
 from sim.runs import Stage, Workers, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare, scenario_of
+from sim.studies import FLOORS, ModelError
 
 NEAR = (0.5, 0.75)
 """Shares of an alarm above which flights are counted [-]."""
@@ -36,29 +37,12 @@ TAKES_OFF = ("takeoff.thrust_limit=1.74", "vehicle.hover_range=[0.5, 1.9]")
 """``--set`` of a take-off with a thrust that is configured wrong: it is not refused."""
 
 
-class Floor(NamedTuple):
-    """A world that is wrong in one thing, untold."""
-
-    name: str
-    field: str
-    """Field of the world."""
-    value: float
-    """Value that is added (delay), set (thrust, noise), or a share of what is configured (lag)."""
-    only: str = ""
-    """Scenario that is flown alone; empty for all of :data:`FLOORED`."""
-
-
-FLOORS = (
-    Floor("21.5 ms more command delay", "command_delay_s", 0.0215),
-    Floor("thrust 0.62 of configured", "thrust_gain", 0.62, "paper"),
-    Floor("thrust 0.70 of configured", "thrust_gain", 0.70, "adverse"),
-    Floor("thrust 1.6 of configured", "thrust_gain", 1.6),
-    Floor("rate lag 0.5 of configured", "rate_lag_s", 0.5),
-    Floor("rate lag 1.5 of configured", "rate_lag_s", 1.5),
-    Floor("noise of 4 mm", "pose_noise_m", 0.004),
-    Floor("noise of 0.6°", "attitude_noise_rad", math.radians(0.6)),
+WRONGS = (
+    *FLOORS,
+    ModelError("noise of 4 mm", "pose_noise_m", 0.004),
+    ModelError("noise of 0.6°", "attitude_noise_rad", math.radians(0.6)),
 )
-"""Wrongs that a flight must bear, from sim.studies.comparison's floors, and noise."""
+"""Wrongs that a flight must bear: those of the laws' comparison, and noise."""
 
 
 class WatchedFlight(msgspec.Struct, frozen=True, kw_only=True):
@@ -146,7 +130,7 @@ class Watch(NamedTuple):
     """Flights of a campaign, flown with each seed."""
 
     scenario: str
-    floor: Floor | None = None
+    floor: ModelError | None = None
     overrides: tuple[str, ...] = ()
     source: str = "vicon"
     link: str = "mavlink"
@@ -163,11 +147,7 @@ class Watch(NamedTuple):
         if self.floor is None:
             return list(self.overrides)
         world, config = prepare(SCENARIOS[self.scenario], list(self.overrides), link=self.link)
-        field, value = self.floor.field, self.floor.value
-        if field == "command_delay_s":
-            value += world.command_delay_s
-        elif field == "rate_lag_s":
-            value *= config.vehicle.rate_lag_s
+        field, value = self.floor.field, self.floor.find_value(world, config.vehicle)
         takes_off = TAKES_OFF if field == "thrust_gain" else ()
         return [*takes_off, *self.overrides, f"sim.{field}={value:.6g}"]
 
@@ -232,7 +212,7 @@ def plan_floors(watch: Watch) -> list[Watch]:
     """Return what is flown at every floor, as ``watch`` is otherwise."""
     return [
         watch._replace(scenario=scenario, floor=floor)
-        for floor in FLOORS
+        for floor in WRONGS
         for scenario in FLOORED
         if floor.only in ("", scenario)
     ]

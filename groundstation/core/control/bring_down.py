@@ -25,7 +25,7 @@ MARGIN_M = 0.15
 SINK_S = 1.45
 """Time for sinking and braking together, where the height does not ask for less [s].
 
-This and the figures down to ``BIAS`` were chosen by simulated flights cut short from 1 and 2 m: smallest worst
+This and the figures down to ``BIAS`` were chosen by `groundstation-sim dev bring-down` from 1 and 2 m: smallest worst
 touchdown over a vehicle as modelled, one with other thrust, lags and gusts, and one with strong drag.
 """
 SETTLE_S = 0.4

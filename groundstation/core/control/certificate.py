@@ -33,7 +33,7 @@ class ThrustBound(NamedTuple):
     """The bound and its terms, all in m/s²."""
 
     bound: float
-    """What thrust over mass never falls below; negative: the theory promises nothing."""
+    """Least thrust over mass; negative: the theory promises nothing."""
     gravity: float
     disturbance: float
     """B + ε."""
@@ -95,9 +95,9 @@ class Decrease(NamedTuple):
     share: float
     """s [-]; 0 where nothing is proved."""
     power: float
-    """What D has for wind and actuators; :func:`noise_power` comes on top [m²/s³]."""
+    """Part of D for wind and actuators; :func:`noise_power` comes on top [m²/s³]."""
     spare: float
-    """How far V_m may stand above its bound for what is not measured [m²/s²]."""
+    """Excess of V_m over its bound that what is not measured explains [m²/s²]."""
 
 
 def decrease(law: Law) -> Decrease:
@@ -142,7 +142,7 @@ class LyapunovMeasure(NamedTuple):
 
 
 def measure(config: Estimation) -> LyapunovMeasure:
-    """What can be measured of V under these gains; for a controller without a Lyapunov function, of nothing."""
+    """Return what is measured of V under these gains: nothing for a controller without a Lyapunov function."""
     law = config if isinstance(config, Law) else None
     known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
     bound2 = law.b_bound**2 if law is not None and law.kb > 0.0 else math.inf
@@ -152,7 +152,7 @@ def measure(config: Estimation) -> LyapunovMeasure:
 
 
 def noise_power(law: Law, noise_m: Real, interval_s: Real) -> Real:
-    """What D has for poses of noise ``noise_m`` [m, 1σ per axis] every ``interval_s`` [s]: [m²/s³]. Elementwise.
+    """Return the part of D for noise ``noise_m`` [m, 1σ per axis] every ``interval_s`` [s]; elementwise [m²/s³].
 
     Innovations are white, so on average V_m only gains the second-order part of their jumps: half of its curvature at
     the origin times their intensity, on three axes. The observer's gains are those of its steady state in continuous
@@ -190,7 +190,7 @@ def terms(
     mass: float,
     pull: float,
 ) -> dict[str, float]:
-    """What V_m gained from each source within one frame [m²/s²].
+    """Return the gain of V_m from each source within one frame [m²/s²].
 
     Args:
         before: the vehicle at the last command.
@@ -230,15 +230,18 @@ def terms(
 
 
 LASTING_S = 0.5
-"""What lasts so long is told [s]: an outage of the poses, or a gust's front, is over by then."""
+"""Time for which a condition must last to be told [s]: an outage of the poses, or a gust's front, is over by then."""
 PINNED_S = 1.0
 """Commands at their limit for so long are told [s]: a climb of 1 m takes less."""
 SUSPENDED_MEAN_S = 1.0
 """Time constant of the share of commands at which the bound is suspended [s]; above one half it is told."""
 REST_S = 5.0
-"""What comes again sooner than this after its end is not told again [s]."""
+"""Time after its end within which a condition that comes again is not told again [s]."""
 
-HOLDS, VIOLATED, SUSPENDED, NONE = "holds", "violated", "suspended", "none"
+HOLDS = "holds"
+VIOLATED = "violated"
+SUSPENDED = "suspended"
+NONE = "none"
 
 
 class Lasting:

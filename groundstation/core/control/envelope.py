@@ -1,7 +1,7 @@
 """Envelope: how far commands go while the poses are not known to answer, or may not hear us. Sans-IO.
 
 Poses that are wrong are run after. So tilt and thrust are bounded where a flight does not need more: in the first
-climb, on a way, in a landing, and while the poses are suspect.
+climb, on a way, and in a landing.
 """
 
 import math
@@ -30,7 +30,7 @@ LOW_SHARE = 0.7
 """Least thrust on a way, in climb and landing as a share of the hover thrust [-]: it falls at .3 g at most, and
 a touchdown still shows in the thrust (touchdown.LOW_SHARE)."""
 TRANSIT_COSINE = math.cos(math.radians(40.0))
-"""Cosine of the largest tilt on a way, in climb and landing, and while the poses are suspect [-]: a wind of 8 m/s² is
+"""Cosine of the largest tilt on a way, in climb and landing [-]: a wind of 8 m/s² is
 leant into, and a position that is mirrored is run after at .84 g at most."""
 RATE_GAIN_PER_S = 14.0
 """Rate at which body rates are taken to die down under another controller than ours [1/s]: our own k_ω."""

@@ -25,7 +25,9 @@ from links.mavlink.protocol import (
 )
 from links.mavlink.protocol.procedures import ASKED, AT_ONCE
 
-INT8, INT32, REAL32 = MavParamType.INT8, MavParamType.INT32, MavParamType.REAL32
+INT8 = MavParamType.INT8
+INT32 = MavParamType.INT32
+REAL32 = MavParamType.REAL32
 
 
 @pytest.mark.parametrize(

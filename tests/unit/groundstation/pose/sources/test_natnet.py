@@ -52,7 +52,7 @@ SECOND = "127.0.0.7"
 @pytest.mark.parametrize("first", ["nothing", "its name", "all but frames"])
 @in_virtual_time
 async def test_a_server_that_answers_from_a_second_address_is_named(first: str) -> None:
-    """It answers nothing from the address that was asked, or only who it is, or all that it is asked."""
+    """A server that answers nothing from the address that was asked, or only who it is, or all that it is asked."""
     config = NatNetConfig(server="127.0.0.1:1510")
     source, poses, told = config.build(), list[Pose](), list[PoseEvent]()
     asked: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()
