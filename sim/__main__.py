@@ -191,14 +191,14 @@ def _bench(parser: argparse.ArgumentParser) -> None:
 
     parser.description = (
         "tick: law, observer and predictor a command. flight: how fast `fly` is. command: what it takes as "
-        "a whole. decode: a datagram of each pose source. batch: time per vehicle and step. recording: what it costs a "
-        "flight. allocation: what grows in hours of flight. links: how commands keep time. mqtt: 100 stations at one "
-        "broker. The JSON is described in docs/reference/bench.md."
+        "a whole. decode: a datagram of each pose source. batch: time per vehicle and step. allocation: what grows in "
+        "hours of flight. links: how commands keep time, in about two minutes. screen: what a dashboard costs a "
+        "flight. The JSON is described in docs/reference/bench.md."
     )
     parser.add_argument("what", nargs="*", metavar="WHAT", help=f"some of {', '.join(MEASUREMENTS)} (default: all)")
     parser.add_argument("--peers", action="store_true", help="batch, command: crazyflow, rotorpy too (group peers)")
     parser.add_argument("--hours", type=hours, default=1.0, metavar="H", help="allocation: length (default 1)")
-    parser.add_argument("--seconds", type=seconds, default=60.0, metavar="S", help="links, mqtt: length (default 60)")
+    parser.add_argument("--seconds", type=seconds, default=30.0, metavar="S", help="links, screen: length (default 30)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 

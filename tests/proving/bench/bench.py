@@ -25,7 +25,7 @@ class Options(NamedTuple):
     """Measure crazyflow and rotorpy beside ours, where they are installed."""
     hours: float = 1.0
     """Duration of the flight of ``allocation``, in virtual time [h]."""
-    seconds: float = 60.0
+    seconds: float = 30.0
     """Duration of ``screen`` and each part of ``links`` [s]."""
 
 

@@ -36,7 +36,7 @@ from tests.proving.bench.bench import Options
 
 
 class LatencyFailed(Exception):
-    """The program that flies did not fly_latency; the text says how far it came."""
+    """The measurement did not come to its end; the text says how far it came."""
 
 
 class Answers(NamedTuple):
@@ -101,6 +101,8 @@ START_LIMIT_S = 20.0
 """Timeout for the program to arm the vehicle [s]."""
 SETTLE_S = 1.0
 """Time at the beginning of each flight that is left out [s]."""
+MOST_FLIGHTS = 5
+"""Flights of one measurement: a flight ends where this machine stands still for 0.25 s, and the next one goes on."""
 SLIDE = 1.001
 """The time between two poses, in nominal periods."""
 LAST_S = 0.1
@@ -136,7 +138,7 @@ def measure_latency(seconds: float) -> dict[str, Any]:
     """Fly ``seconds`` [s] at each rate; latencies in µs: see :func:`tests.proving.bench.links.figures_of`.
 
     Raises:
-        LatencyFailed: the program did not come to fly_latency.
+        LatencyFailed: nothing was armed, or flights ended again and again.
     """
     gc.collect()
     gc.freeze()
@@ -152,10 +154,27 @@ def measure_latency(seconds: float) -> dict[str, Any]:
 async def fly_latency(
     rate_hz: int, seconds: float, watched: Callable[[Path], AbstractAsyncContextManager[object]] | None = None
 ) -> tuple[Answers, Answers]:
-    """The answers of commands, and of echoes.
+    """The answers of commands, and of echoes, of as many flights as ``seconds`` [s] take.
 
-    ``watched`` lasts as long as the flight, and gets the path of its status socket.
+    ``watched`` lasts as long as each flight, and gets the path of its status socket.
+
+    Raises:
+        LatencyFailed: nothing was armed, or flights ended again and again.
     """
+    flights: list[tuple[Answers, Answers]] = []
+    for _ in range(MOST_FLIGHTS):
+        flights.append(await _fly_once(rate_hz, seconds, watched))
+        seconds -= flights[-1][0].sent / rate_hz
+        if seconds < 0.5:
+            commands, echoes = zip(*flights, strict=True)
+            return together(commands), together(echoes)
+    raise LatencyFailed(f"{MOST_FLIGHTS} flights ended before the measurement did: let the machine do nothing else")
+
+
+async def _fly_once(
+    rate_hz: int, seconds: float, watched: Callable[[Path], AbstractAsyncContextManager[object]] | None
+) -> tuple[Answers, Answers]:
+    """The answers of one flight, which may end before ``seconds`` [s] are over."""
     with tempfile.TemporaryDirectory(prefix="latency-") as name:
         folder = Path(name)
         echo = await _process("tests.proving.bench.echo", stdout=asyncio.subprocess.PIPE)
@@ -231,7 +250,7 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
     begun = loop.time()
     counts_from = None
     try:
-        while counts_from is None or loop.time() < counts_from + seconds:
+        while counts_from is None or (loop.time() < counts_from + seconds and autopilot.armed):
             if running.done():
                 running.result()
             due = begun + frame * period
@@ -261,8 +280,6 @@ async def _measure_flight(config: Config, rate_hz: int, seconds: float, port: in
         await asyncio.gather(running, return_exceptions=True)
         poses.close()
         echo.close()
-    if not autopilot.armed:
-        raise LatencyFailed("the flight ended before the measurement did")
     return Answers(waiting.latencies_s, sent, waiting.overtaken), Answers(echoes.latencies_s, sent)
 
 
