@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 
-from groundstation.runtime import VIEWERS, Groups, add_completion, build_parser, path, viewer
+from groundstation.runtime import VIEWERS, Groups, Program, add_completion, build_parser, path, viewer
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
@@ -408,7 +408,7 @@ def _broker_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--password-file", type=path, metavar="FILE", help="its first line is the password; mode 0600")
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Program:
     """All commands and their arguments."""
     description = "Fly a quadrotor from outside it. To try things without one: groundstation-sim."
     return build_parser("groundstation", description, COMMANDS)

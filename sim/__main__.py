@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from groundstation.runtime import VIEWERS, Groups, add_completion, build_parser, path, viewer
+from groundstation.runtime import VIEWERS, Groups, Program, add_completion, build_parser, path, viewer
 from sim.cli import count, hours, names, percent, seconds, whole
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, l1, pid, indi, or your own: package.module:factory"
@@ -370,7 +370,7 @@ MOVED = {
 """Old spelling of a command → its name today."""
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Program:
     """All commands and their arguments."""
     description = "Fly, check and serve simulated vehicles. Nothing real can move."
     return build_parser("groundstation-sim", description, COMMANDS)

@@ -4,7 +4,7 @@ from groundstation.runtime.entry import (
     VIEWERS,
     Exit,
     Groups,
-    LazyParser,
+    Program,
     add_completion,
     build_parser,
     path,

@@ -1,7 +1,7 @@
 """Entry point: how a program begins and ends: its commands, its exit codes, and output that nobody takes.
 
-Each command of a program has what gives it its arguments when they are asked for. Whoever asks for help waits for what
-this imports: no pathlib, no typing, and not what argparse itself imports to see how wide the terminal is.
+Whoever asks for help waits for what this imports: no pathlib, no typing, and not what argparse itself imports to see
+how wide the terminal is.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from enum import IntEnum
-from functools import cached_property, partial
+from functools import partial
 from types import MappingProxyType
 
 from groundstation.runtime.packages import describe_install
@@ -102,9 +102,12 @@ class _GuardedStream:
         return getattr(self.bare, name)
 
     def write(self, text: str) -> int:
-        from links.text import printable  # by now the launcher has made sure that links is ours
+        shown = text
+        if not text.replace("\n", "").replace("\t", "").isprintable():
+            from links.text import printable  # only now: it brings msgspec, for a third of the time that --help takes
 
-        self.bare.write(printable(text, keep="\n\t"))
+            shown = printable(text, keep="\n\t")
+        self.bare.write(shown)
         return len(text)
 
     def writelines(self, lines: "Any") -> None:
@@ -282,9 +285,51 @@ Groups = Mapping[str, Commands]
 
 
 class Program(argparse.ArgumentParser):
-    """A parser that lists commands by group in its help."""
+    """The parser of a program or of one of its commands; lists the commands below it by group in its help.
 
-    groups: Groups = MappingProxyType({})
+    A command with arguments of its own (``fleet``) may have others below it (``fleet relay``): the first word tells.
+    """
+
+    def __init__(
+        self, prog: str = "", command: str = "", commands: Commands = MappingProxyType({}), **words: "Any"
+    ) -> None:
+        """``command`` is its full name, and ``commands`` are all that there are."""
+        super().__init__(prog, formatter_class=partial(argparse.HelpFormatter, width=_width()), **words)
+        prefix = f"{command} "
+        below = {name.removeprefix(prefix): entry for name, entry in commands.items() if name.startswith(prefix)}
+        self.below = {name: Program(f"{self.prog} {name}", prefix + name, commands) for name in below}
+        self.groups: Groups = {"commands": below} if below else {}
+        self.offers = False
+        """Whether the commands below it are subcommands for argparse."""
+        if command:
+            self.set_defaults(command=command)
+            add_arguments = commands[command][1]
+            if add_arguments is None:
+                self.offer_below()
+            else:
+                add_arguments(self)
+
+    def offer_below(self) -> None:
+        """Add the commands below this one as subcommands: what completes command lines reads them."""
+        parsers = self.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=Program)
+        for commands in self.groups.values():
+            for name, (does, _) in commands.items():
+                if " " not in name:
+                    parsers.add_parser(name, help=does)
+        parsers.choices.update(self.below)
+        self.offers = True
+
+    def parse_known_args(self, args: "Any" = None, namespace: "Any" = None) -> "Any":
+        """Parse the arguments, or have the command below do so that the first word names.
+
+        An unknown argument is an error beside the command's own usage.
+        """
+        if args and not self.offers and args[0] in self.below:
+            return self.below[args[0]].parse_known_args(args[1:], namespace)
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
 
     def format_help(self) -> str:
         """The help text: usage, each group of commands, options."""
@@ -306,88 +351,21 @@ class Program(argparse.ArgumentParser):
         return formatter.format_help()
 
 
-def build_parser(prog: str, description: str, groups: Groups) -> argparse.ArgumentParser:
+def build_parser(prog: str, description: str, groups: Groups) -> Program:
     """The parser of the program ``prog``; what it makes of a command line has it as ``program``."""
-    formatter = partial(argparse.HelpFormatter, width=_width())
-    program = Program(prog, description=description, formatter_class=formatter)
+    program = Program(prog, description=description)
     program.groups = groups
     program.set_defaults(program=program)
     program.add_argument("--version", action="version", version=f"%(prog)s {__version__}", help="print the version")
-    parsers = _add_commands(program)
-    for commands in groups.values():
-        for name, (does, add_arguments) in commands.items():
-            if " " not in name:
-                below = {full: entry for full, entry in commands.items() if full.startswith(f"{name} ")}
-                parsers.add_parser(
-                    name, help=does, formatter_class=formatter, command=name, add_arguments=add_arguments, below=below
-                )
+    commands = {name: entry for group in groups.values() for name, entry in group.items()}
+    program.below = {name: Program(f"{prog} {name}", name, commands) for name in commands if " " not in name}
+    program.offer_below()
     return program
-
-
-def _add_commands(parser: argparse.ArgumentParser) -> "Any":
-    return parser.add_subparsers(
-        dest="command", required=True, metavar="COMMAND",
-        parser_class=LazyParser,
-    )  # fmt: skip
 
 
 def add_completion(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command ``completion``, which both programs have."""
     parser.add_argument("shell", choices=["bash", "zsh"])
-
-
-class LazyParser:
-    """The parser of one command, made when it is first used: the program's own help needs none of them.
-
-    Commands ``below`` it are chosen by the first word. A command that only groups others has no arguments of its own.
-    """
-
-    def __init__(
-        self, command: str, add_arguments: AddArguments | None, below: Commands | None = None, **words: "Any"
-    ) -> None:
-        self._command = command
-        self._add_arguments = add_arguments
-        self.is_group = add_arguments is None
-        self._words = words
-        self.below = {
-            name.removeprefix(f"{command} "): LazyParser(
-                name, add, prog=words["prog"].removesuffix(command) + name, formatter_class=words["formatter_class"]
-            )
-            for name, (_, add) in (below or {}).items()
-        }
-        self._group = {"commands": {name.removeprefix(f"{command} "): entry for name, entry in (below or {}).items()}}
-
-    @cached_property
-    def parser(self) -> argparse.ArgumentParser:
-        """The parser itself."""
-        parser = Program(**self._words)
-        parser.set_defaults(command=self._command)
-        if self._add_arguments is not None:
-            self._add_arguments(parser)
-        if self._group["commands"]:
-            parser.groups = self._group
-            if self._add_arguments is None:
-                self.offer_below(parser)
-        return parser
-
-    def offer_below(self, parser: argparse.ArgumentParser) -> None:
-        """Add the commands below this one to ``parser`` as subcommands: what completes command lines reads them."""
-        parsers = _add_commands(parser)
-        for name, (does, add_arguments) in self._group["commands"].items():
-            parsers.add_parser(name, help=does, command=name, add_arguments=add_arguments)
-        parsers.choices.update(self.below)
-
-    def __getattr__(self, name: str) -> "Any":
-        return getattr(self.parser, name)
-
-    def parse_known_args(self, args: "Any" = None, namespace: "Any" = None) -> "Any":
-        """Parse the command's arguments; an unknown one is an error beside the command's own usage."""
-        if args and args[0] in self.below:
-            return self.below[args[0]].parse_known_args(args[1:], namespace)
-        return self.parser.parse_args(args, namespace), []
-
-    def _check_help(self, action: argparse.Action) -> None:
-        """Python 3.14 looks here whether the help of each command may be formatted: it would make them all."""
 
 
 def _width() -> int:

@@ -30,7 +30,7 @@ from groundstation.core.safety import list_limits
 from groundstation.interfaces.mqtt import write_schemas
 from groundstation.machine import fill_markers
 from groundstation.recording import CHANNELS
-from groundstation.runtime import LazyParser
+from groundstation.runtime import Program
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from sim.__main__ import parser as simulating
@@ -122,7 +122,7 @@ def describe_programs() -> str:
     return "\n\n".join([*_commands(flying()), *_commands(simulating())])
 
 
-def _commands(parser: Any, help_: str = "", level: int = 2) -> Iterator[str]:
+def _commands(parser: Program, help_: str = "", level: int = 2) -> Iterator[str]:
     # argparse has no public way to ask what it knows.
     inner = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     yield f"{'#' * level} `{parser.prog}`\n\n{_sentence(parser.description or help_)}".rstrip()
@@ -130,8 +130,7 @@ def _commands(parser: Any, help_: str = "", level: int = 2) -> Iterator[str]:
     rows = [row for row in rows if row]
     if rows:
         yield "\n".join(["| argument | |", "|---|---|", *rows])
-    below = parser.below if isinstance(parser, LazyParser) else {}
-    commands = below | {name: one for action in inner for name, one in action.choices.items()}
+    commands = parser.below | {name: one for action in inner for name, one in action.choices.items()}
     helps = {choice.dest: choice.help or "" for action in inner for choice in action._choices_actions}
     helps |= {name: does for group in parser.groups.values() for name, (does, _) in group.items()}
     for name, command in commands.items():

@@ -21,7 +21,7 @@ import msgspec
 
 from groundstation.config import ConfigError, dump, keys_of, load
 from groundstation.core.messages import FARTHEST_M, MOST_POINTS, TURN_DEG, Ask, Request, Waypoint, notice
-from groundstation.runtime import Exit, LazyParser, path
+from groundstation.runtime import Exit, Program, path
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
 from links.core import LinkError
@@ -653,13 +653,11 @@ def _arguments(parser: argparse.ArgumentParser, command: str, shell: str) -> Ite
 
     Below a command with arguments of its own (``fleet relay``) only bash completes: shtab's zsh takes no files beside.
     """
-    if isinstance(parser, LazyParser) and parser.below and not parser.is_group and shell == "bash":
-        parser.offer_below(parser.parser)
+    if isinstance(parser, Program) and parser.below and not parser.offers and shell == "bash":
+        parser.offer_below()
     for action in parser._actions:  # argparse has no public way to ask what it knows
         if isinstance(action, argparse._SubParsersAction):
             for name, inner in action.choices.items():
-                if isinstance(inner, LazyParser):
-                    action.choices[name] = inner.parser  # shtab takes nothing else for one
                 yield from _arguments(inner, f"{command} {name}".strip(), shell)
         else:
             yield command, action
