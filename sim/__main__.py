@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from groundstation.runtime import VIEWERS, Groups, Program, add_completion, build_parser, path, viewer
-from sim.cli import count, hours, names, percent, seconds, whole
+from sim.cli import count, names, percent, seconds, whole
 
 _CONTROLLERS = "adaptive (default), uncompensated, geometric, l1, pid, indi, or your own: package.module:factory"
 _LINKS = ["mavlink", "dsm", "crsf", "rf_bridge"]
@@ -191,14 +191,12 @@ def _bench(parser: argparse.ArgumentParser) -> None:
 
     parser.description = (
         "tick: law, observer and predictor a command. flight: how fast `fly` is. command: what it takes as "
-        "a whole. decode: a datagram of each pose source. batch: time per vehicle and step. allocation: what grows in "
-        "hours of flight. links: how commands keep time, in about two minutes. screen: what a dashboard costs a "
-        "flight. The JSON is described in docs/reference/bench.md."
+        "a whole. batch: time per vehicle and step. links: how commands keep time, in about two minutes. The JSON is "
+        "described in docs/reference/bench.md."
     )
     parser.add_argument("what", nargs="*", metavar="WHAT", help=f"some of {', '.join(MEASUREMENTS)} (default: all)")
     parser.add_argument("--peers", action="store_true", help="batch, command: crazyflow, rotorpy too (group peers)")
-    parser.add_argument("--hours", type=hours, default=1.0, metavar="H", help="allocation: length (default 1)")
-    parser.add_argument("--seconds", type=seconds, default=30.0, metavar="S", help="links, screen: length (default 30)")
+    parser.add_argument("--seconds", type=seconds, default=30.0, metavar="S", help="links: length (default 30)")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
@@ -265,12 +263,7 @@ def _dev_autopilots(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--px4", type=path, metavar="FOLDER", help="PX4-Autopilot, after `make px4_sitl`")
     parser.add_argument("--ardupilot", type=path, metavar="FOLDER", help="ardupilot, after `./waf copter` for sitl")
     parser.add_argument("--take-offs", type=whole, default=20, metavar="N", help="of each (default 20)")
-    parser.add_argument("--workers", type=whole, help="so many at once (default: one a core)")
-    parser.add_argument(
-        "--lockstep",
-        action="store_true",
-        help="on our own rotors and tracker, by forwarded poses and without GPS, in the plant's time",
-    )
+    parser.add_argument("--lockstep", action="store_true", help="has no effect: it is the only way")
     _dev_firmware(parser)
 
 
@@ -356,7 +349,7 @@ COMMANDS: Groups = {
         "dev upsets": ("fly every law through large pushes of the wind, and from far starts", _dev_upsets),
         "dev check-vectors": ("evaluate the control law on a file of test vectors", _dev_check_vectors),
         "dev firmware": ("fly Betaflight's own firmware: flights, strikes, rates", _dev_firmware),
-        "dev autopilots": ("fly PX4's and ArduCopter's own firmware in real time, where it is built", _dev_autopilots),
+        "dev autopilots": ("fly PX4's and ArduCopter's own firmware on our rotors, where it is built", _dev_autopilots),
         "dev reference": ("make the reference pages of the documents from the code", _dev_reference),
         "dev states": ("draw the states of a flight and the transitions between them", _dev_states),
     }

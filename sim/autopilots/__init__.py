@@ -12,11 +12,10 @@ from sim.autopilots.betaflight import (
     pack_pulses,
 )
 from sim.autopilots.dialects import Px4Autopilot
-from sim.autopilots.onboard import Airworthy, Make, OnboardFirmware, find_built
+from sim.autopilots.onboard import Airworthy, Make, OnboardFirmware
 from sim.autopilots.peer import (
     AUTOPILOTS,
     AutopilotPeer,
-    FrameCutter,
     OpenWire,
     accept_at,
     at_end_of,

@@ -12,14 +12,6 @@ def seconds(text: str) -> float:
     return value
 
 
-def hours(text: str) -> float:
-    """A length of virtual time."""
-    value = _number(text)
-    if not 0.0 < value <= 1000.0:
-        raise argparse.ArgumentTypeError(f"expected hours, more than 0 and at most 1000, got {text}")
-    return value
-
-
 def _number(text: str) -> float:
     try:
         return float(text)
@@ -63,5 +55,5 @@ def names(text: str) -> list[str]:
     return found
 
 
-MEASUREMENTS = ("tick", "flight", "command", "decode", "batch", "allocation", "links", "screen")
+MEASUREMENTS = ("tick", "flight", "command", "batch", "links")
 """Measurements of ``groundstation-sim bench``, in their order: each a module of tests/proving/bench."""

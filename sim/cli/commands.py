@@ -71,9 +71,8 @@ def _prove(command: str, module: str, args: argparse.Namespace) -> int:
 
 
 dev_faults, dev_honest = (partial(_prove, command, "commands") for command in ("faults", "honest"))
-dev_alarms, dev_firmware, dev_autopilots = (
-    partial(_prove, command, command) for command in ("alarms", "firmware", "autopilots")
-)
+dev_alarms, dev_firmware = (partial(_prove, command, command) for command in ("alarms", "firmware"))
+dev_autopilots = partial(_prove, "autopilots", "onboard")
 
 
 def compare(args: argparse.Namespace) -> Exit:
@@ -238,7 +237,7 @@ def bench(args: argparse.Namespace) -> Exit:
     for name in args.what:
         if name not in bench_.WHAT:
             raise ConfigError("bench", f"expected some of {list(bench_.WHAT)}, got {name!r}")
-    options = bench_.Options(peers=args.peers, hours=args.hours, seconds=args.seconds)
+    options = bench_.Options(peers=args.peers, seconds=args.seconds)
     facts = bench_.measure_all(args.what or list(bench_.WHAT), options)
     if args.json and args.what == ["links"]:
         facts |= facts.pop("links")

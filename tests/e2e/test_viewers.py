@@ -3,11 +3,13 @@
 import asyncio
 import os
 import signal
+import struct
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 
+import aiohttp
 import pytest
 
 from groundstation.analysis import view_command
@@ -16,7 +18,6 @@ from groundstation.recording import CHANNELS
 from links.io import make_child_command
 from tests.e2e.stations import free_udp_port, served
 from tests.flight.test_viewers import begin, components, needs_rerun
-from tests.proving.bench.onlooker import subscribe
 from tests.recordings import recorded
 
 
@@ -49,6 +50,24 @@ def test_foxglove_is_served_a_flight_as_it_is_recorded_on_this_machine_alone(tmp
     assert got["/errors"] > 100
     assert not any(topic.startswith("/raw") for topic in got)
     assert set(got) <= {*CHANNELS, *FoxgloveScene.kinds}
+
+
+async def subscribe(port: int) -> Counter[str]:
+    """Count the messages of each topic that a client of Foxglove's server gets until it ends."""
+    names: dict[int, str] = {}
+    got: Counter[str] = Counter()
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"ws://127.0.0.1:{port}", protocols=["foxglove.sdk.v1"]) as server,
+    ):
+        async for message in server:
+            if message.type == aiohttp.WSMsgType.TEXT and message.json()["op"] == "advertise":
+                names |= {channel["id"]: channel["topic"] for channel in message.json()["channels"]}
+                wanted = [{"id": number, "channelId": number} for number in names]
+                await server.send_json({"op": "subscribe", "subscriptions": wanted})
+            elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == 1:
+                got[names[struct.unpack_from("<I", message.data, 1)[0]]] += 1
+    return got
 
 
 def listening(port: int) -> set[str]:

@@ -1,4 +1,4 @@
-"""PX4's and ArduCopter's own firmware on our rotors, in a lab's own wiring: ``autopilots --lockstep``.
+"""PX4's and ArduCopter's own firmware on our rotors, in a lab's own wiring: ``groundstation-sim dev autopilots``.
 
 The rotor-level plant of ``rotors_quad1kg`` is the firmware's simulator. Poses come from the
 simulated tracker alone, and go on to the autopilot by ``link.forward``; there is no GPS. Of its
@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 
+from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from groundstation.core.mission import State
 from groundstation.flight import Flight, make_flight
@@ -479,8 +480,12 @@ def as_json(facts: Mapping[str, Facts]) -> str:
     return json.dumps({name: plain(flown) for name, flown in facts.items()})
 
 
-def fly_in_lockstep(args: argparse.Namespace) -> Exit:
+def autopilots(args: argparse.Namespace) -> Exit:
     """Fly, and print or write the tables."""
+    if args.px4 is None and args.ardupilot is None:
+        raise ConfigError("autopilots", "needs --px4 FOLDER or --ardupilot FOLDER, in which that firmware was built")
+    if args.take_offs < 1:
+        raise ConfigError("--take-offs", f"expected 1 or more, got {args.take_offs}")
     # A folder in which nothing was built is refused here, before minutes go by.
     makers = {kind: MAKERS[kind](folder) for kind in NAMES if (folder := getattr(args, kind)) is not None}
     if args.write is not None:

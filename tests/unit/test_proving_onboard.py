@@ -1,4 +1,4 @@
-"""What ``groundstation-sim dev autopilots --lockstep`` makes of what it sees; the firmware is somebody's own."""
+"""What ``groundstation-sim dev autopilots`` makes of what it sees; the firmware is somebody's own."""
 
 import argparse
 from pathlib import Path
@@ -18,7 +18,7 @@ from tests.proving.onboard import (
     Facts,
     StrikeResult,
     TakeOff,
-    fly_in_lockstep,
+    autopilots,
     set_up,
 )
 from tests.proving.takeoff_start import TakeoffStart
@@ -81,4 +81,4 @@ def test_a_folder_in_which_nothing_was_built_is_one_sentence(kind: str, tmp_path
     args = argparse.Namespace(px4=None, ardupilot=None, write=None, json=False, take_offs=1)
     setattr(args, kind, tmp_path)
     with pytest.raises(ConfigError, match=f"--{kind}: expected a folder in which"):
-        fly_in_lockstep(args)
+        autopilots(args)

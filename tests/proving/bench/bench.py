@@ -23,10 +23,8 @@ class Options(NamedTuple):
 
     peers: bool = False
     """Measure crazyflow and rotorpy beside ours, where they are installed."""
-    hours: float = 1.0
-    """Duration of the flight of ``allocation``, in virtual time [h]."""
     seconds: float = 30.0
-    """Duration of ``screen`` and each part of ``links`` [s]."""
+    """Duration of each part of ``links`` [s]."""
 
 
 def measure_all(names: list[str], options: Options) -> dict[str, Any]:
