@@ -787,11 +787,6 @@ class Flight:
         return "" if reason is None else reason.text
 
     @property
-    def newest_tick_s(self) -> float | None:
-        """When the newest command of the controller left, on the event loop's clock [s]; None before the first."""
-        return None if self._progress.tick is None else self._progress.tick.time_s
-
-    @property
     def health(self) -> PoseHealth:
         """Health of the poses."""
         return self._pilot.health

@@ -229,7 +229,7 @@ CODES: dict[str, dict[int, str]] = {
         0: "every flight has answered, or none is there",
         1: "one did not answer, and got a signal; or `--kill` was not confirmed",
     },
-    "daemon health": {0: "alive and well", 1: "stale, or no command leaves in flight", 2: "no daemon runs"},
+    "daemon health": {0: "alive and well", 1: "it hangs, or its link is lost in flight", 2: "nobody flies"},
     "check": {
         0: "ready to fly",
         1: "a check fails, or (`--watch`) no poses",

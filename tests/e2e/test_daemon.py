@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import re
+import signal
 import socket as sockets
 import subprocess
 import sys
@@ -113,7 +114,7 @@ def test_a_service_comes_up_idle_flies_on_request_gets_ready_again_and_ends_on_s
             asyncio.run(seen(room.status_socket, lambda s: s.flight_time_s > 1.5 and s.error_m < 0.1))
 
             health = json.loads(daemon.command("daemon", "health", "--json").stdout)
-            assert (health["well"], health["pid"], health["flights"]) == (True, daemon.process.pid, 1)
+            assert (health["well"], health["pid"], health["state"]) == (True, daemon.process.pid, "tracking")
             landing = daemon.command("request", "land", "--why", "enough")
             assert (landing.returncode, landing.stdout[:8]) == (0, "landing:")
             daemon.says("landed: landed and disarmed")
@@ -140,13 +141,17 @@ def test_a_daemon_that_is_started_again_after_its_death_in_flight_stays_on_the_g
             first.says("tracking: ")
             first.process.kill()
             first.process.wait()
-        stale = first.command("daemon", "health")
-        assert stale.returncode in (0, 1)
+        assert first.command("daemon", "health").returncode == 2
         with running(room, tmp_path / "second") as second:
             second.says("ready: link and poses are there|pre-flight checks failed")
             time.sleep(0.5)
             assert " arming: " not in second.log
             assert second.process.poll() is None
+            assert second.command("daemon", "health").returncode == 0
+            second.process.send_signal(signal.SIGSTOP)
+            hangs = second.command("daemon", "health")
+            second.process.send_signal(signal.SIGCONT)
+            assert (hangs.returncode, "no greeting within" in hangs.stdout) == (1, True), hangs.stdout + hangs.stderr
             second.process.terminate()
             assert second.process.wait(60) == 0
 

@@ -1,4 +1,4 @@
-"""The parts of the daemon: lock, notifications, log lines, health, the unit file and the table of exit codes."""
+"""The parts of the daemon: lock, notifications, log lines, the unit file and the table of exit codes."""
 
 import asyncio
 import json
@@ -18,12 +18,7 @@ from groundstation.core.messages import Notice
 from groundstation.core.safety.geofence import BoxFence
 from groundstation.interfaces.service import Format, unit_file
 from groundstation.interfaces.service.flights import (
-    STALE_S,
-    DaemonHealth,
-    HealthFile,
     Notify,
-    find_fault,
-    health_path,
     line_of,
     longest_landing_s,
 )
@@ -101,48 +96,6 @@ async def test_a_manager_that_dies_or_does_not_read_is_no_trouble(tmp_path: Path
         await asyncio.sleep(0)
     notify.close()
     await asyncio.sleep(0)
-
-
-WELL = DaemonHealth("mqx", "tracking", "following", 7, 100.0, 0.02, 1, {})
-
-
-@pytest.mark.parametrize(
-    ("health", "now_s", "words"),
-    [
-        (WELL, 100.5, ""),
-        (WELL, 100.0 + STALE_S + 0.1, "stale"),
-        (WELL, 20.0, "stale"),  # the machine was started anew meanwhile
-        (msgspec.structs.replace(WELL, tick_age_s=2.0), 100.5, "no command has left lately"),
-        (msgspec.structs.replace(WELL, tick_age_s=None), 100.5, "no command has left lately"),
-        (msgspec.structs.replace(WELL, state="ready", tick_age_s=None), 100.5, ""),
-    ],
-)
-def test_health_is_judged_by_its_age_and_by_the_newest_command(health: DaemonHealth, now_s: float, words: str) -> None:
-    assert (words in find_fault(health, now_s)) == bool(find_fault(health, now_s)) == bool(words) or (
-        not words and not find_fault(health, now_s)
-    )
-
-
-def test_the_health_file_is_replaced_as_a_whole_and_a_folder_that_is_gone_is_no_trouble(tmp_path: Path) -> None:
-    path = health_path(tmp_path / "mqx.sock")
-    file = HealthFile(path)
-    file.draft(WELL)
-    assert not path.exists()
-    file.publish()
-    assert msgspec.json.decode(path.read_bytes(), type=DaemonHealth) == WELL
-    assert [file.name for file in tmp_path.iterdir()] == ["mqx.health.json"]
-    later = msgspec.structs.replace(WELL, reason="later")
-    file.draft(later)
-    assert msgspec.json.decode(path.read_bytes(), type=DaemonHealth) == WELL
-    file.publish()
-    assert msgspec.json.decode(path.read_bytes(), type=DaemonHealth) == later
-    file.draft(WELL)
-    file.remove()
-    assert list(tmp_path.iterdir()) == []
-    gone = HealthFile(tmp_path / "gone" / "x.health.json")
-    gone.draft(WELL)
-    gone.publish()
-    gone.remove()
 
 
 def test_the_unit_waits_longer_than_the_longest_landing() -> None:

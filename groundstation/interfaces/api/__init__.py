@@ -4,6 +4,7 @@ from groundstation.interfaces.api.client import (
     StationClient,
     ask_station,
     attach,
+    open_client,
     request_command,
     snapshots,
     stop_all,

@@ -4,7 +4,7 @@ Signals are requests: the first Ctrl-C or SIGTERM lands, more of them do more, S
 watch it and ask of it: clients of the socket, and MQTT. It ends with none of them. systemd knows a daemon by its unit
 (docs/how-to/install.md) and hears of it by sd_notify(3), here without its library.
 
-A daemon is monitored by log lines, and a health file beside its socket for monitors that can't attach.
+A daemon is monitored by log lines, and by whoever attaches to its socket.
 """
 
 import asyncio
@@ -19,7 +19,6 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
 from enum import StrEnum
-from glob import escape
 from pathlib import Path
 from string import Template
 from typing import Any, Protocol
@@ -55,20 +54,19 @@ from groundstation.flight import (
     recorder,
     start_step_timer,
 )
-from groundstation.interfaces.api import Core, Server
+from groundstation.interfaces.api import Core, Server, open_client
 from groundstation.machine import (
-    SERVICES,
     ApiError,
     IdleSlots,
     Latest,
     NonBlockingWriter,
     Taken,
+    find_socket,
     hold_lock,
     lock_path,
     precise_loop,
     registration,
     running_processes,
-    socket_folder,
     socket_path,
 )
 from groundstation.recording import END_S
@@ -77,104 +75,41 @@ from groundstation.settings import Config
 from links.core import LinkError
 from links.io import make_child_command
 
-WRITE_S = 1.0
-"""Period of the health file [s]."""
-STALE_S = 3.5
-"""An older one is of a daemon that hangs or is no more [s]."""
-TICK_S = 1.0
-"""In the air, a command is never so old [s]."""
-
-
-class DaemonHealth(msgspec.Struct, frozen=True):
-    """One daemon at one instant."""
-
-    vehicle: str
-    state: str
-    reason: str
-    pid: int
-    written_s: float
-    """The machine's monotonic clock [s]: the same in all its processes."""
-    tick_age_s: float | None
-    """Age of the newest command of the controller [s]; None before the first of a flight."""
-    flights: int
-    """Number of armings since the daemon's start."""
-    refused: dict[str, int]
-    """Counts by reason of clients' lines that were no order."""
-
-
-def health_path(socket: Path) -> Path:
-    """The file beside a socket."""
-    return socket.with_suffix(".health.json")
-
-
-class HealthFile:
-    """Replaced as a whole, in two short steps. Never raises: a full disk is not the flight's trouble."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._draft = path.with_suffix(".new")
-        self._encode = msgspec.json.Encoder().encode
-
-    def draft(self, health: DaemonHealth) -> None:
-        """Write it down, for nobody yet."""
-        with suppress(OSError):
-            number = os.open(self._draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
-            try:
-                os.write(number, self._encode(health) + b"\n")
-            finally:
-                os.close(number)
-
-    def publish(self) -> None:
-        """Put the draft in the file's place."""
-        with suppress(OSError):
-            self._draft.replace(self._path)
-
-    def remove(self) -> None:
-        """The daemon ends."""
-        for path in (self._path, self._draft):
-            with suppress(OSError):
-                path.unlink()
-
-
-def find_fault(health: DaemonHealth, now_s: float) -> str:
-    """Describe the daemon's fault; empty for none."""
-    age = now_s - health.written_s
-    if not -0.1 <= age <= STALE_S:
-        return f"stale: written {age:.1f} s ago, by process {health.pid}"
-    if health.state in IN_AIR and (health.tick_age_s is None or health.tick_age_s > TICK_S):
-        return f"{health.state}, but no command has left lately"
-    return ""
+ALIVE_S = 3.5
+"""A flight that sends no snapshot for so long hangs [s]; it sends one a second at least (status.rate_hz)."""
 
 
 def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> Exit:
-    """Print how a daemon is; 0 where it is well, 1 where it is not, 2 where there is none."""
+    """Print how a flight or daemon is; 0 where it is well, 1 where it is not, 2 where there is none."""
     try:
-        path = health_path(socket) if socket is not None else _only(vehicle)
-        health = msgspec.json.decode(path.read_bytes(), type=DaemonHealth)
-    except OSError as error:
-        says = str(error) if error.filename is None else f"no daemon runs there: {error.filename}: {error.strerror}"
-        print(f"groundstation: health: {says}", file=sys.stderr)
-        return Exit.NOBODY
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        path = socket if socket is not None else asyncio.run(find_socket(vehicle))
+        wrong, facts = asyncio.run(_look(path))
+    except (ApiError, OSError) as error:
         print(f"groundstation: health: {error}", file=sys.stderr)
         return Exit.NOBODY
-    wrong = find_fault(health, asyncio.new_event_loop().time())
     if as_json:
-        print(json.dumps({"well": not wrong, "why": wrong, **msgspec.to_builtins(health)}))
+        print(json.dumps({"well": not wrong, "why": wrong, **facts}))
     else:
-        print(f"{health.vehicle}: {wrong or 'well'}; {health.state}: {health.reason}")
+        print(f"{wrong or 'well'}{''.join(f'; {key} {value}' for key, value in facts.items())}")
     return Exit.FAILED if wrong else Exit.DONE
 
 
-def _only(vehicle: str | None) -> Path:
-    """The file of ``vehicle``, or the only one."""
-    name = "*" if vehicle is None else escape(vehicle)
-    found = [*socket_folder().glob(f"{name}.health.json"), *SERVICES.glob(f"*/{name}.health.json")]
-    if not found:
-        raise FileNotFoundError(f"no daemon runs here (looked in {socket_folder()} and {SERVICES})")
-    if len(found) > 1:
-        raise ConfigError("--vehicle", f"several daemons run here, name one: {', '.join(map(str, found))}")
-    return found[0]
+async def _look(path: Path) -> tuple[str, dict[str, Any]]:
+    """What is wrong with whoever serves at ``path``, empty where nothing is; and what is flown, by the newest snapshot.
+
+    Raises:
+        OSError: nobody serves there.
+    """
+    try:
+        async with asyncio.timeout(ALIVE_S), open_client(path, "health") as client:
+            async for seen in client:
+                if isinstance(seen, Snapshot):
+                    facts = {"vehicle": seen.vehicle, "state": seen.state, "reason": seen.reason}
+                    lost = seen.state in IN_AIR and seen.link.state == "lost"
+                    return "the link is lost" if lost else "", {**facts, "pid": client.hello.pid}
+    except (TimeoutError, ApiError) as error:
+        return str(error) or f"{path}: no snapshot within {ALIVE_S:g} s", {}
+    return f"{path}: it has just ended", {}
 
 
 class Format(StrEnum):
@@ -493,14 +428,11 @@ class Daemon:
         try:
             async with crew(self._config, self, _log, self._quiet, needed=True) as server:
                 self._server = server
-                health = HealthFile(health_path(server.path))
-                pulse = asyncio.ensure_future(self._pulse(server, health))
+                feeding = asyncio.ensure_future(self._feed_watchdog())
                 try:
                     return await self._flights()
                 finally:
-                    pulse.cancel()
-                    await asyncio.gather(pulse, return_exceptions=True)
-                    health.remove()
+                    feeding.cancel()
         finally:
             self._notify.close()
 
@@ -579,36 +511,11 @@ class Daemon:
             if flight.state in ON_GROUND and flight.state is not State.ARMING and not held:
                 flight.ask(Request(Ask.LAND, notice("service.renews").text))
 
-    async def _pulse(self, server: Server, health: HealthFile) -> None:
-        """Feed the watchdog and write the health file, from the loop that flies: a loop that hangs does neither."""
-        loop = asyncio.get_running_loop()
-        period_s = min(WRITE_S, self._notify.feed_s or WRITE_S)
-        written_s = -WRITE_S
-        while True:
-            if self._notify.feed_s is not None:
-                self._notify.feed()
-            now = loop.time()
-            if now - written_s >= WRITE_S - 0.01:
-                written_s = now
-                await self._quiet.moment()
-                health.draft(self._health(server, loop.time()))
-                await self._quiet.moment()
-                health.publish()
-            await asyncio.sleep(period_s)
-
-    def _health(self, server: Server, now_s: float) -> DaemonHealth:
-        flight = self._flight
-        tick_s = flight.newest_tick_s
-        return DaemonHealth(
-            vehicle=self._config.vehicle.name,
-            state=flight.state,
-            reason=flight.reason,
-            pid=os.getpid(),
-            written_s=now_s,
-            tick_age_s=None if tick_s is None else now_s - tick_s,
-            flights=self._armed,
-            refused=dict(server.refused),
-        )
+    async def _feed_watchdog(self) -> None:
+        """Feed it from the loop that flies: a loop that hangs does not."""
+        while self._notify.feed_s is not None:
+            self._notify.feed()
+            await asyncio.sleep(self._notify.feed_s)
 
 
 def obey(
