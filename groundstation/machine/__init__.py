@@ -18,7 +18,6 @@ from groundstation.machine.recordings import (
 from groundstation.machine.register import (
     BRIDGE,
     FILE,
-    SERVICES,
     ApiError,
     Running,
     StatusConfig,
