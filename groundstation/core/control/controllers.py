@@ -105,7 +105,6 @@ class InnerLoop:
             motion.attitude,
             reference.yaw_rad,
             reference.yaw_rate_rad_s,
-            turn[1],
             self._gains.k_yaw,
             self._yaw_limit,
         )
