@@ -251,7 +251,10 @@ class Pilot:
         assert motion is not None and self._descent is not None, "a descent flies by the model"
         h = pose.time_s - first.time_s
         u, v, w = ((p - q) / h for p, q in zip(pose.position_ned, first.position_ned, strict=True))
-        self._estimator.see_again(motion._replace(position=pose.position_ned, velocity=(u, v, w)))
+        seen, before = motion._replace(position=pose.position_ned, velocity=(u, v, w)), self._trusted_before()
+        self._estimator.see_again(seen)
+        # Should they fail once more, the model goes on from here: of what held the vehicle meanwhile it knows nothing.
+        self._reckoning.begin(Trusted(pose.time_s, seen, before.disturbance, before.effectiveness))
         self._descent.blind = False
 
     def take_autopilot_attitude(self, time_s: float, attitude: Quat) -> None:
