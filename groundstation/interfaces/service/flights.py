@@ -84,7 +84,7 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
     try:
         path = socket if socket is not None else asyncio.run(find_socket(vehicle))
         wrong, facts = asyncio.run(_look(path))
-    except (ApiError, OSError) as error:
+    except ApiError as error:
         print(f"groundstation: health: {error}", file=sys.stderr)
         return Exit.NOBODY
     if as_json:
@@ -98,7 +98,7 @@ async def _look(path: Path) -> tuple[str, dict[str, Any]]:
     """What is wrong with whoever serves at ``path``, empty where nothing is; and what is flown, by the newest snapshot.
 
     Raises:
-        OSError: nobody serves there.
+        ApiError: nobody serves there.
     """
     try:
         async with asyncio.timeout(ALIVE_S), open_client(path, "health") as client:
@@ -109,6 +109,8 @@ async def _look(path: Path) -> tuple[str, dict[str, Any]]:
                     return "the link is lost" if lost else "", {**facts, "pid": client.hello.pid}
     except (TimeoutError, ApiError) as error:
         return str(error) or f"{path}: no snapshot within {ALIVE_S:g} s", {}
+    except OSError as error:
+        raise ApiError(f"nobody serves at {path}: {error.strerror}") from None
     return f"{path}: it has just ended", {}
 
 
