@@ -194,11 +194,9 @@ class Input(Protocol):
         Raises:
             InputLost: it can't be asked any more.
         """
-        ...
 
     def close(self) -> None:
         """Release it."""
-        ...
 
 
 class HoldWatch:

@@ -92,19 +92,15 @@ class Hand(Protocol):
             TimeoutError: none comes within ``within_s`` [s].
             Trouble: it can't go on.
         """
-        ...
 
     async def listen(self, for_s: float) -> None:
         """Hear what it tells for ``for_s`` [s]."""
-        ...
 
     async def off(self) -> News | None:
         """Have it order the motors off; its news of the acknowledgement, None where there was none."""
-        ...
 
     async def kill(self) -> None:
         """End it at once, with SIGKILL."""
-        ...
 
 
 Ask = Callable[[str], Awaitable[str]]

@@ -259,23 +259,18 @@ class AutopilotLink(Protocol):
     @property
     def lands_by_itself(self) -> bool:
         """Whether it has been asked to land by itself since the newest arming, and does."""
-        ...
 
     def could_land_by_itself(self, now_s: float) -> bool:
         """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our poses."""
-        ...
 
     def ask_mode(self) -> None:
         """Have it tell its mode now: what it does not do may be somebody else's doing."""
-        ...
 
     def land(self) -> None:
         """Ask it to land by itself now, where it can: no newer command comes, and the newest need not run out first."""
-        ...
 
     def arrival(self, now_s: float) -> Arrival:
         """Whether commands reach it, and in time."""
-        ...
 
 
 class LinkKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
@@ -346,29 +341,24 @@ class CommandLink(Protocol):
     @property
     def period_s(self) -> float:
         """Time between two commands [s]."""
-        ...
 
     @property
     def follows_poses(self) -> bool:
         """True where a command may leave as soon as a pose has come; False where every ``period_s`` is its time."""
-        ...
 
     @property
     def status(self) -> LinkStatus:
         """The link as it is now."""
-        ...
 
     @property
     def autopilot(self) -> AutopilotLink | None:
         """Requests to an autopilot at the other end; None where there is only a receiver."""
-        ...
 
     def watch_attitude(self, watch: Callable[[Attitude], None]) -> None:
         """Call ``watch`` with every attitude that the vehicle tells; to be asked for before :meth:`connect`.
 
         Never called where the vehicle tells none.
         """
-        ...
 
     async def connect(self) -> None:
         """Open the wire and wait for the other end.
@@ -376,7 +366,6 @@ class CommandLink(Protocol):
         Raises:
             LinkLost: nobody answered within the configured time.
         """
-        ...
 
     async def examine(self) -> None:
         """Ask the other end what arming hangs on, as far as that can be asked without arming.
@@ -387,7 +376,6 @@ class CommandLink(Protocol):
             LinkLost: it did not answer.
             LinkMisuse: the link is not connected.
         """
-        ...
 
     async def arm(self, idle: Callable[[], Command]) -> None:
         """Stream what ``idle()`` returns, asked anew for each frame, until the vehicle is armed and obeys.
@@ -398,7 +386,6 @@ class CommandLink(Protocol):
             LinkRejected: the autopilot refused, in its own words.
             LinkLost: it did not answer.
         """
-        ...
 
     def send(self, command: Command) -> bool:
         """Send one command now, and repeat it until its deadline if no other comes.
@@ -410,11 +397,9 @@ class CommandLink(Protocol):
             LinkMisuse: a number in the command is not finite, its deadline or its bring-down is too long, or the
                 link is not connected.
         """
-        ...
 
     async def silent(self) -> None:
         """Return once nothing that lifts may leave any more without a new arming."""
-        ...
 
     async def disarm(self) -> None:
         """Ask the vehicle to stop its motors.
@@ -423,7 +408,6 @@ class CommandLink(Protocol):
             LinkRejected: the autopilot refused, in its own words.
             LinkLost: it did not answer.
         """
-        ...
 
     async def kill(self) -> None:
         """Stop the motors at once, also in the air: nothing else leaves from the call on. Works in every state.
@@ -432,7 +416,6 @@ class CommandLink(Protocol):
             LinkLost: the vehicle did not acknowledge.
             LinkRejected: it refused, in its own words.
         """
-        ...
 
     async def close(self) -> None:
         """Release the wire. Nothing leaves afterwards.
@@ -440,7 +423,6 @@ class CommandLink(Protocol):
         A link that has something to repeat or to bring down does that to its end first (at most the coast limit and
         2 s); only :meth:`kill` cuts it short.
         """
-        ...
 
 
 def signal(thrust: float, factor: float) -> float:

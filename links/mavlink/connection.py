@@ -52,15 +52,12 @@ class TransportListener(Protocol):
 
     def hear(self, data: bytes, source: Any) -> None:
         """``data`` came from the address ``source``."""
-        ...
 
     def undeliverable(self) -> None:
         """The network gave back a datagram of ours."""
-        ...
 
     def lose_transport(self, why: str) -> None:
         """The medium has ended by itself; ``why`` completes "the link is lost: "."""
-        ...
 
 
 def _describe(error: OSError) -> str:

@@ -90,15 +90,12 @@ class RfCodec(Protocol):
 
     def greeting(self) -> bytes:
         """First frame to a module, once, in place of channels; may be empty."""
-        ...
 
     def encode(self, positions: Sequence[float], service: Service | None = None, nth: int = 0) -> bytes:
         """The frame for ``positions`` (-1..1); with ``service``, the ``nth`` frame since it was asked for."""
-        ...
 
     def decoder(self) -> RfDecoder:
         """A new decoder of the same frames."""
-        ...
 
 
 class Manner(msgspec.Struct, frozen=True, kw_only=True):

@@ -140,24 +140,19 @@ class Pacer(Protocol):
     @property
     def manner(self) -> Manner:
         """Pacing of this pacer."""
-        ...
 
     @property
     def why_mute(self) -> str:
         """Meaning of missing reports, for the operator."""
-        ...
 
     def give(self, order: Order) -> bool:
         """Hand over ``order`` without waiting; False where nobody takes it."""
-        ...
 
     async def wait_for_end(self) -> None:
         """Wait until it has ended."""
-        ...
 
     def forget(self) -> None:
         """Let go of it; it ends by itself as after :class:`End`, should it still live."""
-        ...
 
 
 Hear: TypeAlias = Callable[[PacerReport | None], None]
@@ -193,19 +188,15 @@ class Port(Protocol):
 
     def open(self) -> None:
         """Open it."""
-        ...
 
     def write(self, frame: bytes) -> bool:
         """Send one frame; False, with nothing sent, where earlier bytes still wait."""
-        ...
 
     def read(self, limit: int) -> bytes:
         """Return received bytes, at most ``limit`` bytes; the rest is thrown away."""
-        ...
 
     def close(self) -> None:
         """Close it; never raises."""
-        ...
 
 
 class ArmingWindow(msgspec.Struct, gc=False):

@@ -266,7 +266,6 @@ class OnboardPilot(Protocol):
 
     def fly(self, truth: TrueState) -> tuple[float, Vec3]:
         """Thrust 0..1 and body rates [rad/s] for the state ``truth``."""
-        ...
 
 
 class HoldAttitude:

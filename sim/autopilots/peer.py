@@ -20,11 +20,9 @@ class Wire(Protocol):
 
     def sendto(self, frame: bytes) -> None:
         """Send one frame, or drop it where nobody is there."""
-        ...
 
     def abort(self) -> None:
         """Leave the network."""
-        ...
 
 
 Hear = Callable[[bytes, Any], None]
@@ -151,11 +149,9 @@ class FarEnd(Protocol):
 
     def listen(self, take: Callable[[bytes], None]) -> None:
         """Call ``take`` with whatever is written to the port."""
-        ...
 
     def say(self, data: bytes) -> None:
         """Write to whoever has the port open."""
-        ...
 
 
 class SerialEnd:

@@ -53,15 +53,12 @@ class Tracker(Protocol):
 
     async def open(self) -> None:
         """Join the network."""
-        ...
 
     def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
         """Send frame ``frame``, exposed at ``exposure_s`` [s, event loop's clock], now; our body is the first."""
-        ...
 
     def close(self) -> None:
         """Leave the network."""
-        ...
 
 
 Encoder = Callable[[int, float, Sequence[TrackedBody]], bytes]

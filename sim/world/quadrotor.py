@@ -65,27 +65,21 @@ class Airframe(Protocol):
 
     def act(self, time_s: float, thrust_fraction: float, rates_rad_s: Vec3) -> None:
         """Follow a thrust signal (0..1) and body rates [rad/s, FRD] from ``time_s`` on."""
-        ...
 
     def power(self, time_s: float, on: bool) -> None:
         """Motors on (armed) or off; off means no thrust whatever ``act`` says."""
-        ...
 
     def release(self, time_s: float) -> None:
         """Let go of a vehicle that is held in the air until it obeys; does nothing afterwards."""
-        ...
 
     def truth(self, time_s: float) -> TrueState:
         """The exact state at ``time_s``."""
-        ...
 
     def measure(self, time_s: float) -> TrueState:
         """True state with the noise of the vehicle's own position estimate."""
-        ...
 
     def feel(self, time_s: float) -> tuple[Quat, Vec3]:
         """Attitude and body rates [rad/s] as its own estimator has them, by gyros and accelerometers."""
-        ...
 
 
 HOP_M = 0.005

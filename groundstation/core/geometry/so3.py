@@ -324,17 +324,14 @@ class Axes(Protocol):
     @property
     def world(self) -> World:
         """Names of the lab's axes."""
-        ...
 
     @property
     def body(self) -> Body:
         """Names of the body's axes."""
-        ...
 
     @property
     def alignment(self) -> Alignment:
         """Rotation and shift against our axes."""
-        ...
 
 
 class Frames:

@@ -162,7 +162,6 @@ class PoseSource(Protocol):
     @property
     def status(self) -> PoseStatus:
         """Counters as they are now."""
-        ...
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Begin to listen; ``deliver`` is called on the event loop for each pose, in order of arrival.
@@ -170,11 +169,9 @@ class PoseSource(Protocol):
         Raises:
             SourceError: it can't.
         """
-        ...
 
     async def close(self) -> None:
         """Stop listening; no pose is delivered afterwards."""
-        ...
 
 
 @runtime_checkable
@@ -183,7 +180,6 @@ class Distrusts(Protocol):
 
     def distrust(self) -> None:
         """Our poses are wrong: for the rest of this flight, nothing is to rest on them."""
-        ...
 
 
 class OverheardSource:

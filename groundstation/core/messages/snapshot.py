@@ -126,7 +126,6 @@ class Say(Protocol):
 
     def __call__(self, sentence: Sentence, /) -> None:
         """Tell ``sentence``."""
-        ...
 
 
 class Diagnostics(msgspec.Struct, frozen=True, gc=False):
@@ -446,7 +445,6 @@ class Controller(Protocol):
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; ``interval_s`` [s] has passed since the last one (0 at the first)."""
-        ...
 
 
 class CertificateReading(NamedTuple):

@@ -37,7 +37,6 @@ class Trajectory(Protocol):
     @property
     def duration_s(self) -> float | None:
         """Time after which the reference rests at its last point [s]; None where it never ends."""
-        ...
 
     @property
     def joints_s(self) -> Sequence[float]:
@@ -45,7 +44,6 @@ class Trajectory(Protocol):
 
         Everything that it ever does it has done by the last of them.
         """
-        ...
 
     def at(self, time_s: float) -> Reference:
         """The reference ``time_s`` after the start of the trajectory [s].
@@ -53,11 +51,9 @@ class Trajectory(Protocol):
         Every finite time has one. Before the start (``time_s`` < 0) a curve without end goes on backwards, and a
         way between two points rests at its first.
         """
-        ...
 
     def position_at(self, time_s: float) -> Vec3:
         """``at(time_s).position_ned`` [m], world NED, to rounding; cheaper where only the position is wanted."""
-        ...
 
 
 class PeriodicTrajectory(Trajectory, Protocol):
@@ -66,7 +62,6 @@ class PeriodicTrajectory(Trajectory, Protocol):
     @property
     def period_s(self) -> float:
         """Time of one turn at full speed [s]."""
-        ...
 
 
 Coordinate: TypeAlias = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]

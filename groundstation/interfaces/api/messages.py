@@ -247,15 +247,12 @@ class Core(Protocol):
 
     def ask(self, request: Request) -> Reply:
         """Do it, or say why not."""
-        ...
 
     def set_gain(self, key: str, value: float) -> Reply:
         """Begin to move a gain, or say why not."""
-        ...
 
     def note(self, sentence: Sentence) -> None:
         """An event of the flight."""
-        ...
 
 
 class TokenBucket:

@@ -288,7 +288,6 @@ class WatchedCore(Core, Protocol):
 
     def snapshot(self) -> Snapshot:
         """As it is now."""
-        ...
 
 
 @asynccontextmanager

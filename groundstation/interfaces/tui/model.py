@@ -59,7 +59,6 @@ class Feed(Protocol):
 
     def news(self) -> AsyncIterator[News]:
         """Everything that is to be shown, as it comes; it may end, but never raises. Iterated once."""
-        ...
 
     async def ask(self, ask: Ask, why: str, vehicle: str = "") -> Reply:
         """Ask for ``ask`` now or never: what can't be said at once is not said later. Arming names the ``vehicle``."""

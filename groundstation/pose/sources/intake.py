@@ -409,11 +409,9 @@ class DatagramReader(Protocol):
     @property
     def status(self) -> PoseStatus:
         """Counters as they are now."""
-        ...
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
         """The poses in ``datagram``, which arrived at ``arrival_s`` [s, our clock]: mostly one or none."""
-        ...
 
 
 class Intake:

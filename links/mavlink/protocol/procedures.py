@@ -86,20 +86,16 @@ class HandshakeStep(Protocol):
     @property
     def done(self) -> bool:
         """True when it is reached."""
-        ...
 
     @property
     def failure(self) -> LinkError | None:
         """Why it will not be reached; None where that is open."""
-        ...
 
     def poll(self, now_s: float) -> list[bytes]:
         """Frames to send at ``now_s``."""
-        ...
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take a message from the autopilot."""
-        ...
 
 
 class Handshake:
