@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.config import ConfigError, refuse_io
+from groundstation.core.messages import notice
 from groundstation.lab.doctor_advice import (
     AUX_CHANNELS,
     RATE_MOST_DEG_S,
@@ -95,9 +96,9 @@ def load_restore(path: Path) -> Restore:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Restore)
     except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror}") from None
+        raise ValueError(notice("doctor.no_file", path=path, why=error.strerror)) from None
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise ValueError(f"{path} is no file that --fix has written: {error}") from None
+        raise ValueError(notice("doctor.other_file", path=path, why=error)) from None
 
 
 BEAT_S = 3.0
@@ -119,9 +120,9 @@ class BoardVisit:
         """
         link = config.link
         if not isinstance(link, RfLinkConfig):
-            raise ConfigError("link.kind", "expected mavlink, dsm or crsf: by the map there its settings are judged")
+            raise ConfigError("link.kind", notice("doctor.link_kind"))
         if port is None:
-            raise ConfigError("--board", "expected the flight controller's own port, /dev/serial/by-id/… or HOST:PORT")
+            raise ConfigError("--board", notice("doctor.board_missing"))
         try:
             self.facts = _describe_receiver(link, own_curve=config.thrust_curve > 0.0)
             self._board = Board(port)
@@ -180,7 +181,7 @@ class BoardVisit:
         found = await self.read([parameter.name])
         if parameter.name not in found or found[parameter.name].value != parameter.value:
             now = show(found[parameter.name].value) if parameter.name in found else "nothing"
-            raise LinkRejected(f"{parameter.name} was set to {show(parameter.value)} but reads back as {now}")
+            raise LinkRejected(notice("doctor.reads_back", name=parameter.name, value=show(parameter.value), found=now))
         self.parameters |= found
         return found[parameter.name]
 
@@ -196,10 +197,10 @@ def _describe_receiver(link: RfLinkConfig, *, own_curve: bool) -> ReceiverFacts:
     for axis, stick in sticks.items():
         rate = stick.full_rate_deg_s
         if rate % RATE_UNIT_DEG_S or rate > RATE_MOST_DEG_S:
-            raise ValueError(f"link.map.{axis}.full_rate_deg_s: Betaflight knows whole tens up to 1990, got {rate:g}")
+            raise ValueError(notice("doctor.full_rate", axis=axis, rate_deg_s=rate))
     arm = link.map.arm
     if arm is None or arm.channel < 5:
-        raise ValueError("link.map.arm: Betaflight arms by a channel from 5 on, expected one")
+        raise ValueError(notice("doctor.arm_channel"))
     count = link.codec().channels
     meets = dict.fromkeys(range(5, 5 + AUX_CHANNELS), (1500.0, 1500.0))
     for fixed in link.map.fixed:
@@ -250,7 +251,7 @@ class MavlinkVisit:
         await self._connection.open()
         autopilot = self._connection.autopilot()
         if autopilot.kind not in TABLES:
-            raise LinkRejected(f"this is no PX4 and no ArduPilot ({autopilot.kind_name}): nothing is known about it")
+            raise LinkRejected(notice("doctor.unknown_autopilot", kind=autopilot.kind_name))
 
     async def close(self) -> None:
         """Disconnect."""
@@ -281,7 +282,7 @@ class MavlinkVisit:
         self.parameters |= await self.read(name for advice in table for name in advice.names)
         self._refuse_two()
         if not self.parameters:
-            raise LinkLost("the autopilot is heard but tells none of its parameters: check that it hears us")
+            raise LinkLost(notice("doctor.no_parameters"))
         return [judge(advice, self.parameters) for advice in table]
 
     async def read(self, names: Iterable[str]) -> dict[str, Setting]:
@@ -301,15 +302,17 @@ class MavlinkVisit:
         autopilot, value = self._connection.autopilot(), float(parameter.value)
         write = Write(autopilot, AutopilotParameter(parameter.name, value, parameter.kind))
         if await self._is_armed():
-            raise LinkRejected("the vehicle is armed: parameters are changed only while its motors are off")
+            raise LinkRejected(notice("doctor.armed"))
         self._refuse_two()
         await self._connection.see_through(Handshake([write]))
         found = await self.read([parameter.name])
         if parameter.name not in found:
-            raise LinkLost(f"{parameter.name} was set but can't be read back: read it again before you fly")
+            raise LinkLost(notice("doctor.not_read_back", name=parameter.name))
         now = found[parameter.name]
         if not (isinstance(now.value, float) and is_same(now.value, value)):
-            raise LinkRejected(f"{parameter.name} was set to {value:g} but reads back as {show(now.value)}")
+            raise LinkRejected(
+                notice("doctor.reads_back", name=parameter.name, value=show(value), found=show(now.value))
+            )
         self.parameters[now.name] = now
         return now
 
@@ -331,7 +334,7 @@ class MavlinkVisit:
             async with asyncio.timeout(BEAT_S):
                 return await beat
         except TimeoutError:
-            raise LinkLost(f"no HEARTBEAT within {BEAT_S:g} s, so nobody knows whether it is armed") from None
+            raise LinkLost(notice("doctor.no_heartbeat", limit_s=BEAT_S)) from None
         finally:
             leave()
 
@@ -355,10 +358,11 @@ def doctor_report(title: str, findings: Sequence[ParameterFinding], command: str
         if finding.verdict in (Weight.MUST, Weight.SHOULD, Weight.NOTE):
             lines += _wrap(" " * 12, finding.why)
         if finding.recommended is not None:
-            said = f"{show(finding.recommended)}: {command} --fix {shlex.quote(finding.name)}"
-            lines.append(f"{'':12}set it to {said}")
+            value = show(finding.recommended)
+            mend = notice("doctor.set_to", value=value, command=command, name=shlex.quote(finding.name))
+            lines.append(f"{'':12}{mend}")
             if finding.reboot:
-                lines.append(f"{'':12}(counts after the autopilot was restarted)")
+                lines.append(f"{'':12}{notice('doctor.reboot')}")
     lines += ["", _summary(findings)]
     return "\n".join(lines)
 
@@ -370,9 +374,8 @@ def _wrap(begin: str, text: str) -> list[str]:
 def _summary(findings: Sequence[ParameterFinding]) -> str:
     counts = {verdict: sum(f.verdict == verdict for f in findings) for verdict in _ORDER}
     absent = f", {counts['absent']} not in this firmware" if counts["absent"] else ""
-    if not is_wrong(findings):
-        return f"Nothing to change: {counts['ok']} ok, {counts['note']} to be read{absent}."
-    return f"{counts['must']} must and {counts['should']} should be changed; {counts['ok']} ok{absent}."
+    row = "doctor.changes" if is_wrong(findings) else "doctor.healthy"
+    return notice(row, **counts | {"absent": absent}).text
 
 
 Ask = Callable[[str], Awaitable[str]]
@@ -417,16 +420,16 @@ async def run_doctor(config: Config, orders: DoctorOrders, ask: Ask | None, say:
         ConfigError: the orders make no sense.
     """
     if orders.yes and not orders.fix and orders.restore is None:
-        raise ConfigError("--yes", "it needs the one parameter that it confirms: --fix NAME")
+        raise ConfigError("--yes", notice("doctor.yes_alone"))
     if orders.fix and orders.restore is not None:
-        raise ConfigError("--restore", "it puts one parameter back: leave out --fix")
+        raise ConfigError("--restore", notice("doctor.restore_alone"))
     if (orders.fix or orders.restore) and ask is None and not orders.yes:
-        raise ConfigError("--fix" if orders.fix else "--restore", "without a terminal, confirm with --yes")
+        raise ConfigError("--fix" if orders.fix else "--restore", notice("doctor.no_terminal"))
     kept = _load_restore(orders.restore) if orders.restore is not None else None
     visit: Visit
     if config.link.has_autopilot:
         if orders.board is not None:
-            raise ConfigError("--board", "is for a flight controller behind a receiver: over MAVLink it is asked there")
+            raise ConfigError("--board", notice("doctor.board_idle"))
         visit = MavlinkVisit(config)
     else:
         visit = BoardVisit(config, orders.board)
@@ -462,7 +465,7 @@ def _ensure_each_once(wanted: list[Setting]) -> None:
     names = [parameter.name for parameter in wanted]
     for name in names:
         if names.count(name) > 1:
-            raise ConfigError("--fix", f"{name} is named twice: say once what it should be")
+            raise ConfigError("--fix", notice("doctor.twice", name=name))
 
 
 def _load_restore(path: Path) -> Restore:
@@ -477,18 +480,18 @@ def _parse_fix(fix: str, visit: Visit) -> Setting:
     name, equals, text = fix.partition("=")
     rules = {known: advice.rule for advice in visit.advice for known in advice.names}
     if name not in rules:
-        raise ConfigError("--fix", f"expected one of {sorted(rules)}, got {name!r}")
+        raise ConfigError("--fix", notice("doctor.unknown_name", known=sorted(rules), name=name))
     if name not in visit.parameters:
-        raise ConfigError("--fix", f"this {visit.autopilot} has no parameter {name}")
+        raise ConfigError("--fix", notice("doctor.absent", autopilot=visit.autopilot, name=name))
     old, rule = visit.parameters[name], rules[name]
     try:
         value = rule.better(old.value) if not equals else float(text) if isinstance(old.value, float) else text
     except ValueError:
-        raise ConfigError("--fix", f"{name}: expected a number, got {text!r}") from None
+        raise ConfigError("--fix", notice("doctor.no_number", name=name, text=text)) from None
     if not rule.accepts(value):
-        raise ConfigError("--fix", f"{name}: expected {rule.words}, got {show(value)}")
+        raise ConfigError("--fix", notice("doctor.not_accepted", name=name, accepted=rule.words, value=show(value)))
     if not equals and rule.accepts(old.value):
-        raise ConfigError("--fix", f"{name} is {show(old.value)}, which is fine; to change it anyway say {name}=VALUE")
+        raise ConfigError("--fix", notice("doctor.fine", name=name, value=show(old.value)))
     return old._replace(value=value)
 
 
@@ -497,11 +500,17 @@ async def _find_old(visit: Visit, kept: Restore) -> Setting:
     if kept.autopilot != visit.autopilot or kept.system != visit.system:
         raise ConfigError(
             "--restore",
-            f"the file is of {kept.autopilot}, system {kept.system}; this is {visit.autopilot}, system {visit.system}",
+            notice(
+                "doctor.other_vehicle",
+                autopilot=kept.autopilot,
+                system=kept.system,
+                found=visit.autopilot,
+                found_system=visit.system,
+            ),
         )
     found = await visit.read([kept.name])
     if kept.name not in found or found[kept.name].kind != kept.kind:
-        raise ConfigError("--restore", f"this {visit.autopilot} has no parameter {kept.name} of that kind")
+        raise ConfigError("--restore", notice("doctor.other_kind", autopilot=visit.autopilot, name=kept.name))
     visit.parameters[kept.name] = found[kept.name]
     return kept.parameter
 
@@ -511,12 +520,16 @@ async def _set(visit: Visit, wanted: Setting, config: Config, orders: DoctorOrde
     old = visit.parameters[wanted.name]
     if not orders.yes:
         assert ask is not None, "checked before"
-        what = (
-            f"{visit.autopilot} of {config.vehicle.name}: "
-            f"{wanted.name} is {show(old.value)} and becomes {show(wanted.value)}"
+        question = notice(
+            "doctor.confirm",
+            autopilot=visit.autopilot,
+            vehicle=config.vehicle.name,
+            name=wanted.name,
+            old=show(old.value),
+            new=show(wanted.value),
         )
-        if (await ask(f"{what}.\nType {wanted.name} to set it, anything else to stop: ")).strip() != wanted.name:
-            print(f"groundstation: doctor: {wanted.name} was not changed", file=sys.stderr)
+        if (await ask(question.text)).strip() != wanted.name:
+            print(f"groundstation: doctor: {notice('doctor.unchanged', name=wanted.name)}", file=sys.stderr)
             return None
     kept = Restore(
         vehicle=config.vehicle.name,
@@ -554,7 +567,5 @@ def _format_result(
 
 
 def _describe_undo(fix: _Fix, orders: DoctorOrders) -> str:
-    return (
-        f"{fix.name}: {show(fix.old)} became {show(fix.new)}, read back from the autopilot.\n"
-        f"To take it back: {orders.command} --restore {shlex.quote(fix.saved)}\n"
-    )
+    done = notice("doctor.fixed", name=fix.name, old=show(fix.old), new=show(fix.new))
+    return f"{done}\n{notice('doctor.undo', command=orders.command, path=shlex.quote(fix.saved))}\n"

@@ -29,6 +29,7 @@ from groundstation.core.messages import (
     PoseStatus,
     SourceError,
     Verdict,
+    notice,
 )
 from groundstation.lab.pose_stream import (
     MOVES,
@@ -49,7 +50,7 @@ from links import make_link
 from links.core import LinkError
 from links.mavlink import MavlinkConnection, MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import Message
-from links.text import printable
+from links.text import Sentence, printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -128,7 +129,7 @@ def watch_poses(config: Config, *, seconds: float | None, as_json: bool) -> Exit
             print(json.dumps({"source": kind, "ok": seen.ok, **msgspec.to_builtins(seen)}))
         else:
             seen = asyncio.run(
-                _listen_on_screen(config, seconds, f"{kind} poses of {config.vehicle.name}: Ctrl-C ends")
+                _listen_on_screen(config, seconds, notice("watch.title", kind=kind, vehicle=config.vehicle.name).text)
             )
     except (SourceError, LinkError) as error:
         print(f"groundstation: check: {error}", file=sys.stderr)
@@ -205,8 +206,6 @@ def _interrupt(loop: asyncio.AbstractEventLoop) -> Iterator[asyncio.Event]:
             loop.remove_signal_handler(signal.SIGINT)
 
 
-NOTHING = "nothing has come: check the address in [pose], that the tracker streams to this machine, and the firewall"
-NOT_RESTING = "moves: let it stand to measure"
 SHOWN_EVENTS = 5
 """Newest events shown."""
 
@@ -214,25 +213,25 @@ SHOWN_EVENTS = 5
 def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
     """Describe the stream in words."""
     lines = [
-        ("poses", f"{seen.poses}, {seen.rate_hz:.1f} per second arrive, {seen.source_rate_hz:.1f} by their stamps"),
+        _row("watch.poses", count=seen.poses, rate_hz=seen.rate_hz, source_rate_hz=seen.source_rate_hz),
         ("age", _age(seen)),
-        ("latency", f"{1e3 * seen.latency_s:.1f} ms, longest {1e3 * seen.latency_max_s:.1f} ms"),
-        ("jitter", f"{1e3 * seen.jitter_s:.1f} ms, longest wait {1e3 * seen.longest_s:.0f} ms"),
-        ("gaps", f"{seen.gaps}; its clock stepped {seen.clock_steps} times{_drift(seen.drift)}"),
+        _row("watch.latency", latency_ms=1e3 * seen.latency_s, most_ms=1e3 * seen.latency_max_s),
+        _row("watch.jitter", jitter_ms=1e3 * seen.jitter_s, longest_ms=1e3 * seen.longest_s),
+        ("gaps", _gaps(seen)),
     ]
     if seen.stamp_fault:
         lines.append(("stamps", seen.stamp_fault))
     if seen.position_ned is not None and seen.roll_pitch_yaw_deg is not None:
         north, east, down = seen.position_ned
-        lines.append(("place", f"north {north:+.3f}  east {east:+.3f}  height {seen.floor_z_m - down:+.3f} m"))
+        lines.append(_row("watch.place", north_m=north, east_m=east, height_m=seen.floor_z_m - down))
         roll, pitch, yaw = seen.roll_pitch_yaw_deg
-        lines.append(("attitude", f"roll {roll:+.1f}  pitch {pitch:+.1f}  yaw {yaw:+.1f}°"))
+        lines.append(_row("watch.attitude", roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw))
         lines.append(("noise at rest", _noise(seen.noise_m, seen.noise_deg)))
     lines += [("dropped", f"{count} {describe_drop(reason)}") for reason, count in seen.dropped.items()]
     if seen.advice:
         lines.append(("advice", seen.advice))
     if not seen.poses and not seen.dropped:
-        lines.append(("", NOTHING))
+        lines.append(("", notice("watch.nothing").text))
     if seen.bodies:
         lines.append(("bodies there", ", ".join(map(printable, seen.bodies))))
     lines += [("", printable(event)) for event in seen.events[-SHOWN_EVENTS:]]
@@ -255,20 +254,29 @@ def summary_table(title: str, seen: PoseStreamSummary) -> "Table":
 
 def _age(seen: PoseStreamSummary) -> str:
     if seen.recorded and seen.poses:
-        return "they are recorded"
-    return "no pose yet" if seen.age_s is None else f"{1e3 * seen.age_s:.0f} ms"
+        return notice("watch.recorded").text
+    return (notice("watch.no_pose") if seen.age_s is None else notice("watch.age", age_ms=1e3 * seen.age_s)).text
 
 
-def _drift(drift: float | None) -> str:
-    return "" if drift is None else f", drift {1e6 * drift:+.0f} ppm"
+def _row(id: str, **numbers: float) -> tuple[str, str]:
+    """Return a row of the table: what the sentence is about, and the sentence."""
+    return id.removeprefix("watch."), notice(id, **numbers).text
+
+
+def _gaps(seen: PoseStreamSummary) -> str:
+    if seen.drift is None:
+        return notice("watch.gaps", gaps=seen.gaps, steps=seen.clock_steps).text
+    return notice("watch.gaps_drift", gaps=seen.gaps, steps=seen.clock_steps, drift_ppm=1e6 * seen.drift).text
 
 
 def _noise(place_m: Vec3 | None, turn_deg: Vec3 | None) -> str:
     if place_m is None or turn_deg is None:
-        return NOT_RESTING
+        return notice("watch.moving").text
     north, east, down = (1e3 * value for value in place_m)
     roll, pitch, yaw = turn_deg
-    return f"{north:.2f} {east:.2f} {down:.2f} mm  {roll:.2f} {pitch:.2f} {yaw:.2f}°"
+    return notice(
+        "watch.noise", north_mm=north, east_mm=east, down_mm=down, roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw
+    ).text
 
 
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
@@ -318,13 +326,11 @@ def write_keys(path: Path, tables: Mapping[str, Mapping[str, Value]], expected: 
             understood = False
         if not understood:
             new.unlink()
-            raise ConfigError(
-                "", f"is written in a way that can't be changed here; put this into it: {by_hand}", str(path)
-            )
+            raise ConfigError("", notice("carry.by_hand", keys=by_hand), str(path))
         write_whole(kept, before)
         new.replace(path)
     except OSError as error:
-        raise ConfigError("", f"can't be written ({error.strerror}); put this into it: {by_hand}", str(path)) from None
+        raise ConfigError("", notice("carry.unwritable", why=error.strerror, keys=by_hand), str(path)) from None
     return kept
 
 
@@ -336,7 +342,6 @@ ATTITUDE_HZ = 100.0
 """The autopilot is asked for its attitude so often [1/s]."""
 PATIENCE_S = 120.0
 """Timeout of one move [s]."""
-NOT_SEEN = "This link does not tell whether the vehicle is armed: see that it is not."
 LOOK_S = 0.1
 """Period at which a move's progress is looked at [s]."""
 LATE_S = 0.002
@@ -353,7 +358,11 @@ class CarryRecord(NamedTuple):
 
 
 class CarryRefused(Exception):
-    """The carry can't go on; the text says why, and what to do."""
+    """The carry can't go on; the sentence says why, and what to do."""
+
+    def __init__(self, says: Sentence) -> None:
+        super().__init__(says.text)
+        self.says = says
 
 
 def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: bool, keep: bool) -> Exit:
@@ -366,11 +375,9 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
         ConfigError: these poses have no axes to find, or the file can't be written.
     """
     if config.pose.by_autopilot or config.pose.recorded:
-        raise ConfigError("pose.kind", "expected a tracking system that runs: other poses have no axes to find")
+        raise ConfigError("pose.kind", notice("carry.source"))
     if overrides and not keep:
-        raise ConfigError(
-            "--set", "with overrides nothing can be written into the file: add --dry-run, or leave them out"
-        )
+        raise ConfigError("--set", notice("carry.overrides"))
 
     def say(line: str) -> None:
         print(line, file=sys.stderr if as_json else sys.stdout, flush=True)
@@ -382,7 +389,8 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
     except (SourceError, LinkError, KeyboardInterrupt, CarryContradiction, CarryRefused) as error:
         why, code = _tell_not_found(error, say)
         if as_json:
-            print(json.dumps(facts | {"move": getattr(error, "move", "") or None, "why": why}))
+            says = {"why": why.text, "why_id": why.id, "why_numbers": why.numbers}
+            print(json.dumps(facts | {"move": getattr(error, "move", "") or None} | says))
         return code
     tables, changed = calibrated_config(config, found)
     facts |= {"ok": True, "found": msgspec.to_builtins(found), "set": tables, "synchronised": seen.synchronised}
@@ -391,22 +399,23 @@ def carry_command(config: Config, path: Path, overrides: list[str], *, as_json: 
     if not keep:
         kept = write_keys(path, tables, changed)
         facts["written"] = str(path)
-        say(f"written into {path}; as it was before: {kept}")
+        say(notice("carry.written", path=path, kept=kept).text)
     if as_json:
         print(json.dumps(facts))
     return Exit.DONE
 
 
-def _tell_not_found(error: BaseException, say: Callable[[str], None]) -> tuple[str, Exit]:
+def _tell_not_found(error: BaseException, say: Callable[[str], None]) -> tuple[Sentence, Exit]:
     """Tell the operator why nothing was found; returns that, and the exit code."""
+    if isinstance(error, CarryContradiction | CarryRefused):
+        say(notice("carry.not_found", why=error.says).text)
+        return error.says, Exit.FAILED
     if isinstance(error, KeyboardInterrupt):
-        print("groundstation: carry: interrupted, nothing is written", file=sys.stderr)
-        return "interrupted", Exit.INTERRUPTED
-    if isinstance(error, (SourceError, LinkError)):
-        print(f"groundstation: carry: {error}", file=sys.stderr)
-        return str(error), Exit.UNHEARD
-    say(f"NOT FOUND: {error}")
-    return str(error), Exit.FAILED
+        why, code = notice("carry.interrupted"), Exit.INTERRUPTED
+    else:
+        why, code = notice("carry.not_recorded", why=getattr(error, "says", error)), Exit.UNHEARD
+    print(f"groundstation: carry: {why}", file=sys.stderr)
+    return why, code
 
 
 def _ignore(_: Pose | PoseEvent) -> None:
@@ -418,16 +427,16 @@ def _require_disarmed(connection: MavlinkConnection | None) -> None:
     if connection is not None and connection.state != "connected":
         raise CarryRefused(_state(connection))
     if connection is not None and connection.conflict:
-        raise CarryRefused(connection.conflict)
+        raise CarryRefused(notice("carry.not_recorded", why=connection.conflict))
 
 
-def _say_not_made(move: str, source: PoseSource, *, deaf: bool) -> str:
+def _say_not_made(move: str, source: PoseSource, *, deaf: bool) -> Sentence:
     """Why nothing was seen of a ``move``, and what to do; ``deaf``: the autopilot has sent nothing."""
     dropped = source.status.dropped
     seen = f"; poses are dropped: {dropped}" if dropped else ""
     if deaf:
         seen = "; the autopilot does not send its attitude"
-    return f"'{move}' was not made within {PATIENCE_S:.0f} s{seen}. See check --watch"
+    return notice("carry.not_made", move=move, limit_s=PATIENCE_S, seen=seen)
 
 
 async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecord:
@@ -464,9 +473,9 @@ async def record_moves(config: Config, say: Callable[[str], None]) -> CarryRecor
         in_tracker_axes(config), _ignore, raw=pose, tell=_ignore, autopilot=ask if has_autopilot else None
     ) as ears:
         connection = ears.connection
-        say("Propellers off. Nothing is commanded." if has_autopilot else f"Propellers off. {NOT_SEEN}")
+        say(notice("carry.begin" if has_autopilot else "carry.begin_unseen").text)
         while (move := carry.move) is not None:
-            say(f"{len(carry.rests) + 1} of {len(MOVES)}: {move.say}")
+            say(notice("carry.move", number=len(carry.rests) + 1, count=len(MOVES), move=move.say).text)
             begun.set()
             ended.clear()
             give_up_s = asyncio.get_running_loop().time() + PATIENCE_S
@@ -486,10 +495,10 @@ def _on_our_clock(arrival_s: float, sample: Sample, clock: Any) -> Sample:
     return msgspec.structs.replace(sample, time_s=time_s)
 
 
-def _state(connection: MavlinkConnection) -> str:
+def _state(connection: MavlinkConnection) -> Sentence:
     if connection.state == "armed":
-        return "the vehicle is ARMED: disarm it, take its propellers off, and begin anew"
-    return f"the autopilot is {connection.state}, so nobody knows whether it is armed: {connection.text}"
+        return notice("carry.armed")
+    return notice("carry.unheard", state=connection.state, why=connection.text)
 
 
 def in_tracker_axes(config: Config) -> Config:
@@ -520,23 +529,20 @@ def describe_calibration(
     found: AxisCalibration, tables: Mapping[str, Mapping[str, Value]], *, synchronised: bool
 ) -> list[str]:
     """Describe the calibration for people."""
-    lines = [f"the lab's axes are '{found.world}', the body's are '{found.body}'"]
+    says = [notice("carry.axes", world=found.world, body=found.body)]
     if any(found.lab_rotation_deg):
-        lines.append(f"the lab's north lies {found.lab_rotation_deg[2]:+.1f}° to the right of where the nose was")
+        says.append(notice("carry.north", yaw_deg=found.lab_rotation_deg[2]))
     if any(found.body_rotation_deg):
         roll, pitch, yaw = found.body_rotation_deg
-        lines.append(
-            f"the tracked body lies askew on the vehicle: roll {roll:+.1f}, pitch {pitch:+.1f}, yaw {yaw:+.1f}°"
-        )
+        says.append(notice("carry.body_turned", roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw))
     if found.autopilot_north_deg is not None:
         side = "right" if found.autopilot_north_deg > 0.0 else "left"
-        lines.append(f"the autopilot's north lies {abs(found.autopilot_north_deg):.0f}° to the {side} of ours")
+        says.append(notice("carry.autopilot_north", north_deg=abs(found.autopilot_north_deg), side=side))
     if found.late_s is not None:
-        clock = "" if synchronised else ", not counting the way of its messages to here, as it does not tell its time"
+        row = "carry.latency" if synchronised else "carry.latency_unsynchronised"
         way = "older" if found.late_s >= 0.0 else "younger"
-        lines.append(f"by the autopilot poses are {1e3 * abs(found.late_s):.0f} ms {way} than they are stamped{clock}")
+        says.append(notice(row, late_ms=1e3 * abs(found.late_s), way=way))
     elif found.match:
-        lines.append(f"tracker and autopilot turn too differently to tell the latency (match {found.match:.2f})")
-    for table, keys in tables.items():
-        lines += [f"  {table}.{key} = {value!r}" for key, value in keys.items()]
-    return lines
+        says.append(notice("carry.no_latency", match=found.match))
+    keys = [f"  {table}.{key} = {value!r}" for table, set_ in tables.items() for key, value in set_.items()]
+    return [*(one.text for one in says), *keys]

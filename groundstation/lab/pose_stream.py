@@ -29,7 +29,8 @@ from groundstation.core.geometry import (
     rotation_vector,
     so3,
 )
-from groundstation.core.messages import Pose, PoseEvent, PoseStatus
+from groundstation.core.messages import Pose, PoseEvent, PoseStatus, notice
+from links.text import Sentence
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -361,12 +362,13 @@ SPEED_BASE_S = 0.08
 
 
 class CarryContradiction(Exception):
-    """The moves do not fit together; the text says which one, and what to do."""
+    """The moves do not fit together; the sentence says which one, and what to do."""
 
-    def __init__(self, move: str, text: str) -> None:
+    def __init__(self, move: str, says: Sentence) -> None:
         """``move`` by its name; empty where it is not a single one."""
-        super().__init__(text)
+        super().__init__(says.text)
         self.move = move
+        self.says = says
 
 
 class AxisCalibration(msgspec.Struct, frozen=True, kw_only=True):
@@ -405,16 +407,11 @@ def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) 
     roll, pitch, yaw = lab_askew
     askew = max(abs(roll), abs(pitch))
     if askew > LEVEL_DEG:
-        raise CarryContradiction(
-            "still", f"the lab lies {askew:.0f}° askew: does the vehicle stand level on the floor?"
-        )
+        raise CarryContradiction("still", notice("carry.lab_askew", angle_deg=askew))
     if theirs is None:
         askew = max(map(abs, body_askew))
         if askew > 0.5 * WRONG_DEG:
-            raise CarryContradiction(
-                "", f"the tracked body lies {askew:.0f}° askew on the vehicle: turn its axes along the vehicle's in "
-                "the tracker's program, or connect the autopilot, which can measure it"
-            )  # fmt: skip
+            raise CarryContradiction("", notice("carry.body_askew", angle_deg=askew))
         body_askew = (0.0, 0.0, 0.0)
     late_s, match = _late(poses, autopilot)
     lab_yaw = yaw if abs(yaw) > NORTH_DEG else 0.0
@@ -435,7 +432,7 @@ def solve_axes(rests: list[Rest], poses: list[Sample], autopilot: list[Sample]) 
 def _autopilot_at(rest: Rest, autopilot: list[Sample]) -> Quat:
     held = [sample.attitude for sample in autopilot if rest.from_s <= sample.time_s <= rest.until_s]
     if not held:
-        raise CarryContradiction("", "the autopilot's attitude has stopped meanwhile: look at the link, and begin anew")
+        raise CarryContradiction("", notice("carry.attitude_stopped"))
     return mean_attitude(held)
 
 
@@ -461,22 +458,17 @@ def _body(rests: list[Rest], theirs: list[Quat] | None) -> "NDArray[Any]":
     off = [_between_deg(body @ x, y) for x, y in zip(a, b, strict=True)]
     if max(off) > allowed:
         worst = names[off.index(max(off))]
-        raise CarryContradiction(
-            worst, f"'{worst}' does not fit the other turns, by {max(off):.0f}°: make the moves as they are shown"
-        )
+        raise CarryContradiction(worst, notice("carry.misfit", move=worst, angle_deg=max(off)))
     return body
 
 
 def _check_turn(move: CarryMove, seen: Vec3, told: Vec3) -> None:
     """The autopilot must have felt the shown turn, and as much of it as the tracker has seen."""
     if _between_deg(told, move.axis) > WRONG_DEG:
-        raise CarryContradiction(move.name, f"'{move.name}': the autopilot felt it {_in_words(told)} instead")
+        raise CarryContradiction(move.name, notice("carry.turned_otherwise", move=move.name, way=_in_words(told)))
     far, felt = math.degrees(math.hypot(*seen)), math.degrees(math.hypot(*told))
     if abs(far - felt) > APART_DEG:
-        raise CarryContradiction(
-            move.name, f"'{move.name}': the tracker saw a turn of {far:.0f}°, the autopilot felt {felt:.0f}°: does the "
-            "tracker follow this vehicle, and does its body keep its markers?"
-        )  # fmt: skip
+        raise CarryContradiction(move.name, notice("carry.turned_apart", move=move.name, seen_deg=far, felt_deg=felt))
 
 
 def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
@@ -491,15 +483,10 @@ def _check_shifts(rests: list[Rest], body: "NDArray[Any]") -> None:
             off[move] = body @ _matrix(so3.conjugate(before.attitude)) @ way
     wrong = {move: way for move, way in off.items() if _between_deg(way, move.axis) > WRONG_DEG}
     if len(wrong) == len(off) and all(_between_deg(-way, move.axis) < WRONG_DEG for move, way in wrong.items()):
-        raise CarryContradiction(
-            "", "the tracker's axes are left-handed: its places are the mirror image of its turns. Choose right-handed "
-            "axes in its program; no setting here can mend that"
-        )  # fmt: skip
+        raise CarryContradiction("", notice("carry.left_handed"))
     for move, way in wrong.items():
-        raise CarryContradiction(
-            move.name, f"'{move.name}': by the turns it went {_in_words(way, shift=True)} instead. Make the moves as "
-            "they are shown; where they were, the tracker mixes two frames"
-        )  # fmt: skip
+        way_words = _in_words(way, shift=True)
+        raise CarryContradiction(move.name, notice("carry.went_otherwise", move=move.name, way=way_words))
 
 
 def _nearest_axes(matrix: "NDArray[Any]", names: tuple[str, ...]) -> tuple[Any, Vec3]:

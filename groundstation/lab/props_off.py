@@ -13,6 +13,7 @@ from typing import Literal, Protocol
 import msgspec
 
 from groundstation.config import ConfigError, dump
+from groundstation.core.messages import notice
 from groundstation.flight import Proof, digest, line_from_terminal, place, save
 from groundstation.machine import (
     ApiError,
@@ -26,6 +27,7 @@ from groundstation.machine import (
 from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.io import open_child
+from links.text import Sentence
 
 ARM_S = 90.0
 """Timeout to connect and to arm [s]."""
@@ -68,11 +70,11 @@ class News(msgspec.Struct, frozen=True):
 
 
 class GuideStopped(Exception):
-    """The test can't go on; the text says why."""
+    """The test can't go on; the sentence says why."""
 
 
 class NotProven(Exception):
-    """A step has shown that the vehicle is not safe; the text says which."""
+    """A step has shown that the vehicle is not safe; the sentence says which."""
 
 
 class _StepAgain(Exception):
@@ -138,9 +140,9 @@ class Guide:
             steps.append(("remote control's kill switch", self._switch))
         shown: dict[str, str] = {}
         for number, (name, step) in enumerate(steps, 1):
-            self._say(f"\n{number}/{len(steps)}  {name}")
+            self._say(f"\n{notice('props.step', number=number, count=len(steps), name=name)}")
             shown[name] = await self._try(step)
-            self._say(f"     proven: {shown[name]}")
+            self._tell("props.proven", what=shown[name])
         return shown
 
     async def _try(self, step: Callable[[], Awaitable[str]]) -> str:
@@ -148,85 +150,76 @@ class Guide:
             try:
                 return await step()
             except _StepAgain:
-                self._say(
-                    "     The vehicle disarmed itself before the step was over, as one that does not take off does "
-                    "(COM_DISARM_PRFLT, DISARM_DELAY). Once more."
-                )
-        raise GuideStopped(f"the vehicle disarmed itself {TRIES} times before the step was over: allow it more time")
+                self._tell("props.once_more")
+        raise GuideStopped(notice("props.disarms_itself", count=TRIES))
 
     # ---- the steps
 
     async def _motors(self) -> str:
         async with self._hold_armed() as hand:
-            await self._yes("Do all motors turn, slowly, and each the right way round?")
+            await self._yes("props.ask_turning")
             await self._ensure_armed(hand)
             told_s = _now()
             acknowledged = await hand.off()
             if acknowledged is None:
-                raise NotProven("nobody acknowledged the order to stop the motors")
-        await self._yes("They were ordered off, as Ctrl-\\ does. Did they stop at once?")
+                raise NotProven(notice("props.unacknowledged"))
+        await self._yes("props.ask_stopped_at_once")
         if not self._tells:
-            return "stopped, by the operator's eye"
-        return f"stopped, acknowledged {1e3 * (acknowledged.at_s - told_s):.0f} ms after the order"
+            return notice("props.by_eye").text
+        return notice("props.acknowledged", after_ms=1e3 * (acknowledged.at_s - told_s)).text
 
     async def _poses(self) -> str:
         coast_s = self._config.flight.coast_s
         async with self._hold_armed() as hand:
-            self._say("     Cover the markers, or close the tracker, NOW. The motors must stop.")
-            silent = await self._event(hand, "silent", "poses still come")
+            self._tell("props.cover")
+            silent = await self._event(hand, "silent", "props.poses_come")
             if silent.pose_s is None or silent.at_s - silent.pose_s < coast_s:
                 raise _StepAgain
             disarmed = await self._await_disarmed(hand)
-            await self._yes("Did the motors stop?")
-            await self._go_on(
-                "Uncover the markers, or open the tracker again, and press Enter: the motors must stay off. "
-            )
+            await self._yes("props.ask_stopped")
+            await self._go_on("props.uncover")
             await hand.listen(LOOK_S)
-            await self._yes("Did they stay off?")
-        says = f"nothing left {1e3 * (silent.at_s - silent.pose_s):.0f} ms after the last pose"
-        if disarmed is not None:
-            says += f", the vehicle told {disarmed.at_s - silent.pose_s:.1f} s after it that it is disarmed"
-        return says
+            await self._yes("props.ask_stayed_off")
+        after_ms = 1e3 * (silent.at_s - silent.pose_s)
+        if disarmed is None:
+            return notice("props.silent", after_ms=after_ms).text
+        disarmed_s = disarmed.at_s - silent.pose_s
+        return notice("props.silent_disarmed", after_ms=after_ms, disarmed_s=disarmed_s).text
 
     async def _kill_program(self) -> str:
         async with self._hold_armed() as hand:
-            self._say(
-                f"     In {LOOK_S:g} s the program that flies is killed (SIGKILL). The motors must stop by themselves."
-            )
+            self._tell("props.kill_soon", after_s=LOOK_S)
             await asyncio.sleep(LOOK_S)
             await self._ensure_armed(hand)
             await hand.kill()
-            lasted_s = await self._time_stop("It is killed.")
-        return f"the motors stopped {lasted_s:.1f} s after it, by the operator's eye"
+            lasted_s = await self._time_stop(notice("props.killed"))
+        return notice("props.after_kill", after_s=lasted_s).text
 
     async def _pull_plug(self) -> str:
         async with self._hold_armed() as hand:
-            self._say(
-                "     Pull the plug between this program and the vehicle NOW: the network's, the telemetry radio's, or "
-                "the module's. The motors must stop by themselves."
-            )
-            lost = await self._event(hand, "lost", "this program noticed nothing: was it the right plug?")
-            lasted_s = await self._time_stop(f"This program has noticed: {lost.text}.")
-            await self._go_on("Put the plug back, and press Enter. ")
-        return f"the motors stopped {lasted_s:.1f} s after this program had noticed, by the operator's eye"
+            self._tell("props.pull")
+            lost = await self._event(hand, "lost", "props.unnoticed")
+            lasted_s = await self._time_stop(notice("props.noticed", what=lost.text))
+            await self._go_on("props.plug_back")
+        return notice("props.after_notice", after_s=lasted_s).text
 
     async def _switch(self) -> str:
         async with self._hold_armed():
-            lasted_s = await self._time_stop("Use the remote control's kill switch NOW.")
-        return f"the motors stopped within {lasted_s:.1f} s, by the operator's eye"
+            lasted_s = await self._time_stop(notice("props.switch"))
+        return notice("props.within", after_s=lasted_s).text
 
     # ---- what they are made of
 
     @asynccontextmanager
     async def _hold_armed(self) -> AsyncIterator[Hand]:
         """The vehicle armed and idling; disarmed afterwards, however that comes."""
-        self._say("     Arming: THE MOTORS START.")
+        self._tell("props.arming")
         hand = await self._open(self._config)
         try:
             try:
                 news = await hand.until("armed", ARM_S)
             except TimeoutError:
-                raise GuideStopped(f"not armed within {ARM_S:g} s") from None
+                raise GuideStopped(notice("props.not_armed", limit_s=ARM_S)) from None
             self.firmware = news.firmware
             yield hand
         finally:
@@ -237,7 +230,7 @@ class Guide:
         if not any(news.event == "arming" for news in hand.heard):
             return  # what somebody else may have armed is not ours to stop
         if acknowledged is not None:
-            self._say("     Ordered off.")
+            self._tell("props.off")
             return
         why = ""
         for attempt in range(TRIES):
@@ -245,13 +238,10 @@ class Guide:
                 await asyncio.sleep(AGAIN_S)
             other = await self._open(self._config, "disarm")
             if await other.off() is not None:
-                self._say("     Ordered off.")
+                self._tell("props.off")
                 return
             why = "; ".join(news.text for news in other.heard if news.event == "failed") or why
-        self._say(
-            f"\nTHE VEHICLE MAY STILL BE ARMED: nobody acknowledged the order to disarm ({why or 'no answer'}). "
-            "Stop it by the remote control, or by its battery plug, before you touch it."
-        )
+        self._say(f"\n{notice('props.may_be_armed', why=why or 'no answer')}")
 
     async def _await_disarmed(self, hand: Hand) -> News | None:
         """Wait until the vehicle tells that it is disarmed; None where it does not in time."""
@@ -269,34 +259,38 @@ class Guide:
             raise _StepAgain
 
     async def _event(self, hand: Hand, event: str, otherwise: str) -> News:
-        """Wait for the event that the operator was asked for."""
+        """Wait for the event that the operator was asked for; where none comes, the sentence ``otherwise`` is true."""
         try:
             news = await hand.until(event, ACT_S)
         except TimeoutError:
-            raise NotProven(otherwise) from None
+            raise NotProven(notice(otherwise)) from None
         if any(one.event == "disarmed" and one.at_s < news.at_s - NEWS_S for one in hand.heard):
             raise _StepAgain
         return news
 
-    async def _time_stop(self, says: str) -> float:
+    async def _time_stop(self, says: Sentence) -> float:
         """Measure the time until the motors stop, as the operator sees it [s]."""
         since_s = _now()
         try:
             async with asyncio.timeout(STOP_S):
-                await self._ask(f"     {says} Press Enter as soon as the motors have stopped (within {STOP_S:g} s). ")
+                await self._ask(f"     {notice('props.press_enter', what=says, limit_s=STOP_S)}")
         except TimeoutError:
-            raise NotProven(f"the motors still turned {STOP_S:g} s later: see `groundstation doctor`") from None
+            raise NotProven(notice("props.still_turning", limit_s=STOP_S)) from None
         lasted_s = _now() - since_s
-        await self._yes("Did they stop by that, and are they off?")
+        await self._yes("props.ask_stopped_by_that")
         return lasted_s
 
-    async def _yes(self, question: str) -> None:
+    async def _yes(self, id: str) -> None:
+        question = notice(id)
         answer = await self._ask(f"     {question} [y/n] ")
         if answer.strip().lower() not in ("y", "yes"):
-            raise NotProven(f"“{question}” was not answered with y")
+            raise NotProven(notice("props.not_confirmed", question=question))
 
-    async def _go_on(self, what: str) -> None:
-        await self._ask(f"     {what}")
+    async def _go_on(self, id: str) -> None:
+        await self._ask(f"     {notice(id)}")
+
+    def _tell(self, id: str, **values: object) -> None:
+        self._say(f"     {notice(id, **values)}")
 
 
 def _now() -> float:
@@ -322,7 +316,7 @@ class HandProcess:
             while True:
                 news = await self._next()
                 if news is None:
-                    raise GuideStopped("the program that holds the vehicle has ended by itself")
+                    raise GuideStopped(notice("props.hand_ended"))
                 if news.event == event:
                     return news
                 if news.event == "failed":
@@ -374,12 +368,6 @@ async def open_hand(config: Config, *words: str) -> HandProcess:
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
-BEFORE = """\
-THE MOTORS OF {name} WILL START, several times. Its propellers must be OFF: take them off now.
-Hold the vehicle down, keep fingers, hair and cables away, and have its battery plug and the remote control at hand.
-Thrust is never more than idling. Ctrl-C at any time orders the motors off and ends the test.
-"""
-
 
 def props_off_command(config: Config, now_s: float) -> Exit:
     """The test of the vehicle of ``config``; ``now_s`` is the wall time at its beginning [s since 1970].
@@ -388,7 +376,7 @@ def props_off_command(config: Config, now_s: float) -> Exit:
         ConfigError: nobody sits at a terminal, or what was proven can't be kept.
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise ConfigError("props-off", "motors will turn: it needs somebody at a terminal, and can't be scripted")
+        raise ConfigError("props-off", notice("props.terminal"))
     try:
         with (
             hold_lock(lock_path(socket_path(config.status, config.vehicle.name)), config.vehicle.name),
@@ -410,30 +398,30 @@ async def _guide(config: Config, now_s: float) -> Exit:
     began_s, name = loop.time(), config.vehicle.name
     guide = Guide(config, open_hand, line_from_terminal, _say)
     try:
-        _say(BEFORE.format(name=name))
-        if (await line_from_terminal(f"Propellers off? Type the vehicle's name, {name}, to begin: ")).strip() != name:
-            _say("Nothing was begun.")
+        _say(notice("props.begin", vehicle=name))
+        if (await line_from_terminal(notice("props.confirm", vehicle=name).text)).strip() != name:
+            _say(notice("props.not_begun"))
             return Exit.FAILED
         steps = await guide.run()
     except NotProven as error:
-        _say(f"\nNOT PROVEN: {error}. Do not fly before this test is passed.")
+        _say(f"\n{notice('props.not_proven', why=error)}")
         return Exit.FAILED
     except GuideStopped as error:
-        _say(f"\nThe test can't go on: {error}. Nothing was kept.")
+        _say(f"\n{notice('props.stopped', why=error)}")
         return Exit.FAILED
     except asyncio.CancelledError:
-        _say("\nInterrupted. Nothing was kept.")
+        _say(f"\n{notice('props.interrupted')}")
         return Exit.FAILED
     date = datetime.fromtimestamp(now_s + loop.time() - began_s, tz=UTC).isoformat(timespec="seconds")
     path = place(config)
     try:
         save(Proof(vehicle=name, digest=digest(config), firmware=guide.firmware, date=date, steps=steps), path)
     except OSError as error:
-        raise ConfigError("props-off", f"passed, but {path} can't be written: {error.strerror}") from None
-    _say(f"\nPassed. Kept in {path}, for this vehicle, configuration and firmware ({guide.firmware or 'not told'}).")
+        raise ConfigError("props-off", notice("props.unwritable", path=path, why=error.strerror)) from None
+    _say(f"\n{notice('props.passed', path=path, firmware=guide.firmware or 'not told')}")
     return Exit.DONE
 
 
-def _say(line: str) -> None:
+def _say(line: str | Sentence) -> None:
     with contextlib.suppress(OSError):  # a terminal that is gone: its hang-up ends the test
         print(line, flush=True)

@@ -18,7 +18,7 @@ from collections.abc import Awaitable, Callable
 import msgspec
 
 from groundstation.config import from_dict
-from groundstation.core.messages import Pose, PoseSource, SourceError
+from groundstation.core.messages import Pose, PoseSource, SourceError, notice
 from groundstation.core.pilot import Pilot
 from groundstation.flight import make_ends
 from groundstation.lab.props_off import Event, News
@@ -66,7 +66,8 @@ async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: A
         if work.done():
             work.result()
     except (LinkError, SourceError, TimeoutError) as error:
-        tell(News("failed", loop.time(), str(error) or f"no pose within {config.flight.pose_wait_s:g} s"))
+        no_pose = notice("props.no_pose", limit_s=config.flight.pose_wait_s)
+        tell(News("failed", loop.time(), str(error) or no_pose.text))
     finally:
         for task in (end, work):
             task.cancel()
@@ -101,7 +102,7 @@ async def _hold_armed(
     if link.status.unfit:
         raise LinkError(link.status.unfit)
     if link.status.state == "armed":
-        raise LinkError("its motors are on already: somebody else has armed it")
+        raise LinkError(notice("props.armed_already"))
     tell(News("arming", loop.time()))
     await link.arm(lambda: pilot.idle(loop.time(), thrust_n))
     tell(News("armed", loop.time(), firmware=link.status.firmware))

@@ -187,7 +187,7 @@ def test_ctrl_c_leaves_one_object_and_writes_nothing(
     monkeypatch.setattr(asyncio, "run", pressed)
     assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == Exit.INTERRUPTED
     facts = json.loads(capsys.readouterr().out)
-    assert (facts["ok"], facts["why"]) == (False, "interrupted")
+    assert (facts["ok"], facts["why_id"]) == (False, "carry.interrupted")
     assert lab.read_text() == LAB.replace("KIND", "vicon")
 
 

@@ -5,6 +5,7 @@ A sentence states the fact, then the number and its limit; the remedy says what 
 """
 
 from groundstation.core.messages.flight_notices import FLIGHT_NOTICES
+from groundstation.core.messages.lab_notices import LAB_NOTICES
 from groundstation.core.messages.pose_notices import POSE_NOTICES
 from groundstation.core.messages.preflight_notices import PREFLIGHT_NOTICES
 from groundstation.core.messages.screen_notices import SCREEN_NOTICES
@@ -358,6 +359,7 @@ NOTICES: dict[str, NoticeTemplate] = {
         PREFLIGHT_NOTICES,
         POSE_NOTICES,
         STATION_NOTICES,
+        LAB_NOTICES,
         SCREEN_NOTICES,
         LINK_NOTICES,
     )
