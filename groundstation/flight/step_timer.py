@@ -1,7 +1,8 @@
 """Step timer: raises in a step of the user's code that does not return, and remembers one that was slow.
 
 For flights in real time. A timer signal (SIGALRM) interrupts Python code wherever it is, also where it
-sleeps or waits for a socket; code that catches every exception is interrupted again at its next line. Compiled
+sleeps or waits for a socket; code that catches every exception is interrupted again at its next line. Code that
+takes SIGALRM for a timeout of its own is interrupted by the operator's keys (:meth:`StepTimer.interrupt_by`). Compiled
 code that never returns is not interrupted: Python runs no handler before it does.
 """
 
@@ -55,10 +56,15 @@ class StepTimer(StepWatch):
         signal.signal(signal.SIGALRM, self._interrupt)
         STEP_WATCH.set(self)
 
+    def interrupt_by(self, number: int) -> None:
+        """Let the signal ``number``, which the event loop handles, interrupt a step that is late, too."""
+        signal.signal(number, lambda _number, frame: self._interrupt_late(frame))
+
     def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
         """The step of ``what`` begins, and has ``limit_s`` [s] to return."""
         self._what, self._begun_s, self._limit_s = what, time.monotonic(), limit_s
         self._caller, self._interrupts = sys._getframe(1), 0
+        signal.signal(signal.SIGALRM, self._interrupt)  # the step before may have taken it
         signal.setitimer(signal.ITIMER_REAL, limit_s, AGAIN_S)
 
     def end(self) -> None:
@@ -84,14 +90,16 @@ class StepTimer(StepWatch):
         return self._newest if time.monotonic() - self._newest_s < RECENT_S else None
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        now_s = time.monotonic()
-        if self._what and now_s - self._begun_s > self._limit_s - AGAIN_S:
+        self._interrupt_late(frame)
+        if not self._what and time.monotonic() > self._ours_until_s:
+            self.on_alarm()
+
+    def _interrupt_late(self, frame: FrameType | None) -> None:
+        if self._what and time.monotonic() - self._begun_s > self._limit_s - AGAIN_S:
             self._interrupts += 1
             if self._interrupts > 1:  # the code has caught the one before
                 self._raise_at_next_line(frame)
             raise self._timeout()
-        if not self._what and now_s > self._ours_until_s:
-            self.on_alarm()
 
     def _raise_at_next_line(self, frame: FrameType | None) -> None:
         """Have each of the user's frames raise once more at its next line: in the handler that catches everything."""

@@ -14,6 +14,7 @@ _DROPS = {
     "frozen": "the same to the last bit: the body is hidden, or the tracker rounds (gate.drop_frozen)",
     "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been switched off?",
     "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it been switched off?",
+    "same_name": "several bodies have the vehicle's name or streaming id: give each one of its own",
     "jump": "further from the last one than it can have flown (gate.jump_m): markers mixed up, or another body",
     "spin": "turned faster than it can have (gate.rate_deg_s): markers mixed up",
     "too_fast": "faster than the vehicle can be (gate.speed_m_s)",
@@ -41,7 +42,8 @@ _DROPS = {
     "no_exposure_stamp": "no time of exposure in it, as in a recording that is played back: go to Live",
     "no_bodies": "no rigid bodies in it: stream 6DOF",
     "no_data": "QTM says that it has no data: start a measurement or a preview",
-    "other_bodies": "the bodies of the project have changed: their new names are being asked for",
+    "other_bodies": "more or fewer bodies than QTM names, whose names are asked for anew: has the project changed, or "
+    "is a body switched off in it?",
     "child_lost": "the program that reads the tracker has ended; it is started again",
     "connection_lost": "the tracker has closed the connection; it is opened again",
 }

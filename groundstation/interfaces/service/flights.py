@@ -557,6 +557,8 @@ def obey(
     loop.add_signal_handler(signal.SIGHUP, hang_up)
     for number in (signal.SIGUSR1, signal.SIGUSR2):  # by default they end the program at once
         loop.add_signal_handler(number, land, number.name)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT):
+        timer.interrupt_by(number)  # the loop hears of it as before, by its descriptor
     timer.on_alarm = lambda: loop.call_soon_threadsafe(land, signal.SIGALRM.name)
     loop.add_signal_handler(signal.SIGTSTP, say, notice("key.no_pause"))
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # one in the background would be stopped as it prints

@@ -323,8 +323,8 @@ TURNED: Version = (4, 2)
 _BODY_DESCRIPTION = struct.Struct("<ii3f")
 
 
-def decode_models(payload: bytes, version: Version) -> dict[str, int]:
-    """Rigid bodies of a MODELDEF, name → streaming id.
+def decode_models(payload: bytes, version: Version) -> list[tuple[str, int]]:
+    """Rigid bodies of a MODELDEF: name and streaming id of each.
 
     Descriptions of unknown kinds are passed over by their bytes, or, before 4.1, end the list.
 
@@ -332,7 +332,7 @@ def decode_models(payload: bytes, version: Version) -> dict[str, int]:
         Unreadable: truncated.
     """
     walk = Payload(payload)
-    bodies: dict[str, int] = {}
+    bodies: list[tuple[str, int]] = []
     for _ in range(walk.count()):
         kind = walk.count()
         size = walk.count() if version >= SIZED else None
@@ -341,8 +341,7 @@ def decode_models(payload: bytes, version: Version) -> dict[str, int]:
             for _ in range(walk.count()):
                 walk.text()
         elif kind == 1:
-            name, number = _body_description(walk, version)
-            bodies[name] = number
+            bodies.append(_body_description(walk, version))
         elif kind == 2:
             walk.text()
             walk.skip(4)
@@ -406,6 +405,7 @@ class NatNetReader:
         self._name = name
         self._intake = intake
         self._fixed_id = body_id
+        self._same_name = False
         self._id = body_id
         self._wants_names = body_id is None or intake.others is not None
         self._ask_names = self._wants_names
@@ -420,7 +420,7 @@ class NatNetReader:
         """Counters as they are now.
 
         Reasons beside the intake's: truncated, oversized, wrong_version, wrong_layout, unknown_message, no_server_info,
-        no_such_body, not_tracked, not_live, no_exposure_stamp, other_address.
+        no_such_body, same_name, not_tracked, not_live, no_exposure_stamp, other_address.
         """
         return msgspec.structs.replace(self._intake.status, advice=self._advice)
 
@@ -475,13 +475,13 @@ class NatNetReader:
             return self._intake.drop("no_server_info")
         elif number == NatNetMessage.MODELDEF:
             models = decode_models(payload, self.server.version)
-            self.names = tuple(models)[:MAX_NAMES]
-            self._id = models.get(self._name) if self._fixed_id is None else self._fixed_id
+            self.names = tuple(name for name, _ in models)[:MAX_NAMES]
+            ids = [number for name, number in models if name == self._name]
+            self._id = next(iter(ids), None) if self._fixed_id is None else self._fixed_id
+            self._same_name = self._fixed_id is None and len(ids) > 1
             others = self._intake.others
             if others is not None:
-                self._others = {
-                    number: name for name, number in models.items() if name in others and number != self._id
-                }
+                self._others = {number: name for name, number in models if name in others and number != self._id}
             self._ask_names = self._id is None or (others is not None and len(self._others) < len(others.names))
         else:
             frame = decode_frame(payload, self.server.version)
@@ -493,7 +493,7 @@ class NatNetReader:
     def _pose(self, frame: NatNetFrame, ticks_per_s: int, arrival_s: float) -> Pose | None:
         if self._others:
             self._look_around(frame, ticks_per_s, arrival_s)
-        body = next((body for body in frame.bodies if body.id == self._id), None)
+        bodies = [body for body in frame.bodies if body.id == self._id]
         if frame.models_changed:
             self._ask_names = self._wants_names  # until the answer, the id that we know stands
         if frame.bitstream_changed or not frame.live:
@@ -501,8 +501,11 @@ class NatNetReader:
             self._ask_server = True  # who it is, and by which version it streams
         if not frame.live:
             return self._intake.drop("not_live")
-        if body is None:
+        if not bodies:
             return self._intake.drop("no_such_body")
+        if self._same_name or len(bodies) > 1:
+            return self._intake.drop("same_name")
+        body = bodies[0]
         if not body.tracked:
             return self._intake.drop("not_tracked")
         if frame.exposure_ticks == 0 or frame.transmit_ticks == 0:

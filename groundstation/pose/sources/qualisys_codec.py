@@ -210,6 +210,8 @@ class QualisysReader:
                     self._intake.other(name, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3))
         if self._name not in self.names:
             return self._intake.drop("no_such_body")
+        if self.names.count(self._name) > 1:
+            return self._intake.drop("same_name")
         index = self.names.index(self._name)
         x, y, z, *m = bodies[index]
         if all(map(math.isnan, (x, y, z))):

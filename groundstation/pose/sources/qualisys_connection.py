@@ -46,8 +46,11 @@ class QtmConnection(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         """Take the next bytes (called by the event loop)."""
         for packet in self._framer.feed(data):
-            if packet_type(packet) == RtPacket.NO_DATA:
+            kind = packet_type(packet)
+            if kind == RtPacket.NO_DATA:
                 self._drop("no_data")
+            elif kind == RtPacket.EVENT:
+                continue  # nothing rests on one, and qtm-rt raises on those that it does not know
             try:
                 if not is_sane(packet):
                     raise ValueError("components of no size, or beyond the packet")
@@ -113,7 +116,8 @@ class QtmConnection(asyncio.Protocol):
         except TimeoutError:
             raise SourceError(f"QTM did not {what}") from None
         except QRTCommandException as error:
-            raise SourceError(f"QTM refused to {what}: {printable(str(error))}") from None
+            why = error.value.decode(errors="replace") if isinstance(error.value, bytes) else str(error)
+            raise SourceError(f"QTM refused to {what}: {printable(why)}") from None
 
 
 async def _knock(factory: Callable[[], QtmConnection], host: str, port: int) -> tuple[Any, QtmConnection]:

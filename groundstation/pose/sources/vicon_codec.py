@@ -139,13 +139,12 @@ class ViconDecoder:
 
     def pose(self, frame: ViconFrame) -> ViconPose | None:
         """The pose in a frame, or None where it was dropped."""
-        for item in frame.objects:
-            if item.name == self._name:
-                break
-        else:
+        items = [item for item in frame.objects if item.name == self._name]
+        if len(items) != 1:
             self.names = tuple(item.name for item in frame.objects)
-            self.dropped["no_such_object"] += 1
+            self.dropped["same_name" if items else "no_such_object"] += 1
             return None
+        item = items[0]
         x, y, z = item.translation_mm
         rx, ry, rz = item.rotation_rad
         far, turn = MAX_TRANSLATION_MM, MAX_ROTATION_RAD

@@ -99,6 +99,32 @@ def test_code_that_swallows_everything_is_interrupted_at_its_next_line(nested: b
     assert sys.gettrace() in (None, before)
 
 
+def test_a_step_that_takes_the_alarm_is_interrupted_by_a_key_and_the_next_by_the_alarm_again() -> None:
+    def ignore(now_s: Callable[[], float]) -> None:
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
+        spend(now_s, 0.1)
+        os.kill(os.getpid(), signal.SIGUSR2)  # not late yet
+        spend(now_s, STEP_LIMIT_S)
+        os.kill(os.getpid(), signal.SIGUSR2)
+        spend(now_s, 30.0)
+
+    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+        timer.interrupt_by(signal.SIGUSR2)
+        for step in (ignore, lambda now: spend(now, 30.0)):
+            begun_s = now_s()
+            timer.begin("controller mine:Own")
+            with pytest.raises(StepTimeout):
+                step(now_s)
+            timer.end()
+            assert now_s() - begun_s < 10.0
+
+    before = signal.getsignal(signal.SIGUSR2)
+    try:
+        watched(work)
+    finally:
+        signal.signal(signal.SIGUSR2, before)
+
+
 def test_a_slow_step_is_named_with_its_time_and_again_only_where_it_is_much_slower() -> None:
     def work(timer: StepTimer, now_s: Callable[[], float]) -> list[str]:
         told = []

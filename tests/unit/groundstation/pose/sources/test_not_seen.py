@@ -26,32 +26,34 @@ PLACE: Vec3 = (1.0, 2.0, 0.5)
 NAN: Vec3 = (math.nan, math.nan, math.nan)
 
 
-def vicon(seen: bool, n: int) -> bytes:
+def vicon(seen: bool, n: int, second: str = "wand") -> bytes:
     place = tuple(1e3 * part + n for part in PLACE) if seen else (0.0, 0.0, 0.0)
-    items = [ViconObject(name, (place[0], place[1], place[2]), (0.0, 0.0, 0.0)) for name in ("quad", "wand")]
+    items = [ViconObject(name, (place[0], place[1], place[2]), (0.0, 0.0, 0.0)) for name in ("quad", second)]
     return encode(n, items)
 
 
-def json_line(seen: bool, n: int) -> bytes:
+def json_line(seen: bool, n: int, second: str = "wand") -> bytes:
     bodies = [
         {"name": name, "t": 0.01 * n, "position": [1.0 + n, 2.0, 0.5], "quaternion": [1, 0, 0, 0], "valid": seen}
-        for name in ("quad", "wand")
+        for name in ("quad", second)
     ]
     return json.dumps(bodies).encode()
 
 
-def motioncapture(seen: bool, n: int) -> bytes:
+def motioncapture(seen: bool, n: int, second: str = "wand") -> bytes:
     turn = SimpleNamespace(w=1.0 if seen else math.nan, x=0.0, y=0.0, z=0.0)
     body = SimpleNamespace(position=PLACE if seen else NAN, rotation=turn)
-    return json.dumps([{"name": name, "t": 0.01 * n, **describe_body(body)} for name in ("quad", "wand")]).encode()
+    return json.dumps([{"name": name, "t": 0.01 * n, **describe_body(body)} for name in ("quad", second)]).encode()
 
 
-def natnet(seen: bool, n: int) -> bytes:
-    bodies = tuple(RigidBody(number, PLACE, (0.0, 0.0, 0.0, 1.0), tracked=seen) for number in (1, 2))
+def natnet(seen: bool, n: int, second: str = "wand") -> bytes:
+    bodies = tuple(
+        RigidBody(number, PLACE, (0.0, 0.0, 0.0, 1.0), tracked=seen) for number in (1, 2 - (second == "quad"))
+    )
     return encode_frame(NatNetFrame(n, bodies, 10_000 * n + 1, 10_000 * n + 2), (3, 0))
 
 
-def qualisys(seen: bool, n: int) -> bytes:
+def qualisys(seen: bool, n: int, second: str = "wand") -> bytes:
     body = (PLACE, (1.0, 0.0, 0.0, 0.0)) if seen else None
     return encode_data(10_000 * n, n, [body, body])[8:]
 
@@ -88,6 +90,24 @@ def test_what_the_tracker_does_not_see_is_not_used(make: Any) -> None:
     assert source.status.dropped == {"not_tracked": 3}
     assert others.sighting("wand") == known, "nor is another body"
     assert len(poses(True, 6)) == 1
+
+
+@pytest.mark.parametrize("make", [vicon, json_line, motioncapture, natnet, qualisys])
+def test_of_two_bodies_with_the_vehicle_s_name_or_id_neither_is_flown(make: Any) -> None:
+    source = reader(make.__name__, Others(()))
+    if make is qualisys:
+        source.names = ("quad", "quad")
+    assert [list(source.read(make(True, n, "quad"), 0.01 * n)) for n in (1, 2)] == [[], []]
+    assert source.status.dropped == {"same_name": 2}
+
+
+def test_two_rigid_bodies_of_one_name_are_told_apart_by_a_streaming_id_alone() -> None:
+    models = encode_models({"quad": 1, "wand": 2}, (3, 0)).replace(b"wand", b"quad")
+    for body_id, expected in ((None, 0), (2, 1)):
+        motive = NatNetReader("quad", Intake(0.0), body_id=body_id)
+        motive.read(encode_server_info(ServerInfo("Motive", (3, 0), 1_000_000)), 0.0)
+        motive.read(models, 0.0)
+        assert len(motive.read(natnet(True, 1), 0.01)) == expected
 
 
 def test_a_body_without_a_rotation_is_not_seen() -> None:

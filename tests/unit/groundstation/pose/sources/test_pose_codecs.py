@@ -88,7 +88,7 @@ def test_descriptions_of_bodies_are_found_among_marker_sets_and_skeletons_with_m
     ]
     sized = [k.to_bytes(4, "little") + len(d).to_bytes(4, "little") + d for k, d in kinds]
     payload = len(kinds).to_bytes(4, "little") + b"".join(sized)
-    assert natnet_codec.decode_models(payload, (4, 2)) == {"quad": 3, "wand": 4, "behind it": 5}
+    assert natnet_codec.decode_models(payload, (4, 2)) == [("quad", 3), ("wand", 4), ("behind it", 5)]
 
 
 def test_descriptions_that_do_not_tell_their_bytes_are_passed_over_by_their_parts() -> None:
@@ -98,7 +98,7 @@ def test_descriptions_that_do_not_tell_their_bytes_are_passed_over_by_their_part
     one, two = (1).to_bytes(4, "little"), (2).to_bytes(4, "little")
     skeleton = two + b"Ann\0" + one + two + described(b"hip", 1) + described(b"knee", 2)
     payload = (3).to_bytes(4, "little") + one + described(b"quad", 3) + skeleton + one + described(b"wand", 4)
-    assert natnet_codec.decode_models(payload, (3, 0)) == {"quad": 3, "wand": 4}
+    assert natnet_codec.decode_models(payload, (3, 0)) == [("quad", 3), ("wand", 4)]
 
 
 def natnet_frame(*bodies: natnet_codec.RigidBody, **told: bool) -> bytes:
