@@ -40,7 +40,7 @@ def refuse_recordings(*more: type[Exception]) -> Iterator[None]:
     except wrong as error:
         raise ConfigError("LOG", str(error)) from None
     except OSError as error:
-        raise ConfigError("LOG", f"cannot read {error.filename}: {error.strerror}") from None
+        raise ConfigError("LOG", f"cannot read {error.filename or 'it'}: {error.strerror}") from None
     except ValueError as error:  # a name that no file can have
         raise ConfigError("LOG", f"cannot read it: {error}") from None
 

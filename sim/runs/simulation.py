@@ -11,17 +11,17 @@ import json
 import sys
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
 from groundstation.analysis import FlightData
 from groundstation.config import ConfigError, dump, lend, name_object, refuse_io, several, without_frames
-from groundstation.core.messages import EndRecord, Pose, Sentence, TickRecord
+from groundstation.core.messages import EndRecord, Pose, Sentence, TickRecord, notice
 from groundstation.core.trajectory import FeasibilityReport
 from groundstation.flight import about, ensure_flyable
 from groundstation.machine import write_whole
@@ -335,8 +335,8 @@ class RunFolder:
                 (path / name).unlink(missing_ok=True)
             # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
             self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
-            self._poses = _open(path / IN_RUN_FOLDER)
-            self._frames = None if config.link.has_autopilot else _open(path / FRAMES)
+            self._poses = TextOutput(path / IN_RUN_FOLDER)
+            self._frames = None if config.link.has_autopilot else TextOutput(path / FRAMES)
         self._poses.write(CSV_COLUMNS + "\n")
         self._world = world
         self._last_s = 0.0
@@ -390,5 +390,26 @@ def _warn(sentence: Sentence) -> None:
     print(sentence, file=sys.stderr)
 
 
-def _open(path: Path) -> TextIO:
-    return path.open("w", encoding="utf-8")
+class TextOutput:
+    """One text file of a run. On a full disk it ends with a warning, and the flight goes on."""
+
+    def __init__(self, path: Path) -> None:
+        """Replace the file at ``path``; raises OSError."""
+        self._path = path
+        self._file = path.open("w", encoding="utf-8")
+
+    def write(self, text: str) -> None:
+        """Append ``text``, if the file has not ended."""
+        self._attempt(lambda: self._file.closed or self._file.write(text))
+
+    def close(self) -> None:
+        """Write what is kept, and close the file."""
+        self._attempt(self._file.close)
+
+    def _attempt(self, work: Callable[[], object]) -> None:
+        try:
+            work()
+        except OSError as error:
+            with suppress(OSError):
+                self._file.close()
+            _warn(notice("recording.no_end", path=self._path, why=error.strerror))
