@@ -15,7 +15,7 @@ DURATIONS_S = (20.0, 60.0)
 PEER = "rotorpy: a circle of 20 s, nothing recorded"
 PEER_S = 20.0
 ROUNDS = 5
-GOAL_SHARE = 0.08
+GOAL_SHARE = 0.25
 """Share of the peer's time for a flight as long [-]."""
 
 

@@ -13,8 +13,8 @@ import subprocess
 import sys
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractAsyncContextManager, contextmanager, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -151,19 +151,15 @@ def measure_latency(seconds: float) -> dict[str, Any]:
     return figures
 
 
-async def fly_latency(
-    rate_hz: int, seconds: float, watched: Callable[[Path], AbstractAsyncContextManager[object]] | None = None
-) -> tuple[Answers, Answers]:
+async def fly_latency(rate_hz: int, seconds: float) -> tuple[Answers, Answers]:
     """The answers of commands, and of echoes, of as many flights as ``seconds`` [s] take.
-
-    ``watched`` lasts as long as each flight, and gets the path of its status socket.
 
     Raises:
         LatencyFailed: nothing was armed, or flights ended again and again.
     """
     flights: list[tuple[Answers, Answers]] = []
     for _ in range(MOST_FLIGHTS):
-        flights.append(await _fly_once(rate_hz, seconds, watched))
+        flights.append(await _fly_once(rate_hz, seconds))
         seconds -= flights[-1][0].sent / rate_hz
         if seconds < 0.5:
             commands, echoes = zip(*flights, strict=True)
@@ -171,9 +167,7 @@ async def fly_latency(
     raise LatencyFailed(f"{MOST_FLIGHTS} flights ended before the measurement did: let the machine do nothing else")
 
 
-async def _fly_once(
-    rate_hz: int, seconds: float, watched: Callable[[Path], AbstractAsyncContextManager[object]] | None
-) -> tuple[Answers, Answers]:
+async def _fly_once(rate_hz: int, seconds: float) -> tuple[Answers, Answers]:
     """The answers of one flight, which may end before ``seconds`` [s] are over."""
     with tempfile.TemporaryDirectory(prefix="latency-") as name:
         folder = Path(name)
@@ -185,8 +179,7 @@ async def _fly_once(
         try:
             assert echo.stdout is not None
             port = int(await echo.stdout.readline())
-            async with nullcontext() if watched is None else watched(Path(config.status.path)):
-                return await _measure_flight(config, rate_hz, seconds, port)
+            return await _measure_flight(config, rate_hz, seconds, port)
         finally:
             for process in (daemon, echo):  # only simulated vehicles are left to themselves
                 process.kill()
