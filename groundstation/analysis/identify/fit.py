@@ -383,7 +383,7 @@ ABOUT = (0.1, 10.0, 0.0)
 """Where the search for the noises begins: white noise on body rates [1/s], and on their change [1/s³]."""
 DELAYS_S = (-0.01, 0.0, 0.015, 0.03, 0.06, 0.1, 0.15)
 LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
-"""Where the fit may begin."""
+"""Where the fits of rates and thrust may begin [s]."""
 TURN_NAMES = ("delay", "roll_lag", "pitch_lag", "yaw_delay", "yaw_lag")
 """Parameters [s]; the first delay is of roll and pitch."""
 LEAST = np.array([-0.05, 0.0, 0.0, -0.05, 0.0])
@@ -617,8 +617,6 @@ GAP_S = 0.3
 ABOUT_THRUST = (0.0, 1e2, 1e5)
 """Where the search for the noises begins: white noise on acceleration [1/s³], and on the wind's change [1/s⁵], over the
 positions' variance."""
-THRUST_LAGS_S = (0.01, 0.03, 0.06, 0.1, 0.16)
-"""Where the fit may begin."""
 LEAST_THRUST = np.array([-0.05, 0.0, 0.2, -0.5, -0.5, *[-2.0] * 3, -1.0, *[-0.5] * 3])
 """Lower bounds of the parameters :data:`THRUST_NAMES`."""
 MOST_THRUST = np.array([0.5, 1.0, 4.0, 0.5, 1.5, *[5.0] * 3, 1.0, *[0.5] * 3])
@@ -658,7 +656,7 @@ def fit_thrust(seen: FlightStretch, turned: TurnFit) -> ThrustFit:
     starts = [
         np.array([late, lag, scale, *values[3:]])
         for late in sorted({0.0, 0.5 * delay, delay})
-        for lag in THRUST_LAGS_S
+        for lag in LAGS_S
         for scale in (0.8, 0.9, 1.0, 1.1)
     ]
     news = scene.whiten_by(level, upright)(starts)

@@ -113,8 +113,6 @@ def read_stretch(path: Path) -> FlightStretch:
     return FlightStretch(path, recording, config, *parts, late)
 
 
-ROOT_12 = math.sqrt(12.0)
-"""Inverse of the standard deviation of a uniform number within 1 [-]."""
 TRIPS = 16
 """Questions and answers about the clocks that count, the newest: of these the fastest."""
 
@@ -130,9 +128,10 @@ class _OwnAttitude:
     def find_lateness(self) -> tuple[float, float] | None:
         """See :attr:`FlightStretch.late_s`: the way to the vehicle may take all of a round trip, or nothing."""
         found, trip = self.latency.estimate, min(self._trips, default=None)
-        return (
-            None if found is None else (found[0], math.hypot(found[1], 0.0 if trip is None else trip.rtt_s / ROOT_12))
-        )
+        if found is None:
+            return None
+        unknown_s = 0.0 if trip is None else trip.rtt_s / math.sqrt(12.0)  # deviation of a uniform number in that width
+        return found[0], math.hypot(found[1], unknown_s)
 
     def receive(self, time_s: float, wire: int, peer: str | None, data: bytes) -> None:
         """Bytes that came at ``time_s`` [s] by ``wire``; ``peer`` is the sender's address, None on a stream."""

@@ -20,8 +20,8 @@ with, and with another body's name.
 
 import asyncio
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Coroutine
+from typing import Any, Concatenate, ParamSpec
 
 import msgspec
 
@@ -40,171 +40,126 @@ from tests.proving.faults.fault import (
     Strike,
     name_of,
 )
-from tests.proving.faults.pictures import WIFI_S, Picture, Way, jitter, late
+from tests.proving.faults.pictures import Picture, Way, jitter, late
 
-LOAD_M_S2 = 3.2
-"""Acceleration by a load that falls off [m/s²]."""
-GUST_M_S2 = (3.0, 2.0, 1.0)
-"""Acceleration by a gust, NED [m/s²]."""
-GUST_S = 1.5
-"""Duration of a gust [s]."""
-WAVE_M_S2 = 1.5
-"""Amplitude of a slowly changing wind, as acceleration [m/s²]."""
-WAVE_PERIOD_S = 5.0
-"""Period of that wind [s]."""
-WAVE_S = 12.5
-"""Duration of that wind [s]."""
-SILENT_S = 4.0
-"""Duration of a one-way silence of the link [s]: an autopilot is lost after 3."""
-SAG_SHARE = 0.75
-"""Share of the thrust that a collapsing battery leaves [-]."""
-SAG_S = 6.0
-"""Time that the collapse takes [s]."""
 SAG_STEP_S = 0.1
 """Time between its steps [s]."""
 FULL_V = 3.9
 """Cell voltage before the collapse [V]."""
 EMPTY_V = 3.1
 """Cell voltage after it [V]."""
-LOST_FRAMES = 0.7
-"""Share of the command frames that get lost on a bad radio."""
-STALL_S = 1.5
-"""Duration of a two-way stall of the link [s]."""
-REBOOT_S = 2.0
-"""Duration of an autopilot's restart [s]."""
+GUST_M_S2 = (3.0, 2.0, 1.0)
+"""Acceleration by a gust, NED [m/s²]."""
 TURN_PER_SEED_RAD = math.radians(137.5)
 """Angle from one seed's disturbances to the next one's: no two of some seeds are alike [rad]."""
-PICKED_UP_SHARE = 0.1
-"""Share of the weight that is picked up."""
-GRASP_S = 2.0
-"""Time that a hand holds the vehicle [s]."""
 GRASP_PER_S2 = 400.0
 """Stiffness of a hand, for the vehicle's mass [1/s²]."""
-GRASP_DAMPING_PER_S = 40.0
-"""Damping of a hand, critical for its stiffness, for the vehicle's mass [1/s]."""
 GRASP_MOST_M_S2 = 60.0
 """Strongest pull of a hand, for the vehicle's mass [m/s²]."""
 STEP_S = 0.01
-"""Step of a hand's motion [s]."""
-SLACK_M = 0.3
-"""Distance that a cable caught on the floor still lets the vehicle fly [m]."""
+"""Step of what moves a vehicle, or its heading, little by little [s]."""
 TETHER_PER_S2 = 40.0
 """Stiffness of that cable per mass [1/s²]: 3.2 N/m at 80 g."""
 ROTOR_M = 0.05
 """Rotor radius in the ground effect's model [m]."""
-CUSHION = 0.25
-"""Thrust that ground effect adds on the floor, as a share; it falls with the height over two rotor
-radii [-]."""
-LED_M_S = 0.5
-"""Speed at which a hand leads the vehicle down [m/s]."""
 LED_TILT_DEG = 20.0
 """Tilt in that hand [deg]."""
 GRIP_S = 0.3
 """Time constant of the hand's grip [s]."""
 
-LONG_HOLD, FADES_S = ("takeoff.hold_s=30",), 4.0
-"""``--set`` of a hold that lasts; how long a coordinate takes to become one that stands [s]."""
-SINKS_M_S = 0.5
-"""Speed at which a shown height leaves the true one downwards [m/s]."""
-SINKS_S = 0.8
-"""Duration of that drift [s]."""
-RESET_DEG = 19.0
-"""Heading step of an estimator's correction [deg]: PX4 was seen to do so."""
-ASTRAY_S = 3.0
-"""Duration of a heading's drift [s]."""
-ASTRAY_STEP_S = 0.01
-"""Time between its steps [s]."""
-ELSEWHERE_M_S2 = (0.05, -0.03, 0.02)
-"""Difference of the wind that a partner feels beside ours [m/s²]."""
+LONG_HOLD = ("takeoff.hold_s=30",)
+"""``--set`` of a hold that lasts."""
 
 
-def shows(make: Callable[..., Picture], *told: Any) -> Strike:
+P = ParamSpec("P")
+
+
+def takes(act: Callable[Concatenate[Scene, P], Coroutine[Any, Any, None]]) -> Callable[P, Strike]:
+    """Make strikes of ``act``, which takes more than the scene: the table tells with what each is flown."""
+
+    def make(*told: P.args, **named: P.kwargs) -> Strike:
+        return lambda scene: act(scene, *told, **named)
+
+    return make
+
+
+@takes
+async def shows(scene: Scene, make: Callable[..., Picture], *told: Any) -> None:
     """A wrong picture, made of what was shown last and of what it is ``told``."""
-
-    async def strike(scene: Scene) -> None:
-        scene.between.picture = make(scene.struck, *told)
-
-    return strike
+    scene.between.picture = make(scene.struck, *told)
 
 
-def comes(make: Callable[[], Way]) -> Strike:
+@takes
+async def comes(scene: Scene, make: Callable[[], Way]) -> None:
     """Frames that come otherwise."""
-
-    async def strike(scene: Scene) -> None:
-        scene.between.way = make()
-
-    return strike
+    scene.between.way = make()
 
 
-def shows_few(nth: int, make: Callable[..., Picture], *told: Any) -> Strike:
+@takes
+async def shows_few(scene: Scene, nth: int, make: Callable[..., Picture], *told: Any) -> None:
     """A wrong picture, of which only every ``nth`` frame comes."""
-
-    async def strike(scene: Scene) -> None:
-        scene.between.picture, scene.between.way = make(scene.struck, *told), pictures.every(nth)
-
-    return strike
+    scene.between.picture, scene.between.way = make(scene.struck, *told), pictures.every(nth)
 
 
-def shows_in_turns(turn_s: float, make: Callable[..., Picture], *told: Any) -> Strike:
+@takes
+async def shows_in_turns(scene: Scene, turn_s: float, make: Callable[..., Picture], *told: Any) -> None:
     """A picture that is wrong for so long [s], true for as long, and wrong again, from what is true then."""
-
-    async def strike(scene: Scene) -> None:
-        while True:
-            scene.between.picture = make(scene.struck, *told)
-            await asyncio.sleep(turn_s)
-            scene.between.picture = None
-            await asyncio.sleep(turn_s)
-
-    return strike
+    while True:
+        scene.between.picture = make(scene.struck, *told)
+        await asyncio.sleep(turn_s)
+        scene.between.picture = None
+        await asyncio.sleep(turn_s)
 
 
-def comes_late(delay_s: float | Callable[[float], float], *, fresh: bool) -> Strike:
+@takes
+async def comes_late(scene: Scene, delay_s: float | Callable[[float], float], *, fresh: bool) -> None:
     """Frames that come so much later [s], or by a function of the time since."""
-
-    async def strike(scene: Scene) -> None:
-        of = delay_s if callable(delay_s) else lambda since_s: delay_s
-        scene.between.way = late(of, 1.0 / scene.stage.world.pose_rate_hz, fresh=fresh)
-
-    return strike
+    of = delay_s if callable(delay_s) else lambda since_s: delay_s
+    scene.between.way = late(of, 1.0 / scene.stage.world.pose_rate_hz, fresh=fresh)
 
 
-def jitter_stamps(sigma_s: float) -> Strike:
+def grow(rate: float, most_s: float) -> Callable[[float], float]:
+    """A delay that grows by ``rate`` [s/s] up to ``most_s`` [s]."""
+    return lambda since_s: min(rate * since_s, most_s)
+
+
+@takes
+async def jitter_stamps(scene: Scene, sigma_s: float) -> None:
     """Stamps that jitter."""
-
-    async def strike(scene: Scene) -> None:
-        scene.between.way = jitter(sigma_s, scene.normals)
-
-    return strike
+    scene.between.way = jitter(sigma_s, scene.normals)
 
 
-async def wifi(scene: Scene) -> None:
-    """Poses come over a wireless network: none is lost or overtakes another, each is up to 60 ms late."""
+@takes
+async def scatter(scene: Scene, most_s: float) -> None:
+    """Poses over a wireless network: none is lost or overtakes another, each is up to so much late [s]."""
     normals = scene.normals
 
     def delay_s(_: float) -> float:
-        return WIFI_S * min(abs(next(normals)[0]) / 3.0, 1.0)
+        return most_s * min(abs(next(normals)[0]) / 3.0, 1.0)
 
     scene.between.way = late(delay_s, 1.0 / scene.stage.world.pose_rate_hz, fresh=False)
 
 
-async def partner(scene: Scene) -> None:
-    """The cameras take a partner for ours: as its own station sees the same of it, it is told the same."""
+@takes
+async def partner(scene: Scene, more_m_s2: Vec3) -> None:
+    """The cameras take a partner for ours, told the same, in air that pushes it by so much more [m/s²]."""
     stage = scene.stage
     assert stage.mocap is not None, "the deck flies with cameras"
     x, y, z = stage.world.wind_mean
-    north, east, down = ELSEWHERE_M_S2
+    north, east, down = more_m_s2
     world = msgspec.structs.replace(stage.world, wind_mean=(x + north, y + east, z + down))
     other = stage.plant.twin(scene.now_s, world, Wind(world, rows(generator(0, "partner").standard_normal, 3)))
     stage.plant.partner = other
     stage.mocap.see(other)
 
 
-async def reset(scene: Scene) -> None:
+@takes
+async def lead_astray(scene: Scene, heading_deg: float, within_s: float) -> None:
     """The heading of the autopilot's estimator goes astray; it finds that, turns it to what is true, and says so."""
-    vehicle, steps = scene.stage.vehicle, round(ASTRAY_S / ASTRAY_STEP_S)
+    vehicle, steps = scene.stage.vehicle, round(within_s / STEP_S)
     for step in range(1, steps + 1):
-        vehicle.lead_heading_astray(RESET_DEG * step / steps)
-        await asyncio.sleep(ASTRAY_STEP_S)
+        vehicle.lead_heading_astray(heading_deg * step / steps)
+        await asyncio.sleep(STEP_S)
     vehicle.reset_heading()
 
 
@@ -218,29 +173,17 @@ async def dropout(scene: Scene) -> None:
     scene.stage.mocap.cover(True)
 
 
-async def frame_loss(scene: Scene) -> None:
+@takes
+async def lose_frames(scene: Scene, share: float) -> None:
     """Command frames get lost."""
-    scene.stage.frame_loss = LOST_FRAMES
+    scene.stage.frame_loss = share
 
 
-async def stall(scene: Scene) -> None:
-    """The link passes nothing for a while."""
-    scene.stage.peer.cut(True)
-    await asyncio.sleep(STALL_S)
-    scene.stage.peer.cut(False)
-
-
-async def mute(scene: Scene) -> None:
-    """Nothing that the autopilot says comes for a while, and it hears all."""
-    scene.stage.peer.cut(True, hears=True)
-    await asyncio.sleep(SILENT_S)
-    scene.stage.peer.cut(False)
-
-
-async def deafen(scene: Scene) -> None:
-    """The autopilot hears nothing for a while, and all that it says comes."""
-    scene.stage.peer.cut(True, speaks=True)
-    await asyncio.sleep(SILENT_S)
+@takes
+async def cut(scene: Scene, for_s: float, *, hears: bool = False, speaks: bool = False) -> None:
+    """The link passes nothing for so long [s], but what the autopilot hears or says."""
+    scene.stage.peer.cut(True, hears=hears, speaks=speaks)
+    await asyncio.sleep(for_s)
     scene.stage.peer.cut(False)
 
 
@@ -254,9 +197,10 @@ async def unplug(scene: Scene) -> None:
     scene.stage.port.cut = True
 
 
-async def reboot(scene: Scene) -> None:
+@takes
+async def reboot(scene: Scene, for_s: float) -> None:
     """The autopilot restarts."""
-    scene.stage.peer.reboot(REBOOT_S)
+    scene.stage.peer.reboot(for_s)
 
 
 async def steal(scene: Scene) -> None:
@@ -266,45 +210,40 @@ async def steal(scene: Scene) -> None:
     autopilot.take_over(scene.now_s)
 
 
-def weaken(share: float) -> Strike:
+@takes
+async def weaken(scene: Scene, share: float) -> None:
     """The rotors give another share of their thrust."""
-
-    async def strike(scene: Scene) -> None:
-        scene.stage.plant.weaken(scene.now_s, share)
-
-    return strike
+    scene.stage.plant.weaken(scene.now_s, share)
 
 
-async def sag(scene: Scene) -> None:
-    """The battery collapses."""
-    steps = round(SAG_S / SAG_STEP_S)
+@takes
+async def sag(scene: Scene, to_share: float, within_s: float) -> None:
+    """The battery collapses, and leaves a share of the thrust."""
+    steps = round(within_s / SAG_STEP_S)
     for step in range(1, steps + 1):
         share = 1.0 - step / steps
-        scene.stage.plant.weaken(scene.now_s, SAG_SHARE + (1.0 - SAG_SHARE) * share)
+        scene.stage.plant.weaken(scene.now_s, to_share + (1.0 - to_share) * share)
         scene.stage.autopilot.battery = EMPTY_V + (FULL_V - EMPTY_V) * share, share
         await asyncio.sleep(SAG_STEP_S)
 
 
-async def gust(scene: Scene) -> None:
-    """The wind pushes harder for a while."""
-    scene.stage.wind.push = GUST_M_S2
-    await asyncio.sleep(GUST_S)
-    scene.stage.wind.push = (0.0, 0.0, 0.0)
+@takes
+async def push(scene: Scene, ned_m_s2: Vec3, for_s: float = math.inf) -> None:
+    """A steady push, as acceleration; for ever where no time is told [s]."""
+    scene.stage.wind.push = ned_m_s2
+    if for_s < math.inf:
+        await asyncio.sleep(for_s)
+        scene.stage.wind.push = (0.0, 0.0, 0.0)
 
 
-async def wave(scene: Scene) -> None:
+@takes
+async def wave(scene: Scene, peak_m_s2: float, period_s: float, for_s: float) -> None:
     """The wind goes up and down, slowly."""
-    steps = round(WAVE_S / STEP_S)
-    for step in range(steps):
-        down = WAVE_M_S2 * math.sin(2.0 * math.pi * step * STEP_S / WAVE_PERIOD_S)
+    for step in range(round(for_s / STEP_S)):
+        down = peak_m_s2 * math.sin(2.0 * math.pi * step * STEP_S / period_s)
         scene.stage.wind.push = (0.0, 0.0, down)
         await asyncio.sleep(STEP_S)
     scene.stage.wind.push = (0.0, 0.0, 0.0)
-
-
-async def lighten(scene: Scene) -> None:
-    """A load falls off: what is left weighs less."""
-    scene.stage.wind.push = (0.0, 0.0, -LOAD_M_S2)
 
 
 def _aside(seed: int) -> Vec3:
@@ -313,44 +252,41 @@ def _aside(seed: int) -> Vec3:
     return math.cos(angle), math.sin(angle), 0.0
 
 
-def push_along(where: str, peak_m_s2: float, duration_s: float) -> Strike:
+@takes
+async def push_along(scene: Scene, where: str, peak_m_s2: float, duration_s: float) -> None:
     """Return a half sine of acceleration, "aside", "up" or "down"."""
-
-    async def strike(scene: Scene) -> None:
-        upright: dict[str, Vec3] = {"up": (0.0, 0.0, -1.0), "down": (0.0, 0.0, 1.0)}
-        north, east, down = upright.get(where) or _aside(scene.seed)
-        steps = round(duration_s / STEP_S)
-        for step in range(1, steps):
-            now = peak_m_s2 * math.sin(math.pi * step / steps)
-            scene.stage.wind.push = (north * now, east * now, down * now)
-            await asyncio.sleep(STEP_S)
-        scene.stage.wind.push = (0.0, 0.0, 0.0)
-
-    return strike
+    upright: dict[str, Vec3] = {"up": (0.0, 0.0, -1.0), "down": (0.0, 0.0, 1.0)}
+    north, east, down = upright.get(where) or _aside(scene.seed)
+    steps = round(duration_s / STEP_S)
+    for step in range(1, steps):
+        now = peak_m_s2 * math.sin(math.pi * step / steps)
+        scene.stage.wind.push = (north * now, east * now, down * now)
+        await asyncio.sleep(STEP_S)
+    scene.stage.wind.push = (0.0, 0.0, 0.0)
 
 
-def step_wind(step_m_s2: float) -> Strike:
+@takes
+async def step_wind(scene: Scene, step_m_s2: float) -> None:
     """Return a wind that steps sideways and stays."""
-
-    async def strike(scene: Scene) -> None:
-        north, east, _ = _aside(scene.seed)
-        scene.stage.wind.push = (north * step_m_s2, east * step_m_s2, 0.0)
-
-    return strike
+    north, east, _ = _aside(scene.seed)
+    scene.stage.wind.push = (north * step_m_s2, east * step_m_s2, 0.0)
 
 
-async def pick_up(scene: Scene) -> None:
-    """Hang a tenth of the vehicle's weight onto it."""
-    scene.stage.wind.push = (0.0, 0.0, PICKED_UP_SHARE * scene.stage.world.gravity)
+@takes
+async def hang_on(scene: Scene, share: float) -> None:
+    """Hang a share of the vehicle's weight onto it."""
+    scene.stage.wind.push = (0.0, 0.0, share * scene.stage.world.gravity)
 
 
-async def grasp(scene: Scene) -> None:
-    """Hold the vehicle in its place by a stiff spring and a damper, free to turn, and let it go."""
+@takes
+async def grasp(scene: Scene, for_s: float) -> None:
+    """Hold the vehicle in its place by a stiff spring and a critical damper, free to turn, and let it go."""
+    damping_per_s = 2.0 * math.sqrt(GRASP_PER_S2)
     place = scene.stage.plant.truth(scene.now_s).position_ned
 
     def pull(body: Body) -> Vec3:
         force = [
-            GRASP_PER_S2 * (there - here) - GRASP_DAMPING_PER_S * speed
+            GRASP_PER_S2 * (there - here) - damping_per_s * speed
             for there, here, speed in zip(place, body.position, body.velocity, strict=True)
         ]
         share = min(1.0, GRASP_MOST_M_S2 / max(math.hypot(*force), GRASP_MOST_M_S2))
@@ -358,15 +294,16 @@ async def grasp(scene: Scene) -> None:
         return north, east, down
 
     scene.stage.plant.pull = pull
-    await asyncio.sleep(GRASP_S)
+    await asyncio.sleep(for_s)
     scene.stage.plant.pull = None
 
 
-async def tether(scene: Scene) -> None:
-    """A cable that trails behind the vehicle is caught on the floor below it."""
+@takes
+async def tether(scene: Scene, slack_m: float) -> None:
+    """A cable that trails behind the vehicle is caught on the floor below it, and lets it fly so far [m]."""
     x, y, z = scene.stage.plant.truth(scene.now_s).position_ned
     anchor: Vec3 = (x, y, scene.stage.world.floor_z_m)
-    length = anchor[2] - z + SLACK_M
+    length = anchor[2] - z + slack_m
 
     def pull(body: Body) -> Vec3:
         gap = tuple(a - p for a, p in zip(anchor, body.position, strict=True))
@@ -377,19 +314,21 @@ async def tether(scene: Scene) -> None:
     scene.stage.plant.pull = pull
 
 
-async def cushion(scene: Scene) -> None:
-    """Near the floor the same rotors lift more, as the air under them can't get away."""
+@takes
+async def cushion(scene: Scene, on_floor: float) -> None:
+    """Near the floor the same rotors lift more, by that share on it, as the air under them can't get away."""
     floor, mass = scene.stage.world.floor_z_m, scene.stage.world.mass_kg
 
     def pull(body: Body) -> Vec3:
-        more = CUSHION / (1.0 + (floor - body.position[2]) / (2.0 * ROTOR_M)) ** 2 * body.thrust / mass
+        more = on_floor / (1.0 + (floor - body.position[2]) / (2.0 * ROTOR_M)) ** 2 * body.thrust / mass
         x, y, z = so3.third_column(body.attitude)
         return -more * x, -more * y, -more * z
 
     scene.stage.plant.pull = pull
 
 
-async def take_out(scene: Scene) -> None:
+@takes
+async def take_out(scene: Scene, speed_m_s: float) -> None:
     """An operator grips the vehicle, leads it down to the floor, and holds it there."""
     truth, floor = scene.stage.plant.truth(scene.now_s), scene.stage.world.floor_z_m
     roll, pitch, yaw = so3.euler_zyx(truth.attitude)
@@ -397,7 +336,7 @@ async def take_out(scene: Scene) -> None:
 
     def at(t: float) -> tuple[Vec3, Quat]:
         closed = 1.0 - math.exp(-t / GRIP_S)  # its speed becomes the hand's
-        keep, hand = 1.0 - closed, LED_M_S * (t - GRIP_S * closed)
+        keep, hand = 1.0 - closed, speed_m_s * (t - GRIP_S * closed)
         down = min(hand + GRIP_S * closed * truth.velocity_ned[2], drop)
         done = min(max(down / drop, 0.0), 1.0) if drop > 0.0 else 1.0
         lean = math.radians(LED_TILT_DEG) * closed * (1.0 - done)
@@ -446,36 +385,40 @@ SEEN_IN_TIME = ("lift-off", "take-off", "hold", "tracking", "moving", "returning
 BROKEN: dict[str, Fault] = {
     "freeze": Fault("frames go on, the picture stands still", shows(pictures.freeze), poses=Poses.GONE),
     "dropout": Fault("no more poses", dropout, poses=Poses.GONE, also={"dsm": STATES}),
-    "teleport": Fault("the vehicle is seen 1 m away from where it is", shows(pictures.teleport), poses=Poses.GONE),
+    "teleport": Fault("the vehicle is seen 1 m away from where it is", shows(pictures.teleport, 1.0), poses=Poses.GONE),
     "yaw flip": Fault(
         "the vehicle is seen turned by 180°", shows(pictures.turn_axes, 0.0, 0.0, 180.0), poses=Poses.GONE
     ),
     "marker swap": Fault(
         "our body and another change names", shows(pictures.swap), overrides=("sim.other_bodies=1",), poses=Poses.GONE
     ),
-    "duplicates": Fault("every datagram comes three times", comes(lambda: pictures.duplicates), obeys=True),
+    "duplicates": Fault("every datagram comes three times", comes(lambda: pictures.repeat(3)), obeys=True),
     "reorder": Fault("each second datagram overtakes the one before", comes(pictures.reorder), obeys=True),
     "clock step": Fault(
-        "the trackers' clock leaps by 5 s", comes(lambda: pictures.clock_step), source="json", obeys=True
+        "the trackers' clock leaps by 5 s", comes(lambda: pictures.step_clock(5.0)), source="json", obeys=True
     ),
     "latency step": Fault("poses come 60 ms later than they did", comes_late(0.060, fresh=False)),
-    "frame loss": Fault("70 % of the command frames get lost", frame_loss),
-    "link stall": Fault("for 1.5 s nothing passes on the link", stall),
+    "frame loss": Fault("70 % of the command frames get lost", lose_frames(0.7)),
+    "link stall": Fault("for 1.5 s nothing passes on the link", cut(1.5)),
     "serial unplug": Fault("the radio module's plug is out", unplug, link="dsm", exemption=Exemption.NO_LINK),
-    "autopilot reboot": Fault("the autopilot restarts in flight", reboot, exemption=Exemption.NO_MOTORS),
+    "autopilot reboot": Fault("the autopilot restarts in flight", reboot(2.0), exemption=Exemption.NO_MOTORS),
     "mode stolen": Fault("a pilot takes over by the remote control, and lands", steal, silences=True),
     "motors: 70 %": Fault("the rotors give 70 % of their thrust", weaken(0.7), obeys=True),
-    "battery sag": Fault("within 6 s the battery is empty, and thrust falls to 75 %", sag, obeys=True),
-    "one way silent: telemetry": Fault("for 4 s nothing comes that the autopilot says; it hears all", mute, obeys=True),
-    "one way silent: uplink": Fault("for 4 s the autopilot hears nothing; all that it says comes", deafen),
+    "battery sag": Fault("within 6 s the battery is empty, and thrust falls to 75 %", sag(0.75, 6.0), obeys=True),
+    "one way silent: telemetry": Fault(
+        "for 4 s nothing comes that the autopilot says; it hears all", cut(4.0, hears=True), obeys=True
+    ),
+    "one way silent: uplink": Fault(
+        "for 4 s the autopilot hears nothing; all that it says comes", cut(4.0, speaks=True)
+    ),
     "one way silent: answers": Fault("no answer to TIMESYNC comes any more, and all else passes", keep_answers),
     "wind, up and down": Fault(
         "for 12.5 s the wind pushes up and down by 1.5 m/s², once in 5 s",
-        wave,
+        wave(1.5, 5.0, 12.5),
         obeys=True,
         states=("take-off", "hold", "tracking", "moving", "returning", "landing"),
     ),
-    "gust": Fault("for 1.5 s the wind pushes with 3.7 m/s² more", gust, obeys=True),
+    "gust": Fault("for 1.5 s the wind pushes with 3.7 m/s² more", push(GUST_M_S2, 1.5), obeys=True),
     "controller exception": Fault("the controller raises", controller),
     "recorder failure": Fault("the recorder raises", recorder),
     "SIGTERM": Fault("the process is told to end", terminate),
@@ -540,7 +483,7 @@ _LYING: dict[str, Fault] = {
     ),
     "partner": Fault(
         "the poses are those of a vehicle beside it that flies the same course: told the same, in other air",
-        partner,
+        partner((0.05, -0.03, 0.02)),
         exemption=Exemption.NOT_OBSERVABLE,
         states=FROM_START,
     ),
@@ -598,15 +541,15 @@ _LYING: dict[str, Fault] = {
     },
     "frozen by and by: x": Fault(
         "north goes from the true one to one that stands within four seconds",
-        shows(pictures.fading_coordinate, 0, FADES_S),
+        shows(pictures.fading_coordinate, 0, 4.0),
     ),
     "frozen by and by: z": Fault(
         "the height goes from the true one to one that stands within four seconds",
-        shows(pictures.fading_coordinate, 2, FADES_S),
+        shows(pictures.fading_coordinate, 2, 4.0),
     ),
     "height sinks": Fault(
         "the height sinks at 0.5 m/s beside the true one for 0.8 s, and then stands",
-        shows(pictures.sinking_height, SINKS_M_S, SINKS_S),
+        shows(pictures.sinking_height, 0.5, 0.8),
         states=("hold", "landing"),
     ),
     "swapped": Fault(
@@ -615,13 +558,15 @@ _LYING: dict[str, Fault] = {
         states=FROM_START,
     ),
     "tilt axes: swapped": Fault(
-        "roll is seen as pitch, and pitch as roll", shows(pictures.swap_axes), states=FROM_START
+        "roll is seen as pitch, and pitch as roll",
+        shows(pictures.mix_angles, lambda roll, pitch: (pitch, roll)),
+        states=FROM_START,
     ),
     "tilt axes: roll mirrored": Fault(
-        "roll has the wrong sign", shows(pictures.flip_signs, -1.0, 1.0), states=FROM_START
+        "roll has the wrong sign", shows(pictures.mix_angles, lambda roll, pitch: (-roll, pitch)), states=FROM_START
     ),
     "tilt axes: pitch mirrored": Fault(
-        "pitch has the wrong sign", shows(pictures.flip_signs, 1.0, -1.0), states=FROM_START
+        "pitch has the wrong sign", shows(pictures.mix_angles, lambda roll, pitch: (roll, -pitch)), states=FROM_START
     ),
     "yaw off: 14°": Fault(
         "the vehicle is seen turned by 14°", shows(pictures.turn_axes, 0.0, 0.0, 14.0), states=FROM_START
@@ -634,7 +579,7 @@ _LYING: dict[str, Fault] = {
         shows(pictures.turn_axes, 0.0, 0.0, 180.0),
         states=("start",),
     ),
-    "yaw turning": Fault("the vehicle is seen to turn at 20°/s more than it does", shows(pictures.turning)),
+    "yaw turning": Fault("the vehicle is seen to turn at 20°/s more than it does", shows(pictures.turning, 20.0)),
     "tilt off": Fault(
         "the vehicle is seen to lean by 14° more than it does",
         shows(pictures.turn_axes, 14.0, 0.0, 0.0),
@@ -703,11 +648,11 @@ LATE: dict[str, Fault] = {
     ),
     "later and later: numbers tell": Fault(
         "poses come later by 50 ms more each second, up to 400 ms; their numbers tell",
-        comes_late(pictures.growing, fresh=False),
+        comes_late(grow(0.05, 0.4), fresh=False),
     ),
     "later and later: fresh stamps": Fault(
         "poses come later by 50 ms more each second, up to 400 ms, with stamps as if they did not",
-        comes_late(pictures.growing, fresh=True),
+        comes_late(grow(0.05, 0.4), fresh=True),
         source="json",
         poses=Poses.FALSE,
     ),
@@ -739,27 +684,27 @@ _OBEYING: dict[str, Fault] = {
         )
     },
     "motors: 130 %": Fault("the rotors give 130 % of their thrust", weaken(1.3)),
-    "load dropped": Fault("a third of the weight falls off", lighten, states=FLYING),
+    "load dropped": Fault("a third of the weight falls off", push((0.0, 0.0, -3.2)), states=FLYING),
     "gust: 25 Hz": Fault(
         "by 25 poses a second: for 1.5 s the wind pushes with 3.7 m/s² more",
-        gust,
+        push(GUST_M_S2, 1.5),
         overrides=("sim.pose_rate_hz=25", "pose.rate_hz=25"),
         states=FLYING,
     ),
     "ground effect": Fault(
         "on the floor the same rotors lift 25 % more than far from it, 10 cm above it 6 %",
-        cushion,
+        cushion(0.25),
         states=("start", "landing", "descent"),
     ),
     "taken out of the air": Fault(
         "an operator grips the vehicle, leads it down to the floor at 0.5 m/s, and holds it there",
-        take_out,
+        take_out(0.5),
         states=FLYING,
     ),
     "estimator reset": Fault(
         "poses are the autopilot's own, whose heading goes astray by 19° within 3 s; its estimator then finds the true "
         "one, and says so",
-        reset,
+        lead_astray(19.0, 3.0),
         source="odometry",
     ),
     "wandering estimate": Fault(
@@ -782,7 +727,7 @@ _OBEYING: dict[str, Fault] = {
         overrides=("sim.floor_hold_s=0.6",),
         states=("start",),
     ),
-    "wireless": Fault("poses come up to 60 ms late, each otherwise; their numbers tell", wifi),
+    "wireless": Fault("poses come up to 60 ms late, each otherwise; their numbers tell", scatter(0.06)),
 }
 OBEYING = {name: fault._replace(obeys=True) for name, fault in _OBEYING.items()}
 """Nothing is wrong with the poses, and whoever convicts them is wrong."""
@@ -841,19 +786,19 @@ _HONEST: dict[str, Fault] = {
     },
     "tether": Fault(
         "a cable on the floor is caught: 0.3 m farther it pulls like a spring",
-        tether,
+        tether(0.3),
         states=("spool-up", *FLYING),
         flies_on=("hold", "tracking", "landing"),  # a climb ends at the cable's length
     ),
     "cable picked up": Fault(
         "10 % of the weight is picked up, and hangs on from then on",
-        pick_up,
+        hang_on(0.1),
         states=HONEST_STATES,
         flies_on=HONEST_STATES,
     ),
     "hand holds": Fault(
         "a hand holds the vehicle in its place for 2 s, free to turn",
-        grasp,
+        grasp(2.0),
         states=HONEST_STATES,
     ),
 }

@@ -195,18 +195,20 @@ class Thrust:
         self._newest = None
 
 
-HIGHEST_M = 1.0
-"""Highest above where it was struck, or above its course [m]."""
-SIDEWAYS_M = 3.0
-"""Farthest sideways from there [m]."""
-FASTEST_M_S = 3.0
-"""Fastest that it may move [m/s]."""
-KNOWN_HIGHEST_M = 2.0
-"""Largest height for a known limit [m]."""
-KNOWN_SIDEWAYS_M = 5.0
-"""Largest distance sideways for a known limit [m]."""
-KNOWN_FASTEST_M_S = 4.5
-"""Largest speed for a known limit [m/s]."""
+class MotionLimits(NamedTuple):
+    """Limits on how far and how fast a vehicle moves."""
+
+    up_m: float
+    """Highest above where it was struck, or above its course."""
+    aside_m: float
+    """Farthest sideways from there."""
+    speed_m_s: float
+
+
+STRICT = MotionLimits(up_m=1.0, aside_m=3.0, speed_m_s=3.0)
+"""Limits of all rows but those of known limits (docs/explanation/trust.md)."""
+KNOWN = MotionLimits(up_m=2.0, aside_m=5.0, speed_m_s=4.5)
+"""Limits of those."""
 SPOOL_M = 0.8
 """Highest without a lift-off that is seen: thrust rises, and then the motors stop [m]."""
 SPOOL_M_S = 3.0
@@ -245,13 +247,13 @@ GUARDED_M = 0.2
 """… and so much more [m]."""
 
 LIMITS = (
-    ("rises above where it was struck, or above its course", f"{HIGHEST_M:g} m"),
+    ("rises above where it was struck, or above its course", f"{STRICT.up_m:g} m"),
     ("the same, where no lift-off is seen, so that the motors only stop", f"{SPOOL_M:g} m"),
-    ("goes sideways from where it was struck, carried along its course", f"{SIDEWAYS_M:g} m"),
-    ("moves", f"{FASTEST_M_S:g} m/s"),
+    ("goes sideways from where it was struck, carried along its course", f"{STRICT.aside_m:g} m"),
+    ("moves", f"{STRICT.speed_m_s:g} m/s"),
     (
         "known limits: up, sideways, speed",
-        f"{KNOWN_HIGHEST_M:g} m, {KNOWN_SIDEWAYS_M:g} m, {KNOWN_FASTEST_M_S:g} m/s",
+        f"{KNOWN.up_m:g} m, {KNOWN.aside_m:g} m, {KNOWN.speed_m_s:g} m/s",
     ),
     ("leans", f"{TILT_DEG:g}°"),
     (
@@ -273,18 +275,6 @@ LIMITS = (
     ),
 )
 """Limits and their values, for people."""
-
-
-class MotionLimits(NamedTuple):
-    """Limits on how far and how fast a vehicle moves."""
-
-    up_m: float
-    aside_m: float
-    speed_m_s: float
-
-
-STRICT = MotionLimits(HIGHEST_M, SIDEWAYS_M, FASTEST_M_S)
-KNOWN = MotionLimits(KNOWN_HIGHEST_M, KNOWN_SIDEWAYS_M, KNOWN_FASTEST_M_S)
 
 
 class Measure(NamedTuple):
@@ -377,12 +367,7 @@ def measure_motion(fault: Fault, state: str, truth: Truth, exemption: Exemption)
     most = KNOWN if known else STRICT
     if _unseen(state, truth) and not known:
         most = most._replace(up_m=SPOOL_M)
-    up_m, far_m, speed_m_s, lean = (
-        truth.highest_m,
-        truth.sideways_m,
-        truth.fastest_m_s,
-        truth.tilt_deg,
-    )
+    up_m, far_m, speed_m_s, lean = truth.highest_m, truth.sideways_m, truth.fastest_m_s, truth.tilt_deg
     found = [Measure(up_m / most.up_m, f"it rose {up_m:.2f} m above where it was struck and its course")]
     if exemption is not Exemption.NO_LINK:
         found.append(Measure(far_m / most.aside_m, f"it went {far_m:.2f} m sideways"))

@@ -19,8 +19,6 @@ NOISE_RAD = 0.002
 """Attitude noise of invented poses [rad], 1σ an axis."""
 FLICKER_M = 1e-9
 """Flicker of a frozen picture [m]."""
-TELEPORT_M = 1.0
-"""Distance of a teleport [m]."""
 NEAR_M = 0.08
 """Distance of another body that is taken for ours in flight [m]: too near for a visible jump."""
 CARRY_M_S = 0.5
@@ -29,8 +27,6 @@ CARRY_TILT_DEG = 10.0
 """Tilt of the carried body [deg]."""
 CARRY_RAMP_S = 0.5
 """Time to reach that speed [s]."""
-TURNING_DEG_S = 20.0
-"""Turning rate of axes that are lost slowly [deg/s]."""
 
 
 class Struck(NamedTuple):
@@ -67,6 +63,22 @@ def _noisy(struck: Struck, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
     return (x + NOISE_M * i, y + NOISE_M * j, z + NOISE_M * k), so3.rotate(attitude, (p, q, r))
 
 
+def _places(change: Callable[[float, Vec3], Vec3]) -> Picture:
+    """The place is seen otherwise, and the attitude truly."""
+    return _ours(lambda time_s, position, attitude: (change(time_s, position), attitude))
+
+
+def _attitudes(change: Callable[[float, Quat], Quat]) -> Picture:
+    """The attitude is seen otherwise, and the place truly."""
+    return _ours(lambda time_s, position, attitude: (position, change(time_s, attitude)))
+
+
+def _axis_of(position: Vec3, axis: int, value: float) -> Vec3:
+    """``position`` with another coordinate along ``axis``: 0 is north, 1 east, 2 down."""
+    x, y, z = (value if number == axis else one for number, one in enumerate(position))
+    return x, y, z
+
+
 # ---- pictures that stand still
 
 
@@ -86,53 +98,52 @@ def flicker(struck: Struck) -> Picture:
     return _ours(change)
 
 
+def _last(struck: Struck) -> tuple[Vec3, Quat]:
+    """The pose that was shown last, under noise."""
+    return _noisy(struck, struck.position_ned, struck.attitude)
+
+
 def still(struck: Struck) -> Picture:
     """Freeze the pose under noise."""
-    return _ours(lambda time_s, position, attitude: _noisy(struck, struck.position_ned, struck.attitude))
+    return _ours(lambda time_s, position, attitude: _last(struck))
 
 
 def still_position(struck: Struck) -> Picture:
     """The position alone stands still, with noise."""
-    return _ours(lambda time_s, position, attitude: (_noisy(struck, struck.position_ned, struck.attitude)[0], attitude))
+    return _places(lambda time_s, position: _last(struck)[0])
 
 
 def still_attitude(struck: Struck) -> Picture:
     """The attitude alone stands still, with noise."""
-    return _ours(lambda time_s, position, attitude: (position, _noisy(struck, struck.position_ned, struck.attitude)[1]))
+    return _attitudes(lambda time_s, attitude: _last(struck)[1])
 
 
 def still_coordinate(struck: Struck, axis: int) -> Picture:
     """One coordinate of the position stands still, with noise: 0 is north, 1 east, 2 down."""
-
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        place = list(position)
-        place[axis] = _noisy(struck, struck.position_ned, struck.attitude)[0][axis]
-        return (place[0], place[1], place[2]), attitude
-
-    return _ours(change)
+    return _places(lambda time_s, position: _axis_of(position, axis, _last(struck)[0][axis]))
 
 
 def fading_coordinate(struck: Struck, axis: int, fades_s: float) -> Picture:
     """One coordinate goes over from the true one to one that stands within so long [s]: 0 is north, 1 east, 2 down."""
 
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        share, place = min(max((time_s - struck.time_s) / fades_s, 0.0), 1.0), list(position)
-        place[axis] += share * (_noisy(struck, struck.position_ned, struck.attitude)[0][axis] - place[axis])
-        return (place[0], place[1], place[2]), attitude
+    def change(time_s: float, position: Vec3) -> Vec3:
+        share = min(max((time_s - struck.time_s) / fades_s, 0.0), 1.0)
+        off = share * (_last(struck)[0][axis] - position[axis])
+        return _axis_of(position, axis, position[axis] + off)
 
-    return _ours(change)
+    return _places(change)
 
 
 def still_along(struck: Struck, north: float, east: float) -> Picture:
     """The position stands still along one horizontal direction, with noise, as along a camera's own axis."""
     n, e = north / math.hypot(north, east), east / math.hypot(north, east)
 
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        (x, y, z), (i, j, _) = position, _noisy(struck, struck.position_ned, struck.attitude)[0]
+    def change(time_s: float, position: Vec3) -> Vec3:
+        (x, y, z), (i, j, _) = position, _last(struck)[0]
         off = n * (x - i) + e * (y - j)
-        return (x - off * n, y - off * e, z), attitude
+        return x - off * n, y - off * e, z
 
-    return _ours(change)
+    return _places(change)
 
 
 def now_and_again(struck: Struck, for_s: float, every_s: float) -> Picture:
@@ -197,20 +208,20 @@ def carry(struck: Struck) -> Picture:
 # ---- places that are not so
 
 
-def teleport(struck: Struck) -> Picture:
-    """The vehicle is seen 1 m away from where it is."""
-    return _ours(lambda time_s, position, attitude: ((position[0] + TELEPORT_M, *position[1:]), attitude))
+def teleport(struck: Struck, off_m: float) -> Picture:
+    """The vehicle is seen north of where it is, by so far [m]."""
+    return _places(lambda time_s, position: (position[0] + off_m, *position[1:]))
 
 
 def drift(struck: Struck, speed_m_s: float) -> Picture:
     """The place drifts away at a steady speed [m/s], north-east."""
     each = speed_m_s * math.sqrt(0.5)
 
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    def change(time_s: float, position: Vec3) -> Vec3:
         far, (x, y, z) = each * (time_s - struck.time_s), position
-        return (x + far, y + far, z), attitude
+        return x + far, y + far, z
 
-    return _ours(change)
+    return _places(change)
 
 
 def sinking_height(struck: Struck, speed_m_s: float, for_s: float) -> Picture:
@@ -232,12 +243,12 @@ def map_positions(struck: Struck, rows: tuple[Vec3, Vec3, Vec3]) -> Picture:
     """The world's axes are mixed up by a matrix, about the place where ours is; its attitude stays true."""
     at = struck.position_ned
 
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    def change(time_s: float, position: Vec3) -> Vec3:
         gap = [p - q for p, q in zip(position, at, strict=True)]
         x, y, z = (q + sum(m * g for m, g in zip(row, gap, strict=True)) for q, row in zip(at, rows, strict=True))
-        return (x, y, z), attitude
+        return x, y, z
 
-    return _ours(change)
+    return _places(change)
 
 
 def scale_positions(struck: Struck, share: float) -> Picture:
@@ -249,27 +260,27 @@ def late_position(struck: Struck, delay_s: float) -> Picture:
     """The place is that of so long ago [s], the attitude is of now."""
     past: deque[tuple[float, Vec3]] = deque([(struck.time_s, struck.position_ned)])
 
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    def change(time_s: float, position: Vec3) -> Vec3:
         past.append((time_s, position))
         while len(past) > 1 and past[1][0] <= time_s - delay_s:
             past.popleft()
-        return past[0][1], attitude
+        return past[0][1]
 
-    return _ours(change)
+    return _places(change)
 
 
 def smoothed_position(struck: Struck, tau_s: float) -> Picture:
     """The place is smoothed with a time constant [s], the attitude is of now."""
     last_s, place = struck.time_s, struck.position_ned
 
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    def change(time_s: float, position: Vec3) -> Vec3:
         nonlocal last_s, place
         keep = math.exp(-(time_s - last_s) / tau_s)
         (a, b, c), (x, y, z) = place, position
         last_s, place = time_s, (x + keep * (a - x), y + keep * (b - y), z + keep * (c - z))
-        return place, attitude
+        return place
 
-    return _ours(change)
+    return _places(change)
 
 
 # ---- attitudes that are not so
@@ -278,49 +289,28 @@ def smoothed_position(struck: Struck, tau_s: float) -> Picture:
 def turn_axes(struck: Struck, roll_deg: float, pitch_deg: float, yaw_deg: float) -> Picture:
     """The body's axes are found turned by these angles [deg]."""
     turn = so3.from_euler_zyx(math.radians(roll_deg), math.radians(pitch_deg), math.radians(yaw_deg))
-    return _ours(lambda time_s, position, attitude: (position, so3.multiply(attitude, turn)))
+    return _attitudes(lambda time_s, attitude: so3.multiply(attitude, turn))
 
 
-def turning(struck: Struck) -> Picture:
-    """The body's axes turn about its vertical, slowly and for ever."""
+def turning(struck: Struck, rate_deg_s: float) -> Picture:
+    """The body's axes turn about its vertical, slowly and for ever [deg/s]."""
 
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        angle = math.radians(TURNING_DEG_S) * (time_s - struck.time_s)
-        return position, so3.multiply(attitude, so3.from_euler_zyx(0.0, 0.0, math.remainder(angle, math.tau)))
+    def change(time_s: float, attitude: Quat) -> Quat:
+        angle = math.radians(rate_deg_s) * (time_s - struck.time_s)
+        return so3.multiply(attitude, so3.from_euler_zyx(0.0, 0.0, math.remainder(angle, math.tau)))
 
-    return _ours(change)
+    return _attitudes(change)
 
 
-def swap_axes(struck: Struck) -> Picture:
-    """Roll is seen as pitch, and pitch as roll."""
+def mix_angles(struck: Struck, change: Callable[[float, float], tuple[float, float]]) -> Picture:
+    """Roll and pitch [rad] are seen as ``change`` makes of them."""
 
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
+    def mixed(time_s: float, attitude: Quat) -> Quat:
         phi, theta, psi = so3.euler_zyx(attitude)
-        return position, so3.from_euler_zyx(theta, phi, psi)
+        return so3.from_euler_zyx(*change(phi, theta), psi)
 
-    return _ours(change)
+    return _attitudes(mixed)
 
-
-def flip_signs(struck: Struck, roll: float, pitch: float) -> Picture:
-    """Roll or pitch has the wrong sign: each is multiplied by what is told."""
-
-    def change(time_s: float, position: Vec3, attitude: Quat) -> tuple[Vec3, Quat]:
-        phi, theta, psi = so3.euler_zyx(attitude)
-        return position, so3.from_euler_zyx(roll * phi, pitch * theta, psi)
-
-    return _ours(change)
-
-
-CLOCK_STEP_S = 5.0
-"""Forward step of the tracking computer's clock [s]."""
-COPIES = 3
-"""Number of copies of a repeated datagram."""
-GROWS_PER_S = 0.050
-"""Growth of a growing delay [s/s]."""
-GROWN_S = 0.400
-"""Delay at which it stops growing [s]."""
-WIFI_S = 0.060
-"""Largest delay of a frame by a wireless network [s]."""
 
 Send = Callable[[int, float, Sequence[TrackedBody]], None]
 """Frame number, instant of its exposure [s], bodies."""
@@ -328,10 +318,14 @@ Way = Callable[[Send, int, float, Sequence[TrackedBody]], None]
 """Sends a frame on, or not, or later; the first argument sends."""
 
 
-def duplicates(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-    """Every datagram comes three times."""
-    for _ in range(COPIES):
-        send(frame, exposure_s, bodies)
+def repeat(times: int) -> Way:
+    """Every datagram comes so many times."""
+
+    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
+        for _ in range(times):
+            send(frame, exposure_s, bodies)
+
+    return way
 
 
 def reorder() -> Way:
@@ -348,9 +342,13 @@ def reorder() -> Way:
     return way
 
 
-def clock_step(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-    """The trackers' clock has leapt ahead."""
-    send(frame, exposure_s + CLOCK_STEP_S, bodies)
+def step_clock(step_s: float) -> Way:
+    """The trackers' clock has leapt ahead [s]."""
+
+    def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
+        send(frame, exposure_s + step_s, bodies)
+
+    return way
 
 
 def every(nth: int) -> Way:
@@ -391,8 +389,3 @@ def late(delay_s: Callable[[float], float], period_s: float, *, fresh: bool) -> 
         loop.call_at(newest_s, send, frame, exposure_s, bodies)
 
     return way
-
-
-def growing(since_s: float) -> float:
-    """A delay that grows steadily to its end [s]."""
-    return min(GROWS_PER_S * since_s, GROWN_S)
