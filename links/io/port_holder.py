@@ -1,13 +1,17 @@
-"""Port holder: which program of this machine has a UDP port open. Linux only, and only where that may be seen.
+"""Port holder: which program of this machine has a UDP port open, and what else is wrong with an address.
+
+Linux only, and only where that may be seen.
 
 Source: proc(5): /proc/net/udp lists local ports (hexadecimal) with the inode of their socket; a process
 holds a socket where one of its /proc/PID/fd leads to that inode.
 """
 
+import socket
 from contextlib import suppress
+from errno import EACCES, EADDRNOTAVAIL
 from pathlib import Path
 
-from links.text import printable
+from links.text import link_notice, printable
 
 _TABLES = ("/proc/net/udp", "/proc/net/udp6")
 _ADDRESS_COLUMN = 1
@@ -31,6 +35,14 @@ def name_holder(port: int) -> str:
                 command = " ".join(Path(word).name if word.startswith("/") else word for word in words)
                 return f"{printable(' '.join(command.split()))[:LONGEST_COMMAND]} (process {process.name})"
     return "a program of another user"
+
+
+def advise_on_address(error: OSError) -> str:
+    """What to do about an address that ``error`` refuses for itself, not for who else has it; else empty."""
+    if isinstance(error, socket.gaierror):
+        return link_notice("address.unknown_host").text
+    causes = {EADDRNOTAVAIL: "address.not_ours", EACCES: "address.forbidden"}
+    return link_notice(causes[error.errno]).text if error.errno in causes else ""
 
 
 def _find_inodes(port: int) -> set[str]:

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from links.core import IN_TIME, Arrival, LinkError, LinkLost, LinkMisuse
-from links.io import NETWORK, Datagrams, name_holder, parse_address, read_key, waiting
+from links.io import NETWORK, Datagrams, advise_on_address, name_holder, parse_address, read_key, waiting
 from links.mavlink.protocol import (
     GROUND_STATION,
     INVALID,
@@ -293,6 +293,8 @@ def opener(config: MavlinkLinkConfig) -> Opener:
 def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> Sentence:
     """Why the wire can't be opened, and what to do."""
     endpoint, why = config.endpoint, _describe(error)
+    if config.way != "serial" and (advice := advise_on_address(error)):
+        return link_notice("mavlink.open_address", endpoint=endpoint, why=why, advice=advice)
     if config.way in ("tcp", "serial"):
         return link_notice("mavlink.open", endpoint=endpoint, why=why)
     port = config.local_address[1] if config.way == "remote" else parse_address(config.endpoint)[1]
@@ -439,7 +441,7 @@ DROPS = {
     "replayed": "signed messages with old time stamps",
     "other_system": "messages of other systems",
     "other_address": "datagrams from other addresses",
-    "undeliverable": "messages given back by the network",
+    "undeliverable": "messages of ours that the network gave back: does anything listen there?",
 }
 """Sentences for the operator, by the reason for which received data was not used."""
 

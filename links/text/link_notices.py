@@ -13,6 +13,22 @@ LINK_NOTICES: tuple[NoticeTemplate, ...] = (
         "check that it is there, that you may open it, and that no other program has it",
     ),
     NoticeTemplate(
+        "mavlink.open_address",
+        "cannot open {endpoint} for MAVLink ({why}): {advice}",
+    ),
+    NoticeTemplate(
+        "address.unknown_host",
+        "nobody knows the name in it: correct it, or write the address in numbers",
+    ),
+    NoticeTemplate(
+        "address.not_ours",
+        "no interface of this machine has this address: `ip address` lists those that have one",
+    ),
+    NoticeTemplate(
+        "address.forbidden",
+        "the system refuses it, as it does broadcast addresses, and ports below 1024 to ordinary users: give another",
+    ),
+    NoticeTemplate(
         "mavlink.port_held",
         "cannot open {endpoint} for MAVLink ({why}): {holder} holds this port; end it, or give "
         "another address of this machine",

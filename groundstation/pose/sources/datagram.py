@@ -17,7 +17,7 @@ from groundstation.core.geometry import Alignment, Body, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
 from groundstation.pose.sources.intake import DatagramReader, Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
-from links.io import NETWORK, beyond, name_holder, parse_address
+from links.io import NETWORK, advise_on_address, beyond, name_holder, parse_address
 
 
 class DatagramSource(asyncio.DatagramProtocol):
@@ -66,10 +66,8 @@ def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
     """``error`` in words for the operator: what was to come where, and what to do."""
     holder = name_holder(parse_address(address)[1]) if error.errno == EADDRINUSE else ""
     held = f"{holder} holds this port: end it" if holder else "stop the program that holds this port"
-    return SourceError(
-        f"cannot listen for {what} on {address} ({error.strerror or error}); "
-        f"{held}, or give an address of this machine",
-    )
+    advice = advise_on_address(error) or f"{held}, or give another address of this machine"
+    return SourceError(f"cannot listen for {what} on {address} ({error.strerror or error}); {advice}")
 
 
 def join(transport: asyncio.DatagramTransport, group: str, interface: str) -> None:

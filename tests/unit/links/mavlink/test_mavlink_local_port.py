@@ -3,6 +3,7 @@
 import asyncio
 import errno
 import os
+import socket
 from typing import Any
 
 import pytest
@@ -93,3 +94,29 @@ def test_a_port_that_is_taken_is_told_with_its_holder() -> None:
         return number
 
     assert name_holder(asyncio.run(main())) == ""
+
+
+@pytest.mark.parametrize(
+    ("error", "advice"),
+    [
+        (
+            socket.gaierror(socket.EAI_NONAME, "Name or service not known"),
+            "correct it, or write the address in numbers",
+        ),
+        (OSError(errno.EADDRNOTAVAIL, "Cannot assign requested address"), "`ip address` lists those"),
+        (OSError(errno.EACCES, "Permission denied"), "as it does broadcast addresses, and ports below 1024"),
+    ],
+)
+@pytest.mark.parametrize("options", [{"remote": REMOTE}, {"listen": "10.1.2.3:14540"}])
+def test_an_address_that_can_not_be_used_is_not_blamed_on_a_program_that_holds_its_port(
+    error: OSError, advice: str, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def refuse(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("links.mavlink.connection.open_udp", refuse)
+    with pytest.raises(LinkLost) as refused:
+        asyncio.run(MavlinkLink(MavlinkLinkConfig(**options), thrust_max_n=2.0).connect())
+    for text in (str(refused.value), str(cannot_listen("poses", "10.1.2.3:51001", error))):
+        assert advice in text
+        assert "holds" not in text
