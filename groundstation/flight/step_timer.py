@@ -45,6 +45,8 @@ class StepTimer(StepWatch):
         """The frame that has begun the step: those above it are the user's."""
         self._interrupts = 0
         """Interrupts of the step that is [-]."""
+        self._interrupted_s = 0.0
+        """Time of the newest [s]."""
         self._slowest_s = SLOW_S
         self._newest: Sentence | None = None
         self._newest_s = 0.0
@@ -95,8 +97,12 @@ class StepTimer(StepWatch):
             self.on_alarm()
 
     def _interrupt_late(self, frame: FrameType | None) -> None:
-        if self._what and time.monotonic() - self._begun_s > self._limit_s - AGAIN_S:
+        now_s = time.monotonic()
+        if now_s - self._interrupted_s < 0.5 * AGAIN_S:
+            return  # a key and the alarm at once: the second would be raised where the first is handled
+        if self._what and now_s - self._begun_s > self._limit_s - AGAIN_S:
             self._interrupts += 1
+            self._interrupted_s = now_s
             if self._interrupts > 1:  # the code has caught the one before
                 self._raise_at_next_line(frame)
             raise self._timeout()

@@ -45,7 +45,8 @@ def folder_of(config: RecordingConfig) -> Path:
 
 def list_flights(folder: Path) -> list[Path]:
     """Return every recording in ``folder``, by name; each simulated flight has a folder of its own in it."""
-    return sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))
+    found = sorted(folder.glob("*.mcap")) + sorted(folder.glob("*/*.mcap"))
+    return [path for path in found if not path.is_dir()]
 
 
 def make_folder(config: RecordingConfig) -> Path:

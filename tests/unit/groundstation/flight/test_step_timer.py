@@ -125,6 +125,29 @@ def test_a_step_that_takes_the_alarm_is_interrupted_by_a_key_and_the_next_by_the
         signal.signal(signal.SIGUSR2, before)
 
 
+def test_a_key_and_the_alarm_at_once_interrupt_a_step_once() -> None:
+    both = {signal.SIGALRM, signal.SIGUSR2}
+
+    def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
+        timer.interrupt_by(signal.SIGUSR2)
+        timer.begin("controller mine:Compiled")
+        try:
+            signal.pthread_sigmask(signal.SIG_BLOCK, both)  # as where compiled code does not return
+            spend(now_s, STEP_LIMIT_S + 0.1)
+            os.kill(os.getpid(), signal.SIGUSR2)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+        finally:
+            timer.end()
+
+    before = signal.getsignal(signal.SIGUSR2)
+    try:
+        with pytest.raises(StepTimeout) as raised:
+            watched(work)
+    finally:
+        signal.signal(signal.SIGUSR2, before)
+    assert raised.value.__context__ is None
+
+
 def test_a_slow_step_is_named_with_its_time_and_again_only_where_it_is_much_slower() -> None:
     def work(timer: StepTimer, now_s: Callable[[], float]) -> list[str]:
         told = []
