@@ -131,13 +131,15 @@ def test_a_key_and_the_alarm_at_once_interrupt_a_step_once() -> None:
     def work(timer: StepTimer, now_s: Callable[[], float]) -> None:
         timer.interrupt_by(signal.SIGUSR2)
         timer.begin("controller mine:Compiled")
+        signal.pthread_sigmask(signal.SIG_BLOCK, both)  # as where compiled code does not return
         try:
-            signal.pthread_sigmask(signal.SIG_BLOCK, both)  # as where compiled code does not return
             spend(now_s, STEP_LIMIT_S + 0.1)
             os.kill(os.getpid(), signal.SIGUSR2)
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
         finally:
-            timer.end()
+            try:
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, both)
+            finally:
+                timer.end()
 
     before = signal.getsignal(signal.SIGUSR2)
     try:
@@ -145,7 +147,7 @@ def test_a_key_and_the_alarm_at_once_interrupt_a_step_once() -> None:
             watched(work)
     finally:
         signal.signal(signal.SIGUSR2, before)
-    assert raised.value.__context__ is None
+    assert raised.value.__context__ is None, "nothing was raised where it was handled"
 
 
 def test_a_slow_step_is_named_with_its_time_and_again_only_where_it_is_much_slower() -> None:
