@@ -87,6 +87,15 @@ def test_on_rotors_it_flies_by_what_identify_found(scenario: str, most_cm: float
     assert middle(scenario, "saturated_fraction", **flights._asdict()) <= 0.01
 
 
+@pytest.mark.parametrize("step", [(3.5, 3.5, 0.0), (-3.5, 3.5, 0.0), (0.0, 0.0, -5.0)])
+def test_rotors_at_their_limits_turn_the_tilt_before_the_heading(step: tuple[float, float, float]) -> None:
+    north, east, down = step
+    told = (f"sim.wind_step=[{north},{east},{down}]", "sim.wind_step_time_s=8")
+    verdict = flown("rotors_quad1kg", *told, duration_s=12.0).verdict
+    assert verdict.gust_back_s is not None, "a yaw rate of 300 deg/s took the torque: lost, or it swung for seconds"
+    assert verdict.gust_back_s < 2.0
+
+
 def test_adverse_errs_by_7_cm_at_most(flights: Flights) -> None:
     assert middle("adverse", "max_cm", **flights._asdict()) <= 7.0
 

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from groundstation.core.control.demand_limits import LEAST_COSINE, RESERVE, DemandLimits
+from groundstation.core.control.demand_limits import LEAST_COSINE, RESERVE, YAW_RAD_S2, DemandLimits
 from groundstation.core.geometry import FLOATS, arrays, rotate, third_column
 from groundstation.core.geometry.so3 import from_euler_zyx
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
@@ -21,6 +21,15 @@ angle = st.floats(-1.5, 1.5)
 rate = st.floats(-30.0, 30.0)
 turning = st.tuples(st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), st.floats(-5.0, 5.0))
 cosine = st.floats(LEAST_COSINE, 0.999)
+
+
+@given(st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
+def test_the_yaw_rate_goes_towards_what_is_wanted_no_faster_than_rotors_can_spare(now: float, wanted: float) -> None:
+    told = LIMITS.limit_yaw(now, wanted)
+    assert min(now, wanted) <= told <= max(now, wanted)
+    step = YAW_RAD_S2 * max(VEHICLE.rate_lag_s, VEHICLE.frame_period_s)
+    assert abs(told - now) <= step + 1e-12
+    assert told == wanted or math.isclose(abs(told - now), step)
 
 
 @given(angle, angle, angle, st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), cosine)

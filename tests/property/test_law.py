@@ -239,9 +239,11 @@ def test_what_is_suspended_learns_nothing() -> None:
     assert all(rate != 0.0 for rate in learns(False))
 
 
-@given(angle, small, small, st.floats(0.0, 5.0))
-def test_the_yaw_rate_is_limited_and_turns_the_short_way(angles: Vec3, yaw: float, yaw_dot: float, gain: float) -> None:
-    rate = yaw_rate(FLOATS, quaternion(angles), yaw, yaw_dot, gain, 2.0)
+@given(angle, small, small, small, st.floats(0.0, 5.0))
+def test_the_yaw_rate_is_limited_and_turns_the_short_way(
+    angles: Vec3, yaw: float, yaw_dot: float, rate_y: float, gain: float
+) -> None:
+    rate = yaw_rate(FLOATS, quaternion(angles), yaw, yaw_dot, rate_y, gain, 2.0)
     assert abs(rate) <= 2.0
 
 

@@ -206,7 +206,7 @@ class Adaptive:
         state = (z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk)
         step = backstep(ops, gains, state, mass, drag, witness=witness, suspended=suspended)
         # The law's rates as the tilt limit leaves them, and the one that turns the heading.
-        heading = yaw_rate(ops, attitude, reference.yaw_rad, reference.yaw_rate_rad_s, gains.k_yaw, limits.rates[2])
+        k_yaw, most, yaw, yaw_dot = gains.k_yaw, limits.rates[2], reference.yaw_rad, reference.yaw_rate_rad_s
         least = limits.find_least_cosine(
             attitude,
             thrust,
@@ -217,7 +217,7 @@ class Adaptive:
         rate_x, rate_y, self._tilt_limited = limits.limit_tilt(
             attitude, motion.rates, (step.rate_x, step.rate_y), least, gains.k_omega
         )
-        rates = wanted = (rate_x, rate_y, heading)
+        rates = wanted = (rate_x, rate_y, yaw_rate(ops, attitude, yaw, yaw_dot, rate_y, k_yaw, most))
         if compensate:
             thrust_command = thrust + self._thrust_lead * step.thrust_rate
             if vehicle.rate_lag_s > 0.0:
@@ -225,10 +225,13 @@ class Adaptive:
                 ahead = self._look_ahead(state, step, thrust_rate, estimate, mass, interval_s)
                 rates_ahead = turn_rates(ops, gains, ahead, mass, drag, suspended)
                 rate_x, rate_y, _ = limits.limit_tilt(ahead[3], motion.rates, rates_ahead, least, gains.k_omega)
-                rates = self._lead(motion.rates, wanted, (rate_x, rate_y))
+                yaw = yaw + AHEAD_S * yaw_dot
+                third = yaw_rate(ops, ahead[3], yaw, yaw_dot, rate_y, k_yaw, most)
+                rates = self._lead(motion.rates, wanted, (rate_x, rate_y, third))
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
-        drive, clamped = limits.clamp(thrust_command, rates)
+        x, y, turn = rates
+        drive, clamped = limits.clamp(thrust_command, (x, y, limits.limit_yaw(motion.rates[2], turn)))
         self._saturated = clamped | self._tilt_limited
         self._thrust_sent = drive.thrust
         dot = step.b_hat_dot
@@ -312,17 +315,17 @@ class Adaptive:
         x, y, z = self._slope = (k * (p - u), k * (q - v), k * (r - w))
         return 1.5 * x - 0.5 * a, 1.5 * y - 0.5 * b, 1.5 * z - 0.5 * c
 
-    def _lead(self, rates: Vec3, wanted: Vec3, ahead: tuple[Real, Real]) -> Vec3:
+    def _lead(self, rates: Vec3, wanted: Vec3, ahead: Vec3) -> Vec3:
         """Rates to command so that the true ones follow ``wanted``: e = ω_d - ω̂ decays like e^(-k_ω t).
 
-        ``ahead`` is what will be wanted about x and y ``AHEAD_S`` later. The heading has time: its rate is not led.
+        ``ahead`` is what will be wanted ``AHEAD_S`` later.
         """
         n, k, d = self._rate_lead, self._gains.k_omega, 1.0 / AHEAD_S
-        (p, q, _), (a, b, heading), (x, y) = rates, wanted, ahead
+        (p, q, r), (a, b, c), (x, y, z) = rates, wanted, ahead
         return (
             p + n * (k * (a - p) + d * (x - a)),
             q + n * (k * (b - q) + d * (y - b)),
-            heading,
+            r + n * (k * (c - r) + d * (z - c)),
         )
 
 

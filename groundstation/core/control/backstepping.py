@@ -449,18 +449,21 @@ def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink
     return (kb * x, kb * y, kb * z)
 
 
-def yaw_rate(ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, k_yaw: Real, limit: Real) -> Real:
+def yaw_rate(ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real) -> Real:
     """ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
 
-    ω3 = r33 (ψ˙d - k_ψ sin(ψ - ψd)), limited: the part about the body's z of a turn about the vertical. Rotors have
-    the least torque about z. A rate that would keep the heading while ω1 and ω2 tilt the vehicle fast takes that
-    torque from the tilt where rotors reach their limits.
+    ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, kept away from |roll| = 90° and limited.
     """
     w, x, y, z = attitude
-    # The first column of R gives the heading without trigonometry.
+    # The first column and last row of R give the angles without trigonometry.
     north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
     cos_pitch = ops.sqrt(north * north + east * east + 1e-12)
+    r32, r33 = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    roll_norm = ops.sqrt(r32 * r32 + r33 * r33 + 1e-12)
+    sin_roll, cos_roll = r32 / roll_norm, r33 / roll_norm
     # sin(ψ - ψd) by the difference formula, from (cosψ, sinψ) = (north, east)/cosθ.
     sine = (east * ops.cos(yaw) - north * ops.sin(yaw)) / cos_pitch
-    rate = (1.0 - 2.0 * (x * x + y * y)) * (yaw_dot - k_yaw * sine)
+    if ops is not FLOATS or not 0.2 <= cos_roll <= 1.0:
+        cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), 0.2, 1.0)
+    rate = (cos_pitch * (yaw_dot - k_yaw * sine) - sin_roll * rate_y) / cos_roll
     return ops.clamp(rate, -limit, limit)

@@ -42,6 +42,7 @@ from groundstation.core.control.attitude import (
     turning,
 )
 from groundstation.core.control.backstepping import yaw_rate
+from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.estimation import Estimation, NonNegative, Positive
 from groundstation.core.geometry import FLOATS, Vec3, third_column
 from groundstation.core.messages import Controller, Decision, Estimate
@@ -82,7 +83,7 @@ class InnerLoop:
     def __init__(self, vehicle: Vehicle, gains: Baseline) -> None:
         self._vehicle = vehicle
         self._gains = gains
-        self._yaw_limit = math.radians(vehicle.rate_limits_deg_s[2])
+        self._limits = DemandLimits(FLOATS, vehicle)
         lags = (vehicle.thrust_lag_s, *(vehicle.rate_lag_s,) * 3)
         self._leads = [lead(FLOATS, vehicle.frame_period_s, lag) if lag > 0.0 else 0.0 for lag in lags]
         self._wanted: list[float] | None = None
@@ -105,8 +106,9 @@ class InnerLoop:
             motion.attitude,
             reference.yaw_rad,
             reference.yaw_rate_rad_s,
+            turn[1],
             self._gains.k_yaw,
-            self._yaw_limit,
+            self._limits.rates[2],
         )
         wanted = [self._vehicle.mass_kg / estimate.effectiveness * length(push), *turn, heading]
         if self._gains.actuator_compensation:
@@ -117,7 +119,7 @@ class InnerLoop:
             estimate,
             reference,
             thrust,
-            (x, y, z),
+            (x, y, self._limits.limit_yaw(motion.rates[2], z)),
             wanted=(disturbance[0] - push[0], disturbance[1] - push[1], gravity + disturbance[2] - push[2]),
             disturbance=disturbance,
         )

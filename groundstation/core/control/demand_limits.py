@@ -10,7 +10,7 @@ The law knows no limits of the vehicle. A demand beyond them is cut in this orde
 2. Thrust, clamped to the vehicle's limits. The law is evaluated a moment on with the rate at which
    thrust can still change (:meth:`DemandLimits.limit_thrust_rate`): a thrust that cannot rise must
    not be counted on.
-3. Body rates, clamped per axis.
+3. Body rates, clamped per axis; the yaw rate also changes slowly (:meth:`DemandLimits.limit_yaw`).
 
 A demand inside the limits leaves as it came, to the bit. Derivation: docs/explanation/law.md,
 section 6.4. Elementwise: floats, or arrays of shape (N,). Sans-IO.
@@ -30,6 +30,11 @@ LEAST_COSINE = math.cos(math.radians(80.0))
 LEAST_SINE_SQUARED = 0.04
 """Squared sine of the tilt below which a rate turns c too little to be divided by [-]: near level,
 where nothing is limited, and upside down, where the rate limits act."""
+
+
+YAW_RAD_S2 = 2.5
+"""How fast the told yaw rate changes at most [rad/s²]: on `rotors_quad1kg` that takes a fifth of the rotors' thrust in
+hover. Rotors turn a vehicle about z by their drag, ten times weaker than by their arms."""
 
 
 class DemandLimits:
@@ -82,6 +87,14 @@ class DemandLimits:
         k = spare / ops.clamp(r31 * r31 + r32 * r32, LEAST_SINE_SQUARED, 1.0)
         x, y = rate_x + k * r32, rate_y - k * r31
         return ops.where(limited, x, rate_x), ops.where(limited, y, rate_y), limited
+
+    def limit_yaw(self, rate: Real, wanted: Real) -> Real:
+        """Yaw rate [rad/s] towards ``wanted`` that the rotors have torque for beside the tilt's, from ``rate`` now.
+
+        At their limits they would take it from the tilt.
+        """
+        reach = YAW_RAD_S2 * max(self._vehicle.rate_lag_s, self._vehicle.frame_period_s)
+        return self._ops.clamp(wanted, rate - reach, rate + reach)
 
     def limit_thrust_rate(self, thrust: Real, thrust_rate: Real, lead_s: float) -> Real:
         """Ṫ [N/s] as the thrust limits leave it, where T_cmd = T + ``lead_s`` Ṫ (law.md, 6.4)."""

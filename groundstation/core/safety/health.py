@@ -25,6 +25,7 @@ from groundstation.core.safety.pose_response import (
     LEAST_TURN_RAD,
     LEAST_WAY_M,
     LINE,
+    OWN_HEIGHT,
     OWN_TURN,
     OWN_WAY,
     PASS_RAD_S,
@@ -302,7 +303,7 @@ class PlaceTests:
     def forget(self) -> None:
         """Begin all windows anew."""
         self._across = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
-        self._height = Response(LINE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY)
+        self._height = Response(LINE, WAY_MEMORY_S, LEAST_WAY_M, OWN_HEIGHT)
 
     def begin(self, speed: Vec3) -> None:
         """Begin with ``speed`` [m/s, NED]."""

@@ -135,9 +135,15 @@ class OwnMotion(NamedTuple):
     """RMS below which it says nothing [m or rad]."""
     memory_s: float
     """Correlation time of the residual at it [s]."""
+    burst_s: float = math.inf
+    """Time that a burst of it counts for at least, in a window so long [s]."""
 
 
-OWN_WAY = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S)
+BURST_S = BLOCKS[2] * BLOCK_S
+"""Time that a burst of the law's own motion across counts for at least [s]: the tilt answers a step of the wind .15 s
+late, and a calm before must not make that short time certain; thrust and rates answer at once."""
+OWN_WAY = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S, BURST_S)
+OWN_HEIGHT = OWN_WAY._replace(burst_s=math.inf)
 OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD, TURN_MEMORY_S)
 
 
@@ -198,7 +204,8 @@ class Response:
         size = directions.shape[2]
         self._axes = size // 3
         self._products, self._time_s = np.zeros((size, size)), 0.0
-        self._kept = deque([(0.0, self._products)], maxlen=BLOCKS[-1] + 1)
+        self._bursts = np.zeros(len(directions))
+        self._kept = deque([(0.0, self._products, self._bursts)], maxlen=BLOCKS[-1] + 1)
 
     def add(self, e: Sequence[float], u: Sequence[float], v: Sequence[float], dt_s: float) -> None:
         """Take one sample of the filtered signals, one value an axis."""
@@ -213,8 +220,12 @@ class Response:
         """
         kept, own = self._kept, self._own
         begun = [kept[-blocks] for blocks in BLOCKS if blocks <= len(kept)]
-        kept.append((self._time_s, self._products))
-        times = [self._time_s - time_s for time_s, _ in begun]
+        closed_s, closed, _ = kept[-1]
+        if self._time_s > closed_s:
+            block = self._directions @ (self._products - closed) @ self._directions.transpose(0, 2, 1)
+            self._bursts = self._bursts + block[:, 1, 1] ** 2 / (self._time_s - closed_s)
+        kept.append((self._time_s, self._products, self._bursts))
+        times = [self._time_s - time_s for time_s, _, _ in begun]
         long = [n for n, time_s in enumerate(times) if time_s >= FEWEST_SAMPLES * own.memory_s - 1e-9]
         if not long:
             return NO_ALARM
@@ -229,7 +240,8 @@ class Response:
         found = _regress(along)
         model2 = MODEL_ERROR * MODEL_ERROR * own2[:, None, None]
         asked, is_known = self._judge_asked(along, found, time_s, noise, model2)
-        images = self._judge_own(along, found, time_s, noise)
+        moved_s = self._measure_moved(along, self._bursts - np.array([begun[n][2] for n in long]), time_s)
+        images = self._judge_own(along, found, time_s, moved_s, noise)
         return Alarm(float(asked.max()), float(images.max()), bool(is_known.all(axis=1).any()))
 
     def _judge_asked(
@@ -252,7 +264,15 @@ class Response:
         excess = np.where(says, np.maximum(beyond, 0.0) / (STANDARD_ERRORS * errors), 0.0).max(axis=-1)
         return excess, says[..., 0] & (beyond[..., 0] <= 0.0)
 
-    def _judge_own(self, along: Array, found: "_Regression", time_s: Array, noise: float) -> Array:
+    def _measure_moved(self, along: Array, bursts: Array, time_s: Array) -> Array:
+        """Return for how long of each window the law moved by itself [s]: (∫v²)²/∫v⁴ by means over blocks.
+
+        A gust at the end of a calm window is few samples. ``bursts``: ∫v⁴, shape (windows, directions).
+        """
+        moved_s = along[..., 1, 1] ** 2 / np.maximum(bursts, RIDGE * RIDGE)
+        return np.minimum(np.maximum(moved_s, self._own.burst_s), time_s)
+
+    def _judge_own(self, along: Array, found: "_Regression", time_s: Array, moved_s: Array, noise: float) -> Array:
         """Return the excess of the answers to the law's own motion [-]; wind makes none below 0 but by noise.
 
         Poses that answer to what was asked are none that stand or are mirrored: something else cancels the motion.
@@ -264,7 +284,7 @@ class Response:
         says = (rms >= own.least) & (below > 0.0)
         if not says.any():
             return np.zeros_like(rms)
-        errors = self._find_errors(found, 1, time_s, own.memory_s, noise)[..., 0]
+        errors = self._find_errors(found, 1, moved_s, own.memory_s, noise)[..., 0]
         asked_errors = self._find_errors(found, 0, time_s, self._memory_s, noise)[..., 0]
         is_answered = 1.0 + found.slopes[..., 0, 0] >= LEAST_ANSWER + ANSWERS_ERRORS * asked_errors
         says &= (errors <= MOST_OWN_ERROR) & ~is_answered

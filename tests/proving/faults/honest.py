@@ -16,8 +16,8 @@ from tests.proving.faults.faults import CASES, HONEST_STATES
 from tests.proving.faults.judge import Row
 from tests.proving.faults.table import name_cell
 
-SCENARIOS_FLOWN = ("paper", "quad1kg", "rotors_mqx")
-"""Scenarios whose vehicles are disturbed: 80 g, 1 kg, and four rotors with a rate loop."""
+SCENARIOS_FLOWN = ("paper", "quad1kg", "rotors_mqx", "rotors_quad1kg")
+"""Scenarios whose vehicles are disturbed: 80 g and 1 kg, and each on four rotors with a rate loop."""
 LINKS_FLOWN = ("mavlink", "dsm")
 """With an autopilot that knows its own position, and with none."""
 SEEDS = 3
