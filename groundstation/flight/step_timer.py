@@ -8,6 +8,7 @@ code that never returns is not interrupted: Python runs no handler before it doe
 
 import signal
 import sys
+import threading
 import time  # noqa: TID251  # the timer of the process is one of real time
 from collections.abc import Callable
 from types import FrameType
@@ -61,6 +62,12 @@ class StepTimer(StepWatch):
     def interrupt_by(self, number: int) -> None:
         """Let the signal ``number``, which the event loop handles, interrupt a step that is late, too."""
         signal.signal(number, lambda _number, frame: self._interrupt_late(frame))
+
+    def run(self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
+        """Call ``code`` as a step; in another thread than the main one, which alone hears signals, without a watch."""
+        if threading.current_thread() is not threading.main_thread():
+            return code(*arguments, **named)
+        return super().run(what, limit_s, code, *arguments, **named)
 
     def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
         """The step of ``what`` begins, and has ``limit_s`` [s] to return."""

@@ -2,10 +2,12 @@
 
 import asyncio
 import contextvars
+import math
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +69,15 @@ def test_a_step_that_hangs_is_interrupted_and_the_timer_is_off_afterwards() -> N
     assert STEP_LIMIT_S - 0.06 < watched(work) < 10.0
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
     assert ALARMS == []
+
+
+def test_steps_of_another_thread_run_without_a_watch_as_signals_are_for_the_main_thread() -> None:
+    def work(timer: StepTimer, _: Callable[[], float]) -> float:
+        with ThreadPoolExecutor(1) as pool:
+            context = contextvars.copy_context()
+            return pool.submit(context.run, timer.run, "controller mine:Fine", 0.5, math.sqrt, 4.0).result()
+
+    assert watched(work) == 2.0
 
 
 @pytest.mark.parametrize("nested", [False, True])
