@@ -8,7 +8,7 @@ code that never returns is not interrupted: Python runs no handler before it doe
 
 import signal
 import sys
-import threading
+import threading  # noqa: TID251  # it asks which thread it is in
 import time  # noqa: TID251  # the timer of the process is one of real time
 from collections.abc import Callable
 from types import FrameType

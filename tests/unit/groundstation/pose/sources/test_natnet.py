@@ -116,9 +116,7 @@ async def test_a_unicast_server_that_forgets_its_clients_is_told_again() -> None
 async def test_a_group_on_an_interface_that_is_not_ours_is_refused_in_words() -> None:
     port = parse_address(await free_address())[1]
     source = NatNetConfig(multicast=True, interface="192.0.2.1", data_port=port).build()
-    with pytest.raises(
-        OSError, match=r"cannot listen for NatNet poses on 192\.0\.2\.1:0 .*no interface of this machine has"
-    ):
+    with pytest.raises(OSError, match=r"NatNet poses on 192\.0\.2\.1:0 .*no interface of this machine has"):
         await source.start(lambda pose: None)
     await source.close()
 
