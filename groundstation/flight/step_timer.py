@@ -63,14 +63,13 @@ class StepTimer(StepWatch):
         """Let the signal ``number``, which the event loop handles, interrupt a step that is late, too."""
         signal.signal(number, lambda _number, frame: self._interrupt_late(frame))
 
-    def run(self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
-        """Call ``code`` as a step; in another thread than the main one, which alone hears signals, without a watch."""
-        if threading.current_thread() is not threading.main_thread():
-            return code(*arguments, **named)
-        return super().run(what, limit_s, code, *arguments, **named)
-
     def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
-        """The step of ``what`` begins, and has ``limit_s`` [s] to return."""
+        """The step of ``what`` begins, and has ``limit_s`` [s] to return.
+
+        Only the main thread hears signals: a step in another one is not watched.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            return
         self._what, self._begun_s, self._limit_s = what, time.monotonic(), limit_s
         self._caller, self._interrupts = sys._getframe(1), 0
         signal.signal(signal.SIGALRM, self._interrupt)  # the step before may have taken it
@@ -78,6 +77,8 @@ class StepTimer(StepWatch):
 
     def end(self) -> None:
         """Note that the step has returned."""
+        if threading.current_thread() is not threading.main_thread():
+            return
         what, self._what = self._what, ""
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         self._caller = None
