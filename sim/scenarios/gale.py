@@ -24,6 +24,8 @@ THRUST_LAG_S = 0.04
 """Time constant of the thrust [s]."""
 ATTITUDE_RAD_S = 7.0
 """Natural frequency of the attitude loop [rad/s]: as body rates a lag of 1/7 s, and P 7."""
+PITCH_PER_M_S = 0.02
+"""Additional pitch per upward speed, in wind [rad s/m]."""
 DRAG = 0.80
 """Drag within the rotors' plane [N s/m]."""
 DRAG_INFLOW = 0.035
@@ -34,14 +36,22 @@ SINK_INFLOW = 0.19
 """Rise of that drag with inflow [N s²/m²]."""
 LIFT = 0.035
 """Lift of that inflow [N s²/m²]."""
+REST_N: Vec3 = (0.3, 0.15, 0.5)
+"""Deviation of the random push, per axis [N]."""
+REST_S = 0.6
+"""Correlation time of the random push that differs from lap to lap (Ornstein-Uhlenbeck noise) [s]."""
 BIAS_N: Vec3 = (1.2, -0.43, 0.0)
 """Constant push, NED [N]."""
 FULL_N = MASS_KG * GRAVITY / (THRUST_CURVE * HOVER**2 + (1.0 - THRUST_CURVE) * HOVER)
 """Thrust of the full signal [N]."""
 POSE_LATENCY_S = 0.010
 """Latency of a tracking room [s]: the logs do not tell it."""
+ATTITUDE_NOISE_RAD = 0.001
+"""Attitude noise of a tracking room with a large body, 1σ [rad]: the logs do not tell it."""
 POSE_HZ = 50.0
 """Rate of the poses in the logs [Hz]."""
+POSE_NOISE_M = 2e-5
+"""Position noise of the poses, 1σ [m]."""
 RISE_S = 12.55
 """The phase rate rises from 0 to 1 rad/s in this time."""
 

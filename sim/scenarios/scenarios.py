@@ -247,7 +247,7 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
     """The wind tunnel at one setting of its fans: north is x there, west is y."""
     begun = wind.speed_m_s + wind.gust_m_s * math.sin(gale.GUST_PHASE)
     lean, push = gale.trim(begun)
-    (x, y, z), kg = gale.course(0.0)[0], gale.MASS_KG
+    (x, y, z), (i, j, k), kg = gale.course(0.0)[0], gale.REST_N, gale.MASS_KG
     air = gale.DRAG / kg
     world = World(
         mass_kg=kg,
@@ -264,19 +264,19 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
         wind_mean=(gale.BIAS_N[0] / kg, -gale.BIAS_N[1] / kg, 0.0),
         pose_rate_hz=gale.POSE_HZ,
         pose_latency_s=gale.POSE_LATENCY_S,
-        pose_noise_m=2e-5,  # of the poses in the logs
+        pose_noise_m=gale.POSE_NOISE_M,
         pose_jitter_s=wind.jitter_s,
-        attitude_noise_rad=0.001,  # a tracking room's with a large body: the logs do not tell it
+        attitude_noise_rad=gale.ATTITUDE_NOISE_RAD,
         frame_period_s=1.0 / gale.POSE_HZ,
         start_ned=(x, -y, -z),
         start_thrust=min(push, 0.9),  # no more is told before the flight
         tunnel=WindTunnel(
             gust_m_s=-wind.gust_m_s,
             gust_phase_rad=gale.GUST_PHASE,
-            rest_m_s2=(0.3 / kg, 0.15 / kg, 0.5 / kg),  # deviation of what differs from lap to lap
-            rest_s=0.6,
+            rest_m_s2=(i / kg, j / kg, k / kg),
+            rest_s=gale.REST_S,
             pitch_gain=wind.gain,
-            pitch_per_climb=gale.ATTITUDE_RAD_S * 0.02 if wind.speed_m_s else 0.0,
+            pitch_per_climb=gale.ATTITUDE_RAD_S * gale.PITCH_PER_M_S if wind.speed_m_s else 0.0,
             start_pitch_deg=-math.degrees(lean),
         ),
     )
