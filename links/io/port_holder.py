@@ -38,7 +38,7 @@ def name_holder(port: int) -> str:
 
 
 def advise_on_address(error: OSError) -> str:
-    """What to do about an address that ``error`` refuses for itself, not for who else has it; else empty."""
+    """Return what to do about an address that ``error`` refuses for itself, not for who else has it; else empty."""
     if isinstance(error, socket.gaierror):
         return link_notice("address.unknown_host").text
     causes = {EADDRNOTAVAIL: "address.not_ours", EACCES: "address.forbidden"}

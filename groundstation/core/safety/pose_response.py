@@ -136,14 +136,14 @@ class OwnMotion(NamedTuple):
     memory_s: float
     """Correlation time of the residual at it [s]."""
     burst_s: float = math.inf
-    """Time that a burst of it counts for at least, in a window so long [s]."""
+    """Time that a burst of it counts for at least [s]; infinite: every window counts for its length."""
 
 
 BURST_S = BLOCKS[2] * BLOCK_S
 """Time that a burst of the law's own motion across counts for at least [s]: the tilt answers a step of the wind .15 s
 late, and a calm before must not make that short time certain; thrust and rates answer at once."""
-OWN_WAY = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S, BURST_S)
-OWN_HEIGHT = OWN_WAY._replace(burst_s=math.inf)
+OWN_HEIGHT = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S)
+OWN_WAY = OWN_HEIGHT._replace(burst_s=BURST_S)
 OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD, TURN_MEMORY_S)
 
 
@@ -221,7 +221,8 @@ class Response:
         kept, own = self._kept, self._own
         begun = [kept[-blocks] for blocks in BLOCKS if blocks <= len(kept)]
         closed_s, closed, _ = kept[-1]
-        if self._time_s > closed_s:
+        counts_bursts = math.isfinite(own.burst_s)
+        if counts_bursts and self._time_s > closed_s:
             block = self._directions @ (self._products - closed) @ self._directions.transpose(0, 2, 1)
             self._bursts = self._bursts + block[:, 1, 1] ** 2 / (self._time_s - closed_s)
         kept.append((self._time_s, self._products, self._bursts))
@@ -240,7 +241,9 @@ class Response:
         found = _regress(along)
         model2 = MODEL_ERROR * MODEL_ERROR * own2[:, None, None]
         asked, is_known = self._judge_asked(along, found, time_s, noise, model2)
-        moved_s = self._measure_moved(along, self._bursts - np.array([begun[n][2] for n in long]), time_s)
+        moved_s = time_s
+        if counts_bursts:
+            moved_s = self._measure_moved(along, self._bursts - np.array([begun[n][2] for n in long]), time_s)
         images = self._judge_own(along, found, time_s, moved_s, noise)
         return Alarm(float(asked.max()), float(images.max()), bool(is_known.all(axis=1).any()))
 

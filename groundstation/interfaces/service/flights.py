@@ -95,7 +95,7 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
 
 
 async def _look(path: Path) -> tuple[str, dict[str, Any]]:
-    """What is wrong with whoever serves at ``path``, empty where nothing is; and what is flown, by the newest snapshot.
+    """Return the fault of whoever serves at ``path``, empty for none, and what is flown by the newest snapshot.
 
     Raises:
         ApiError: nobody serves there.
