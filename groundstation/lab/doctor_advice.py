@@ -336,6 +336,16 @@ ARDUPILOT_COMMANDS = (
         exactly(0.0),
         "With 1, ArduPilot raises our thrust whenever the vehicle leans; the controller has done so already.",
     ),
+    *(
+        should(
+            names,
+            exactly(0.0),
+            "How fast the rate that it follows may change; 0: at once. As delivered by 1,100 deg/s²: a rate that we "
+            "swing from 200 to -200 deg/s takes 0.36 s, and the vehicle sways in strong gusts. It counts in all of its "
+            "modes.",
+        )
+        for names in (("ATC_ACCEL_R_MAX", "ATC_ACC_R_MAX"), ("ATC_ACCEL_P_MAX", "ATC_ACC_P_MAX"))
+    ),
     must(
         "FRAME_CLASS",
         one_of({1.0: "quad", 2.0: "hexa", 3.0: "octa", 4.0: "octaquad", 5.0: "Y6", 7.0: "tri"}, 1.0),

@@ -152,6 +152,8 @@ PX4_PARAMETERS: Mapping[str, tuple[float, int]] = {
 """Name → value, MAV_PARAM_TYPE. A vehicle that is set up to be flown from outside, without a remote control."""
 
 ARDUPILOT_PARAMETERS: Mapping[str, tuple[float, int]] = {
+    "ATC_ACCEL_P_MAX": (0.0, MavParamType.REAL32),
+    "ATC_ACCEL_R_MAX": (0.0, MavParamType.REAL32),
     "ATC_ANGLE_BOOST": (0.0, MavParamType.INT8),
     "COMPASS_ENABLE": (1.0, MavParamType.INT8),
     "DISARM_DELAY": (10.0, MavParamType.INT8),

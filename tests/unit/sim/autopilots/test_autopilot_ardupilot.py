@@ -172,7 +172,7 @@ def test_its_parameters_are_told_by_name_by_number_and_all() -> None:
     d = flight.codec.dialect
     for frame, name in (
         (flight.codec.parameter_request(1, 1, "GUID_OPTIONS"), "GUID_OPTIONS"),
-        (flight.codec.pack(d.MAVLink_param_request_read_message(1, 1, b"", 0)), "ATC_ANGLE_BOOST"),
+        (flight.codec.pack(d.MAVLink_param_request_read_message(1, 1, b"", 0)), "ATC_ACCEL_P_MAX"),
     ):
         flight.heard.clear()
         flight.send(frame)
