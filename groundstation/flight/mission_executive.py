@@ -80,6 +80,8 @@ LONGER_S = 10.0
 """Time allowed for a landing beside the way down at its slowest speed [s]."""
 LONGER = 2.0
 """Factor on the time of that way down [-]."""
+DESCENT_M_S = 0.5
+"""Sink rate of the failsafe descent [m/s]: ArduPilot's own landing (LAND_SPEED); 4 s from a height of 2 m."""
 DISARMED_HEIGHT_M = 0.2
 """An autopilot that disarms below this height while we come down has felt the floor [m]."""
 
@@ -638,7 +640,7 @@ class MissionExecutive:
         return self._means.ends_commands
 
     def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
-        height_m = self._pilot.descend(self._config.flight.descent_m_s, blind=blind, rest_s=rest_s)
+        height_m = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
         self._means.descend_blind(now_s, height_m)
 
     def observe(self, tick: Tick) -> None:

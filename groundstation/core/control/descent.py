@@ -57,9 +57,9 @@ BLIND_BRAKE_GAIN = 2.0
 BLIND_BRAKE_M_S2 = 2.0
 """Largest acceleration down that brakes a climb in a blind descent [m/s²]."""
 BLIND_LIFT_GAIN = 4.0
-"""Acceleration up per sink rate beyond the one told, as a blind descent begins [1/s]."""
-BLIND_SINKS_M_S = 0.7
-"""Largest such sink rate that is believed [m/s]."""
+"""Acceleration up per sink rate of the model beyond what the pull alone gives [1/s]: leaning hard costs height."""
+BLIND_BRAKES_M_S = 0.7
+"""Most that a blind descent brakes by the model in all [m/s]: the model does not feel the floor and falls on."""
 BLIND_LIFT_M_S2 = 1.8
 """Largest acceleration up that brakes it [m/s²]."""
 BLIND_WIND_M_S2 = 1.5
@@ -84,25 +84,27 @@ class Descent:
     """Implements :class:`groundstation.core.messages.Controller`; of the reference speed and heading count."""
 
     def __init__(
-        self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float, sinks_m_s: float = 0.0
-    ) -> None:
+        self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float, sink_m_s: float = 0.0,
+        sinks_m_s: float = 0.0,
+    ) -> None:  # fmt: skip
         """Take the vehicle as told and g [m/s²].
 
         ``wind`` is the mean disturbance of the last time [m/s², NED], ``effectiveness`` what the thrust gave of what
-        was told, before anything spoke against the poses [-], ``sinks_m_s`` the sink rate beyond the one told as this
-        begins [m/s].
+        was told, before anything spoke against the poses [-], ``sink_m_s`` the speed at which it shall sink and
+        ``sinks_m_s`` the one at which it does as this begins, by the model [m/s].
         """
         self._vehicle = vehicle
         self._gravity = gravity
         self._effectiveness = effectiveness
         self.wind = wind
         """What it is pushed by on average [m/s², NED]; blind, what it was as this began."""
-        self.sink_m_s = 0.0
+        self.sink_m_s = sink_m_s
         """Speed at which it sinks where it is not blind [m/s]."""
         self.blind = False
         """True where speed is not to be believed."""
         self._integral = self._blind_s = 0.0
-        self._sinks = min(sinks_m_s, BLIND_SINKS_M_S)
+        self._planned_m_s = max(0.0, min(sinks_m_s, sink_m_s))
+        self._brakes_m_s = BLIND_BRAKES_M_S
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command."""
@@ -118,8 +120,10 @@ class Descent:
             self._blind_s += interval_s
             pull = BLIND_PULL_M_S2 + BLIND_MORE_M_S3 * max(self._blind_s - BLIND_S, 0.0)
             u, v, w = motion.velocity  # the model's, which takes no position from the poses
-            lift = min(BLIND_LIFT_GAIN * self._sinks, BLIND_LIFT_M_S2)
-            self._sinks -= lift * interval_s
+            self._planned_m_s += pull * interval_s
+            too_fast = max(0.0, min(w - self._planned_m_s, self._brakes_m_s))
+            lift = min(BLIND_LIFT_GAIN * too_fast, BLIND_LIFT_M_S2)
+            self._brakes_m_s -= lift * interval_s
             brake = min(-BLIND_BRAKE_GAIN * w, BLIND_BRAKE_M_S2) if w < 0.0 else -lift
             wanted: Vec3 = (-BLIND_SPEED_GAIN * u, -BLIND_SPEED_GAIN * v, pull + brake)
         else:

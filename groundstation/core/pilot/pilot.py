@@ -376,8 +376,7 @@ class Pilot:
                 self._estimator.believe(motion, wind, before.effectiveness)
             wind = wind or before.disturbance
             sinks = self._estimator.predict(max(self._last_s or 0.0, self._newest_s)).motion.velocity[2]
-            faster = max(sinks - sink_m_s, 0.0)
-            self._descent = Descent(self._vehicle, self._gravity, wind, before.effectiveness, faster)
+            self._descent = Descent(self._vehicle, self._gravity, wind, before.effectiveness, sink_m_s, sinks)
         self._descent.sink_m_s = sink_m_s
         self._descent.blind = blind
         self._watch.restart()

@@ -430,7 +430,7 @@ GUARDS: tuple[Guard, ...] = (
     Guard("guard.error", "largest position error", "guards.error_m", "error_s", LAND, DESCEND, _error),
     Guard("guard.speed", "largest speed beside the reference", "guards.speed_m_s", "speed_s", LAND, DESCEND, _speed),
     Guard("guard.thrust", "thrust at its limit", "vehicle.thrust_max_n", "thrust_limit_s", LAND, DESCEND, _thrust),
-    Guard("guard.rate", "a body rate at its limit", "vehicle.rate_limits_deg_s", "rate_limit_s", LAND, DESCEND,
+    Guard("guard.rate", "a body rate at its limit", "vehicle.rate_limits_deg_s", "rate_limit_s", DESCEND, DESCEND,
           _rate, RATE),
     Guard("guard.weak", "least thrust scale", "guards.effectiveness", LONG_S, LAND, LAND, _weak),
     Guard("guard.fence", "outside the fence", "fence", 0.0, LAND, DESCEND, _fence),

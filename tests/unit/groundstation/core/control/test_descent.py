@@ -5,7 +5,7 @@ import math
 import pytest
 
 from groundstation.core.control import Descent
-from groundstation.core.control.descent import BLIND_PULL_M_S2
+from groundstation.core.control.descent import BLIND_BRAKES_M_S, BLIND_PULL_M_S2
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Estimate
 from groundstation.core.trajectory import Reference
@@ -69,13 +69,22 @@ def test_blind_it_leans_and_lifts_against_the_wind_of_before_and_nothing_that_po
     assert flown(*50 * [push_m_s2]) == flown(*50 * [still])
 
 
-@pytest.mark.parametrize("faster_m_s", [0.2, 0.4, 0.7])
-def test_blind_it_brakes_what_it_sinks_faster_than_told_and_no_more(faster_m_s: float) -> None:
-    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0, faster_m_s)
+@pytest.mark.parametrize("faster_m_s", [0.2, 0.4, 0.7, 2.0])
+@pytest.mark.parametrize("after_s", [0.0, 0.5])
+def test_blind_it_brakes_what_the_model_sinks_faster_than_its_pull_gives_but_no_more_than_its_limit(
+    faster_m_s: float, after_s: float
+) -> None:
+    told_m_s, shares = 0.3, list[float]()
+    sinks_m_s = told_m_s + (faster_m_s if after_s == 0.0 else 0.0)
+    descent = Descent(VEHICLE, G, (0.0, 0.0, 0.0), 1.0, told_m_s, sinks_m_s)
     descent.blind = True
-    shares = [lifts(descent, estimate(PERIOD_S * n)) for n in range(100)]
-    braked_m_s = PERIOD_S * sum(G * share - (G - BLIND_PULL_M_S2) for share in shares)
-    assert braked_m_s == pytest.approx(faster_m_s, abs=0.05)
+    for n in range(150):
+        if n > 0 and n == round(after_s / PERIOD_S):
+            sinks_m_s += faster_m_s  # it leaned hard, and lost height
+        shares.append(lifts(descent, estimate(PERIOD_S * n, sinks_m_s=sinks_m_s)))
+        sinks_m_s += PERIOD_S * G * (1.0 - shares[-1])
+    pulled_m_s = told_m_s + 150 * PERIOD_S * BLIND_PULL_M_S2
+    assert sinks_m_s == pytest.approx(pulled_m_s + max(faster_m_s - BLIND_BRAKES_M_S, 0.0), abs=0.05)
     assert max(shares) < 1.16
     assert PERIOD_S * sum(share > 1.03 for share in shares) < 0.5
 

@@ -95,7 +95,7 @@ CASES: list[tuple[dict[str, Any], float, GuardAction, str]] = [
     ({"position": (2.1, 0.0, -1.0)}, 0.0, GuardAction.LAND, "0.10 m outside the fence"),
     ({"position": (0.0, 0.0, -2.1)}, 0.0, GuardAction.LAND, "outside the fence"),
     ({"thrust_n": VEHICLE.thrust_max_n}, CONFIG.thrust_limit_s, GuardAction.LAND, "thrust at its limit"),
-    ({"rates_rad_s": (0.0, -FULL, 0.0)}, CONFIG.rate_limit_s, GuardAction.LAND, "a body rate at its limit"),
+    ({"rates_rad_s": (0.0, -FULL, 0.0)}, CONFIG.rate_limit_s, GuardAction.DESCEND, "a body rate at its limit"),
     ({"effectiveness": 0.69}, 1.0, GuardAction.LAND, "thrust is 69 % of what is commanded"),
     ({"effectiveness": math.nan}, 1.0, GuardAction.LAND, "thrust is nan % of what is commanded"),
     ({"age_s": 0.16}, 0.3, GuardAction.LAND, "pose age 160 ms on arrival, limit 150 ms"),
@@ -178,7 +178,7 @@ def test_a_limit_cycle_has_breaks_and_lands_it_all_the_same(share: float, lands:
         rates = (FULL, 0.0, 0.0) if i % 20 < 20 * share else (0.0, 0.0, 0.0)
         found = found or guards.see(shown(PERIOD_S * i, rates_rad_s=rates), State.TRACKING)
     assert (found is not None) == lands
-    assert found is None or (found.step is GuardAction.LAND and "of the last 2 s" in found.reason.text)
+    assert found is None or (found.step is GuardAction.DESCEND and "of the last 2 s" in found.reason.text)
 
 
 def swung(degrees: float, period_s: float) -> GuardFinding | None:
