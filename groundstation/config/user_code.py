@@ -29,6 +29,10 @@ MAKING_LIMIT_S = 20.0
 numerical packages take several seconds to import on a small computer."""
 
 
+class SelfInterrupt(Exception):
+    """The user's code raised KeyboardInterrupt where Ctrl-C does not: it ends the flight as any fault of it does."""
+
+
 class StepWatch:
     """Watches how long steps of the user's code take; this one does not: in virtual time no step takes any."""
 
@@ -46,12 +50,26 @@ class StepWatch:
         """The step has returned, or failed."""
 
     def run(self, what: str, limit_s: float, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
-        """Call ``code`` of the user's as a step of ``what``, which has ``limit_s`` [s] to return."""
+        """Call ``code`` of the user's as a step of ``what``, which has ``limit_s`` [s] to return.
+
+        Raises:
+            SelfInterrupt: it raised KeyboardInterrupt itself.
+        """
         self.begin(what, limit_s)
         try:
             return code(*arguments, **named)
+        except KeyboardInterrupt as fault:
+            if self.is_interrupted_by_keys():
+                raise
+            raise SelfInterrupt("KeyboardInterrupt, by its own code and no key").with_traceback(
+                fault.__traceback__
+            ) from None
         finally:
             self.end()
+
+    def is_interrupted_by_keys(self) -> bool:
+        """Whether Ctrl-C raises KeyboardInterrupt in a step; else only the user's code itself can have."""
+        return True
 
 
 STEP_WATCH: "ContextVar[StepWatch]" = ContextVar("step_watch", default=StepWatch())  # noqa: B039  # it keeps nothing
@@ -76,7 +94,7 @@ class UserCodeFault(Exception):
 def _strip_caller(error: BaseException) -> None:
     """Leave ``error`` the frames of the user's code alone, without :meth:`StepWatch.run` and whoever called that."""
     frames = error.__traceback__ and error.__traceback__.tb_next
-    if frames and frames.tb_frame.f_code is StepWatch.run.__code__:
+    while frames and frames.tb_frame.f_code is StepWatch.run.__code__:
         frames = frames.tb_next
     error.__traceback__ = frames
 

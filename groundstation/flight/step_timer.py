@@ -39,6 +39,8 @@ class StepTimer(StepWatch):
         """A timer that is not yet started."""
         self.on_alarm: Callable[[], object] = lambda: None
         """Called on a SIGALRM that somebody else has sent."""
+        self._keys = set[int]()
+        """Signals that the event loop handles."""
         self._what = ""
         self._begun_s = 0.0
         self._limit_s = STEP_LIMIT_S
@@ -62,6 +64,11 @@ class StepTimer(StepWatch):
     def interrupt_by(self, number: int) -> None:
         """Let the signal ``number``, which the event loop handles, interrupt a step that is late, too."""
         signal.signal(number, lambda _number, frame: self._interrupt_late(frame))
+        self._keys.add(number)
+
+    def is_interrupted_by_keys(self) -> bool:
+        """Whether Ctrl-C raises KeyboardInterrupt in a step: not where the event loop handles it."""
+        return signal.SIGINT not in self._keys
 
     def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
         """The step of ``what`` begins, and has ``limit_s`` [s] to return.

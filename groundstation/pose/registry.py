@@ -84,19 +84,17 @@ def read_recording(path: Path) -> bytes:
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a path that no system takes
-        raise SourceError(f"pose.path: cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+        why = getattr(error, "strerror", None) or error
+        raise SourceError(notice("pose.path_unreadable", path=path, why=why)) from None
     if data.startswith(_MCAP):
-        raise SourceError(
-            f"pose.path: {path} is the recording of a flight: `groundstation export {path} --format poses` makes the "
-            'file that pose.kind = "csv" plays'
-        )
+        raise SourceError(notice("pose.path_of_flight", path=path))
     return data
 
 
 def report_no_poses(path: Path, dropped: Mapping[str, int], expected: str | Sentence) -> SourceError:
     """Return the error for a file without poses; ``dropped`` counts its contents."""
     found = ", ".join(f"{count} {reason}" for reason, count in sorted(dropped.items())) or "nothing at all"
-    return SourceError(f"pose.path: {path} holds no poses (found: {found}); {expected}")
+    return SourceError(notice("pose.path_empty", path=path, found=found, expected=expected))
 
 
 class RecordedSource:
@@ -253,7 +251,7 @@ class TlogSource(RecordedSource):
         everything = list(self._reader)
         fault = self._reader.find_fault()
         if fault:
-            raise SourceError(f"pose.path: {path}: {fault}")
+            raise SourceError(notice("pose.path_fault", path=path, fault=fault))
         wanted = {Sender(system, component)} if component else set(find_autopilots(everything))
         records = [one for one in everything if one.sender in wanted and one.sender.system == system]
         decoder = pose_decoder(records, self._config.latency_s)

@@ -449,6 +449,10 @@ looks like 4.2."""
 HOVER_TOLERANCE = 0.02
 """Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""
 
+LARGEST_LIFT = 30.0
+"""Largest full thrust that is believed [weights]: a racing quadrotor has 15. Mass in grams, or thrust
+in grams or millinewtons, makes more than 100."""
+
 LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
 """The configuration of one link, picked by its ``kind``; see ``links.make.LINKS``."""
 
@@ -465,7 +469,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         ),
     ] = "floor"
     duration_s: Annotated[
-        Annotated[float, msgspec.Meta(gt=0.0)] | None,
+        Annotated[float, msgspec.Meta(gt=0.0, le=86400.0)] | None,
         msgspec.Meta(
             description="Fly back and land after this time on the trajectory [s]; without it, only when told to."
         ),
@@ -480,7 +484,9 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             "link's bring-down, and then nothing leaves.",
         ),
     ] = 0.25
-    pose_wait_s: Annotated[float, msgspec.Meta(gt=0.0, description="How long to wait for the first pose [s].")] = 5.0
+    pose_wait_s: Annotated[
+        float, msgspec.Meta(gt=0.0, le=600.0, description="How long to wait for the first pose [s].")
+    ] = 5.0
     idle_thrust: Annotated[
         float,
         msgspec.Meta(
@@ -491,8 +497,10 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     floor_z_m: Annotated[
         float,
         msgspec.Meta(
+            ge=-1000.0,
+            le=1000.0,
             description="Where the vehicle's pose is when it stands on the floor [m, NED: down is "
-            "positive]; landing aims at it."
+            "positive]; landing aims at it.",
         ),
     ] = 0.0
 
@@ -564,8 +572,41 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
                 f"vehicle.thrust_max_n: {most:.4g} N is more than the full signal gives, {full:.4g} N by mass_kg, "
                 f"hover_thrust and the thrust curve (f = {self.thrust_curve:g}): lower it, or correct one of these"
             )
+        self._ensure_thrusts_fit()
         if way_out := find_way_out(self):
             raise ValueError(way_out)
+
+    def _ensure_thrusts_fit(self) -> None:
+        """Check the vehicle's thrusts and weight against each other: one in another unit is within its own range.
+
+        Raises:
+            ValueError: one of them can't be in the unit that its name says.
+        """
+        vehicle, weight_n = self.vehicle, self.weight_n
+        most_n = vehicle.thrust_max_n if vehicle.hover_thrust is None else self.full_thrust_n
+        key = "thrust_max_n" if vehicle.hover_thrust is None else "hover_thrust"
+        if not weight_n < most_n <= LARGEST_LIFT * weight_n:
+            raise ValueError(
+                f"vehicle.{key}: full thrust of {most_n:.4g} N is {most_n / weight_n:.4g} times the weight, "
+                f"{weight_n:.4g} N by mass_kg = {vehicle.mass_kg:g}: expected more than 1 and at most {LARGEST_LIFT:g} "
+                "times; correct one of these (mass in kilograms, thrust in newtons)"
+            )
+        if vehicle.thrust_min_n >= weight_n:
+            raise ValueError(
+                f"vehicle.thrust_min_n: expected less than the weight, {weight_n:.4g} N by "
+                f"mass_kg = {vehicle.mass_kg:g}, got {vehicle.thrust_min_n:g}"
+            )
+        least, most = vehicle.hover_range
+        if not least < 1.0 < most:
+            raise ValueError(
+                f"vehicle.hover_range: expected a share below 1 and one above 1, got {[least, most]}: "
+                "the weight itself would be outside"
+            )
+        if vehicle.hover_n is not None and not least * weight_n <= vehicle.hover_n <= most * weight_n:
+            raise ValueError(
+                f"vehicle.hover_n: expected {least * weight_n:.4g} to {most * weight_n:.4g} N, vehicle.hover_range "
+                f"of the weight, got {vehicle.hover_n:g}"
+            )
 
     @property
     def body(self) -> str:

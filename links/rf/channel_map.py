@@ -51,7 +51,9 @@ class Stick(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     full_rate_deg_s: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0, description="Body rate at full stick, as it is set on board [deg/s]; no faster one can be sent."
+            ge=15.0,
+            le=20000.0,
+            description="Body rate at full stick, as it is set on board [deg/s]; no faster one can be sent.",
         ),
     ] = 200.0
     reverse: Annotated[

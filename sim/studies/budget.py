@@ -28,8 +28,8 @@ LEAST_S = STEADY_S + 1.0
 """Shorter flights have no steady part and get no budget [s]."""
 LONGEST_S = 60.0
 """Longest part of a flight that is flown again [s]."""
-LIFTED = 1e3
-"""Limits that are switched off are so many times as high."""
+LIFTED = 10.0
+"""Limits that are switched off are so many times as high; far more would be refused as another unit."""
 ARRAYS_FROM = 3
 """Number of flights from which arrays are faster than wire bytes one by one [-]."""
 Flown: TypeAlias = tuple[World, Config]

@@ -55,6 +55,12 @@ def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
     assert anchors(page.read_text()) == {"a-head"}
 
 
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_test_that_a_document_names_is_there(path: Path) -> None:
+    named = re.findall(r"(?<![\w/])tests/[\w/]+(?:\.\w+)?", path.read_text("utf-8"))
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
 @pytest.mark.parametrize("picture", sorted((ROOT / "docs").rglob("*.svg")), ids=lambda path: path.name)
 def test_a_picture_is_xml_as_strict_browsers_want_it(picture: Path) -> None:
     assert ElementTree.parse(picture).getroot().tag == "{http://www.w3.org/2000/svg}svg"

@@ -180,7 +180,7 @@ MOST = 1000
 DIFFERENCE_S = 0.005
 """Derivatives are compared with the differences over at most this time [s]."""
 FURTHER_S = 60.0
-"""An endless trajectory is examined for this long beyond its first turn [s]."""
+"""An endless trajectory is examined for this long beyond its first turn, or its first minute [s]."""
 FURTHER_LOOKS = 200
 """Samples of a trajectory beyond its first turn."""
 BOX_SPARE_M = 0.05
@@ -311,7 +311,7 @@ def find_inconsistency(
         if found is not None and before is not None:
             return before
         before = found
-    return corner or _find_drift(trajectory, times[-1], seen)
+    return corner or _look_further(trajectory, times[-1], seen)
 
 
 def _find_jump(start_s: float, end_s: float, a: Reference, b: Reference) -> Inconsistency | None:
@@ -360,20 +360,26 @@ def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Incons
     return Inconsistency(time_s=time_s, name="yaw rate", declared=rate, found=turned, unit="rad/s")
 
 
-def _find_drift(trajectory: Trajectory, span_s: float, seen: Sequence[Reference]) -> Inconsistency | None:
-    """Find a trajectory without end that leaves the box of its first turn, ``span_s`` long [s]."""
-    if trajectory.duration_s is not None or span_s >= FURTHER_S or span_s <= 0.0:
+def _look_further(trajectory: Trajectory, span_s: float, seen: Sequence[Reference]) -> Inconsistency | None:
+    """Find a trajectory without end that later leaves the box of its first ``span_s`` [s], or is not what it declares.
+
+    As before, two differences in a row count.
+    """
+    if trajectory.duration_s is not None or span_s <= 0.0:
         return None
     places = list(zip(*(one.position_ned for one in seen), strict=True))
     for k in range(1, FURTHER_LOOKS + 1):
-        time_s = span_s + k * (FURTHER_S - span_s) / FURTHER_LOOKS
+        time_s = span_s + k * FURTHER_S / FURTHER_LOOKS
+        first, second, third = (trajectory.at(time_s + i * DIFFERENCE_S) for i in range(3))
         beyond = [
-            max(min(axis) - at, at - max(axis), 0.0)
-            for at, axis in zip(trajectory.position_at(time_s), places, strict=True)
+            max(min(axis) - at, at - max(axis), 0.0) for at, axis in zip(first.position_ned, places, strict=True)
         ]
         if not math.hypot(*beyond) <= BOX_SPARE_M:
             far = math.hypot(*beyond)
             return Inconsistency(time_s=time_s, name="period", declared=span_s, found=far, unit="m")
+        found = _compare(time_s, DIFFERENCE_S, first, second)
+        if found is not None and _compare(time_s + DIFFERENCE_S, DIFFERENCE_S, second, third) is not None:
+            return found
     return None
 
 

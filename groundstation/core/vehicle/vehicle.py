@@ -53,8 +53,8 @@ FramePeriod = Annotated[float, msgspec.Meta(gt=0.0, le=0.25)]
 """A period of commands [s]; a longer one is in milliseconds."""
 Size = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 """An extent [m]; more is in millimetres."""
-RateLimit = Annotated[float, msgspec.Meta(gt=0.0, le=1e5)]
-"""A body rate [deg/s]; 100000 is no limit at all."""
+RateLimit = Annotated[float, msgspec.Meta(ge=15.0, le=1e5)]
+"""A body rate [deg/s]; 100000 is no limit at all, and a limit of less than 15 is in radians per second."""
 WeightShare = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
 """A thrust as a share of the weight [-]."""
 Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
@@ -259,7 +259,7 @@ class LimitsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     max_tilt_deg: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0, le=80.0, description="Farthest the vehicle may lean to follow the reference in still air [deg]."
+            ge=2.0, le=80.0, description="Farthest the vehicle may lean to follow the reference in still air [deg]."
         ),
     ] = 45.0
     reserve: Annotated[

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError
+from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
 from groundstation.pose.sources.intake import DatagramReader, Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from links.io import NETWORK, advise_on_address, beyond, name_holder, parse_address
@@ -64,10 +64,11 @@ class DatagramSource(asyncio.DatagramProtocol):
 
 def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
     """``error`` in words for the operator: what was to come where, and what to do."""
+    told = {"what": what, "address": address, "why": error.strerror or str(error)}
+    if advice := advise_on_address(error):
+        return SourceError(notice("pose.cannot_listen", **told, advice=advice))
     holder = name_holder(parse_address(address)[1]) if error.errno == EADDRINUSE else ""
-    held = f"{holder} holds this port: end it" if holder else "stop the program that holds this port"
-    advice = advise_on_address(error) or f"{held}, or give another address of this machine"
-    return SourceError(f"cannot listen for {what} on {address} ({error.strerror or error}); {advice}")
+    return SourceError(notice(f"pose.port_{'held' if holder else 'taken'}", **told, holder=holder))
 
 
 def join(transport: asyncio.DatagramTransport, group: str, interface: str) -> None:

@@ -582,12 +582,12 @@ class GateConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 20.0
     rate_deg_s: Annotated[
         float,
-        msgspec.Meta(gt=0.0, le=20000.0, description="Fastest turn that is believed [deg/s]."),
+        msgspec.Meta(ge=50.0, le=20000.0, description="Fastest turn that is believed [deg/s]."),
     ] = 1000.0
     tilt_deg: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=10.0,
             le=180.0,
             description="Largest angle between the vehicle's vertical and the world's [deg]; 180 allows all.",
         ),

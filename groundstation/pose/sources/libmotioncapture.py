@@ -131,8 +131,8 @@ class LibmotioncaptureSource:
         self._deliver = deliver
         if not await self._open():
             await self._end()
-            where = f"{self._config.backend} server at {self._config.hostname}"
-            raise SourceError(f"the {where} does not answer: check its address, and that it streams")
+            config = self._config
+            raise SourceError(notice("libmotioncapture.silent", backend=config.backend, hostname=config.hostname))
         self._task = asyncio.create_task(self._stay())
 
     async def close(self) -> None:

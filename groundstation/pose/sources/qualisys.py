@@ -155,9 +155,8 @@ class QualisysSource:
             await connection.stream(take)
         except ValueError as error:
             connection.close()
-            raise SourceError(
-                f"QTM at {self._config.server} does not tell its bodies: {printable(str(error))}"
-            ) from None
+            why = printable(str(error))
+            raise SourceError(notice("qualisys.bodies", server=self._config.server, why=why)) from None
         except BaseException:
             connection.close()
             raise

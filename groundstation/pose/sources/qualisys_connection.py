@@ -83,7 +83,8 @@ class QtmConnection(asyncio.Protocol):
         Raises:
             SourceError: no answer, or a refusal.
         """
-        return bytes(await self._request(self._requests.get_parameters(["6d"]), "tell its 6DOF bodies"))
+        request = self._requests.get_parameters(["6d"])
+        return bytes(await self._request(request, "qualisys.silent_bodies", "qualisys.refused_bodies"))
 
     async def stream(self, take: Callable[[bytes], None]) -> None:
         """Have every frame's bodies streamed to ``take``.
@@ -94,7 +95,7 @@ class QtmConnection(asyncio.Protocol):
         request = self._requests.stream_frames(
             frames="allframes", components=["6d"], on_packet=lambda packet: take(packet.data)
         )
-        await self._request(request, "stream; is a measurement or a preview running?")
+        await self._request(request, "qualisys.silent_stream", "qualisys.refused_stream")
 
     async def agree(self, version: str) -> bool:
         """Ask for ``version`` of the protocol; return whether QTM speaks it.
@@ -105,19 +106,20 @@ class QtmConnection(asyncio.Protocol):
         try:
             await asyncio.wait_for(self._qtm.set_version(version), self._timeout)
         except TimeoutError:
-            raise SourceError(f"QTM did not speak version {version} of its protocol") from None
+            raise SourceError(notice("qualisys.no_version", version=version)) from None
         except QRTCommandException:
             return False
         return True
 
-    async def _request(self, request: Any, what: str) -> Any:
+    async def _request(self, request: Any, silent: str, refused: str) -> Any:
+        """Return the answer to ``request``; ``silent`` and ``refused`` name the sentences where there is none."""
         try:
             return await request
         except TimeoutError:
-            raise SourceError(f"QTM did not {what}") from None
+            raise SourceError(notice(silent)) from None
         except QRTCommandException as error:
             why = error.value.decode(errors="replace") if isinstance(error.value, bytes) else str(error)
-            raise SourceError(f"QTM refused to {what}: {printable(why)}") from None
+            raise SourceError(notice(refused, why=printable(why))) from None
 
 
 async def _knock(factory: Callable[[], QtmConnection], host: str, port: int) -> tuple[Any, QtmConnection]:
@@ -154,8 +156,6 @@ async def _open(host: str, port: int, timeout_s: float, drop: Callable[[str], No
         async with asyncio.timeout(timeout_s):
             _, connection = await _knock(lambda: QtmConnection(timeout_s, drop), host, port)
     except OSError as error:
-        raise SourceError(
-            f"cannot reach QTM at {host}:{port} ({error.strerror or str(error) or 'no answer'}); check that it runs, "
-            "the address, and that its RT output is on (little-endian port, mostly 22223)",
-        ) from error
+        why = error.strerror or str(error) or "no answer"
+        raise SourceError(notice("qualisys.unreachable", server=f"{host}:{port}", why=why)) from error
     return connection

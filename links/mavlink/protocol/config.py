@@ -32,11 +32,11 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         float, msgspec.Meta(gt=0.0, le=200.0, description="At most so many a second [1/s]; autopilots want 30 to 50.")
     ] = 40.0
     noise_m: Annotated[
-        float, msgspec.Meta(gt=0.0, le=10.0, description="1σ of the position per axis that the autopilot is told [m].")
+        float, msgspec.Meta(gt=0.0, le=0.5, description="1σ of the position per axis that the autopilot is told [m].")
     ] = 0.005
     noise_deg: Annotated[
         float,
-        msgspec.Meta(gt=0.0, le=90.0, description="1σ of the attitude per axis that the autopilot is told [deg]."),
+        msgspec.Meta(ge=0.05, le=90.0, description="1σ of the attitude per axis that the autopilot is told [deg]."),
     ] = 0.5
     oldest_s: Annotated[
         float, msgspec.Meta(gt=0.0, le=1.0, description="A pose that is older as it would leave does not [s].")

@@ -6,6 +6,7 @@ import math
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 
 from groundstation.config import STEP_LIMIT_S, STEP_WATCH, ConfigError, UserCodeFault, find_object
+from groundstation.config.user_code import SelfInterrupt
 from groundstation.core.control import Custom, make_controller
 from groundstation.core.trajectory import OwnTrajectoryConfig, Reference
 from groundstation.core.vehicle import Vehicle
@@ -241,3 +243,25 @@ def test_a_module_whose_import_never_returns_is_interrupted(tmp_path: Path, monk
 
     with pytest.raises(ConfigError, match="can't import imported_never: StepTimeout"):
         watched(work, Hasty)
+
+
+def test_an_interrupt_that_the_step_itself_raises_ends_it_as_a_fault_of_its_own() -> None:
+    before = signal.getsignal(signal.SIGINT)
+
+    def decide() -> None:
+        raise KeyboardInterrupt
+
+    def work(timer: StepTimer, _: Callable[[], float]) -> list[str]:
+        with pytest.raises(KeyboardInterrupt):  # Ctrl-C, while the program is loaded
+            timer.run("controller mine:Quits", 0.5, decide)
+        timer.interrupt_by(signal.SIGINT)
+        with pytest.raises(SelfInterrupt) as caught:  # where the event loop hears Ctrl-C, it can be no key
+            timer.run("controller mine:Quits", 0.5, decide)
+        fault = UserCodeFault("controller mine:Quits", caught.value)
+        assert "failed: SelfInterrupt: KeyboardInterrupt, by its own code and no key" in str(fault)
+        return [frame.name for frame in traceback.extract_tb(caught.value.__traceback__)]
+
+    try:
+        assert watched(work) == ["decide"]
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -39,11 +39,11 @@ def fleet(
 
 def test_each_vehicle_has_what_all_share_and_what_is_its_own(tmp_path: Path) -> None:
     ant, bee = fleet(
-        tmp_path, ANT, {**BEE, "vehicle": {"mass_kg": 0.2}, "trajectory": {"centre_ned": [3.0, 0.0, 0.0]}}
+        tmp_path, ANT, {**BEE, "vehicle": {"mass_kg": 0.1}, "trajectory": {"centre_ned": [3.0, 0.0, 0.0]}}
     ).members
     assert (ant.name, bee.name) == ("ant", "bee")
     assert (ant.lab.vehicle.name, ant.lab.vehicle.mass_kg) == ("ant", 0.1)
-    assert (bee.lab.vehicle.name, bee.lab.vehicle.mass_kg) == ("bee", 0.2)
+    assert (bee.lab.vehicle.name, bee.lab.vehicle.mass_kg) == ("bee", 0.1)
     assert told(bee.lab.trajectory)["radius_m"] == 0.5
     assert told(bee.lab.trajectory)["centre_ned"] == [3.0, 0.0, 0.0]
     assert (told(ant.lab.pose)["object"], told(bee.lab.pose)["object"]) == ("ant", "Bee 2")

@@ -1,4 +1,4 @@
-"""groundstation/runtime/recordings.py: names, and what is tidied away; and the list of flights."""
+"""groundstation/machine/recordings.py: names, and what is tidied away; and the list of flights."""
 
 import argparse
 import fcntl

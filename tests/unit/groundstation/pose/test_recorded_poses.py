@@ -89,7 +89,7 @@ def test_a_file_without_poses_says_what_was_expected(tmp_path: Path) -> None:
     path = tmp_path / "empty.csv"
     path.write_text("hello\n1,2\n")
     with pytest.raises(
-        SourceError, match=r"^pose\.path: .* holds no poses \(found: 1 malformed\); expected rows t,x,y,z,qw"
+        SourceError, match=r"^pose\.path: .* holds no poses \(found: 1 malformed\): expected rows t,x,y,z,qw"
     ):
         played(path, 0.1)
 

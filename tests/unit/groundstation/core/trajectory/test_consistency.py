@@ -84,6 +84,28 @@ def test_exact_derivatives_are_found_to_be_so(speed_m_s: float) -> None:
     assert report(Curve(lambda exact, t: exact, speed_m_s)).inconsistency is None
 
 
+def test_a_later_turn_that_is_not_what_it_declares_is_found() -> None:
+    def later(exact: Reference, t: float) -> Reference:
+        return msgspec.structs.replace(exact, velocity_ned=ZERO) if t > 40.0 else exact
+
+    odd = report(Curve(later)).inconsistency
+    assert odd is not None
+    assert (odd.name, odd.declared) == ("velocity", 0.0)
+    assert odd.time_s == pytest.approx(40.0, abs=0.4)
+
+
+def test_what_never_ends_and_turns_in_more_than_a_minute_is_looked_at_beyond_it() -> None:
+    def away(exact: Reference, t: float) -> Reference:
+        return msgspec.structs.replace(exact, position_ned=(5.0, 0.0, -1.5)) if t > 75.1 else exact
+
+    slow = Curve(away, 0.25)
+    slow.joints_s = (0.0, 60.0)
+    odd = report(slow).inconsistency
+    assert odd is not None
+    assert odd.name == "period"
+    assert odd.time_s == pytest.approx(75.0, abs=0.4)
+
+
 def test_a_fast_circle_at_rest_by_its_own_word_is_told_with_both_speeds() -> None:
     config = from_dict({"trajectory": {"kind": f"{__name__}:lie"}}, Config)
     told = explain_refusal(config, examine_trajectory(config))
@@ -138,11 +160,39 @@ def test_the_fence_counts_too() -> None:
         ("controller", "gravity", 981.0), ("controller", "pose_noise_m", 3.0), ("controller", "pose_jitter_s", 2.0),
         ("controller", "wind_noise", 1e9), ("gate", "jump_m", 150.0), ("gate", "speed_m_s", 20000.0),
         ("gate", "frozen_s", 100.0), ("gate", "rate_deg_s", 1e6), ("gate", "acceleration_m_s2", 30000.0),
+        ("gate", "rate_deg_s", 17.5), ("gate", "tilt_deg", 2.1), ("limits", "max_tilt_deg", 0.785),
+        ("vehicle", "rate_limits_deg_s", [3.5, 3.5, 5.2]), ("flight", "floor_z_m", 1500.0),
+        ("flight", "pose_wait_s", 5000.0), ("flight", "duration_s", 120_000.0),
+        ("vehicle", "thrust_max_n", 137.0), ("vehicle", "thrust_max_n", 1370.0), ("vehicle", "thrust_max_n", 0.14),
+        ("vehicle", "thrust_min_n", 20.0), ("vehicle", "hover_thrust", 0.0045), ("vehicle", "hover_n", 80.0),
+        ("vehicle", "hover_n", 0.08), ("vehicle", "hover_range", [1.45, 0.7]), ("vehicle", "hover_range", [0.7, 0.9]),
     ],
 )  # fmt: skip
 def test_a_figure_in_another_unit_is_refused_by_its_range(section: str, key: str, value: Any) -> None:
-    with pytest.raises(ConfigError, match=rf"{section}\.{key}"):
+    with pytest.raises(ConfigError, match=rf"{section}\.{key}(\[0\])?: .*(expected|limit)"):
         from_dict({section: {key: value}}, Config)
+
+
+@pytest.mark.parametrize("mass_kg", [80.0, 0.00008])
+def test_a_mass_in_another_unit_is_refused_by_the_thrust_that_carries_it(mass_kg: float) -> None:
+    with pytest.raises(ConfigError, match=r"times the weight, .* by mass_kg = "):
+        from_dict({"vehicle": {"mass_kg": mass_kg}}, Config)
+
+
+@pytest.mark.parametrize(
+    ("link", "key"),
+    [
+        (
+            {"kind": "crsf", "map": {"roll": {"channel": 1, "full_rate_deg_s": 3.5}}},
+            r"link\.map\.roll\.full_rate_deg_s",
+        ),
+        ({"forward": {"noise_m": 5.0}}, r"link\.forward\.noise_m"),
+        ({"forward": {"noise_deg": 0.0087}}, r"link\.forward\.noise_deg"),
+    ],
+)
+def test_a_figure_of_a_link_in_another_unit_is_refused_by_its_range(link: dict[str, Any], key: str) -> None:
+    with pytest.raises(ConfigError, match=rf"{key}: expected"):
+        from_dict({"link": link}, Config)
 
 
 def test_a_corner_that_is_flown_at_full_speed_is_found() -> None:

@@ -200,7 +200,7 @@ async def test_without_a_measurement_the_operator_is_asked_for_one() -> None:
     server = QtmServer(config)
     await server.open()
     source = config.build()
-    with pytest.raises(OSError, match="did not stream; is a measurement or a preview running"):
+    with pytest.raises(OSError, match="did not stream: is a measurement or a preview running"):
         await source.start(lambda pose: None)
     await source.close()
     server.close()
