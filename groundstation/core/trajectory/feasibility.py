@@ -371,9 +371,7 @@ def _look_further(trajectory: Trajectory, span_s: float, seen: Sequence[Referenc
     for k in range(1, FURTHER_LOOKS + 1):
         time_s = span_s + k * FURTHER_S / FURTHER_LOOKS
         first, second, third = (trajectory.at(time_s + i * DIFFERENCE_S) for i in range(3))
-        beyond = [
-            max(min(axis) - at, at - max(axis), 0.0) for at, axis in zip(first.position_ned, places, strict=True)
-        ]
+        beyond = [max(min(axis) - at, at - max(axis), 0.0) for at, axis in zip(first.position_ned, places, strict=True)]
         if not math.hypot(*beyond) <= BOX_SPARE_M:
             far = math.hypot(*beyond)
             return Inconsistency(time_s=time_s, name="period", declared=span_s, found=far, unit="m")
