@@ -104,3 +104,44 @@ def test_bodies_that_are_made_up_never_fly_a_vehicle() -> None:
     pose = {"kind": "libmotioncapture", "backend": "mock"}
     with pytest.raises(ConfigError, match=r"pose\.backend: .*never flies"):
         require_flyable(from_dict({"pose": pose}, Config))
+
+
+NOISY = """
+import os, time
+from types import SimpleNamespace as Record
+
+
+class Noisy:
+    def waitForNextFrame(self):
+        os.write(1, b"a frame\\n")  # as std::cout of a back end does
+        time.sleep(0.01)
+
+    @property
+    def rigidBodies(self):
+        turn = Record(w=1.0, x=0.0, y=0.0, z=0.0)
+        return {"quad": Record(position=(1.0, time.monotonic() % 1.0, 3.0), rotation=turn)}
+
+
+def connect(backend, options):
+    os.write(1, b"Using unicast from server 127.0.0.1:1511\\n")
+    if options["hostname"] == "127.0.0.9":
+        time.sleep(60.0)
+    return Noisy()
+"""
+
+
+@pytest.fixture
+def noisy_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "motioncapture.py").write_text(NOISY, "utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+
+
+@pytest.mark.usefixtures("noisy_library")
+def test_what_the_library_prints_is_no_frame_and_no_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work(source: Any, poses: list[Pose]) -> None:
+        await until(lambda: len(poses) > 20)
+
+    assert run(work, LibmotioncaptureConfig(backend="optitrack")).status.dropped == {}
+    monkeypatch.setattr(libmotioncapture, "CONNECT_S", 3.0)
+    with pytest.raises(SourceError, match=r"the optitrack server at 127\.0\.0\.9 does not answer"):
+        run(work, LibmotioncaptureConfig(backend="optitrack", hostname="127.0.0.9"))

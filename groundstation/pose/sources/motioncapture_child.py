@@ -7,6 +7,7 @@ stamped with this machine's monotonic clock as the library gave the frame. The f
 import importlib
 import json
 import math
+import os
 import signal
 import sys
 import time
@@ -38,8 +39,10 @@ def main() -> Exit:
     parent, backend, options, names = sys.argv[1:]
     if not follow_parent(int(parent), signal.SIGKILL):  # a call of the library that hangs hears of nothing else
         return Exit.FAILED
+    out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # the library itself prints on standard output
     motioncapture: Any = importlib.import_module("motioncapture")  # no stubs come along
-    out, wanted = sys.stdout.buffer, {name: rank for rank, name in enumerate(json.loads(names))}
+    wanted = {name: rank for rank, name in enumerate(json.loads(names))}
     tracker = motioncapture.connect(backend, json.loads(options))
     out.write(b"\n")
     out.flush()
