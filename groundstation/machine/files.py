@@ -3,7 +3,7 @@
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -30,8 +30,12 @@ def open_whole(path: Path) -> Iterator[TextIO]:
             with target.open("a"):  # what may not be written is not replaced either
                 new.chmod(stat.S_IMODE(target.stat().st_mode))
         new.replace(target)
-    finally:
-        new.unlink(missing_ok=True)
+    except BaseException as error:
+        with suppress(OSError):
+            new.unlink()
+        if isinstance(error, OSError) and str(error.filename) == str(new):
+            error.filename = str(path)  # nobody has asked for the other
+        raise
 
 
 def write_whole(path: Path, text: str) -> None:

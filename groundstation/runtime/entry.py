@@ -11,6 +11,7 @@ import gc
 import importlib
 import io
 import os
+import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from enum import IntEnum
@@ -120,6 +121,13 @@ def raw_stream(stream: "TextIO") -> "TextIO":
     return stream.bare if isinstance(stream, _GuardedStream) else stream
 
 
+def _is_file(stream: "TextIO") -> bool:
+    try:
+        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
+    except OSError:  # it has no descriptor, or a closed one
+        return False
+
+
 @contextlib.contextmanager
 def _guard_output() -> Iterator[None]:
     """Guard standard output and standard error: what is printed may come from a vehicle, a broker, or a recording."""
@@ -128,7 +136,10 @@ def _guard_output() -> Iterator[None]:
     before = sys.stdout, sys.stderr
     for stream in before:
         if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in ("utf-8", "utf8"):
-            stream.reconfigure(errors="replace")  # a terminal that knows no ² shows ?, and everything else
+            if _is_file(stream):
+                stream.reconfigure(encoding="utf-8")  # `config show > lab.toml` is read again
+            else:
+                stream.reconfigure(errors="replace")  # a terminal that knows no ² shows ?, and everything else
     sys.stdout, sys.stderr = map(_GuardedStream, before)  # all else is the stream's own
     try:
         yield

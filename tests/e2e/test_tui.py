@@ -17,6 +17,7 @@ import msgspec
 import pytest
 from textual.command import CommandList
 from textual.pilot import Pilot
+from textual.widgets import Static
 
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.app import served_socket
@@ -26,6 +27,7 @@ from groundstation.interfaces.tui.widgets import (
     Banner,
     ErrorHistory,
     Events,
+    Help,
     InTime,
     Numbers,
     Tabs,
@@ -38,6 +40,22 @@ from tests.sample_flight import sample
 @pytest.fixture
 def stage(tmp_path: Path) -> Stage:
     return Stage(tmp_path / "mqx.sock")
+
+
+@pytest.mark.parametrize("size", [(80, 24), (60, 24), (200, 50)])
+def test_every_key_is_explained_in_full_on_any_terminal(stage: Stage, size: tuple[int, int]) -> None:
+    async def scene(pilot: Pilot[None]) -> None:
+        await pilot.press("question_mark")
+        await until(pilot, lambda: isinstance(pilot.app.screen, Help))
+        await pilot.pause(0.2)
+        shown = [row for row in pilot.app.screen.query(".says") if isinstance(row, Static)]
+        assert len(shown) > 8
+        for row in shown:
+            assert row.parent is not None
+            assert row.region.width <= pilot.app.screen.query_one("#box").size.width - 11
+            assert row.size.height * row.size.width >= len(str(row.content))
+
+    play(scene, stage.path, size=size)
 
 
 def test_every_part_shows_the_newest_snapshot(stage: Stage) -> None:

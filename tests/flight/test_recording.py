@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from groundstation.analysis import export_command
+from groundstation.analysis.recordings import SUFFIXES
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.messages import PoseRecord, TickRecord
 from groundstation.machine import RecordingConfig, make_folder
@@ -210,6 +211,13 @@ def test_an_export_replaces_no_file_that_is_there(form: str, tmp_path: Path) -> 
     with pytest.raises(ConfigError, match=r"^--out: .*mine is there already: name another, or remove it$"):
         export_command(recorded()[0], form, [], mine)
     assert mine.read_text() == "an hour's work"
+
+
+@pytest.mark.parametrize("form", ["csv", "mcap", "poses", "npz"])
+def test_an_export_says_that_it_could_not_write_and_where(form: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(ConfigError, match=r"^--out: cannot write .*file/a"):
+        export_command(recorded()[0], form, [], tmp_path / "file" / f"a{SUFFIXES[form]}")
 
 
 def test_a_file_that_is_no_recording_is_told_of(tmp_path: Path) -> None:

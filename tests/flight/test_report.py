@@ -21,7 +21,7 @@ from groundstation.analysis.report.flight import numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
 from groundstation.core.messages import SETTLED_M
-from groundstation.recording import quick_headline
+from groundstation.recording import Recording, quick_headline
 from sim.runs import RECORDING, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
@@ -95,6 +95,10 @@ def test_the_way_to_the_trajectory_and_the_landing_do_not_count(tmp_path: Path) 
     assert 2.0 < mission["flown_s"] < 4.0
     assert mission["error"]["settle_s"] < 0.1
     assert mission["events"][-1]["kind"] == "landed"
+    lines = [entry.value() for entry in Recording(tmp_path / RECORDING).entries(("/mission",))]
+    assert lines, "it has a mission"
+    clocks = [event["clock_s"] for event in mission["events"] if event["kind"] != "request"]
+    assert clocks == pytest.approx([line["time_s"] for line in lines])  # as the flight has said them
 
 
 def test_every_command_has_an_instant_at_which_its_bytes_left() -> None:

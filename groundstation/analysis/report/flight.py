@@ -297,7 +297,10 @@ def numbers(flown: FlightColumns) -> dict[str, Any]:
         "link": {key: value for key, value in (flown.looks[-1] if flown.looks else {}).items() if key != "time_s"},
         "source": flown.source,
         "budget": flown.budget or None,
-        "events": [{"time_s": time_s, "kind": kind, "text": text} for time_s, kind, text in flown.events],
+        "events": [
+            {"time_s": time_s, "clock_s": time_s + flown.begun_s, "kind": kind, "text": text}
+            for time_s, kind, text in flown.events
+        ],
     }
 
 

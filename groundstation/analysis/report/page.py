@@ -55,6 +55,7 @@ AGAINST = (
     f"the steady part: on the trajectory, from {STEADY_S:g} s on. Time counts from where the trajectory begins; where "
     "it never did, from the first command."
 )
+CLOCK = "The clock is the station's: lines of the flight, its dashboard, MQTT and exported tables have the same."
 NOT_A_SUM = (
     "Squared contribution: RMS² of the flight less RMS² with that source switched off. They need not add up to RMS²: "
     "sources act on each other, and what stays without any of them (mean wind, sampling) is none. Negative: it helped."
@@ -249,8 +250,11 @@ def _escape_latex(text: str) -> str:
 
 
 def _events(name: str, one: dict[str, Any]) -> str:
-    rows = [[f"{event['time_s']:.2f}", event["kind"], event["text"]] for event in one["events"]]
-    return f"<h3>{escape(name)}</h3>" + _table(["time [s]", "what", ""], rows)
+    rows = [
+        [f"{event['time_s']:.2f}", f"{event['clock_s']:.3f}", event["kind"], event["text"]] for event in one["events"]
+    ]
+    head = ["time [s]", "clock [s]", "what", ""]
+    return f"<h3>{escape(name)}</h3>" + _table(head, rows, numbers=range(2)) + f'<p class="note">{escape(CLOCK)}</p>'
 
 
 def _program(facts: Sequence[dict[str, Any]]) -> list[list[str]]:

@@ -530,6 +530,7 @@ class Help(Dialog[None]):
     DEFAULT_CSS = """
     Help Horizontal { height: auto; }
     Help .key { width: 11; padding: 0 2 0 0; text-align: right; text-style: bold; }
+    Help .says { width: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [Binding("question_mark,q", "leave", "back")]
 
@@ -543,7 +544,7 @@ class Help(Dialog[None]):
             for key, says in self._keys:
                 with Horizontal():
                     yield Static(Content(key), classes="key")
-                    yield Static(Content(says))
+                    yield Static(Content(says), classes="says")
 
 
 def _theme(name: str, *, dark: bool, background: str, text: str, **colours: str) -> Theme:

@@ -45,9 +45,14 @@ def test_a_link_stays_a_link_and_a_pipe_is_written_to(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(IsADirectoryError):
         write_whole(tmp_path, "text")
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError) as nowhere:
         write_whole(tmp_path / "nowhere" / "a", "text")
-    assert names_in(tmp_path) == []
+    assert nowhere.value.filename == str(tmp_path / "nowhere" / "a")
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(NotADirectoryError) as within:
+        write_whole(tmp_path / "file" / "a", "text")
+    assert within.value.filename == str(tmp_path / "file" / "a")
+    assert names_in(tmp_path) == ["file"]
 
 
 def run(*command: str, folder: Path, locale: dict[str, str] = ASCII_LOCALE) -> subprocess.CompletedProcess[bytes]:
@@ -70,3 +75,13 @@ def test_a_flight_in_a_locale_without_utf_8_leaves_the_same_files(tmp_path: Path
     assert tomllib.loads(texts[0])["mqtt"]["password_file"] == str(folder / "pass")
     shown = run("groundstation", "report", "c/flight.mcap", folder=folder)
     assert shown.returncode == 0, shown.stderr.decode()
+
+
+def test_what_a_shell_writes_into_a_file_is_utf_8_too(tmp_path: Path) -> None:
+    program = Path(sys.executable).with_name("groundstation")
+    with (tmp_path / "lab.toml").open("wb") as file:
+        subprocess.run([program, "config", "show"], env={**os.environ, **ASCII_LOCALE}, stdout=file, check=True)
+    assert "m/s²" in (tmp_path / "lab.toml").read_text("utf-8")
+    shown = run("groundstation", "config", "show", "lab.toml", folder=tmp_path)
+    assert shown.returncode == 0, shown.stderr.decode()
+    assert b"m/s?" in shown.stdout
