@@ -17,9 +17,8 @@ places; docs/explanation/law.md lists them, and this file is the corrected form.
 
 On the plant of the paper, V˙ = -W + b̃ᵀ(ξ - Proj) <= -W.
 
-σ and ρ are of one family: odd, smooth, bound ``bound`` and slope ``slope`` at 0. The paper prints
-M r s/√(1+r²s²), whose slope is M·r; bound M and slope r need the form below.
-Elementwise: floats, or arrays of shape (N,).
+σ and ρ are of one family of odd, smooth functions: M r s/√(M² + r² s²), with bound M and slope r at 0. (The paper
+prints M r s/√(1 + r² s²), whose slope is M·r.) All functions work elementwise: on floats, or on arrays of shape (N,).
 """
 
 import math
@@ -33,16 +32,17 @@ from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, third_col
 
 
 class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
-    """Gains of the pure law. Defaults and where they come from: docs/explanation/law.md; the paper's are said beside.
+    """Gains of the pure law. docs/explanation/law.md, section 7, gives the origin of each default.
 
-    It stands on :class:`Estimation` only because a struct has one base; the law reads ``gravity`` of it.
+    The base is :class:`Estimation`, as a controller's section also configures its estimator, and a struct has one base
+    only. Of it the law reads ``gravity`` alone.
     """
 
     k2: Annotated[
         Positive,
         msgspec.Meta(
-            description="Gain on ρ(z2) [m/s²]; paper: 2. Off the figure, and on it for 5 s after "
-            "poses were suspect, at most 1.75."
+            description="Gain on ρ(z2) [m/s²]; paper: 2. With calm gains at most 1.75: in climbs and "
+            "descents, with poses more than 0.07 s apart, and in a hold while poses are doubted."
         ),
     ] = 2.0
     k3: Annotated[Positive, msgspec.Meta(description="Gain on z3 [1/s]; paper: 4.")] = 5.0
@@ -50,7 +50,7 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
         Positive,
         msgspec.Meta(
             description="The same for the vertical axis [1/s], where only thrust acts; paper: 4. "
-            "Off the figure, as k2, at most 6."
+            "In a hold at most 10, with calm gains (see k2) 6."
         ),
     ] = 14.0
     kb: Annotated[
@@ -64,22 +64,26 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
         Positive,
         msgspec.Meta(
             description="M: bound of σ [m/s], and the speed error up to which u* is linear in it; "
-            "paper: 1.5. Off the figure, as k2, at most 3."
+            "paper: 1.5. In a hold and with calm gains (see k2) at most 3."
         ),
     ] = 6.0
     sigma_slope: Annotated[
-        Positive, msgspec.Meta(description="r: slope of σ at 0 [1/s]; paper: 3. Off the figure, as k2, at most 3.")
+        Positive, msgspec.Meta(description="r: slope of σ at 0 [1/s]; paper: 3. With calm gains (see k2) at most 3.")
     ] = 4.5
-    rho_bound: Annotated[Positive, msgspec.Meta(description="Bound of ρ [-]. Off the figure, as k2, at most 2.")] = 6.0
+    rho_bound: Annotated[
+        Positive, msgspec.Meta(description="Bound of ρ [-]. In a hold and with calm gains (see k2) at most 2.")
+    ] = 6.0
     rho_slope: Annotated[
-        Positive, msgspec.Meta(description="Slope of ρ at 0 [s/m]. Off the figure, as k2, at most 1.")
+        Positive, msgspec.Meta(description="Slope of ρ at 0 [s/m]. In a hold at most 2, with calm gains (see k2) 1.")
     ] = 3.0
-    velocity_scale: Annotated[Positive, msgspec.Meta(description="c: how fast Ω grows beyond M [m/s].")] = 1.0
+    velocity_scale: Annotated[
+        Positive, msgspec.Meta(description="c: speed beyond M over which Ω' begins to grow [m/s]; less grows faster.")
+    ] = 1.0
     b_bound: Annotated[
         Positive,
         msgspec.Meta(
-            description="B: largest disturbance to adapt to [m/s²]. 14 is what the paper's vehicle "
-            "can trim sideways; left so, it is what this vehicle can: `vehicle.wind_share` of "
+            description="B: largest disturbance to adapt to [m/s²]. The default 14, which the paper's vehicle "
+            "can trim sideways, is replaced by what yours can: `vehicle.wind_share` of "
             "√((T_max/m)² - g²), but at least 5."
         ),
     ] = 14.0
@@ -91,13 +95,13 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
 
     @cached_property
     def shape(self) -> "Shape":
-        """What one axis of the law is made of."""
+        """Gain and functions of one axis."""
         sigma, rho = saturation(self.sigma_bound, self.sigma_slope), saturation(self.rho_bound, self.rho_slope)
         return Shape(self.k2, sigma, rho, self.velocity_scale)
 
 
 class Saturation(msgspec.Struct, frozen=True, gc=False):
-    """σ or ρ, M r s/√(M² + r² s²): bound M, slope r, and what is made of these alone."""
+    """σ or ρ: M r s/root with root = √(M² + r² s²), and the constants of its derivatives and its integral."""
 
     bound: Real
     """M."""
@@ -106,25 +110,31 @@ class Saturation(msgspec.Struct, frozen=True, gc=False):
     bound2: Real
     """M²."""
     steepness: Real
-    """r M³: σ' is that over the root's cube."""
+    """r M³, for the first derivative σ' = r M³/root³."""
     bend: Real
-    """-3 r: σ'' is that times r s σ' over the root's square."""
+    """-3 r, for the second derivative σ'' = -3 r (r s) σ'/root²."""
     area: Real
-    """M/r, of the integral φ."""
+    """M/r, for the integral φ = (M/r) (root - M)."""
 
 
 def saturation(bound: Real, slope: Real) -> Saturation:
-    """The member of the family that has this bound and slope."""
+    """Make the function of this bound and slope."""
     return Saturation(bound, slope, bound * bound, slope * bound * bound * bound, -3.0 * slope, bound / slope)
 
 
-def integral(by: Saturation, rs: Real, root: Real) -> Real:
-    """φ(s), the integral of σ from 0: (M/r)(√(M² + r² s²) - M), written without the cancellation near 0."""
-    return by.area * rs * rs / (root + by.bound)
+def integral(sigma: Saturation, rs: Real, root: Real) -> Real:
+    """φ(s), the integral of σ from 0 to s: (M/r)(root - M), written without the cancellation near 0.
+
+    Args:
+        sigma: σ.
+        rs: r s.
+        root: √(M² + r² s²).
+    """
+    return sigma.area * rs * rs / (root + sigma.bound)
 
 
 class Shape(msgspec.Struct, frozen=True, gc=False):
-    """Gains and functions of one axis; the same for all three."""
+    """Gain and functions of one axis; all three axes have the same."""
 
     k2: Real
     sigma: Saturation
@@ -145,13 +155,13 @@ def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Rea
         ops: elementary functions.
         s: the argument [m/s].
         bound: M [m/s].
-        scale: c > 0 [m/s], how fast Ω' grows outside.
+        scale: c > 0 [m/s], the distance from M over which Ω' begins to grow.
     """
     if ops is FLOATS and -bound <= s <= bound:
-        # One vehicle is here nearly always: the same to the bit, in a third of the time.
-        nought = -0.0 if s < 0.0 else 0.0
-        return nought, 1.0, nought
-    y = ops.clamp(abs(s) - bound, 0.0, math.inf)
+        # Most calls for a single vehicle end here, in a third of the time. The zero has the sign that it has below.
+        zero = -0.0 if s < 0.0 else 0.0
+        return zero, 1.0, zero
+    y = ops.clamp(abs(s) - bound, 0.0, math.inf)  # y and Ω as in docs/explanation/law.md, section 2
     t = y / scale
     first = ops.sqrt(1.0 + t * t)
     sign = ops.where(s < 0.0, -1.0, 1.0)
@@ -160,26 +170,28 @@ def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Rea
     return excess, first, second
 
 
-class Brink(msgspec.Struct, frozen=True, gc=False):
-    """How far b̂ is beyond B: the part of (9) that does not depend on ξ."""
+class ProjectionEdge(msgspec.Struct, frozen=True, gc=False):
+    """The part of the projection (9) that depends on b̂ alone, not on ξ."""
 
     eta1: Real
+    """η1 = max(0, |b̂|² - B²)^(n+1)."""
     scale: Real
+    """2 (ε² + 2εB)^(n+1) B²."""
 
 
-def brink(ops: Ops, b_hat: Vec3, bound: Real, epsilon: Real, order: int) -> Brink | None:
-    """η1, and 2 (ε² + 2εB)^(n+1) B²; None for one vehicle within B, as nearly always: nothing is held back then."""
+def projection_edge(ops: Ops, b_hat: Vec3, bound: Real, epsilon: Real, order: int) -> ProjectionEdge | None:
+    """Compute η1 and its scale; None for a single vehicle with |b̂| <= B, where the projection changes nothing."""
     bx, by, bz = b_hat
     square = bx * bx + by * by + bz * bz
     if ops is FLOATS and square <= bound * bound:
         return None
     outside = ops.clamp(square - bound * bound, 0.0, math.inf)
     scale = 2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound
-    return Brink(outside ** (order + 1), scale)
+    return ProjectionEdge(outside ** (order + 1), scale)
 
 
-def project_at(ops: Ops, xi: Vec3, b_hat: Vec3, edge: Brink, delta: Real) -> Vec3:
-    """Proj(ξ, b̂) at that ``edge``."""
+def project_at(ops: Ops, xi: Vec3, b_hat: Vec3, edge: ProjectionEdge, delta: Real) -> Vec3:
+    """Proj(ξ, b̂), where ``edge`` is that of this b̂."""
     (x, y, z), (bx, by, bz) = xi, b_hat
     inner = bx * x + by * y + bz * z
     k = edge.eta1 * (inner + ops.sqrt(inner * inner + delta * delta)) / edge.scale
@@ -191,7 +203,7 @@ def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delt
 
     Args:
         ops: elementary functions.
-        xi: ξ, what would drive the estimate without projection.
+        xi: ξ, the direction in which the estimate would move without projection.
         b_hat: b̂ [m/s²], NED.
         bound: B > 0 [m/s²].
         epsilon: ε > 0 [m/s²].
@@ -201,38 +213,47 @@ def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delt
     Returns:
         Proj(ξ, b̂), which equals ξ wherever |b̂| <= B (P1-P4 of the paper, Theorem 3).
     """
-    edge = brink(ops, b_hat, bound, epsilon, order)
+    edge = projection_edge(ops, b_hat, bound, epsilon, order)
     return xi if edge is None else project_at(ops, xi, b_hat, edge, delta)
 
 
 def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
-    """b̂ scaled radially into the ball of ``radius``: after an Euler step this never increases |b - b̂|."""
+    """Scale b̂ radially into the ball of ``radius``. For a true b in that ball this never increases |b - b̂|."""
     bx, by, bz = b_hat
-    # The floor only avoids 0/0; inside the ball the factor is 1 whatever the length.
     square = bx * bx + by * by + bz * bz
     if ops is FLOATS and square < radius * radius:
         return b_hat
-    length = ops.sqrt(square + 1e-300)
+    length = ops.sqrt(square + 1e-300)  # not 0: arrays come here with b̂ = 0, too
     k = ops.clamp(radius / length, 0.0, 1.0)
     return (bx * k, by * k, bz * k)
 
 
 POSITION_LIMIT = 1e6
-"""Errors are clamped here [m, m/s², m/s³], far beyond any room, so that no finite input overflows."""
+"""Limit of each component of position error, acceleration and jerk [m, m/s², m/s³]: no finite input overflows.
+
+Chosen: far beyond any flight.
+"""
 VELOCITY_LIMIT = 1e4
-"""[m/s]; V grows like the fourth power of the speed error."""
+"""Limit of each component of the speed error [m/s]: V grows with its fourth power. Chosen: far beyond any flight."""
+THRUST_LIMIT = 1e6
+"""Limit of the thrust that the law calculates with [N]. Chosen: far beyond any vehicle."""
+THRUST_SHARE_MIN = 1e-3
+"""Least thrust that the law calculates with, as a share of the weight [-]: it divides by it. Chosen: far below any
+thrust that flies."""
+COS_ROLL_MIN = 0.2
+"""Least |cos(roll)| that the heading rate is divided by [-]: 0.2 is a roll of 78 deg, beyond the tilt limits in use."""
 
 
 class BacksteppingAxis(NamedTuple):
-    """One axis of the law: what drives it, its errors, and the virtual control with its partial derivatives."""
+    """Names of the tuple that :func:`axis` returns: ``BacksteppingAxis(*axis(...))``."""
 
     z3: Real
     xi: Real
     """ξ of (8)."""
     demand: Real
-    """k3 z3 + ∂V/∂z2: what (10) asks for beside the known parts."""
+    """k3 z3 + ∂V/∂z2, a term of y in (10)."""
     u_star_dot: Real
-    """u˙* as it would be if b̂ were b."""
+    """u˙* for b̂ = b, another term of y in (10)."""
     z2: Real
     sigma: Real
     u_star: Real
@@ -241,8 +262,9 @@ class BacksteppingAxis(NamedTuple):
     omega: Real
     """Ω(x2) + Ω(σ) [m/s]."""
     rs: Real
-    """r z1 and the root of σ(z1), for φ(z1)."""
+    """r z1, for φ(z1)."""
     root: Real
+    """√(M² + r² z1²), for φ(z1)."""
     sigma_prime: Real
     du_dz1: Real
     du_dz2: Real
@@ -250,7 +272,7 @@ class BacksteppingAxis(NamedTuple):
 
 
 class LawOutput(msgspec.Struct, frozen=True, gc=False):
-    """What the law says at one instant."""
+    """Output of the law at one instant."""
 
     thrust_rate: Real
     """Ṫ [N/s]."""
@@ -277,25 +299,28 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
 def axis(
     ops: Ops, shape: Shape, z1: Real, z1_dot: Real, u_hat: Real = 0.0, k3: Real = 0.0, drag: float = 0.0
 ) -> tuple[Real, ...]:
-    """(5), (6), their partial derivatives in (z1, z2), (7), and what (8) and (10) take, of one axis.
+    """Evaluate one axis of (5), (6) and (7), the partial derivatives in (z1, z2), and its terms of (8) and (10).
 
-    It gives what :class:`BacksteppingAxis` names: it runs six times a command, and a plain tuple is made and taken
-    apart in less than half of a named one's time.
+    :class:`BacksteppingAxis` names the returned values. They are a plain tuple, which takes less than half of the
+    time of a named one: this runs six times a command.
+
+    Symbols as in docs/explanation/law.md, section 2: x2 = z1˙, q and M; s, s1, s2 are σ(z1) and its derivatives,
+    o1, o2 are Ω' and Ω'' at x2, a = k2 ρ(z2) + σ(z1). u_x1, u_x2 and u_z1 are partial derivatives of u*.
     """
-    k2, by, x2, sqrt = shape.k2, shape.sigma, z1_dot, ops.sqrt
-    m, rs = by.bound, by.slope * z1
-    root = sqrt(by.bound2 + rs * rs)
+    k2, sigma, rho_shape, x2, sqrt = shape.k2, shape.sigma, shape.rho, z1_dot, ops.sqrt
+    m, rs = sigma.bound, sigma.slope * z1
+    root = sqrt(sigma.bound2 + rs * rs)
     w = 1.0 / root
-    s, s1 = m * rs * w, by.steepness * w * w * w  # σ(z1) and its derivatives
-    s2 = by.bend * rs * w * w * s1
-    z2, by = x2 + s, shape.rho  # (5)
-    rz = by.slope * z2
-    w = 1.0 / sqrt(by.bound2 + rz * rz)
-    rho, rho1 = by.bound * rz * w, by.steepness * w * w * w  # ρ(z2)
+    s, s1 = m * rs * w, sigma.steepness * w * w * w
+    s2 = sigma.bend * rs * w * w * s1
+    z2 = x2 + s  # (5)
+    rz = rho_shape.slope * z2
+    w = 1.0 / sqrt(rho_shape.bound2 + rz * rz)
+    rho, rho1 = rho_shape.bound * rz * w, rho_shape.steepness * w * w * w
     a = k2 * rho + s
     if ops is FLOATS and -m <= x2 <= m:
-        # One vehicle is here nearly always, where Ω is the identity: the same, without what is then 0 or 1.
-        slope, omega, by_z2 = k2 * rho1, z2, z2
+        # Most calls for a single vehicle come here: Ω is the identity, and the factors that are 0 or 1 are left out.
+        slope, omega, by_z2 = k2 * rho1, z2, z2  # by_z2 is ∂V/∂z2
         u_star, u_x1, u_x2 = -(a + s1 * x2), -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
     else:
         excess, o1, o2 = growth(ops, x2, m, shape.velocity_scale)
@@ -315,29 +340,29 @@ def axis(
     )  # fmt: skip
 
 
-def confine(ops: Ops, v: Vec3, limit: float) -> Vec3:
-    """Each component within ±``limit``."""
+def clamp_each(ops: Ops, v: Vec3, limit: float) -> Vec3:
+    """Clamp each component to ±``limit``."""
     (x, y, z), clamp = v, ops.clamp
     return clamp(x, -limit, limit), clamp(y, -limit, limit), clamp(z, -limit, limit)
 
 
-NEAR2 = min(POSITION_LIMIT, VELOCITY_LIMIT) ** 2
-"""Where the squares of all that is confined add up to less, as in every flight, nothing has to be."""
+UNCLAMPED_SQUARE = min(POSITION_LIMIT, VELOCITY_LIMIT) ** 2
+"""A sum of squares below this proves that no component has to be clamped, as in every flight."""
 
 
 class LawState(NamedTuple):
-    """What one evaluation of the law is of: a plain tuple does as well, and is made in a third of the time."""
+    """Input of one evaluation of the law. A plain tuple (``State``) is made in a third of the time, and serves too."""
 
     z1: Vec3
     """p - pd [m], NED."""
     z1_dot: Vec3
     """v - p˙d [m/s], NED."""
     velocity: Vec3
-    """v [m/s], NED: what drag acts on."""
+    """v [m/s], NED, for the drag."""
     attitude: Quat
     """Unit quaternion, body FRD to world NED."""
     thrust: Real
-    """T [N]; the law needs T > 0 and takes at least a thousandth of the weight."""
+    """T [N], at least ``THRUST_SHARE_MIN`` of the weight is taken."""
     b_hat: Vec3
     """b̂ [m/s²], NED."""
     acceleration: Vec3
@@ -347,7 +372,7 @@ class LawState(NamedTuple):
 
 
 State: TypeAlias = tuple[Vec3, Vec3, Vec3, Quat, Real, Vec3, Vec3, Vec3]
-"""What :class:`LawState` names."""
+""":class:`LawState` as a plain tuple."""
 
 
 def backstep(
@@ -360,71 +385,77 @@ def backstep(
     witness: Vec3 | None = None,
     suspended: bool = False,
 ) -> LawOutput:
-    """One evaluation of the law.
+    """Evaluate the law once.
 
     Args:
         ops: elementary functions (floats, or arrays of shape (N,)).
         law: gains.
-        state: where, of which vehicle and reference.
+        state: errors, vehicle and reference, as :class:`LawState` names them.
         mass: [kg].
-        drag: linear drag c as told: -c v is a part of the acceleration [1/s].
-        witness: κ (d̂ - b̂) [m/s³ per kb], a second witness of the disturbance (composite adaptation), or None.
-            It moves b̂ only: Ṫ and ω answer b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005).
+        drag: configured linear drag c [1/s]: -c v is a part of the acceleration.
+        witness: κ (d̂ - b̂), added to ξ in b̂˙ (composite adaptation), or None. Ṫ and ω do not see it: they use
+            b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005-observer-and-adaptation.md).
         suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
-    x, y, z, z1, edge, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
-    z3x, xi_x, _, _, xz2, xs, xu, x_rho, x_omega, xr, x_root, _, _, _, _ = x
-    z3y, xi_y, _, _, yz2, ys, yu, y_rho, y_omega, yr, y_root, _, _, _, _ = y
-    z3z, xi_z, _, _, zz2, zs, zu, z_rho, z_omega, zr, z_root, _, _, _, _ = z
+    axis_x, axis_y, axis_z, z1, edge, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
+    z3x, xi_x, _, _, z2x, sx, ux, rho_x, omega_x, rs_x, root_x, _, _, _, _ = axis_x
+    z3y, xi_y, _, _, z2y, sy, uy, rho_y, omega_y, rs_y, root_y, _, _, _, _ = axis_y
+    z3z, xi_z, _, _, z2z, sz, uz, rho_z, omega_z, rs_z, root_z, _, _, _, _ = axis_z
     if witness is not None:
-        more = (xi_x + witness[0], xi_y + witness[1], xi_z + witness[2])
-        b_dot = _adaptation(ops, law, kb, more, state[5], edge)
-    aside, down, k2 = z3x * z3x + z3y * z3y, z3z * z3z, law.k2
-    by = law.shape.sigma
-    phi = integral(by, xr, x_root) + integral(by, yr, y_root) + integral(by, zr, z_root)
-    stored = 0.5 * x_omega * x_omega + 0.5 * y_omega * y_omega + 0.5 * z_omega * z_omega
-    third = 0.5 * (aside + down)
-    near, lost = xs * xs + ys * ys + zs * zs, k2 * xz2 * x_rho + k2 * yz2 * y_rho + k2 * zz2 * z_rho
-    turned = law.k3 * aside + law.k3_down * down
+        driven = (xi_x + witness[0], xi_y + witness[1], xi_z + witness[2])
+        b_dot = _adaptation(ops, law, kb, driven, state[5], edge)
+    level2, down2 = z3x * z3x + z3y * z3y, z3z * z3z
+    k2, sigma = law.k2, law.shape.sigma
+    v_position = integral(sigma, rs_x, root_x) + integral(sigma, rs_y, root_y) + integral(sigma, rs_z, root_z)
+    v_velocity = 0.5 * omega_x * omega_x + 0.5 * omega_y * omega_y + 0.5 * omega_z * omega_z
+    v_third = 0.5 * (level2 + down2)
+    w_position = sx * sx + sy * sy + sz * sz
+    w_velocity = k2 * z2x * rho_x + k2 * z2y * rho_y + k2 * z2z * rho_z
+    w_third = law.k3 * level2 + law.k3_down * down2
     return LawOutput(
         mass * turn[2],  # (10)
         -(mass / thrust) * turn[1],
         (mass / thrust) * turn[0],
         b_dot,
         z1,
-        (xz2, yz2, zz2),
+        (z2x, z2y, z2z),
         (z3x, z3y, z3z),
-        (xu, yu, zu),
-        (phi, stored, third),
-        (near, lost, turned),
-        phi + stored + third,
-        near + lost + turned,
+        (ux, uy, uz),
+        (v_position, v_velocity, v_third),
+        (w_position, w_velocity, w_third),
+        v_position + v_velocity + v_third,
+        w_position + w_velocity + w_third,
     )
 
 
 def turn_rates(
     ops: Ops, law: Law, state: State, mass: Real, drag: float = 0.0, suspended: bool = False
 ) -> tuple[Real, Real]:
-    """ω1 and ω2 [rad/s] alone of what :func:`backstep` says of the same."""
+    """ω1 and ω2 [rad/s] of :func:`backstep`, without the rest."""
     evaluated = _evaluate(ops, law, state, mass, drag, suspended)
     thrust, turn = evaluated[7], evaluated[8]
     return -(mass / thrust) * turn[1], (mass / thrust) * turn[0]
 
 
 def _evaluate(ops: Ops, law: Law, state: State, mass: Real, drag: float, suspended: bool) -> Any:
-    """The three axes, z1, the projection's edge, kb as it acts, b̂˙ = kb Proj(ξ, b̂), T, and y of (10), FRD."""
+    """Evaluate the three axes and (10).
+
+    Returns:
+        The three axes' tuples, clamped z1, the projection's edge, kb (0 while suspended), b̂˙ = kb Proj(ξ, b̂),
+        clamped T, and y of (10) in FRD.
+    """
     z1, z1_dot, (vx, vy, vz), attitude, thrust, b_hat, acceleration, jerk = state
     bx, by, bz = b_hat
     (a, b, c), (d, e, f), (ax, ay, az), (jx, jy, jz) = z1, z1_dot, acceleration, jerk
     if ops is not FLOATS or not (
         a * a + b * b + c * c + d * d + e * e + f * f
-        + ax * ax + ay * ay + az * az + jx * jx + jy * jy + jz * jz < NEAR2
+        + ax * ax + ay * ay + az * az + jx * jx + jy * jy + jz * jz < UNCLAMPED_SQUARE
     ):  # fmt: skip
-        a, b, c = z1 = confine(ops, z1, POSITION_LIMIT)
-        d, e, f = confine(ops, z1_dot, VELOCITY_LIMIT)
-        ax, ay, az = confine(ops, acceleration, POSITION_LIMIT)
-        jx, jy, jz = confine(ops, jerk, POSITION_LIMIT)
-    thrust = ops.clamp(thrust, 1e-3 * mass * law.gravity, 1e6)
+        a, b, c = z1 = clamp_each(ops, z1, POSITION_LIMIT)
+        d, e, f = clamp_each(ops, z1_dot, VELOCITY_LIMIT)
+        ax, ay, az = clamp_each(ops, acceleration, POSITION_LIMIT)
+        jx, jy, jz = clamp_each(ops, jerk, POSITION_LIMIT)
+    thrust = ops.clamp(thrust, THRUST_SHARE_MIN * mass * law.gravity, THRUST_LIMIT)
     north, east, down = third_column(attitude)
     push = -thrust / mass
     ux, uy, uz = push * north + bx - ax, push * east + by - ay, push * down + law.gravity + bz - az
@@ -436,14 +467,14 @@ def _evaluate(ops: Ops, law: Law, state: State, mass: Real, drag: float, suspend
     x = axis(ops, shape, a, d, ux, k3, drag)
     y = axis(ops, shape, b, e, uy, k3, drag)
     z = axis(ops, shape, c, f, uz, law.k3_down, drag)
-    edge = brink(ops, b_hat, law.b_bound, law.epsilon, law.projection_order)
+    edge = projection_edge(ops, b_hat, law.b_bound, law.epsilon, law.projection_order)
     kb = ops.where(suspended, 0.0, law.kb)
     p, q, r = b_dot = _adaptation(ops, law, kb, (x[1], y[1], z[1]), b_hat, edge)  # (8)
     turn = to_body(attitude, (x[2] + p - jx - x[3], y[2] + q - jy - y[3], z[2] + r - jz - z[3]))
     return x, y, z, z1, edge, kb, b_dot, thrust, turn
 
 
-def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink | None) -> Vec3:
+def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: ProjectionEdge | None) -> Vec3:
     """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
     x, y, z = xi if edge is None else project_at(ops, xi, b_hat, edge, law.delta)
     return (kb * x, kb * y, kb * z)
@@ -452,10 +483,10 @@ def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: Brink
 def yaw_rate(ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real) -> Real:
     """ω3 [rad/s] that turns the heading towards ``yaw`` [rad]; the law leaves ω3 free.
 
-    ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, kept away from |roll| = 90° and limited.
+    ω3 = (cosθ (ψ˙d - k_ψ sin(ψ - ψd)) - sinφ ω2)/cosφ, with |cosφ| >= ``COS_ROLL_MIN``, and within ±``limit`` [rad/s].
     """
     w, x, y, z = attitude
-    # The first column and last row of R give the angles without trigonometry.
+    # The first column and last row of R give the angles without trigonometry; 1e-12 avoids 0/0 where a norm is 0.
     north, east = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
     cos_pitch = ops.sqrt(north * north + east * east + 1e-12)
     r32, r33 = 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
@@ -463,7 +494,7 @@ def yaw_rate(ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k
     sin_roll, cos_roll = r32 / roll_norm, r33 / roll_norm
     # sin(ψ - ψd) by the difference formula, from (cosψ, sinψ) = (north, east)/cosθ.
     sine = (east * ops.cos(yaw) - north * ops.sin(yaw)) / cos_pitch
-    if ops is not FLOATS or not 0.2 <= cos_roll <= 1.0:
-        cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), 0.2, 1.0)
+    if ops is not FLOATS or not COS_ROLL_MIN <= cos_roll <= 1.0:
+        cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), COS_ROLL_MIN, 1.0)
     rate = (cos_pitch * (yaw_dot - k_yaw * sine) - sin_roll * rate_y) / cos_roll
     return ops.clamp(rate, -limit, limit)
