@@ -1,9 +1,12 @@
-"""Take-off: thrust rises for a moment, and stays on only where the poses answer to it. Sans-IO.
+"""Take-off: thrust rises for a moment, and stays on only if the poses respond to it. Sans-IO.
 
-No law flies on the floor, where position does not answer to thrust and adaptation would learn the floor's push as
-wind. Whether the poses are this vehicle's, and whether its mass is right, is not known before it moves: so thrust is
-raised quickly and not far, and what is not seen to move gets no time to gather energy. :class:`LiftOff` has what is
-believed of the poses meanwhile.
+The control law does not run on the floor: there position does not respond to thrust, and adaptation would learn the
+floor's push as wind. Before the vehicle moves nobody knows whether the poses are its own, and whether its mass is
+right. So thrust rises quickly to a low limit, and goes off again soon if no pose shows a motion: a vehicle that flies
+unseen has no time to gain speed. :class:`LiftOff` computes the odds of a lift-off from the poses, :class:`Spool` the
+thrust over time, :class:`SpoolUp` combines both.
+
+Constants without a named origin were chosen; tests/unit/groundstation/core/safety/test_liftoff.py flies them.
 """
 
 import math
@@ -19,85 +22,100 @@ from groundstation.core.safety.geofence import Fence
 from groundstation.core.vehicle import Vehicle
 
 SHARES = tuple(0.5 + 0.05 * k for k in range(23))
-"""Hover thrust of the hypotheses, as shares of the told weight [-]."""
+"""Hover thrusts of the hypotheses, 0.5 to 1.6 of the configured weight [-]."""
 SPREAD = 0.2
-"""How well a told weight, and the thrust that lifts it, are known, 1σ [-]."""
+"""Prior standard deviation of the hover thrust over the configured weight [-]."""
 STEP_S = 0.01
-"""Longest step of the hypotheses [s]."""
-MOVES = math.log(20.0)
-"""Logarithm of the odds from which on it moves [-]: 20 to 1."""
-FLIES = math.log(10_000.0)
-"""Logarithm of the odds from which on it flies [-]: 10,000 to 1."""
-HEIGHT_M = 0.015
-"""Least height of a vehicle that flies [m]: legs spring by less."""
+"""Longest integration step of the hypotheses [s]."""
+MOVING_LOG_ODDS = math.log(20.0)
+"""Log odds from which the vehicle counts as moving [-]: 20 to 1."""
+FLYING_LOG_ODDS = math.log(10_000.0)
+"""Log odds from which the vehicle may count as flying [-]: 10,000 to 1."""
+FLYING_HEIGHT_M = 0.015
+"""Least height of a flying vehicle [m]: landing legs spring back by less."""
 WANDERING_M = 0.35
-"""The same where poses come with a velocity [m]: an autopilot's accelerometers feel a lift before the floor lets go."""
+"""Least height of a flying vehicle whose poses have a velocity [m].
+
+An autopilot's own estimate rises before the vehicle does: its accelerometers measure the thrust while the floor still
+holds the vehicle.
+"""
 CLIMBING = 1.1
-"""Thrust until then, as a share of what seems to hover [-]."""
+"""Thrust from the first motion until the vehicle counts as flying, as a share of the estimated hover thrust [-]."""
 RUSHES_M_S = 1.0
-"""No more than what hovers is told once it climbs so fast [m/s]: a floor that held it has let go of it late."""
+"""Climb speed from which that thrust is the hover thrust only [m/s]: the floor released the vehicle late (ArduPilot's
+SITL does)."""
 LEAST_NOISE_M = 0.0003
-"""No pose is believed to less [m]: legs and floor give way as thrust relieves them."""
-LEAST_M2_S = 1e-6
-"""Least wander of a height [m²/s]: 1 mm in 1 s."""
-LEAST_FELT_M2_S = 2.5e-5
-"""The same where poses come with a velocity [m²/s]: 5 mm in 1 s."""
+"""Least noise that a height is given, 1σ [m]: legs and floor yield as thrust relieves them."""
+LEAST_WANDER_M2_S = 1e-6
+"""Least random walk of a height [m²/s]: 1 mm in 1 s."""
+LEAST_ESTIMATE_WANDER_M2_S = 2.5e-5
+"""Least random walk of a height in poses that have a velocity [m²/s]: 5 mm in 1 s."""
 SPEED_NOISE_M_S = 0.05
-"""Noise of such a velocity, 1 sigma [m/s]."""
-LEAST_M2_S3 = 1e-4
-"""Least wander of such a velocity [m²/s³]: 1 cm/s in 1 s."""
+"""Noise of a pose's velocity, 1σ [m/s]."""
+LEAST_SPEED_WANDER_M2_S3 = 1e-4
+"""Least random walk of a pose's velocity [m²/s³]: 1 cm/s in 1 s."""
+SIGMAS = 4.0
+"""Standard deviations of noise and wander beyond which a deviation is no chance [-]: 6 in 100,000 normal draws."""
 FITS_M = 0.02
-"""Nothing flies whose newest height is farther than this, beside noise, from where the thrust would have it [m]."""
+"""Largest distance of a flying vehicle's height from the height that thrust explains, noise apart [m]."""
 JUMP_M = 0.1
-"""Distance of a height from every hypothesis that no vehicle on its floor has [m]."""
+"""Distance of a height from every hypothesis, noise apart, that is a jump [m]: no vehicle on its floor does it."""
 JUMPS = 2
-"""Poses in a row at such a distance that end the take-off [-]: one may be an outlier."""
+"""Jumps in a row that end the take-off [-]: a single one may be an outlier."""
+PATIENCE_S = 0.25
+"""Time granted between first motion and flight, beside that of a slow climb to the flying height [s]."""
+PATIENT_CLIMB = 0.25
+"""Acceleration of that slow climb, as a share of gravity [-]; twice its time is granted."""
 
 
 class StandingWander(NamedTuple):
-    """How what is measured of a vehicle that stands wanders, as the variance of random walks."""
+    """Random walks that the poses of a vehicle at rest show: growth of their variances."""
 
     aside_m2_s: float
-    """Of its place sideways, on the worse axis [m²/s]."""
+    """Walk of the horizontal position, on the worse axis [m²/s]."""
     height_m2_s: float
-    """Of its height [m²/s]."""
+    """Walk of the height [m²/s]."""
     climb_m2_s3: float
-    """Of its speed upwards [m²/s³]."""
+    """Walk of the upward speed [m²/s³]."""
 
 
 class _Walks:
-    """A measurement less what each hypothesis says, as a random walk and white noise: what is the walk?"""
+    """Kalman filters of one state, one for each hypothesis.
+
+    Each filters the residual, measured less predicted by its hypothesis, as a random walk plus white noise. All have
+    the same variances.
+    """
 
     def __init__(self, count: int, walk: float, noise: float) -> None:
-        """Variance of the ``walk`` per second, and of the ``noise``."""
+        """Start ``count`` filters; ``walk`` is the variance that the walk gains in 1 s, ``noise`` the white noise's."""
         self._walk, self._noise = walk, noise
         self._variance = noise
         self._values = [0.0] * count
 
-    def update(self, elapsed_s: float, off: list[float]) -> tuple[list[float], float]:
-        """Take one more, ``elapsed_s`` after the last [s]; returns steps from what was expected, and their variance."""
+    def update(self, elapsed_s: float, residuals: list[float]) -> tuple[list[float], float]:
+        """Take new residuals, ``elapsed_s`` after the last [s]; return the innovations and their common variance."""
         variance = self._variance + self._walk * elapsed_s
         total = variance + self._noise
         gain = variance / total
         self._variance = (1.0 - gain) * variance
-        steps = [one - value for one, value in zip(off, self._values, strict=True)]
-        self._values = [value + gain * step for value, step in zip(self._values, steps, strict=True)]
-        return steps, total
+        innovations = [new - value for new, value in zip(residuals, self._values, strict=True)]
+        self._values = [value + gain * step for value, step in zip(self._values, innovations, strict=True)]
+        return innovations, total
 
-    def begin(self, off: list[float]) -> None:
-        """The measurement has moved its zero."""
-        self._values = off
+    def restart(self, residuals: list[float]) -> None:
+        """Take ``residuals`` as they are: the measurement's origin has moved."""
+        self._values = residuals
 
 
 class LiftOff:
-    """What thrust must do to a vehicle of this weight, held against what the poses show: has it left the floor?
+    """Odds that the vehicle has left the floor: its poses compared with the motion that its thrust must cause.
 
-    One hypothesis says that it stands, the others that it rises as the thrust told so far makes a vehicle rise which
-    hovers at 0.5, 0.55, ... 1.6 of the told weight: p¨ = g (T / (s W) - 1), never below the floor, T behind what was
-    told by its lag. Under each, what is left of the measured height is a random walk (as much as was measured before
-    arming) and white noise, and a filter of one state gives its likelihood. So thrust near the weight, height above its
-    own wander and an acceleration that fits are one number: the logarithm of the odds that it flies. The hypotheses
-    together also tell what thrust hovers and how fast it climbs, before any law needs to know.
+    One hypothesis says that the vehicle stands. The others say that it rises and hovers at 0.5, 0.55, ... 1.6 of the
+    configured weight: p¨ = g (T / (s W) - 1), never below the floor, where T follows the commands by its lag. Under
+    each hypothesis the residual of the height is a random walk (as large as was measured before arming) plus white
+    noise, and a Kalman filter gives its likelihood. So thrust near the weight, height above the wander and a matching
+    acceleration make one number: the log odds that it flies. The weighted hypotheses also give the hover thrust and
+    the climb speed with which the controller starts.
 
     Times are on the event loop's clock [s], heights are above where it stood [m].
     """
@@ -112,16 +130,23 @@ class LiftOff:
         wander: StandingWander,
         noise_m: float,
     ) -> None:
-        """Begin with a vehicle that ``stands``, at ``down_m`` [m, NED] on the mean; thrust lags by ``lag_s`` [s].
+        """Begin with the vehicle at rest.
 
-        ``noise_m`` is the poses' white noise [m].
+        Args:
+            stands: its newest pose at rest.
+            down_m: mean of its position down at rest [m, NED].
+            weight_n: configured weight [N].
+            lag_s: time constant of the thrust [s].
+            gravity: [m/s²].
+            wander: random walks of its poses at rest.
+            noise_m: white noise of its poses, 1σ [m].
         """
         self._floor, self._weight, self._lag, self._gravity = down_m, weight_n, lag_s, gravity
-        self.felt = felt = stands.velocity_ned is not None
-        """Whether the poses come with a velocity, as an autopilot's own estimate does."""
+        self.has_velocity = has_velocity = stands.velocity_ned is not None
+        """Whether the poses have a velocity, as an autopilot's own estimate does."""
         self._height_m = 0.0
         self._climb: float | None = None
-        self._least_m = WANDERING_M if felt else HEIGHT_M
+        self._least_m = WANDERING_M if has_velocity else FLYING_HEIGHT_M
         self._resets = stands.reset_count
         self._at = stands.time_s
         self._thrust: float | None = None
@@ -129,9 +154,9 @@ class LiftOff:
         n = len(SHARES)
         self._paths, self._speeds = [0.0] * n, [0.0] * n
         # The last hypothesis is that it stands.
-        least_m2_s = LEAST_FELT_M2_S if felt else LEAST_M2_S
+        least_m2_s = LEAST_ESTIMATE_WANDER_M2_S if has_velocity else LEAST_WANDER_M2_S
         self._height = _Walks(n + 1, max(wander.height_m2_s, least_m2_s), max(noise_m, LEAST_NOISE_M) ** 2)
-        self._speed = _Walks(n + 1, max(wander.climb_m2_s3, LEAST_M2_S3), SPEED_NOISE_M_S**2)
+        self._speed = _Walks(n + 1, max(wander.climb_m2_s3, LEAST_SPEED_WANDER_M2_S3), SPEED_NOISE_M_S**2)
         self._stood_m_s = 0.0 if stands.velocity_ned is None else -stands.velocity_ned[2]
         prior = [math.exp(-0.5 * ((s - 1.0) / SPREAD) ** 2) for s in SHARES]
         self._logs = [math.log(p / sum(prior)) for p in prior] + [0.0]
@@ -139,7 +164,7 @@ class LiftOff:
         self._jumps = 0
 
     def add_command(self, acting_s: float, thrust_n: float) -> None:
-        """``thrust_n`` [N] is told from ``acting_s`` on."""
+        """Note that ``thrust_n`` [N] is commanded from ``acting_s`` on."""
         self._told.append((acting_s, thrust_n))
 
     def pose(self, pose: Pose) -> None:
@@ -149,86 +174,89 @@ class LiftOff:
             return
         self._advance(pose.time_s)
         height = self._height_m = self._floor - pose.position_ned[2]
-        off = [height - path for path in (*self._paths, 0.0)]
+        residuals = [height - path for path in (*self._paths, 0.0)]
         if pose.reset_count != self._resets:  # the source has moved its origin, not the vehicle
             self._resets = pose.reset_count
-            self._height.begin(off)
+            self._height.restart(residuals)
             return
-        steps, variance = self._height.update(elapsed, off)
-        self._weigh(steps, variance)
-        spread = 4.0 * math.sqrt(variance)
-        self._fits = abs(self._mean(steps[:-1])) < FITS_M + spread
-        self._jumps = self._jumps + 1 if min(map(abs, steps)) > JUMP_M + spread else 0
+        innovations, variance = self._height.update(elapsed, residuals)
+        self._weigh(innovations, variance)
+        chance = SIGMAS * math.sqrt(variance)
+        self._fits = abs(self._mean(innovations[:-1])) < FITS_M + chance
+        self._jumps = self._jumps + 1 if min(map(abs, innovations)) > JUMP_M + chance else 0
         if pose.velocity_ned is not None:
             self._climb = -pose.velocity_ned[2]
             gained = self._climb - self._stood_m_s
             self._weigh(*self._speed.update(elapsed, [gained - speed for speed in (*self._speeds, 0.0)]))
 
-    def _weigh(self, steps: list[float], variance: float) -> None:
-        self._logs = [log - 0.5 * step * step / variance for log, step in zip(self._logs, steps, strict=True)]
+    def _weigh(self, innovations: list[float], variance: float) -> None:
+        """Add the log likelihood of each innovation to its hypothesis."""
+        self._logs = [log - 0.5 * step * step / variance for log, step in zip(self._logs, innovations, strict=True)]
 
     @property
     def jumps(self) -> bool:
-        """Whether its height does what no thrust explains."""
+        """Whether the height jumps as no thrust explains."""
         return self._jumps >= JUMPS
 
     @property
     def moves(self) -> bool:
-        """Whether something answers to the thrust."""
-        return self._odds > MOVES
+        """Whether the poses respond to the thrust."""
+        return self._log_odds > MOVING_LOG_ODDS
 
     @property
     def flies(self) -> bool:
-        """Whether it has left the floor."""
-        return self._odds > FLIES and self._fits and self._mean(self._paths) > self._least_m
+        """Whether the vehicle has left the floor."""
+        return self._log_odds > FLYING_LOG_ODDS and self._fits and self._mean(self._paths) > self._least_m
 
     @property
     def climbs(self) -> bool:
-        """Whether it is seen in the air, all odds for it, though where thrust would have it is still too low for that.
+        """Whether the measured height is a flying vehicle's, though the height expected from thrust is not yet.
 
-        Of poses that come with a velocity alone: what wanders there may have told the hover thrust a little wrong.
+        True only for poses that have a velocity: their wander may have made the estimated hover thrust a little wrong.
         """
-        return self.felt and self._odds > FLIES and self._fits and self._height_m > self._least_m
+        return self.has_velocity and self._log_odds > FLYING_LOG_ODDS and self._fits and self._height_m > self._least_m
 
     @property
     def patience_s(self) -> float:
-        """How long after it began to move it must fly [s]."""
-        return 0.25 + 2.0 * math.sqrt(2.0 * self._least_m / (0.25 * self._gravity))
+        """Longest time from the first motion until it must fly [s]."""
+        return PATIENCE_S + 2.0 * math.sqrt(2.0 * self._least_m / (PATIENT_CLIMB * self._gravity))
 
     @property
     def hover_share(self) -> float:
-        """The thrust that seems to hover, as a share of the weight [-]."""
+        """Estimated hover thrust, as a share of the configured weight [-]."""
         return self._mean(SHARES)
 
     @property
     def climbing_share(self) -> float:
-        """The thrust that it is to climb with until it is known to fly, as a share of the weight [-]."""
+        """Thrust to climb with until it counts as flying, as a share of the configured weight [-]."""
         return self.hover_share * (1.0 if self.climb_m_s > RUSHES_M_S else CLIMBING)
 
     @property
     def climb_m_s(self) -> float:
-        """How fast it climbs at the newest pose, as that says or else as the hypotheses have it [m/s]."""
+        """Climb speed at the newest pose [m/s]: the pose's own, or else the hypotheses' mean."""
         return self._mean(self._speeds) if self._climb is None else self._climb
 
     @property
     def thrust_n(self) -> float:
-        """What the rotors gave at the newest pose, by their lag [N]."""
+        """Modelled thrust at the newest pose [N]."""
         return self._thrust or 0.0
 
     @property
-    def _odds(self) -> float:
+    def _log_odds(self) -> float:
+        """Log odds that it rises, by any of the hypotheses, against that it stands."""
         best = max(self._logs[:-1])
         return best + math.log(sum(math.exp(log - best) for log in self._logs[:-1])) - self._logs[-1]
 
     def _mean(self, values: Sequence[float]) -> float:
-        """Over the hypotheses that it rises."""
+        """Mean of ``values`` over the rising hypotheses, weighted by their likelihood."""
         best = max(self._logs[:-1])
         weights = [math.exp(log - best) for log in self._logs[:-1]]
         return sum(w * value for w, value in zip(weights, values, strict=True)) / sum(weights)
 
     def _advance(self, until_s: float) -> None:
-        """Let every hypothesis rise until then."""
+        """Integrate all rising hypotheses until ``until_s``; a step ends where a command begins."""
         told, g = self._told, self._gravity
+        # 1 ns and 1 µs are below any interval of poses or commands: they absorb rounding.
         while self._at < until_s - 1e-9:
             while len(told) > 1 and told[1][0] <= self._at + 1e-9:
                 told.popleft()
@@ -249,39 +277,42 @@ class LiftOff:
 
 
 SURE_SHARE = 0.6
-"""Share of the weight that thrust reaches within ``spool_s``, and that lifts nothing [-]."""
+"""Thrust at the end of ``spool_s``, as a share of the configured weight [-]: it lifts no vehicle."""
 NEAR_SHARE = 0.9
-"""From this share of the weight on it may lift [-]: from here time is counted."""
+"""Thrust from which the vehicle may lift, as a share of the configured weight [-]: ``WATCHED_S`` begins here."""
 NEAR_S = 0.1
-"""How long thrust rises from the first share to the second [s]."""
+"""Time in which thrust rises from ``SURE_SHARE`` to ``NEAR_SHARE`` [s]."""
 RISE_S = 0.15
-"""Time in which the rotors come from there to the limit [s]; what is told is earlier by their lag."""
+"""Time in which true thrust rises from ``NEAR_SHARE`` to its limit [s]; the command takes the rotors' lag less."""
 SHORTEST_S = 0.05
-"""Shortest such time that is told [s]."""
+"""Least time of that rise in the command [s], where the lag is longer."""
 WATCHED_S = 0.3
-"""Time after ``NEAR_SHARE`` within which something must move [s]."""
-TOLD_SHARE = 1.3
-"""Largest thrust, as a share of the weight as configured [-]."""
+"""Time after ``NEAR_SHARE`` within which the poses must show a motion [s]."""
+CONFIGURED_SHARE = 1.3
+"""Limit of the thrust, as a share of the configured weight [-]."""
 MEASURED_SHARE = 1.1
-"""Largest thrust, as a share of the hover thrust as measured [-]."""
+"""Limit of the thrust where the hover thrust was measured, as a share of it [-]."""
 LEAST_SHARE = 0.75
-"""Least thrust, as a share of the wanted one, while the rotors of a vehicle that moves still give too much [-]."""
+"""Least thrust command of a moving vehicle, as a share of the wanted thrust [-], while the rotors still give more."""
 REST_POSES = 50
-"""Poses whose mean is the place of a vehicle that stands [-]."""
+"""Poses whose mean is the place of a vehicle at rest [-]."""
 WANDER_S = 0.5
-"""Length of one span over which its place wanders [s]."""
+"""Time between two poses whose difference measures the wander [s]."""
 WANDERS = 12
-"""Spans that are kept [-]."""
+"""Differences that are kept [-]."""
 TIPPED_DEG = 6.0
-"""Largest lean on the floor from how it stood [deg]."""
+"""Largest tilt on the floor from the attitude at rest [deg]."""
 SLIPPED_M = 0.05
-"""Largest way aside on the floor, beside wander and wind [m]."""
+"""Largest horizontal distance on the floor from the place at rest, wander and wind apart [m]."""
 STEP_M = 0.03
-"""Largest way aside from one pose to the next, beside noise and wind [m]: another body is a vehicle's size away."""
+"""Largest horizontal distance from one pose to the next, noise and wind apart [m].
+
+Poses that change to another body's jump by at least the size of a vehicle.
+"""
 WIND_M_S2 = 5.0
-"""Acceleration aside by wind that is granted as thrust takes the weight from the floor [m/s²]."""
+"""Horizontal acceleration by wind that is granted while thrust relieves the floor [m/s²]."""
 LIGHT_S = 0.2
-"""Time before ``SURE_SHARE`` from which on that wind is granted [s]."""
+"""Time before ``SURE_SHARE`` at which that wind begins to count [s]."""
 
 
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -328,52 +359,53 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         msgspec.Meta(
             gt=0.0,
             le=20.0,
-            description="Largest acceleration of these ways, of stopping, and up to 2 of the climb [m/s²].",
+            description="Largest acceleration of these ways and of stopping [m/s²]; of the climb, too, but there "
+            "at most 2.",
         ),
     ] = 1.0
 
 
 class ThrustLimitConfig(Protocol):
-    """What the limit of the thrust rests on; see :class:`groundstation.settings.settings.Config`."""
+    """The part of :class:`groundstation.settings.settings.Config` that :func:`limit_n` reads."""
 
     @property
     def takeoff(self) -> TakeoffConfig:
-        """How it takes off."""
+        """Section ``[takeoff]``."""
         ...
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle as told."""
+        """Section ``[vehicle]``."""
         ...
 
     @property
     def weight_n(self) -> float:
-        """Its weight as told [N]."""
+        """Configured weight [N]."""
         ...
 
 
-def usual_limit_n(told: ThrustLimitConfig) -> float:
-    """The largest thrust [N] before the floor is left, where ``takeoff.thrust_limit`` does not say more."""
-    vehicle = told.vehicle
-    most = TOLD_SHARE * told.weight_n if vehicle.hover_n is None else MEASURED_SHARE * vehicle.hover_n
+def usual_limit_n(config: ThrustLimitConfig) -> float:
+    """Largest thrust before lift-off without ``takeoff.thrust_limit`` [N]."""
+    vehicle = config.vehicle
+    most = CONFIGURED_SHARE * config.weight_n if vehicle.hover_n is None else MEASURED_SHARE * vehicle.hover_n
     return min(most, vehicle.thrust_max_n)
 
 
-def limit_n(told: ThrustLimitConfig) -> float:
-    """The largest thrust [N] before the floor is left."""
-    share = told.takeoff.thrust_limit
-    return usual_limit_n(told) if share is None else min(share * told.weight_n, told.vehicle.thrust_max_n)
+def limit_n(config: ThrustLimitConfig) -> float:
+    """Largest thrust before lift-off [N]."""
+    share = config.takeoff.thrust_limit
+    return usual_limit_n(config) if share is None else min(share * config.weight_n, config.vehicle.thrust_max_n)
 
 
 class Spool:
-    """Thrust on the floor as a function of time. Times are on the event loop's clock [s]."""
+    """Thrust command on the floor as a function of time. Times are on the event loop's clock [s]."""
 
     def __init__(
         self, weight_n: float, most_n: float, spool_s: float, idle_n: float, start_s: float, lag_s: float
     ) -> None:
-        """Begin at ``start_s`` [s] with ``idle_n`` [N]; thrust is never told to be above ``most_n`` [N].
+        """Begin at ``start_s`` [s] with ``idle_n`` [N]; no command exceeds ``most_n`` [N].
 
-        ``lag_s`` is how far thrust lags behind what is told [s].
+        ``lag_s`` is the time constant of the thrust [s].
         """
         self.most_n = most_n
         self._rise = max(RISE_S - lag_s, SHORTEST_S)
@@ -382,30 +414,31 @@ class Spool:
         self._near = min(max(NEAR_SHARE * weight_n, self._sure), most_n)
         self._start = start_s
         self.sure_s = start_s + spool_s
-        """Until then thrust lifts nothing."""
+        """End of the time in which thrust can't lift the vehicle."""
         self.near_s = self.sure_s + NEAR_S
-        """From then on it may."""
+        """Begin of the time in which the vehicle may lift."""
 
     def thrust_n(self, time_s: float) -> float:
         """Thrust to command at ``time_s`` [N]."""
         if time_s < self.sure_s:
             x = max(time_s - self._start, 0.0) / (self.sure_s - self._start)
-            return self._idle + (self._sure - self._idle) * x * x * (3.0 - 2.0 * x)
+            return self._idle + (self._sure - self._idle) * x * x * (3.0 - 2.0 * x)  # smooth at both ends
         if time_s < self.near_s:
             return self._sure + (self._near - self._sure) * (time_s - self.sure_s) / NEAR_S
         return min(self._near + (self.most_n - self._near) * (time_s - self.near_s) / self._rise, self.most_n)
 
 
 class StandingPoses:
-    """Poses of a vehicle that stands, and how far they wander."""
+    """Poses of a vehicle at rest, and their wander."""
 
     def __init__(self) -> None:
         self.poses: deque[Pose] = deque(maxlen=REST_POSES)
-        """The newest of them."""
+        """Newest poses at rest."""
         self._spans: deque[Pose] = deque(maxlen=WANDERS + 1)
+        """Poses ``WANDER_S`` apart."""
 
     def stands(self, pose: Pose) -> None:
-        """Take a pose of a vehicle whose motors don't lift."""
+        """Take a pose of the vehicle while its motors can't lift it."""
         moved = bool(self.poses) and self.poses[-1].reset_count != pose.reset_count  # the source has moved its origin
         if moved:
             self.poses.clear()
@@ -415,14 +448,14 @@ class StandingPoses:
 
     @property
     def place_ned(self) -> Vec3:
-        """Where it stands [m]. Needs a pose."""
+        """Mean position at rest [m]. There must be a pose."""
         n = len(self.poses)
         north, east, down = (sum(pose.position_ned[axis] for pose in self.poses) / n for axis in range(3))
         return north, east, down
 
     @property
     def wander(self) -> StandingWander:
-        """How what is measured of it wanders."""
+        """Random walks of the measurements at rest; all 0 before the second pose that counts."""
         spans = list(self._spans)
         pairs = [(a, b) for a, b in zip(spans, spans[1:], strict=False) if a.reset_count == b.reset_count]
         if not pairs:
@@ -436,24 +469,27 @@ class StandingPoses:
         climbs = [b.velocity_ned[2] - a.velocity_ned[2] for a, b in pairs if a.velocity_ned and b.velocity_ned]
         return StandingWander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
 
-    def leaps(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> Sentence | None:
-        """Find what the step from one pose to the next shows that no vehicle on its floor does; None for nothing.
+    def find_leap(self, before: Pose, pose: Pose, light_s: float, noise_m: float) -> Sentence | None:
+        """Return the fault of a step between two poses that is too long for a vehicle on its floor; None without one.
 
-        ``light_s`` is as below, ``noise_m`` the white noise of its poses [m].
+        ``light_s`` is as in :meth:`find_disturbance`, ``noise_m`` the white noise of the poses, 1σ [m].
         """
         elapsed = pose.time_s - before.time_s
         if pose.reset_count != before.reset_count or elapsed <= 0.0:
             return None  # not comparable
         step = math.dist(pose.position_ned[:2], before.position_ned[:2])
-        wanders = 4.0 * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
-        if step <= STEP_M + wanders + WIND_M_S2 * light_s * elapsed:
+        chance = SIGMAS * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
+        if step <= STEP_M + chance + WIND_M_S2 * light_s * elapsed:
             return None
         return notice("takeoff.leaps", step_m=step)
 
     def find_disturbance(self, pose: Pose, place_ned: Vec3, light_s: float) -> Sentence | None:
-        """Find what ``pose`` shows that no vehicle on its floor does; it stood at ``place_ned`` [m]. None for nothing.
+        """Return the fault of a vehicle that tips over or slides on its floor; None without one.
 
-        ``light_s`` is for how long thrust has taken so much of its weight that wind may move it [s].
+        Args:
+            pose: its newest pose.
+            place_ned: its place at rest [m].
+            light_s: time since thrust relieves the floor so much that wind may move the vehicle [s].
         """
         stood = self.poses[-1]
         if pose.reset_count != stood.reset_count:
@@ -463,14 +499,15 @@ class StandingPoses:
         if not tilt <= TIPPED_DEG:
             return notice("takeoff.tips", tilt_deg=tilt, limit_deg=TIPPED_DEG)
         aside = math.dist(pose.position_ned[:2], place_ned[:2])
-        limit = SLIPPED_M + 4.0 * math.sqrt(self.wander.aside_m2_s) + 0.5 * WIND_M_S2 * light_s * light_s
+        # The wander of 1 s: a spool-up takes about so long.
+        limit = SLIPPED_M + SIGMAS * math.sqrt(self.wander.aside_m2_s) + 0.5 * WIND_M_S2 * light_s * light_s
         if not aside <= limit:
             return notice("takeoff.slides", aside_m=aside, limit_m=limit)
         return None
 
 
 class SpoolUp:
-    """One vehicle's spool-up, from arming until it flies or its motors go off again."""
+    """One spool-up: from arming until the vehicle flies or its motors go off again."""
 
     def __init__(
         self,
@@ -481,7 +518,7 @@ class SpoolUp:
         gravity: float,
         noise_m: float,
     ) -> None:
-        """Begin with a vehicle that stands; ``noise_m`` is its poses' white noise [m]."""
+        """Begin with a vehicle at rest; ``noise_m`` is the white noise of its poses, 1σ [m]."""
         self._standing = standing
         self._spool = spool
         self._vehicle = vehicle
@@ -489,25 +526,28 @@ class SpoolUp:
         self._gravity = gravity
         self._noise = noise_m
         self.place_ned = standing.place_ned
-        """Where it stood [m]."""
+        """Place at rest [m]."""
         self._newest = standing.poses[-1]
-        self._leaps: Sentence | None = None
+        self._leap: Sentence | None = None
+        """First fault of two successive poses."""
         self._lift: LiftOff | None = None
+        """Odds of the lift-off; None until a pose can show it."""
         self._moved_s: float | None = None
+        """Time of the first command after a motion was seen [s]."""
         self._climbs = False
-        """Whether it was seen in the air as patience ended."""
+        """Whether the vehicle was above the floor when its patience ended."""
         self._told: list[tuple[float, float]] = []
-        """What was told before any pose could show that it lifts: from when on [s], thrust [N]."""
+        """Commands before ``_lift``: acting from [s], thrust [N]."""
 
     @property
     def flies(self) -> LiftOff | None:
-        """What is known of its climb, once it has left the floor."""
+        """Estimated hover thrust and climb, once the vehicle has left the floor; None before."""
         return self._lift if self._lift is not None and (self._lift.flies or self._climbs) else None
 
     def pose(self, pose: Pose) -> None:
         """Take one more pose."""
         light_s = self._light_s(pose.time_s)
-        self._leaps = self._leaps or self._standing.leaps(self._newest, pose, light_s, self._noise)
+        self._leap = self._leap or self._standing.find_leap(self._newest, pose, light_s, self._noise)
         moved, self._newest = pose.reset_count != self._newest.reset_count, pose
         if self._lift is not None:
             self._lift.pose(pose)
@@ -525,7 +565,7 @@ class SpoolUp:
             self._lift.pose(pose)
 
     def _light_s(self, now_s: float) -> float:
-        """For how long thrust has taken so much of the weight that wind may move the vehicle [s]."""
+        """Time since thrust relieves the floor so much that wind may move the vehicle [s]."""
         return max(now_s - self._spool.sure_s + LIGHT_S, 0.0)
 
     def thrust_n(self, now_s: float) -> float:
@@ -535,6 +575,7 @@ class SpoolUp:
         if lift is not None and self._moves:
             self._moved_s = now_s if self._moved_s is None else self._moved_s
             wanted = lift.climbing_share * self._weight
+            # A lead by the rotors' present error: they reach ``wanted`` sooner.
             thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
         acting_s = now_s + self._vehicle.command_delay_s + self._vehicle.thrust_delay_s
         if lift is None:
@@ -545,18 +586,25 @@ class SpoolUp:
 
     @property
     def _moves(self) -> bool:
-        """Whether it is seen to move, or was, by the vehicle's own estimate: a floor may hold what that has felt."""
+        """Whether the vehicle moves.
+
+        An autopilot's own estimate that has moved once counts for good: it may level off while the floor still holds
+        the vehicle.
+        """
         lift = self._lift
-        return lift is not None and (lift.moves or (lift.felt and self._moved_s is not None))
+        return lift is not None and (lift.moves or (lift.has_velocity and self._moved_s is not None))
 
     def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> Sentence | None:
-        """Why the motors must go off, by the newest pose; None where they need not."""
+        """Return why the motors must go off, by the newest pose; None if they may stay on.
+
+        It also notes a vehicle that has lifted by the end of its patience: from then on :attr:`flies` has it.
+        """
         spool, lift = self._spool, self._lift
         if now_s - pose.time_s > coast_s:
             return notice("takeoff.no_pose", age_ms=1e3 * (now_s - pose.time_s))
         if fence is not None and fence.room_m(pose.position_ned) < 0.0:
             return notice("takeoff.fence", outside_m=-fence.room_m(pose.position_ned))
-        why = self._leaps or self._standing.find_disturbance(pose, self.place_ned, self._light_s(now_s))
+        why = self._leap or self._standing.find_disturbance(pose, self.place_ned, self._light_s(now_s))
         if why is not None:
             return why
         if lift is not None and lift.jumps:
@@ -567,6 +615,6 @@ class SpoolUp:
         if lift is not None and self._moved_s is not None and now_s - self._moved_s > lift.patience_s:
             self._climbs = lift.climbs
             if self._climbs:
-                return None  # to stop the motors now would be to let it fall
+                return None  # it is in the air: motors off would drop it
             return notice("takeoff.stuck")
         return None
