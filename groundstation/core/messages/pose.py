@@ -1,4 +1,4 @@
-"""Pose: what every pose source delivers of the vehicle and of other bodies, and the port it implements."""
+"""Pose: the record that every pose source delivers, the port that it implements, and the sightings of other bodies."""
 
 import math
 from collections import Counter, deque
@@ -40,11 +40,11 @@ class PoseStatus(msgspec.Struct, frozen=True):
     rate_hz: float = 0.0
     """Poses per second by the source's own stamps [1/s]; 0 before the second pose."""
     latency_s: float = 0.0
-    """Time from the instant of a pose to its arrival here, averaged over some fifty poses [s]."""
+    """Mean time from the instant of a pose to its arrival here, over about fifty poses [s]."""
     latency_max_s: float = 0.0
-    """The longest of them [s]."""
+    """Longest of these times [s]."""
     drift: float = 0.0
-    """Drift of the source's clock: slower than ours, or than its configured rate, by this share."""
+    """Share by which the source's clock is slower than ours, or than its configured rate [-]."""
     gaps: int = 0
     """Number of gaps between two stamps."""
     clock_steps: int = 0
@@ -52,32 +52,36 @@ class PoseStatus(msgspec.Struct, frozen=True):
     clock_restarts: int = 0
     """Number of restarts of the source's clock."""
     late_s: float = 0.0
-    """Lasting delay of poses above their best [s]; 0 where there is none."""
+    """Lasting rise of the latency above its least value [s]; 0 without one."""
     stamp_rate: float | None = None
-    """Seconds that pass by the stamps in one second of ours [-]; None where it is not known."""
+    """Seconds by the source's stamps per second of our clock [-]; None where it is not known."""
     origin_moves: int = 0
-    """Number of times that the source moved its origin of late."""
+    """Number of recent moves of the source's origin."""
     unsteady_clock: bool = False
-    """Whether the source's clock steps again and again: it does not tell how old a pose is."""
+    """Whether the source's clock steps again and again, so that the age of its poses is unknown."""
     advice: str = ""
-    """The source's finding why no poses come, for the operator; empty where there is none."""
+    """Reason why no poses arrive, for the operator; empty without a finding."""
 
 
 class PoseEvent(msgspec.Struct, frozen=True):
-    """Something about the poses that the operator and the safety rules should know."""
+    """A change in the poses that concerns the operator and the safety rules."""
 
     kind: Literal[
         "dropping", "passed", "lost", "back", "late", "punctual", "unsteady", "steady", "reset", "moved", "strays"
     ]
-    """``dropping`` begins and ``passed`` ends an outbreak; ``lost``: no pose for as long as commands may rest on one,
-    ``back``: there is one again; ``late``: they come later than they did, ``punctual``: no longer; ``unsteady``:
-    the source's clock steps again and again, ``steady``: no longer; ``reset``,
-    ``moved``: poses are elsewhere, as the source said or did not say; ``strays``: two in a row were dropped that fit
-    each other, and not those before."""
+    """Kind of the change.
+
+    - ``dropping``, ``passed``: a series of dropped poses begins, ends.
+    - ``lost``, ``back``: the newest pose is older than ``flight.coast_s``; poses arrive again.
+    - ``late``, ``punctual``: the latency has risen for good; it is as before.
+    - ``unsteady``, ``steady``: the source's clock steps again and again; no longer.
+    - ``reset``, ``moved``: the poses' origin has moved, announced by the source or not.
+    - ``strays``: two poses in a row were dropped that agree with each other, but not with those before.
+    """
     reason: str
-    """Reason of an outbreak of drops; else empty."""
+    """Reason of the drops of ``dropping``, ``passed`` and ``strays``; else empty."""
     text: Sentence | None
-    """For the operator; None where it is for the safety rules alone."""
+    """Sentence for the operator; None for an event that concerns the safety rules alone."""
 
 
 class SourceError(OSError):
@@ -85,28 +89,31 @@ class SourceError(OSError):
 
 
 class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
-    """Beside the configuration of a pose source: what is asked of it, with the answer of a kind that has none."""
+    """Base of the configuration of every kind of pose source: traits of the kind.
+
+    A kind overrides those in which it differs from the defaults here.
+    """
 
     recorded: ClassVar[bool] = False
-    """They play a recording: they must never fly a vehicle."""
+    """Whether the poses are a recording's, which must never fly a vehicle."""
     by_autopilot: ClassVar[bool] = False
-    """They are the autopilot's own estimate, and come by the link."""
+    """Whether the poses are the autopilot's own estimate, received by the link."""
     shares_link: ClassVar[bool] = False
-    """They are an autopilot's own, or such as bridges send to autopilots, too."""
+    """Whether the poses are an autopilot's own, or the message in which bridges send poses to autopilots."""
     shows_others: ClassVar[bool] = False
-    """Other bodies can be looked for."""
+    """Whether the source shows other bodies, too."""
     is_relayed: ClassVar[bool] = False
-    """Its datagrams can be handed on, each to several programs that listen."""
+    """Whether a relay can pass its datagrams on to several listening programs."""
     body_key: ClassVar[str] = ""
-    """The key that names the vehicle's body; empty where poses are of nothing else."""
+    """Configuration key that names the vehicle's body; empty for a source with a single body."""
     address_key: ClassVar[str] = ""
-    """The key that says where poses come from, or come in; empty where no socket brings them."""
+    """Configuration key of the address that is listened on or asked; empty for a source without a socket."""
     stamp_field: ClassVar[str] = ""
-    """Field of the source's time stamp, in its own words; empty where nobody can set it wrong."""
+    """The source's name for the field of its time stamp; empty where the sender can't set it wrong."""
     stamp_unit_s: ClassVar[float] = 1.0
     """Unit of that field [s]."""
     latency_key: ClassVar[str] = "latency_s"
-    """The key of the shortest time from the instant of a pose to its arrival."""
+    """Configuration key of the shortest time from the instant of a pose to its arrival."""
 
     @property
     def kind(self) -> str:
@@ -115,17 +122,17 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def body_name(self) -> str:
-        """The vehicle's body in the capture system; empty where poses are of nothing else."""
+        """The vehicle's body in the capture system; empty for a source with a single body."""
         return str(getattr(self, self.body_key)) if self.body_key else ""
 
     @property
     def body_id(self) -> str:
-        """The body's name as other flights of this machine compare it."""
+        """The body's name in the form in which flights on this machine compare it."""
         return self.body_name
 
     @property
     def address(self) -> str:
-        """Where poses come from, or come in; empty where no socket brings them."""
+        """The address that is listened on or asked; empty for a source without a socket."""
         return str(getattr(self, self.address_key)) if self.address_key else ""
 
     @property
@@ -135,33 +142,33 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def real(self) -> str | None:
-        """The key by which real poses may come, and its value; None where all stays on this machine."""
+        """The setting ("key = value") by which poses of a real vehicle may arrive; None if none can."""
         return f"kind = {self.kind}"
 
     @property
     def never_flies(self) -> tuple[str, str] | None:
-        """The key by which these poses must never fly a vehicle, and why; None where they may."""
+        """Configuration key and reason that forbid these poses to fly a vehicle; None if they may."""
         if self.recorded:
             return "pose.kind", "a recording must not fly a vehicle; look at it with `groundstation replay`"
         return None
 
     @property
     def rate_hz(self) -> float | None:
-        """Poses a second that it is told to expect [1/s]; None where nobody tells."""
+        """Configured rate of the poses [1/s]; None without one."""
         return None
 
     @property
     def latency_s(self) -> float | None:
-        """Shortest time from the instant of a pose to its arrival, as told [s]; None where the source tells it."""
+        """Configured shortest time from the instant of a pose to its arrival [s]; None where the source measures it."""
         return None
 
 
 class PoseSource(Protocol):
-    """Where poses come from. ``start`` and ``close`` run on the event loop; neither blocks it."""
+    """Port of a pose source. ``start`` and ``close`` run on the event loop; neither blocks it."""
 
     @property
     def status(self) -> PoseStatus:
-        """Counters as they are now."""
+        """Present counters."""
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Begin to listen; ``deliver`` is called on the event loop for each pose, in order of arrival.
@@ -176,22 +183,23 @@ class PoseSource(Protocol):
 
 @runtime_checkable
 class Distrusts(Protocol):
-    """Whoever goes on by our poses beside the flight, and must stop where they have been found to be wrong."""
+    """Port of a part that uses our poses beside the flight, such as the forwarder to the autopilot."""
 
     def distrust(self) -> None:
-        """Our poses are wrong: for the rest of this flight, nothing is to rest on them."""
+        """Stop using our poses for the rest of this flight: they have been found wrong."""
 
 
 class OverheardSource:
-    """A source whose poses somebody else sees too, before they are delivered."""
+    """A source that gives each pose to a second receiver before it delivers it."""
 
     def __init__(self, source: PoseSource, hear: Callable[[Pose], None]) -> None:
+        """``hear`` is the second receiver."""
         self._source = source
         self._hear = hear
 
     @property
     def status(self) -> PoseStatus:
-        """The source's."""
+        """Present counters of the source."""
         return self._source.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
@@ -209,58 +217,62 @@ class OverheardSource:
 
 
 BASE_S = 0.1
-"""Speeds are measured over at least this time [s]."""
+"""Time over which a body's speed is measured [s]: longer is smoother and later. Chosen."""
+BASE_MIN_S = 0.05
+"""Least time between the first two sightings that gives a speed [s]; before that it is taken as 0. Chosen."""
 GAP_S = 0.5
-"""Places further apart than this say nothing of the speed between them [s]."""
+"""Time between two sightings from which the older ones are forgotten [s]: a speed over it means nothing. Chosen."""
 FAR_M = 1e6
-"""Nothing is further from an origin than this; more is absurd [m]. An autopilot's may lie beyond the horizon."""
+"""Largest coordinate of a plausible position [m]. Chosen: an autopilot's origin may lie beyond the horizon."""
 BODIES_MAX = 64
-"""At most this many other bodies are remembered."""
+"""Limit of the other bodies that are remembered [-]. Chosen: bounds memory, far above the bodies in a room."""
 
 
 class BodySighting(NamedTuple):
-    """One body as it was seen last."""
+    """The newest sighting of a body."""
 
     time_s: float
-    """When it was there, on the event loop's clock [s]."""
+    """Time of the sighting, on the event loop's clock [s]."""
     position_ned: Vec3
-    """[m]"""
+    """Position [m]."""
     velocity_ned: Vec3
-    """[m/s]; zero where it has not been seen for long enough."""
+    """Velocity [m/s]; zero within ``BASE_MIN_S`` of the first sighting."""
 
     def at(self, time_s: float) -> Vec3:
-        """Where it is at ``time_s`` [s] if it keeps its speed."""
+        """Position at ``time_s`` [s], with the speed kept."""
         dt = time_s - self.time_s
         (x, y, z), (u, v, w) = self.position_ned, self.velocity_ned
         return x + dt * u, y + dt * v, z + dt * w
 
 
 class Others:
-    """The bodies whose names are looked for, beside the vehicle's own; before take-off, every one."""
+    """Sightings of the other bodies: those of the configured names, and before take-off all but the vehicle's own."""
 
     def __init__(self, names: Iterable[str], own: str | None = None) -> None:
-        """None of them has been seen yet. With ``own``, the vehicle's, all bodies but that one count, too."""
+        """Start without sightings. ``own`` is the vehicle's body; with None only the configured ``names`` count."""
         self.names = tuple(names)
-        """Those that are looked for."""
+        """Configured names."""
         self._recent: dict[str, deque[tuple[float, Vec3]]] = {name: deque() for name in self.names}
+        """Newest times [s] and positions [m] by name, oldest first."""
         self._own = own
         self.every = own is not None
-        """Whether bodies count that nobody looks for."""
+        """Whether bodies count whose names are not configured."""
         self.dropped: Counter[str] = Counter()
-        """Places that were none, by reason: not_finite, absurd."""
+        """Number of dropped positions by reason: not_finite, absurd."""
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """All that were seen or are looked for."""
+        """Names that are configured or were seen."""
         return tuple(self._recent)
 
     def __contains__(self, name: str) -> bool:
-        if not self.every or name in self.names:
-            return name in self.names
-        return name != self._own and (name in self._recent or len(self._recent) < BODIES_MAX)
+        """Whether sightings of ``name`` are to be given to :meth:`see`."""
+        if name in self.names:
+            return True
+        return self.every and name != self._own and (name in self._recent or len(self._recent) < BODIES_MAX)
 
     def see(self, name: str, time_s: float, position_ned: Vec3) -> None:
-        """``name`` was at ``position_ned`` [m] at ``time_s`` [s]; what is not newer than the last is ignored."""
+        """Note that ``name`` was at ``position_ned`` [m] at ``time_s`` [s]; older than its newest is ignored."""
         recent = self._recent.setdefault(name, deque())
         x, y, z = position_ned
         if not math.isfinite(x + y + z + time_s):
@@ -278,17 +290,16 @@ class Others:
             recent.popleft()
 
     def unseen(self, since_s: float) -> tuple[str, ...]:
-        """Those that have not been seen since ``since_s`` [s], or never."""
-        recent = {name: self._recent[name] for name in self.names}
-        return tuple(name for name, seen in recent.items() if not seen or not seen[-1][0] >= since_s)
+        """Configured names that have not been seen since ``since_s`` [s]."""
+        return tuple(name for name in self.names if not self._recent[name] or self._recent[name][-1][0] < since_s)
 
     def sighting(self, name: str) -> BodySighting | None:
-        """``name`` as it was seen last; None where it never was."""
+        """Newest sighting of ``name``; None without one."""
         recent = self._recent[name]
         if not recent:
             return None
-        (then, (x, y, z)), (now, (u, v, w)) = recent[0], recent[-1]
-        dt = now - then
-        if dt < 0.5 * BASE_S:
-            return BodySighting(now, (u, v, w), (0.0, 0.0, 0.0))
-        return BodySighting(now, (u, v, w), ((u - x) / dt, (v - y) / dt, (w - z) / dt))
+        (first_s, (x0, y0, z0)), (last_s, (x, y, z)) = recent[0], recent[-1]
+        dt = last_s - first_s
+        if dt < BASE_MIN_S:
+            return BodySighting(last_s, (x, y, z), (0.0, 0.0, 0.0))
+        return BodySighting(last_s, (x, y, z), ((x - x0) / dt, (y - y0) / dt, (z - z0) / dt))
