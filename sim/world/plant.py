@@ -1,19 +1,23 @@
-"""The plant as a pure function: one step of a rigid body on SO(3). Equations (1)-(4) of the paper. Elementwise.
+"""The simulated vehicle as pure functions: one step of a rigid body on SO(3). All work elementwise.
 
-p¨ = -(T/m) R e3 + g e3 + b - k v,   R˙ = R S(ω),   T and ω follow their commands through first-order lags.
+Equations (1)-(4) of the paper (docs/explanation/law.md):
 
-Lags are exact, attitude turns by the exact integral of the rates, translation is by Simpson's rule (fourth order
-in the step). The controller's own model (groundstation/core/vehicle/vehicle.py) shares none of this.
+    p¨ = -(T/m) R e3 + g e3 + b - k v,   R˙ = R S(ω),   T and ω follow their commands through first-order lags.
 
-With rotors: a quadrotor that turns by its four rotors, and the rate loop on board that drives them. Two pieces, so that
-the second may be another one's (a real autopilot's, see :meth:`Quadrotor.drive_rotors`):
+There are two plants. The controller's own model (groundstation/core/vehicle/vehicle.py) shares no code with them.
 
+:func:`integrate` is the plant of these equations. Its lags are exact, its attitude turns by the exact integral of the
+rates, and its translation is by Simpson's rule (fourth order in the step).
+
+:func:`turn_rotors` is a quadrotor that turns by its four rotors. It has two parts, so that a real autopilot can take
+the place of the first (:meth:`sim.world.quadrotor.Quadrotor.drive_rotors`):
+
+- :func:`run_rate_loop`: commanded thrust and rates, and a gyro → four rotor signals: filters, PID, saturating mixer.
 - :func:`integrate_rotors`: four rotor signals (0..1) → rotor speeds, thrust and torque of each, the rigid body.
-- :func:`run_rate_loop`: told thrust and rates, and a gyro → four rotor signals: filters, PID, mixer that saturates.
 
 Rotors in X: 0 front right and 1 rear left turn counter-clockwise seen from above, 2 front left and 3 rear right
-clockwise. A step is as long as the rate loop's period. All states are continuous ones, whose filters are exact for any
-step: so one that is cut short does no harm.
+clockwise. A step is at most as long as the rate loop's period. A shorter one is as good: no state counts steps, and
+every filter is exact for any step.
 """
 
 import math
@@ -50,24 +54,39 @@ class Body(NamedTuple):
 
 
 class Physics(NamedTuple):
-    """Constants of the vehicle and the air; units as in :class:`sim.world.world.World`."""
+    """Constants of the vehicle and the air, as in :class:`sim.world.world.World`."""
 
     mass_kg: Real
     thrust_lag_s: Real
     rate_lag_s: Real
     drag_per_s: Real
+    """k of the equation above [1/s]."""
     rate_leak: Real
+    """Acceleration across the thrust per commanded body rate [m/s² per rad/s]."""
     gravity: float
 
 
 class AirDrag(NamedTuple):
-    """Drag along the body's axes; see :class:`sim.world.world.World`. Elementwise."""
+    """Drag along the body's axes. The fields of :class:`sim.world.world.World` of which they are made say more."""
 
     linear: Vec3
+    """Deceleration per speed of the air, forward, right and down [1/s] (``drag_body_per_s``)."""
     within: Real
+    """Growth of the first two per speed of the air in the rotors' plane [1/m] (``inflow_drag_per_m``)."""
     along: Real
+    """Growth of the third per speed of the air in the rotors' plane [1/m] (``inflow_drag_per_m``)."""
     lift: Real
+    """Acceleration upwards per squared speed of the air in the rotors' plane [1/m] (``inflow_lift_per_m``)."""
     air: Vec3
+    """Velocity of the air [m/s, NED]."""
+
+
+NO_LAG_S = 1e-12
+"""Added to every lag [s], so that a lag of 0 divides by no zero: far below any step, so it changes nothing."""
+TINY = 1e-30
+"""Added to a denominator that is 0 for a rotor at rest [-]."""
+SATURATED_SHARE = 1e-9
+"""Thrust that the mixer leaves out, as a share of a rotor's, above which the integral pauses [-]: above rounding."""
 
 
 def compute_drag(ops: Ops, body: Body, drag: AirDrag) -> Vec3:
@@ -81,18 +100,18 @@ def compute_drag(ops: Ops, body: Body, drag: AirDrag) -> Vec3:
 
 
 def _decay(ops: Ops, h: Real, lag_s: Real) -> Real:
-    """The share of an old value that a lag keeps over ``h`` [s] [-]: 0 without lag."""
-    return ops.exp(-h / (lag_s + 1e-12))
+    """The share of its old value that a first-order lag keeps over ``h`` [s]; 0 without lag [-]."""
+    return ops.exp(-h / (lag_s + NO_LAG_S))
 
 
 def _low_pass(old: Vec3, new: Vec3, rise: Real) -> Vec3:
-    """``old`` after it has followed ``new`` by the share ``rise`` [-]."""
+    """Move ``old`` towards ``new`` by the share ``rise`` [-]."""
     return add_scaled(old, rise, subtract(new, old))
 
 
-def _leak(attitude: Quat, told_rates: Vec3, leak: Real) -> Vec3:
-    """The acceleration [m/s², NED] that told body rates leak into the translation."""
-    return to_world(attitude, (leak * told_rates[1], -leak * told_rates[0], 0.0))
+def _leak(attitude: Quat, rate_command: Vec3, leak: Real) -> Vec3:
+    """The acceleration [m/s², NED] that commanded body rates leak into the translation."""
+    return to_world(attitude, (leak * rate_command[1], -leak * rate_command[0], 0.0))
 
 
 def integrate(
@@ -116,30 +135,34 @@ def integrate(
         lifted = add_scaled(other, -thrust_n / physics.mass_kg, third_column(attitude))
         return add_scaled(lifted, -physics.drag_per_s, velocity)
 
-    # Simpson's rule.
+    # Simpson's rule: velocity gains h/6 (a1 + 4 a2 + a3), position h v + h²/6 (a1 + 2 a2), a at start, middle and end.
     velocity = body.velocity
     first = accelerate(body.attitude, thrust_before, velocity)
     second = accelerate(middle, thrust_middle, add_scaled(velocity, half, first))
     third = accelerate(end, thrust, add_scaled(velocity, h, second))
-    twice = add_scaled(first, 2.0, second)
-    position = add_scaled(add_scaled(body.position, h, velocity), h * h / 6.0, twice)
-    mean = add(add_scaled(twice, 2.0, second), third)
-    return Body(position, add_scaled(velocity, h / 6.0, mean), end, thrust, add_scaled(rate_command, rates_kept, lead))
+    two_terms = add_scaled(first, 2.0, second)
+    position = add_scaled(add_scaled(body.position, h, velocity), h * h / 6.0, two_terms)
+    all_terms = add(add_scaled(two_terms, 2.0, second), third)
+    velocity = add_scaled(velocity, h / 6.0, all_terms)
+    return Body(position, velocity, end, thrust, add_scaled(rate_command, rates_kept, lead))
 
 
 FourRotors: TypeAlias = tuple[Real, Real, Real, Real]
-"""One number a rotor."""
+"""One number per rotor."""
 
 
 class RotorFrame(NamedTuple):
-    """Constants of rotors and body; see :class:`sim.world.world.RotorConstants`."""
+    """Constants of rotors and body, as in :class:`sim.world.world.RotorConstants` and ``World``."""
 
     mass_kg: Real
     inertia: Vec3
+    """Moments of inertia about roll, pitch and yaw [kg m²]."""
     lever_m: Real
     """Lever arm of each rotor about roll and pitch [m]."""
     torque_m: Real
+    """Drag torque over thrust of a rotor [m]."""
     curve: Real
+    """f of thrust = f n² + (1 - f) n [-]."""
     spin_up_s: Real
     spin_down_s: Real
     drag_per_s: Real
@@ -148,7 +171,7 @@ class RotorFrame(NamedTuple):
 
 
 class RateLoopGains(NamedTuple):
-    """Constants of the rate loop."""
+    """Constants of the rate loop; the first four as in :class:`RotorFrame`, the rest as in ``RotorConstants``."""
 
     inertia: Vec3
     lever_m: Real
@@ -169,15 +192,15 @@ class RateLoop(NamedTuple):
     """The rate loop's state."""
 
     thrust: Real
-    """As told, filtered [N]."""
+    """Filtered thrust command [N]."""
     rates: Vec3
-    """Filtered body rates [rad/s]."""
+    """Filtered rate command [rad/s]."""
     gyro: Vec3
     """Filtered gyro [rad/s]."""
     slow: Vec3
-    """That once more, by the filter of D [rad/s]."""
+    """Filtered gyro through the filter of D, too [rad/s]."""
     integral: Vec3
-    """∫ e dt [rad]."""
+    """Integral of the rate error [rad]."""
 
 
 class Actuators(NamedTuple):
@@ -189,11 +212,11 @@ class Actuators(NamedTuple):
 
 
 Of: TypeAlias = Callable[[Callable[[World], float]], Real]
-"""``of(get)`` is what ``get`` has of one world, or an array of what it has of many."""
+"""Reads a number of a world: ``of(get)`` is ``get(world)`` for one world, or the array of it over many worlds."""
 
 
 def describe_air(of: Of) -> AirDrag:
-    """Drag in air of one world, or of many."""
+    """Drag by the air in one world, or in many."""
     return AirDrag(
         _vector(of, lambda w: w.drag_body_per_s),
         of(lambda w: w.inflow_drag_per_m[0]),
@@ -208,7 +231,7 @@ def _vector(of: Of, get: Callable[[World], Vec3]) -> Vec3:
 
 
 def describe_rotors(of: Of, gravity: float) -> tuple[RotorFrame, RateLoopGains]:
-    """Rotors and rate loop of one world, or of many."""
+    """Rotors and rate loop in one world, or in many."""
     inertia = _vector(of, lambda w: w.rotors.inertia_kg_m2)
     lever, torque = of(lambda w: w.rotors.arm_m * math.sqrt(0.5)), of(lambda w: w.rotors.torque_per_thrust_m)
     curve = of(lambda w: w.rotors.curve)
@@ -245,33 +268,33 @@ def describe_rotors(of: Of, gravity: float) -> tuple[RotorFrame, RateLoopGains]:
 
 
 def begin_rotors(ops: Ops, thrust: Real, gains: RateLoopGains) -> Actuators:
-    """Rotors and rate loop at rest under a total ``thrust`` [N]."""
+    """Rotors that give a total ``thrust`` [N], and a rate loop without rates."""
     speed = _speed(ops, 0.25 * thrust / gains.full_n, gains.curve)
-    nought = 0.0 * thrust
-    still = (nought, nought, nought)
+    zero = 0.0 * thrust  # a float, or an array of the same length
+    still = (zero, zero, zero)
     return Actuators((speed, speed, speed, speed), RateLoop(thrust, still, still, still, still))
 
 
 def _speed(ops: Ops, share: Real, curve: Real) -> Real:
-    """The inverse of thrust = f n² + (1 - f) n."""
+    """Rotor speed n that gives ``share`` = f n² + (1 - f) n of the full thrust, f the ``curve``."""
     straight = 1.0 - curve
-    return 2.0 * share / (straight + ops.sqrt(straight * straight + 4.0 * curve * share) + 1e-30)
+    return 2.0 * share / (straight + ops.sqrt(straight * straight + 4.0 * curve * share) + TINY)
 
 
 def run_rate_loop(
     ops: Ops, loop: RateLoop, thrust: Real, rates: Vec3, gyro: Vec3, h: Real, gains: RateLoopGains
 ) -> tuple[RateLoop, FourRotors]:
-    """The loop after ``h`` [s], and the rotor signals it gives for them: ``thrust`` [N] and ``rates`` are as told.
+    """Run the loop for ``h`` [s] on commanded ``thrust`` [N] and ``rates``; return it and its rotor signals (0..1).
 
-    torque = J (P e + I ∫e - D d/dt ω), e = told rates - filtered ``gyro`` [rad/s]. Where a rotor is at its limit, the
-    integral rests.
+    torque = J (P e + I ∫e - D d/dt ω), e = commanded rates - filtered ``gyro`` [rad/s]. While a rotor is at its limit,
+    the integral pauses.
     """
     told_rates = _low_pass(loop.rates, rates, 1.0 - _decay(ops, h, gains.rate_filter_s))
     measured = _low_pass(loop.gyro, gyro, 1.0 - _decay(ops, h, gains.gyro_filter_s))
     slow = _low_pass(loop.slow, measured, 1.0 - _decay(ops, h, gains.d_filter_s))
     told = loop.thrust + (1.0 - _decay(ops, h, gains.thrust_filter_s)) * (thrust - loop.thrust)
     error = subtract(told_rates, measured)
-    # The filtered derivative is what the filter lags behind by, over its time constant.
+    # The output of a first-order filter changes by the distance to its input over its time constant.
     derivative = scale(1.0 / gains.d_filter_s, subtract(measured, slow))
     demand = add(multiply_each(gains.p, error), multiply_each(gains.i, loop.integral))
     torque = multiply_each(gains.inertia, subtract(demand, multiply_each(gains.d, derivative)))
@@ -280,14 +303,14 @@ def run_rate_loop(
     wanted = (level - a + b + c, level + a - b + c, level + a + b - c, level - a - b - c)
     given = [ops.clamp(one / full, 0.0, 1.0) for one in wanted]
     over = [abs(one - full * share) for one, share in zip(wanted, given, strict=True)]
-    going = ops.where(over[0] + over[1] + over[2] + over[3] <= 1e-9 * full, h, 0.0)
+    integrated_s = ops.where(over[0] + over[1] + over[2] + over[3] <= SATURATED_SHARE * full, h, 0.0)
     front_right, rear_left, front_left, rear_right = (_speed(ops, share, gains.curve) for share in given)
-    integral = add_scaled(loop.integral, going, error)
+    integral = add_scaled(loop.integral, integrated_s, error)
     return RateLoop(told, told_rates, measured, slow, integral), (front_right, rear_left, front_left, rear_right)
 
 
 def _spin(ops: Ops, speeds: FourRotors, signals: FourRotors, h: Real, frame: RotorFrame) -> FourRotors:
-    """Rotor ``speeds`` after they have followed ``signals`` for ``h`` [s]."""
+    """Let rotor ``speeds`` follow ``signals`` for ``h`` [s]."""
     up, down = 1.0 - _decay(ops, h, frame.spin_up_s), 1.0 - _decay(ops, h, frame.spin_down_s)
     now = zip(speeds, signals, strict=True)
     n0, n1, n2, n3 = (speed + ops.where(signal > speed, up, down) * (signal - speed) for speed, signal in now)
@@ -297,7 +320,7 @@ def _spin(ops: Ops, speeds: FourRotors, signals: FourRotors, h: Real, frame: Rot
 def _gain_rates(
     body: Body, thrusts_before: Sequence[Real], thrusts_after: Sequence[Real], h: Real, frame: RotorFrame
 ) -> Vec3:
-    """Change of the body rates over ``h`` [s] by the torque of the four thrusts, the means of both ends."""
+    """Change of the body rates over ``h`` [s] by the torque of the four thrusts, averaged over both ends."""
     front_right, rear_left, front_left, rear_right = (
         0.5 * (before + after) for before, after in zip(thrusts_before, thrusts_after, strict=True)
     )
@@ -323,10 +346,10 @@ def integrate_rotors(
     h: Real,
     frame: RotorFrame,
 ) -> tuple[Body, FourRotors]:
-    """``body`` and rotor ``speeds`` (0..1) after ``h`` [s] under held ``signals`` (0..1), of second order in ``h``.
+    """Integrate ``body`` and rotor ``speeds`` (0..1) for ``h`` [s] under held ``signals`` (0..1).
 
-    ``full_n`` is what one rotor gives at its fullest now [N]; ``other`` is a constant acceleration, such as wind
-    [m/s², NED]; ``told`` are the told rates [rad/s], for the leak alone.
+    The error is of second order in ``h``. ``full_n`` is the full thrust of one rotor now [N], ``other`` a constant
+    acceleration, such as wind [m/s², NED], and ``told`` the commanded rates [rad/s], for the leak alone.
     """
     after = _spin(ops, speeds, signals, h, frame)
     straight = 1.0 - frame.curve
@@ -367,20 +390,20 @@ def turn_rotors(
     frame: RotorFrame,
     gains: RateLoopGains,
 ) -> tuple[Body, Actuators]:
-    """One step of rate loop and rotors.
+    """Make one step of rate loop and rotors.
 
     Args:
         ops: see :class:`groundstation.core.geometry.so3.Ops`.
-        body: at the step's start.
-        actuators: the same.
-        thrust: that would come of what is told without lag [N]; the rate loop is told it without the ``gain``.
-        rates: told [rad/s, FRD].
-        gyro_noise: what the gyro is off by in this step [rad/s].
-        gain: true thrust over what the rotors are taken to give [-]; the rate loop knows nothing of it.
+        body: body at the step's start.
+        actuators: rotors and rate loop at the step's start.
+        thrust: commanded thrust times ``gain`` [N], the true thrust without lag; the rate loop's command is without it.
+        rates: commanded rates [rad/s, FRD].
+        gyro_noise: error of the gyro in this step [rad/s].
+        gain: true thrust over nominal thrust of the rotors [-]; the rate loop does not know it.
         other: see :func:`integrate_rotors`.
         h: length of the step [s].
-        frame: what does not change.
-        gains: the same of the rate loop.
+        frame: constants of rotors and body.
+        gains: constants of the rate loop.
     """
     gyro = add(body.rates, gyro_noise)
     loop, signals = run_rate_loop(ops, actuators.loop, thrust / gain, rates, gyro, h, gains)
