@@ -1,9 +1,9 @@
 """RF bridge: paces the commands of a station on another computer, as the paper did. `groundstation radio bridge`.
 
-Whoever holds the key may command, one station at a time. Its times are brought to this machine's clock so that no
-deadline can come out later than it was meant: by the earliest instant that the messages so far allow. The pacer with
-its dead man's switch is the one that a link on this machine has (links/rf/pacer.py), started again whenever it ends;
-disarm frames leave whether there is a station or not.
+Every station that has the key may command, one at a time. The bridge converts the station's times to its own clock by
+the earliest instant that the messages so far allow (links/bridge/codec.py, ``ClockBounds``), so that no deadline comes
+out later than the station meant. The bridge uses the same pacer, with the same dead man's switch, as a link on this
+machine (links/rf/pacer.py), and starts it again whenever it ends. Disarm frames leave without a station, too.
 """
 
 import asyncio
@@ -47,39 +47,46 @@ from links.rf import (
 from links.text import link_notice
 
 AGAIN_S = 1.0
-"""Wait before a pacer that ended within this time, or could not be started, is started again [s]."""
+"""Wait before the next start of a pacer that ended within this time or could not be started [s]. Chosen."""
+FULL_THRUST = 1.0
+"""Full thrust for the pacer [-]: stations send thrusts as shares of the full signal (links/bridge/codec.py, ``Up``)."""
 
 
 class KeptPacer:
-    """``run`` it."""
+    """A pacer that is started again whenever it ends. :meth:`run` does it."""
 
     def __init__(
         self,
         config: RfLinkConfig,
         open_pacer: OpenPacer,
         say: Callable[[str], None],
-        heard: Callable[[bool], None],
+        on_report: Callable[[bool], None],
     ) -> None:
-        """Nothing is opened yet; ``say`` takes lines for the operator.
+        """Open nothing yet.
 
-        ``heard`` is called with False after each report, and with True when the pacer has ended.
+        Args:
+            config: the module's.
+            open_pacer: starts a pacer.
+            say: takes lines for the operator.
+            on_report: called with False after each report, and with True when the pacer has ended.
         """
         self.report: PacerReport | None = None
-        """The newest, or what is true of a pacer that ended; None before the first."""
+        """Newest report; after the pacer's end the same with the reason in ``port``; None before the first."""
         self._config = config
         self._open_pacer = open_pacer
-        self._say, self._heard = say, heard
+        self._say, self._on_report = say, on_report
         self._pacer: Pacer | None = None
         self._ends = False
+        """Whether the bridge is ending."""
         self._relieved = False
-        """Whether a pacer that no stand-by follows has been told to end."""
+        """Whether this pacer was told to end because its partner (pacer or stand-by) is gone."""
         self._disarmed = True
-        """Whether that is what the operator was told last."""
+        """Whether the operator's newest line says that the vehicle is disarmed."""
         self._quiet: PacerReport | None = None
-        """The first report after which nothing that lifts has left; None where something has."""
+        """First report since which only disarm frames have left; None while other frames leave."""
 
     async def run(self) -> None:
-        """Pace until cancelled; then what flies is brought down before this returns."""
+        """Pace until cancelled; a flying vehicle is brought down before this returns."""
         loop = asyncio.get_running_loop()
         while True:
             began = loop.time()
@@ -88,14 +95,15 @@ class KeptPacer:
                 await asyncio.sleep(AGAIN_S)
 
     def give(self, order: Order) -> None:
-        """Hand over ``order``, where there is a pacer."""
+        """Hand ``order`` to the pacer; without a pacer it is dropped."""
         if self._pacer is not None:
             self._pacer.give(order)
 
     async def _pace(self) -> None:
+        """Start a pacer and wait for its end."""
         self._quiet, self._relieved = None, False
         try:
-            pacer = self._pacer = await self._open_pacer(self._config, 1.0, self._hear)
+            pacer = self._pacer = await self._open_pacer(self._config, FULL_THRUST, self._take_report)
         except LinkError as error:
             self._say(str(error))
             return
@@ -111,23 +119,25 @@ class KeptPacer:
             self._pacer = None
             pacer.forget()
 
-    def _hear(self, report: PacerReport | None) -> None:
+    def _take_report(self, report: PacerReport | None) -> None:
         """Take the pacer's report; None means that it ended."""
         before, ended = self.report, report is None
         if self._ends and ended:
             return
         if report is not None:
             self._tell(report, before)
-            lone = report.heir or (report.alone and report.over)
-            if lone and self._pacer is not None and not self._relieved:
+            # The stand-by paces alone, or the pacer has lost its stand-by and no vehicle flies: make place for a pair.
+            is_lone = report.heir or (report.alone and report.over)
+            if is_lone and self._pacer is not None and not self._relieved:
                 self._relieved = True
-                self._pacer.give(End(self._config.disarm_s))  # once all is down, a pacer with a stand-by follows
-        elif before is not None:  # what flew then may still do so: nobody sends it anything until there is another
+                self._pacer.give(End(self._config.disarm_s))
+        elif before is not None:  # a vehicle may still fly, and gets no frames until the next pacer: keep ``over``
             report = msgspec.structs.replace(before, port=link_notice("bridge.pacer_ended").text)
         self.report = report
-        self._heard(ended)
+        self._on_report(ended)
 
     def _tell(self, report: PacerReport, before: PacerReport | None) -> None:
+        """Tell the operator each change from the report ``before``."""
         if report.port and (before is None or before.port != report.port):
             self._say(report.port)
         if before is not None and before.port and not report.port:
@@ -145,22 +155,23 @@ class KeptPacer:
         elif self._quiet is None:
             self._quiet = report
         elif not self._disarmed:
-            left = report.frames - self._quiet.frames + 1  # one had left before the first such report
-            if left * self._config.period_s >= self._config.disarm_s:
+            disarm_frames = report.frames - self._quiet.frames + 1  # one had left before the first such report
+            if disarm_frames * self._config.period_s >= self._config.disarm_s:
                 self._say(link_notice("bridge.disarmed").text)
                 self._disarmed = True
 
 
 SILENT_S = 1.0
-"""A station that says nothing for so long has left [s]: another may command, once the vehicle is down."""
+"""Silence after which a station counts as gone [s]: another may command once the vehicle is down. Chosen."""
 SESSIONS = 8
-"""Most sessions remembered; who asks for more pushes out the oldest that does not command."""
+"""Limit of the remembered sessions [-]: a further one replaces the oldest that does not command. Chosen."""
 
 Nonce = Callable[[int], bytes]
+"""Makes a random number of so many bytes."""
 
 
 class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the bridge listens, and the module that it has."""
+    """The bridge's address, its key and its module."""
 
     listen: Annotated[
         str,
@@ -179,7 +190,7 @@ class BridgeConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class Bridge(asyncio.DatagramProtocol):
-    """``run`` it. Times are on the event loop's clock [s]."""
+    """The bridge: a pacer, and the stations that may command it. Times are on the event loop's clock [s]."""
 
     def __init__(
         self,
@@ -193,7 +204,8 @@ class Bridge(asyncio.DatagramProtocol):
     ) -> None:
         """``say`` takes lines for the operator; ``open_pacer`` and ``nonce`` are for simulations.
 
-        With ``remote_only`` stations on this machine are not heard: on loopback they take vehicles for simulated ones.
+        With ``remote_only`` stations on this machine are ignored: over loopback a station takes its vehicle for a
+        simulated one.
         """
         self.dropped: Counter[str] = Counter()
         """Datagrams dropped, by reason."""
@@ -204,13 +216,16 @@ class Bridge(asyncio.DatagramProtocol):
         self._remote_only = remote_only
         self._pacer = KeptPacer(config.link, open_pacer, say, self._take_report)
         self._arming = 0
+        """Number of the newest arming, as the pacer counts: over all stations."""
         self._sessions: dict[bytes, BridgeEnd] = {}
         """Sessions by the station's nonce, oldest first."""
         self._live: BridgeEnd | None = None
+        """Session of the station that commands, or commanded last."""
         self._wire: Datagrams | None = None
+        """The open socket."""
 
     async def run(self) -> None:
-        """Pace and listen until cancelled; then what flies is brought down before this returns.
+        """Pace and listen until cancelled; a flying vehicle is brought down before this returns.
 
         Raises:
             LinkError: the address can't be opened.
@@ -229,13 +244,13 @@ class Bridge(asyncio.DatagramProtocol):
                 self._wire.abort()
 
     def kill(self) -> None:
-        """Motors off, by the operator of this machine: disarm frames from the next one on, until a new arming."""
+        """Stop the motors, by the operator of this machine: only disarm frames leave until a new arming."""
         self._pacer.give(Stop())
         if self._live is not None:
             self._live.arming = None
 
     def _take_report(self, ended: bool) -> None:
-        """The pacer has reported, or ended."""
+        """Pass the pacer's new report, or its end, to the station that commands."""
         if self._live is not None:
             if ended:
                 self._live.arming = None
@@ -270,14 +285,13 @@ class Bridge(asyncio.DatagramProtocol):
         hello = seal.open(data, HELLOS, self.dropped)
         if hello is None or self._pacer.report is None:
             return
-        if len(hello.nonce) != NONCE_BYTES or hello.nonce[:8] != name_of(data):
+        if len(hello.nonce) != NONCE_BYTES or not hello.nonce.startswith(name_of(data)):
             self.dropped["malformed"] += 1
             return
         session = self._sessions.get(hello.nonce)
         if session is None:
-            spare = [nonce for nonce, each in self._sessions.items() if each is not self._live]
             if len(self._sessions) >= SESSIONS:
-                del self._sessions[spare[0]]
+                del self._sessions[next(nonce for nonce, each in self._sessions.items() if each is not self._live)]
             session = self._sessions[hello.nonce] = BridgeEnd(self._key, hello.nonce, self._random(NONCE_BYTES))
         welcome = Welcome(hello.nonce, session.bridge_nonce, now_s, self._config.link.manner, self._pacer.report)
         if self._wire is not None:
@@ -294,18 +308,16 @@ class Bridge(asyncio.DatagramProtocol):
             return
         if not session.clock.narrow(up.bridge_s - up.heard_s, now_s - up.sent_s, now_s):
             self.dropped["clock_jumped"] += 1
-        session.peer = addr
-        if session is not self._live and not self._may_command(session, now_s):
-            session.heard_s = now_s
+        session.peer, session.heard_s = addr, now_s
+        if session is not self._live and not self._take_over(session, now_s):
             self._answer(session)
             return
-        session.heard_s = now_s
-        news = self._obey(session, up, now_s)
-        if news or up.command is None:
+        has_news = self._obey(session, up)
+        if has_news or up.command is None:
             self._answer(session)
 
-    def _may_command(self, session: BridgeEnd, now_s: float) -> bool:
-        """Whether this station takes over."""
+    def _take_over(self, session: BridgeEnd, now_s: float) -> bool:
+        """Let this station command, if no vehicle flies and no other station commands; return whether it does."""
         live = self._live
         if session.ended or self._pacer.report is None or not self._pacer.report.over:
             return False
@@ -315,46 +327,50 @@ class Bridge(asyncio.DatagramProtocol):
         self._say(link_notice("bridge.commands", host=session.peer[0], port=session.peer[1]).text)
         return True
 
-    def _obey(self, session: BridgeEnd, up: Up, now_s: float) -> bool:
-        """Pass on what is new; returns whether there was more than a command."""
+    def _obey(self, session: BridgeEnd, up: Up) -> bool:
+        """Pass the station's new requests to the pacer; return whether there was more than a command."""
         before, session.wants = session.wants, msgspec.structs.replace(up, command=None)
         to_ours = session.clock.least_s
-        news = False
-        # What a station wanted before this session began is over: it has to ask anew.
+        has_news = False
+        # The first ``Up`` of a session may repeat an old arming or service: only a later change counts.
         if before is not None and up.arming != before.arming and not up.stopped:
-            news = True
+            has_news = True
             self._arming += 1
             session.arming = self._arming
             self._pacer.give(Arm(self._arming, up.arm_at_s + to_ours))
         if up.stopped and (before is None or not before.stopped):
-            news = True
+            has_news = True
             session.arming = None
             self._pacer.give(Stop())
         if before is not None and up.serve is not None and up.serve != before.serve:
-            news = True
-            self._pacer.give(Serve(up.serve[1], up.serve[2]))
+            has_news = True
+            _, service, lasts_s = up.serve
+            self._pacer.give(Serve(service, lasts_s))
         if up.end and not session.ended:
-            news = session.ended = True
+            has_news = session.ended = True
             self._say(link_notice("bridge.leaves", host=session.peer[0], port=session.peer[1]).text)
         if up.command is not None and session.arming is not None and not up.end:
             self._pacer.give(Give(session.arming, _shift_deadline(up.command, to_ours)))
-        return news
+        return has_news
 
     def _answer(self, session: BridgeEnd) -> None:
+        """Send the newest report to the station."""
         report = self._pacer.report
         if report is None or self._wire is None:
             return
         now = asyncio.get_running_loop().time()
         refused = "" if session is self._live else link_notice("bridge.busy").text
-        theirs = 0
+        # The station's number of the arming that the report is about; 0 while the pacer does not know it yet. A station
+        # that is not armed gets its own number, too: its newest arming is over, as the report says.
+        arming = 0
         if session.wants is not None and session.arming in (None, report.arming):
-            theirs = session.wants.arming  # what it says of this one is true; or this one is over in any case
-        down = Down(now, session.up.counter, refused, msgspec.structs.replace(report, arming=theirs))
+            arming = session.wants.arming
+        down = Down(now, session.up.counter, refused, msgspec.structs.replace(report, arming=arming))
         why = self._wire.send(session.down.close(down), session.peer)
         if why:
             self.dropped[why] += 1
 
 
 def _shift_deadline(command: Command, by_s: float) -> Command:
-    """``command`` with its deadline on this clock. Its pose's time stays the station's: only its order counts here."""
+    """Convert the deadline of ``command`` to this clock. Its pose's time stays the station's: only its order counts."""
     return msgspec.structs.replace(command, deadline_s=command.deadline_s + by_s)

@@ -342,7 +342,7 @@ async def test_a_pacer_and_a_stand_by_that_die_at_the_bridge_are_started_again_a
         await it.stream(1.0, 0.3)
         pacer: Any = it.wire.pacer
         pacer._task.cancel()
-        it.bridge._pacer._hear(None)
+        it.bridge._pacer._take_report(None)
         await it.stream(1.0, 0.05)
         assert not it.link.send(command(1.0))
         assert "being started again" in it.link.status.text
