@@ -1,9 +1,9 @@
-"""Controllers to fly with: the table of their kinds, a user's own, loaded by name, and published ones: baselines.
+"""The controllers that can fly: ours, published ones (baselines), and a user's own.
 
-``ControllerConfig`` has one line for each kind; a user's own is ``controller.kind = "package.module:factory"``.
+``ControllerConfig`` lists the kinds. A user's own controller is ``controller.kind = "package.module:factory"``.
 
-Baselines are published control laws to compare ours with, and the inner loop that they share. They fly on the same
-estimate as our controller: position, velocity, attitude and modelled thrust at the instant the command acts, and the
+Baselines are published control laws to compare ours with; they share one inner loop. They fly on the same estimate as
+our controller: position, velocity, attitude and modelled thrust at the instant at which the command acts, and the
 observer's disturbance d̂. So a comparison with them is one of control laws.
 """
 
@@ -51,11 +51,12 @@ from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead
 
 
 class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Keys that every baseline has."""
+    """Keys that every baseline has. "As ours" means: the default of the adaptive controller."""
 
     k_yaw: Annotated[NonNegative, msgspec.Meta(description="Heading gain [1/s], as ours.")] = 1.0
     tilt_limit_deg: Annotated[
-        float, msgspec.Meta(gt=0.0, le=80.0, description="Largest tilt to ask for [deg]; PX4's default.")
+        float,
+        msgspec.Meta(gt=0.0, le=80.0, description="Largest tilt to ask for [deg]; PX4's default (MPC_TILTMAX_AIR)."),
     ] = 45.0
     actuator_compensation: Annotated[
         bool,
@@ -78,7 +79,10 @@ class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class InnerLoop:
-    """Turns a wanted push and turn into a decision. State: what was wanted last, and its derivative."""
+    """Turns a wanted specific thrust and two body rates into a decision.
+
+    State, for ``actuator_compensation`` alone: the last wanted thrust and rates, and their filtered derivatives.
+    """
 
     def __init__(self, vehicle: Vehicle, gains: Baseline) -> None:
         self._vehicle = vehicle
@@ -99,7 +103,16 @@ class InnerLoop:
         turn: tuple[float, float],
         disturbance: Vec3,
     ) -> Decision:
-        """The decision that takes thrust to m |push| and the body rates about x and y to ``turn`` [rad/s]."""
+        """Decide on the thrust m |push| and the body rates ``turn`` about x and y [rad/s].
+
+        Args:
+            estimate: state at the instant at which the command acts.
+            reference: reference at that instant.
+            interval_s: time since the last command [s].
+            push: wanted (T/m) R e3 [m/s², NED]: points down, as e3 does, and acts against it.
+            turn: wanted body rates about x and y [rad/s].
+            disturbance: the controller's own disturbance estimate, for the record [m/s², NED].
+        """
         motion, gravity = estimate.motion, self._gains.gravity
         heading = yaw_rate(
             FLOATS,
@@ -125,7 +138,7 @@ class InnerLoop:
         )
 
     def _lead(self, now: list[float], wanted: list[float], interval: float) -> list[float]:
-        """Thrust and rates to command so that the true ones follow ``wanted`` through their lags (see actuators)."""
+        """Lead thrust and rates so that the true ones follow ``wanted`` (docs/explanation/law.md, section 6.4)."""
         gains, last = self._gains, self._wanted
         if last is not None and interval > 0.0:
             k = interval / (interval + gains.rate_feedforward)
@@ -135,8 +148,8 @@ class InnerLoop:
             ]
         self._wanted = wanted
         return [
-            is_now + n * (gains.k_omega * (goal - is_now) + slope) if n > 0.0 else goal
-            for is_now, goal, slope, n in zip(now, wanted, self._slopes, self._leads, strict=True)
+            present + gain * (gains.k_omega * (goal - present) + slope) if gain > 0.0 else goal
+            for present, goal, slope, gain in zip(now, wanted, self._slopes, self._leads, strict=True)
         ]
 
 
@@ -144,17 +157,17 @@ GainsType = TypeVar("GainsType", bound=Baseline)
 
 
 class BaselineController(Generic[GainsType]):
-    """What the baselines share: the vehicle as told, their gains, and the inner loop that commands leave by."""
+    """Base of the baselines: the configured vehicle, the gains, and the inner loop."""
 
     def __init__(self, vehicle: Vehicle, gains: GainsType) -> None:
         """Start with nothing learnt."""
         self._vehicle = vehicle
         self._gains = gains
-        self._outlet = InnerLoop(vehicle, gains)
+        self._inner_loop = InnerLoop(vehicle, gains)
 
 
 class Geometric(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="geometric"):
-    """Gains, found by a search: docs/decisions/0006-baselines.md."""
+    """Gains of the geometric law, found by a search: docs/decisions/0006-baselines.md."""
 
     k_position: Annotated[Positive, msgspec.Meta(description="k_x / m [1/s²].")] = 9.46
     k_velocity: Annotated[Positive, msgspec.Meta(description="k_v / m [1/s].")] = 5.81
@@ -191,27 +204,26 @@ class GeometricController(BaselineController[Geometric]):
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
-        ki, c1 = gains.k_integral, gains.coupling
-        # The integral stands still while the command is clamped, so that it does not wind up.
+        ki, c1, bound = gains.k_integral, gains.coupling, gains.integral_bound
+        # The integral pauses while the command is clamped, so that it does not wind up.
         dt = 0.0 if self._saturated else interval_s
-        learnt: list[float] = []
+        integral: list[float] = []
         slope: list[float] = []
         for i in range(3):
             ex = motion.position[i] - reference.position_ned[i]
             ev = motion.velocity[i] - reference.velocity_ned[i]
-            bound = gains.integral_bound
-            learnt.append(FLOATS.clamp(self._integral[i] + dt * ki * (ev + c1 * ex), -bound, bound))
+            integral.append(FLOATS.clamp(self._integral[i] + dt * ki * (ev + c1 * ex), -bound, bound))
             slope.append(ki * (ev + c1 * ex))
-        self._integral = (learnt[0], learnt[1], learnt[2])
+        self._integral = (integral[0], integral[1], integral[2])
         decision = track_on_se3(
             self._vehicle,
             gains,
-            self._outlet,
+            self._inner_loop,
             estimate,
             reference,
             interval_s,
-            against=self._integral,
-            against_dot=(slope[0], slope[1], slope[2]),
+            counteracted=self._integral,
+            counteracted_dot=(slope[0], slope[1], slope[2]),
         )
         self._saturated = decision.saturated
         return decision
@@ -220,15 +232,18 @@ class GeometricController(BaselineController[Geometric]):
 def track_on_se3(
     vehicle: Vehicle,
     gains: "Geometric | L1",
-    outlet: InnerLoop,
+    inner_loop: InnerLoop,
     estimate: Estimate,
     reference: Reference,
     interval_s: float,
     *,
-    against: Vec3,
-    against_dot: Vec3,
+    counteracted: Vec3,
+    counteracted_dot: Vec3,
 ) -> Decision:
-    """Geometric tracking (Lee, Leok, McClamroch 2010) ``against`` an acceleration that changes by ``against_dot``."""
+    """Decide by geometric tracking (Lee, Leok, McClamroch 2010).
+
+    ``counteracted`` is the disturbance to compensate [m/s², NED], ``counteracted_dot`` its derivative [m/s³].
+    """
     motion, kx, kv = estimate.motion, gains.k_position, gains.k_velocity
     mass = vehicle.mass_kg / estimate.effectiveness
     now = acceleration(motion, estimate.disturbance, mass, gains.gravity, vehicle.drag_per_s)
@@ -238,25 +253,25 @@ def track_on_se3(
         ex = motion.position[i] - reference.position_ned[i]
         ev = motion.velocity[i] - reference.velocity_ned[i]
         ea = now[i] - reference.acceleration_ned[i]
-        feedback.append(reference.acceleration_ned[i] - kx * ex - kv * ev - against[i])
-        slope.append(reference.jerk_ned[i] - kx * ev - kv * ea - against_dot[i])
+        feedback.append(reference.acceleration_ned[i] - kx * ex - kv * ev - counteracted[i])
+        slope.append(reference.jerk_ned[i] - kx * ev - kv * ea - counteracted_dot[i])
     (vx, vy, vz), drag = motion.velocity, -vehicle.drag_per_s
-    told = (drag * vx, drag * vy, drag * vz)
-    along, _ = push((feedback[0], feedback[1], feedback[2]), told, gains.gravity, math.radians(gains.tilt_limit_deg))
+    air = (drag * vx, drag * vy, drag * vz)
+    along, _ = push((feedback[0], feedback[1], feedback[2]), air, gains.gravity, math.radians(gains.tilt_limit_deg))
     ex, ey = sine_error(motion.attitude, along)
     wx, wy = turning(motion.attitude, along, (-slope[0], -slope[1], -slope[2]))
-    return outlet.decide(
+    return inner_loop.decide(
         estimate,
         reference,
         interval_s,
         push=along,
         turn=(wx + gains.k_attitude * ex, wy + gains.k_attitude * ey),
-        disturbance=against,
+        disturbance=counteracted,
     )
 
 
 class L1(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="l1"):
-    """Gains: those of the geometric law, and two of the adaptation."""
+    """Gains: those of the geometric law, and two of the adaptation, which were chosen, not searched."""
 
     k_position: Annotated[Positive, msgspec.Meta(description="k_x / m [1/s²].")] = 9.46
     k_velocity: Annotated[Positive, msgspec.Meta(description="k_v / m [1/s].")] = 5.81
@@ -299,40 +314,40 @@ class L1Controller(BaselineController[L1]):
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
-        hold = self._vehicle.frame_period_s
-        keep = math.exp(-gains.predictor_pole * hold)
-        phi = (1.0 - keep) / gains.predictor_pole
-        share = 1.0 - math.exp(-gains.bandwidth_rad_s * interval_s)
-        nothing = (0.0, 0.0, 0.0)
+        period_s = self._vehicle.frame_period_s  # T_s
+        decay = math.exp(-gains.predictor_pole * period_s)  # e^(A_s T_s)
+        phi = (1.0 - decay) / gains.predictor_pole
+        rise = 1.0 - math.exp(-gains.bandwidth_rad_s * interval_s)
+        no_disturbance = (0.0, 0.0, 0.0)
         mass = self._vehicle.mass_kg / estimate.effectiveness
-        known = acceleration(motion, nothing, mass, gains.gravity, self._vehicle.drag_per_s)
+        known = acceleration(motion, no_disturbance, mass, gains.gravity, self._vehicle.drag_per_s)
         before = motion.velocity if self._predicted is None else self._predicted
         predicted: list[float] = []
         filtered: list[float] = []
         slope: list[float] = []
         for i in range(3):
-            off = before[i] - motion.velocity[i]
-            found = -keep * off / phi
-            # The predictor at the next command: its error decays, the rest goes on as it is known.
-            predicted.append(motion.velocity[i] + hold * known[i] + keep * off + phi * found)
-            slope.append(gains.bandwidth_rad_s * (found - self._filtered[i]))
-            filtered.append(self._filtered[i] + share * (found - self._filtered[i]))
+            error = before[i] - motion.velocity[i]  # ṽ
+            sigma = -decay * error / phi  # σ̂
+            # The predicted velocity at the next command.
+            predicted.append(motion.velocity[i] + period_s * known[i] + decay * error + phi * sigma)
+            slope.append(gains.bandwidth_rad_s * (sigma - self._filtered[i]))
+            filtered.append(self._filtered[i] + rise * (sigma - self._filtered[i]))
         self._predicted = (predicted[0], predicted[1], predicted[2])
         self._filtered = (filtered[0], filtered[1], filtered[2])
         return track_on_se3(
             self._vehicle,
             gains,
-            self._outlet,
+            self._inner_loop,
             estimate,
             reference,
             interval_s,
-            against=self._filtered,
-            against_dot=(slope[0], slope[1], slope[2]),
+            counteracted=self._filtered,
+            counteracted_dot=(slope[0], slope[1], slope[2]),
         )
 
 
 class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="pid"):
-    """Gains, found by a search: docs/decisions/0006-baselines.md. In brackets: PX4's name."""
+    """Gains of the PID, found by a search: docs/decisions/0006-baselines.md. In brackets: PX4's parameters."""
 
     p_position: Annotated[Positive, msgspec.Meta(description="Velocity per position error [1/s] (MPC_XY_P).")] = 2.32
     p_velocity: Annotated[
@@ -387,9 +402,9 @@ class PidController(BaselineController[Pid]):
             feed[2] + p * error[2] + integral[2] - d * now[2],
         )
         vx, vy, vz = motion.velocity
-        told = (-drag * vx, -drag * vy, -drag * vz)
-        along, cut = push(wanted, told, gains.gravity, math.radians(gains.tilt_limit_deg))
-        if not (cut or self._saturated):  # else it would wind up
+        air = (-drag * vx, -drag * vy, -drag * vz)
+        along, is_limited = push(wanted, air, gains.gravity, math.radians(gains.tilt_limit_deg))
+        if not (is_limited or self._saturated):  # else it would wind up
             k, bound = interval_s * gains.i_velocity, gains.integral_bound
             self._integral = (
                 FLOATS.clamp(integral[0] + k * error[0], -bound, bound),
@@ -397,7 +412,7 @@ class PidController(BaselineController[Pid]):
                 FLOATS.clamp(integral[2] + k * error[2], -bound, bound),
             )
         x, y = half_angle_error(motion.attitude, along)
-        decision = self._outlet.decide(
+        decision = self._inner_loop.decide(
             estimate,
             reference,
             interval_s,
@@ -409,17 +424,17 @@ class PidController(BaselineController[Pid]):
         return decision
 
     def _velocity(self, position: Vec3, reference: Reference) -> Vec3:
-        """The velocity to ask for [m/s, NED], no faster than the limit."""
+        """The wanted velocity [m/s, NED], no faster than the limit."""
         k, p, v = self._gains.p_position, reference.position_ned, reference.velocity_ned
         x = v[0] + k * (p[0] - position[0])
         y = v[1] + k * (p[1] - position[1])
         z = v[2] + k * (p[2] - position[2])
-        slow = min(1.0, self._gains.speed_limit_m_s / (math.sqrt(x * x + y * y + z * z) + 1e-9))
-        return (x * slow, y * slow, z * slow)
+        share = min(1.0, self._gains.speed_limit_m_s / (math.sqrt(x * x + y * y + z * z) + 1e-9))  # 1e-9: not 0
+        return (x * share, y * share, z * share)
 
 
 class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="indi"):
-    """Gains, found by a search: docs/decisions/0006-baselines.md."""
+    """Gains of INDI, found by a search: docs/decisions/0006-baselines.md."""
 
     k_position: Annotated[Positive, msgspec.Meta(description="K_x [1/s²].")] = 17.8
     k_velocity: Annotated[Positive, msgspec.Meta(description="K_v [1/s].")] = 6.36
@@ -436,38 +451,38 @@ class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_
 
 
 class IndiController(BaselineController[Indi]):
-    """Incremental nonlinear dynamic inversion of the acceleration. State: it and the thrust vector, both filtered.
+    """Incremental nonlinear dynamic inversion of the acceleration. State: filtered acceleration and thrust vector.
 
     E. Tal, S. Karaman, "Accurate tracking of aggressive quadrotor trajectories using incremental nonlinear dynamic
-    inversion and differential flatness", CDC 2018 / TCST 2021: the thrust vector is changed by as much as the
-    acceleration is off, both through the same low-pass filter; the attitude follows by proportional control, with the
-    turn that the reference's jerk asks for fed forward. There is no accelerometer here: the acceleration is the
-    observer's.
+    inversion and differential flatness", CDC 2018 / TCST 2021: the thrust vector is changed by the error of the
+    acceleration, both through the same low-pass filter; the attitude follows by proportional control, with the
+    reference's jerk as feedforward of the body rates. There is no accelerometer here: the acceleration is the model's,
+    with the observer's disturbance.
     """
 
-    _acceleration: Vec3 | None = None  # both filters take the first values that come
-    _push: Vec3 = (0.0, 0.0, 0.0)
+    _acceleration: Vec3 | None = None  # both filters start at their first values
+    _thrust: Vec3 = (0.0, 0.0, 0.0)
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
         """One command; see the port."""
         gains, motion = self._gains, estimate.motion
-        seen, given = self._filter(estimate, interval_s)
+        filtered, thrust = self._filter(estimate, interval_s)
         kx, kv, ka, feed = gains.k_position, gains.k_velocity, gains.k_acceleration, reference.acceleration_ned
         wanted: list[float] = [
             feed[i]
             + kx * (reference.position_ned[i] - motion.position[i])
             + kv * (reference.velocity_ned[i] - motion.velocity[i])
-            + ka * (feed[i] - seen[i])
+            + ka * (feed[i] - filtered[i])
             for i in range(3)
         ]
-        # The increment: the push changes by what the acceleration still lacks. `push` keeps it upright.
-        change = (wanted[0] - seen[0], wanted[1] - seen[1], wanted[2] - seen[2])
-        base = (given[0], given[1], given[2] - gains.gravity)
-        along, _ = push(change, base, gains.gravity, math.radians(gains.tilt_limit_deg))
+        # The increment: the thrust vector changes by the error of the acceleration. `push` limits the tilt.
+        error = (wanted[0] - filtered[0], wanted[1] - filtered[1], wanted[2] - filtered[2])
+        base = (thrust[0], thrust[1], thrust[2] - gains.gravity)
+        along, _ = push(error, base, gains.gravity, math.radians(gains.tilt_limit_deg))
         x, y = half_angle_error(motion.attitude, along)
         jerk = reference.jerk_ned
         wx, wy = turning(motion.attitude, along, (-jerk[0], -jerk[1], -jerk[2]))
-        return self._outlet.decide(
+        return self._inner_loop.decide(
             estimate,
             reference,
             interval_s,
@@ -477,22 +492,22 @@ class IndiController(BaselineController[Indi]):
         )
 
     def _filter(self, estimate: Estimate, interval: float) -> tuple[Vec3, Vec3]:
-        """Acceleration and push (T/m) R e3 [m/s², NED], both through the same first-order filter."""
+        """Acceleration and thrust vector (T/m) R e3 [m/s², NED], both through the same first-order filter."""
         motion, mass = estimate.motion, self._vehicle.mass_kg / estimate.effectiveness
         now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity, self._vehicle.drag_per_s)
         x, y, z = third_column(motion.attitude)
-        f = motion.thrust / mass
-        given: Vec3 = (f * x, f * y, f * z)
+        specific = motion.thrust / mass
+        thrust: Vec3 = (specific * x, specific * y, specific * z)
         before = self._acceleration
         if before is not None and self._gains.filter_s > 0.0:
             k = interval / (interval + self._gains.filter_s)
-            now, given = _between(before, now, k), _between(self._push, given, k)
-        self._acceleration, self._push = now, given
-        return now, given
+            now, thrust = _between(before, now, k), _between(self._thrust, thrust, k)
+        self._acceleration, self._thrust = now, thrust
+        return now, thrust
 
 
 def _between(old: Vec3, new: Vec3, share: float) -> Vec3:
-    """``share`` of the way from ``old`` to ``new``."""
+    """The point at ``share`` of the way from ``old`` to ``new`` [-]."""
     return (
         old[0] + share * (new[0] - old[0]),
         old[1] + share * (new[1] - old[1]),
@@ -500,13 +515,17 @@ def _between(old: Vec3, new: Vec3, share: float) -> Vec3:
     )
 
 
-KEY = "controller.kind"
+KIND_KEY = "controller.kind"
+"""Configuration key that errors in a user's own controller name."""
 
 
 class Custom(
     Estimation, OpenFactory, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="custom"
 ):
-    """A factory and its options. Written shorter: ``kind = "package.module:factory"``, options beside it."""
+    """A user's own controller: a factory and its options.
+
+    The short form in a configuration file is ``kind = "package.module:factory"``, with the options beside it.
+    """
 
     factory: Annotated[
         str,
@@ -530,29 +549,29 @@ class Custom(
         """The user's controller, within the vehicle's limits.
 
         Raises:
-            ConfigError: it can't be imported, is not there, can't be called, fails, or makes no controller.
+            ConfigError: the factory can't be imported or called, does not exist, fails, or makes no controller.
         """
         _hand_on_old_paths()
-        found = find_object(KEY, self.factory)
+        found = find_object(KIND_KEY, self.factory)
         if not callable(found) and not hasattr(found, "decide"):
             raise ConfigError(
-                KEY,
+                KIND_KEY,
                 f"{self.factory} is not callable: expected factory(vehicle, options) -> Controller, "
                 "or an object with decide(estimate, reference, interval_s)",
             )
         controller: Any
         if inspect.isroutine(found) and len(needed_names(found, self.options) or ()) == 3:
-            controller = SimpleNamespace(decide=found)
+            controller = SimpleNamespace(decide=found)  # the function is decide() itself
         else:
-            controller = call_factory(KEY, self.factory, found, (vehicle,), self.options)
+            controller = call_factory(KIND_KEY, self.factory, found, (vehicle,), self.options)
         if not callable(getattr(controller, "decide", None)):
             made = type(controller).__name__
-            raise ConfigError(KEY, f"{self.factory} made a {made} without decide(estimate, reference, interval_s)")
+            raise ConfigError(KIND_KEY, f"{self.factory} made a {made} without decide(estimate, reference, interval_s)")
         return Guarded(controller, vehicle, self.factory)
 
 
 class Guarded:
-    """Any controller, its commands brought within the vehicle's limits; anything that is no command ends the flight."""
+    """A user's own controller whose commands are clamped to the vehicle's limits; an invalid answer ends the flight."""
 
     def __init__(self, controller: Controller, vehicle: Vehicle, name: str) -> None:
         """``name`` is for the operator."""
@@ -561,37 +580,37 @@ class Guarded:
         self._name = name
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """The controller's decision, its command clamped; one of thrust and rates alone is made a whole one.
+        """Return the controller's decision with a clamped command. A bare command is completed to a decision.
 
         Raises:
-            UserCodeFault: it failed, or what it returned is not a command of four finite numbers.
+            UserCodeFault: the controller failed, or did not return a command of four finite numbers.
         """
-        what = f"controller {self._name}"
+        who = f"controller {self._name}"
         try:
             decide = self._controller.decide
-            decision: Any = STEP_WATCH.get().run(what, STEP_LIMIT_S, decide, estimate, reference, interval_s)
+            decision: Any = STEP_WATCH.get().run(who, STEP_LIMIT_S, decide, estimate, reference, interval_s)
         except KeyboardInterrupt:
-            raise  # somebody stops the program
-        except BaseException as error:  # sys.exit is no end of a flight either
-            raise UserCodeFault(what, error) from error
+            raise  # the operator stops the program
+        except BaseException as error:  # SystemExit, too: a user's sys.exit() must not end the program in flight
+            raise UserCodeFault(who, error) from error
         if isinstance(decision, ActuatorCommand):
             decision = self._make_whole(decision, estimate, reference)
         if not isinstance(decision, Decision):
             what = f"{type(decision).__name__}, not a Decision{coroutine_hint(decision)}"
-            raise UserCodeFault(f"controller {self._name} returned a {what}")
+            raise UserCodeFault(f"{who} returned a {what}")
         try:
-            told = (decision.drive.thrust, *decision.drive.rates)
-            finite = all(map(math.isfinite, told))  # which takes no text for a number, as float does
-            thrust, x, y, z = map(float, told)
+            command = (decision.drive.thrust, *decision.drive.rates)
+            is_finite = all(map(math.isfinite, command))  # it refuses text, which float() would take for a number
+            thrust, x, y, z = map(float, command)
         except (AttributeError, OverflowError, TypeError, ValueError):
-            raise UserCodeFault(f"controller {self._name} returned no thrust and three rates") from None
-        if not finite:
-            raise UserCodeFault(f"controller {self._name} asked for thrust {thrust} N, rates {(x, y, z)} rad/s")
+            raise UserCodeFault(f"{who} returned no thrust and three rates") from None
+        if not is_finite:
+            raise UserCodeFault(f"{who} asked for thrust {thrust} N, rates {(x, y, z)} rad/s")
         drive, clamped = clamp_command(self._vehicle, thrust, (x, y, z))
         return decision._replace(drive=drive, saturated=bool(decision.saturated) or clamped)
 
     def _make_whole(self, drive: ActuatorCommand, estimate: Estimate, reference: Reference) -> Any:
-        """A decision of ``drive``; whatever is no number in it is found where all answers are looked at."""
+        """Make a decision with ``drive``, which is checked later, with all answers."""
         still = make_decision(self._vehicle, estimate, reference, 0.0, (0.0, 0.0, 0.0))
         return still._replace(drive=drive, saturated=False)
 
@@ -602,13 +621,13 @@ OLD_PATHS = (
     "groundstation.core.controllers", "groundstation.core.controllers.baseline", "groundstation.trajectories",
     "groundstation.trajectories.port", "groundstation.vehicle",
 )  # fmt: skip
-"""Modules from which docs/how-to/own-controller.md once had a controller import; for one release they hand on."""
+"""Modules from which docs/how-to/own-controller.md used to import. For one release they pass on the public names."""
 RENAMED = {"Outlet": "InnerLoop", "decided": "make_decision", "limited": "clamp_command"}
-"""What they called otherwise."""
+"""Former names in those modules, and the present ones."""
 
 
 def _hand_on_old_paths() -> None:
-    """Have the old paths hand on what :mod:`groundstation` hands on now, with a word of advice."""
+    """Make the old paths importable: each passes on the names of :mod:`groundstation`, with a warning."""
     for path in OLD_PATHS:
         stand_in = ModuleType(path)
         stand_in.__dict__.update(__path__=[], __getattr__=partial(_find_public, path))
@@ -616,7 +635,8 @@ def _hand_on_old_paths() -> None:
 
 
 def _find_public(path: str, name: str) -> object:
-    if name.startswith("_"):  # what asks every module for its file, say
+    """Return the public object that ``path`` used to have under ``name``."""
+    if name.startswith("_"):  # such as __file__, which inspection asks of every module
         raise AttributeError(name)
     public = RENAMED.get(name, name)
     found: object = getattr(sys.modules["groundstation"], public)
@@ -630,13 +650,13 @@ def _find_public(path: str, name: str) -> object:
 
 
 ControllerConfig: TypeAlias = Gains | Uncompensated | Geometric | L1 | Pid | Indi | Custom
-"""Any controller as the config file tells it, picked by its ``kind``, with what its estimator is told."""
+"""Section ``[controller]``: the gains of a controller, chosen by its ``kind``, and the keys of the estimator."""
 
 
 def make_controller(config: ControllerConfig, vehicle: Vehicle) -> Controller:
-    """The controller that ``config`` describes.
+    """Make the controller that ``config`` describes.
 
     Raises:
-        ConfigError: a controller of the user's own can't be loaded.
+        ConfigError: a user's own controller can't be loaded.
     """
     return Adaptive(vehicle, config) if isinstance(config, Gains) else config.build(vehicle)
