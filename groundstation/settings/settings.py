@@ -453,6 +453,10 @@ LARGEST_LIFT = 30.0
 """Largest full thrust that is believed [weights]: a racing quadrotor has 15. Mass in grams, or thrust
 in grams or millinewtons, makes more than 100."""
 
+LEAST_LIFT = 0.03
+"""Least full thrust that is believed [weights]: mass in grams makes 0.002. What is too weak for its trajectory
+is found by the trajectory's check."""
+
 LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
 """The configuration of one link, picked by its ``kind``; see ``links.make.LINKS``."""
 
@@ -585,10 +589,10 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         vehicle, weight_n = self.vehicle, self.weight_n
         most_n = vehicle.thrust_max_n if vehicle.hover_thrust is None else self.full_thrust_n
         key = "thrust_max_n" if vehicle.hover_thrust is None else "hover_thrust"
-        if not weight_n < most_n <= LARGEST_LIFT * weight_n:
+        if not LEAST_LIFT * weight_n <= most_n <= LARGEST_LIFT * weight_n:
             raise ValueError(
                 f"vehicle.{key}: full thrust of {most_n:.4g} N is {most_n / weight_n:.4g} times the weight, "
-                f"{weight_n:.4g} N by mass_kg = {vehicle.mass_kg:g}: expected more than 1 and at most {LARGEST_LIFT:g} "
+                f"{weight_n:.4g} N by mass_kg = {vehicle.mass_kg:g}: expected {LEAST_LIFT:g} to {LARGEST_LIFT:g} "
                 "times; correct one of these (mass in kilograms, thrust in newtons)"
             )
         if vehicle.thrust_min_n >= weight_n:

@@ -245,7 +245,9 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
         except UnicodeDecodeError as error:
             raise ConfigError("FILE", notice("import.not_utf8", at=error.start), str(path)) from None
         except (ValueError, TypeError, KeyError, IndexError, zlib.error) as error:
-            raise ConfigError("FILE", f"is no {form} file, or damaged: {error}", str(path)) from None
+            raise ConfigError(
+                "FILE", f"is no {form} file, or damaged: {' '.join(str(error).split())}", str(path)
+            ) from None
     return tables
 
 
@@ -483,6 +485,10 @@ MIXED = 2.0
 OF_ANOTHER_CLOCK = " but with a clock that is set back at other times than that of the poses"
 
 
+MOST_BACKS = 0.3
+"""Share of poses that may be older than the one before [-]: of rows in no order every second one is."""
+
+
 def split_at_set_backs(time: Column) -> list[slice]:
     """The rows from one set-back of their clock to the next; ``time`` (N,) [s] is theirs."""
     backs = np.flatnonzero(np.diff(time) < -MIXED * find_usual(time)) + 1
@@ -631,6 +637,11 @@ def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) ->
         says = says if apart_s else "all poses have the same stamp"
         raise ConfigError("--map: time_unit", says, str(file))
     rows = split_at_set_backs(time)
+    backs = int(np.count_nonzero(np.diff(time) < 0.0))
+    if backs > MOST_BACKS * len(time):
+        raise ConfigError(
+            "FILE", notice("import.no_order", backs=backs, poses=len(time), limit=MOST_BACKS * len(time)), str(file)
+        )
     part = max(range(len(rows)), key=lambda k: rows[k].stop - rows[k].start)
     reader.part = part, len(rows)
     if len(rows) > 1:

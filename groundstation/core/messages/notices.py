@@ -113,6 +113,11 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "the unit of {columns} in {table} is unclear: the file states {stated}, the mapping expects {expected}",
     ),
     NoticeTemplate(
+        "import.no_order",
+        "{backs:.0f} of {poses:.0f} poses are older than the one before, limit {limit:.0f}",
+        "sort its rows by their stamps",
+    ),
+    NoticeTemplate(
         "import.upside_down",
         "the heights of the {what} fit the flight only with the other sign, so the file does not tell whether they "
         "count up or down",

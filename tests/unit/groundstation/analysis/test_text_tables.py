@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import msgspec
@@ -315,3 +316,14 @@ def test_a_file_that_can_not_be_imported_says_why_and_what_to_do(tmp_path: Path)
     assert "is no text in UTF-8 (byte 16): save it as UTF-8" in refusal(tmp_path, latin)
     dates = head + "".join(f"2026-03-05T10:00:0{n},1,1,1\n" for n in range(5))
     assert "no number in column t of run.csv: check the columns" in refusal(tmp_path, dates.encode())
+
+
+def test_rows_in_no_order_of_time_are_refused_and_a_restart_is_none(tmp_path: Path) -> None:
+    rows = [f"{0.01 * k:.2f},{0.001 * k},0,-1" for k in range(200)]
+    mixed = Random(1).sample(rows, len(rows))
+    for name, table in (("backwards", rows[::-1]), ("mixed", mixed)):
+        (folder := tmp_path / name).mkdir()
+        said = refusal(folder, "\n".join(["t,x,y,z", *table]).encode())
+        assert "of 200 poses are older than the one before, limit 60: sort its rows by their stamps" in said
+    twice = write(tmp_path, "twice.csv", "\n".join(["t,x,y,z", *rows, *rows]) + "\n")
+    assert len(poses(tmp_path, twice, str(write(tmp_path, "map.toml", MAPPING)))) == 200

@@ -163,7 +163,7 @@ def test_the_fence_counts_too() -> None:
         ("gate", "rate_deg_s", 17.5), ("gate", "tilt_deg", 2.1), ("limits", "max_tilt_deg", 0.785),
         ("vehicle", "rate_limits_deg_s", [3.5, 3.5, 5.2]), ("flight", "floor_z_m", 1500.0),
         ("flight", "pose_wait_s", 5000.0), ("flight", "duration_s", 120_000.0),
-        ("vehicle", "thrust_max_n", 137.0), ("vehicle", "thrust_max_n", 1370.0), ("vehicle", "thrust_max_n", 0.14),
+        ("vehicle", "thrust_max_n", 137.0), ("vehicle", "thrust_max_n", 1370.0),
         ("vehicle", "thrust_min_n", 20.0), ("vehicle", "hover_thrust", 0.0045), ("vehicle", "hover_n", 80.0),
         ("vehicle", "hover_n", 0.08), ("vehicle", "hover_range", [1.45, 0.7]), ("vehicle", "hover_range", [0.7, 0.9]),
     ],
