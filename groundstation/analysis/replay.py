@@ -569,10 +569,8 @@ class _Replay:
                 pilot.lift(*values)
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
-            case "ease", 2:  # recordings of 0.1 before the limits of a transit
-                pilot.ease(bool(values[0]), asks=bool(values[1]))
-            case "ease", 3 | 4:  # of 4 the last two were one limit each
-                pilot.ease(bool(values[0]), asks=bool(values[1]), is_limited=bool(values[2]))
+            case "ease", 2 | 3 | 4:  # the second is the first; of 2 no transit had limits, of 4 one each
+                pilot.ease(bool(values[0]), is_limited=any(values[2:3]))
             case "surrender", 1:
                 self._end = partial(pilot.surrender, hold_s=values[0])
             case "let_go", 1:

@@ -329,20 +329,17 @@ class CommandUplink:
         """Monitor of the telemetry, which stalls where the radio does."""
         self.unheard = False
         """Whether the vehicle acknowledged nothing for so long that the uplink is assumed down."""
-
-    def look(self, now_s: float) -> bool:
-        """Return whether acknowledgements are overdue now; who does not hear the commands can't obey them."""
-        self.unheard = self._arrival(now_s)[0] > UNHEARD_S
-        return self.unheard
-
-    def is_late(self, now_s: float) -> bool:
+        self.is_late = False
         """Whether commands are heard too late."""
-        return self._arrival(now_s)[1] > 0.0
 
-    def find_deafness(self, now_s: float) -> Sentence | None:
-        """Why commands can't fly the vehicle though the autopilot is heard; None where they reach it in time."""
+    def look(self, now_s: float) -> Sentence | None:
+        """Look once a frame whether acknowledgements are overdue, or late.
+
+        Return why commands can't fly the vehicle though the autopilot is heard; None where they reach it in time.
+        """
         overdue_s, late_s = self._arrival(now_s)
-        if late_s > 0.0:
+        self.unheard, self.is_late = overdue_s > UNHEARD_S, late_s > 0.0
+        if self.is_late:
             return notice("fault.late_commands", late_ms=1e3 * late_s)
         return notice("fault.unanswered", overdue_ms=1e3 * overdue_s) if overdue_s > DEAF_S else None
 
@@ -586,7 +583,7 @@ class MissionExecutive:
             return tick.command, tick
         assert pose is not None, "it stood, by its poses"
         coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
-        why = self._uplink.find_deafness(now_s) or spooling.fault(now_s, pose, coast_s, self._clearance.fence)
+        why = self._uplink.look(now_s) or spooling.fault(now_s, pose, coast_s, self._clearance.fence)
         if why is not None:
             self.go(Event.LAND, why, now_s, fault=True)
             return self._pilot.idle(now_s, 0.0), None
@@ -600,11 +597,11 @@ class MissionExecutive:
     def _comes_too_late(self, now_s: float) -> bool:
         """Whether commands end, as they come too late; where none arrive, they are gentle, and nothing is learnt."""
         uplink = self._uplink
-        unheard = uplink.look(now_s)
-        self._pilot.listen(unheard)
-        if not unheard:
+        why = uplink.look(now_s)
+        self._pilot.listen(uplink.unheard)
+        if not uplink.unheard:
             return False
-        if (why := uplink.find_deafness(now_s)) and uplink.is_late(now_s):
+        if why and uplink.is_late:
             self.failure = Failure("link.late", notice("fault.late_commands_end", why=why))
             self._means.end()
             return True
@@ -747,9 +744,8 @@ class MissionExecutive:
         return reference, self.tick.estimate.time_s
 
     def _follow(self, leg: Leg) -> None:
-        asks = self.state is not State.TRACKING
         is_limited = self.state not in (State.HOLD, State.TRACKING)
-        self._pilot.ease(self.state is not State.TRACKING, asks=asks, is_limited=is_limited)
+        self._pilot.ease(self.state is not State.TRACKING, is_limited=is_limited)
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

@@ -75,7 +75,7 @@ class StepTimer(StepWatch):
 
         Only the main thread hears signals: a step in another one is not watched.
         """
-        if threading.current_thread() is not threading.main_thread():
+        if not _hears_signals():
             return
         self._what, self._begun_s, self._limit_s = what, time.monotonic(), limit_s
         self._caller, self._interrupts = sys._getframe(1), 0
@@ -84,7 +84,7 @@ class StepTimer(StepWatch):
 
     def end(self) -> None:
         """Note that the step has returned."""
-        if threading.current_thread() is not threading.main_thread():
+        if not _hears_signals():
             return
         what, self._what = self._what, ""
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -139,6 +139,11 @@ class StepTimer(StepWatch):
         if self._limit_s > STEP_LIMIT_S:
             return StepTimeout(notice("code.hangs_making", limit_s=self._limit_s))
         return StepTimeout(notice("code.hangs", limit_ms=1e3 * self._limit_s))
+
+
+def _hears_signals() -> bool:
+    """Whether this is the main thread, which alone hears signals."""
+    return threading.current_thread() is threading.main_thread()
 
 
 def start_step_timer() -> StepTimer:

@@ -47,9 +47,9 @@ class SetPoint:
         mask = message.type_mask
         self.thrust: float | None = None if mask & AttitudeTargetMask.IGNORE_THRUST else message.thrust
         self.rates: tuple[float | None, float | None, float | None] = (
-            None if mask & 1 else message.body_roll_rate,
-            None if mask & 2 else message.body_pitch_rate,
-            None if mask & 4 else message.body_yaw_rate,
+            None if mask & AttitudeTargetMask.IGNORE_ROLL_RATE else message.body_roll_rate,
+            None if mask & AttitudeTargetMask.IGNORE_PITCH_RATE else message.body_pitch_rate,
+            None if mask & AttitudeTargetMask.IGNORE_YAW_RATE else message.body_yaw_rate,
         )
         self.attitude: Quat | None = None if mask & AttitudeTargetMask.IGNORE_ATTITUDE else tuple(message.q)
 

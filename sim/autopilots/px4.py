@@ -57,14 +57,6 @@ BAROMETER_EVERY = 5
 MAGNETOMETER_EVERY = 2
 """Steps between readings of the magnetometer [-]: 125 Hz."""
 
-FLYING_ACCELEROMETER = (0.5, 1.7, 1.4)
-"""Noise of its accelerometer with the rotors turning, 1σ [m/s², FRD]: sih.cpp, reconstruct_sensors_signals."""
-FLYING_GYRO = (0.14, 0.07, 0.03)
-"""Noise of its gyro with the rotors turning, 1σ [rad/s, FRD]."""
-RESTING_ACCELEROMETER = (0.1, 0.1, 0.1)
-"""Noise of its accelerometer with the rotors at rest, 1σ [m/s², FRD]."""
-RESTING_GYRO = (0.01, 0.01, 0.01)
-"""Noise of its gyro with the rotors at rest, 1σ [rad/s, FRD]."""
 MAGNETOMETER = (0.02, 0.02, 0.03)
 """Noise of its magnetometer, 1σ [gauss]: SensorMagSim.cpp."""
 BAROMETER_HPA = 0.01
@@ -94,6 +86,21 @@ class SensorFields(IntFlag):
     """Pressure, height and temperature."""
 
 
+class InertialNoise(NamedTuple):
+    """Noise of its inertial sensors, 1σ: sih.cpp, reconstruct_sensors_signals."""
+
+    accelerometer: Vec3
+    """[m/s², FRD]"""
+    gyro: Vec3
+    """[rad/s, FRD]"""
+
+
+FLYING = InertialNoise(accelerometer=(0.5, 1.7, 1.4), gyro=(0.14, 0.07, 0.03))
+"""Noise with the rotors turning."""
+RESTING = InertialNoise(accelerometer=(0.1, 0.1, 0.1), gyro=(0.01, 0.01, 0.01))
+"""Noise with the rotors at rest."""
+
+
 class Outputs(NamedTuple):
     """One HIL_ACTUATOR_CONTROLS."""
 
@@ -114,11 +121,9 @@ class SimulatorCodec:
         self, time_us: int, truth: TrueState, specific_force: Vec3, normals: tuple[float, ...], count: int
     ) -> bytes:
         """HIL_SENSOR number ``count``, with ten standard ``normals`` for the noise of all sensors."""
-        turns = truth.thrust_n > 0.0
-        accelerometer = FLYING_ACCELEROMETER if turns else RESTING_ACCELEROMETER
-        gyro = FLYING_GYRO if turns else RESTING_GYRO
-        x, y, z = _add_noise(specific_force, accelerometer, normals[0:3])
-        p, q, r = _add_noise(truth.rates_rad_s, gyro, normals[3:6])
+        noise = FLYING if truth.thrust_n > 0.0 else RESTING
+        x, y, z = _add_noise(specific_force, noise.accelerometer, normals[0:3])
+        p, q, r = _add_noise(truth.rates_rad_s, noise.gyro, normals[3:6])
         north, east, down = _add_noise(so3.to_body(truth.attitude, FIELD_NED), MAGNETOMETER, normals[6:9])
         height = -truth.position_ned[2]
         pressure = SEA_LEVEL_HPA - HPA_PER_M * height + BAROMETER_HPA * normals[9]

@@ -22,19 +22,19 @@ from groundstation.core.estimation import (
     PP,
     STEP_LIMIT,
     AlongTrack,
+    Chain,
     Covariance,
     Densities,
     Effectiveness,
     Estimation,
     StampNoise,
-    correct,
+    apply_effectiveness,
     correct_attitude,
-    correct_by_both,
+    correct_chain,
     find_direction,
     fourth_difference,
     initial_covariance,
     initial_effectiveness,
-    innovation,
     part_along,
     predict_covariance,
     predict_effectiveness,
@@ -45,7 +45,7 @@ from groundstation.core.estimation import (
     weigh_along,
     widen_covariance,
 )
-from groundstation.core.geometry import ZERO, Ops, Real, Vec3, arrays, rotate
+from groundstation.core.geometry import ZERO, Ops, Real, Vec3, add_scaled, arrays, rotate, subtract
 from groundstation.core.messages import ROUNDING_S, SATURATION_FROM_S, SETTLED_M, STEADY_S, Decision, Estimate
 from groundstation.core.pilot import NOISE_POSES
 from groundstation.core.vehicle import (
@@ -217,7 +217,7 @@ class BatchEstimator:
         dt = stamp - old.stamp
         model = self._at(old, dt)
         expected = predict_covariance(old.covariance, dt, self._densities)
-        step = innovation(position, model.position)
+        step = subtract(position, model.position)
         if (told := self._gains.pose_jitter_s) == 0.0:
             expected = widen_covariance(ops, expected, noise, step)
             across2, track, along = expected[PP] + noise, old.track, None
@@ -236,24 +236,16 @@ class BatchEstimator:
             across2, along2 = wide[PP] + across, narrow[PP] + most
             gain, covariance = update_covariance(wide, across)
             along, track = weigh_along(ops, axis, gain, update_covariance(narrow, most), across2, along2)
-        rate = old.rate
-        now = correct(old.disturbance, dt, rate)
-        place, speed = model.position, model.velocity
+        chain: Chain = (model.position, model.velocity, add_scaled(old.disturbance, dt, old.rate), old.rate)
         if along is not None:
-            (p, v, d, c), part = along.more, part_along(along.axis, step)
-            place, speed = correct(place, p, part), correct(speed, v, part)
-            now, rate = correct(now, d, part), correct(rate, c, part)
-        e, (p, v, d, c) = old.effectiveness, gain
+            chain = correct_chain(chain, along.more, part_along(along.axis, step))
+        chain = correct_chain(chain, gain, step)
+        e = old.effectiveness
         if self._separates:
             e = predict_effectiveness(ops, e, dt, old.driven, self._vehicle.mass_kg, self._gains.effectiveness_walk)
             e, moved = update_effectiveness(ops, e, step, gain, across2, 0, along)
-            place = correct_by_both(place, p, step, moved, e.p)
-            speed = correct_by_both(speed, v, step, moved, e.v)
-            now = correct_by_both(now, d, step, moved, e.d)
-            rate = correct_by_both(rate, c, step, moved, e.c)
-        else:
-            place, speed = correct(place, p, step), correct(speed, v, step)
-            now, rate = correct(now, d, step), correct(rate, c, step)
+            chain = apply_effectiveness(chain, moved, e)
+        place, speed, now, rate = chain
         turned = correct_attitude(ops, model.attitude, attitude, self._gains.attitude_gain)
         motion = Motion(place, speed, turned, model.thrust, model.rates)
         seen = (noise, stamp_noise, track, times, places)
@@ -264,7 +256,7 @@ class BatchEstimator:
         state = self._state
         self._drive(np.full(state.stamp.size, time_s), np.arange(state.stamp.size))
         h = time_s - state.stamp
-        disturbance = correct(state.disturbance, h, state.rate)
+        disturbance = add_scaled(state.disturbance, h, state.rate)
         deviation: Any = np.sqrt(state.effectiveness.variance)
         return Estimate(time_s, self._at(state, h), disturbance, ZERO, state.effectiveness.value, deviation)
 

@@ -13,52 +13,64 @@ from typing import NamedTuple
 from groundstation.core.geometry import Vec3
 from groundstation.core.vehicle import GRAVITY
 
-MASS_KG = 2.6
-"""Mass of the vehicle [kg]."""
-HOVER = 0.48
-"""Thrust signal at hover, as a share of the full signal [-]."""
-THRUST_CURVE = 0.55
-"""f of thrust = f u² + (1 - f) u, u the signal [-].
 
-With it, at hover, 1 % more signal gives 1.37 % more thrust (logs: 1.33 to 1.43). The published flights assumed f = 0.
-"""
-THRUST_DELAY_S = 0.06
-"""Dead time of the thrust [s]."""
-THRUST_LAG_S = 0.04
-"""Time constant of the thrust [s]."""
-ATTITUDE_RAD_S = 7.0
-"""Natural frequency of the attitude loop, which has damping 0.5 [rad/s].
+class GaleVehicle(NamedTuple):
+    """The quadrotor, and the poses of its room."""
 
-On a vehicle that takes body rates the same loop is a rate lag of 1/7 s and an attitude gain of 7 1/s.
-"""
-PITCH_PER_M_S = 0.02
-"""Pitch, nose down, per upward speed in wind [rad s/m]."""
-DRAG = 0.80
-"""Drag in the rotors' plane per speed of the air in it [N s/m]."""
-DRAG_INFLOW = 0.035
-"""Growth of DRAG per speed of the air in the rotors' plane [N s²/m²]."""
-SINK_DRAG = 0.85
-"""Drag along the thrust per speed of the air along it [N s/m]."""
-SINK_INFLOW = 0.19
-"""Growth of SINK_DRAG per speed of the air in the rotors' plane [N s²/m²]."""
-LIFT = 0.035
-"""Lift per squared speed of the air in the rotors' plane [N s²/m²]."""
-REST_N: Vec3 = (0.3, 0.15, 0.5)
-"""Standard deviation, per axis, of the force that differs from lap to lap [N]: an Ornstein-Uhlenbeck noise."""
-REST_S = 0.6
-"""Correlation time of that noise [s]."""
-BIAS_N: Vec3 = (1.2, -0.43, 0.0)
-"""Constant force, in the axes of this file [N]."""
-FULL_N = MASS_KG * GRAVITY / (THRUST_CURVE * HOVER**2 + (1.0 - THRUST_CURVE) * HOVER)
-"""Thrust of the full signal [N]."""
-POSE_LATENCY_S = 0.010
-"""Latency of the poses [s]. Chosen, as of a usual tracking room: the logs have none."""
-ATTITUDE_NOISE_RAD = 0.001
-"""Attitude noise of the poses, 1σ [rad]. Chosen, as of a tracking room with a large body: the logs have none."""
-POSE_HZ = 50.0
-"""Rate of the poses in the logs [Hz]."""
-POSE_NOISE_M = 2e-5
-"""Position noise of the poses, 1σ [m]."""
+    mass_kg: float = 2.6
+    """Mass of the vehicle [kg]."""
+    hover: float = 0.48
+    """Thrust signal at hover, as a share of the full signal [-]."""
+    thrust_curve: float = 0.55
+    """f of thrust = f u² + (1 - f) u, u the signal [-].
+
+    With it, at hover, 1 % more signal gives 1.37 % more thrust (logs: 1.33 to 1.43). The published flights assumed
+    f = 0.
+    """
+    thrust_delay_s: float = 0.06
+    """Dead time of the thrust [s]."""
+    thrust_lag_s: float = 0.04
+    """Time constant of the thrust [s]."""
+    attitude_rad_s: float = 7.0
+    """Natural frequency of the attitude loop, which has damping 0.5 [rad/s].
+
+    On a vehicle that takes body rates the same loop is a rate lag of 1/7 s and an attitude gain of 7 1/s.
+    """
+    pitch_per_m_s: float = 0.02
+    """Pitch, nose down, per upward speed in wind [rad s/m]."""
+    drag: float = 0.80
+    """Drag in the rotors' plane per speed of the air in it [N s/m]."""
+    drag_inflow: float = 0.035
+    """Growth of ``drag`` per speed of the air in the rotors' plane [N s²/m²]."""
+    sink_drag: float = 0.85
+    """Drag along the thrust per speed of the air along it [N s/m]."""
+    sink_inflow: float = 0.19
+    """Growth of ``sink_drag`` per speed of the air in the rotors' plane [N s²/m²]."""
+    lift: float = 0.035
+    """Lift per squared speed of the air in the rotors' plane [N s²/m²]."""
+    rest_n: Vec3 = (0.3, 0.15, 0.5)
+    """Standard deviation, per axis, of the force that differs from lap to lap [N]: an Ornstein-Uhlenbeck noise."""
+    rest_s: float = 0.6
+    """Correlation time of that noise [s]."""
+    bias_n: Vec3 = (1.2, -0.43, 0.0)
+    """Constant force, in the axes of this file [N]."""
+    pose_latency_s: float = 0.010
+    """Latency of the poses [s]. Chosen, as of a usual tracking room: the logs have none."""
+    attitude_noise_rad: float = 0.001
+    """Attitude noise of the poses, 1σ [rad]. Chosen, as of a tracking room with a large body: the logs have none."""
+    pose_hz: float = 50.0
+    """Rate of the poses in the logs [Hz]."""
+    pose_noise_m: float = 2e-5
+    """Position noise of the poses, 1σ [m]."""
+
+    @property
+    def full_n(self) -> float:
+        """Thrust of the full signal [N]."""
+        curve, hover = self.thrust_curve, self.hover
+        return self.mass_kg * GRAVITY / (curve * hover**2 + (1.0 - curve) * hover)
+
+
+VEHICLE = GaleVehicle()
 RISE_S = 12.55
 """Time in which the phase rate of the course rises from 0 to 1 rad/s [s]: the first lap."""
 MIDDLE_X_M = 0.25
@@ -116,14 +128,14 @@ def course(time_s: float) -> tuple[Vec3, Vec3, Vec3]:
 
 def trim(speed_m_s: float) -> tuple[float, float]:
     """Pitch towards the wind [rad] and thrust over weight [-] at which the vehicle hovers in wind of that speed."""
-    pitch, forward, upward = 0.0, 0.0, 1.0
+    v, pitch, forward, upward = VEHICLE, 0.0, 0.0, 1.0
     for _ in range(TRIM_ROUNDS):
         s, c = math.sin(pitch), math.cos(pitch)
         inflow, sink = speed_m_s * c, speed_m_s * s  # the air's speed in the rotors' plane, and along the thrust
-        plane = -(DRAG + DRAG_INFLOW * inflow) * inflow
-        along = -(SINK_DRAG + SINK_INFLOW * inflow) * sink + LIFT * inflow**2
+        plane = -(v.drag + v.drag_inflow * inflow) * inflow
+        along = -(v.sink_drag + v.sink_inflow * inflow) * sink + v.lift * inflow**2
         # The thrust must balance the air's force, the constant force and the weight, in x and in z.
-        forward = -(plane * c + along * s + BIAS_N[0]) / (MASS_KG * GRAVITY)
-        upward = 1.0 - (along * c - plane * s) / (MASS_KG * GRAVITY)
+        forward = -(plane * c + along * s + v.bias_n[0]) / (v.mass_kg * GRAVITY)
+        upward = 1.0 - (along * c - plane * s) / (v.mass_kg * GRAVITY)
         pitch = math.atan2(forward, upward)
     return pitch, math.hypot(forward, upward)

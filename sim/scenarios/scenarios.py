@@ -218,17 +218,17 @@ def _with_push(acceleration: float) -> Scenario:
 
 _TOLD_GALE = Vehicle(
     name="gale",
-    mass_kg=gale.MASS_KG,
-    thrust_max_n=0.98 * gale.FULL_N,
+    mass_kg=gale.VEHICLE.mass_kg,
+    thrust_max_n=0.98 * gale.VEHICLE.full_n,
     thrust_min_n=1.0,
-    thrust_curve=gale.THRUST_CURVE,
-    hover_thrust=gale.HOVER,
+    thrust_curve=gale.VEHICLE.thrust_curve,
+    hover_thrust=gale.VEHICLE.hover,
     rate_limits_deg_s=(220.0, 220.0, 200.0),
-    thrust_lag_s=gale.THRUST_LAG_S,
-    thrust_delay_s=gale.THRUST_DELAY_S,
-    rate_lag_s=1.0 / gale.ATTITUDE_RAD_S,
+    thrust_lag_s=gale.VEHICLE.thrust_lag_s,
+    thrust_delay_s=gale.VEHICLE.thrust_delay_s,
+    rate_lag_s=1.0 / gale.VEHICLE.attitude_rad_s,
     drag_per_s=0.34,  # what `groundstation identify` finds on an excitation flight of it in still air
-    frame_period_s=1.0 / gale.POSE_HZ,
+    frame_period_s=1.0 / gale.VEHICLE.pose_hz,
     size_m=0.8,
     wind_share=0.553,  # 12 m/s²
 )
@@ -247,36 +247,36 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
     """The wind tunnel at one setting of its fans: north is x there, west is y."""
     begun = wind.speed_m_s + wind.gust_m_s * math.sin(gale.GUST_PHASE)
     lean, push = gale.trim(begun)
-    (x, y, z), (i, j, k), kg = gale.course(0.0)[0], gale.REST_N, gale.MASS_KG
-    air = gale.DRAG / kg
+    (x, y, z), (i, j, k), kg = gale.course(0.0)[0], gale.VEHICLE.rest_n, gale.VEHICLE.mass_kg
+    air = gale.VEHICLE.drag / kg
     world = World(
         mass_kg=kg,
-        thrust_max_n=gale.FULL_N,
-        thrust_curve=gale.THRUST_CURVE,
+        thrust_max_n=gale.VEHICLE.full_n,
+        thrust_curve=gale.VEHICLE.thrust_curve,
         rate_limits_deg_s=_TOLD_GALE.rate_limits_deg_s,
-        thrust_lag_s=gale.THRUST_LAG_S,
-        thrust_delay_s=gale.THRUST_DELAY_S,
-        rate_lag_s=1.0 / gale.ATTITUDE_RAD_S,
-        drag_body_per_s=(air, air, gale.SINK_DRAG / kg),
-        inflow_drag_per_m=(gale.DRAG_INFLOW / kg, gale.SINK_INFLOW / kg),
-        inflow_lift_per_m=gale.LIFT / kg,
+        thrust_lag_s=gale.VEHICLE.thrust_lag_s,
+        thrust_delay_s=gale.VEHICLE.thrust_delay_s,
+        rate_lag_s=1.0 / gale.VEHICLE.attitude_rad_s,
+        drag_body_per_s=(air, air, gale.VEHICLE.sink_drag / kg),
+        inflow_drag_per_m=(gale.VEHICLE.drag_inflow / kg, gale.VEHICLE.sink_inflow / kg),
+        inflow_lift_per_m=gale.VEHICLE.lift / kg,
         air_velocity=(-wind.speed_m_s, 0.0, 0.0),
-        wind_mean=(gale.BIAS_N[0] / kg, -gale.BIAS_N[1] / kg, 0.0),
-        pose_rate_hz=gale.POSE_HZ,
-        pose_latency_s=gale.POSE_LATENCY_S,
-        pose_noise_m=gale.POSE_NOISE_M,
+        wind_mean=(gale.VEHICLE.bias_n[0] / kg, -gale.VEHICLE.bias_n[1] / kg, 0.0),
+        pose_rate_hz=gale.VEHICLE.pose_hz,
+        pose_latency_s=gale.VEHICLE.pose_latency_s,
+        pose_noise_m=gale.VEHICLE.pose_noise_m,
         pose_jitter_s=wind.jitter_s,
-        attitude_noise_rad=gale.ATTITUDE_NOISE_RAD,
-        frame_period_s=1.0 / gale.POSE_HZ,
+        attitude_noise_rad=gale.VEHICLE.attitude_noise_rad,
+        frame_period_s=1.0 / gale.VEHICLE.pose_hz,
         start_ned=(x, -y, -z),
         start_thrust=min(push, 0.9),  # no more is told before the flight
         tunnel=WindTunnel(
             gust_m_s=-wind.gust_m_s,
             gust_phase_rad=gale.GUST_PHASE,
             rest_m_s2=(i / kg, j / kg, k / kg),
-            rest_s=gale.REST_S,
+            rest_s=gale.VEHICLE.rest_s,
             pitch_gain=wind.gain,
-            pitch_per_climb=gale.ATTITUDE_RAD_S * gale.PITCH_PER_M_S if wind.speed_m_s else 0.0,
+            pitch_per_climb=gale.VEHICLE.attitude_rad_s * gale.VEHICLE.pitch_per_m_s if wind.speed_m_s else 0.0,
             start_pitch_deg=-math.degrees(lean),
         ),
     )
@@ -286,7 +286,7 @@ def _gale(name: str, wind: gale.GaleWind) -> Scenario:
         + (f" + {wind.gust_m_s:g} sin(t + {gale.GUST_PHASE:g})" if wind.gust_m_s else ""),
         world=world,
         told=_TOLD_GALE,
-        told_latency_s=gale.POSE_LATENCY_S,
+        told_latency_s=gale.VEHICLE.pose_latency_s,
         told_more=_DOUBTED,
         figure=_gale_course,
     )

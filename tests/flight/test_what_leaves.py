@@ -46,7 +46,7 @@ TIMES = {
     "bring-down, zero thrust at its end": bring_down.OFF_S,
     "bring-down, at slightly less than hover thrust before that": bring_down.SETTLE_S,
     "descent on the model, at most": model_descent.LASTS_S,
-    "descent on the model, zero thrust at its end": model_descent.OFF_S,
+    "descent on the model, zero thrust at its end": bring_down.OFF_S,
     "descent on the model, above hover thrust in all": model_descent.BRAKE_S,
     "our heartbeat over MAVLink, one every": HEARTBEAT_S,
     "autopilot's heartbeat missing, `link.heartbeat_timeout_s`": MavlinkLinkConfig().heartbeat_timeout_s,

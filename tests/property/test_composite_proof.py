@@ -240,7 +240,7 @@ class Parts(NamedTuple):
 def parts(loop: Loop, s: State, time: float = 0.0) -> Parts:
     law, step = loop.law, loop.step(s, time)
     z1, z1_dot = loop.fed(s)
-    axes = [BacksteppingAxis(*axis(FLOATS, law.shape, z1[i], z1_dot[i])) for i in range(3)]
+    axes = [axis(FLOATS, law.shape, z1[i], z1_dot[i]) for i in range(3)]
     z3 = np.asarray(step.z3)
     xi = np.array([a.dv_dz2 - a.du_dz2 * z for a, z in zip(axes, step.z3, strict=True)])
     b_dot = loop.b_hat_dot(s, step)

@@ -13,12 +13,11 @@ from groundstation.core.estimation import (
     Covariance,
     Densities,
     Effectiveness,
-    correct,
-    correct_by_both,
+    apply_effectiveness,
+    correct_chain,
     estimator,
     initial_covariance,
     initial_effectiveness,
-    innovation,
     predict_covariance,
     predict_effectiveness,
     update_covariance,
@@ -26,7 +25,7 @@ from groundstation.core.estimation import (
     update_moving_covariance,
 )
 from groundstation.core.estimation.estimator import EFFECTIVENESS_LIMITS
-from groundstation.core.geometry import FLOATS, Vec3
+from groundstation.core.geometry import FLOATS, Vec3, add_scaled, subtract
 from groundstation.core.vehicle import (
     ActuatorCommand,
     ActuatorResponse,
@@ -147,13 +146,10 @@ def flown(true: float, wind: Vec3, seconds: float, *, shaken: bool) -> tuple[Eff
         expected = predict_covariance(covariance, h, DENSITIES)
         gain, covariance = update_covariance(expected, 1e-8)
         e = predict_effectiveness(FLOATS, e, h, push, mass, 0.0)
-        step = innovation(truth.position, model.position)
+        step = subtract(truth.position, model.position)
         e, moved = update_effectiveness(FLOATS, e, step, gain, expected[0] + 1e-8)
-        kp, kv, kd, kc = gain
-        d = correct_by_both(correct(d, h, c), kd, step, moved, e.d)
-        c = correct_by_both(c, kc, step, moved, e.c)
-        position = correct_by_both(model.position, kp, step, moved, e.p)
-        velocity = correct_by_both(model.velocity, kv, step, moved, e.v)
+        chain = correct_chain((model.position, model.velocity, add_scaled(d, h, c), c), gain, step)
+        position, velocity, d, c = apply_effectiveness(chain, moved, e)
         believed = Motion(position, velocity, truth.attitude, model.thrust, model.rates)
     return e, list(d)
 

@@ -67,7 +67,7 @@ def test_sigma_is_odd_bounded_and_has_the_stated_slope_and_derivatives(s: float,
 
     def at(s: float) -> tuple[float, float, float]:
         """Value, first derivative, integral."""
-        a = BacksteppingAxis(*axis(FLOATS, Shape(2.0, by, by, 1.0), s, 0.0))
+        a = axis(FLOATS, Shape(2.0, by, by, 1.0), s, 0.0)
         return a.sigma, a.sigma_prime, integral(by, a.rs, a.root)
 
     value, first, _ = at(s)
@@ -97,11 +97,9 @@ def test_partial_derivatives_of_the_virtual_control_match_differences(z1: float,
     def at(first: float, second: float) -> BacksteppingAxis:
         """The axis as a function of (z1, z2)."""
         shape = law.shape
-        return BacksteppingAxis(
-            *axis(FLOATS, shape, first, second - BacksteppingAxis(*axis(FLOATS, shape, first, 0.0)).sigma)
-        )
+        return axis(FLOATS, shape, first, second - axis(FLOATS, shape, first, 0.0).sigma)
 
-    here = BacksteppingAxis(*axis(FLOATS, law.shape, z1, z1_dot))
+    here = axis(FLOATS, law.shape, z1, z1_dot)
     h = 1e-5
     # Ω is C² only, so at the kink of Ω'' a difference is right to first order in h.
     close: dict[str, Any] = {"rel": 1e-4, "abs": 3e-3}

@@ -43,16 +43,12 @@ from groundstation.runtime import Exit
 from groundstation.settings import Config
 from links.core import thrust
 from links.mavlink import MavlinkLinkConfig
-from links.mavlink.protocol import ARDUPILOT, ARMED, PX4, MavCommand, Message
+from links.mavlink.protocol import ARDUPILOT, ARMED, PX4, AttitudeTargetMask, MavCommand, Message
 
 AUTOPILOTS = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 """Names of autopilots by HEARTBEAT.autopilot."""
 ON_GROUND = 1
 """EXTENDED_SYS_STATE.landed_state (MAV_LANDED_STATE_ON_GROUND)."""
-IGNORED_PARTS = 1 | 2 | 4 | 64
-"""Bits of SET_ATTITUDE_TARGET.type_mask that leave out a body rate or the thrust."""
-IGNORED_ATTITUDE = 128
-"""The bit that leaves out the attitude; without it the attitude wins over the rates."""
 JITTER_S = 0.1
 """Loggers write messages of several wires out of order by this much at most [s]: no reason to drop one."""
 FASTEST_RAD_S = 100.0
@@ -227,8 +223,11 @@ def _of_vehicle(records: list[TlogRecord], vehicle: Sender, decoder: PoseDecoder
 
 def _is_rates_and_thrust(message: Message) -> bool:
     numbers = (message.thrust, message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
-    parts = message.type_mask & (IGNORED_PARTS | IGNORED_ATTITUDE)
-    return parts == IGNORED_ATTITUDE and all(abs(number) <= FASTEST_RAD_S for number in numbers)  # no NaN either
+    # Where the attitude is not left out, it wins over the rates.
+    parts = message.type_mask & AttitudeTargetMask.IGNORE_EVERYTHING
+    return parts == AttitudeTargetMask.IGNORE_ATTITUDE and all(
+        abs(number) <= FASTEST_RAD_S for number in numbers
+    )  # no NaN either
 
 
 NOMINAL_KG = 1.0

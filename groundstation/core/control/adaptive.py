@@ -10,7 +10,7 @@ import msgspec
 from groundstation.core.control.backstepping import (
     Law,
     LawOutput,
-    State,
+    LawState,
     backstep,
     turn_rates,
     within,
@@ -18,10 +18,10 @@ from groundstation.core.control.backstepping import (
 )
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.estimation import Composite, NonNegative, Positive
-from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, rotate, third_column
+from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, add_scaled, rotate, third_column
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
-from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead, new
+from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead
 
 
 class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="adaptive"):
@@ -203,7 +203,7 @@ class Adaptive:
         mass, drag = vehicle.mass_kg / estimate.effectiveness, vehicle.drag_per_s
         z1, z1_dot = (px - a, py - b, pz - c), (vx - d, vy - e, vz - f)
         feed, jerk = reference.acceleration_ned, reference.jerk_ned
-        state = (z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk)
+        state = LawState(z1, z1_dot, velocity, attitude, thrust, b_hat, feed, jerk)
         step = backstep(ops, gains, state, mass, drag, witness=witness, suspended=suspended)
         # The law's rates as the tilt limit leaves them, and the one that turns the heading.
         k_yaw, most, yaw, yaw_dot = gains.k_yaw, limits.rates[2], reference.yaw_rad, reference.yaw_rate_rad_s
@@ -224,9 +224,9 @@ class Adaptive:
                 thrust_rate = limits.limit_thrust_rate(thrust, step.thrust_rate, self._thrust_lead)
                 ahead = self._look_ahead(state, step, thrust_rate, estimate, mass, interval_s)
                 rates_ahead = turn_rates(ops, gains, ahead, mass, drag, suspended)
-                rate_x, rate_y, _ = limits.limit_tilt(ahead[3], motion.rates, rates_ahead, least, gains.k_omega)
+                rate_x, rate_y, _ = limits.limit_tilt(ahead.attitude, motion.rates, rates_ahead, least, gains.k_omega)
                 yaw = yaw + AHEAD_S * yaw_dot
-                third = yaw_rate(ops, ahead[3], yaw, yaw_dot, rate_y, k_yaw, most)
+                third = yaw_rate(ops, ahead.attitude, yaw, yaw_dot, rate_y, k_yaw, most)
                 rates = self._lead(motion.rates, wanted, (rate_x, rate_y, third))
         else:
             thrust_command = thrust + self._hold * step.thrust_rate
@@ -235,7 +235,7 @@ class Adaptive:
         self._saturated = clamped | self._tilt_limited
         self._thrust_sent = drive.thrust
         dot = step.b_hat_dot
-        self.b_hat = within(ops, _add(b_hat, interval_s, dot), gains.b_bound + gains.epsilon)
+        self.b_hat = within(ops, add_scaled(b_hat, interval_s, dot), gains.b_bound + gains.epsilon)
         # In the order of the fields: by name it would take three times as long.
         seen = Diagnostics(
             step.z1,
@@ -253,7 +253,7 @@ class Adaptive:
             step.thrust_rate,
             wanted,
         )
-        return new(Decision, (drive, self._saturated, seen))
+        return Decision(drive, self._saturated, seen)
 
     def _include_witness(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
         """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.
@@ -278,8 +278,8 @@ class Adaptive:
         return b, (k * (p - x), k * (q - y), k * (r - z))
 
     def _look_ahead(
-        self, state: State, step: LawOutput, thrust_rate: Real, estimate: Estimate, mass: Real, interval_s: float
-    ) -> State:
+        self, state: LawState, step: LawOutput, thrust_rate: Real, estimate: Estimate, mass: Real, interval_s: float
+    ) -> LawState:
         """The law's state ``AHEAD_S`` later: the vehicle along its model, the reference along its derivatives.
 
         So ω˙_d is the derivative of the law itself. A difference of successive ω_d would have each pose's innovation
@@ -294,13 +294,13 @@ class Adaptive:
         sx, sy, sz = self._find_snap(jerk, interval_s)
         ex, ey, ez = ax - fx, ay - fy, az - fz
         wx, wy, wz = estimate.motion.rates
-        return (
+        return LawState(
             (x + e * ux + half * ex, y + e * uy + half * ey, z + e * uz + half * ez),
             (ux + e * ex - half * jx, uy + e * ey - half * jy, uz + e * ez - half * jz),
             (vx + e * ax, vy + e * ay, vz + e * az),
             rotate(attitude, (e * wx, e * wy, e * wz)),
             thrust + e * thrust_rate,
-            _add(b_hat, e, step.b_hat_dot),
+            add_scaled(b_hat, e, step.b_hat_dot),
             (fx + e * jx, fy + e * jy, fz + e * jz),
             (jx + e * sx, jy + e * sy, jz + e * sz),
         )
@@ -334,17 +334,13 @@ def move_back(reference: Reference, by_s: float) -> Reference:
     p, v, a, j, yaw, yaw_rate = (getattr(reference, name) for name in reference.__struct_fields__)
     h, half, third = -by_s, 0.5 * by_s * by_s, -by_s * by_s * by_s / 6.0
     return Reference(
-        _add(_add(_add(p, h, v), half, a), third, j),
-        _add(_add(v, h, a), half, j),
-        _add(a, h, j),
+        add_scaled(add_scaled(add_scaled(p, h, v), half, a), third, j),
+        add_scaled(add_scaled(v, h, a), half, j),
+        add_scaled(a, h, j),
         j,
         yaw + h * yaw_rate,
         yaw_rate,
     )
-
-
-def _add(a: Vec3, k: Real, b: Vec3) -> Vec3:
-    return (a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2])
 
 
 _SUSPENDED = "none: adaptation is suspended while the tilt or a command is at its limit"

@@ -7,7 +7,8 @@ so F = g e3 + d - a_wanted, T = m |F|, and R e3 along F. Floats only.
 
 import math
 
-from groundstation.core.geometry import FLOATS, Quat, Vec3, third_column, to_body
+from groundstation.core.control.demand_limits import DemandLimits
+from groundstation.core.geometry import FLOATS, ZERO, Quat, Vec3, add_scaled, subtract, third_column, to_body
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
@@ -34,13 +35,9 @@ def length(v: Vec3) -> float:
 
 def acceleration(motion: Motion, disturbance: Vec3, mass: float, gravity: float, drag: float = 0.0) -> Vec3:
     """What the model says that the vehicle does now [m/s², NED], ``disturbance`` and linear ``drag`` [1/s] included."""
-    (x, y, z), (a, b, c) = third_column(motion.attitude), motion.velocity
-    f = motion.thrust / mass
-    return (
-        disturbance[0] - f * x - drag * a,
-        disturbance[1] - f * y - drag * b,
-        gravity + disturbance[2] - f * z - drag * c,
-    )
+    x, y, z = disturbance
+    pushed = add_scaled((x, y, gravity + z), -motion.thrust / mass, third_column(motion.attitude))
+    return add_scaled(pushed, -drag, motion.velocity)
 
 
 def sine_error(attitude: Quat, along: Vec3) -> tuple[float, float]:
@@ -75,16 +72,9 @@ def _direction_dot(along: Vec3, dot: Vec3) -> Vec3:
     return (n * (dot[0] - inner * a), n * (dot[1] - inner * b), n * (dot[2] - inner * c))
 
 
-ZERO: Vec3 = (0.0, 0.0, 0.0)
-
-
 def clamp_command(vehicle: Vehicle, thrust_n: float, rates_rad_s: Vec3) -> tuple[ActuatorCommand, bool]:
     """The command within the vehicle's limits, and whether any of the four had to be clamped."""
-    clamp, (x, y, z) = FLOATS.clamp, rates_rad_s
-    a, b, c = (math.radians(limit) for limit in vehicle.rate_limits_deg_s)
-    thrust = clamp(thrust_n, vehicle.thrust_min_n, vehicle.thrust_max_n)
-    rates = (clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c))
-    return ActuatorCommand(thrust, rates), thrust != thrust_n or rates != rates_rad_s
+    return DemandLimits(FLOATS, vehicle).clamp(thrust_n, rates_rad_s)
 
 
 def make_decision(
@@ -114,8 +104,8 @@ def make_decision(
         drive,
         saturated,
         Diagnostics(
-            z1=_difference(motion.position, reference.position_ned),
-            z2=_difference(motion.velocity, reference.velocity_ned),
+            z1=subtract(motion.position, reference.position_ned),
+            z2=subtract(motion.velocity, reference.velocity_ned),
             z3=ZERO,
             u_star=wanted,
             b_hat=estimate.disturbance if disturbance is None else disturbance,
@@ -129,7 +119,3 @@ def make_decision(
             rates_wanted=rates_rad_s,
         ),
     )
-
-
-def _difference(a: Vec3, b: Vec3) -> Vec3:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

@@ -23,12 +23,12 @@ prints M r s/√(1 + r² s²), whose slope is M·r.) All functions work elementw
 
 import math
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple, TypeAlias
+from typing import Annotated, NamedTuple
 
 import msgspec
 
 from groundstation.core.estimation import Estimation, NonNegative, Positive
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, third_column, to_body
+from groundstation.core.geometry import Ops, Quat, Real, Vec3, add, scale, third_column, to_body
 
 
 class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dict=True):
@@ -157,10 +157,6 @@ def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Rea
         bound: M [m/s].
         scale: c > 0 [m/s], the distance from M over which Ω' begins to grow.
     """
-    if ops is FLOATS and -bound <= s <= bound:
-        # Most calls for a single vehicle end here, in a third of the time. The zero has the sign that it has below.
-        zero = -0.0 if s < 0.0 else 0.0
-        return zero, 1.0, zero
     y = ops.clamp(abs(s) - bound, 0.0, math.inf)  # y and Ω as in docs/explanation/law.md, section 2
     t = y / scale
     first = ops.sqrt(1.0 + t * t)
@@ -168,34 +164,6 @@ def growth(ops: Ops, s: Real, bound: Real, scale: Real) -> tuple[Real, Real, Rea
     excess = sign * (0.5 * (y * first + scale * ops.asinh(t)) - y)
     second = sign * t / (scale * first)
     return excess, first, second
-
-
-class ProjectionEdge(msgspec.Struct, frozen=True, gc=False):
-    """The part of the projection (9) that depends on b̂ alone, not on ξ."""
-
-    eta1: Real
-    """η1 = max(0, |b̂|² - B²)^(n+1)."""
-    scale: Real
-    """2 (ε² + 2εB)^(n+1) B²."""
-
-
-def projection_edge(ops: Ops, b_hat: Vec3, bound: Real, epsilon: Real, order: int) -> ProjectionEdge | None:
-    """Compute η1 and its scale; None for a single vehicle with |b̂| <= B, where the projection changes nothing."""
-    bx, by, bz = b_hat
-    square = bx * bx + by * by + bz * bz
-    if ops is FLOATS and square <= bound * bound:
-        return None
-    outside = ops.clamp(square - bound * bound, 0.0, math.inf)
-    scale = 2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound
-    return ProjectionEdge(outside ** (order + 1), scale)
-
-
-def project_at(ops: Ops, xi: Vec3, b_hat: Vec3, edge: ProjectionEdge, delta: Real) -> Vec3:
-    """Proj(ξ, b̂), where ``edge`` is that of this b̂."""
-    (x, y, z), (bx, by, bz) = xi, b_hat
-    inner = bx * x + by * y + bz * z
-    k = edge.eta1 * (inner + ops.sqrt(inner * inner + delta * delta)) / edge.scale
-    return (x - k * bx, y - k * by, z - k * bz)
 
 
 def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delta: Real, order: int) -> Vec3:
@@ -213,17 +181,18 @@ def project(ops: Ops, xi: Vec3, b_hat: Vec3, *, bound: Real, epsilon: Real, delt
     Returns:
         Proj(ξ, b̂), which equals ξ wherever |b̂| <= B (P1-P4 of the paper, Theorem 3).
     """
-    edge = projection_edge(ops, b_hat, bound, epsilon, order)
-    return xi if edge is None else project_at(ops, xi, b_hat, edge, delta)
+    (x, y, z), (bx, by, bz) = xi, b_hat
+    eta1 = ops.clamp(bx * bx + by * by + bz * bz - bound * bound, 0.0, math.inf) ** (order + 1)
+    inner = bx * x + by * y + bz * z
+    eta2 = inner + ops.sqrt(inner * inner + delta * delta)
+    k = eta1 * eta2 / (2.0 * (epsilon * epsilon + 2.0 * epsilon * bound) ** (order + 1) * bound * bound)
+    return (x - k * bx, y - k * by, z - k * bz)
 
 
 def within(ops: Ops, b_hat: Vec3, radius: Real) -> Vec3:
     """Scale b̂ radially into the ball of ``radius``. For a true b in that ball this never increases |b - b̂|."""
     bx, by, bz = b_hat
-    square = bx * bx + by * by + bz * bz
-    if ops is FLOATS and square < radius * radius:
-        return b_hat
-    length = ops.sqrt(square + 1e-300)  # not 0: arrays come here with b̂ = 0, too
+    length = ops.sqrt(bx * bx + by * by + bz * bz + 1e-300)  # not 0 where b̂ is
     k = ops.clamp(radius / length, 0.0, 1.0)
     return (bx * k, by * k, bz * k)
 
@@ -245,7 +214,7 @@ COS_ROLL_MIN = 0.2
 
 
 class BacksteppingAxis(NamedTuple):
-    """Names of the tuple that :func:`axis` returns: ``BacksteppingAxis(*axis(...))``."""
+    """One axis of the law."""
 
     z3: Real
     xi: Real
@@ -298,11 +267,8 @@ class LawOutput(msgspec.Struct, frozen=True, gc=False):
 
 def axis(
     ops: Ops, shape: Shape, z1: Real, z1_dot: Real, u_hat: Real = 0.0, k3: Real = 0.0, drag: float = 0.0
-) -> tuple[Real, ...]:
+) -> BacksteppingAxis:
     """Evaluate one axis of (5), (6) and (7), the partial derivatives in (z1, z2), and its terms of (8) and (10).
-
-    :class:`BacksteppingAxis` names the returned values. They are a plain tuple, which takes less than half of the
-    time of a named one: this runs six times a command.
 
     Symbols as in docs/explanation/law.md, section 2: x2 = z1˙, q and M; s, s1, s2 are σ(z1) and its derivatives,
     o1, o2 are Ω' and Ω'' at x2, a = k2 ρ(z2) + σ(z1). u_x1, u_x2 and u_z1 are partial derivatives of u*.
@@ -318,23 +284,18 @@ def axis(
     w = 1.0 / sqrt(rho_shape.bound2 + rz * rz)
     rho, rho1 = rho_shape.bound * rz * w, rho_shape.steepness * w * w * w
     a = k2 * rho + s
-    if ops is FLOATS and -m <= x2 <= m:
-        # Most calls for a single vehicle come here: Ω is the identity, and the factors that are 0 or 1 are left out.
-        slope, omega, by_z2 = k2 * rho1, z2, z2  # by_z2 is ∂V/∂z2
-        u_star, u_x1, u_x2 = -(a + s1 * x2), -((slope + 1.0) * s1 + s2 * x2), -(slope + s1)
-    else:
-        excess, o1, o2 = growth(ops, x2, m, shape.velocity_scale)
-        # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
-        omega = z2 + excess
-        over = 1.0 / ops.where(excess == 0.0, 1.0, omega)
-        q, i, by_z2 = 1.0 - excess * over, 1.0 / o1, o1 * omega
-        u_star = -i * (q * a + s1 * x2)  # (6)
-        q_x1 = s1 * excess * over * over
-        q_x2 = (z2 * (1.0 - o1) + excess) * over * over
-        u_x1 = -i * (q_x1 * a + q * (k2 * rho1 + 1.0) * s1 + s2 * x2)
-        u_x2 = -i * (q_x2 * a + q * k2 * rho1 + s1) - u_star * o2 * i
+    excess, o1, o2 = growth(ops, x2, m, shape.velocity_scale)
+    # Ω(x2) + Ω(σ) = z2 + excess: zero only where the excess is (|σ| < M < |x2|), and there q = 1.
+    omega = z2 + excess
+    over = 1.0 / ops.where(excess == 0.0, 1.0, omega)
+    q, i, by_z2 = 1.0 - excess * over, 1.0 / o1, o1 * omega  # by_z2 is ∂V/∂z2
+    u_star = -i * (q * a + s1 * x2)  # (6)
+    q_x1 = s1 * excess * over * over
+    q_x2 = (z2 * (1.0 - o1) + excess) * over * over
+    u_x1 = -i * (q_x1 * a + q * (k2 * rho1 + 1.0) * s1 + s2 * x2)
+    u_x2 = -i * (q_x2 * a + q * k2 * rho1 + s1) - u_star * o2 * i
     u_z1, z3 = u_x1 - s1 * u_x2, u_hat - u_star  # (7)
-    return (
+    return BacksteppingAxis(
         z3, by_z2 - (u_x2 + drag) * z3, k3 * z3 + by_z2, u_z1 * x2 + u_x2 * (u_hat + s1 * x2),
         z2, s, u_star, rho, omega, rs, root, s1, u_z1, u_x2, by_z2,
     )  # fmt: skip
@@ -346,12 +307,8 @@ def clamp_each(ops: Ops, v: Vec3, limit: float) -> Vec3:
     return clamp(x, -limit, limit), clamp(y, -limit, limit), clamp(z, -limit, limit)
 
 
-UNCLAMPED_SQUARE = min(POSITION_LIMIT, VELOCITY_LIMIT) ** 2
-"""A sum of squares below this proves that no component has to be clamped, as in every flight."""
-
-
 class LawState(NamedTuple):
-    """Input of one evaluation of the law. A plain tuple (``State``) is made in a third of the time, and serves too."""
+    """Input of one evaluation of the law."""
 
     z1: Vec3
     """p - pd [m], NED."""
@@ -371,14 +328,26 @@ class LawState(NamedTuple):
     """p⃛d [m/s³], NED."""
 
 
-State: TypeAlias = tuple[Vec3, Vec3, Vec3, Quat, Real, Vec3, Vec3, Vec3]
-""":class:`LawState` as a plain tuple."""
+class LawTerms(NamedTuple):
+    """Terms of the law's output."""
+
+    axes: tuple[BacksteppingAxis, BacksteppingAxis, BacksteppingAxis]
+    z1: Vec3
+    """Clamped position error [m], NED."""
+    kb: Real
+    """Adaptation gain: 0 while suspended."""
+    b_hat_dot: Vec3
+    """kb Proj(ξ, b̂) [m/s³], NED."""
+    thrust: Real
+    """Clamped T [N]."""
+    turn: Vec3
+    """y of (10), FRD."""
 
 
 def backstep(
     ops: Ops,
     law: Law,
-    state: State,
+    state: LawState,
     mass: Real,
     drag: float = 0.0,
     *,
@@ -390,27 +359,23 @@ def backstep(
     Args:
         ops: elementary functions (floats, or arrays of shape (N,)).
         law: gains.
-        state: errors, vehicle and reference, as :class:`LawState` names them.
+        state: errors, vehicle and reference.
         mass: [kg].
         drag: configured linear drag c [1/s]: -c v is a part of the acceleration.
         witness: κ (d̂ - b̂), added to ξ in b̂˙ (composite adaptation), or None. Ṫ and ω do not see it: they use
             b̂˙ = kb Proj(ξ, b̂), which follows gusts better (docs/decisions/0005-observer-and-adaptation.md).
         suspended: True freezes b̂ (on the ground, saturated); the law then uses b̂˙ = 0.
     """
-    axis_x, axis_y, axis_z, z1, edge, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
-    z3x, xi_x, _, _, z2x, sx, ux, rho_x, omega_x, rs_x, root_x, _, _, _, _ = axis_x
-    z3y, xi_y, _, _, z2y, sy, uy, rho_y, omega_y, rs_y, root_y, _, _, _, _ = axis_y
-    z3z, xi_z, _, _, z2z, sz, uz, rho_z, omega_z, rs_z, root_z, _, _, _, _ = axis_z
+    (x, y, z), z1, kb, b_dot, thrust, turn = _evaluate(ops, law, state, mass, drag, suspended)
     if witness is not None:
-        driven = (xi_x + witness[0], xi_y + witness[1], xi_z + witness[2])
-        b_dot = _adaptation(ops, law, kb, driven, state[5], edge)
-    level2, down2 = z3x * z3x + z3y * z3y, z3z * z3z
+        b_dot = _adaptation(ops, law, kb, add((x.xi, y.xi, z.xi), witness), state.b_hat)
+    level2, down2 = x.z3 * x.z3 + y.z3 * y.z3, z.z3 * z.z3
     k2, sigma = law.k2, law.shape.sigma
-    v_position = integral(sigma, rs_x, root_x) + integral(sigma, rs_y, root_y) + integral(sigma, rs_z, root_z)
-    v_velocity = 0.5 * omega_x * omega_x + 0.5 * omega_y * omega_y + 0.5 * omega_z * omega_z
+    v_position = integral(sigma, x.rs, x.root) + integral(sigma, y.rs, y.root) + integral(sigma, z.rs, z.root)
+    v_velocity = 0.5 * x.omega * x.omega + 0.5 * y.omega * y.omega + 0.5 * z.omega * z.omega
     v_third = 0.5 * (level2 + down2)
-    w_position = sx * sx + sy * sy + sz * sz
-    w_velocity = k2 * z2x * rho_x + k2 * z2y * rho_y + k2 * z2z * rho_z
+    w_position = x.sigma * x.sigma + y.sigma * y.sigma + z.sigma * z.sigma
+    w_velocity = k2 * x.z2 * x.rho + k2 * y.z2 * y.rho + k2 * z.z2 * z.rho
     w_third = law.k3 * level2 + law.k3_down * down2
     return LawOutput(
         mass * turn[2],  # (10)
@@ -418,9 +383,9 @@ def backstep(
         (mass / thrust) * turn[0],
         b_dot,
         z1,
-        (z2x, z2y, z2z),
-        (z3x, z3y, z3z),
-        (ux, uy, uz),
+        (x.z2, y.z2, z.z2),
+        (x.z3, y.z3, z.z3),
+        (x.u_star, y.u_star, z.u_star),
         (v_position, v_velocity, v_third),
         (w_position, w_velocity, w_third),
         v_position + v_velocity + v_third,
@@ -429,32 +394,21 @@ def backstep(
 
 
 def turn_rates(
-    ops: Ops, law: Law, state: State, mass: Real, drag: float = 0.0, suspended: bool = False
+    ops: Ops, law: Law, state: LawState, mass: Real, drag: float = 0.0, suspended: bool = False
 ) -> tuple[Real, Real]:
     """ω1 and ω2 [rad/s] of :func:`backstep`, without the rest."""
-    evaluated = _evaluate(ops, law, state, mass, drag, suspended)
-    thrust, turn = evaluated[7], evaluated[8]
-    return -(mass / thrust) * turn[1], (mass / thrust) * turn[0]
+    terms = _evaluate(ops, law, state, mass, drag, suspended)
+    return -(mass / terms.thrust) * terms.turn[1], (mass / terms.thrust) * terms.turn[0]
 
 
-def _evaluate(ops: Ops, law: Law, state: State, mass: Real, drag: float, suspended: bool) -> Any:
-    """Evaluate the three axes and (10).
-
-    Returns:
-        The three axes' tuples, clamped z1, the projection's edge, kb (0 while suspended), b̂˙ = kb Proj(ξ, b̂),
-        clamped T, and y of (10) in FRD.
-    """
+def _evaluate(ops: Ops, law: Law, state: LawState, mass: Real, drag: float, suspended: bool) -> LawTerms:
+    """Evaluate the three axes and (10)."""
     z1, z1_dot, (vx, vy, vz), attitude, thrust, b_hat, acceleration, jerk = state
     bx, by, bz = b_hat
-    (a, b, c), (d, e, f), (ax, ay, az), (jx, jy, jz) = z1, z1_dot, acceleration, jerk
-    if ops is not FLOATS or not (
-        a * a + b * b + c * c + d * d + e * e + f * f
-        + ax * ax + ay * ay + az * az + jx * jx + jy * jy + jz * jz < UNCLAMPED_SQUARE
-    ):  # fmt: skip
-        a, b, c = z1 = clamp_each(ops, z1, POSITION_LIMIT)
-        d, e, f = clamp_each(ops, z1_dot, VELOCITY_LIMIT)
-        ax, ay, az = clamp_each(ops, acceleration, POSITION_LIMIT)
-        jx, jy, jz = clamp_each(ops, jerk, POSITION_LIMIT)
+    a, b, c = z1 = clamp_each(ops, z1, POSITION_LIMIT)
+    d, e, f = clamp_each(ops, z1_dot, VELOCITY_LIMIT)
+    ax, ay, az = clamp_each(ops, acceleration, POSITION_LIMIT)
+    jx, jy, jz = clamp_each(ops, jerk, POSITION_LIMIT)
     thrust = ops.clamp(thrust, THRUST_SHARE_MIN * mass * law.gravity, THRUST_LIMIT)
     north, east, down = third_column(attitude)
     push = -thrust / mass
@@ -467,17 +421,20 @@ def _evaluate(ops: Ops, law: Law, state: State, mass: Real, drag: float, suspend
     x = axis(ops, shape, a, d, ux, k3, drag)
     y = axis(ops, shape, b, e, uy, k3, drag)
     z = axis(ops, shape, c, f, uz, law.k3_down, drag)
-    edge = projection_edge(ops, b_hat, law.b_bound, law.epsilon, law.projection_order)
     kb = ops.where(suspended, 0.0, law.kb)
-    p, q, r = b_dot = _adaptation(ops, law, kb, (x[1], y[1], z[1]), b_hat, edge)  # (8)
-    turn = to_body(attitude, (x[2] + p - jx - x[3], y[2] + q - jy - y[3], z[2] + r - jz - z[3]))
-    return x, y, z, z1, edge, kb, b_dot, thrust, turn
+    p, q, r = b_dot = _adaptation(ops, law, kb, (x.xi, y.xi, z.xi), b_hat)  # (8)
+    wanted = (
+        x.demand + p - jx - x.u_star_dot,
+        y.demand + q - jy - y.u_star_dot,
+        z.demand + r - jz - z.u_star_dot,
+    )
+    return LawTerms((x, y, z), z1, kb, b_dot, thrust, to_body(attitude, wanted))
 
 
-def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3, edge: ProjectionEdge | None) -> Vec3:
+def _adaptation(ops: Ops, law: Law, kb: Real, xi: Vec3, b_hat: Vec3) -> Vec3:
     """b̂˙ = kb Proj(ξ, b̂); ``kb`` is 0 where adaptation is suspended."""
-    x, y, z = xi if edge is None else project_at(ops, xi, b_hat, edge, law.delta)
-    return (kb * x, kb * y, kb * z)
+    by = project(ops, xi, b_hat, bound=law.b_bound, epsilon=law.epsilon, delta=law.delta, order=law.projection_order)
+    return scale(kb, by)
 
 
 def yaw_rate(ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k_yaw: Real, limit: Real) -> Real:
@@ -494,7 +451,6 @@ def yaw_rate(ops: Ops, attitude: Quat, yaw: Real, yaw_dot: Real, rate_y: Real, k
     sin_roll, cos_roll = r32 / roll_norm, r33 / roll_norm
     # sin(ψ - ψd) by the difference formula, from (cosψ, sinψ) = (north, east)/cosθ.
     sine = (east * ops.cos(yaw) - north * ops.sin(yaw)) / cos_pitch
-    if ops is not FLOATS or not COS_ROLL_MIN <= cos_roll <= 1.0:
-        cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), COS_ROLL_MIN, 1.0)
+    cos_roll = ops.where(cos_roll < 0.0, -1.0, 1.0) * ops.clamp(abs(cos_roll), COS_ROLL_MIN, 1.0)
     rate = (cos_pitch * (yaw_dot - k_yaw * sine) - sin_roll * rate_y) / cos_roll
     return ops.clamp(rate, -limit, limit)

@@ -14,7 +14,7 @@ longer; the link plays it open loop, so it must do without poses. Four ideas:
 
 import math
 
-from groundstation.core.geometry import Vec3, rotate, third_column, to_body
+from groundstation.core.geometry import ZERO, Vec3, rotate, third_column, to_body
 from groundstation.core.vehicle import Motion, Vehicle
 from links.core import Segment
 
@@ -50,7 +50,6 @@ WIND_TILT = 0.18
 """Steepest leaning into the wind, as a tangent: 10 degrees."""
 BIAS = 0.96
 """Of the hover thrust: to meet the floor early and a little fast is better than to stop above it."""
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 OFF = (Segment(OFF_S, 0.0, ZERO),)
 """All that is left to do on the floor."""
 

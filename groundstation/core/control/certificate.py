@@ -20,7 +20,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from groundstation.core.control.adaptive import Gains, bound_decrease
-from groundstation.core.control.backstepping import BacksteppingAxis, Law, axis
+from groundstation.core.control.backstepping import Law, axis
 from groundstation.core.estimation import Estimation
 from groundstation.core.geometry import FLOATS, Real, Vec3, to_body
 from groundstation.core.messages import Certificate, CertificateReading, Decision, Diagnostics, Sentence, notice
@@ -60,12 +60,12 @@ def virtual_control_sup(law: Law) -> float:
         best = (z1, x2)
         for i in range(last, -points - 1, -1):
             first = z1 + z1_span * i / points
-            slope = BacksteppingAxis(*axis(FLOATS, law.shape, first, 0.0)).sigma_prime
+            slope = axis(FLOATS, law.shape, first, 0.0).sigma_prime
             if law.k2 * law.rho_bound + m + slope * (m + law.velocity_scale) < top:
                 continue  # |u*| is nowhere more than that for this z1: |x2| <= (M + c) Ω'(x2)
             for j in range(-points, points + 1):
                 second = x2 + x2_span * j / points
-                value = abs(BacksteppingAxis(*axis(FLOATS, law.shape, first, second)).u_star)
+                value = abs(axis(FLOATS, law.shape, first, second).u_star)
                 if value > top:
                     top, best = value, (first, second)
         z1, x2 = best

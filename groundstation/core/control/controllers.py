@@ -41,10 +41,10 @@ from groundstation.core.control.attitude import (
     sine_error,
     turning,
 )
-from groundstation.core.control.backstepping import yaw_rate
+from groundstation.core.control.backstepping import clamp_each, yaw_rate
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.estimation import Estimation, NonNegative, Positive
-from groundstation.core.geometry import FLOATS, Vec3, third_column
+from groundstation.core.geometry import FLOATS, ZERO, Vec3, add, add_scaled, scale, subtract, third_column
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead
@@ -207,14 +207,9 @@ class GeometricController(BaselineController[Geometric]):
         ki, c1, bound = gains.k_integral, gains.coupling, gains.integral_bound
         # The integral pauses while the command is clamped, so that it does not wind up.
         dt = 0.0 if self._saturated else interval_s
-        integral: list[float] = []
-        slope: list[float] = []
-        for i in range(3):
-            ex = motion.position[i] - reference.position_ned[i]
-            ev = motion.velocity[i] - reference.velocity_ned[i]
-            integral.append(FLOATS.clamp(self._integral[i] + dt * ki * (ev + c1 * ex), -bound, bound))
-            slope.append(ki * (ev + c1 * ex))
-        self._integral = (integral[0], integral[1], integral[2])
+        ex, ev = subtract(motion.position, reference.position_ned), subtract(motion.velocity, reference.velocity_ned)
+        error = add_scaled(ev, c1, ex)
+        self._integral = clamp_each(FLOATS, add_scaled(self._integral, dt * ki, error), bound)
         decision = track_on_se3(
             self._vehicle,
             gains,
@@ -223,7 +218,7 @@ class GeometricController(BaselineController[Geometric]):
             reference,
             interval_s,
             counteracted=self._integral,
-            counteracted_dot=(slope[0], slope[1], slope[2]),
+            counteracted_dot=scale(ki, error),
         )
         self._saturated = decision.saturated
         return decision
@@ -247,25 +242,21 @@ def track_on_se3(
     motion, kx, kv = estimate.motion, gains.k_position, gains.k_velocity
     mass = vehicle.mass_kg / estimate.effectiveness
     now = acceleration(motion, estimate.disturbance, mass, gains.gravity, vehicle.drag_per_s)
-    feedback: list[float] = []
-    slope: list[float] = []
-    for i in range(3):
-        ex = motion.position[i] - reference.position_ned[i]
-        ev = motion.velocity[i] - reference.velocity_ned[i]
-        ea = now[i] - reference.acceleration_ned[i]
-        feedback.append(reference.acceleration_ned[i] - kx * ex - kv * ev - counteracted[i])
-        slope.append(reference.jerk_ned[i] - kx * ev - kv * ea - counteracted_dot[i])
-    (vx, vy, vz), drag = motion.velocity, -vehicle.drag_per_s
-    air = (drag * vx, drag * vy, drag * vz)
-    along, _ = push((feedback[0], feedback[1], feedback[2]), air, gains.gravity, math.radians(gains.tilt_limit_deg))
-    ex, ey = sine_error(motion.attitude, along)
-    wx, wy = turning(motion.attitude, along, (-slope[0], -slope[1], -slope[2]))
+    feed = reference.acceleration_ned
+    ex, ev = subtract(motion.position, reference.position_ned), subtract(motion.velocity, reference.velocity_ned)
+    ea = subtract(now, feed)
+    feedback = subtract(add_scaled(add_scaled(feed, -kx, ex), -kv, ev), counteracted)
+    slope = subtract(add_scaled(add_scaled(reference.jerk_ned, -kx, ev), -kv, ea), counteracted_dot)
+    air = scale(-vehicle.drag_per_s, motion.velocity)
+    along, _ = push(feedback, air, gains.gravity, math.radians(gains.tilt_limit_deg))
+    x, y = sine_error(motion.attitude, along)
+    wx, wy = turning(motion.attitude, along, scale(-1.0, slope))
     return inner_loop.decide(
         estimate,
         reference,
         interval_s,
         push=along,
-        turn=(wx + gains.k_attitude * ex, wy + gains.k_attitude * ey),
+        turn=(wx + gains.k_attitude * x, wy + gains.k_attitude * y),
         disturbance=counteracted,
     )
 
@@ -318,22 +309,16 @@ class L1Controller(BaselineController[L1]):
         decay = math.exp(-gains.predictor_pole * period_s)  # e^(A_s T_s)
         phi = (1.0 - decay) / gains.predictor_pole
         rise = 1.0 - math.exp(-gains.bandwidth_rad_s * interval_s)
-        no_disturbance = (0.0, 0.0, 0.0)
         mass = self._vehicle.mass_kg / estimate.effectiveness
-        known = acceleration(motion, no_disturbance, mass, gains.gravity, self._vehicle.drag_per_s)
-        before = motion.velocity if self._predicted is None else self._predicted
-        predicted: list[float] = []
-        filtered: list[float] = []
-        slope: list[float] = []
-        for i in range(3):
-            error = before[i] - motion.velocity[i]  # ṽ
-            sigma = -decay * error / phi  # σ̂
-            # The predicted velocity at the next command.
-            predicted.append(motion.velocity[i] + period_s * known[i] + decay * error + phi * sigma)
-            slope.append(gains.bandwidth_rad_s * (sigma - self._filtered[i]))
-            filtered.append(self._filtered[i] + rise * (sigma - self._filtered[i]))
-        self._predicted = (predicted[0], predicted[1], predicted[2])
-        self._filtered = (filtered[0], filtered[1], filtered[2])
+        known = acceleration(motion, ZERO, mass, gains.gravity, self._vehicle.drag_per_s)
+        velocity = motion.velocity
+        error = subtract(velocity if self._predicted is None else self._predicted, velocity)  # ṽ
+        x, y, z = scale(-decay, error)
+        sigma = (x / phi, y / phi, z / phi)  # σ̂
+        # The predicted velocity at the next command.
+        self._predicted = add_scaled(add_scaled(add_scaled(velocity, period_s, known), decay, error), phi, sigma)
+        change = subtract(sigma, self._filtered)
+        self._filtered = add_scaled(self._filtered, rise, change)
         return track_on_se3(
             self._vehicle,
             gains,
@@ -342,7 +327,7 @@ class L1Controller(BaselineController[L1]):
             reference,
             interval_s,
             counteracted=self._filtered,
-            counteracted_dot=(slope[0], slope[1], slope[2]),
+            counteracted_dot=scale(gains.bandwidth_rad_s, change),
         )
 
 
@@ -392,25 +377,14 @@ class PidController(BaselineController[Pid]):
         gains, motion = self._gains, estimate.motion
         mass, drag = self._vehicle.mass_kg / estimate.effectiveness, self._vehicle.drag_per_s
         now = acceleration(motion, estimate.disturbance, mass, gains.gravity, drag)
-        goal = self._velocity(motion.position, reference)
-        error = (goal[0] - motion.velocity[0], goal[1] - motion.velocity[1], goal[2] - motion.velocity[2])
-        feed, integral = reference.acceleration_ned, self._integral
-        p, d = gains.p_velocity, gains.d_velocity
-        wanted: Vec3 = (
-            feed[0] + p * error[0] + integral[0] - d * now[0],
-            feed[1] + p * error[1] + integral[1] - d * now[1],
-            feed[2] + p * error[2] + integral[2] - d * now[2],
-        )
-        vx, vy, vz = motion.velocity
-        air = (-drag * vx, -drag * vy, -drag * vz)
+        error = subtract(self._velocity(motion.position, reference), motion.velocity)
+        integral, p, d = self._integral, gains.p_velocity, gains.d_velocity
+        wanted = add_scaled(add(add_scaled(reference.acceleration_ned, p, error), integral), -d, now)
+        air = scale(-drag, motion.velocity)
         along, is_limited = push(wanted, air, gains.gravity, math.radians(gains.tilt_limit_deg))
         if not (is_limited or self._saturated):  # else it would wind up
-            k, bound = interval_s * gains.i_velocity, gains.integral_bound
-            self._integral = (
-                FLOATS.clamp(integral[0] + k * error[0], -bound, bound),
-                FLOATS.clamp(integral[1] + k * error[1], -bound, bound),
-                FLOATS.clamp(integral[2] + k * error[2], -bound, bound),
-            )
+            grown = add_scaled(integral, interval_s * gains.i_velocity, error)
+            self._integral = clamp_each(FLOATS, grown, gains.integral_bound)
         x, y = half_angle_error(motion.attitude, along)
         decision = self._inner_loop.decide(
             estimate,
@@ -418,19 +392,16 @@ class PidController(BaselineController[Pid]):
             interval_s,
             push=along,
             turn=(gains.p_attitude * x, gains.p_attitude * y),
-            disturbance=(-integral[0], -integral[1], -integral[2]),
+            disturbance=scale(-1.0, integral),
         )
         self._saturated = decision.saturated
         return decision
 
     def _velocity(self, position: Vec3, reference: Reference) -> Vec3:
         """The wanted velocity [m/s, NED], no faster than the limit."""
-        k, p, v = self._gains.p_position, reference.position_ned, reference.velocity_ned
-        x = v[0] + k * (p[0] - position[0])
-        y = v[1] + k * (p[1] - position[1])
-        z = v[2] + k * (p[2] - position[2])
-        share = min(1.0, self._gains.speed_limit_m_s / (math.sqrt(x * x + y * y + z * z) + 1e-9))  # 1e-9: not 0
-        return (x * share, y * share, z * share)
+        error = subtract(reference.position_ned, position)
+        goal = add_scaled(reference.velocity_ned, self._gains.p_position, error)
+        return scale(min(1.0, self._gains.speed_limit_m_s / (length(goal) + 1e-9)), goal)  # 1e-9: not 0
 
 
 class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="indi"):
@@ -468,20 +439,14 @@ class IndiController(BaselineController[Indi]):
         gains, motion = self._gains, estimate.motion
         filtered, thrust = self._filter(estimate, interval_s)
         kx, kv, ka, feed = gains.k_position, gains.k_velocity, gains.k_acceleration, reference.acceleration_ned
-        wanted: list[float] = [
-            feed[i]
-            + kx * (reference.position_ned[i] - motion.position[i])
-            + kv * (reference.velocity_ned[i] - motion.velocity[i])
-            + ka * (feed[i] - filtered[i])
-            for i in range(3)
-        ]
+        wanted = add_scaled(feed, kx, subtract(reference.position_ned, motion.position))
+        wanted = add_scaled(wanted, kv, subtract(reference.velocity_ned, motion.velocity))
+        wanted = add_scaled(wanted, ka, subtract(feed, filtered))
         # The increment: the thrust vector changes by the error of the acceleration. `push` limits the tilt.
-        error = (wanted[0] - filtered[0], wanted[1] - filtered[1], wanted[2] - filtered[2])
-        base = (thrust[0], thrust[1], thrust[2] - gains.gravity)
+        error, base = subtract(wanted, filtered), subtract(thrust, (0.0, 0.0, gains.gravity))
         along, _ = push(error, base, gains.gravity, math.radians(gains.tilt_limit_deg))
         x, y = half_angle_error(motion.attitude, along)
-        jerk = reference.jerk_ned
-        wx, wy = turning(motion.attitude, along, (-jerk[0], -jerk[1], -jerk[2]))
+        wx, wy = turning(motion.attitude, along, scale(-1.0, reference.jerk_ned))
         return self._inner_loop.decide(
             estimate,
             reference,
@@ -495,24 +460,14 @@ class IndiController(BaselineController[Indi]):
         """Acceleration and thrust vector (T/m) R e3 [m/s², NED], both through the same first-order filter."""
         motion, mass = estimate.motion, self._vehicle.mass_kg / estimate.effectiveness
         now = acceleration(motion, estimate.disturbance, mass, self._gains.gravity, self._vehicle.drag_per_s)
-        x, y, z = third_column(motion.attitude)
-        specific = motion.thrust / mass
-        thrust: Vec3 = (specific * x, specific * y, specific * z)
+        thrust = scale(motion.thrust / mass, third_column(motion.attitude))
         before = self._acceleration
         if before is not None and self._gains.filter_s > 0.0:
             k = interval / (interval + self._gains.filter_s)
-            now, thrust = _between(before, now, k), _between(self._thrust, thrust, k)
+            now = add_scaled(before, k, subtract(now, before))
+            thrust = add_scaled(self._thrust, k, subtract(thrust, self._thrust))
         self._acceleration, self._thrust = now, thrust
         return now, thrust
-
-
-def _between(old: Vec3, new: Vec3, share: float) -> Vec3:
-    """The point at ``share`` of the way from ``old`` to ``new`` [-]."""
-    return (
-        old[0] + share * (new[0] - old[0]),
-        old[1] + share * (new[1] - old[1]),
-        old[2] + share * (new[2] - old[2]),
-    )
 
 
 KIND_KEY = "controller.kind"

@@ -19,8 +19,8 @@ section 6.4. Elementwise: floats, or arrays of shape (N,). Sans-IO.
 import math
 from typing import Any
 
-from groundstation.core.geometry import FLOATS, Ops, Quat, Real, Vec3, third_column
-from groundstation.core.vehicle import ActuatorCommand, Vehicle, new
+from groundstation.core.geometry import Ops, Quat, Real, Vec3, third_column
+from groundstation.core.vehicle import ActuatorCommand, Vehicle
 
 RESERVE = 1.03
 """Vertical part of the full thrust at the tilt limit, over the thrust that hovers, at rest [-]: true
@@ -81,8 +81,6 @@ class DemandLimits:
         stopped = cosine + (r31 * rates[1] - r32 * rates[0]) / k_omega
         approach = max(1.0 / self._vehicle.frame_period_s - k_omega, k_omega) * (stopped - least_cosine)
         spare = r31 * rate_y - r32 * rate_x + approach
-        if ops is FLOATS and spare >= 0.0:
-            return rate_x, rate_y, False
         limited = spare < 0.0
         k = spare / ops.clamp(r31 * r31 + r32 * r32, LEAST_SINE_SQUARED, 1.0)
         x, y = rate_x + k * r32, rate_y - k * r31
@@ -100,26 +98,16 @@ class DemandLimits:
         """Ṫ [N/s] as the thrust limits leave it, where T_cmd = T + ``lead_s`` Ṫ (law.md, 6.4)."""
         ops, vehicle = self._ops, self._vehicle
         wanted = thrust + lead_s * thrust_rate
-        if ops is FLOATS and vehicle.thrust_min_n <= wanted <= vehicle.thrust_max_n:
-            return thrust_rate
         inside = ops.clamp(wanted, vehicle.thrust_min_n, vehicle.thrust_max_n)
         return ops.where(inside == wanted, thrust_rate, (inside - thrust) / lead_s)
 
     def clamp(self, thrust: Real, rates: Vec3) -> tuple[ActuatorCommand, Any]:
         """A command within the vehicle's limits, and whether any of the four had to be clamped."""
         vehicle, clamp, (x, y, z), (a, b, c) = self._vehicle, self._ops.clamp, rates, self.rates
-        if (
-            self._ops is FLOATS
-            and vehicle.thrust_min_n <= thrust <= vehicle.thrust_max_n
-            and -a <= x <= a
-            and -b <= y <= b
-            and -c <= z <= c
-        ):  # as nearly always
-            return new(ActuatorCommand, (thrust, rates)), False
         inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
         p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)
         cut = (inside != thrust) | (p != x) | (q != y) | (r != z)
-        return new(ActuatorCommand, (inside, (p, q, r))), cut
+        return ActuatorCommand(inside, (p, q, r)), cut
 
     def is_at_limit(self, drive: ActuatorCommand) -> Any:
         """Whether any of the four is at one of the vehicle's limits."""

@@ -7,7 +7,6 @@ climb, on a way, and in a landing.
 import math
 
 from groundstation.core.control.adaptive import Gains
-from groundstation.core.control.attitude import clamp_command
 from groundstation.core.control.controllers import ControllerConfig
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.geometry import FLOATS, third_column
@@ -88,4 +87,4 @@ class Envelope:
         # Across it is pushed no more than at that tilt in level flight.
         across = math.hypot(*third_column(motion.attitude)[:2]) * cosine
         most = hover_n * math.sqrt(1.0 - cosine * cosine) / max(across, SMALL)
-        return decision._replace(drive=clamp_command(vehicle, max(min(thrust, most), least), (roll, pitch, yaw))[0])
+        return decision._replace(drive=self._limits.clamp(max(min(thrust, most), least), (roll, pitch, yaw))[0])

@@ -9,6 +9,7 @@ what was believed wrongly so far may be wrong still. Above what hovers it only b
 import math
 
 from groundstation.core.control.attitude import clamp_command, length, push, sine_error
+from groundstation.core.control.bring_down import OFF
 from groundstation.core.geometry import FLOATS, Vec3, third_column
 from groundstation.core.vehicle import Motion, Vehicle, integrate, lead
 from links.core import Segment
@@ -16,9 +17,7 @@ from links.core import Segment
 STEP_S = 0.05
 """Length of one part [s]."""
 LASTS_S = 1.85
-"""Longest descent [s]; with ``OFF_S`` of zero thrust it is what a link plays at most."""
-OFF_S = 0.15
-"""Zero thrust at the end, sent for this long, so that it arrives on a bad link too [s]."""
+"""Longest descent [s]; with ``OFF`` after it it is what a link plays at most."""
 MOST = 1.15
 """Largest thrust, as a share of the hover thrust [-]."""
 BRAKE_S = 0.35
@@ -49,7 +48,6 @@ ATTITUDE_GAIN = 6.0
 """Body rate per sine of the tilt's error [1/s]."""
 LEAN = math.radians(20.0)
 """Largest tilt that it asks for [rad]."""
-ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
 def plan_model_descent(
@@ -109,4 +107,4 @@ def plan_model_descent(
             rate_lag=vehicle.rate_lag_s,
             drag=vehicle.drag_per_s,
         )
-    return (*parts, Segment(OFF_S, 0.0, ZERO))
+    return (*parts, *OFF)

@@ -48,10 +48,13 @@ from groundstation.core.geometry import (
     Quat,
     Real,
     Vec3,
+    add_scaled,
     conjugate,
     multiply,
     rotate,
     rotation_vector,
+    scale,
+    subtract,
 )
 from groundstation.core.messages import Estimate, Pose
 from groundstation.core.vehicle import (
@@ -63,7 +66,6 @@ from groundstation.core.vehicle import (
     begin_response,
     integrate_actuators,
     integrate_motion,
-    new,
     schedule,
 )
 
@@ -146,8 +148,6 @@ def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance
     """
     x, y, z = step
     share = (x * x + y * y + z * z) / (3.0 * UNEXPECTED * (s[PP] + r))
-    if ops is FLOATS and share <= 1.0:
-        return s
     k = ops.clamp(share, 1.0, WIDEST)
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     return (k * pp, k * pv, k * pd, k * pc, k * vv, k * vd, k * vc, k * dd, k * dc, k * cc)
@@ -248,8 +248,6 @@ def split_noise(ops: Ops, noise: Real, seen: StampNoise, least: float, told_s: f
     if told_s is not None:
         return across, told_s * told_s + 0.0 * across
     shows = along > JITTER_SHOWS * across
-    if ops is FLOATS and not shows:  # as nearly always
-        return noise, 0.0
     return ops.where(shows, across, noise), ops.where(shows, (along - across) / (speed2 + NO_WAY_M2), 0.0)
 
 
@@ -301,10 +299,7 @@ def weigh_along(
     """Beside ``gain`` in every direction, what comes ``along`` the motion; the innovation has the variances given."""
     (kp, kv, kd, kc), ((p, v, d, c), covariance) = gain, along
     more = (p - kp, v - kv, d - kd, c - kc)
-    return (
-        new(AlongGain, (axis, more, ops.sqrt(across2 / along2) - 1.0)),
-        new(AlongTrack, (axis, covariance)),
-    )
+    return AlongGain(axis, more, ops.sqrt(across2 / along2) - 1.0), AlongTrack(axis, covariance)
 
 
 def part_along(axis: Vec3, of: Vec3) -> Vec3:
@@ -314,23 +309,20 @@ def part_along(axis: Vec3, of: Vec3) -> Vec3:
     return (k * x, k * y, k * z)
 
 
-def innovation(measured: Vec3, predicted: Vec3) -> Vec3:
-    """i = measured - predicted [m]."""
-    return (measured[0] - predicted[0], measured[1] - predicted[1], measured[2] - predicted[2])
+Chain: TypeAlias = tuple[Vec3, Vec3, Vec3, Vec3]
+"""Position [m], velocity [m/s], disturbance [m/s²] and its rate [m/s³], or the answer of each; NED."""
 
 
-def correct(value: Vec3, gain: Real, step: Vec3) -> Vec3:
-    """``value`` moved by ``gain`` times ``step``."""
-    return (value[0] + gain * step[0], value[1] + gain * step[1], value[2] + gain * step[2])
+def correct_chain(chain: Chain, gain: KalmanGain, step: Vec3) -> Chain:
+    """Each of ``chain`` moved by its gain times ``step``."""
+    (p, v, d, c), (kp, kv, kd, kc) = chain, gain
+    return add_scaled(p, kp, step), add_scaled(v, kv, step), add_scaled(d, kd, step), add_scaled(c, kc, step)
 
 
-def correct_by_both(value: Vec3, gain: Real, step: Vec3, more: Real, along: Vec3) -> Vec3:
-    """``value`` moved by ``gain`` times ``step`` and by ``more`` times ``along``."""
-    return (
-        value[0] + gain * step[0] + more * along[0],
-        value[1] + gain * step[1] + more * along[1],
-        value[2] + gain * step[2] + more * along[2],
-    )
+def apply_effectiveness(chain: Chain, moved: Real, e: "Effectiveness") -> Chain:
+    """``chain`` after λ̂ has ``moved`` [-], to which it answers by V."""
+    p, v, d, c = chain
+    return add_scaled(p, moved, e.p), add_scaled(v, moved, e.v), add_scaled(d, moved, e.d), add_scaled(c, moved, e.c)
 
 
 def correct_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> Quat:
@@ -416,7 +408,7 @@ def predict_effectiveness(
     k = -1.0 / mass
     x, y, z = h * c[0], h * c[1], h * c[2]
     half, third = 0.5 * h, 1.0 / 3.0
-    after = (
+    return Effectiveness(
         value,
         variance + wanders * ops.clamp(noise, 0.0, 1.0),
         assumed + wanders,
@@ -437,7 +429,6 @@ def predict_effectiveness(
         noise,
         rest - h,
     )
-    return new(Effectiveness, after)
 
 
 NO_INFORMATION = 1e-9
@@ -467,45 +458,30 @@ def update_effectiveness(
     value, variance, assumed, p, v, d, c, gained, score, noise, rest = e
     shown = seen = v if of else p
     if along is not None:  # as if it had the same in every direction
-        step = correct(step, along.weight, part_along(along.axis, step))
-        seen = correct(seen, along.weight, part_along(along.axis, seen))
+        step = add_scaled(step, along.weight, part_along(along.axis, step))
+        seen = add_scaled(seen, along.weight, part_along(along.axis, seen))
     (north, east, down), (x, y, z) = step, seen
     gained = gained + (x * x + y * y + z * z) / innovation2
     score = score + (x * north + y * east + z * down) / innovation2
     moves = is_excited(e)
     moved: Real = 0.0
-    if ops is not FLOATS or moves:
-        # One axis after the other. The gain follows from the assumed variance; that of λ̂, in Joseph's form, from the
-        # noise that shows.
-        w, known = assumed, variance
-        s, shows = innovation2, innovation2 * noise
-        for i, of_lambda in ((north, x), (east, y), (down, z)):
-            k = w * of_lambda / (s + of_lambda * of_lambda * w)
-            left = 1.0 - k * of_lambda
-            moved = moved + k * (i - of_lambda * moved)
-            w, known = left * w, left * left * known + k * k * shows
-        now = ops.clamp(value + ops.where(moves, moved, 0.0), *EFFECTIVENESS_LIMITS)
-        moved = now - value
-        value, score = now, score - gained * moved
-        assumed, variance = ops.where(moves, w, assumed), ops.where(moves, known, variance)
-    kp, kv, kd, kc = gain
-    x, y, z = shown
-    after = (
-        value,
-        variance,
-        assumed,
-        (p[0] - kp * x, p[1] - kp * y, p[2] - kp * z),
-        (v[0] - kv * x, v[1] - kv * y, v[2] - kv * z),
-        (d[0] - kd * x, d[1] - kd * y, d[2] - kd * z),
-        (c[0] - kc * x, c[1] - kc * y, c[2] - kc * z),
-        *(gained, score, noise, rest),
-    )
+    # One axis after the other. The gain follows from the assumed variance; that of λ̂, in Joseph's form, from the
+    # noise that shows.
+    w, known = assumed, variance
+    s, shows = innovation2, innovation2 * noise
+    for i, of_lambda in ((north, x), (east, y), (down, z)):
+        k = w * of_lambda / (s + of_lambda * of_lambda * w)
+        left = 1.0 - k * of_lambda
+        moved = moved + k * (i - of_lambda * moved)
+        w, known = left * w, left * left * known + k * k * shows
+    now = ops.clamp(value + ops.where(moves, moved, 0.0), *EFFECTIVENESS_LIMITS)
+    moved = now - value
+    value, score = now, score - gained * moved
+    assumed, variance = ops.where(moves, w, assumed), ops.where(moves, known, variance)
+    answer = correct_chain((p, v, d, c), gain, scale(-1.0, shown))
     if along is not None:
-        (kp, kv, kd, kc), part = along.more, part_along(along.axis, shown)
-        _, _, _, p, v, d, c, *_ = after
-        p, v, d, c = correct(p, -kp, part), correct(v, -kv, part), correct(d, -kd, part), correct(c, -kc, part)
-        return Effectiveness(value, variance, assumed, p, v, d, c, gained, score, noise, rest), moved
-    return new(Effectiveness, after), moved
+        answer = correct_chain(answer, along.more, scale(-1.0, part_along(along.axis, shown)))
+    return Effectiveness(value, variance, assumed, *answer, gained, score, noise, rest), moved
 
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
@@ -665,8 +641,6 @@ class ModelEstimator:
         self._held: Vec3 | None = None
         self.given: ActuatorResponse | None = None
         """What the commands made of the motion from the pose before to the newest; None at first and after a reset."""
-        self.diverged_m = 0.0
-        """How far the newest pose was from where the model had the vehicle [m]."""
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
         white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
@@ -810,7 +784,7 @@ class ModelEstimator:
         if motion is None:
             return None
         given = self._integrate_commands(time_s)
-        return new(Ahead, (time_s, given, self._at(motion, given, time_s - self._stamp)))
+        return Ahead(time_s, given, self._at(motion, given, time_s - self._stamp))
 
     def update(self, pose: Pose, ahead: Ahead | None = None) -> None:
         """Correct the model by one pose; ``ahead``: what :meth:`look_ahead` has found of its instant since the last."""
@@ -825,7 +799,7 @@ class ModelEstimator:
         if pose.reset_count != self._reset_count:
             # The source moved its origin, not the vehicle: take the new place, keep velocity and disturbance.
             moved = self._at(previous, self._integrate_commands(pose.time_s), dt)
-            self._disturbance = correct(self._disturbance, dt, self._disturbance_rate)
+            self._disturbance = add_scaled(self._disturbance, dt, self._disturbance_rate)
             self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
             self._recent.clear()
             return
@@ -837,9 +811,8 @@ class ModelEstimator:
             self._effectiveness = predict_effectiveness(
                 FLOATS, self._effectiveness, dt, given, self._vehicle.mass_kg, gains.effectiveness_walk
             )
-        step = innovation(pose.position_ned, model.position)
-        self.diverged_m = math.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
-        disturbance = correct(self._disturbance, dt, self._disturbance_rate)
+        step = subtract(pose.position_ned, model.position)
+        disturbance = add_scaled(self._disturbance, dt, self._disturbance_rate)
         expected, track, noise, late2 = self._expect(pose, dt, model.velocity)
         expected = widen_covariance(FLOATS, expected, noise + late2, step)
         gain, self._covariance = update_covariance(expected, noise)
@@ -856,8 +829,8 @@ class ModelEstimator:
             if track is not None:
                 along2, updated = track.covariance[VV] + noise, update_moving_covariance(track.covariance, noise)
                 along, track = weigh_along(FLOATS, track.axis, gain, updated, across2, along2)
-            measured = innovation(pose.velocity_ned, self._bias)
-            chain = self._correct(*chain, gain, innovation(measured, chain[1]), across2, 1, along)
+            measured = subtract(pose.velocity_ned, self._bias)
+            chain = self._correct(*chain, gain, subtract(measured, chain[1]), across2, 1, along)
             if len(self._recent) > 1 and not self.frozen and self._held is None:
                 self._learn_bias(pose, measured, dt)
         self._track = track
@@ -866,9 +839,9 @@ class ModelEstimator:
             self._disturbance, self._disturbance_rate = self._held, ZERO
         if gains.observer == "backward_euler":
             position = pose.position_ned
-            velocity = correct(ZERO, 1.0 / dt, innovation(position, previous.position))
+            velocity = add_scaled(ZERO, 1.0 / dt, subtract(position, previous.position))
         attitude = correct_attitude(FLOATS, model.attitude, pose.attitude, gains.attitude_gain)
-        self._begin(new(Motion, (position, velocity, attitude, model.thrust, model.rates)), pose)
+        self._begin(Motion(position, velocity, attitude, model.thrust, model.rates), pose)
 
     def update_attitude(self, pose: Pose, ahead: Ahead | None = None) -> None:
         """Take the attitude of one pose, as :meth:`update`; the rest stays the model's, and nothing is learnt."""
@@ -912,7 +885,7 @@ class ModelEstimator:
         """Normalized innovation squared of ``pose``, which comes next: 3 on average where the filter is consistent."""
         ahead = self.predict(pose.time_s).motion
         expected, track, noise, late2 = self._expect(pose, pose.time_s - self._stamp, ahead.velocity)
-        x, y, z = step = innovation(pose.position_ned, ahead.position)
+        x, y, z = step = subtract(pose.position_ned, ahead.position)
         off2 = x * x + y * y + z * z
         if track is None:
             return off2 / (expected[PP] + noise)
@@ -932,31 +905,19 @@ class ModelEstimator:
         along: AlongGain | None,
     ) -> tuple[Vec3, Vec3, Vec3]:
         """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
-        if along is not None:
-            (p, v, d, c), part = along.more, part_along(along.axis, step)
-            position, velocity = correct(position, p, part), correct(velocity, v, part)
-            if self._provable:
-                disturbance = correct(disturbance, d, part)
-                self._disturbance_rate = correct(self._disturbance_rate, c, part)
-            elif self._gains.composite == "raw":
-                self._disturbance_step = correct(self._disturbance_step, d, part)
-        p, v, d, c = gain
+        chain: Chain = (position, velocity, disturbance, self._disturbance_rate)
+        parts = [] if along is None else [(along.more, part_along(along.axis, step))]
+        for by, part in (*parts, (gain, step)):
+            chain = correct_chain(chain, by, part)
+            if self._gains.composite == "raw":
+                self._disturbance_step = add_scaled(self._disturbance_step, by[2], part)
         if self._learns_thrust:
             # What the innovation says of the thrust moves the chain, too.
             e, moved = update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of, along)
-            self._effectiveness = e
-            self._disturbance_rate = correct_by_both(self._disturbance_rate, c, step, moved, e.c)
-            return (
-                correct_by_both(position, p, step, moved, e.p),
-                correct_by_both(velocity, v, step, moved, e.v),
-                correct_by_both(disturbance, d, step, moved, e.d),
-            )
+            self._effectiveness, chain = e, apply_effectiveness(chain, moved, e)
         if self._provable:
-            disturbance = correct(disturbance, d, step)
-            self._disturbance_rate = correct(self._disturbance_rate, c, step)
-        elif self._gains.composite == "raw":
-            self._disturbance_step = correct(self._disturbance_step, d, step)
-        return correct(position, p, step), correct(velocity, v, step), disturbance
+            disturbance, self._disturbance_rate = chain[2:]
+        return chain[0], chain[1], disturbance
 
     def predict(self, time_s: float) -> Estimate:
         """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""
@@ -968,9 +929,9 @@ class ModelEstimator:
             # The actuators are modelled from our own commands and need no pose.
             ahead = motion._replace(thrust=ahead.thrust, rates=ahead.rates)
         step, self._disturbance_step = self._disturbance_step, ZERO
-        disturbance = correct(self._disturbance, h, self._disturbance_rate)
+        disturbance = add_scaled(self._disturbance, h, self._disturbance_rate)
         value, deviation = self._effectiveness.value, self.effectiveness_deviation
-        return new(Estimate, (time_s, ahead, disturbance, step, value, deviation))
+        return Estimate(time_s, ahead, disturbance, step, value, deviation)
 
     def _measure_noise(self, pose: Pose) -> None:
         """Follow the noise of the source by fourth differences."""
@@ -993,7 +954,7 @@ class ModelEstimator:
         """Have the mean of the velocities be what positions moved by; ``measured`` [m/s] is without the bias so far."""
         (_, before), (_, now) = self._recent[-2], self._recent[-1]
         most, k = self._gains.velocity_bias_m_s, 1.0 / BIAS_MEMORY_S
-        x, y, z = correct(self._bias, k, innovation(correct(ZERO, dt, measured), innovation(now, before)))
+        x, y, z = add_scaled(self._bias, k, subtract(add_scaled(ZERO, dt, measured), subtract(now, before)))
         self._bias = (max(-most, min(most, x)), max(-most, min(most, y)), max(-most, min(most, z)))
 
     def _first(self, pose: Pose) -> Motion:

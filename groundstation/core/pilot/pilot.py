@@ -25,7 +25,7 @@ from groundstation.core.control import (
     plan_model_descent,
 )
 from groundstation.core.estimation import Ahead, ModelEstimator, Reckoning, Trusted
-from groundstation.core.geometry import Quat, Vec3, heading
+from groundstation.core.geometry import Quat, Vec3, add_scaled, heading, subtract
 from groundstation.core.messages import (
     GAIN,
     Certificate,
@@ -105,24 +105,21 @@ class _MeanDisturbance:
             self.value = now
         elif interval_s > 0.0:
             self._over_s = min(self._over_s + interval_s, WIND_MEMORY_S)
-            self.value = _towards(self.value, now, interval_s / (interval_s + self._over_s))
+            share = interval_s / (interval_s + self._over_s)
+            self.value = add_scaled(self.value, share, subtract(now, self.value))
         if not asks:
             self._asked, self._asked_s = None, 0.0
         elif self._asked is None:
             self._asked = now
         elif interval_s > 0.0:
             self._asked_s += interval_s
-            self._asked = _towards(self._asked, now, interval_s / (interval_s + self._asked_s))
+            share = interval_s / (interval_s + self._asked_s)
+            self._asked = add_scaled(self._asked, share, subtract(now, self._asked))
         return self.value
 
     def confirm(self) -> None:
         """The poses have answered: what is new since they were asked is true."""
         self.value = self._asked or self.value
-
-
-def _towards(mean: Vec3, now: Vec3, share: float) -> Vec3:
-    (a, b, c), (x, y, z) = mean, now
-    return a + share * (x - a), b + share * (y - b), c + share * (z - c)
 
 
 class Pilot:
@@ -283,14 +280,14 @@ class Pilot:
         if self._mode.set_gain(name, value):
             self._apply_gains()
 
-    def ease(self, calmly: bool, *, asks: bool, is_limited: bool = False) -> None:
-        """Use the gains of a hold where ``calmly``; ``asks``: fly excitation tones all the time.
+    def ease(self, calmly: bool, *, is_limited: bool = False) -> None:
+        """Use the gains of a hold, and fly excitation tones all the time, where ``calmly``.
 
         ``is_limited``: it flies up or down: with calm gains, limits of the tilt, and of how fast thrust lets it fall.
         """
-        self._switch("ease", float(calmly), float(asks), float(is_limited))
+        self._switch("ease", float(calmly), float(calmly), float(is_limited))
         mode = self._mode
-        mode.is_eased, mode.asks, mode.is_limited = calmly, asks, is_limited
+        mode.is_eased, mode.is_limited = calmly, is_limited
         mode.climbs_first = mode.climbs_first and is_limited
         self._estimator.lands = is_limited and not mode.climbs_first
 
@@ -457,7 +454,7 @@ class Pilot:
     def _excite(self, time_s: float, decision: Decision) -> Decision:
         """Return ``decision`` with tones, where the poses are to be asked."""
         settled = self._envelope.has_climbed_for(time_s) > EXCITATION_DELAY_S
-        asks = self._descent is not None or self._mode.asks
+        asks = self._descent is not None or self._mode.is_eased
         level = QUESTION_LEVEL if self.health.asks or self.is_blind else float(asks)
         self._tones.set_level(time_s, level if settled and not self._mode.is_unheard else 0.0)
         thrust, rates = self._tones.add_to(decision.drive, time_s)
@@ -587,7 +584,7 @@ class _Mode:
     """Requests of the mission, and the gains that follow from them."""
 
     def __init__(self, config: ControllerConfig) -> None:
-        self.is_limited = self.is_eased = self.asks = self.touches = self.is_unheard = self.is_paused = False
+        self.is_limited = self.is_eased = self.touches = self.is_unheard = self.is_paused = False
         self.climbs_first = False
         """Whether limits have held since lift-off: ground effect is left behind, not met."""
         self._limit: Callable[[Gains], Gains] | None = None

@@ -37,7 +37,7 @@ from groundstation.core.safety.pose_response import (
     LatenessMonitor,
     Response,
 )
-from groundstation.core.vehicle import ActuatorResponse, Motion, new
+from groundstation.core.vehicle import ActuatorResponse, Motion
 
 
 class HealthState(IntEnum):
@@ -179,12 +179,12 @@ class StopDetector:
                 seen = (place - from_places[i]) / (now_s - then_s)
                 moved = min(began, seen, key=abs) if began * seen > 0.0 else 0.0
                 speed = moved + dt_s * (pushes[i] + other)
-                stands[i] = new(Stand, (now_s, 0, place, moved, other, 0.0, speed))
+                stands[i] = Stand(now_s, 0, place, moved, other, 0.0, speed)
                 continue
             since_s, poses, stood, moved, other, way, speed = stand
             pushed = pushes[i] + other
             way, speed = way + dt_s * (speed + 0.5 * dt_s * pushed), speed + dt_s * pushed
-            stands[i] = new(Stand, (since_s, poses + 1, stood, moved, other, way, speed))
+            stands[i] = Stand(since_s, poses + 1, stood, moved, other, way, speed)
             lasts_s = now_s - since_s
             if lasts_s < STOPPED_S or poses < STOPPED_POSES - 1:
                 continue

@@ -12,6 +12,5 @@ from groundstation.core.vehicle.vehicle import (
     integrate_actuators,
     integrate_motion,
     lead,
-    new,
     schedule,
 )

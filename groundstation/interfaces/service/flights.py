@@ -82,8 +82,7 @@ ALIVE_S = 3.5
 def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -> Exit:
     """Print how a flight or daemon is; 0 where it is well, 1 where it is not, 2 where there is none."""
     try:
-        path = socket if socket is not None else asyncio.run(find_socket(vehicle))
-        wrong, facts = asyncio.run(_look(path))
+        wrong, facts = asyncio.run(_look(vehicle, socket))
     except ApiError as error:
         print(f"groundstation: health: {error}", file=sys.stderr)
         return Exit.NOBODY
@@ -94,12 +93,13 @@ def health_command(vehicle: str | None, socket: Path | None, *, as_json: bool) -
     return Exit.FAILED if wrong else Exit.DONE
 
 
-async def _look(path: Path) -> tuple[str, dict[str, Any]]:
-    """Return the fault of whoever serves at ``path``, empty for none, and what is flown by the newest snapshot.
+async def _look(vehicle: str | None, socket: Path | None) -> tuple[str, dict[str, Any]]:
+    """Return the fault of whoever flies ``vehicle``, or serves at ``socket``, empty for none, and what is flown.
 
     Raises:
-        ApiError: nobody serves there.
+        ApiError: nobody does.
     """
+    path = socket or await find_socket(vehicle)
     try:
         async with asyncio.timeout(ALIVE_S), open_client(path, "health") as client:
             async for seen in client:

@@ -29,7 +29,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import Annotated, Literal, NamedTuple, Protocol
+from typing import Annotated, Literal, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
@@ -50,6 +50,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     import asyncio
 
+T = TypeVar("T")
 
 MAX_DRIFT = 0.0015
 """Largest drift of the source's clock against nominal [-]: beyond it, messages get later and
@@ -435,7 +436,8 @@ class Intake:
         self.dropped: Counter[str] = Counter()
         """Counts by reason.
 
-        Here: not_finite, not_unit, absurd, absurd_stamp, duplicate, same_stamp, out_of_order."""
+        Here: not_finite, not_unit, absurd, absurd_stamp, duplicate, same_stamp, out_of_order,
+        same_name, no_such_body."""
         self.clock = SourceClock(frame_s)
         self.others = others
         """Further bodies to look for; None: nobody asks for them."""
@@ -471,6 +473,13 @@ class Intake:
     def drop(self, reason: str) -> Pose | None:
         """Count one thing that made no pose; returns None, which stands for the pose."""
         self.dropped[reason] += 1
+        return None
+
+    def choose(self, own: Sequence[T], missing: str = "no_such_body") -> T | None:
+        """The one body among those with the vehicle's name; None, which is counted, where there is none, or several."""
+        if len(own) == 1:
+            return own[0]
+        self.drop("same_name" if own else missing)
         return None
 
     def pose(

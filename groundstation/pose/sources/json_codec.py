@@ -144,11 +144,9 @@ class JsonReader:
                 place = _seen_place(other)
                 if place is not None and other.name in intake.others:
                     intake.other(other.name, arrival_s, place)
-        named = [body for body in bodies if body.name == self._name]
-        if len(named) != 1:
-            drop("same_name" if named else "no_such_body")
+        body = intake.choose([body for body in bodies if body.name == self._name])
+        if body is None:
             return ()
-        body = named[0]
         if (place := _seen_place(body)) is None or not body.quaternion:
             drop("not_tracked")
         elif (attitude := _unit(body.quaternion)) is None:

@@ -14,14 +14,8 @@ import time
 from typing import Any
 
 from groundstation.machine import follow_parent
+from groundstation.pose.sources.json_codec import MAX_BODIES, MAX_DATAGRAM, MAX_NAME
 from groundstation.runtime import Exit
-
-MOST_BODIES = 32
-"""Most bodies in one line."""
-MOST_NAME = 64
-"""Longest name of a body [bytes]."""
-MOST_BYTES = 4096
-"""Longest line [bytes], as a datagram."""
 
 
 def describe_body(body: Any) -> dict[str, Any]:
@@ -51,10 +45,10 @@ def main() -> Exit:
         now_s = time.monotonic()
         bodies: list[dict[str, Any]] = []
         for name, body in sorted(tracker.rigidBodies.items(), key=lambda one: wanted.get(one[0], len(wanted))):
-            if len(name) <= MOST_NAME and len(bodies) < MOST_BODIES:
+            if len(name) <= MAX_NAME and len(bodies) < MAX_BODIES:
                 bodies.append({"name": name, "t": now_s, **describe_body(body)})
         line = json.dumps(bodies).encode()
-        while len(line) > MOST_BYTES:
+        while len(line) > MAX_DATAGRAM:
             bodies.pop()
             line = json.dumps(bodies).encode()
         out.write(line + b"\n")

@@ -493,7 +493,6 @@ class NatNetReader:
     def _pose(self, frame: NatNetFrame, ticks_per_s: int, arrival_s: float) -> Pose | None:
         if self._others:
             self._look_around(frame, ticks_per_s, arrival_s)
-        bodies = [body for body in frame.bodies if body.id == self._id]
         if frame.models_changed:
             self._ask_names = self._wants_names  # until the answer, the id that we know stands
         if frame.bitstream_changed or not frame.live:
@@ -501,11 +500,11 @@ class NatNetReader:
             self._ask_server = True  # who it is, and by which version it streams
         if not frame.live:
             return self._intake.drop("not_live")
-        if not bodies:
-            return self._intake.drop("no_such_body")
-        if self._same_name or len(bodies) > 1:
+        if self._same_name:
             return self._intake.drop("same_name")
-        body = bodies[0]
+        body = self._intake.choose([body for body in frame.bodies if body.id == self._id])
+        if body is None:
+            return None
         if not body.tracked:
             return self._intake.drop("not_tracked")
         if frame.exposure_ticks == 0 or frame.transmit_ticks == 0:

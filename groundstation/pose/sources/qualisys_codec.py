@@ -208,12 +208,10 @@ class QualisysReader:
             for name, (x, y, z, *_) in zip(self.names, bodies, strict=True):
                 if name in self._intake.others and not math.isnan(x):
                     self._intake.other(name, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3))
-        if self._name not in self.names:
-            return self._intake.drop("no_such_body")
-        if self.names.count(self._name) > 1:
-            return self._intake.drop("same_name")
-        index = self.names.index(self._name)
-        x, y, z, *m = bodies[index]
+        own = self._intake.choose([body for name, body in zip(self.names, bodies, strict=True) if name == self._name])
+        if own is None:
+            return None
+        x, y, z, *m = own
         if all(map(math.isnan, (x, y, z))):
             return self._intake.drop("not_tracked")
         if not math.isfinite(x + y + z + sum(m)):

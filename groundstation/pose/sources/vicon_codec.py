@@ -19,7 +19,6 @@ Source: public readers of the stream that Vicon Tracker 3 sends to UDP port 5100
 
 import math
 import struct
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Literal, TypeAlias
 
@@ -113,56 +112,14 @@ def decode(datagram: bytes) -> ViconFrame | UnreadableVicon:
     return ViconFrame(frame_number, tuple(objects))
 
 
-class ViconDecoder:
-    """Reads the pose of one object out of each datagram; what it cannot use it counts and drops."""
-
-    def __init__(self, name: str) -> None:
-        """Look for the object of this name.
-
-        Raises:
-            ValueError: no object can have that name.
-        """
-        name_bytes(name)
-        self._name = name
-        self.dropped: Counter[str] = Counter()
-        """Datagrams dropped, by reason: truncated, oversized, wrong_item, no_such_object, not_finite, absurd."""
-        self.names: tuple[str, ...] = ()
-        """The objects of the last datagram that lacked ours, for the operator."""
-
-    def decode(self, datagram: bytes) -> ViconPose | None:
-        """The pose in a datagram, or None where it was dropped. Never raises."""
-        frame = decode(datagram)
-        if isinstance(frame, str):
-            self.dropped[frame] += 1
-            return None
-        return self.pose(frame)
-
-    def pose(self, frame: ViconFrame) -> ViconPose | None:
-        """The pose in a frame, or None where it was dropped."""
-        items = [item for item in frame.objects if item.name == self._name]
-        if len(items) != 1:
-            self.names = tuple(item.name for item in frame.objects)
-            self.dropped["same_name" if items else "no_such_object"] += 1
-            return None
-        item = items[0]
-        x, y, z = item.translation_mm
-        rx, ry, rz = item.rotation_rad
-        far, turn = MAX_TRANSLATION_MM, MAX_ROTATION_RAD
-        # Each comparison is also false for nan.
-        if not (
-            -far <= x <= far
-            and -far <= y <= far
-            and -far <= z <= far
-            and -turn <= rx <= turn
-            and -turn <= ry <= turn
-            and -turn <= rz <= turn
-        ):
-            finite = all(map(math.isfinite, (x, y, z, rx, ry, rz)))
-            self.dropped["absurd" if finite else "not_finite"] += 1
-            return None
-        return ViconPose(
-            frame.frame_number, (x / 1000.0, y / 1000.0, z / 1000.0), quaternion_from_euler_xyz((rx, ry, rz))
-        )
+def pose_of(item: ViconObject, frame_number: int) -> ViconPose | Literal["not_finite", "absurd"]:
+    """The pose of an object, or why its numbers are none."""
+    x, y, z = item.translation_mm
+    if not all(map(math.isfinite, (*item.translation_mm, *item.rotation_rad))):
+        return "not_finite"
+    if max(map(abs, item.translation_mm)) > MAX_TRANSLATION_MM or max(map(abs, item.rotation_rad)) > MAX_ROTATION_RAD:
+        return "absurd"
+    return ViconPose(frame_number, (x / 1000.0, y / 1000.0, z / 1000.0), quaternion_from_euler_xyz(item.rotation_rad))
 
 
 def name_bytes(name: str) -> bytes:
@@ -220,9 +177,10 @@ class ViconReader:
         Raises:
             ValueError: no object can have that name.
         """
+        name_bytes(name)
+        self.names: tuple[str, ...] = ()
+        """The objects of the last datagram that lacked ours, for the operator."""
         self._own = name
-        self._decoder = ViconDecoder(name)
-        self._decoder.dropped = intake.dropped  # one account for both
         self._intake = intake
         self._drop_frozen = drop_frozen
         self._frames = FrameCount()
@@ -231,13 +189,11 @@ class ViconReader:
 
     @property
     def status(self) -> PoseStatus:
-        """Counters as they are now; adds duplicate, out_of_order, frozen and not_tracked to the decoder's reasons."""
-        return self._intake.status
+        """Counters as they are now.
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The objects of the last datagram that lacked ours, for the operator."""
-        return self._decoder.names
+        Reasons beside the intake's: truncated, oversized, wrong_item, no_such_object, same_name, frozen, not_tracked.
+        """
+        return self._intake.status
 
     def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
         """The pose of our object, or nothing."""
@@ -248,8 +204,13 @@ class ViconReader:
         self._intake.mark_alive(arrival_s)
         if self._intake.others is not None:
             self._look_around(found, arrival_s)
-        seen = self._decoder.pose(found)
-        if seen is None:
+        own = self._intake.choose([one for one in found.objects if one.name == self._own], "no_such_object")
+        if own is None:
+            self.names = tuple(one.name for one in found.objects)
+            return ()
+        seen = pose_of(own, found.frame_number)
+        if isinstance(seen, str):
+            self._intake.drop(seen)
             return ()
         if self._drop_frozen and not any(seen.position_m):
             self._intake.drop("not_tracked")

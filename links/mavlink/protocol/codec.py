@@ -94,8 +94,12 @@ class MavState(IntEnum):
 class AttitudeTargetMask(IntFlag):
     """Bits of SET_ATTITUDE_TARGET.type_mask: what does not count."""
 
+    IGNORE_ROLL_RATE = 1
+    IGNORE_PITCH_RATE = 2
+    IGNORE_YAW_RATE = 4
     IGNORE_THRUST = 64
     IGNORE_ATTITUDE = 128
+    IGNORE_EVERYTHING = IGNORE_ROLL_RATE | IGNORE_PITCH_RATE | IGNORE_YAW_RATE | IGNORE_THRUST | IGNORE_ATTITUDE
 
 
 class EstimatorKind(IntEnum):

@@ -3,13 +3,15 @@ import math
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
+from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import (
-    ViconDecoder,
     ViconFrame,
     ViconPose,
+    ViconReader,
     decode,
     encode,
     euler_xyz_from_quaternion,
+    pose_of,
     quaternion_from_euler_xyz,
 )
 from tests.vicon_table import OURS, TABLE, Dropped, Readable
@@ -30,29 +32,27 @@ def test_the_writer_gives_the_golden_datagram_byte_for_byte(row: Readable) -> No
 
 @readable
 def test_a_decoder_gives_its_own_object_in_metres_and_as_a_quaternion(row: Readable) -> None:
-    decoder = ViconDecoder(OURS)
-    pose = decoder.decode(row.datagram)
+    (own,) = (item for item in row.objects if item.name == OURS)
+    pose = pose_of(own, row.frame_number)
     assert isinstance(pose, ViconPose)
     assert pose.frame_number == row.frame_number
     # The table's mqx stands at (1234.5, -250.25, 1000) mm in every row.
     assert pose.position_m == (1.2345, -0.25025, 1.0)
     assert pose.attitude == quaternion_from_euler_xyz((0.0625, -0.125, 1.5))
-    assert not decoder.dropped
 
 
 @dropped
 def test_a_datagram_of_no_use_is_counted_by_reason_and_dropped(row: Dropped) -> None:
-    decoder = ViconDecoder(OURS)
-    assert decoder.decode(row.datagram) is None
-    assert decoder.dropped == {row.reason: 1}
-    assert decoder.decode(row.datagram) is None
-    assert decoder.dropped == {row.reason: 2}
+    reader = ViconReader(OURS, Intake(0.0, frame_s=0.02))
+    for count in (1, 2):
+        assert reader.read(row.datagram, 0.0) == ()
+        assert reader.status.dropped == {row.reason: count}
 
 
 def test_a_misspelt_name_shows_the_names_that_are_there() -> None:
-    decoder = ViconDecoder("mqX")
-    assert decoder.decode(TABLE.readable[1].datagram) is None
-    assert decoder.names == ("wand", "mqx")
+    reader = ViconReader("mqX", Intake(0.0, frame_s=0.02))
+    assert reader.read(TABLE.readable[1].datagram, 0.0) == ()
+    assert reader.names == ("wand", "mqx")
 
 
 # In the lab's z-up frame with the object's axes forward, left, up.
