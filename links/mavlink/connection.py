@@ -8,7 +8,7 @@ the newest one is kept on disk beside the key, and the next run begins behind it
 
 Transports: UDP, TCP or a serial port. A frame leaves at once or never. TCP repeats what got lost, so a command may
 arrive late. Against that a frame is dropped where older ones have waited for their acknowledgement for longer than
-``TCP_QUEUE_S``, and after ``TCP_STALL_S`` of that the connection is reset (SO_LINGER 0). What the other end has
+``TCP_QUEUE_S``, and after ``STALL_S`` of that the connection is reset (SO_LINGER 0). What the other end has
 acknowledged and not read yet is out of our hands: prefer UDP where there is a choice.
 """
 
@@ -112,8 +112,8 @@ async def open_udp(config: MavlinkLinkConfig, ear: TransportListener) -> UdpTran
 
 TCP_QUEUE_S = 0.1
 """Frames may wait for the other end this long [s]; a delayed acknowledgement takes 0.04."""
-TCP_STALL_S = 0.25
-"""After this long the connection is cut [s]."""
+STALL_S = 0.25
+"""A wire that takes nothing for this long is closed [s]: blocked flow control must not keep a stale command."""
 TCP_OPEN_S = 5.0
 """Timeout of a TCP connect [s]."""
 
@@ -178,7 +178,7 @@ class TcpTransport(StreamTransport):
         self._watch = None
         if self._ear is None:
             return
-        if self._waited_s() > TCP_STALL_S:
+        if self._waited_s() > STALL_S:
             self._end(link_notice("mavlink.tcp_silent").text)
         elif self._unacknowledged:
             self._watch = self._loop.call_later(TCP_QUEUE_S / 4, self._look)
@@ -225,9 +225,6 @@ async def open_tcp(config: MavlinkLinkConfig, ear: TransportListener) -> TcpTran
 
 SERIAL_QUEUE_S = 0.02
 """A frame is dropped where what waits before it takes the port longer than this [s]."""
-SERIAL_STALL_S = 0.25
-"""A port that takes nothing for this long is closed [s]: blocked flow control must not keep a stale
-command."""
 
 
 class SerialTransport(StreamTransport):
@@ -249,7 +246,7 @@ class SerialTransport(StreamTransport):
         now = self._loop.time()
         if self._full_since_s is None:
             self._full_since_s = now
-        elif now - self._full_since_s > SERIAL_STALL_S:
+        elif now - self._full_since_s > STALL_S:
             self._end(link_notice("mavlink.port_stuck").text)
         return "full"
 

@@ -164,7 +164,7 @@ async def test_a_flood_of_orders_waits_in_its_own_socket_and_the_others_are_serv
         flood = asyncio.create_task(_flood(writer))
         await asyncio.sleep(0.3)
         assert not flood.done()
-        assert 0 < len(core.asked) <= api_server.ORDERS_BURST + api_server.ORDERS_HZ * 0.4
+        assert 0 < len(core.asked) <= api_server.ORDERS.burst + api_server.ORDERS.rate_hz * 0.4
         async with open_client(path) as client:
             answer = await client.ask(Request(Ask.LAND, "too windy"))
             assert answer.done

@@ -26,7 +26,7 @@ The control desk: one client holds control; anyone attached may bring the vehicl
 import math
 import types
 import typing
-from typing import Annotated, Any, Literal, Protocol, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, Protocol, TypeAlias
 
 import msgspec
 
@@ -255,12 +255,21 @@ class Core(Protocol):
         """An event of the flight."""
 
 
-class TokenBucket:
-    """Allows a burst, and a rate ever after."""
+class Allowance(NamedTuple):
+    """A burst, and a rate ever after."""
 
-    def __init__(self, rate_hz: float, burst: float) -> None:
-        self._rate_hz = rate_hz
-        self._burst = self._left = burst
+    rate_hz: float
+    """[1/s]"""
+    burst: float
+    """How many may come at once [-]."""
+
+
+class TokenBucket:
+    """Allows no more than an :class:`Allowance`."""
+
+    def __init__(self, allowance: Allowance) -> None:
+        self._rate_hz, self._burst = allowance
+        self._left = allowance.burst
         self._at_s: float | None = None
 
     def take(self, now_s: float) -> bool:

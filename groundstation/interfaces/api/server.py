@@ -10,6 +10,7 @@ from groundstation.core.messages import Say, Snapshot, notice
 from groundstation.interfaces.api.messages import (
     ORDER_MAX_BYTES,
     VERSION,
+    Allowance,
     ClientOrder,
     Core,
     Desk,
@@ -38,10 +39,8 @@ GUESTS_MAX = 4
 always gets in."""
 BACKLOG_MAX_BYTES = 65536
 """A client that leaves more than this unread, beyond what the kernel holds for it, is dropped."""
-ORDERS_HZ = 20.0
-"""Lines read of a client [1/s]; more wait in its own socket."""
-ORDERS_BURST = 20.0
-"""Lines read of a client at once."""
+ORDERS = Allowance(rate_hz=20.0, burst=20.0)
+"""Lines read of a client; more wait in its own socket."""
 BAD_MAX = 10
 """A client that has sent so many lines that were no order is dropped; one with a line without an end, at once."""
 
@@ -204,7 +203,7 @@ class _AttachedClient(asyncio.Protocol):
         self._server = server
         self._lines = LineSplitter(ORDER_MAX_BYTES)
         self._waiting: list[bytes | None] = []
-        self._allowance = TokenBucket(ORDERS_HZ, ORDERS_BURST)
+        self._allowance = TokenBucket(ORDERS)
         self._later: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -226,7 +225,7 @@ class _AttachedClient(asyncio.Protocol):
             self._waiting.clear()
         elif self._waiting and self._later is None:
             self.transport.pause_reading()
-            self._later = loop.call_later(1.0 / ORDERS_HZ, self._resume)
+            self._later = loop.call_later(1.0 / ORDERS.rate_hz, self._resume)
 
     def _resume(self) -> None:
         self._later = None

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import msgspec
 
 from groundstation.core.messages import Ask, RemoteAsk, Reply, Request, Say, Waypoint, notice
-from groundstation.interfaces.api import TokenBucket
+from groundstation.interfaces.api import Allowance, TokenBucket
 from groundstation.interfaces.mqtt.messages import SealedAnswer, SealedRequest
 from links.text import printable
 
@@ -117,18 +117,12 @@ def _word(done: bool) -> str:
 
 LIFE_MAX_MS = 10_000
 """No request is good for longer: what is held back on its way is not obeyed later [ms]."""
-CLIENT_HZ = 2.0
-"""Mean rate of requests that one client may make [1/s]."""
-CLIENT_BURST = 10.0
-"""Requests that one client may make at once."""
-ANY_HZ = 50.0
-"""Above this rate of messages from all clients, all requests except ``kill`` are ignored [1/s]."""
-ANY_BURST = 100.0
-"""Messages from all clients that are read at once before that."""
-MOST_HZ = 1000.0
-"""Above this rate ``kill`` is ignored too [1/s]: reading takes time that flights need."""
-MOST_BURST = 1000.0
-"""Messages that are read at once before that."""
+CLIENT_REQUESTS = Allowance(rate_hz=2.0, burst=10.0)
+"""Requests that one client may make."""
+ANY_MESSAGES = Allowance(rate_hz=50.0, burst=100.0)
+"""Messages from all clients; above it all requests except ``kill`` are ignored."""
+MOST_MESSAGES = Allowance(rate_hz=1000.0, burst=1000.0)
+"""Messages from all clients; above it ``kill`` is ignored too: reading takes time that flights need."""
 TELL_S = 60.0
 """A reason for which requests are dropped is told once in this time [s]."""
 SESSIONS_KEPT = 64
@@ -179,9 +173,9 @@ class Gatekeeper:
         self._told_s: dict[str, float] = {}
         self._sessions: dict[str, dict[str, int]] = {}
         """Each session that counts, oldest first: who may name it, and the newest number of that client in it."""
-        self._each = {name: TokenBucket(CLIENT_HZ, CLIENT_BURST) for name in clients}
-        self._any = TokenBucket(ANY_HZ, ANY_BURST)
-        self._most = TokenBucket(MOST_HZ, MOST_BURST)
+        self._each = {name: TokenBucket(CLIENT_REQUESTS) for name in clients}
+        self._any = TokenBucket(ANY_MESSAGES)
+        self._most = TokenBucket(MOST_MESSAGES)
         self._begin()
 
     @property

@@ -12,8 +12,8 @@ from groundstation.interfaces.api.messages import ANYONE, ClientOrder, Party
 from groundstation.interfaces.api.messages import Desk as ControlDesk
 from groundstation.interfaces.mqtt.messages import SealedRequest
 from groundstation.interfaces.mqtt.requests import (
-    ANY_BURST,
-    CLIENT_BURST,
+    ANY_MESSAGES,
+    CLIENT_REQUESTS,
     LIFE_MAX_MS,
     REQUEST_MAX_BYTES,
     ClientKey,
@@ -214,8 +214,8 @@ def test_a_why_can_forge_no_line_of_a_log(desk: Desk) -> None:
 def test_a_client_that_asks_all_the_time_is_heard_at_a_rate(desk: Desk) -> None:
     for number in range(100):
         desk.take(sealed(number))
-    assert len(desk.core.asked) == CLIENT_BURST
-    assert desk.gate.counts["too_many"] == 100 - CLIENT_BURST
+    assert len(desk.core.asked) == CLIENT_REQUESTS.burst
+    assert desk.gate.counts["too_many"] == 100 - CLIENT_REQUESTS.burst
     assert desk.take(sealed(1000), now_s=1.0) is not None
 
 
@@ -223,7 +223,7 @@ def test_in_a_flood_only_a_kill_is_heard(desk: Desk) -> None:
     killing = Gatekeeper(PLACE, {"tablet": ClientKey(KEY, ANYONE)}, desk.core.ask, lambda: SESSION, desk.told.append)
     for _ in range(200):
         killing.take(b'{"ask":"land"}', retained=False, now_s=0.0, wall_ms=NOW_MS)
-    assert killing.counts == {"malformed": ANY_BURST, "flooded": 200 - ANY_BURST}
+    assert killing.counts == {"malformed": ANY_MESSAGES.burst, "flooded": 200 - ANY_MESSAGES.burst}
 
     def take(data: bytes) -> bytes | None:
         return killing.take(data, retained=False, now_s=0.0, wall_ms=NOW_MS)
@@ -238,7 +238,7 @@ def test_in_a_flood_only_a_kill_is_heard(desk: Desk) -> None:
         )
     ):
         assert take(data) is None
-        assert killing.counts["flooded"] == 201 - ANY_BURST + number
+        assert killing.counts["flooded"] == 201 - ANY_MESSAGES.burst + number
     assert desk.core.asked == []
     assert take(sealed(5, "kill")) is not None
     assert take(sealed(5, "kill")) is None  # played again
