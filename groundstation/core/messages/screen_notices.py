@@ -20,7 +20,7 @@ SCREEN_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("screen.take_first", "take control first", "key c"),
     NoticeTemplate("screen.arm", "The motors of {vehicle} will start. Type its name:"),
     NoticeTemplate("screen.fly", "{vehicle} leaves the hold for its trajectory"),
-    NoticeTemplate("screen.all_landed", "land all: {count} have answered"),
+    NoticeTemplate("screen.all_landed", "land all: {count} answered"),
     NoticeTemplate("screen.some_silent", "{says}"),
     NoticeTemplate("screen.gain_control", "gains need control", "key c"),
     NoticeTemplate(
