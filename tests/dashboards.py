@@ -2,8 +2,10 @@
 
 import asyncio
 import contextlib
+import inspect
 import math
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +135,25 @@ def play(scene: Scene, feed: Feed | Path, size: tuple[int, int] = (80, 24), **op
             await scene(pilot)
 
     asyncio.run(with_screen())
+
+
+Played = Callable[..., Coroutine[Any, Any, None]]
+
+
+def dashboard(**options: Any) -> Callable[[Played], Callable[..., None]]:
+    """Make a test of a coroutine that is given a dashboard of ``stage``, and it; ``options`` are those of ``play``."""
+
+    def decorate(test: Played) -> Callable[..., None]:
+        @wraps(test)
+        def run(stage: Stage, **others: Any) -> None:
+            play(lambda pilot: test(pilot, stage, **others), stage.path, **options)
+
+        signature = inspect.signature(test)
+        wanted = [one for name, one in signature.parameters.items() if name != "pilot"]
+        run.__signature__ = signature.replace(parameters=wanted)  # type: ignore[attr-defined]  # pytest reads it
+        return run
+
+    return decorate
 
 
 def text(pilot: Pilot[None], part: type[Widget]) -> str:

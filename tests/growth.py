@@ -7,7 +7,7 @@ from pathlib import Path
 
 from groundstation.flight import make_flight
 from groundstation.machine import sleep_until
-from sim.runs import Stage
+from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import in_virtual_time
 
@@ -24,10 +24,7 @@ async def looks_within(duration_s: float, count: int) -> list[dict[str, int]]:
     """Looks at the start of an `adverse` flight and ``count`` times after; no referee, which would keep every step."""
     world, config = prepare(SCENARIOS["adverse"], [])
 
-    async def confirm() -> bool:
-        return True
-
-    stage, flight = Stage(world, config, 0), make_flight(config, confirm=confirm)
+    stage, flight = Stage(world, config, 0), make_flight(config, confirm=confirm_at(0.0))
     parts = [asyncio.ensure_future(part.run()) for part in (stage, flight)]
     start, looks = asyncio.get_running_loop().time(), []
     for index in range(count + 1):

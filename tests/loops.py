@@ -62,6 +62,13 @@ BOTH_LOOPS = [
 """Parameters of a test or a fixture, for what must work on either loop."""
 
 
+async def until(true: Callable[[], Any], within_s: float = 60.0) -> None:
+    """Wait for it."""
+    async with asyncio.timeout(within_s):
+        while not true():
+            await asyncio.sleep(0.005)
+
+
 async def free_address() -> str:
     """An address of this machine, host:port, at which nobody listens."""
     loop = asyncio.get_running_loop()

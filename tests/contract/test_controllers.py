@@ -130,8 +130,7 @@ def test_the_example_flies_the_papers_figure_eight_and_holds_a_point_as_the_page
         world, config = told(EXAMPLE, scenario="paper")
         config = msgspec.structs.replace(config, trajectory=trajectories(config)[path])
         verdict = fly(world, config, seed=0, duration_s=20.0).verdict
-        assert verdict.rms_cm is not None
-        assert verdict.rms_cm < 2.0
+        assert verdict.rms_cm is not None and verdict.rms_cm < 2.0
 
 
 # ---- a controller of the user's own

@@ -24,7 +24,7 @@ from sim.radio import PtyWire, RfPeer, RfReceiver, WirePort
 from sim.radio.radio import opened_on
 from sim.time import VirtualTimeLoop
 from tests.airframe_double import Brick
-from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time
+from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time, until
 
 THRUST_MAX_N = 2.0
 BRING_DOWN = (
@@ -224,12 +224,6 @@ async def connected(bench: Bench) -> AsyncIterator[CommandLink]:
 def lifting(bench: Bench) -> list[tuple[float, float, Any]]:
     """What was done to the vehicle that could make it move."""
     return [act for act in bench.vehicle.acts if act[1] > 0.0]
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(60.0):
-        while not condition():
-            await asyncio.sleep(0.005)
 
 
 def test_an_armed_vehicle_does_what_is_sent_and_disarms(bench: Bench, run: Run) -> None:

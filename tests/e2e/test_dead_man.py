@@ -15,6 +15,7 @@ import pytest
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.stations import EXAMPLE, Room
+from tests.loops import until
 
 ROOT = Path(__file__).parents[2]
 SET_POINT, ORDER = b"\x52\x00\x00", b"\x4c\x00\x00"
@@ -55,9 +56,7 @@ class Lab:
         return any(data[7:10] == ORDER and data[10:18] == ARM for data in self.since(since_s))
 
     async def says(self, word: str) -> None:
-        async with asyncio.timeout(60.0):
-            while not any(word in line for line in self.log):
-                await asyncio.sleep(0.01)
+        await until(lambda: any(word in line for line in self.log))
 
     async def exit_code(self) -> int:
         async with asyncio.timeout(60.0):

@@ -4,6 +4,7 @@ import asyncio
 import os
 import signal
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from groundstation.core.messages import Others, Pose, SourceError
 from groundstation.interfaces.service import require_flyable
 from groundstation.pose.sources import LibmotioncaptureConfig, libmotioncapture
 from groundstation.settings import Config
+from tests.loops import until
 
 pytest.importorskip(
     "motioncapture", reason="left out: libmotioncapture is not tried, no wheel of motioncapture for this machine"
@@ -40,10 +42,9 @@ def run(work: Callable[[Any, list[Pose]], Awaitable[None]], config: Libmotioncap
     return source
 
 
-async def until(enough: Callable[[], bool], within_s: float = 60.0) -> None:
-    async with asyncio.timeout(within_s):
-        while not enough():
-            await asyncio.sleep(0.02)
+def counts(source: Any, lost: int) -> bool:
+    """Whether so many children are counted as lost."""
+    return bool(source.status.dropped.get("child_lost", 0) == lost)
 
 
 def test_its_poses_come_in_our_axes_stamped_as_the_library_gave_them_less_the_told_latency() -> None:
@@ -64,13 +65,10 @@ def test_a_child_that_dies_and_one_that_hangs_are_started_again(monkeypatch: pyt
     monkeypatch.setattr(libmotioncapture, "SILENT_S", 1.0)
 
     async def work(source: Any, poses: list[Pose]) -> None:
-        for hit in (signal.SIGKILL, signal.SIGSTOP):
+        for lost, hit in enumerate((signal.SIGKILL, signal.SIGSTOP), 1):
             await until(lambda: len(poses) > 5)
-            lost = source.status.dropped.get("child_lost", 0)
             os.kill(source._child.pid, hit)
-            async with asyncio.timeout(60.0):
-                while source.status.dropped.get("child_lost", 0) == lost:
-                    await asyncio.sleep(0.02)
+            await until(partial(counts, source, lost))
             poses.clear()
         await until(lambda: len(poses) > 5)
 

@@ -22,7 +22,7 @@ from links.rf.pacer_process import PacerProcess
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
 from tests.e2e.stations import free_udp_port
-from tests.loops import in_real_time
+from tests.loops import in_real_time, until
 
 PERIOD_S = 0.02
 COAST_S, DOWN_S = 0.25, 0.3
@@ -86,9 +86,7 @@ class Flight:
             await asyncio.sleep(PERIOD_S)
 
     async def lost(self) -> None:
-        async with asyncio.timeout(60.0):
-            while self.link.status.state != "lost":
-                await asyncio.sleep(0.002)
+        await until(lambda: self.link.status.state == "lost")
 
     def fall_silent(self) -> None:
         """No more commands."""
@@ -245,9 +243,8 @@ async def test_a_stand_by_that_dies_or_stands_still_is_told_and_the_pacer_goes_o
         assert "stand-by" not in it.link.status.warning
         struck = time.monotonic()
         os.kill(it.standby, number)
-        async with asyncio.timeout(60.0):
-            while f"the pacer's stand-by {says}: should the pacer end too" not in it.link.status.warning:
-                await asyncio.sleep(0.01)
+        told = f"the pacer's stand-by {says}: should the pacer end too"
+        await until(lambda: told in it.link.status.warning)
         assert it.link.status.state == "armed"
         assert gap_s(it, struck) < GAP_S
         assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck))
@@ -263,9 +260,7 @@ async def test_nothing_is_said_to_bring_down_where_the_pacer_and_its_stand_by_ar
             assert "and with them every frame" not in it.link.status.text
             os.kill(process, signal.SIGKILL)
             await asyncio.sleep(0.05)  # long enough for the stand-by to take over, and to say so
-        async with asyncio.timeout(60.0):
-            while not it.link.status.unmet:
-                await asyncio.sleep(0.002)
+        await until(lambda: it.link.status.unmet)
         assert it.link.status.unmet.startswith("the receiver's failsafe has to act: the pacer and its stand-by ended")
         assert "and with them every frame" in it.link.status.text, "not what was true before"
         assert it.link.status.phase == "over"
@@ -278,16 +273,12 @@ async def test_a_bridge_whose_pacer_lost_its_stand_by_says_so_and_starts_both_an
     async with begun(Bridged(tmp_path)) as it:
         struck = time.monotonic()
         os.kill(it.standby, signal.SIGKILL)
-        async with asyncio.timeout(60.0):
-            while "on the bridge: the pacer's stand-by is gone" not in it.link.status.warning:
-                await asyncio.sleep(0.01)
+        await until(lambda: "on the bridge: the pacer's stand-by is gone" in it.link.status.warning)
         assert it.link.status.state == "armed"
         assert all(sticks.thrust_n > 0.9 for sticks in it.sent(struck)), "the flight goes on"
         it.fall_silent()
         await it.link.disarm()
-        async with asyncio.timeout(60.0):
-            while it.link.status.state != "connected" or "stand-by" in it.link.status.warning:
-                await asyncio.sleep(0.01)
+        await until(lambda: it.link.status.state == "connected" and "stand-by" not in it.link.status.warning)
         (standby,) = children(it.bridge.pid)
         assert standby != it.standby
         await it.link.arm(command)
@@ -319,9 +310,7 @@ async def test_a_station_that_dies_after_its_pacer_is_still_outlived() -> None:
         it.is_one_writers()
         last = it.seen[-1][0]
         assert time.monotonic() - last < GAP_S, "disarm frames go on for a while"
-        async with asyncio.timeout(60.0):
-            while pacer._process.poll() is None:
-                await asyncio.sleep(0.05)
+        await until(lambda: pacer._process.poll() is not None)
 
 
 @pytest.mark.tried(1)  # that it dies, or stands still, which the tests of a station have
@@ -333,9 +322,7 @@ async def test_at_a_bridge_too_the_last_frame_is_never_a_flying_one(number: sign
         os.kill(it.pacer, number)
         await it.lost()
         assert "on the bridge: the pacer" in it.link.status.text
-        async with asyncio.timeout(60.0):
-            while it.link.status.state != "connected":  # another pacer is there
-                await asyncio.sleep(0.01)
+        await until(lambda: it.link.status.state == "connected")  # another pacer is there
         assert not it.link.send(command(1.0))
         await asyncio.sleep(0.6)
         it.is_down()

@@ -13,7 +13,7 @@ from groundstation.core.mission import State
 from groundstation.flight import make_flight
 from links.rf import Channels, CrsfLinkConfig, DsmLinkConfig, RfFrame, Service
 from sim.radio import PtyWire
-from sim.runs import Stage
+from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.stations import free_udp_port
 
@@ -32,12 +32,9 @@ async def flown(duration_s: float) -> list[tuple[float, float]]:
     def step(time_s: float, position: Vec3) -> None:
         path.append((time_s, position))
 
-    async def confirm() -> bool:
-        return True
-
     stage = Stage(world, config, 0, step, pty=wire)
     stage.plant.advance(loop.time())  # it knows the virtual clock's zero only
-    flight = make_flight(config, confirm=confirm)
+    flight = make_flight(config, confirm=confirm_at(0.0))
     beside = asyncio.create_task(stage.run())
     flying = asyncio.create_task(flight.run())
     while (begun := flight.started_s) is None or loop.time() < begun + duration_s:

@@ -17,13 +17,13 @@ from typing import NamedTuple
 
 import pytest
 
-from links.core import Command, LinkLost
+from links.core import Command, LinkLost, LinkStatus
 from links.rf import Channels, DsmLinkConfig, SerialRfLink
 from links.rf.channel_map import ArmSwitch, ChannelMap, Sticks
 from links.rf.pacer import AFTERLIFE_S
 from sim.radio import PtyWire
 from tests.e2e.stamped_reader import StampedReader
-from tests.loops import in_real_time
+from tests.loops import in_real_time, until
 
 COAST_S, DOWN_S = 0.25, 0.3
 STATION = """
@@ -225,14 +225,6 @@ def command(thrust_n: float = 1.0) -> Command:
     return Command(thrust_n, (0.0, 0.0, 0.0), 1, now, now + 0.25)
 
 
-async def until(what: str, link: SerialRfLink, state: str) -> None:
-    async with asyncio.timeout(60.0):
-        while link.status.state != state:
-            link.send(command())
-            await asyncio.sleep(0.01)
-    assert what
-
-
 @in_real_time
 async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up_disarmed(tmp_path: Path) -> None:
     port = tmp_path / "module"
@@ -243,12 +235,17 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
         port=str(port), period_s=0.01, arm_low_s=0.0, arm_high_s=0.2, map=ChannelMap(arm=ArmSwitch(channel=5))
     )
     link = SerialRfLink(config, thrust_max_n=2.0)
+
+    def commanded() -> LinkStatus:
+        link.send(command())
+        return link.status
+
     await link.connect()
     try:
         await link.arm(lambda: command(0.0))
         assert link.status.state == "armed"
         first.close()
-        await until("the plug is out", link, "lost")
+        await until(lambda: commanded().state == "lost")
         assert "/module" in link.status.text or "Input/output error" in link.status.text
         assert not link.send(command())
         came: list[bytes] = []
@@ -256,7 +253,7 @@ async def test_a_port_that_goes_away_is_told_and_one_that_comes_back_is_taken_up
         second.listen(came.append)
         port.unlink()
         port.symlink_to(second.path)
-        await until("the plug is in again", link, "connected")
+        await until(lambda: commanded().state == "connected")
         for _ in range(30):
             assert not link.send(command())
             await asyncio.sleep(0.01)
@@ -309,9 +306,7 @@ async def test_pacer_and_stand_by_are_deaf_to_signals_and_their_death_is_told() 
     assert len(came) > before + 10
     assert link.status.state == "connected"
     os.killpg(group, signal.SIGKILL)
-    async with asyncio.timeout(60.0):
-        while link.status.state != "lost":
-            await asyncio.sleep(0.01)
+    await until(lambda: link.status.state == "lost")
     assert "and with them every frame" in link.status.text
     assert not link.send(command())
     await link.close()

@@ -20,6 +20,7 @@ from groundstation.core.messages import Pose, PoseStatus
 from groundstation.pose import PoseConfig
 from sim.world import World
 from tests.e2e.stations import free_udp_port
+from tests.loops import until
 
 MISHAPS = ["sim.other_bodies=3", "sim.occlusion_s=0.2", "sim.swap_s=0.1", "sim.mishap_period_s=1"]
 KINDS = {
@@ -67,9 +68,7 @@ def heard(config: Any, seconds: float) -> tuple[list[Pose], PoseStatus]:
         source = config.build()
         await source.start(poses.append)
         try:
-            async with asyncio.timeout(60.0):
-                while not poses:
-                    await asyncio.sleep(0.01)
+            await until(lambda: poses)
             await asyncio.sleep(seconds)
             status = source.status
         finally:

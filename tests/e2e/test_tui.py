@@ -33,7 +33,7 @@ from groundstation.interfaces.tui.widgets import (
     Tabs,
     TopView,
 )
-from tests.dashboards import Fixed, Stage, flown, play, says, text, until
+from tests.dashboards import Fixed, Stage, dashboard, flown, play, says, text, until
 from tests.sample_flight import sample
 
 
@@ -58,31 +58,29 @@ def test_every_key_is_explained_in_full_on_any_terminal(stage: Stage, size: tupl
     play(scene, stage.path, size=size)
 
 
-def test_every_part_shows_the_newest_snapshot(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            stage.latest.put(sample(10.0))
-            await until(pilot, lambda: says(pilot, "tracking"))
-            stage.latest.put(sample(11.0))
-            await until(pilot, lambda: "11.0 s" in text(pilot, Banner))
-            await pilot.pause(0.3)
-            assert "following the trajectory" in text(pilot, Banner)
-            assert "control is free" in text(pilot, Banner)
-            north, east, down = sample(11.0).position_ned
-            assert f"{north:+.3f}   {east:+.3f}   {-down:+.3f} m" in text(pilot, Numbers)
-            for words in (
-                "disturbed  +0.100   -0.050   +0.200",
-                "wind down +0.18 ±0.13  thrust 100 ±1 %",
-                "age 12 ms  50 Hz  drops 3",
-            ):
-                assert words in text(pilot, Numbers)
-            for words in ("armed  drops 1  sent 488", "Armed by us", "0.70 /1.37 N"):
-                assert words in text(pilot, Numbers)
-            assert "●" in text(pilot, TopView)
-            assert text(pilot, ErrorHistory).endswith("▇▂")
-            assert "100.000 tracking: following the trajectory" in text(pilot, Events)
-
-    play(scene, stage.path)
+@dashboard()
+async def test_every_part_shows_the_newest_snapshot(pilot: Pilot[None], stage: Stage) -> None:
+    async with stage.up():
+        stage.latest.put(sample(10.0))
+        await until(pilot, lambda: says(pilot, "tracking"))
+        stage.latest.put(sample(11.0))
+        await until(pilot, lambda: "11.0 s" in text(pilot, Banner))
+        await pilot.pause(0.3)
+        assert "following the trajectory" in text(pilot, Banner)
+        assert "control is free" in text(pilot, Banner)
+        north, east, down = sample(11.0).position_ned
+        assert f"{north:+.3f}   {east:+.3f}   {-down:+.3f} m" in text(pilot, Numbers)
+        for words in (
+            "disturbed  +0.100   -0.050   +0.200",
+            "wind down +0.18 ±0.13  thrust 100 ±1 %",
+            "age 12 ms  50 Hz  drops 3",
+        ):
+            assert words in text(pilot, Numbers)
+        for words in ("armed  drops 1  sent 488", "Armed by us", "0.70 /1.37 N"):
+            assert words in text(pilot, Numbers)
+        assert "●" in text(pilot, TopView)
+        assert text(pilot, ErrorHistory).endswith("▇▂")
+        assert "100.000 tracking: following the trajectory" in text(pilot, Events)
 
 
 @pytest.mark.tried(1)  # sizes
@@ -105,44 +103,42 @@ def test_nothing_is_drawn_outside_a_terminal_of_any_size(size: tuple[int, int]) 
     play(scene, Fixed(flown(10.0)), size)
 
 
-def test_no_data_is_said_in_large_letters_and_goes_away_when_the_core_comes_back(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
+@dashboard()
+async def test_no_data_is_said_in_large_letters_and_goes_away_when_the_core_comes_back(
+    pilot: Pilot[None], stage: Stage
+) -> None:
+    await until(pilot, lambda: says(pilot, "NO DATA"))
+    await until(pilot, lambda: "no ground station" in text(pilot, Banner).replace("\n", " "))
+    async with stage.up():
+        stage.latest.put(sample(1.0))
+        await until(pilot, lambda: says(pilot, "tracking"))
+    await until(pilot, lambda: says(pilot, "NO DATA"))
+    assert "it was tracking" in " ".join(text(pilot, Banner).split())
+    async with stage.up():
+        stage.latest.put(sample(2.0))
+        await until(pilot, lambda: says(pilot, "tracking"))
+
+
+@dashboard()
+async def test_a_core_that_hangs_with_its_socket_open_is_no_data_too(pilot: Pilot[None], stage: Stage) -> None:
+    async with stage.up():
+        stage.latest.put(sample(1.0))
+        await until(pilot, lambda: says(pilot, "tracking"))
         await until(pilot, lambda: says(pilot, "NO DATA"))
-        await until(pilot, lambda: "no ground station" in text(pilot, Banner).replace("\n", " "))
-        async with stage.up():
-            stage.latest.put(sample(1.0))
-            await until(pilot, lambda: says(pilot, "tracking"))
-        await until(pilot, lambda: says(pilot, "NO DATA"))
-        assert "it was tracking" in " ".join(text(pilot, Banner).split())
-        async with stage.up():
-            stage.latest.put(sample(2.0))
-            await until(pilot, lambda: says(pilot, "tracking"))
-
-    play(scene, stage.path)
+        assert pilot.app.screen.has_class("alarm")
 
 
-def test_a_core_that_hangs_with_its_socket_open_is_no_data_too(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            stage.latest.put(sample(1.0))
-            await until(pilot, lambda: says(pilot, "tracking"))
-            await until(pilot, lambda: says(pilot, "NO DATA"))
-            assert pilot.app.screen.has_class("alarm")
+@dashboard(size=(160, 40))
+async def test_something_else_at_the_socket_is_told_and_does_not_end_the_screen(
+    pilot: Pilot[None], stage: Stage
+) -> None:
+    async def say(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"hello\n")
+        writer.close()
 
-    play(scene, stage.path)
-
-
-def test_something_else_at_the_socket_is_told_and_does_not_end_the_screen(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async def say(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            writer.write(b"hello\n")
-            writer.close()
-
-        server = await asyncio.start_unix_server(say, stage.path)
-        await until(pilot, lambda: "not a ground" in " ".join(text(pilot, Banner).split()))
-        server.close()
-
-    play(scene, stage.path, (160, 40))
+    server = await asyncio.start_unix_server(say, stage.path)
+    await until(pilot, lambda: "not a ground" in " ".join(text(pilot, Banner).split()))
+    server.close()
 
 
 def finds(pilot: Pilot[None], words: str) -> bool:

@@ -14,7 +14,7 @@ from groundstation.interfaces.tui import app as ordering
 from groundstation.interfaces.tui import model as feed
 from groundstation.interfaces.tui.app import Dashboard
 from groundstation.interfaces.tui.widgets import Knob, Typed
-from tests.dashboards import Fixed, Stage, flown, play, says, standing, told, until
+from tests.dashboards import Fixed, Stage, dashboard, flown, play, says, standing, told, until
 from tests.sample_flight import sample
 
 STOPS = [Ask.LAND, Ask.ABORT, Ask.KILL]
@@ -98,175 +98,154 @@ def test_one_key_lands_this_vehicle_and_every_other_one_also_while_a_name_is_typ
     play(scene, stage.path)
 
 
-def test_letters_that_are_typed_order_nothing(stage: Stage) -> None:
+@dashboard()
+async def test_letters_that_are_typed_order_nothing(pilot: Pilot[None], stage: Stage) -> None:
     stage.latest.put(standing())
-
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await in_control(pilot)
-            await pilot.press("a")
-            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-            await pilot.press(*"hrtack")
-            await pilot.pause(0.1)
-            assert pilot.app.screen.query_one(Input).value == "hrtack"
-            await pilot.press("escape", "4", "slash", *"hrtack")
-            await pilot.pause(0.1)
-            assert stage.asked == []
-
-    play(scene, stage.path)
+    async with stage.up():
+        await in_control(pilot)
+        await pilot.press("a")
+        await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+        await pilot.press(*"hrtack")
+        await pilot.pause(0.1)
+        assert pilot.app.screen.query_one(Input).value == "hrtack"
+        await pilot.press("escape", "4", "slash", *"hrtack")
+        await pilot.pause(0.1)
+        assert stage.asked == []
 
 
-def test_one_press_kills_nothing_and_a_second_one_that_is_late_does_not_either(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await until(pilot, lambda: knows(pilot))
-            await pilot.press("ctrl+k")
-            knob = pilot.app.screen.query(Knob).filter(".kill").first()
-            assert "AGAIN" in str(knob.render())
-            await pilot.pause(1.3)
-            assert "AGAIN" not in str(knob.render())
-            await pilot.press("ctrl+k")
-            await pilot.pause(0.2)
-            assert stage.asked == []
-            await pilot.press("ctrl+k")
-            await until(pilot, lambda: stage.asked == [Ask.KILL])
+@dashboard()
+async def test_one_press_kills_nothing_and_a_second_one_that_is_late_does_not_either(
+    pilot: Pilot[None], stage: Stage
+) -> None:
+    async with stage.up():
+        await until(pilot, lambda: knows(pilot))
+        await pilot.press("ctrl+k")
+        knob = pilot.app.screen.query(Knob).filter(".kill").first()
+        assert "AGAIN" in str(knob.render())
+        await pilot.pause(1.3)
+        assert "AGAIN" not in str(knob.render())
+        await pilot.press("ctrl+k")
+        await pilot.pause(0.2)
+        assert stage.asked == []
+        await pilot.press("ctrl+k")
+        await until(pilot, lambda: stage.asked == [Ask.KILL])
 
-    play(scene, stage.path)
 
-
-def test_arming_asks_for_the_name_and_for_no_other(stage: Stage) -> None:
+@dashboard()
+async def test_arming_asks_for_the_name_and_for_no_other(pilot: Pilot[None], stage: Stage) -> None:
     stage.latest.put(standing())
-
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await in_control(pilot)
-            await pilot.press("a", *"mqy", "enter")
-            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-            await until(pilot, lambda: not pilot.app.screen.query_one(Input).value)  # it is not typed onto
-            await pilot.press("escape")
-            await pilot.pause(0.1)
-            await pilot.press("a", *"mq", "escape", "a")
-            await pilot.pause(0.1)
-            await pilot.press("enter")
-            await pilot.pause(0.1)
-            assert stage.asked == []
-            await pilot.press(*"mqx", "enter")
-            await until(pilot, lambda: stage.asked == [Ask.ARM])
-            await until(pilot, lambda: told(pilot, "arm"))
-
-    play(scene, stage.path)
+    async with stage.up():
+        await in_control(pilot)
+        await pilot.press("a", *"mqy", "enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+        await until(pilot, lambda: not pilot.app.screen.query_one(Input).value)  # it is not typed onto
+        await pilot.press("escape")
+        await pilot.pause(0.1)
+        await pilot.press("a", *"mq", "escape", "a")
+        await pilot.pause(0.1)
+        await pilot.press("enter")
+        await pilot.pause(0.1)
+        assert stage.asked == []
+        await pilot.press(*"mqx", "enter")
+        await until(pilot, lambda: stage.asked == [Ask.ARM])
+        await until(pilot, lambda: told(pilot, "arm"))
 
 
-def test_flying_the_trajectory_asks_once_more_and_enter_alone_means_no(stage: Stage) -> None:
+@dashboard()
+async def test_flying_the_trajectory_asks_once_more_and_enter_alone_means_no(pilot: Pilot[None], stage: Stage) -> None:
     stage.latest.put(sample(1.0, state="hold"))
-
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await in_control(pilot)
-            await pilot.press("t")
-            await until(pilot, lambda: isinstance(pilot.app.screen, ModalScreen))
-            await pilot.press("enter")
-            await until(pilot, lambda: not isinstance(pilot.app.screen, ModalScreen))
-            await pilot.press("t")
-            await until(pilot, lambda: isinstance(pilot.app.screen, ModalScreen))
-            assert stage.asked == []
-            await pilot.press("down", "enter")
-            await until(pilot, lambda: stage.asked == [Ask.TRACK])
-
-    play(scene, stage.path)
+    async with stage.up():
+        await in_control(pilot)
+        await pilot.press("t")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ModalScreen))
+        await pilot.press("enter")
+        await until(pilot, lambda: not isinstance(pilot.app.screen, ModalScreen))
+        await pilot.press("t")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ModalScreen))
+        assert stage.asked == []
+        await pilot.press("down", "enter")
+        await until(pilot, lambda: stage.asked == [Ask.TRACK])
 
 
-def test_what_needs_control_is_not_asked_without_it(stage: Stage) -> None:
+@dashboard()
+async def test_what_needs_control_is_not_asked_without_it(pilot: Pilot[None], stage: Stage) -> None:
     stage.latest.put(standing())
-
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await until(pilot, lambda: knows(pilot))
-            await pilot.press("a")
-            await until(pilot, lambda: told(pilot, "take control first"))
-            await pilot.press("h")
-            await until(pilot, lambda: told(pilot, "needs control"))
-            assert stage.asked == []
-
-    play(scene, stage.path)
+    async with stage.up():
+        await until(pilot, lambda: knows(pilot))
+        await pilot.press("a")
+        await until(pilot, lambda: told(pilot, "take control first"))
+        await pilot.press("h")
+        await until(pilot, lambda: told(pilot, "needs control"))
+        assert stage.asked == []
 
 
-def test_control_is_taken_and_given_back_by_its_key_and_a_refusal_is_told(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await in_control(pilot)
-            await pilot.press("h")
-            await until(pilot, lambda: told(pilot, "hold is not possible while landing"))
-            await pilot.press("c")
-            await until(pilot, lambda: told(pilot, "nobody holds control now"))
-
-    play(scene, stage.path)
-
-
-def test_a_gain_is_changed_and_what_is_no_number_changes_none(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await in_control(pilot)
-            await pilot.press("2")
-            await until(pilot, lambda: bool(pilot.app.screen.query("DataTable")))
-            await pilot.pause(0.4)
-            pilot.app.screen.query_one("DataTable").focus()
-            await pilot.press("enter")
-            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-            await pilot.press("backspace", *"2x", "enter")
-            await until(pilot, lambda: told(pilot, "'2x' is no number"))
-            await pilot.press("enter")
-            await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
-            await pilot.press("backspace", *"2.5", "enter")
-            await until(pilot, lambda: stage.core.gains == {"controller.k2": 2.5})
-
-    play(scene, stage.path)
+@dashboard()
+async def test_control_is_taken_and_given_back_by_its_key_and_a_refusal_is_told(
+    pilot: Pilot[None], stage: Stage
+) -> None:
+    async with stage.up():
+        await in_control(pilot)
+        await pilot.press("h")
+        await until(pilot, lambda: told(pilot, "hold is not possible while landing"))
+        await pilot.press("c")
+        await until(pilot, lambda: told(pilot, "nobody holds control now"))
 
 
-def test_a_screen_that_may_only_look_orders_nothing(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await until(pilot, lambda: knows(pilot))
-            await pilot.press("c", "a", "t", "h", "r", "ctrl+l", "ctrl+x", "ctrl+k", "ctrl+k")
-            await until(pilot, lambda: told(pilot, "NOTHING WAS ORDERED"))  # for some seconds
-            await pilot.press("ctrl+p", *"land", "enter")
-            await pilot.pause(0.5)
-            await pilot.press("escape")
-            assert not pilot.app.screen.query(Knob)
-            assert (stage.asked, stage.core.notes) == ([], [])
+@dashboard()
+async def test_a_gain_is_changed_and_what_is_no_number_changes_none(pilot: Pilot[None], stage: Stage) -> None:
+    async with stage.up():
+        await in_control(pilot)
+        await pilot.press("2")
+        await until(pilot, lambda: bool(pilot.app.screen.query("DataTable")))
+        await pilot.pause(0.4)
+        pilot.app.screen.query_one("DataTable").focus()
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+        await pilot.press("backspace", *"2x", "enter")
+        await until(pilot, lambda: told(pilot, "'2x' is no number"))
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, Typed))
+        await pilot.press("backspace", *"2.5", "enter")
+        await until(pilot, lambda: stage.core.gains == {"controller.k2": 2.5})
 
-    play(scene, stage.path, read_only=True)
+
+@dashboard(read_only=True)
+async def test_a_screen_that_may_only_look_orders_nothing(pilot: Pilot[None], stage: Stage) -> None:
+    async with stage.up():
+        await until(pilot, lambda: knows(pilot))
+        await pilot.press("c", "a", "t", "h", "r", "ctrl+l", "ctrl+x", "ctrl+k", "ctrl+k")
+        await until(pilot, lambda: told(pilot, "NOTHING WAS ORDERED"))  # for some seconds
+        await pilot.press("ctrl+p", *"land", "enter")
+        await pilot.pause(0.5)
+        await pilot.press("escape")
+        assert not pilot.app.screen.query(Knob)
+        assert (stage.asked, stage.core.notes) == ([], [])
 
 
 @pytest.mark.usefixtures("patient")
-def test_what_is_ordered_while_nobody_is_there_is_not_ordered_later(stage: Stage) -> None:
-    async def scene(pilot: Pilot[None]) -> None:
-        await pilot.press("ctrl+x", "ctrl+k", "ctrl+k")
-        await until(pilot, lambda: told(pilot, "NOT SENT"))
-        async with stage.up():
-            await until(pilot, lambda: says(pilot, "tracking"))
-            await pilot.pause(0.3)
-            assert stage.asked == []
-
-    play(scene, stage.path)
+@dashboard()
+async def test_what_is_ordered_while_nobody_is_there_is_not_ordered_later(pilot: Pilot[None], stage: Stage) -> None:
+    await pilot.press("ctrl+x", "ctrl+k", "ctrl+k")
+    await until(pilot, lambda: told(pilot, "NOT SENT"))
+    async with stage.up():
+        await until(pilot, lambda: says(pilot, "tracking"))
+        await pilot.pause(0.3)
+        assert stage.asked == []
 
 
-def test_what_starts_or_steers_is_not_ordered_by_what_is_old(stage: Stage) -> None:
+@dashboard()
+async def test_what_starts_or_steers_is_not_ordered_by_what_is_old(pilot: Pilot[None], stage: Stage) -> None:
     """A core that hangs would find it in its socket later."""
     stage.latest.put(standing())
-
-    async def scene(pilot: Pilot[None]) -> None:
-        async with stage.up():
-            await in_control(pilot)
-            await until(pilot, lambda: says(pilot, "ready"))
-            stage.beats = False
-            await until(pilot, lambda: says(pilot, "NO DATA"))
-            await pilot.press("a", "h", "r", "t")
-            await until(pilot, lambda: told(pilot, "what is shown is old"))
-            assert not isinstance(pilot.app.screen, Typed)
-            assert stage.asked == []
-
-    play(scene, stage.path)
+    async with stage.up():
+        await in_control(pilot)
+        await until(pilot, lambda: says(pilot, "ready"))
+        stage.beats = False
+        await until(pilot, lambda: says(pilot, "NO DATA"))
+        await pilot.press("a", "h", "r", "t")
+        await until(pilot, lambda: told(pilot, "what is shown is old"))
+        assert not isinstance(pilot.app.screen, Typed)
+        assert stage.asked == []
 
 
 def test_leaving_in_the_air_asks_and_says_how_to_come_back(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,6 +18,7 @@ from groundstation.recording import CHANNELS
 from links.io import make_child_command
 from tests.e2e.stations import free_udp_port, served
 from tests.flight.test_viewers import begin, components, needs_rerun
+from tests.loops import until
 from tests.recordings import recorded
 
 
@@ -105,10 +106,8 @@ def test_a_flight_is_shown_as_it_is_flown() -> None:
         pytest.skip(f"NOT TRIED: something else listens at port {port}, where fly --view serves Foxglove")
 
     async def look() -> Counter[str]:
-        async with asyncio.timeout(60.0):
-            while not listening(port):
-                await asyncio.sleep(0.1)
-            return await subscribe(port)
+        await until(lambda: listening(port))
+        return await subscribe(port)
 
     with served() as room:
         words = room.station("fly", "--arm", "mqx", "--view", "foxglove", "--set", "flight.duration_s=2.0")

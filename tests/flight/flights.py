@@ -1,6 +1,8 @@
 """Whole flights in virtual time, flown once in a run of tests however many of them look at it."""
 
-from collections.abc import Sequence
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Sequence
 from functools import cache
 from pathlib import Path
 from statistics import median
@@ -9,7 +11,7 @@ from typing import Any
 from groundstation.config import ConfigError
 from groundstation.core.control import Law
 from groundstation.core.messages import Tick
-from sim.runs import fly
+from sim.runs import Stage, fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.campaign import Campaign, Local, report, run
@@ -21,6 +23,17 @@ __all__ = ["Certified", "ConfigError", "campaign_of", "flown", "flown_ideal", "m
 
 Certified = tuple[float, float, float]
 """Time [s], V with the truth for what is estimated, and the error [m], at a command."""
+
+
+@contextlib.asynccontextmanager
+async def running(stage: Stage) -> AsyncIterator[Stage]:
+    """Within it the simulated side runs."""
+    task = asyncio.create_task(stage.run())
+    try:
+        yield stage
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
 
 @cache

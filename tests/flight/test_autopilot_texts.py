@@ -1,6 +1,5 @@
 """What an autopilot says, in a whole flight: a long text of which a part got lost, and the result of a command."""
 
-import asyncio
 from typing import Any
 
 import pytest
@@ -8,8 +7,9 @@ import pytest
 from groundstation.core.messages import tell_lines
 from groundstation.core.mission import State
 from groundstation.flight import FlightOutcome, make_flight
-from sim.runs import Stage
+from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.flights import running
 from tests.loops import in_virtual_time
 
 LONG = "PreArm: compass 2 is not healthy, calibrate it away from the steel of the floor, then restart the autopilot"
@@ -21,9 +21,6 @@ def test_a_refusal_to_arm_is_told_in_words_and_with_the_gap_of_a_lost_part(monke
     said: list[str] = []
 
     async def main() -> FlightOutcome:
-        async def confirm() -> bool:
-            return True
-
         stage = Stage(world, config, 0)
         stage.autopilot.lacks = LONG
         pack = stage.autopilot.codec.pack
@@ -32,12 +29,9 @@ def test_a_refusal_to_arm_is_told_in_words_and_with_the_gap_of_a_lost_part(monke
             return b"" if message.get_type() == "STATUSTEXT" and message.chunk_seq == 1 else pack(message)
 
         monkeypatch.setattr(stage.autopilot.codec, "pack", lose_second_part)
-        task = asyncio.create_task(stage.run())
-        flight = make_flight(config, confirm=confirm, subscribers=(tell_lines(said.append),))
-        outcome = await flight.run()
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        return outcome
+        flight = make_flight(config, confirm=confirm_at(0.0), subscribers=(tell_lines(said.append),))
+        async with running(stage):
+            return await flight.run()
 
     outcome = in_virtual_time(main)()
     assert outcome.state is State.ABORTED

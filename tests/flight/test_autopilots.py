@@ -1,6 +1,7 @@
 """Flights on both kinds of autopilot, which differ in all but where the vehicle ends up."""
 
 import asyncio
+import math
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,9 @@ from groundstation.core.mission import State
 from groundstation.flight import FlightOutcome, make_flight
 from groundstation.machine import sleep_until
 from sim.autopilots import AUTOPILOTS
-from sim.runs import Stage, fly
+from sim.runs import Stage, confirm_at, fly
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.flights import running
 from tests.loops import in_virtual_time
 
 AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)
@@ -24,8 +26,7 @@ def test_the_figure_eight_is_flown_on_either(autopilot: str, source: str) -> Non
     world, config = prepare(SCENARIOS["paper"], [], source=source)
     result = fly(world, config, seed=0, duration_s=20.0, autopilot=autopilot)
     assert result.completed, result.why
-    assert result.verdict.rms_cm is not None
-    assert result.verdict.rms_cm < 1.0
+    assert result.verdict.rms_cm is not None and result.verdict.rms_cm < 1.0
 
 
 def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[FlightOutcome, Stage, list[str]]:
@@ -34,16 +35,9 @@ def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[FlightO
     said: list[str] = []
 
     async def main() -> tuple[FlightOutcome, Stage]:
-        async def confirm() -> bool:
-            await sleep_until(1.0)
-            return True
-
-        stage = Stage(world, config, 0, autopilot=autopilot, parameters=parameters)
-        running = asyncio.create_task(stage.run())
-        outcome = await make_flight(config, confirm=confirm, subscribers=(tell_lines(said.append),)).run()
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
-        return outcome, stage
+        async with running(Stage(world, config, 0, autopilot=autopilot, parameters=parameters)) as stage:
+            flight = make_flight(config, confirm=confirm_at(1.0), subscribers=(tell_lines(said.append),))
+            return await flight.run(), stage
 
     return *in_virtual_time(main)(), said
 
@@ -53,8 +47,7 @@ def test_a_flight_ends_on_the_floor_and_disarmed_on_either(autopilot: str) -> No
     outcome, stage, _ = ended(autopilot)
     assert outcome.state is State.LANDED, outcome.reason
     assert not stage.autopilot.armed
-    assert stage.plant.floor.touchdown_m_s is not None
-    assert stage.plant.floor.touchdown_m_s < 0.5
+    assert stage.plant.floor.touchdown_m_s is not None and stage.plant.floor.touchdown_m_s < 0.5
 
 
 def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_in_guided_nogps() -> None:
@@ -74,14 +67,10 @@ def test_poses_that_end_in_the_air_are_landed_by_the_autopilot_where_it_is_told_
     world, config = prepare(SCENARIOS["paper"], ["link.bring_down=land", "sim.floor_z_m=1.5"], source="vicon")
 
     async def main() -> tuple[FlightOutcome, Stage, int]:
-        async def confirm() -> bool:
-            await sleep_until(1.0)
-            return True
-
         stage = Stage(world, config, 0, autopilot=autopilot)
         assert stage.mocap is not None
         eyes, hands = asyncio.create_task(stage.mocap.run()), asyncio.create_task(stage.peer.run())
-        flight = make_flight(config, confirm=confirm)
+        flight = make_flight(config, confirm=confirm_at(1.0))
         flying = asyncio.create_task(flight.run())
         await sleep_until(8.0)
         eyes.cancel()
@@ -129,51 +118,40 @@ def test_check_asks_the_autopilot_what_arming_asks_it(
 ) -> None:
     world, config = prepare(SCENARIOS["paper"], ["flight.start=floor"])
 
-    async def never() -> bool:
-        return False
-
     async def main() -> list[Check]:
-        stage = Stage(world, config, 0, autopilot=autopilot, parameters=parameters)
-        running = asyncio.create_task(stage.run())
-        found = await make_flight(config, confirm=never).check()
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
-        return found
+        async with running(Stage(world, config, 0, autopilot=autopilot, parameters=parameters)):
+            return await make_flight(config, confirm=confirm_at(math.inf)).check()
 
     (ready,) = [one for one in in_virtual_time(main)() if one.name == "ready to arm"]
     assert ready.verdict is verdict
     assert words in ready.says
 
 
+@pytest.fixture
+def key(tmp_path: Path) -> Path:
+    """A file with a key for signing."""
+    path = tmp_path / "key"
+    path.write_bytes(bytes(range(32)))
+    path.chmod(0o600)
+    return path
+
+
 @pytest.mark.tried(1)  # autopilots; both fly in the next tests, and the signature is the link's
 @AUTOPILOT
-def test_a_signed_flight_is_flown_on_either(autopilot: str, tmp_path: Path) -> None:
-    key = tmp_path / "key"
-    key.write_bytes(bytes(range(32)))
-    key.chmod(0o600)
+def test_a_signed_flight_is_flown_on_either(autopilot: str, key: Path) -> None:
     outcome, stage, _ = ended(autopilot, f"link.signing_key_file={key}")
     assert outcome.state is State.LANDED, outcome.reason
     assert stage.autopilot.codec.dropped == {}
-    assert (tmp_path / "key.stamp").exists()
+    assert key.with_name("key.stamp").exists()
 
 
-def test_an_autopilot_without_the_key_is_not_believed(tmp_path: Path) -> None:
-    key = tmp_path / "key"
-    key.write_bytes(bytes(range(32)))
-    key.chmod(0o600)
+def test_an_autopilot_without_the_key_is_not_believed(key: Path) -> None:
     world, config = prepare(SCENARIOS["paper"], [f"link.signing_key_file={key}", "link.connect_timeout_s=2"])
 
     async def main() -> FlightOutcome:
-        async def confirm() -> bool:
-            return True
-
-        stage = Stage(world, config, 0)
-        stage.autopilot.codec.signer = None
-        running = asyncio.create_task(stage.run())
-        outcome = await make_flight(config, confirm=confirm).run()
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
-        return outcome
+        async with running(Stage(world, config, 0)) as stage:
+            stage.autopilot.codec.signer = None
+            return await make_flight(config, confirm=confirm_at(0.0)).run()
 
     outcome = in_virtual_time(main)()
     assert outcome.state is State.ABORTED

@@ -16,13 +16,13 @@ from groundstation.flight.flight import Pacing, StallDetector
 from groundstation.machine import sleep_until
 from links.core import Command
 from links.io import Sleep
-from sim.runs import Stage
+from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.bring_down import cut
 from sim.time import VirtualTimeLoop
+from tests.flight.flights import running
 
 SET_POINT = b"\x52\x00\x00"
-CONFIRMED_S = 1.0
 
 
 class Wire:
@@ -88,21 +88,16 @@ def fly(script: Any, *overrides: str, seed: int = 0, pace: str = "period") -> Wi
     wire = Wire()
 
     async def main() -> None:
-        async def confirm() -> bool:
-            await sleep_until(CONFIRMED_S)
-            return True
-
         wire.stage = Stage(world, config, seed, parameters={"COM_OF_LOSS_T": 1.0})  # later than what is looked at
-        flight = make_flight(config, confirm=confirm, subscribers=(wire.hear,))
-        stage = asyncio.create_task(wire.stage.run())
+        flight = make_flight(config, confirm=confirm_at(1.0), subscribers=(wire.hear,))
         beside = asyncio.create_task(script(flight, wire.stage))
-        with contextlib.suppress(UserCodeFault):
-            await flight.run()
-        wire.state, wire.reason = flight.state, flight.snapshot().reason
-        await asyncio.sleep(4.0)
-        for task in (beside, stage):
-            task.cancel()
-        await asyncio.gather(beside, stage, return_exceptions=True)
+        async with running(wire.stage):
+            with contextlib.suppress(UserCodeFault):
+                await flight.run()
+            wire.state, wire.reason = flight.state, flight.snapshot().reason
+            await asyncio.sleep(4.0)
+        beside.cancel()
+        await asyncio.gather(beside, return_exceptions=True)
 
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
         loop = runner.get_loop()
@@ -260,19 +255,9 @@ def test_poses_that_may_have_waited_while_the_program_stood_still_are_not_flown(
 def test_the_bring_down_ends_level_and_not_too_fast(scenario: str, cause: str) -> None:
     """Limits stand above the table in docs/explanation/safety.md, which has more flights."""
     fall = cut(scenario, cause, 6.3, seed=3, overrides=["trajectory.altitude_m=0.0"])
-    assert fall.touchdown_m_s is not None
-    assert fall.touchdown_m_s < 2.5
+    assert fall.touchdown_m_s is not None and fall.touchdown_m_s < 2.5
     assert fall.tilt_deg < 12.0
     assert fall.drift_m < 3.0
-
-
-def test_a_command_in_the_air_carries_a_bring_down_that_ends_with_the_motors_off() -> None:
-    wire = fly(nothing, "flight.duration_s=3.0")
-    assert wire.state is State.LANDED
-    for _, command in wire.commands:
-        assert command.bring_down[-1].thrust_n == 0.0
-        assert sum(part.duration_s for part in command.bring_down) <= 2.0 + 1e-9
-        assert all(part.duration_s > 0.0 and part.thrust_n >= 0.0 for part in command.bring_down)
 
 
 @pytest.mark.parametrize(("pace", "period_s"), [("period", 0.09), ("poses", 0.2)])

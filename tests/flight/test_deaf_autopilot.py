@@ -10,6 +10,7 @@ from groundstation.flight import Flight
 from sim.runs import Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
+from tests.loops import until
 from tests.proving.faults.cell import fly_here
 from tests.proving.faults.fault import Fault, Scene
 
@@ -40,8 +41,7 @@ def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothin
         flight._subscribers += (hear,)
         if autopilot == "ardupilot":  # as the doctor wants it: it holds the last set-point no longer
             stage.autopilot.parameters._table["GUID_TIMEOUT"] = (0.5, 9)
-        while flight.state is not State.HOLD:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is State.HOLD)
         await asyncio.sleep(STRUCK_S)
         since_s = loop.time()
         stage.peer.cut(True, speaks=True)

@@ -16,7 +16,7 @@ from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World
-from tests.flight.flights import flown
+from tests.flight.flights import flown, running
 
 Script = Callable[[Flight, Stage], Coroutine[Any, Any, None]]
 
@@ -47,15 +47,13 @@ async def _play(scene: Scene, world: World, config: Config, script: Script, arm:
     async def confirm() -> bool:
         return arm
 
-    scene.stage = Stage(world, config, 0)
-    flight = make_flight(config, confirm=confirm)
-    stage = asyncio.create_task(scene.stage.run())
-    beside = asyncio.create_task(script(flight, scene.stage))
-    scene.outcome = await flight.run()
-    await asyncio.sleep(5.0)  # whatever still leaves or happens afterwards is seen
-    for task in (beside, stage):
-        task.cancel()
-    await asyncio.gather(beside, stage, return_exceptions=True)
+    async with running(Stage(world, config, 0)) as scene.stage:
+        flight = make_flight(config, confirm=confirm)
+        beside = asyncio.create_task(script(flight, scene.stage))
+        scene.outcome = await flight.run()
+        await asyncio.sleep(5.0)  # whatever still leaves or happens afterwards is seen
+        beside.cancel()
+        await asyncio.gather(beside, return_exceptions=True)
 
 
 def thrust_share(frame: bytes) -> float:
@@ -68,27 +66,6 @@ async def flying(flight: Flight, seconds: float) -> None:
     while flight.started_s is None:
         await asyncio.sleep(0.01)
     await sleep_until(flight.started_s + seconds)
-
-
-def test_a_request_to_land_ends_softly_on_the_floor_and_disarmed() -> None:
-    async def script(flight: Flight, _: Stage) -> None:
-        await flying(flight, 6.0)
-        flight.land("enough")
-
-    scene = play(script, {})
-    assert scene.outcome.state is State.LANDED
-    assert not scene.stage.autopilot.armed
-    touchdown = scene.stage.plant.floor.touchdown_m_s
-    assert touchdown is not None
-    assert touchdown < 0.5
-
-
-def test_a_flight_with_a_duration_lands_by_itself() -> None:
-    async def script(_: Flight, __: Stage) -> None:
-        return
-
-    scene = play(script, {}, "flight.duration_s=5.0")
-    assert scene.outcome.state is State.LANDED
 
 
 def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and_then_by_silence() -> None:
@@ -111,15 +88,15 @@ def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and
     # Nothing at all leaves afterwards, not even a heartbeat: the socket is closed.
     assert max(t for t, _ in scene.sent) <= stopped[0] + 2.30
     touchdown = scene.stage.plant.floor.touchdown_m_s
-    assert touchdown is not None
-    assert touchdown < 2.0
+    assert touchdown is not None and touchdown < 2.0
+
+
+async def nothing(_flight: Flight, _stage: Stage) -> None:
+    """Nothing happens beside the flight."""
 
 
 def test_an_operator_who_does_not_confirm_moves_nothing() -> None:
-    async def script(_: Flight, __: Stage) -> None:
-        return
-
-    scene = play(script, {}, arm=False)
+    scene = play(nothing, {}, arm=False)
     assert scene.outcome.state is State.ABORTED
     assert "did not confirm" in scene.outcome.reason
     assert not [data for _, data in scene.sent if data[7:10] == b"\x52\x00\x00"]
@@ -261,13 +238,16 @@ def test_a_flight_into_the_floor_is_reported_as_a_crash() -> None:
     assert "floor" in result.why
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_frames_leave_every_22_5_ms(seed: int) -> None:
+def test_a_request_to_land_ends_softly_on_the_floor_and_disarmed_and_frames_leave_every_22_5_ms() -> None:
     async def script(flight: Flight, _: Stage) -> None:
-        await flying(flight, 3.0)
-        flight.land("done")
+        await flying(flight, 6.0)
+        flight.land("enough")
 
     scene = play(script, {})
+    assert scene.outcome.state is State.LANDED
+    assert not scene.stage.autopilot.armed
+    touchdown = scene.stage.plant.floor.touchdown_m_s
+    assert touchdown is not None and touchdown < 0.5
     frames = [t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00"]
     gaps = [b - a for a, b in zip(frames, frames[1:], strict=False)]
     assert sorted(gaps)[len(gaps) // 2] == pytest.approx(0.0225, abs=1e-9)

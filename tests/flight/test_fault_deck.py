@@ -124,8 +124,7 @@ def test_a_vehicle_that_something_moves_flies_on_by_true_poses(case: str, state:
     (row,) = fly_all([Planned(Cell(case, state, link), "paper", 0)], overrides=(), workers=1)
     assert row.safe, row.why
     assert row.ended == "flies on"
-    assert row.unguarded_m_s is not None
-    assert row.unguarded_m_s > 0.0
+    assert row.unguarded_m_s is not None and row.unguarded_m_s > 0.0
 
 
 @pytest.mark.parametrize(("doubt", "ended"), FORCED)
@@ -156,8 +155,7 @@ def test_an_estimator_that_resets_its_heading_has_the_true_one_again_and_says_so
 def test_where_only_answers_get_lost_the_descent_is_no_fall(state: str) -> None:
     row = fly_cell("one way silent: answers", state)
     assert row.safe, row.why
-    assert row.touchdown_m_s is not None
-    assert row.touchdown_m_s < 0.85
+    assert row.touchdown_m_s is not None and row.touchdown_m_s < 0.85
 
 
 @pytest.mark.tried(1)  # faults
@@ -165,8 +163,7 @@ def test_where_only_answers_get_lost_the_descent_is_no_fall(state: str) -> None:
 def test_late_poses_and_lost_frames_do_not_make_a_landing_in_bad_air_a_fall(case: str) -> None:
     row = fly_cell(case, "landing", seed=3, scenario="adverse", overrides=FAR)
     assert row.safe, row.why
-    assert row.touchdown_m_s is not None
-    assert row.touchdown_m_s < 0.95
+    assert row.touchdown_m_s is not None and row.touchdown_m_s < 0.95
 
 
 @pytest.mark.tried(1)  # at take-off as at landing

@@ -12,10 +12,12 @@ from groundstation.core.messages import PoseRecord, tell_lines
 from groundstation.core.mission import State
 from groundstation.flight import FlightOutcome, make_flight
 from groundstation.pose.sources import describe_drop
-from sim.runs import Stage
+from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import TrackedBody, Tracker
+from sim.trackers import TrackedBody
+from tests.flight.flights import running
 from tests.loops import in_virtual_time
+from tests.proving.faults import stand_between
 
 BEGIN_S = 3.0
 """The field is set from here on, in flight [s]."""
@@ -41,25 +43,6 @@ def without_place(body: TrackedBody) -> TrackedBody:
     return body._replace(position_ned=NOWHERE)
 
 
-class Spoiler:
-    """Stands before a tracker, and spoils its bodies while ``is_bad()``."""
-
-    def __init__(
-        self, tracker: Tracker, is_bad: Callable[[], bool], spoil: Callable[[TrackedBody], TrackedBody]
-    ) -> None:
-        self._tracker, self._is_bad, self._spoil = tracker, is_bad, spoil
-
-    async def open(self) -> None:
-        await self._tracker.open()
-
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        seen = [self._spoil(body) for body in bodies] if self._is_bad() else bodies
-        self._tracker.send(frame, exposure_s, seen)
-
-    def close(self) -> None:
-        self._tracker.close()
-
-
 class Flown(NamedTuple):
     """Outcome of a flight."""
 
@@ -77,9 +60,6 @@ def flown(monkeypatch: pytest.MonkeyPatch, source: str, lasts_s: float, spoil: C
     said: list[str] = []
 
     async def main() -> Flown:
-        async def confirm() -> bool:
-            return True
-
         loop = asyncio.get_running_loop()
         begin_s = loop.time() + BEGIN_S
         used_s: list[float] = []
@@ -91,9 +71,12 @@ def flown(monkeypatch: pytest.MonkeyPatch, source: str, lasts_s: float, spoil: C
         def is_bad() -> bool:
             return begin_s <= loop.time() < begin_s + lasts_s
 
+        def seen(_: float, bodies: Sequence[TrackedBody]) -> Sequence[TrackedBody]:
+            return [spoil(body) for body in bodies] if is_bad() else bodies
+
         stage = Stage(world, config, 0)
-        if stage.mocap is not None:
-            stage.mocap.through(lambda tracker: Spoiler(tracker, is_bad, spoil))
+        if (meddler := stand_between(stage)) is not None:
+            meddler.picture = seen
         else:
             pack = stage.autopilot.codec.pack
 
@@ -101,11 +84,9 @@ def flown(monkeypatch: pytest.MonkeyPatch, source: str, lasts_s: float, spoil: C
                 return pack(spoil(message) if message.get_type() == "ODOMETRY" and is_bad() else message)
 
             monkeypatch.setattr(stage.autopilot.codec, "pack", spoil_odometry)
-        task = asyncio.create_task(stage.run())
-        flight = make_flight(config, confirm=confirm, subscribers=(tell_lines(said.append), keep))
-        outcome = await flight.run()
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        flight = make_flight(config, confirm=confirm_at(0.0), subscribers=(tell_lines(said.append), keep))
+        async with running(stage):
+            outcome = await flight.run()
         return Flown(outcome, said, [at_s for at_s in used_s if at_s >= 0.0], flight.snapshot().poses_dropped)
 
     return in_virtual_time(main)()

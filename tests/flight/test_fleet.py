@@ -71,8 +71,7 @@ def reasons(one: FleetFlight, state: State) -> str:
 def test_three_vehicles_fly_side_by_side_and_keep_apart() -> None:
     mission = flown(3, *SHORT)
     assert mission.landed, [one.why for one in mission.vehicles]
-    assert mission.nearest is not None
-    assert mission.nearest.distance_m > 2.5
+    assert mission.nearest is not None and mission.nearest.distance_m > 2.5
     assert all(one.touchdown_m_s is not None and one.touchdown_m_s <= 0.5 for one in mission.vehicles)
     assert all(one.home_m < 0.1 for one in mission.vehicles)
 
@@ -96,8 +95,7 @@ def test_two_that_are_told_to_be_at_the_same_place_stop_before_they_meet() -> No
         assert f"from {other} and nearing: braking" in reasons(one, State.HOLD)
         assert reasons(one, State.DESCENT) == ""
         assert one.states[-1].state == State.LANDED, one.states[-1]
-        assert one.touchdown_m_s is not None
-        assert one.touchdown_m_s <= 0.5
+        assert one.touchdown_m_s is not None and one.touchdown_m_s <= 0.5
 
 
 def test_from_one_that_looks_at_nobody_the_other_lands() -> None:
@@ -115,8 +113,7 @@ def test_from_one_that_looks_at_nobody_the_other_lands() -> None:
     assert "from quad2 and nearing: braking" in reasons(first, State.HOLD)
     assert "from quad2, limit 0.6 m" in reasons(first, State.LANDING)
     assert reasons(first, State.DESCENT) == ""
-    assert first.touchdown_m_s is not None
-    assert first.touchdown_m_s <= 0.5
+    assert first.touchdown_m_s is not None and first.touchdown_m_s <= 0.5
     assert mission.nearest is not None
     assert mission.nearest.distance_m > 0.3
 
@@ -152,8 +149,7 @@ def test_without_the_relay_every_core_brings_its_own_vehicle_down() -> None:
     for one in mission.vehicles:
         assert "no pose for" in reasons(one, State.DESCENT)
         assert one.states[-1].state == State.ABORTED
-        assert one.touchdown_m_s is not None
-        assert one.touchdown_m_s < 2.0
+        assert one.touchdown_m_s is not None and one.touchdown_m_s < 2.0
 
 
 def test_who_stands_too_near_to_another_does_not_take_off() -> None:

@@ -22,9 +22,10 @@ from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, 
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.autopilot import ExternalPoses, Fused
 from sim.autopilots.dialects import PX4_LAND as LAND
-from sim.runs import Stage, fly_mission, from_floor
+from sim.runs import Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from tests.loops import in_virtual_time
+from tests.flight.flights import running
+from tests.loops import in_virtual_time, until
 
 ON = "link.forward.enabled=true"
 
@@ -36,20 +37,11 @@ def ready(
     world, config = prepare(SCENARIOS["quad1kg"], list(overrides), source=source)
 
     async def main() -> Stage:
-        stage = Stage(world, config, seed=1, autopilot=autopilot)
-
-        async def never() -> bool:
-            await asyncio.Event().wait()
-            return False
-
-        flight = make_flight(config, confirm=never, wires=stage.wires)
-        tasks = [asyncio.create_task(stage.run()), asyncio.create_task(flight.run())]
-        try:
+        async with running(Stage(world, config, seed=1, autopilot=autopilot)) as stage:
+            waiting = asyncio.create_task(make_flight(config, confirm=confirm_at(1e6), wires=stage.wires).run())
             await meanwhile(stage)
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            waiting.cancel()
+            await asyncio.gather(waiting, return_exceptions=True)
         return stage
 
     stage = in_virtual_time(main)()
@@ -139,7 +131,7 @@ def test_poses_that_were_found_to_be_wrong_leave_no_more_and_no_land_rests_on_th
 
     async def script(flight: Flight, stage: Stage) -> None:
         stages.append(stage)
-        await reached(flight, State.HOLD)
+        await until(lambda: flight.state is State.HOLD)
         await asyncio.sleep(0.5)
         fused = stage.autopilot.external.fused
         while forwards and fused[-1].arrival_s < asyncio.get_running_loop().time() - 0.001:
@@ -167,7 +159,7 @@ def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(monkeypatch: p
 
     async def script(flight: Flight, stage: Stage) -> None:
         stages.append(stage)
-        await reached(flight, State.TRACKING)
+        await until(lambda: flight.state is State.TRACKING)
         await asyncio.sleep(2.0)
         monkeypatch.setattr(PoseGate, "accepts", lambda *_: False)
         rejected_s.append(asyncio.get_running_loop().time())
@@ -233,20 +225,15 @@ def taken_over(
 
     async def script(flight: Flight, stage: Stage) -> None:
         stages.append(stage)
-        await reached(flight, State.TRACKING)
+        await until(lambda: flight.state is State.TRACKING)
         assert isinstance(stage.autopilot, Px4Autopilot)
         stage.autopilot.take_over(asyncio.get_running_loop().time())
-        await reached(flight, State.HANDED_OVER)
+        await until(lambda: flight.state is State.HANDED_OVER)
         if beside is not None:
             await beside(flight)
 
     fly_mission(world, config, seed=1, on_event=lambda event: lines.append((event.time_s, event.says)), script=script)
     return stages[0].autopilot.external, lines
-
-
-async def reached(flight: Flight, state: State) -> None:
-    while flight.state is not state:
-        await asyncio.sleep(0.01)
 
 
 def test_forwarding_stops_when_poses_stop_and_goes_on_when_they_are_back() -> None:
@@ -287,8 +274,7 @@ def test_in_flight_the_autopilot_is_told_the_velocity_along_its_own_axes() -> No
     assert last.velocity == pytest.approx((0.0, -2.0, 0.0), abs=1e-9)  # it flies north, which is to its left
     assert last.noise_m_s == pytest.approx(math.sqrt(2.0) * 0.005 / 0.05, rel=0.01)
     measured = forward.take(pose(30, velocity_ned=(1.0, 0.0, 0.0)), 0.31)
-    assert measured is not None
-    assert measured.measured_velocity
+    assert measured is not None and measured.measured_velocity
 
 
 def pose(n: int, place: Vec3 | None = None, **more: Any) -> Pose:

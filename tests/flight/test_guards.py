@@ -16,6 +16,7 @@ from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
 from sim.world import TrueState
 from tests.flight.test_missions import SHORT
+from tests.loops import until
 
 Wrong = Callable[[TrueState], TrueState]
 
@@ -27,8 +28,7 @@ def mission(script: Script, *overrides: str, scenario: str = "paper", figure_s: 
 
 
 async def tracking(flight: Flight, seconds: float = 1.0) -> None:
-    while flight.state is not State.TRACKING:
-        await asyncio.sleep(0.01)
+    await until(lambda: flight.state is State.TRACKING)
     await asyncio.sleep(seconds)
 
 
@@ -81,8 +81,7 @@ def test_poses_that_come_back_in_time_find_the_vehicle_in_a_descent_that_ends_so
     assert states(flown)[-3:] == ["descent", "disarming", "landed"]
     assert "no pose for 24" in flown.fault
     assert not flown.landed
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 1.0
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 1.0
 
 
 def test_poses_that_stay_away_are_followed_by_the_descent_and_then_by_the_bring_down() -> None:
@@ -91,8 +90,7 @@ def test_poses_that_stay_away_are_followed_by_the_descent_and_then_by_the_bring_
     descent, aborted = flown.states[-2:]
     assert aborted.time_s - descent.time_s == pytest.approx(0.25, abs=0.03)
     assert "no pose for 5" in aborted.reason
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 3.5
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 3.5
 
 
 @pytest.mark.tried(1)  # places
@@ -158,22 +156,19 @@ def test_who_takes_over_between_two_heartbeats_keeps_it_although_the_vehicle_the
         assert states(flown)[-1] == "handed_over"
 
 
-def test_a_gust_beyond_all_limits_ends_the_flight_softly() -> None:
-    async def script(_: Flight, __: Stage) -> None:
-        return
+async def nothing(_flight: Flight, _stage: Stage) -> None:
+    """Nothing happens beside the flight."""
 
-    flown = mission(script, "sim.wind_step=[12.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
+
+def test_a_gust_beyond_all_limits_ends_the_flight_softly() -> None:
+    flown = mission(nothing, "sim.wind_step=[12.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
     assert not flown.landed
     assert flown.fault
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 3.5
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 3.5
 
 
 def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
-    async def script(_: Flight, __: Stage) -> None:
-        return
-
-    flown = mission(script, "sim.wind_step=[5.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
+    flown = mission(nothing, "sim.wind_step=[5.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
     assert flown.landed, flown.fault
 
 
@@ -244,10 +239,7 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
     ],
 )  # fmt: skip
 def test_a_flight_that_fails_its_checks_does_not_begin(overrides: tuple[str, ...], says: str) -> None:
-    async def script(_: Flight, __: Stage) -> None:
-        return
-
-    flown = mission(script, *overrides)
+    flown = mission(nothing, *overrides)
     assert states(flown) == ["connecting", "aborted"]
     assert says in flown.why
     assert flown.touchdown_m_s is None

@@ -17,6 +17,7 @@ from sim.runs import fly_mission as fly
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT
 from tests.hold_double import Hand
+from tests.loops import until
 
 SOON_S = DEBOUNCE_S + 2 * LOOK_S
 
@@ -40,8 +41,7 @@ def flown(
         nonlocal at_s
         await asyncio.sleep(2.0)
         hand.held = True
-        while flight.state is not state:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is state)
         await asyncio.sleep(after_s)
         change(hand)
         at_s = asyncio.get_running_loop().time()
@@ -94,8 +94,7 @@ def test_what_is_not_held_or_stuck_is_not_armed(hand: Hand, stuck: bool, why: st
     seen: dict[str, Any] = {}
 
     async def script(flight: Flight, _: Stage) -> None:
-        while flight.state is not State.READY:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is State.READY)
         seen["check"] = next(one for one in flight.snapshot().checks if one.name == "operator's hold")
         seen["reply"] = flight.ask(Request(Ask.ARM, "the test"))
         seen["state"] = flight.state
@@ -131,8 +130,7 @@ def test_a_channel_of_the_transmitter_is_held_as_the_autopilot_tells_it(
         nonlocal at_s
         await asyncio.sleep(2.0)
         stage.autopilot.channels = [1000, 1900]
-        while flight.state is not State.TRACKING:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is State.TRACKING)
         stage.autopilot.channels = after
         at_s = asyncio.get_running_loop().time()
 

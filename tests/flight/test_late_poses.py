@@ -10,34 +10,14 @@ from groundstation.core.mission import FINAL, State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import TrackedBody, Tracker
+from sim.trackers import TrackedBody
+from tests.loops import until
+from tests.proving.faults import stand_between
+from tests.proving.faults.pictures import Send
 
 STRIKE_AFTER_S = 1.0
 LASTS_S = 10.0
 SOURCES = ["vicon", "natnet", "qualisys", "json"]
-
-
-class Queue:
-    """Implements :class:`sim.trackers.trackers.Tracker`: from ``late_s`` > 0 on each frame waits for so long."""
-
-    def __init__(self, tracker: Tracker) -> None:
-        self._tracker = tracker
-        self.late_s = 0.0
-        self.left_s = 0.0
-        """When the newest frame that has left was exposed."""
-
-    async def open(self) -> None:
-        await self._tracker.open()
-
-    def close(self) -> None:
-        self._tracker.close()
-
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        asyncio.get_running_loop().call_later(self.late_s, self._send, frame, exposure_s, bodies)
-
-    def _send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        self.left_s = max(self.left_s, exposure_s)
-        self._tracker.send(frame, exposure_s, bodies)
 
 
 def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[float]]:
@@ -47,26 +27,30 @@ def late(source: str, late_s: float) -> tuple[MissionResult, list[str], list[flo
     errors: list[float] = []
 
     async def script(flight: Flight, stage: Stage) -> None:
-        queues: list[Queue] = []
+        left_s = 0.0
+        """When the newest frame that has left was exposed."""
 
-        def wait(tracker: Tracker) -> Tracker:
-            queues.append(Queue(tracker))
-            return queues[0]
+        def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
+            def leave() -> None:
+                nonlocal left_s
+                left_s = max(left_s, exposure_s)
+                send(frame, exposure_s, bodies)
 
-        assert stage.mocap is not None
-        stage.mocap.through(wait)
-        while flight.state is not State.HOLD:
-            await asyncio.sleep(0.01)
+            asyncio.get_running_loop().call_later(late_s, leave)
+
+        meddler = stand_between(stage)
+        assert meddler is not None
+        await until(lambda: flight.state is State.HOLD)
         await asyncio.sleep(STRIKE_AFTER_S)
         told.clear()
-        queues[0].late_s = late_s
+        meddler.way = way
         await asyncio.sleep(late_s + 0.1)
         for _ in range(round(LASTS_S / 0.05)):
             await asyncio.sleep(0.05)
             if flight.state in FINAL:
                 return
             true_s = asyncio.get_running_loop().time() - flight.snapshot().pose_age_s
-            errors.append(true_s - queues[0].left_s)
+            errors.append(true_s - left_s)
         flight.stop("enough was seen")
 
     mission = fly_mission(world, config, seed=0, on_event=lambda event: told.append(event.line), script=script)

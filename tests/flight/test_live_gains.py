@@ -12,6 +12,7 @@ from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT
+from tests.loops import until
 
 
 def flown(folder: Path, key: str, value: float) -> tuple[MissionResult, Path, list[str]]:
@@ -21,8 +22,7 @@ def flown(folder: Path, key: str, value: float) -> tuple[MissionResult, Path, li
     replies = []
 
     async def script(flight: Flight, _: Stage) -> None:
-        while flight.state is not State.TRACKING:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is State.TRACKING)
         await asyncio.sleep(14.0)
         replies.append(flight.set_gain(key, value))
 

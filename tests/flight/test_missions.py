@@ -16,6 +16,7 @@ from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
 from sim.runs.flight import Script
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
+from tests.loops import until
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
 SHORT = (
@@ -37,8 +38,7 @@ def in_state(state: State, ask: Ask, after_s: float = 0.3) -> Script:
     """Ask as ``state`` has lasted ``after_s``."""
 
     async def script(flight: Flight, _: Stage) -> None:
-        while flight.state is not state:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is state)
         await asyncio.sleep(after_s)
         flight.ask(Request(ask, "the test"))
 
@@ -52,11 +52,9 @@ def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scena
     assert flown.landed, flown.why
     assert [one.state for one in flown.states] == WAY
     assert all(one.reason for one in flown.states)
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s <= 0.5
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s <= 0.5
     assert flown.figure_s >= 2.9
-    assert flown.rms_cm is not None
-    assert flown.rms_cm < rms_cm
+    assert flown.rms_cm is not None and flown.rms_cm < rms_cm
     assert flown.home_m < 0.1
     assert flown.tilt_max_deg < 30.0
 
@@ -66,8 +64,7 @@ def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scena
 def test_every_scenario_takes_off_and_lands(scenario: str) -> None:
     flown = mission(scenario, *SHORT, seed=1)
     assert flown.landed, flown.fault or flown.why
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s <= 0.5
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s <= 0.5
 
 
 @pytest.mark.tried(1)  # each flies in contract/test_controllers.py
@@ -75,8 +72,7 @@ def test_every_scenario_takes_off_and_lands(scenario: str) -> None:
 def test_every_controller_takes_off_and_lands(controller: str) -> None:
     flown = mission("paper", *SHORT, f"controller.kind={controller}")
     assert flown.landed, flown.fault or flown.why
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s <= 0.5
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s <= 0.5
 
 
 def test_a_controller_that_does_not_hold_its_place_is_brought_down_though_its_wind_is_wrong() -> None:
@@ -84,8 +80,7 @@ def test_a_controller_that_does_not_hold_its_place_is_brought_down_though_its_wi
     flown = mission("paper", *SHORT, "controller.kind=uncompensated")
     assert flown.fault  # it leans from wind that nobody takes back
     assert [one.state for one in flown.states][-3:] == ["descent", "disarming", "landed"]
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 1.0
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 1.0
     assert flown.home_m < 30.0  # 20 s of descent with that wind
 
 
@@ -93,8 +88,7 @@ def test_thrust_effectiveness_is_not_learnt_on_the_floor() -> None:
     learnt: list[float] = []
 
     async def script(flight: Flight, _: Stage) -> None:
-        while flight.state is not State.TAKEOFF:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is State.TAKEOFF)
         while flight.snapshot().thrust_n == 0.0:  # no law has flown yet
             learnt.append(flight._pilot._estimator._effectiveness.value)
             await asyncio.sleep(0.01)
@@ -128,13 +122,13 @@ def test_an_autopilot_whose_own_checks_fail_is_told_of_before_it_refuses_to_arm(
     assert "Compass Sensor 0 missing" in flown.why
 
 
-def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_again() -> None:
-    flown = mission("paper", *SHORT, "sim.thrust_gain=1.6")
+@pytest.mark.parametrize("script", [None, in_state(State.HOLD, Ask.HOLD)], ids=["by itself", "told to hold"])
+def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_again(script: Script | None) -> None:
+    flown = mission("paper", *SHORT, "sim.thrust_gain=1.6", script=script)
     assert not flown.landed
     assert "vehicle.hover_range allows 70 to 145 %" in flown.fault
     assert [one.state for one in flown.states][-4:] == ["hold", "landing", "disarming", "landed"]
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 0.5
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 0.5
 
 
 def test_landing_in_flight_begins_without_a_step_of_the_speed() -> None:
@@ -264,25 +258,9 @@ def test_motors_that_an_autopilot_will_not_stop_on_the_floor_are_stopped_by_forc
     assert not stages[0].autopilot.armed
 
 
-@pytest.mark.parametrize("state", [State.TAKEOFF, State.HOLD, State.TRACKING, State.RETURNING, State.LANDING])
-def test_where_only_answers_get_lost_it_comes_down_and_stops_its_motors(state: State) -> None:
-    stages: list[Stage] = []
-
-    async def script(flight: Flight, stage: Stage) -> None:
-        stages.append(stage)
-        while flight.state is not state:
-            await asyncio.sleep(0.01)
-        stage.autopilot.answers_timesync = False
-
-    flown = mission("paper", *SHORT, script=script)
-    assert flown.states[-1].state == State.LANDED, flown.why
-    assert stages[0].plant._body.thrust < 0.05
-
-
 def test_a_way_down_that_does_not_end_is_ended() -> None:
     async def script(flight: Flight, stage: Stage) -> None:
-        while flight.state is not State.HOLD:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is State.HOLD)
         flight._progress._course._touches_down = lambda *_: False  # type: ignore[method-assign]
         flight.land("the test")
 
@@ -317,24 +295,7 @@ def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
     flown = mission("paper", *SHORT, script=script, figure_s=30.0)
     assert flown.landed
     names = [one.state for one in flown.states]
-    assert names[3:] == [
-        "takeoff",
-        "hold",
-        "tracking",
-        "hold",
-        "tracking",
-        "returning",
-        "landing",
-        "disarming",
-        "landed",
-    ]
-
-
-def test_a_vehicle_whose_hover_thrust_is_not_its_own_lands_though_it_was_told_to_hold() -> None:
-    script = in_state(State.HOLD, Ask.HOLD)
-    flown = mission("paper", *SHORT, "sim.thrust_gain=1.6", script=script)
-    assert "vehicle.hover_range allows 70 to 145 %" in flown.fault
-    assert [one.state for one in flown.states][-4:] == ["hold", "landing", "disarming", "landed"]
+    assert names[3:] == [*WAY[3:6], "hold", *WAY[5:]]
 
 
 @pytest.mark.tried(1)  # ways to end; test_replay.py flies others again

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from groundstation.flight import Flight
 from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
+from tests.loops import until
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
 FENCE = 'fence={kind="box", north_m=[-3, 3], east_m=[-3, 3], height_m=2.5}'
@@ -22,15 +24,12 @@ NEAR = Waypoint(1.0, -0.2, 0.2, 90.0)
 
 
 async def hold_first(flight: Flight) -> None:
-    while flight.state is not State.HOLD:
-        await asyncio.sleep(0.01)
+    await until(lambda: flight.state is State.HOLD)
     assert flight.ask(Request(Ask.HOLD, "the test")).done
 
 
-async def until(state: State, flight: Flight) -> None:
-    async with asyncio.timeout(60.0):
-        while flight.state is not state:
-            await asyncio.sleep(0.01)
+def is_in(flight: Flight, state: State) -> bool:
+    return flight.state is state
 
 
 def goto(flight: Flight, *points: Waypoint) -> Reply:
@@ -50,7 +49,7 @@ def test_it_flies_straight_to_a_point_turns_as_asked_and_holds_there_until_told(
         await hold_first(flight)
         said = goto(flight, NEAR)
         assert said.done and said.says.startswith("moving: to north 1.00, east -0.20, 0.80 m above the floor: the test")
-        await until(State.HOLD, flight)
+        await until(lambda: flight.state is State.HOLD)
         await asyncio.sleep(3.0)
         truth = stage.plant.truth(asyncio.get_running_loop().time())
         seen.append((math.dist(truth.position_ned, NEAR.place_ned), so3.euler_zyx(truth.attitude)[2]))
@@ -96,7 +95,7 @@ def test_points_are_flown_one_after_the_other() -> None:
     async def script(flight: Flight, _: Stage) -> None:
         await hold_first(flight)
         assert goto(flight, NEAR, Waypoint(0.0, 0.0, 0.0), Waypoint(0.5, 0.5, 0.2)).done
-        await until(State.HOLD, flight)
+        await until(lambda: flight.state is State.HOLD)
         told.extend(notice.line for notice in flight.snapshot().events)
         flight.land("the test")
 
@@ -155,7 +154,7 @@ def test_a_leg_towards_another_vehicle_is_refused_and_one_that_it_has_come_into_
         said = goto(flight, there)
         assert not said.done and "too near to other0" in said.says
         assert goto(flight, NEAR, later).done
-        await until(State.HOLD, flight)
+        await until(lambda: flight.state is State.HOLD)
         told.append(flight.reason)
         flight.land("the test")
 
@@ -167,7 +166,7 @@ def test_a_leg_towards_another_vehicle_is_refused_and_one_that_it_has_come_into_
 def test_only_a_vehicle_that_holds_goes_anywhere() -> None:
     async def script(flight: Flight, _: Stage) -> None:
         for state in (State.READY, State.TAKEOFF, State.TRACKING, State.RETURNING, State.LANDING):
-            await until(state, flight)
+            await until(partial(is_in, flight, state))
             said = goto(flight, NEAR)
             assert not said.done and f"not possible while {state}" in said.says
 
@@ -182,7 +181,7 @@ def test_a_flight_with_points_is_flown_again_from_its_recording_to_the_last_bit(
     async def script(flight: Flight, _: Stage) -> None:
         await hold_first(flight)
         assert goto(flight, NEAR, Waypoint(0.0, 0.0, 0.0)).done
-        await until(State.HOLD, flight)
+        await until(lambda: flight.state is State.HOLD)
         flight.land("the test")
 
     done = fly_mission(world, config, seed=0, script=script, give=run.give)

@@ -9,6 +9,7 @@ from groundstation.flight import Flight
 from sim.radio import RfReceiver
 from sim.runs import MissionResult, Stage
 from tests.flight.test_missions import SHORT, mission
+from tests.loops import until
 
 
 def struck(link: str, *, stopped: bool) -> tuple[MissionResult, float, bool]:
@@ -17,8 +18,7 @@ def struck(link: str, *, stopped: bool) -> tuple[MissionResult, float, bool]:
     stages: list[Stage] = []
 
     async def script(flight: Flight, stage: Stage) -> None:
-        while flight.state is not State.TRACKING:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is State.TRACKING)
         await asyncio.sleep(0.503)
         assert stage.port.pacer is not None
         stage.port.pacer.strike(stopped=stopped)
@@ -43,8 +43,7 @@ def test_a_pacer_that_dies_or_stands_still_is_told_at_once_and_the_vehicle_is_br
     assert "its stand-by has taken over and brings down" in aborted.reason
     assert aborted.time_s < struck_s + 0.15
     assert not armed
-    assert flown.touchdown_m_s is not None
-    assert flown.touchdown_m_s < 2.5
+    assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 2.5
 
 
 def test_no_autopilot_is_said_to_have_felt_the_floor_where_nothing_comes_back() -> None:

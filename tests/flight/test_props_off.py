@@ -17,7 +17,7 @@ from sim.autopilots import AUTOPILOTS
 from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
-from tests.loops import in_virtual_time
+from tests.loops import in_virtual_time, until
 
 Script = Callable[["Bench"], Awaitable[None]]
 AUTOPILOT = pytest.mark.parametrize("autopilot", AUTOPILOTS)
@@ -36,10 +36,8 @@ class Bench:
     def heard(self, event: str) -> News:
         return next(news for news in self.news if news.event == event)
 
-    async def until(self, event: str, within_s: float = 20.0) -> News:
-        async with asyncio.timeout(within_s):
-            while not any(news.event == event for news in self.news):
-                await asyncio.sleep(0.01)
+    async def until(self, event: str) -> News:
+        await until(lambda: any(news.event == event for news in self.news))
         return self.heard(event)
 
 

@@ -19,6 +19,7 @@ from sim.runs import RECORDING, Stage, fly, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT, mission
+from tests.loops import until
 from tests.unit.links.rf.test_crsf_telemetry import BATTERY, LINK, frame
 
 
@@ -36,8 +37,7 @@ def test_every_radio_link_flies_as_well_as_the_scenario_demands(scenario: str, l
     world, config = prepare(SCENARIOS[scenario], [], link=link)
     result = fly(world, config, seed=0, duration_s=25.0)
     assert result.completed, result.why
-    assert result.verdict.rms_cm is not None
-    assert result.verdict.rms_cm < limit_cm
+    assert result.verdict.rms_cm is not None and result.verdict.rms_cm < limit_cm
 
 
 @pytest.mark.tried(1)  # links
@@ -56,8 +56,7 @@ def test_channels_are_quantised_as_on_the_wire() -> None:
     _, coarse = prepare(SCENARIOS["paper"], rough, link="dsm")
     fine_cm, coarse_cm = (fly(world, c, seed=0, duration_s=20.0).verdict.rms_cm for c in (config, coarse))
     assert fine_cm is not None
-    assert coarse_cm is not None
-    assert coarse_cm > 2.0 * fine_cm
+    assert coarse_cm is not None and coarse_cm > 2.0 * fine_cm
 
 
 def test_a_runs_folder_holds_every_frame_as_hex(tmp_path: Path) -> None:
@@ -84,8 +83,7 @@ def test_the_vehicles_thrust_curve_is_straightened_on_the_way(link: str) -> None
     curved = ["sim.thrust_curve=0.6"]
     world, config = prepare(SCENARIOS["paper"], [*curved, "vehicle.thrust_curve=0.6"], link=link)
     straightened = fly(world, config, seed=0, duration_s=20.0).verdict.rms_cm
-    assert straightened is not None
-    assert straightened < 0.3
+    assert straightened is not None and straightened < 0.3
     world, config = prepare(SCENARIOS["paper"], curved, link=link)
     assert (fly(world, config, seed=0, duration_s=20.0).verdict.rms_cm or 0.0) > straightened
 
@@ -134,8 +132,7 @@ def test_what_the_module_tells_is_on_screens_and_in_the_recording(tmp_path: Path
 
 def test_a_battery_told_by_the_module_lands_the_vehicle() -> None:
     async def script(flight: Flight, stage: Stage) -> None:
-        while flight.state is not State.TRACKING:
-            await asyncio.sleep(0.01)
+        await until(lambda: flight.state is State.TRACKING)
         while True:
             stage.port.datagram_received(frame(0x08, bytes.fromhex("0064 0011 000123 05")), None)
             await asyncio.sleep(0.5)

@@ -56,8 +56,7 @@ def test_paper_commands_stay_within_limits_as_in_the_papers_figure_5(flights: Fl
     for seed in range(flights.seeds):
         verdict = flown("paper", seed=seed, duration_s=flights.duration_s).verdict
         assert verdict.saturated_fraction <= 0.01
-        assert verdict.thrust_min_n is not None
-        assert verdict.thrust_min_n > 0.0
+        assert verdict.thrust_min_n is not None and verdict.thrust_min_n > 0.0
 
 
 def test_paper_finds_the_wind() -> None:
@@ -102,8 +101,7 @@ def test_adverse_errs_by_7_cm_at_most(flights: Flights) -> None:
 
 def test_a_gust_front_is_rejected_within_a_second() -> None:
     verdict = flown("gust_front").verdict  # as unit/test_law_document.py
-    assert verdict.gust_peak_cm is not None
-    assert verdict.gust_peak_cm < 8.0
+    assert verdict.gust_peak_cm is not None and verdict.gust_peak_cm < 8.0
     assert verdict.gust_back_s is not None
     assert verdict.gust_back_s < 1.0
 
@@ -111,8 +109,7 @@ def test_a_gust_front_is_rejected_within_a_second() -> None:
 def test_the_autopilots_own_odometry_serves_as_well_as_motion_capture() -> None:
     result = flown("paper", source="odometry", duration_s=20.0)
     assert result.completed
-    assert result.verdict.rms_cm is not None
-    assert result.verdict.rms_cm <= 0.30
+    assert result.verdict.rms_cm is not None and result.verdict.rms_cm <= 0.30
 
 
 def test_the_printed_law_alone_does_not_fly_the_papers_vehicle() -> None:

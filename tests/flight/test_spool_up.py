@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import pytest
 from hypothesis import assume, given, settings
@@ -13,10 +14,11 @@ from groundstation.core.messages import Tick
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly, fly_mission, from_floor
-from sim.runs.flight import Script
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import TrackedBody, Tracker
+from sim.trackers import TrackedBody
 from sim.world import Quadrotor
+from tests.proving.faults import stand_between
+from tests.proving.faults.pictures import Send
 from tests.proving.takeoff_start import TakeoffStart
 
 LIMITS_M, LIMITS_M_S = 0.8, 3.0
@@ -25,70 +27,36 @@ Picture = Callable[[TrackedBody, float], TrackedBody | None]
 """What is made of our body in the picture of an instant [s]; None: no frame leaves."""
 
 
-class Meddled:
-    """A tracking computer that sends what ``picture`` makes of our body."""
-
-    def __init__(self, tracker: Tracker, picture: Picture) -> None:
-        self._tracker = tracker
-        self._picture = picture
-
-    async def open(self) -> None:
-        await self._tracker.open()
-
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        ours = self._picture(bodies[0], exposure_s)
-        if ours is not None:
-            self._tracker.send(frame, exposure_s, [ours, *bodies[1:]])
-
-    def close(self) -> None:
-        self._tracker.close()
-
-
-class Flown:
+class Flown(NamedTuple):
     """How high and how fast it was, by the truth, and what ended it."""
 
-    def __init__(
-        self,
-        mission: MissionResult,
-        highest_m: float,
-        fastest_m_s: float,
-        most_n: float,
-        after_s: float,
-        told: list[str],
-    ) -> None:
-        self.mission = mission
-        self.told = told
-        """The lines for the operator."""
-        self.highest_m, self.fastest_m_s = highest_m, fastest_m_s
-        self.most_n = most_n
-        """Largest thrust told [N]."""
-        self.after_s = after_s
-        """How long the motors were told 0.9 of the weight or more [s]."""
+    mission: MissionResult
+    highest_m: float
+    fastest_m_s: float
+    most_n: float
+    """Largest thrust told [N]."""
+    after_s: float
+    """How long the motors were told 0.9 of the weight or more [s]."""
 
 
 LOOK_S = 0.005
 """How often a spool-up is looked at [s]."""
 
 
-def spool_up(
-    scenario: str, *overrides: str, picture: Picture | None = None, begins: State = State.IDLE, seed: int = 0,
-    link: str = "mavlink", more: Script | None = None, seconds: float = 12.0,
-) -> Flown:  # fmt: skip
-    """A flight from the floor, its picture meddled with from when ``begins`` does."""
-    world, config = prepare(SCENARIOS[scenario], list(overrides), link=link)
-    world, config = from_floor(world, config, 2.0)
+def spool_up(scenario: str, *overrides: str, picture: Picture | None = None, link: str = "mavlink") -> Flown:
+    """A flight from the floor, whose picture is meddled with."""
+    world, config = from_floor(*prepare(SCENARIOS[scenario], list(overrides), link=link), 2.0)
     seen = {"high": 0.0, "fast": 0.0, "most": 0.0, "near": 0.0, "told": 0.0}
 
     async def script(flight: Flight, stage: Stage) -> None:
-        beside = asyncio.ensure_future(more(flight, stage)) if more is not None else None
-        assert stage.mocap is not None
+        def way(send: Send, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
+            ours = bodies[0] if picture is None else picture(bodies[0], exposure_s)
+            if ours is not None:
+                send(frame, exposure_s, [ours, *bodies[1:]])
 
-        def meddle(ours: TrackedBody, at_s: float) -> TrackedBody | None:
-            assert picture is not None
-            return picture(ours, at_s) if flight.state not in _before(begins) else ours
-
-        if picture is not None:
-            stage.mocap.through(lambda tracker: Meddled(tracker, meddle))
+        meddler = stand_between(stage)
+        assert meddler is not None
+        meddler.way = way
         tell = Quadrotor.command
 
         def told(plant: Quadrotor, time_s: float, thrust_n: float, rates: Vec3) -> None:
@@ -96,7 +64,7 @@ def spool_up(
             tell(plant, time_s, thrust_n, rates)
 
         loop = asyncio.get_running_loop()
-        end, weight = loop.time() + seconds, config.weight_n
+        end, weight = loop.time() + 12.0, config.weight_n
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr(Quadrotor, "command", told)
             while loop.time() < end and flight.state is not State.HOLD:
@@ -106,17 +74,9 @@ def spool_up(
                 seen["near"] += LOOK_S * (seen["told"] > 0.9 * weight)
                 await asyncio.sleep(LOOK_S)
         flight.stop("the test is over")
-        if beside is not None:
-            beside.cancel()
 
-    lines = list[str]()
-    mission = fly_mission(world, config, seed=seed, script=script, on_event=lambda event: lines.append(event.line))
-    return Flown(mission, seen["high"], seen["fast"], seen["most"], seen["near"], lines)
-
-
-def _before(state: State) -> list[State]:
-    order = [State.IDLE, State.CONNECTING, State.READY, State.ARMING, State.TAKEOFF]
-    return order[: order.index(state)]
+    mission = fly_mission(world, config, seed=0, script=script)
+    return Flown(mission, seen["high"], seen["fast"], seen["most"], seen["near"])
 
 
 def resting(ours: TrackedBody, _: float) -> TrackedBody:
@@ -236,7 +196,7 @@ def test_law_and_estimator_begin_without_a_step(
     wrong = (f"vehicle.mass_kg={mass}", f"sim.thrust_gain={gain}", f"sim.wind_mean=[{wind_m_s2}, 0.3, 0.1]")
     start, fault = start_of(scenario, *wrong, seed=seed)
     assert not fault
-    assert start.smooth, vars(start)
+    assert start.smooth, start
 
 
 OWN = ("sim.own_estimate=true",)
@@ -308,20 +268,21 @@ def test_an_estimate_that_wanders_and_steps_in_yaw_as_px4_s_does_is_no_lift_off(
         "quad1kg", *OWN, "sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19", seed=seed, source="odometry"
     )
     assert not fault
-    assert start.smooth, vars(start)
+    assert start.smooth, start
 
 
-def test_an_estimate_that_is_reset_while_the_motors_spool_up_has_wandered_before_as_it_will() -> None:
-    wandering = (*OWN, "sim.estimate_wander_m=0.05", "sim.estimate_yaw_step_deg=19", "sim.estimate_yaw_step_s=0.5")
-    start, fault = start_of("quad1kg", *wandering, seed=0, source="odometry")
-    assert not fault
-    assert min(start.thrust) >= 0.75
-    assert max(start.climb) < 0.3
+WANDERS = (*OWN, "sim.estimate_wander_m=0.05")
 
 
-@pytest.mark.parametrize("seed", [5, 26])
-def test_motors_are_not_stopped_where_a_wandering_estimate_is_seen_to_climb(seed: int) -> None:
-    start, fault = start_of("quad1kg", *OWN, "sim.estimate_wander_m=0.05", seed=seed, source="odometry")
+@pytest.mark.parametrize(
+    ("overrides", "seed"),
+    [(("sim.estimate_yaw_step_deg=19", "sim.estimate_yaw_step_s=0.5"), 0), ((), 5), ((), 26)],
+    ids=["is reset while the motors spool up", "wanders", "wanders otherwise"],
+)
+def test_motors_are_not_stopped_where_a_wandering_estimate_is_seen_to_climb(
+    overrides: tuple[str, ...], seed: int
+) -> None:
+    start, fault = start_of("quad1kg", *WANDERS, *overrides, seed=seed, source="odometry")
     assert not fault
     assert min(start.thrust) >= 0.75
     assert max(start.climb) < 0.3
@@ -332,4 +293,4 @@ def test_a_floor_that_lets_go_late_as_ardupilot_s_simulator_s_does_is_left_smoot
     late = ("sim.floor_hold_s=0.6",)
     start, fault = start_of("quad1kg", *OWN, *late, seed=seed, source="odometry", autopilot="ardupilot")
     assert not fault
-    assert start.smooth, vars(start)
+    assert start.smooth, start

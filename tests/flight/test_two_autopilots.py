@@ -9,8 +9,9 @@ from groundstation.core.mission import State
 from groundstation.flight import FlightOutcome, make_flight
 from links.io import parse_address
 from links.mavlink.protocol import PX4, MavCommand, MavlinkCodec
-from sim.runs import Stage
+from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.flights import running
 from tests.loops import in_virtual_time
 
 T = TypeVar("T")
@@ -46,19 +47,10 @@ def flown(work: Callable[[Any], Any], begin_s: float, *overrides: str) -> tuple[
     second = SecondVehicle()
 
     async def main() -> Any:
-        async def confirm() -> bool:
-            return True
-
-        stage = Stage(world, config, 0)
-        others = [
-            asyncio.create_task(stage.run()),
-            asyncio.create_task(second.run(parse_address(config.link.endpoint), begin_s)),
-        ]
-        flight = make_flight(config, confirm=confirm, subscribers=(tell_lines(said.append),))
-        found = await work(flight)
-        for other in others:
-            other.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
+        other = asyncio.create_task(second.run(parse_address(config.link.endpoint), begin_s))
+        async with running(Stage(world, config, 0)):
+            found = await work(make_flight(config, confirm=confirm_at(0.0), subscribers=(tell_lines(said.append),)))
+        other.cancel()
         return found
 
     return in_virtual_time(main)(), second, said

@@ -17,7 +17,7 @@ from groundstation.flight.flight import DRAIN_S, STALL_S
 from groundstation.flight.mission_executive import LAST_CHANCE_S
 from groundstation.interfaces.api.client import STOP_ANSWER_S
 from groundstation.lab.props_off import STOP_S
-from groundstation.settings import FlightConfig
+from groundstation.settings import Config, FlightConfig
 from links.core import Command
 from links.core.deadman import BRING_DOWN_LIMIT_S, DEADLINE_LIMIT_S
 from links.mavlink import MavlinkLinkConfig
@@ -28,11 +28,15 @@ from links.rf import LOOK_S, Channels, DsmLinkConfig, StandbyWatch
 from links.rf.pacer import AFTERLIFE_S
 from links.rf.pacer_standby import PREPARE_S
 from sim.radio import MODULE
-from sim.runs import Stage, from_floor
+from sim.runs import Stage, confirm_at, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
-from tests.loops import in_virtual_time
+from sim.world import World
+from tests.flight.flights import running
+from tests.loops import in_virtual_time, until
 
+Tap = Callable[[float, tuple[str, int], tuple[str, int], bytes], None]
+Event = Callable[[Flight, Stage], None]
 SAFETY = Path(__file__).parents[2] / "docs" / "explanation" / "safety.md"
 SET_POINT = b"\x52\x00\x00"
 LOOKS_S = operator.DEBOUNCE_S + 2.0 * hold_to_run.LOOK_S
@@ -96,6 +100,32 @@ def test_the_table_of_what_leaves_has_the_numbers_of_the_code() -> None:
         assert f"until T + {ms:.0f}" in killed
 
 
+def struck(world: World, config: Config, tap: Tap, event: Event) -> tuple[Command, float, float]:
+    """Have ``event`` strike a flight in its first hold, and ``tap`` look from then on.
+
+    Returns the newest command, the link's period [s], and when it was struck [s].
+    """
+
+    async def main() -> tuple[Command, float, float]:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        async with running(Stage(world, config, 0)) as stage:
+            flight = make_flight(config, confirm=confirm_at(1.0), wires=stage.wires)
+            flying = asyncio.create_task(flight.run())
+            await until(lambda: flight.state is State.HOLD)
+            await asyncio.sleep(1.003)
+            loop.tap, struck_s = tap, loop.time()
+            event(flight, stage)
+            await asyncio.sleep(4.0)
+            tick, period_s = flight._progress.tick, flight._link.period_s
+            flying.cancel()
+            await asyncio.gather(flying, return_exceptions=True)
+        assert tick is not None
+        return tick.command, period_s, struck_s
+
+    return in_virtual_time(main)()
+
+
 @pytest.mark.parametrize(
     ("overrides", "fresh_ms"),
     [([], 500.0), (["guards.level_s=0"], 250.0), (["flight.coast_s=0.2", "guards.level_s=0.1"], 300.0)],
@@ -105,36 +135,12 @@ def test_nothing_lifts_later_than_the_table_says(overrides: list[str], fresh_ms:
     world, config = from_floor(*prepare(SCENARIOS["paper"], ["takeoff.height_m=2", *overrides]), None)
     left: list[tuple[float, float]] = []
 
-    async def main() -> float:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, VirtualTimeLoop)
+    def tap(time_s: float, source: tuple[str, int], _: object, data: bytes) -> None:
+        if source[1] == 14540 and data[7:10] == SET_POINT:
+            left.append((time_s, struct.unpack_from("<4f", data.ljust(60, b"\0"), 30)[3]))
 
-        async def confirm() -> bool:
-            await asyncio.sleep(1.0)
-            return True
-
-        def tap(time_s: float, source: tuple[str, int], _: object, data: bytes) -> None:
-            if source[1] == 14540 and data[7:10] == SET_POINT:
-                left.append((time_s, struct.unpack_from("<4f", data.ljust(60, b"\0"), 30)[3]))
-
-        stage = Stage(world, config, 0)
-        flight: Flight = make_flight(config, confirm=confirm, wires=stage.wires)
-        running = [asyncio.create_task(stage.run()), asyncio.create_task(flight.run())]
-        while flight.state is not State.HOLD:
-            await asyncio.sleep(0.01)
-        await asyncio.sleep(1.0)
-        loop.tap = tap
-        assert stage.mocap is not None
-        stage.mocap.cover(True)
-        covered_s = loop.time()
-        await asyncio.sleep(4.0)
-        for task in running:
-            task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
-        return covered_s
-
-    covered_s = in_virtual_time(main)()
-    stamp_s = covered_s  # no pose is newer than the moment at which the cameras were covered
+    # No pose is newer than the moment at which the cameras were covered.
+    *_, stamp_s = struck(world, config, tap, _poses_stop)
     lifting = max(time_s for time_s, thrust in left if thrust > 0.0)
     latest = max(time_s for time_s, _ in left)
     period_s, rest_s = 0.0225, world.pose_latency_s + 1.0 / 50.0
@@ -178,9 +184,7 @@ def _pacer_stops(flight: Flight, stage: Stage) -> None:
         (_pacer_dies, "rf_bridge", 250.0),
     ],
 )
-def test_what_is_owed_leaves_until_the_instant_that_the_table_has(
-    event: Callable[[Flight, Stage], None], link: str, fresh_ms: float
-) -> None:
+def test_what_is_owed_leaves_until_the_instant_that_the_table_has(event: Event, link: str, fresh_ms: float) -> None:
     world, config = from_floor(*prepare(SCENARIOS["paper"], ["takeoff.height_m=2"], link=link), None)
     left: list[tuple[float, float]] = []
     module = config.link if isinstance(config.link, DsmLinkConfig) else DsmLinkConfig()
@@ -195,32 +199,7 @@ def test_what_is_owed_leaves_until_the_instant_that_the_table_has(
                 assert heard.positions is not None
                 left.append((time_s, channels.read(heard.positions).thrust_n))
 
-    async def main() -> tuple[Command, float]:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, VirtualTimeLoop)
-
-        async def confirm() -> bool:
-            await asyncio.sleep(1.0)
-            return True
-
-        stage = Stage(world, config, 0)
-        flight = make_flight(config, confirm=confirm, wires=stage.wires)
-        running = [asyncio.create_task(stage.run()), asyncio.create_task(flight.run())]
-        while flight.state is not State.HOLD:
-            await asyncio.sleep(0.01)
-        await asyncio.sleep(1.003)
-        loop.tap = tap
-        event(flight, stage)
-        await asyncio.sleep(4.0)
-        tick = flight._progress.tick
-        assert tick is not None
-        period_s = flight._link.period_s
-        for task in running:
-            task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
-        return tick.command, period_s
-
-    last, period_s = in_virtual_time(main)()
+    last, period_s, _ = struck(world, config, tap, event)
     assert last.deadline_s - last.pose_time_s == pytest.approx(1e-3 * fresh_ms)
     owed_s = last.deadline_s + sum(part.duration_s for part in last.bring_down if part.thrust_n > 0.0)
     lifting = max(time_s for time_s, thrust in left if thrust > 0.0)

@@ -20,8 +20,9 @@ from groundstation.pose import TlogReader
 from groundstation.recording import FlightLog
 from links.io import parse_address
 from links.mavlink.protocol import frame_end
-from sim.runs import Stage
+from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
+from tests.flight.flights import running
 from tests.loops import free_address, in_real_time
 
 pytestmark = pytest.mark.real_time
@@ -103,9 +104,8 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
                 [f"link.listen={udp}", *([f"pose.listen={cameras}"] if source == "vicon" else [])],
                 source=source,
             )
-            stage = Stage(world, config, 0, autopilot=autopilot)
+            stage = await stack.enter_async_context(running(Stage(world, config, 0, autopilot=autopilot)))
             config = msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, listen=None, **way))
-            running = asyncio.create_task(stage.run())
             ticks: list[Tick] = []
 
             def hear(event: FlightEvent) -> None:
@@ -114,17 +114,12 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
                     if event.tick.flight_time_s > FLOWN_S:
                         flight.kill("enough")
 
-            async def confirm() -> bool:
-                return True
-
             log = FlightLog(folder / "flight.mcap", about(config), epoch_ns=0, tell=lambda text, *_: print(text))
             stack.callback(log.close)
-            flight: Flight = make_flight(config, confirm=confirm, subscribers=(hear,), give=log.write)
+            flight: Flight = make_flight(config, confirm=confirm_at(0.0), subscribers=(hear,), give=log.write)
             outcome = await flight.run()
             assert outcome.reason == "motors off: enough"
             assert not stage.autopilot.armed
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
             return ticks
 
     return in_real_time(main)()

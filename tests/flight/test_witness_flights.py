@@ -3,7 +3,7 @@
 import asyncio
 import math
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,7 @@ from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
-from sim.trackers import TrackedBody, Tracker
+from tests.proving.faults import Meddler, stand_between
 
 LOOK_S = 0.01
 SEEN_LEAN_DEG = 3.0
@@ -22,29 +22,7 @@ IN_S = 0.45
 """So soon after the vehicle leans or turns it must doubt."""
 
 Lie = Callable[[Quat], Quat]
-
-
-class Liar:
-    """Implements :class:`sim.trackers.trackers.Tracker` around another one; its attitudes may be made up."""
-
-    def __init__(self, tracker: Tracker) -> None:
-        self.lie: Lie | None = None
-        self.newest: Quat = so3.IDENTITY
-        self._tracker = tracker
-
-    async def open(self) -> None:
-        await self._tracker.open()
-
-    def close(self) -> None:
-        self._tracker.close()
-
-    def send(self, frame: int, exposure_s: float, bodies: Sequence[TrackedBody]) -> None:
-        ours = bodies[0]
-        if self.lie is None:
-            self.newest = ours.attitude
-        else:
-            ours = ours._replace(attitude=self.lie(ours.attitude))
-        self._tracker.send(frame, exposure_s, [ours, *bodies[1:]])
+Begin = Callable[[Quat], Lie]
 
 
 @dataclass
@@ -68,28 +46,22 @@ def flown(
     *,
     seed: int = 0,
     autopilot: str = "px4",
-    lie: Callable[[Liar], Lie] | None = None,
+    lie: Begin | None = None,
     state: State | None = State.HOLD,
     after_s: float = 1.5,
     sets: tuple[str, ...] = (),
     link: str = "mavlink",
 ) -> Told:
-    """A mission with 10 s of figure; ``lie(liar)`` begins ``after_s`` [s] into ``state``, or before all of it."""
+    """A mission with 10 s of figure; ``lie`` of the attitude shown last begins ``after_s`` into ``state`` [s]."""
     world, config = prepare(SCENARIOS[scenario], list(sets), link=link)
     world, config = from_floor(world, config, 10.0)
     told = Told()
 
     async def script(flight: Flight, stage: Stage) -> None:
         loop = asyncio.get_running_loop()
-        liars: list[Liar] = []
-
-        def meddle(tracker: Tracker) -> Tracker:
-            liars.append(Liar(tracker))
-            return liars[0]
-
-        assert stage.mocap is not None
-        stage.mocap.through(meddle)
-        striking = asyncio.ensure_future(strike(flight, liars[0])) if lie is not None else None
+        meddler = stand_between(stage)
+        assert meddler is not None
+        striking = asyncio.ensure_future(strike(flight, meddler)) if lie is not None else None
         while True:
             now = loop.time()
             evidence = flight.witness().verdict(now)
@@ -106,12 +78,13 @@ def flown(
                 striking.result()
             await asyncio.sleep(LOOK_S)
 
-    async def strike(flight: Flight, liar: Liar) -> None:
+    async def strike(flight: Flight, meddler: Meddler) -> None:
         while state is not None and flight.state is not state:
             await asyncio.sleep(LOOK_S)
         await asyncio.sleep(after_s)
-        assert lie is not None
-        told.struck_s, liar.lie = asyncio.get_running_loop().time(), lie(liar)
+        assert lie is not None and meddler.shown is not None
+        told.struck_s, lies = asyncio.get_running_loop().time(), lie(meddler.shown.attitude)
+        meddler.picture = lambda _, bodies: [bodies[0]._replace(attitude=lies(bodies[0].attitude)), *bodies[1:]]
 
     told.mission = fly_mission(
         world, config, seed=seed, autopilot=autopilot, script=script,
@@ -131,13 +104,13 @@ def test_true_poses_are_not_doubted_in_any_air(scenario: str, autopilot: str) ->
     assert not any("second witness" in line or "disagrees with the autopilot's own" in line for line in told.events)
 
 
-def frozen(liar: Liar) -> Lie:
-    rng, held = random.Random(1), liar.newest
+def frozen(held: Quat) -> Lie:
+    rng = random.Random(1)
     return lambda _: so3.rotate(held, (rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3), rng.gauss(0.0, 1e-3)))
 
 
-def mirrored(roll: float, pitch: float) -> Callable[[Liar], Lie]:
-    def begin(_: Liar) -> Lie:
+def mirrored(roll: float, pitch: float) -> Begin:
+    def begin(_: Quat) -> Lie:
         def lie(attitude: Quat) -> Quat:
             a, b, c = so3.euler_zyx(attitude)
             return so3.from_euler_zyx(roll * a, pitch * b, c)
@@ -147,7 +120,7 @@ def mirrored(roll: float, pitch: float) -> Callable[[Liar], Lie]:
     return begin
 
 
-def body_turned(roll_deg: float, yaw_deg: float) -> Callable[[Liar], Lie]:
+def body_turned(roll_deg: float, yaw_deg: float) -> Begin:
     by = so3.from_euler_zyx(math.radians(roll_deg), 0.0, math.radians(yaw_deg))
     return lambda _: lambda attitude: so3.multiply(attitude, by)
 
@@ -155,9 +128,7 @@ def body_turned(roll_deg: float, yaw_deg: float) -> Callable[[Liar], Lie]:
 @pytest.mark.tried(3)  # lies, in either air
 @pytest.mark.parametrize("scenario", ["paper", "storm"])
 @pytest.mark.parametrize("lie", [frozen, mirrored(-1.0, 1.0), mirrored(1.0, -1.0)], ids=["frozen", "roll", "pitch"])
-def test_attitudes_that_begin_to_lie_in_flight_are_doubted_once_it_leans(
-    scenario: str, lie: Callable[[Liar], Lie]
-) -> None:
+def test_attitudes_that_begin_to_lie_in_flight_are_doubted_once_it_leans(scenario: str, lie: Begin) -> None:
     told = flown(scenario, lie=lie)
     # In a storm it leans all the time: what was frozen comes out by how it turns.
     in_s = IN_S if scenario == "paper" else 2.0 * IN_S
@@ -174,7 +145,7 @@ TOLD_BY_RADIO = ("sim.telemetry_hz=10",)
     [(frozen, 1), (mirrored(-1.0, 1.0), 1), (mirrored(1.0, -1.0), 0)],
     ids=["frozen", "roll", "pitch"],
 )
-def test_attitudes_of_poses_that_lie_are_told_by_the_attitude_over_crsf(lie: Callable[[Liar], Lie], seed: int) -> None:
+def test_attitudes_of_poses_that_lie_are_told_by_the_attitude_over_crsf(lie: Begin, seed: int) -> None:
     told, alone = (flown("paper", seed=seed, lie=lie, link="crsf", sets=sets) for sets in (TOLD_BY_RADIO, ()))
     # Ten times a second are slower than MAVLink's fifty, and of the turning only the slow window counts.
     assert told.struck_s < told.doubted_s < max(told.struck_s, told.leans_s) + 1.5 * IN_S
@@ -206,7 +177,7 @@ def test_a_tilt_that_is_askew_in_flight_is_told_and_ends_nothing(link: str, sets
     [body_turned(0.0, 90.0), body_turned(0.0, 180.0), mirrored(-1.0, 1.0), mirrored(1.0, -1.0)],
     ids=["yaw 90°", "yaw 180°", "roll", "pitch"],
 )
-def test_axes_that_were_never_right_are_doubted_as_soon_as_it_leans(lie: Callable[[Liar], Lie], autopilot: str) -> None:
+def test_axes_that_were_never_right_are_doubted_as_soon_as_it_leans(lie: Begin, autopilot: str) -> None:
     told = flown("paper", lie=lie, state=None, after_s=0.1, autopilot=autopilot)
     assert told.doubted_s < told.leans_s + 1.5 * IN_S
 

@@ -11,26 +11,31 @@ import msgspec
 
 from groundstation.config import ConfigError
 from groundstation.runtime import Exit
+from sim.cli import ProgressBar
 from sim.scenarios import scenario_of
+from tests.proving.faults import (
+    CASES,
+    FAULTS,
+    MOMENTS,
+    Kind,
+    Planned,
+    Row,
+    check_forced,
+    deal_cells,
+    fly_all,
+    is_within,
+    name_of,
+    pick_worst,
+    plan_honest,
+    tell_honest,
+    text,
+    write,
+    write_csv,
+)
 
 
 def faults(args: argparse.Namespace) -> Exit:
     """Break one thing in every state of a mission."""
-    from sim.cli import ProgressBar
-    from tests.proving.faults import (
-        CASES,
-        FAULTS,
-        MOMENTS,
-        Planned,
-        deal_cells,
-        fly_all,
-        is_within,
-        pick_worst,
-        text,
-        write,
-        write_csv,
-    )
-
     scenario_of(args.scenario)
     known = {**CASES, **FAULTS}
     _check_choice("--fault", args.fault, known)
@@ -43,21 +48,23 @@ def faults(args: argparse.Namespace) -> Exit:
         raise ConfigError("--state", f"{args.fault or 'nothing'} is not flown there")
     seeds = range(args.seed, args.seed + args.seeds)
     plan = [Planned(cell, args.scenario, seed) for seed in seeds for cell in work]
-    with ProgressBar("cells", len(plan), quiet=args.json) as counter:
-        flown = fly_all(
-            plan,
-            overrides=args.overrides,
-            workers=args.workers or os.cpu_count() or 1,
-            on_done=counter.at,
-        )
-    if args.csv is not None:
-        write_csv(args.csv, flown)
+    flown = _fly(plan, args)
     rows = pick_worst([flown[i : i + len(work)] for i in range(0, len(flown), len(work))])
     if args.write is not None:
         words = [word for word in sys.argv[1:] if word != "--json"]
         write(args.write, rows, shlex.join(["groundstation-sim", *words]))
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
     return Exit.DONE if is_within(rows) else Exit.FAILED
+
+
+def _fly(plan: Sequence[Planned], args: argparse.Namespace) -> list[Row]:
+    """Return the rows of ``plan``; written as CSV, too, where that is asked for."""
+    with ProgressBar("flights", len(plan), quiet=args.json) as counter:
+        workers = args.workers or os.cpu_count() or 1
+        rows = fly_all(plan, overrides=args.overrides, workers=workers, on_done=counter.at)
+    if args.csv is not None:
+        write_csv(args.csv, rows)
+    return rows
 
 
 def _check_choice(option: str, given: str | None, known: Collection[str]) -> None:
@@ -67,8 +74,6 @@ def _check_choice(option: str, given: str | None, known: Collection[str]) -> Non
 
 def _read_kinds(given: Sequence[str] | None) -> set[str]:
     """Return the kinds of rows that are asked for; empty for all."""
-    from tests.proving.faults import Kind
-
     for kind in given or ():
         _check_choice("--kind", kind, [str(one) for one in Kind])
     return set(given or ())
@@ -76,19 +81,6 @@ def _read_kinds(given: Sequence[str] | None) -> set[str]:
 
 def honest(args: argparse.Namespace) -> Exit:
     """Disturb flights whose poses are true, and hold them against the same without guards."""
-    from sim.cli import ProgressBar
-    from tests.proving.faults import (
-        CASES,
-        MOMENTS,
-        Kind,
-        check_forced,
-        fly_all,
-        name_of,
-        plan_honest,
-        tell_honest,
-        write_csv,
-    )
-
     for scenario in args.scenarios:
         scenario_of(scenario)
     for state in args.states:
@@ -105,14 +97,6 @@ def honest(args: argparse.Namespace) -> Exit:
         only=[case for case in cases if {case, name_of(case)} & set(args.only)],
         forced=args.forced,
     )
-    with ProgressBar("flights", len(plan), quiet=args.json) as counter:
-        rows = fly_all(
-            plan,
-            overrides=args.overrides,
-            workers=args.workers or os.cpu_count() or 1,
-            on_done=counter.at,
-        )
-    if args.csv is not None:
-        write_csv(args.csv, rows)
+    rows = _fly(plan, args)
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else tell_honest(rows))
     return Exit.DONE if all(row.safe for row in rows) else Exit.FAILED

@@ -33,9 +33,8 @@ from sim.autopilots import Airworthy, Make, OnboardFirmware, Px4, make_ardupilot
 from sim.runs import MissionResult, Stage, confirm_at, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop, in_virtual_time
-from sim.trackers import Tracker
 from sim.world import FourRotors, World, generator, rows
-from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Meddler, late, still
+from tests.proving.faults import STRICT, TOUCHDOWN_M_S, Meddler, late, stand_between, still
 from tests.proving.faults import Struck as StruckPose
 from tests.proving.takeoff_start import TakeoffStart, describe_worst
 
@@ -51,7 +50,7 @@ VISITS = 5
 """After so many restarts the doctor has nothing left to ask for."""
 
 
-class Change(NamedTuple):
+class Change(msgspec.Struct, frozen=True):
     """One parameter that the doctor changed."""
 
     name: str
@@ -163,7 +162,7 @@ SOURCES = ("vicon", "natnet")
 """Trackers in turn."""
 
 
-class TakeOff(NamedTuple):
+class TakeOff(msgspec.Struct, frozen=True):
     """Mission from the floor and back, and its first second."""
 
     mission: MissionResult
@@ -188,7 +187,7 @@ def fly_figure(airworthy: Airworthy, told: Sequence[str], figure: Sequence[str],
     return fly_mission(world, config, seed=seed, autopilot=airworthy, confirm_s=ALIGNED_S)
 
 
-class StrikeResult(NamedTuple):
+class StrikeResult(msgspec.Struct, frozen=True):
     """Outcome of a strike in flight, by the truth and the firmware's own motor outputs."""
 
     state: str
@@ -322,14 +321,8 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     loop, path, motors = asyncio.get_running_loop(), list[tuple[float, Vec3]](), list[tuple[float, FourRotors]]()
     stage = Stage(world, config, seed, lambda time_s, at: path.append((time_s, at)), autopilot=airworthy)
     assert stage.onboard is not None
-    assert stage.mocap is not None
-    between = list[Meddler]()
-
-    def meddle(tracker: Tracker) -> Tracker:
-        between.append(Meddler(tracker))
-        return between[0]
-
-    stage.mocap.through(meddle)
+    between = stand_between(stage)
+    assert between is not None, "it has cameras"
     flight = make_flight(config, confirm=confirm_at(ALIGNED_S), wires=stage.wires)
     context = copy_context()
     context.run(PROCESS.set, True)
@@ -343,7 +336,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     stage.onboard.on_motors = lambda time_s, signals: motors.append((time_s - struck_s, signals))
     path.clear()
     stage.plant.floor.hardest_m_s = None
-    scene = StrikeScene(stage, flight, flying, between[0])
+    scene = StrikeScene(stage, flight, flying, between)
     await strike(scene)
     await asyncio.sleep(WATCHED_S)
     _loop().resume()
@@ -365,7 +358,7 @@ async def strike_down(airworthy: Airworthy, told: Sequence[str], strike: Strike,
     )
 
 
-class Facts(NamedTuple):
+class Facts(msgspec.Struct, frozen=True):
     """Results of one firmware."""
 
     changes: list[Change]
@@ -453,24 +446,6 @@ def tables(facts: Mapping[str, Facts]) -> str:
     return "\n".join(lines)
 
 
-def as_json(facts: Mapping[str, Facts]) -> str:
-    """The facts as one JSON object."""
-
-    def plain(flown: Facts) -> dict[str, Any]:
-        starts = [
-            {"mission": msgspec.to_builtins(one.mission), "smooth": one.start.smooth, "thrust": one.start.thrust}
-            for one in flown.take_offs
-        ]
-        return {
-            "changes": [one._asdict() for one in flown.changes],
-            "figures": {name: msgspec.to_builtins(flights) for name, flights in flown.figures.items()},
-            "take_offs": starts,
-            "strikes": {name: [one._asdict() for one in struck] for name, struck in flown.strikes.items()},
-        }
-
-    return json.dumps({name: plain(flown) for name, flown in facts.items()})
-
-
 def autopilots(args: argparse.Namespace) -> Exit:
     """Fly, and print or write the tables."""
     if args.px4 is None and args.ardupilot is None:
@@ -483,7 +458,7 @@ def autopilots(args: argparse.Namespace) -> Exit:
         split_at_markers(args.write, "onboard")
     facts = {NAMES[kind]: fly_all(kind, make, args.take_offs) for kind, make in makers.items()}
     text = tables(facts)
-    print(as_json(facts) if args.json else text)
+    print(msgspec.json.encode(facts).decode() if args.json else text)
     if args.write is not None:
         replace_between_markers(args.write, text, "onboard")
     return Exit.DONE

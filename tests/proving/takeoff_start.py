@@ -4,6 +4,8 @@ import asyncio
 import math
 from collections.abc import Sequence
 
+import msgspec
+
 from groundstation.core.control import Adaptive
 from groundstation.core.geometry import so3
 from groundstation.core.messages import CommandSent, FlightEvent
@@ -12,25 +14,24 @@ from sim.runs import Stage
 from sim.world import World
 
 
-class TakeoffStart:
+class TakeoffStart(msgspec.Struct):
     """True motion in the first second of a flight's law after the floor, at each command."""
 
-    def __init__(self) -> None:
-        self.thrust: list[float] = []
-        """Thrust of the rotors as a share of the weight [-]."""
-        self.climb: list[float] = []
-        """Upward speed above the reference's [m/s]."""
-        self.tilt_deg: list[float] = []
-        self.b: list[float] = []
-        """|b̂| as a share of its bound."""
-        self.off_m: list[float] = []
-        """Distance from the reference [m]."""
-        self.aside_m: list[float] = []
-        """And from over where it stood [m]."""
-        self.least_tilt_deg = 0.0
-        """The least lean by which any law, however quick, and told the wind beforehand, has stopped it by the end."""
-        self.begun_s: float | None = None
-        """When the law gave its first command."""
+    thrust: list[float] = []
+    """Thrust of the rotors as a share of the weight [-]."""
+    climb: list[float] = []
+    """Upward speed above the reference's [m/s]."""
+    tilt_deg: list[float] = []
+    b: list[float] = []
+    """|b̂| as a share of its bound."""
+    off_m: list[float] = []
+    """Distance from the reference [m]."""
+    aside_m: list[float] = []
+    """And from over where it stood [m]."""
+    least_tilt_deg: float = 0.0
+    """The least lean by which any law, however quick, and told the wind beforehand, has stopped it by the end."""
+    begun_s: float | None = None
+    """When the law gave its first command."""
 
     @property
     def smooth(self) -> bool:

@@ -54,8 +54,7 @@ def test_a_million_broken_datagrams_leave_nothing_in_the_mavlink_stream() -> Non
 def test_an_hour_of_flight_ends_as_well_as_a_minute() -> None:
     minute, hour = flown("paper").verdict, flown("paper", duration_s=3600.0).verdict
     assert minute.rms_cm is not None
-    assert hour.rms_cm is not None
-    assert hour.rms_cm < 1.2 * minute.rms_cm
+    assert hour.rms_cm is not None and hour.rms_cm < 1.2 * minute.rms_cm
 
 
 def test_an_hour_of_flight_allocates_nothing_that_stays() -> None:
@@ -109,11 +108,9 @@ def test_ten_vehicles_fly_in_real_time_and_each_command_leaves_in_time() -> None
     world, config = from_floor(*prepare(SCENARIOS["paper"], ["link.pace=poses"]), 20.0)
     mission = fly_fleet_real(world, config, 10, seed=0)
     assert mission.landed, [one.why for one in mission.vehicles]
-    assert mission.nearest is not None
-    assert mission.nearest.distance_m > 2.5
+    assert mission.nearest is not None and mission.nearest.distance_m > 2.5
     for one in mission.vehicles:
         assert one.ticks > 1000
-        assert one.tick_p99_ms is not None
-        assert one.tick_p99_ms < 5.0
+        assert one.tick_p99_ms is not None and one.tick_p99_ms < 5.0
         assert one.rms_cm is not None
         assert one.rms_cm < 1.0

@@ -283,20 +283,6 @@ PRIORITY = 50
 HOGS_PER_CPU = 1.5
 """Processes that compute and never wait, for each processor."""
 
-_FLOOR_IN_PYTHON = """
-import sys
-from links.rf.pacer_child import MonotonicClock, prioritise
-period, count, priority = int(sys.argv[1]) / 1e9, int(sys.argv[2]), int(sys.argv[3])
-clock = MonotonicClock()
-prioritise(priority, clock)
-due, late = clock.now(), []
-for _ in range(count):
-    due += period
-    clock.sleep_until(due)
-    late.append(clock.now() - due)
-print(*(int(1e6 * each) for each in late), sep="\\n")
-"""
-
 
 def measure_pacer(seconds: float, *, busy: bool) -> dict[str, Any]:
     """``{"pacer": {p50_us, p99_us, p999_us, lost}, "floor": {…}, "fifo": bool}`` of ``seconds`` [s] at 22.5 ms.
@@ -349,19 +335,16 @@ async def _fly(pacer: Pacer) -> None:
 
 
 async def _floor(folder: Path, count: int, priority: int) -> list[int]:
-    """Lateness of each wake-up of a bare loop [µs]: in C where there is a compiler."""
+    """Lateness of each wake-up of a bare loop in C [µs]."""
     words = [str(round(1e9 * PERIOD_S)), str(count), str(priority)]
     compiler = shutil.which("cc")
+    program, source = folder / "floor", Path(__file__).with_name("bench_floor.c")
     if compiler is None:
-        command = [sys.executable, "-c", _FLOOR_IN_PYTHON, *words]
-    else:
-        program = folder / "floor"
-        source = Path(__file__).with_name("bench_floor.c")
-        build = await asyncio.create_subprocess_exec(compiler, "-O2", "-o", str(program), str(source))
-        if await build.wait() != 0:
-            raise RuntimeError(f"{compiler} does not compile {source}")
-        command = [str(program), *words]
-    process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
+        raise RuntimeError(f"no C compiler to compile {source} with: install one that is called cc")
+    build = await asyncio.create_subprocess_exec(compiler, "-O2", "-o", str(program), str(source))
+    if await build.wait() != 0:
+        raise RuntimeError(f"{compiler} does not compile {source}")
+    process = await asyncio.create_subprocess_exec(str(program), *words, stdout=subprocess.PIPE)
     out, _ = await process.communicate()
     return [int(line) for line in out.split()]
 

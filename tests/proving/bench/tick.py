@@ -1,14 +1,13 @@
 """The flying path: law, observer and predictor for one command, and all that it needs, in whole virtual flights.
 
-And what the monitor of the poses and the second witness take of a command. A clock that is read around every call would
-cost as much as what it measures. So one flight's calls are recorded, and then made again, in turns: those of the whole
-pilot, of one that believes every pose unseen, and of the witness.
+And what the monitor of the poses and the second witness take of a command: a flight's time with and without the methods
+of the pilot that watch the poses, and that of the witness.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from statistics import median
-from time import perf_counter_ns, thread_time, thread_time_ns
+from time import perf_counter_ns, thread_time_ns
 from typing import Any
 
 from groundstation.core.control import Adaptive
@@ -22,31 +21,13 @@ from tests.proving.bench.bench import Options
 GOAL_SHARE = 0.1
 """Largest share of a command's time for the monitor of the poses and the second witness [-]."""
 MONITOR_TICKS = 1500
-"""Commands in the flight that is recorded."""
-ROUNDS = 15
-"""Repetitions of each measurement; the fastest counts, which other programs disturbed least."""
+"""Commands in a flight of the monitor's measurement."""
+ROUNDS = 5
+"""Flights of each of its measurements; the fastest counts, which other programs disturbed least."""
 
 
-class UnmonitoredPilot(Pilot):
-    """Pilot that believes every pose unseen."""
-
-    def _accepts(self, *_: Any) -> bool:
-        return True
-
-    def _check_response(self, *_: Any) -> None:
-        """Compare nothing."""
-
-    def _ask_on_error(self, *_: Any) -> None:
-        """Ask nothing."""
-
-
-RECORDED: dict[type, tuple[str, ...]] = {
-    Pilot: ("pose", "tick", "follow", "stand", "lift", "descend", "idle"),
-    Witness: ("pose", "attitude", "arm"),
-}
 """Classes whose calls are recorded, and the methods that their owner calls."""
 
-Call = tuple[str, tuple[Any, ...], dict[str, Any]]
 Method = Callable[..., Any]
 
 
@@ -61,64 +42,6 @@ def wrap_methods(parts: Sequence[tuple[type, str]], wrap: Callable[[str, Method]
     finally:
         for owner, name, method in inner:
             setattr(owner, name, method)
-
-
-@contextmanager
-def record_calls(subject: type, names: tuple[str, ...]) -> Iterator[list[Call]]:
-    """Within it the calls of ``names`` are noted, from the making of a ``subject`` on."""
-    calls: list[Call] = []
-
-    def noting(name: str, method: Method) -> Method:
-        def note(*arguments: Any, **options: Any) -> Any:
-            calls.append((name, arguments[1:], options))
-            return method(*arguments, **options)
-
-        return note
-
-    with wrap_methods([(subject, name) for name in ("__init__", *names)], noting):
-        yield calls
-
-
-def spent_s(subject: type, names: tuple[str, ...], calls: list[Call]) -> float:
-    """Return the processor's time that ``calls`` of ``names`` of a new ``subject`` take [s]."""
-    (_, arguments, options), *rest = calls
-    made = subject(*arguments, **options)
-    methods = {name: getattr(made, name) for name in names}
-    return _made_s(rest, methods) - _made_s(rest, dict.fromkeys(methods, _nothing))
-
-
-def _made_s(calls: list[Call], methods: dict[str, Any]) -> float:
-    """The processor's time that ``calls`` take by ``methods`` [s]."""
-    start = thread_time()
-    for name, arguments, options in calls:
-        methods[name](*arguments, **options)
-    return thread_time() - start
-
-
-def _nothing(*_: Any, **__: Any) -> None:
-    """Do nothing: what it takes to make a call again is no part of the call."""
-
-
-def monitor(scenario: str) -> dict[str, float]:
-    """Return the time of monitor and witness for a command [µs], and their share of all of it."""
-    world, config = prepare(SCENARIOS[scenario], [])
-    calls: dict[type, list[Call]] = {}
-    for subject, names in RECORDED.items():
-        with record_calls(subject, names) as calls[subject]:
-            fly(world, config, seed=0, duration_s=MONITOR_TICKS * world.frame_period_s)
-    measured = {Pilot: Pilot, UnmonitoredPilot: Pilot, Witness: Witness}
-    least = dict.fromkeys(measured, float("inf"))
-    for _ in range(ROUNDS):
-        for subject, kept in measured.items():
-            spent = spent_s(subject, RECORDED[kept], calls[kept])
-            least[subject] = min(least[subject], spent)
-    pilot, plain, witness = least.values()
-    ticks = sum(name == "tick" for name, _, _ in calls[Pilot])
-    return {
-        "monitor_us": 1e6 * (pilot - plain + witness) / ticks,
-        "monitor_share": (pilot - plain + witness) / (pilot + witness),
-        "witness_share": witness / (pilot + witness),
-    }
 
 
 FLOWN = ("paper", "adverse", "quad1kg")
@@ -155,6 +78,33 @@ def time_calls(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> I
 
     with wrap_methods(parts, wrap):
         yield found
+
+
+UNWATCHED: dict[str, Any] = {"_accepts": True, "_check_response": None, "_ask_on_error": None}
+"""Methods of the pilot that watch the poses, and their answers where every pose is believed unseen."""
+WITNESS = ((Witness, "attitude"), (Witness, "arm"), (Witness, "pose"))
+
+
+def monitor(scenario: str) -> dict[str, float]:
+    """Return the time of monitor and witness for a command [µs], and their share of all of it."""
+    world, config = prepare(SCENARIOS[scenario], [])
+
+    def each_us(parts: Sequence[tuple[type, str]], unwatched: Sequence[str] = ()) -> float:
+        with (
+            wrap_methods([(Pilot, name) for name in unwatched], lambda name, _: lambda *_, **__: UNWATCHED[name]),
+            time_calls(parts, thread_time_ns) as found,
+        ):
+            fly(world, config, seed=0, duration_s=MONITOR_TICKS * world.frame_period_s)
+        return sum(found) / MONITOR_TICKS
+
+    pilot, plain, witness = (
+        min(each_us(*what) for _ in range(ROUNDS)) for what in ((WHOLE,), (WHOLE, tuple(UNWATCHED)), (WITNESS,))
+    )
+    return {
+        "monitor_us": pilot - plain + witness,
+        "monitor_share": (pilot - plain + witness) / (pilot + witness),
+        "witness_share": witness / (pilot + witness),
+    }
 
 
 def one(scenario: str, ticks: int) -> dict[str, Any]:

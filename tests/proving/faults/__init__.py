@@ -12,6 +12,7 @@ from tests.proving.faults.fault import (
     Poses,
     Scene,
     name_of,
+    stand_between,
 )
 from tests.proving.faults.faults import BROKEN, CASES, FAULTS, STATES
 from tests.proving.faults.honest import plan_honest, tell_honest, write_csv

@@ -27,7 +27,6 @@ from sim.radio import FAILSAFE_S
 from sim.runs import Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
-from sim.trackers import Tracker
 from sim.world import World, generator
 from tests.proving.faults.fault import (
     DESCENT_AFTER_S,
@@ -37,11 +36,11 @@ from tests.proving.faults.fault import (
     Exemption,
     Fault,
     Kind,
-    Meddler,
     Moment,
     Moves,
     Poses,
     Scene,
+    stand_between,
 )
 from tests.proving.faults.faults import CASES, find_fault
 from tests.proving.faults.judge import (
@@ -174,11 +173,7 @@ async def fly_here(
     pushing = Thrust(hover_n(world), newtons, AUTOPILOT["COM_OF_LOSS_T"] if fault.link == "mavlink" else FAILSAFE_S)
     wire = WireJudge(config, pushing)
     loop.tap = wire.tap
-    truth, moves, meddlers = Truth(world.floor_z_m), Moves(loop.time), list[Meddler]()
-
-    def meddle(tracker: Tracker) -> Tracker:
-        meddlers.append(Meddler(tracker))
-        return meddlers[0]
+    truth, moves = Truth(world.floor_z_m), Moves(loop.time)
 
     def step(time_s: float, position: Vec3) -> None:
         truth.step(time_s, position)
@@ -230,8 +225,7 @@ async def fly_here(
     stage = Stage(world, config, seed, step, parameters=AUTOPILOT)
     truth.plant = stage.plant
     stage.plant.advance(begun_s)
-    if stage.mocap is not None:
-        stage.mocap.through(meddle)
+    meddler = stand_between(stage)
     monitors = DeckMonitors()
     flight = make_flight(
         config,
@@ -241,7 +235,7 @@ async def fly_here(
         give=give,
         monitors=monitors.factories(),
     )
-    scene = Scene(flight, stage, meddlers[0] if meddlers else None, seed)
+    scene = Scene(flight, stage, meddler, seed)
     turning, flying = asyncio.ensure_future(stage.run()), asyncio.ensure_future(flight.run())
     striking = asyncio.ensure_future(_strike(scene, state, moves, truth))
     await asyncio.wait({turning, flying, striking}, return_when=asyncio.FIRST_COMPLETED)

@@ -49,6 +49,20 @@ class Meddler:
             self._tracker.send(frame, exposure_s, bodies)
 
 
+def stand_between(stage: Stage) -> Meddler | None:
+    """Return the meddler that stands behind the cameras of ``stage`` from now on; None where there are none."""
+    if stage.mocap is None:
+        return None
+    made: list[Meddler] = []
+
+    def meddle(tracker: Tracker) -> Tracker:
+        made.append(Meddler(tracker))
+        return made[0]
+
+    stage.mocap.through(meddle)
+    return made[0]
+
+
 class Kind(StrEnum):
     """Rule by which the rows of a family are judged."""
 

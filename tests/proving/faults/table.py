@@ -81,30 +81,22 @@ def summarize(rows: Sequence[Row]) -> list[Summary]:
 def tell_kinds(rows: Sequence[Row]) -> list[str]:
     """Return for each kind among ``rows`` how many cells are within their limits."""
     found = []
-    for kind in Kind:
+    for kind in dict.fromkeys(kind for kind in Kind if any(row.kind == kind for row in rows)):
         some = [row for row in rows if row.kind == kind]
-        within = sum(row.safe for row in some)
-        far = sum(not row.safe and row.worst > NEAR_LIMIT for row in some)
-        if some:
-            share = f"{100.0 * within / len(some):.1f} %"
-            beyond = f"{far} beyond {NEAR_LIMIT:g}x"
-            found.append(f"{kind}: {within} of {len(some)} within ({share}), {beyond}")
+        within, far = sum(row.safe for row in some), sum(not row.safe and row.worst > NEAR_LIMIT for row in some)
+        share = f"{100.0 * within / len(some):.1f} %"
+        found.append(f"{kind}: {within} of {len(some)} within ({share}), {far} beyond {NEAR_LIMIT:g}x")
     return found
 
 
 def is_within(rows: Sequence[Row]) -> bool:
     """Return whether ``rows`` as a whole are within what is asked of each kind."""
+    shares = {Kind.REQUIRED: REQUIRED_SHARE, Kind.KNOWN_LIMIT: KNOWN_SHARE}
     for kind in Kind:
         some = [row for row in rows if row.kind == kind]
-        within = sum(row.safe for row in some)
-        if kind is Kind.REQUIRED:
-            far = [row for row in some if not row.safe and row.worst > NEAR_LIMIT]
-            if far or within < REQUIRED_SHARE * len(some):
-                return False
-        elif kind is Kind.KNOWN_LIMIT:
-            if within < KNOWN_SHARE * len(some):
-                return False
-        elif within < len(some):
+        bad = [row for row in some if not row.safe]
+        far = kind is Kind.REQUIRED and any(row.worst > NEAR_LIMIT for row in bad)
+        if far or len(some) - len(bad) < shares.get(kind, 1.0) * len(some):
             return False
     return True
 

@@ -59,8 +59,7 @@ def test_the_mean_disturbance_is_that_since_the_beginning_and_later_that_of_late
     mean = _MeanDisturbance(G)
     for n in range(300):  # 3 s: what the observer began with counts as any other
         mean.add(blown(-5.0 if n == 0 else 1.0), 0.01)
-    assert mean.value is not None
-    assert mean.value[2] == pytest.approx(1.0 - 6.0 / 300, abs=1e-3)
+    assert mean.value is not None and mean.value[2] == pytest.approx(1.0 - 6.0 / 300, abs=1e-3)
     for _ in range(900):
         mean.add(blown(2.0), 0.01)
     assert mean.value[2] == pytest.approx(2.0 - math.exp(-3.0), abs=0.02)

@@ -8,7 +8,7 @@ from groundstation.recording import ReceivedRecord, Record, SentRecord
 from groundstation.recording.records import WireRecord
 from groundstation.recording.writer import TlogCutter
 from links.io import NETWORK, parse_address
-from tests.loops import free_address, in_real_time
+from tests.loops import free_address, in_real_time, until
 from tests.mavlink_table import FRAMES
 
 
@@ -44,9 +44,7 @@ async def talk(records: list[Record]) -> tuple[Echo, tuple[str, int]]:
     echo = await asyncio.create_task(ours())
     other, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, remote_addr=address)
     other.sendto(b"hello")
-    async with asyncio.timeout(60.0):
-        while len(records) < 3:
-            await asyncio.sleep(0.01)
+    await until(lambda: len(records) >= 3)
     other.close()
     echo.transport.close()
     return echo, address

@@ -38,8 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def another(name: str, command: str = "daemon") -> "subprocess.Popen[str]":
     """A process that has registered itself, to be ended by :func:`end`."""
     process = subprocess.Popen([sys.executable, "-c", PROGRAM, name, command], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "registered\n"
+    assert process.stdout is not None and process.stdout.readline() == "registered\n"
     return process
 
 

@@ -57,8 +57,7 @@ def test_its_time_is_its_stamp_where_the_clock_is_known_and_else_its_arrival(
     arrival_s: float, clock: Trip | None, time_s: float
 ) -> None:
     told = attitude_of(quaternion(), arrival_s, clock)
-    assert told is not None
-    assert told.time_s == pytest.approx(time_s)
+    assert told is not None and told.time_s == pytest.approx(time_s)
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from links.core import Command
 from links.io import parse_address
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import MavlinkCodec
-from tests.loops import free_address, in_real_time
-from tests.unit.links.mavlink.test_mavlink_wires import Answering, SerialEnd, TcpEnd, until
+from tests.loops import free_address, in_real_time, until
+from tests.unit.links.mavlink.test_mavlink_wires import Answering, SerialEnd, TcpEnd
 
 pytestmark = pytest.mark.real_time
 

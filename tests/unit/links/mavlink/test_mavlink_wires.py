@@ -16,7 +16,7 @@ from links.core import Command, LinkLost
 from links.io import open_port
 from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import PX4, MavlinkCodec
-from tests.loops import free_address, in_real_time
+from tests.loops import free_address, in_real_time, until
 
 pytestmark = pytest.mark.real_time
 
@@ -120,12 +120,6 @@ class SerialEnd(Answering):
 def command() -> Command:
     now = asyncio.get_running_loop().time()
     return Command(1.0, (0.0, 0.0, 0.0), 1, now, now + 0.9)
-
-
-async def until(condition: Callable[[], bool], within_s: float = 60.0) -> None:
-    async with asyncio.timeout(within_s):
-        while not condition():
-            await asyncio.sleep(0.01)
 
 
 async def lost_and_found(link: MavlinkLink, end: Answering, lose: Callable[[], Any], find: Callable[[], Any]) -> None:

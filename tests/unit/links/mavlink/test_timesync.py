@@ -19,8 +19,7 @@ def test_an_even_trip_tells_the_clock_exactly() -> None:
     sync = Timesync()
     assert sync.best is None
     assert trip(sync, 10.0, 0.004, 0.004)
-    assert sync.best is not None
-    assert sync.best.rtt_s == pytest.approx(0.008, abs=1e-6)
+    assert sync.best is not None and sync.best.rtt_s == pytest.approx(0.008, abs=1e-6)
     assert sync.best.offset_s == pytest.approx(OFFSET_S + 2000.0, abs=1e-6)
 
 
@@ -39,8 +38,7 @@ def test_old_trips_are_forgotten() -> None:
     trip(sync, 1.0, 0.001, 0.001)
     for n in range(NEWEST):
         trip(sync, 2.0 + n, 0.05, 0.05)
-    assert sync.best is not None
-    assert sync.best.rtt_s == pytest.approx(0.1)
+    assert sync.best is not None and sync.best.rtt_s == pytest.approx(0.1)
 
 
 def test_only_the_answer_to_the_newest_question_counts_and_only_once() -> None:

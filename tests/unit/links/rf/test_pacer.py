@@ -1,6 +1,7 @@
 """What leaves at each frame, by the pacer's rules alone: no process, no clock, and a port that writes down."""
 
 import math
+from collections.abc import Callable
 
 import msgspec
 import pytest
@@ -96,6 +97,25 @@ class Bench:
     def flown(self, seconds: float) -> list[Sticks | None]:
         return [self.frame() for _ in range(round(seconds / self.period))]
 
+    def thrusts(self, count: int) -> list[float]:
+        """The thrust [N] of each of ``count`` frames."""
+        return [math.nan if one is None else round(one.thrust_n, 1) for one in (self.frame() for _ in range(count))]
+
+    def end(self, *, orphaned: bool, after_s: float) -> None:
+        """Its commander ends, or asks for the end ``after_s`` the bring-down."""
+        if orphaned:
+            self.pacer.outlive_commander(self.now)
+        else:
+            self.pacer.order(End(after_s), self.now)
+
+
+def flying() -> Bench:
+    """One that has armed, with a command of 1.5 N that holds for 0.25 s."""
+    bench = Bench()
+    bench.arm()
+    bench.give(1.5)
+    return bench
+
 
 def lifting(sticks: Sticks | None) -> bool:
     return sticks is not None and sticks.armed and sticks.thrust_n > 0.01
@@ -128,14 +148,9 @@ def test_arming_shows_the_switch_down_then_up_and_the_throttle_down_until_it_is_
 
 
 def test_a_command_leaves_until_its_deadline_then_its_bring_down_then_disarm_frames_for_ever() -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
-    frames = bench.flown(5.0)
-    thrusts = [round(sticks.thrust_n, 1) if sticks is not None else math.nan for sticks in frames]
-    expected = [1.5] * 11 + [0.8] * 22 + [0.0] * (len(frames) - 33)
-    assert thrusts == expected
-    assert all(map(is_disarm, frames[33:]))
+    bench = flying()
+    assert bench.thrusts(33) == [1.5] * 11 + [0.8] * 22
+    assert all(map(is_disarm, bench.flown(4.0)))
     bench.give(1.5)
     assert all(map(is_disarm, bench.flown(1.0))), "and nothing resumes"
     assert bench.pacer.report(bench.now).refused == 1
@@ -220,13 +235,8 @@ def test_no_arming_counts_while_the_port_is_away() -> None:
 
 @pytest.mark.parametrize("orphaned", [True, False])
 def test_in_flight_it_ends_only_after_the_bring_down_and_some_disarm_frames(orphaned: bool) -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
-    if orphaned:
-        bench.pacer.outlive_commander(bench.now)
-    else:
-        bench.pacer.order(End(1.0), bench.now)
+    bench = flying()
+    bench.end(orphaned=orphaned, after_s=1.0)
     frames: list[Sticks | None] = []
     while not bench.pacer.done(bench.now):
         frames.append(bench.frame())
@@ -319,15 +329,12 @@ def test_a_command_that_came_in_time_counts_though_it_is_looked_for_only_once_a_
     look_s = bench.now + 0.9 * PERIOD_S
     bench.pacer.order(Give(1, Command(1.2, (0.0, 0.0, 0.0), 2, look_s, look_s + 0.25, (DOWN,))), look_s)
     sticks = bench.frame()
-    assert sticks is not None
-    assert sticks.thrust_n == pytest.approx(1.2, abs=0.01)
+    assert sticks is not None and sticks.thrust_n == pytest.approx(1.2, abs=0.01)
     assert bench.pacer.report(bench.now).refused == 0
 
 
 def test_a_command_that_comes_after_a_frame_of_the_bring_down_is_told_to_be_in_vain() -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
+    bench = flying()
     bench.flown(0.25 + PERIOD_S)
     assert not bench.pacer.report(bench.now).deaf
     bench.give(1.5)
@@ -341,20 +348,13 @@ def test_a_command_that_comes_after_a_frame_of_the_bring_down_is_told_to_be_in_v
 
 @pytest.mark.parametrize("orphaned", [True, False])
 def test_end_means_end_whatever_is_commanded_after_it(orphaned: bool) -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
-    if orphaned:
-        bench.pacer.outlive_commander(bench.now)
-    else:
-        bench.pacer.order(End(0.1), bench.now)
+    bench = flying()
+    bench.end(orphaned=orphaned, after_s=0.1)
     thrusts: list[float] = []
     for _ in range(50):
         bench.give(1.9)
         bench.pacer.order(Arm(2, bench.now), bench.now)
-        sticks = bench.frame()
-        assert sticks is not None
-        thrusts.append(round(sticks.thrust_n, 1))
+        thrusts += bench.thrusts(1)
     assert thrusts == [1.5] * 11 + [0.8] * 22 + [0.0] * 17
 
 
@@ -378,9 +378,7 @@ def heir_of(bench: Bench, after_s: float) -> Bench:
 
 
 def test_whoever_takes_over_plays_what_was_held_and_nothing_else_ever_again() -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
+    bench = flying()
     bench.frame()
     heir = heir_of(bench, 3 * PERIOD_S)
     thrusts: list[float] = []
@@ -389,8 +387,7 @@ def test_whoever_takes_over_plays_what_was_held_and_nothing_else_ever_again() ->
         heir.pacer.order(Arm(2, heir.now), heir.now)
         heir.give(1.9, arming=2)
         sticks = heir.frame()
-        assert sticks is not None
-        assert sticks.armed is (sticks.thrust_n > 0.1)
+        assert sticks is not None and sticks.armed is (sticks.thrust_n > 0.1)
         thrusts.append(round(sticks.thrust_n, 1))
     assert thrusts == [1.5] * 7 + [0.8] * 22 + [0.0] * 31
     report = heir.pacer.report(heir.now)
@@ -402,41 +399,40 @@ def test_whoever_takes_over_plays_what_was_held_and_nothing_else_ever_again() ->
 def test_one_that_takes_over_late_begins_in_the_midst_of_the_bring_down_or_after_it(
     after_s: float, lifts: bool
 ) -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
+    bench = flying()
     bench.frame()
     sticks = heir_of(bench, after_s).frame()
-    assert sticks is not None
-    assert sticks.thrust_n == pytest.approx(0.8 if lifts else 0.0, abs=0.01)
+    assert sticks is not None and sticks.thrust_n == pytest.approx(0.8 if lifts else 0.0, abs=0.01)
     assert sticks.armed is lifts
 
 
-def test_one_that_takes_over_in_the_midst_of_an_arming_disarms() -> None:
+def arming() -> Bench:
+    """One in the midst of its arming."""
     bench = Bench()
     bench.pacer.order(Arm(1, bench.now), bench.now)
     for _ in range(15):
         bench.give(0.5)
         bench.frame()
-    assert all(map(is_disarm, heir_of(bench, PERIOD_S).flown(1.0)))
+    return bench
 
 
-def test_one_that_takes_over_after_a_stop_disarms() -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
+def stopped() -> Bench:
+    bench = flying()
     bench.frame()
     bench.pacer.order(Stop(), bench.now)
     bench.frame()
-    assert all(map(is_disarm, heir_of(bench, PERIOD_S).flown(1.0)))
+    return bench
+
+
+@pytest.mark.parametrize("before", [arming, stopped])
+def test_one_that_takes_over_in_the_midst_of_an_arming_or_after_a_stop_disarms(before: Callable[[], Bench]) -> None:
+    assert all(map(is_disarm, heir_of(before(), PERIOD_S).flown(1.0)))
 
 
 def test_one_that_takes_over_after_an_end_still_ends() -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
+    bench = flying()
     bench.frame()
-    bench.pacer.order(End(0.1), bench.now)
+    bench.end(orphaned=False, after_s=0.1)
     heir = heir_of(bench, PERIOD_S)
     while not heir.pacer.done(heir.now):
         heir.frame()
@@ -444,11 +440,6 @@ def test_one_that_takes_over_after_an_end_still_ends() -> None:
 
 
 def test_whoever_takes_over_in_a_bring_down_goes_on_with_it() -> None:
-    bench = Bench()
-    bench.arm()
-    bench.give(1.5)
-    thrusts = [round(sticks.thrust_n, 1) for sticks in (bench.frame() for _ in range(20)) if sticks is not None]
-    assert thrusts == [1.5] * 11 + [0.8] * 9
-    heir = heir_of(bench, PERIOD_S)
-    thrusts = [round(sticks.thrust_n, 1) for sticks in (heir.frame() for _ in range(20)) if sticks is not None]
-    assert thrusts == [0.8] * 12 + [0.0] * 8
+    bench = flying()
+    assert bench.thrusts(20) == [1.5] * 11 + [0.8] * 9
+    assert heir_of(bench, PERIOD_S).thrusts(20) == [0.8] * 12 + [0.0] * 8

@@ -72,8 +72,7 @@ def test_telemetry_of_a_crsf_module_is_heard_as_something_without_channels() -> 
 def test_positions_beyond_the_wire_stop_at_its_ends(kind: str) -> None:
     codec = CODECS[kind]
     (heard,) = codec.decoder().feed(codec.encode([9.0, -9.0] * (codec.channels // 2)))
-    assert heard.positions is not None
-    assert heard.positions[0] > 1.0
+    assert heard.positions is not None and heard.positions[0] > 1.0
     assert heard.positions[1] < -1.0
 
 

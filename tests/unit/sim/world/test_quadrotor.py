@@ -103,8 +103,7 @@ def test_it_lands_upright_on_the_floor_and_takes_off_again() -> None:
     assert state.on_ground
     assert state.position_ned[2] == 0.2
     assert so3.euler_zyx(state.attitude)[:2] == pytest.approx((0.0, 0.0), abs=1e-3)
-    assert plant.floor.touchdown_m_s is not None
-    assert plant.floor.touchdown_m_s > 1.0
+    assert plant.floor.touchdown_m_s is not None and plant.floor.touchdown_m_s > 1.0
     plant.command(2.0, 1.2, (0.0, 0.0, 0.0))
     assert not plant.truth(3.0).on_ground
 

@@ -73,8 +73,7 @@ def test_time_at_a_limit_is_suspended_and_does_not_count() -> None:
     assert warning.startswith("Lyapunov: the bound is suspended most of the time")
     assert watch.look(3.1, HOVER, clamped).state == "suspended"
     reading = watch.reading()
-    assert reading is not None
-    assert reading.suspended_fraction == pytest.approx(1.0)
+    assert reading is not None and reading.suspended_fraction == pytest.approx(1.0)
     assert reading.excess == 0.0
 
 

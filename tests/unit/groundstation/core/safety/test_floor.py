@@ -180,5 +180,4 @@ def test_presses_within_a_second_count_once(later: list[float]) -> None:
         assert request is None
         assert "counts once" in words.text
     request, _ = interrupts.press("SIGINT", 11.5)
-    assert request is not None
-    assert request.ask is Ask.DESCEND
+    assert request is not None and request.ask is Ask.DESCEND

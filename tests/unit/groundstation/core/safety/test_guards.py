@@ -194,8 +194,7 @@ def swung(degrees: float, period_s: float) -> GuardFinding | None:
 
 def test_a_vehicle_that_swings_is_brought_down_though_no_limit_is_passed_for_long() -> None:
     found = swung(58.0, 0.9)
-    assert found is not None
-    assert found.step is GuardAction.LAND
+    assert found is not None and found.step is GuardAction.LAND
     assert "again and again" in found.reason.text
     assert swung(41.0, 0.9) is None
 
@@ -229,8 +228,7 @@ def test_the_link_tells_of_its_delay_and_of_the_battery(status: dict[str, Any], 
     assert guards.link(STATUS, 0.0) is None
     assert guards.link(low, 0.5) is None
     found = guards.link(low, 1.6)
-    assert found is not None
-    assert found.step is GuardAction.LAND
+    assert found is not None and found.step is GuardAction.LAND
     assert says in found.reason.text
 
 

@@ -100,5 +100,4 @@ def test_it_is_said_once_and_the_poses_own_latency_is_not_said_again() -> None:
     assert told.text.startswith(("poses seem 29 ms later than told", "poses seem 30 ms later than told"))
     assert response.describe_news(lambda: None) is None
     rates = answered(0.03).describe_news(lambda: (0.0, 0.0))
-    assert rates is not None
-    assert rates.text.startswith("the vehicle turns")
+    assert rates is not None and rates.text.startswith("the vehicle turns")

@@ -56,8 +56,7 @@ def near(place: Vec3, velocity: Vec3, other: Vec3, others_velocity: Vec3, config
 
 def test_speed_is_measured_and_a_body_that_is_not_seen_for_a_moment_goes_on_as_it_went() -> None:
     sight = seen((1.0, 2.0, -3.0), (0.5, -1.0, 0.25)).sighting("bee")
-    assert sight is not None
-    assert sight.velocity_ned == pytest.approx((0.5, -1.0, 0.25))
+    assert sight is not None and sight.velocity_ned == pytest.approx((0.5, -1.0, 0.25))
     assert sight.at(1.2) == pytest.approx((1.1, 1.8, -2.95))
 
 
@@ -67,8 +66,7 @@ def test_a_body_that_was_seen_once_or_is_seen_again_after_long_has_no_speed() ->
     others.see("bee", 1.0, (0.0, 0.0, 0.0))
     others.see("bee", 1.0 + 2.0 * GAP_S, (9.0, 0.0, 0.0))
     sight = others.sighting("bee")
-    assert sight is not None
-    assert sight.position_ned == (9.0, 0.0, 0.0)
+    assert sight is not None and sight.position_ned == (9.0, 0.0, 0.0)
     assert sight.velocity_ned == (0.0, 0.0, 0.0)
 
 
@@ -80,8 +78,7 @@ def test_a_place_that_is_none_is_counted_and_not_believed(place: Vec3, reason: s
     others = seen((1.0, 0.0, 0.0))
     others.see("bee", 1.01, place)
     sight = others.sighting("bee")
-    assert sight is not None
-    assert sight.time_s == 1.0
+    assert sight is not None and sight.time_s == 1.0
     assert others.dropped == {reason: 1}
 
 
@@ -121,12 +118,10 @@ def test_the_one_that_leaves_least_room_counts_but_one_that_is_too_near_comes_fi
         others.see("far", 1.0 + 0.01 * i, (3.0, 0.0, 0.0))
         others.see("fast", 1.0 + 0.01 * i, (4.0 - 0.03 * i, 0.0, 0.0))
     found = Separation(PLACE, others).nearest((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
-    assert found is not None
-    assert found.name == "fast"
+    assert found is not None and found.name == "fast"
     others.see("close", 1.0, (0.4, 0.0, 0.0))
     found = Separation(PLACE, others).nearest((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0)
-    assert found is not None
-    assert found.name == "close"
+    assert found is not None and found.name == "close"
 
 
 # ---- in flight

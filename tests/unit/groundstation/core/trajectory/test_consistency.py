@@ -74,8 +74,7 @@ def test_derivatives_that_positions_do_not_have_are_found(
     change: Callable[[Reference, float], Reference], name: str
 ) -> None:
     odd = report(Curve(change)).inconsistency
-    assert odd is not None
-    assert odd.name == name
+    assert odd is not None and odd.name == name
     assert not report(Curve(change)).ok
 
 

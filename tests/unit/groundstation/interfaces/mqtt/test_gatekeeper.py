@@ -320,8 +320,7 @@ def test_the_reply_of_the_flight_reaches_the_client() -> None:
     answer = gate.take(sealed(), retained=False, now_s=0.0, wall_ms=NOW_MS)
     assert answer is not None
     opened = open_answer(answer, KEY, PLACE)
-    assert opened is not None
-    assert opened.says == "land now"
+    assert opened is not None and opened.says == "land now"
 
 
 @pytest.mark.parametrize("ask", list(Ask))

@@ -157,8 +157,7 @@ def test_what_the_source_itself_has_moved_is_believed_at_once() -> None:
     moved = pose(20, (5.0, 0.0, -1.0), reset_count=1)
     passed, event = gate.take(moved)
     assert passed == moved
-    assert event is not None
-    assert event.kind == "reset"
+    assert event is not None and event.kind == "reset"
     assert gate.take(pose(21, (5.02, 0.0, -1.0), reset_count=1))[1] is None
     assert not gate.dropped
 

@@ -15,7 +15,7 @@ from groundstation.pose.sources.qualisys import QualisysSource
 from links.io import parse_address
 from sim.trackers import QtmServer, TrackedBody
 from sim.trackers.trackers import Client
-from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time
+from tests.loops import BOTH_LOOPS, Run, free_address, in_virtual_time, until
 
 
 class Room:
@@ -38,9 +38,7 @@ class Room:
 
     async def more(self, count: int = 3) -> Pose:
         count += len(self.poses)
-        async with asyncio.timeout(60.0):
-            while len(self.poses) < count:
-                await asyncio.sleep(0.01)
+        await until(lambda: len(self.poses) >= count)
         return self.poses[-1]
 
     def say(self, data: bytes) -> None:

@@ -14,6 +14,7 @@ import pytest
 from groundstation.core.messages import Pose
 from groundstation.pose.sources import ViconConfig
 from groundstation.pose.sources.vicon_codec import ViconObject, encode
+from tests.loops import until
 from tests.vicon_table import OURS
 
 P = ParamSpec("P")
@@ -69,9 +70,7 @@ class Bench:
 
     async def dropped(self, count: int) -> dict[str, int]:
         """What was dropped, once ``count`` datagrams were."""
-        async with asyncio.timeout(60.0):
-            while sum(self.source.status.dropped.values()) < count:
-                await asyncio.sleep(0.001)
+        await until(lambda: sum(self.source.status.dropped.values()) >= count)
         return self.source.status.dropped
 
 
