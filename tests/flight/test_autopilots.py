@@ -42,14 +42,6 @@ def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[FlightO
     return *in_virtual_time(main)(), said
 
 
-@AUTOPILOT
-def test_a_flight_ends_on_the_floor_and_disarmed_on_either(autopilot: str) -> None:
-    outcome, stage, _ = ended(autopilot)
-    assert outcome.state is State.LANDED, outcome.reason
-    assert not stage.autopilot.armed
-    assert stage.plant.floor.touchdown_m_s is not None and stage.plant.floor.touchdown_m_s < 0.5
-
-
 def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_in_guided_nogps() -> None:
     outcome, stage, _ = ended("ardupilot", EK3_SRC1_POSXY=0.0)
     assert outcome.state is State.ABORTED
@@ -136,11 +128,12 @@ def key(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.tried(1)  # autopilots; both fly in the next tests, and the signature is the link's
 @AUTOPILOT
-def test_a_signed_flight_is_flown_on_either(autopilot: str, key: Path) -> None:
+def test_a_signed_flight_ends_on_the_floor_and_disarmed_on_either(autopilot: str, key: Path) -> None:
     outcome, stage, _ = ended(autopilot, f"link.signing_key_file={key}")
     assert outcome.state is State.LANDED, outcome.reason
+    assert not stage.autopilot.armed
+    assert stage.plant.floor.touchdown_m_s is not None and stage.plant.floor.touchdown_m_s < 0.5
     assert stage.autopilot.codec.dropped == {}
     assert key.with_name("key.stamp").exists()
 

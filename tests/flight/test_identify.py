@@ -123,11 +123,3 @@ def test_no_file_is_written_over_and_the_page_says_that_it_needs_matplotlib(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ConfigError, match=r"pip install .*\[plot\]"):
         identify_command(log(), None, tmp_path / "page", as_json=True)
-
-
-def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("no recording")
-    with pytest.raises(ConfigError, match=r"LOG: .* is no MCAP file"):
-        identify_command(tmp_path / "notes.txt", None, None, as_json=True)
-    with pytest.raises(ConfigError, match="LOG: cannot read"):
-        identify_command(tmp_path / "missing.mcap", None, None, as_json=True)

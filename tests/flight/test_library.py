@@ -4,6 +4,7 @@ import asyncio
 import math
 import re
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 
 import groundstation as gs
 from groundstation.analysis import export_command
+from groundstation.analysis.identify import find_outside, identify_command
+from groundstation.analysis.report import report_command
 from groundstation.analysis.report.flight import numbers
 from groundstation.config import ConfigError, UserCodeFault
 from sim.runs import fly
@@ -265,11 +268,14 @@ def test_a_comparison_that_means_nothing_is_refused_before_it_flies(told: dict[s
 
 
 def test_what_is_no_recording_is_refused_in_one_way_by_all_that_read_one(tmp_path: Path) -> None:
+    commands: tuple[Callable[[Any], object], ...] = (
+        lambda path: identify_command(path, None, None, as_json=True),
+        lambda path: report_command([path], None, find_outside, as_json=True),
+    )
     for path in (tmp_path / "nobody.mcap", ROOT / "README.md", "\0.mcap"):
-        with pytest.raises(ConfigError, match="LOG"):
-            gs.load(path)
-        with pytest.raises(ConfigError, match="LOG"):
-            gs.error_budget(path)
+        for read in (gs.load, gs.error_budget, *(commands if isinstance(path, Path) else ())):
+            with pytest.raises(ConfigError, match="LOG"):
+                read(path)
 
 
 # ---- the documents

@@ -25,7 +25,7 @@ def test_paper_tracks_as_well_through_every_source_as_through_vicon(source: str)
 
 
 def test_the_autopilots_odometry_which_has_a_velocity_is_no_worse() -> None:
-    assert rms_cm("odometry") <= 1.1 * rms_cm("vicon")
+    assert rms_cm("odometry") <= min(1.1 * rms_cm("vicon"), 0.30)
 
 
 @pytest.mark.tried(1)  # vehicles and figures
@@ -43,14 +43,6 @@ def test_a_velocity_that_is_off_its_own_positions_moves_the_vehicle_little(
 
     assert rms_cm() <= 0.4
     assert scenario == "quad1kg" or rms_cm() < 0.5 * rms_cm("controller.velocity_bias_m_s=0")
-
-
-@pytest.mark.tried(1)  # sources
-@pytest.mark.parametrize("source", ["vicon", *CAMERAS])
-def test_other_bodies_and_short_occlusions_are_borne(source: str) -> None:
-    result = flown("paper", "sim.other_bodies=3", "sim.occlusion_s=0.1", source=source, duration_s=20.0)
-    assert result.completed, result.why
-    assert result.verdict.max_cm is not None and result.verdict.max_cm < 3.0
 
 
 def test_a_mix_up_of_markers_reaches_the_flight_as_the_tracker_sends_it() -> None:

@@ -66,15 +66,6 @@ def test_the_check_fails_and_names_both_addresses() -> None:
     assert MavCommand.ARM_DISARM not in second.commands
 
 
-def test_nothing_is_armed() -> None:
-    outcome: FlightOutcome
-    outcome, second, _ = flown(lambda flight: flight.run(), 0.3)
-    assert outcome.state is State.ABORTED
-    assert "two autopilots with MAVLink system id 1 are heard" in outcome.reason
-    assert MavCommand.ARM_DISARM not in second.commands
-    assert [m for m in second.heard if m.get_type() == "SET_ATTITUDE_TARGET"] == []
-
-
 def test_in_flight_it_is_told_once_and_the_flight_goes_on() -> None:
     outcome: FlightOutcome
     outcome, second, said = flown(lambda flight: flight.run(), 4.0)

@@ -51,17 +51,6 @@ def test_every_crsf_count_is_reached(counts: list[int]) -> None:
 
 
 @kind
-@given(st.binary(max_size=200), st.data())
-def test_bytes_from_nowhere_raise_nothing_and_may_be_cut_anywhere(kind: str, data: bytes, draw: st.DataObject) -> None:
-    rows = st.sampled_from([row.frame for row in of_kind(kind)])
-    stream = data + draw.draw(rows) + data[:7]
-    whole, cut = CODECS[kind].decoder(), CODECS[kind].decoder()
-    at = draw.draw(st.integers(0, len(stream)))
-    assert whole.feed(stream) == cut.feed(stream[:at]) + cut.feed(stream[at:])
-    assert whole.dropped == cut.dropped
-
-
-@kind
 @given(st.data())
 def test_a_damaged_frame_does_not_keep_the_next_ones_from_being_found(kind: str, draw: st.DataObject) -> None:
     frames = [row.frame for row in of_kind(kind)]

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.analysis.evidence.shadow import ShadowReport, report
-from groundstation.config import ConfigError
 from groundstation.core.geometry import Vec3
 from tests.shadow_flight import Flight
 
@@ -99,28 +98,6 @@ def test_an_autopilot_whose_velocity_is_not_that_of_its_positions_is_found_out(
     # The estimate and the reference are of its velocity, whatever its positions do.
     assert found.velocity_rms_m_s is not None and found.velocity_rms_m_s < 0.1
     assert levels(found)["velocity"] == levels(found)["commands"] == "fine"
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", "the recording is empty"),
-        (b"[vehicle]\nname = 'quad'\n" * 20, "is it a .tlog?"),
-        (bytes(1000), "is it a .tlog?"),
-        (None, "No such file"),
-    ],
-    ids=["empty", "text", "zeros", "missing"],
-)
-def test_a_file_that_is_no_recording_is_named_with_what_is_wrong(
-    tmp_path: Path, content: bytes | None, words: str
-) -> None:
-    file = tmp_path / "flight.tlog"
-    if content is not None:
-        file.write_bytes(content)
-    with pytest.raises(ConfigError) as caught:
-        report(file)
-    assert str(file) in str(caught.value)
-    assert words in str(caught.value)
 
 
 SHORT = Flight(duration_s=0.6).tlog()

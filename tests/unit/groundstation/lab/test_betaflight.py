@@ -94,14 +94,6 @@ def test_a_status_tells_whether_it_is_armed_and_a_short_one_does_not() -> None:
         is_armed(bytes(9))
 
 
-@given(st.lists(st.binary(max_size=40)))
-def test_whatever_comes_nothing_raises_and_pieces_say_the_same(pieces: list[bytes]) -> None:
-    whole, cut = MspReader(), MspReader()
-    stream = b"".join(pieces) + encode_request(MspCommand.UID).replace(b"<", b">") * 2
-    assert whole.feed(stream) == [one for k in range(len(stream)) for one in cut.feed(stream[k : k + 1])]
-    find_settings(stream.decode("ascii", "replace"))
-
-
 @given(st.text(max_size=200))
 def test_whatever_a_command_line_says_what_is_found_can_be_said_again(said: str) -> None:
     for name, value in find_settings(said).items():

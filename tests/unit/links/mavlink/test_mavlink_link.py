@@ -161,14 +161,6 @@ async def test_only_a_heartbeat_of_the_vehicle_makes_a_connection() -> None:
 
 
 @in_virtual_time
-async def test_an_address_in_use_is_told_of() -> None:
-    await Endpoint().open(local=HERE)
-    link = MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0)
-    with pytest.raises(LinkLost, match=r"cannot open 127\.0\.0\.1:14540.*already in use.*holds this port"):
-        await link.connect()
-
-
-@in_virtual_time
 async def test_a_silent_autopilot_is_lost_and_found_again() -> None:
     autopilot = await Endpoint().open()
     link = MavlinkLink(MavlinkLinkConfig(quiet=False, heartbeat_timeout_s=3.0), thrust_max_n=2.0)

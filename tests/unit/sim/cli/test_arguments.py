@@ -60,31 +60,34 @@ def test_the_old_option_of_the_scenario_still_names_it(capsys: pytest.CaptureFix
     assert "--scenario adverse is now adverse alone" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["fly", "serve", "mission", "dev faults", "tune"])
-@pytest.mark.parametrize("seed", ["-1", "1.5", "seven"])
-def test_a_seed_is_a_whole_number(command: str, seed: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        simulating_parser().parse_args([*command.split(), "--seed", seed])
-    assert caught.value.code == 2
-    assert f"argument --seed: expected a whole number from 0 on, got {seed}" in capsys.readouterr().err
+FLY, SIM = flying_parser, simulating_parser
+SEED = "--seed: expected a whole number from 0 on, got"
+SECONDS = "expected seconds, more than 0 and at most 86400"
+VIEWER = "is no viewer: expected rerun or foxglove, or --view at the very end"
 
 
 @pytest.mark.parametrize(
-    ("words", "complaint"),
+    ("parser", "words", "complaint"),
     [
-        ("campaign --first-seed -1", "--first-seed: expected a whole number from 0 on, got -1"),
-        ("campaign --flights none", "--flights: expected a whole number from 1 on, got none"),
-        ("fly --duration long", "--duration: expected seconds, more than 0 and at most 86400, got long"),
-        ("compare --scenarios ,", "--scenarios: expected names between commas, got ','"),
-        ("tune --gain-margin much", "--gain-margin: expected percent from 0 to below 90, got much"),
+        *((SIM, f"{command} --seed -1", f"{SEED} -1") for command in ("fly", "serve", "dev faults", "tune")),
+        (SIM, "mission --seed 1.5", f"{SEED} 1.5"),
+        (SIM, "fly --seed seven", f"{SEED} seven"),
+        (SIM, "campaign --first-seed -1", "--first-seed: expected a whole number from 0 on, got -1"),
+        (SIM, "campaign --flights none", "--flights: expected a whole number from 1 on, got none"),
+        (SIM, "fly --duration long", f"--duration: {SECONDS}, got long"),
+        (SIM, "compare --scenarios ,", "--scenarios: expected names between commas, got ','"),
+        (SIM, "tune --gain-margin much", "--gain-margin: expected percent from 0 to below 90, got much"),
+        (FLY, "check lab.toml --seconds x", f"--seconds: {SECONDS}, got x"),
+        (FLY, "fly lab.toml --view room.toml", f"'room.toml' {VIEWER}"),
+        (SIM, "fly --view room.toml", f"'room.toml' {VIEWER}"),
     ],
 )
-def test_numbers_are_refused_with_what_is_expected(
-    words: str, complaint: str, capsys: pytest.CaptureFixture[str]
+def test_what_is_no_value_of_an_option_is_refused_with_what_is_expected(
+    parser: Callable[[], ArgumentParser], words: str, complaint: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(SystemExit):
-        simulating_parser().parse_args(words.split())
-    assert complaint in capsys.readouterr().err
+    with pytest.raises(SystemExit) as caught:
+        parser().parse_args(words.split())
+    assert caught.value.code == 2 and complaint in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -109,22 +112,32 @@ def test_a_word_too_many_or_too_few_is_told_beside_the_usage_of_its_command(
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("parser", "words", "says"),
     [
-        (["--controllers", "bogus"], r"^--controllers: expected one of \['adaptive', .* got 'bogus'$"),
-        (["--table", "found.csv"], "^--table: is for --equal-margins$"),
-        (["--trials", "3"], "^--trials: is for --equal-margins$"),
+        (SIM, "compare --controllers bogus", r"^--controllers: expected one of \['adaptive', .* got 'bogus'$"),
+        (SIM, "compare --table found.csv", "^--table: is for --equal-margins$"),
+        (SIM, "compare --trials 3", "^--trials: is for --equal-margins$"),
+        (SIM, "serve --param FOO", "^--param: expected NAME=VALUE, got 'FOO'"),
+        (SIM, "serve --param FOO=1", "^--param: expected one of "),
+        (SIM, "serve --param COM_OBL_RC_ACT=much", "^--param: COM_OBL_RC_ACT=much: "),
+        (SIM, "fly --view", "^--view: shows what was recorded: expected --out DIR beside it$"),
+        (FLY, "check examples/loopback.toml --seconds 3", "^--seconds: is for --watch"),
+        (FLY, "logs --folder /nope", "^--folder: .*nope does not exist$"),
+        (FLY, "logs --folder README.md", "^--folder: .*README.md is no folder$"),
+        (
+            FLY,
+            "logs /there/flight.mcap",
+            r"^logs: expected CONFIG.toml or a folder; .*`groundstation report .*flight",
+        ),
     ],
 )
-def test_a_comparison_that_can_not_be_meant_flies_nothing(words: list[str], says: str) -> None:
+def test_what_can_not_be_meant_is_refused_by_its_option_before_anything_starts(
+    parser: Callable[[], ArgumentParser], words: str, says: str
+) -> None:
+    args = parser().parse_args(words.split())
+    commands = flying if parser is flying_parser else simulating
     with pytest.raises(ConfigError, match=says):
-        simulating.compare(simulating_parser().parse_args(["compare", *words]))
-
-
-def test_seconds_of_the_ground_station_are_a_number(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        flying_parser().parse_args(["check", "lab.toml", "--seconds", "x"])
-    assert "--seconds: expected seconds, more than 0 and at most 86400, got x" in capsys.readouterr().err
+        getattr(commands, words.split(maxsplit=1)[0])(args)
 
 
 def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() -> None:
@@ -134,20 +147,6 @@ def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() 
         assert caught.value.option == "--controller"
     with pytest.raises(ConfigError, match=r"^--set: controller.kind: "):
         simulating.fly(simulating_parser().parse_args(["fly", "--set", "controller.kind=bogus"]))
-
-
-@pytest.mark.parametrize(
-    ("param", "complaint"),
-    [
-        ("FOO", "--param: expected NAME=VALUE, got 'FOO'"),
-        ("FOO=1", "--param: expected one of "),
-        ("COM_OBL_RC_ACT=much", "--param: COM_OBL_RC_ACT=much: "),
-    ],
-)
-def test_a_parameter_of_the_simulated_autopilot_is_a_name_and_a_value(param: str, complaint: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        simulating.serve(simulating_parser().parse_args(["serve", "--param", param]))
-    assert str(caught.value).startswith(complaint)
 
 
 @pytest.mark.parametrize(
@@ -175,20 +174,6 @@ def test_an_address_that_is_none_is_blamed_by_its_key_in_the_bridges_file_too(tm
         load(file, BridgeConfig)
 
 
-def test_the_list_of_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    for name, what in (("nope", "does not exist"), ("file", "is no folder")):
-        args = flying_parser().parse_args(["logs", "--folder", str(tmp_path / name)])
-        with pytest.raises(ConfigError, match=f"^--folder: .*{name} {what}$"):
-            flying.logs(args)
-
-
-def test_the_list_of_a_file_says_what_tells_of_one_flight(tmp_path: Path) -> None:
-    args = flying_parser().parse_args(["logs", str(tmp_path / "flight.mcap")])
-    with pytest.raises(ConfigError, match=r"^logs: expected CONFIG.toml or a folder; .*`groundstation report .*flight"):
-        flying.logs(args)
-
-
 def test_a_recording_of_a_few_bytes_is_listed_as_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "short.mcap").write_bytes(MAGIC + b"\x01")
     assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path)])) == 0
@@ -212,24 +197,3 @@ def test_a_folder_is_listed_with_the_flights_that_have_folders_of_their_own(
     assert flying.logs(flying_parser().parse_args(["logs", str(tmp_path), "--json"])) == 0
     found = json.loads(capsys.readouterr().out)
     assert [row["file"] for row in found["flights"]] == ["20260101-120000-mqx.mcap", "paper/flight.mcap"]
-
-
-def test_how_long_to_watch_is_refused_where_nothing_is_watched(tmp_path: Path) -> None:
-    (tmp_path / "lab.toml").touch()
-    args = flying_parser().parse_args(["check", str(tmp_path / "lab.toml"), "--seconds", "3"])
-    with pytest.raises(ConfigError, match=r"^--seconds: is for --watch"):
-        flying.check(args)
-
-
-def test_a_flight_that_leaves_no_recording_is_not_viewed() -> None:
-    with pytest.raises(ConfigError, match=r"^--view: shows what was recorded: expected --out DIR beside it$"):
-        simulating.fly(simulating_parser().parse_args(["fly", "--view"]))
-
-
-@pytest.mark.parametrize("parser", [flying_parser, simulating_parser], ids=["flying", "simulating"])
-def test_a_file_behind_view_is_told_where_view_stands(
-    parser: Callable[[], ArgumentParser], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        parser().parse_args(["fly", "--view", "room.toml"])
-    assert "'room.toml' is no viewer: expected rerun or foxglove, or --view at the very end" in capsys.readouterr().err

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.core.messages import Ask, Reply, Request, Sentence, Waypoint
+from groundstation.core.messages import Ask, Request, Sentence, Waypoint
 from groundstation.interfaces.api.messages import ANYONE, ClientOrder, Party
 from groundstation.interfaces.api.messages import Desk as ControlDesk
 from groundstation.interfaces.mqtt.messages import SealedRequest
@@ -45,6 +45,15 @@ class Desk:
 
     def take(self, data: bytes, *, retained: bool = False, now_s: float = 0.0, wall_ms: int = NOW_MS) -> bytes | None:
         return self.gate.take(data, retained=retained, now_s=now_s, wall_ms=wall_ms)
+
+    def answer(self, data: bytes, key: bytes = KEY, **more: Any) -> tuple[bool, str] | None:
+        """Whether it was done, and what is said of it; None where nothing is answered."""
+        answer = self.take(data, **more)
+        if answer is None:
+            return None
+        opened = open_answer(answer, key, PLACE)
+        assert opened is not None
+        return opened.done, opened.says
 
 
 @pytest.fixture
@@ -104,12 +113,7 @@ def test_points_are_sealed_in_one_line_before_the_words() -> None:
 
 def test_only_a_client_that_may_goto_sends_points(desk: Desk) -> None:
     data = seal_request(KEY, PLACE, SESSION, "tablet", 7, "goto", NOW_MS + 3000, "", (Waypoint(1.0, 0.5, -1.25),))
-    answer = desk.take(data)
-    assert answer is not None
-    opened = open_answer(answer, KEY, PLACE)
-    assert opened is not None
-    assert not opened.done
-    assert "may not ask for goto" in opened.says
+    assert desk.answer(data) == (False, "tablet may not ask for goto")
     assert desk.core.asked == []
 
 
@@ -187,23 +191,19 @@ def test_a_request_from_a_clock_ahead_is_not_obeyed_once_its_time_has_come(desk:
     assert len(desk.core.asked) == 1
 
 
-def test_a_client_may_only_ask_what_it_may(desk: Desk) -> None:
-    answer = desk.take(sealed(ask="kill"))
-    assert answer is not None
-    opened = open_answer(answer, KEY, PLACE)
-    assert opened is not None
-    assert (opened.done, opened.says) == (False, "tablet may not ask for kill")
-    assert desk.core.asked == []
-    assert desk.gate.counts == {"not_allowed": 1}
-
-
-def test_what_the_flight_refuses_is_answered_so(desk: Desk) -> None:
-    answer = desk.take(sealed(ask="hold"))
-    assert answer is not None
-    opened = open_answer(answer, KEY, PLACE)
-    assert opened is not None
-    assert (opened.done, opened.says) == (False, "hold is not possible while landing")
-    assert desk.gate.counts == {"not_possible": 1}
+@pytest.mark.parametrize(
+    ("ask", "says", "asked", "reason"),
+    [
+        ("kill", "tablet may not ask for kill", [], "not_allowed"),
+        ("hold", "hold is not possible while landing", [Ask.HOLD], "not_possible"),
+    ],
+)
+def test_what_a_client_may_not_ask_or_the_flight_refuses_is_answered_so(
+    desk: Desk, ask: str, says: str, asked: list[Ask], reason: str
+) -> None:
+    assert desk.answer(sealed(ask=ask)) == (False, says)
+    assert [request.ask for request in desk.core.asked] == asked
+    assert desk.gate.counts == {reason: 1}
 
 
 def test_a_why_can_forge_no_line_of_a_log(desk: Desk) -> None:
@@ -265,15 +265,8 @@ class Pair(Desk):
 
     def kill(self, number: int = 1, **more: Any) -> tuple[bool, str] | None:
         """The phone's kill, and its answer."""
-        wall_ms, now_s = more.pop("wall_ms", NOW_MS), more.pop("now_s", 0.0)
-        answer = self.take(
-            sealed(number, "kill", **{"key": OTHER_KEY, "client": "phone"} | more), wall_ms=wall_ms, now_s=now_s
-        )
-        if answer is None:
-            return None
-        opened = open_answer(answer, more.get("key", OTHER_KEY), PLACE)
-        assert opened is not None
-        return opened.done, opened.says
+        more = {"key": OTHER_KEY, "client": "phone"} | more
+        return self.answer(sealed(number, "kill", **more), more["key"])
 
 
 def test_a_kill_waits_for_no_turn() -> None:
@@ -308,19 +301,8 @@ def test_the_kill_of_a_client_that_may_not_is_answered_and_not_obeyed() -> None:
     assert desk.core.asked == []
 
 
-def test_the_reply_of_the_flight_reaches_the_client() -> None:
-    sessions = iter([SESSION])
-    gate = Gatekeeper(
-        PLACE,
-        {"tablet": ClientKey(KEY, frozenset(Ask))},
-        lambda request: Reply(True, f"{request.ask} now"),
-        lambda: next(sessions),
-        lambda _: None,
-    )
-    answer = gate.take(sealed(), retained=False, now_s=0.0, wall_ms=NOW_MS)
-    assert answer is not None
-    opened = open_answer(answer, KEY, PLACE)
-    assert opened is not None and opened.says == "land now"
+def test_the_reply_of_the_flight_reaches_the_client(desk: Desk) -> None:
+    assert desk.answer(sealed(why="now")) == (True, "land: now (tablet by MQTT)")
 
 
 @pytest.mark.parametrize("ask", list(Ask))
