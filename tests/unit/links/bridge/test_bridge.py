@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import itertools
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
@@ -450,13 +451,8 @@ async def test_no_bytes_at_all_make_either_side_raise(data: bytes) -> None:
 
 
 def test_a_seal_opens_what_it_closed_once_and_in_order() -> None:
-    from collections import Counter
-
-    ours, theirs, dropped = (
-        Seal(KEY, DatagramKind.UP, b"12345678"),
-        Seal(KEY, DatagramKind.UP, b"12345678"),
-        Counter[str](),
-    )
+    ours, theirs = (Seal(KEY, DatagramKind.UP, b"12345678") for _ in range(2))
+    dropped = Counter[str]()
     first, second = ours.close(Up(1.0, 2.0, 3.0)), ours.close(Up(2.0, 2.0, 3.0))
     assert theirs.open(second, UPS, dropped) == Up(2.0, 2.0, 3.0)
     assert theirs.open(first, UPS, dropped) is None

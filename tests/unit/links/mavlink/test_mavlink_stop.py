@@ -45,6 +45,14 @@ def ack(command: int, result: int = 0) -> Any:
     return D.MAVLink_command_ack_message(command, result, 0, 0, 245, 190)
 
 
+def arms(message: Any) -> list[Any]:
+    """Accept, with the parameters by which ArduPilot is armed."""
+    if message.get_type() == "PARAM_REQUEST_READ":
+        right = {"GUID_OPTIONS": 8.0, "ATC_ANGLE_BOOST": 0.0}[message.param_id]
+        return [D.MAVLink_param_value_message(message.param_id.encode(), right, 9, 1, 0)]
+    return accept(message)
+
+
 @scene()
 async def test_a_kill_is_repeated_until_it_is_acknowledged_and_the_stream_ends_before_it(
     link: MavlinkLink, autopilot: Endpoint
@@ -142,15 +150,12 @@ def test_land_is_asked_for_beside_the_rates_which_end_when_it_is_accepted(kind: 
         lands: list[float] = []
 
         def answer(message: Any) -> list[Any]:
-            if message.get_type() == "PARAM_REQUEST_READ":
-                right = {"GUID_OPTIONS": 8.0, "ATC_ANGLE_BOOST": 0.0}[message.param_id]
-                return [D.MAVLink_param_value_message(message.param_id.encode(), right, 9, 1, 0)]
             if getattr(message, "command", None) == MavCommand.DO_SET_MODE and (message.param2, message.param3) == mode:
                 lands.append(asyncio.get_running_loop().time())
                 return [] if len(lands) == 1 else accept(message)  # the first got lost
             if getattr(message, "command", None) == MavCommand.REQUEST_MESSAGE:
                 autopilot.beat()
-            return accept(message)
+            return arms(message)
 
         autopilot.answer = answer
         autopilot.armed = True
@@ -210,13 +215,7 @@ def test_unless_told_otherwise_land_is_asked_of_an_autopilot_that_says_that_it_k
     kind: int, flags: int, ago_s: float, lands: bool
 ) -> None:
     async def play(link: MavlinkLink, autopilot: Endpoint) -> None:
-        def answer(message: Any) -> list[Any]:
-            if message.get_type() == "PARAM_REQUEST_READ":
-                right = {"GUID_OPTIONS": 8.0, "ATC_ANGLE_BOOST": 0.0}[message.param_id]
-                return [D.MAVLink_param_value_message(message.param_id.encode(), right, 9, 1, 0)]
-            return accept(message)
-
-        autopilot.answer = answer
+        autopilot.answer = arms
         await link.arm(idle)
         autopilot.armed = True
         if kind == PX4:

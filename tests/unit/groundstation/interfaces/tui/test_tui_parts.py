@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from groundstation.core.messages import Ask, Certificate, Notice, Snapshot
+from groundstation.core.messages import Ask, Notice, Snapshot
 from groundstation.core.mission import State
 from groundstation.interfaces.tui.drawing import (
     PlotTrack,
@@ -87,13 +87,10 @@ def test_a_lost_link_and_old_poses_are_alarms() -> None:
     assert headline(changed(pose_age_s=0.5, state="ready"), 0.0, "").big == "ready"
 
 
-def test_heights_are_up_and_errors_in_centimetres() -> None:
+def test_heights_are_up_from_the_floor_and_errors_in_centimetres() -> None:
     text = "\n".join(plain(number_rows(changed(position_ned=(1.0, -2.0, -1.5), error_m=0.123))))
     assert "position   +1.000   -2.000   +1.500 m" in text
     assert "error     12.3 cm" in text
-
-
-def test_heights_count_from_the_floor() -> None:
     text = "\n".join(plain(number_rows(changed(position_ned=(1.0, -2.0, 1.0), floor_z_m=1.0))))
     assert "position   +1.000   -2.000   +0.000 m" in text
 
@@ -106,15 +103,9 @@ def test_a_command_at_its_limit_carries_a_mark() -> None:
 
 
 def test_a_violated_bound_carries_a_mark_and_a_bound_that_holds_does_not() -> None:
-    held = Certificate(
-        state="holds",
-        bound="composite",
-        v=0.0213,
-        excess=0.0,
-        violated_fraction=0.0,
-        suspended_fraction=0.0,
-        b_hat_fraction=0.08,
-    )
+    shown = sample(10.0).certificate
+    assert shown is not None and shown.state == "holds"
+    held = msgspec.structs.replace(shown, v=0.0213, b_hat_fraction=0.08)
     assert "V         0.0213  holds  b̂ 8 %" in plain(number_rows(changed(certificate=held)))
     violated = msgspec.structs.replace(held, state="violated", excess=3.25, b_hat_fraction=None)
     assert "V         0.0213  violated! by 3.2" in plain(number_rows(changed(certificate=violated)))
