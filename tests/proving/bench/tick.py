@@ -80,7 +80,7 @@ def time_calls(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> I
         yield found
 
 
-UNWATCHED: dict[str, Any] = {"_accepts": True, "_check_response": None, "_ask_on_error": None}
+UNWATCHED: dict[str, Any] = {"_accepts": True, "_check_response": None, "_ask_on_new_wind": None}
 """Methods of the pilot that watch the poses, and their answers where every pose is believed unseen."""
 WITNESS = ((Witness, "attitude"), (Witness, "arm"), (Witness, "pose"))
 
