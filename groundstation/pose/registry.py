@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias, TypeVar
 import msgspec
 
 from groundstation.config import ConfigError
-from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.geometry import Alignment, Body, LabAlignment, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, Sentence, SourceError, notice
 from groundstation.machine import sleep_until
 from groundstation.pose.recorded_codec import (
@@ -138,9 +138,7 @@ class CsvConfig(PoseKind, frozen=True, kw_only=True, tag="csv"):
     ] = 1.0
     world: Annotated[World, msgspec.Meta(description="Axes of the file's positions; a run's folder has `ned`.")] = "ned"
     body: Annotated[Body, msgspec.Meta(description="Axes of the body; a run's folder has `frd`.")] = "frd"
-    alignment: Annotated[
-        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
-    ] = Alignment()
+    alignment: LabAlignment = Alignment()
 
     @property
     def real(self) -> None:

@@ -318,6 +318,19 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     ] = (0.0, 0.0, 0.0)
 
 
+LabAxes: TypeAlias = Annotated[
+    World,
+    msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
+]
+"""World axes of a tracker, as a key of its configuration."""
+BodyAxes: TypeAlias = Annotated[Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")]
+"""Body axes of a tracker, as a key of its configuration."""
+LabAlignment: TypeAlias = Annotated[
+    Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
+]
+"""Alignment of a tracker, as a key of its configuration."""
+
+
 class Axes(Protocol):
     """Axes in a source's configuration."""
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import msgspec
 
-from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
 from groundstation.pose.sources.intake import DatagramReader, Intake
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
@@ -120,14 +120,9 @@ class JsonConfig(ListensAt, frozen=True, kw_only=True, tag="json"):
     listen: Annotated[
         str, msgspec.Meta(description="Address that the tracker sends to, host:port of this machine.")
     ] = "127.0.0.1:51002"
-    world: Annotated[
-        World,
-        msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
-    ] = "nwu"
-    body: Annotated[Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")] = "flu"
-    alignment: Annotated[
-        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
-    ] = Alignment()
+    world: LabAxes = "nwu"
+    body: BodyAxes = "flu"
+    alignment: LabAlignment = Alignment()
     latency_s: Annotated[
         float,
         msgspec.Meta(

@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Literal
 
 import msgspec
 
-from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
 from groundstation.machine import cancel_task
 from groundstation.pose.sources.intake import Intake
@@ -57,14 +57,9 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NAME, description="Name of the vehicle's body.")] = (
         "quad"
     )
-    world: Annotated[
-        World,
-        msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
-    ] = "nwu"
-    body: Annotated[Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")] = "flu"
-    alignment: Annotated[
-        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
-    ] = Alignment()
+    world: LabAxes = "nwu"
+    body: BodyAxes = "flu"
+    alignment: LabAlignment = Alignment()
     latency_s: Annotated[
         float,
         msgspec.Meta(

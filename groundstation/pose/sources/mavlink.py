@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 import msgspec
 
-from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.geometry import Alignment, Body, LabAlignment, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus
 from groundstation.pose.sources.datagram import DatagramSource, ListensAt
 from groundstation.pose.sources.intake import Intake
@@ -116,9 +116,7 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
         World, msgspec.Meta(description="Axes of position and angles; by the message's definition `ned`.")
     ] = "ned"
     body: Annotated[Body, msgspec.Meta(description="Axes of the body; by the message's definition `frd`.")] = "frd"
-    alignment: Annotated[
-        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
-    ] = Alignment()
+    alignment: LabAlignment = Alignment()
     latency_s: Annotated[
         float,
         msgspec.Meta(

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.geometry import Alignment, Body, LabAlignment, World, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus
 from groundstation.pose.sources.datagram import cannot_listen, join
 from groundstation.pose.sources.intake import Intake
@@ -52,9 +52,7 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
             description="Axes of the rigid body, made with its nose along x: `fur` where up is Y, `flu` where up is Z."
         ),
     ] = "fur"
-    alignment: Annotated[
-        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
-    ] = Alignment()
+    alignment: LabAlignment = Alignment()
     network_s: Annotated[
         float,
         msgspec.Meta(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import msgspec
 
-from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
 from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
 from groundstation.machine import cancel_task
 from groundstation.pose.sources.intake import Intake
@@ -41,14 +41,9 @@ class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
         str, msgspec.Meta(min_length=1, max_length=256, description="Name of the vehicle's 6DOF body in QTM.")
     ] = "quad"
     server: Annotated[str, msgspec.Meta(description="QTM's little-endian RT port, host:port.")] = "127.0.0.1:22223"
-    world: Annotated[
-        World,
-        msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
-    ] = "nwu"
-    body: Annotated[Body, msgspec.Meta(description="Axes of the body: `flu` is x forward, y left, z up.")] = "flu"
-    alignment: Annotated[
-        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
-    ] = Alignment()
+    world: LabAxes = "nwu"
+    body: BodyAxes = "flu"
+    alignment: LabAlignment = Alignment()
     latency_s: Annotated[
         float,
         msgspec.Meta(

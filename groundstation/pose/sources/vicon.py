@@ -4,7 +4,7 @@ from typing import Annotated, ClassVar
 
 import msgspec
 
-from groundstation.core.geometry import Alignment, Body, World, frames_of
+from groundstation.core.geometry import Alignment, Body, LabAlignment, LabAxes, frames_of
 from groundstation.core.messages import Others
 from groundstation.pose.sources.datagram import DatagramSource, ListensAt
 from groundstation.pose.sources.intake import Intake
@@ -21,14 +21,9 @@ class ViconConfig(ListensAt, frozen=True, kw_only=True, tag="vicon"):
     listen: Annotated[str, msgspec.Meta(description="Address that Tracker sends to, host:port of this machine.")] = (
         "127.0.0.1:51001"
     )
-    world: Annotated[
-        World,
-        msgspec.Meta(description="Axes of the lab frame; `nwu` is the usual z-up frame, its x axis taken as north."),
-    ] = "nwu"
+    world: LabAxes = "nwu"
     body: Annotated[Body, msgspec.Meta(description="Axes of the object: `flu` is x forward, y left, z up.")] = "flu"
-    alignment: Annotated[
-        Alignment, msgspec.Meta(description="How these axes lie against ours, beyond their names.")
-    ] = Alignment()
+    alignment: LabAlignment = Alignment()
     latency_s: Annotated[
         float,
         msgspec.Meta(
