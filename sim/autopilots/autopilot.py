@@ -512,13 +512,6 @@ CONTROL_S = 0.01
 FIRMWARE, COMMIT = 0x01_10_00_FF, b"simulate"
 """The version that it says it runs, 1.16.0, and the first bytes of its commit."""
 
-_CUSTOM_MODE_ENABLED = 1
-"""Bit of HEARTBEAT.base_mode (MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)."""
-_PREARM_CHECK = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
-"""Bit of SYS_STATUS (MAV_SYS_STATUS_PREARM_CHECK)."""
-_QUADROTOR = 2
-"""HEARTBEAT.type (MAV_TYPE_QUADROTOR)."""
-
 
 class SimulatedAutopilot(Dialect):
     """The autopilot of one ``airframe``. All times are on the event loop's clock [s] and never go backwards."""
@@ -737,9 +730,10 @@ class SimulatedAutopilot(Dialect):
         self._streams = Streams({self.codec.message_number(n): rate for n, rate in rates_hz.items()}, now_s)
 
     def _heartbeat(self) -> Message:
-        base = _CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
+        d = self.codec.dialect
+        base = d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (ARMED if self.armed else 0)
         status = MavState.CRITICAL if self.failsafe else MavState.ACTIVE if self.armed else MavState.STANDBY
-        return self.codec.dialect.MAVLink_heartbeat_message(_QUADROTOR, self.kind, base, self.custom_mode, status, 3)
+        return d.MAVLink_heartbeat_message(d.MAV_TYPE_QUADROTOR, self.kind, base, self.custom_mode, status, 3)
 
     def _version(self) -> Message:
         d, none = self.codec.dialect, bytes(8)
@@ -748,8 +742,8 @@ class SimulatedAutopilot(Dialect):
 
     def _sys_status(self, now_s: float) -> Message:
         d, battery = self.codec.dialect, self.battery
-        told = _PREARM_CHECK if self.tells_prearm_enabled else 0
-        health = _PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
+        told = d.MAV_SYS_STATUS_PREARM_CHECK if self.tells_prearm_enabled else 0
+        health = d.MAV_SYS_STATUS_PREARM_CHECK if self.armed or self._passes_checks(now_s) else 0
         millivolts, percent = (0xFFFF, -1) if battery is None else (round(1e3 * battery[0]), round(100.0 * battery[1]))
         return d.MAVLink_sys_status_message(told, told, health, 0, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
 

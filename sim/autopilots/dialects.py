@@ -31,7 +31,7 @@ from enum import IntEnum
 from typing import ClassVar
 
 from groundstation.core.geometry import so3
-from links.mavlink.protocol import ARDUPILOT, PX4, MavResult, MavSeverity
+from links.mavlink.protocol import ARDUPILOT, PX4, THRUST_AS_THRUST, MavResult, MavSeverity
 from sim.autopilots.autopilot import (
     ARDUPILOT_PARAMETERS,
     PX4_PARAMETERS,
@@ -54,8 +54,6 @@ class CopterMode(IntEnum):
 
 
 FOLLOWING = (CopterMode.GUIDED, CopterMode.GUIDED_NOGPS)
-THRUST_AS_THRUST = 8
-"""Bit of GUID_OPTIONS."""
 CLIMB_M_S = 2.5
 """Climb rate at full thrust where thrust is no thrust [m/s] (WPNAV_SPEED_UP)."""
 SHORTEST_US = 4000.0

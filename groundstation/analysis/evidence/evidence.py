@@ -33,6 +33,7 @@ from groundstation.analysis.evidence.imports import (
     find_resolution,
 )
 from groundstation.analysis.evidence.shadow import (
+    GAP,
     FlownPath,
     RecordedPose,
     RecordedVehicle,
@@ -194,8 +195,6 @@ LEAST_MOVING = 50
 """Least number of such differences [-]."""
 LEAST_UPRIGHT = 0.5
 """Nobody leans further than 60° without falling: cosine of the angle from upright [-]."""
-GAP = 3.0
-"""v of p + v t is not taken across an interval this many times the usual one."""
 BREAK_S = 0.5
 """After so long without a pose the filter begins anew [s]."""
 LOOKED_AT_S = 180.0

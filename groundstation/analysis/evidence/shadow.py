@@ -532,7 +532,7 @@ def replay(recording: RecordedVehicle, config: Config, path: FlownPath, hover: f
 
 
 GAP = 3.0
-"""An interval this many times the usual one is a gap."""
+"""An interval this many times the usual one is a gap [-]: no speed is taken across it."""
 
 
 class PoseGaps(msgspec.Struct, frozen=True):

@@ -26,6 +26,7 @@ from links.mavlink.protocol.config import ForwardConfig, MavlinkLinkConfig
 from links.mavlink.protocol.odometry_codec import Odometry, odometry, origin
 from links.mavlink.protocol.procedures import (
     MULTIROTORS,
+    THRUST_AS_THRUST,
     WHOLE_BITS,
     AskMode,
     AutopilotAddress,

@@ -661,7 +661,7 @@ MULTIROTORS = {2: "quadrotor", 3: "coaxial", 13: "hexarotor", 14: "octorotor", 1
 _OFFBOARD = (1.0, 6.0)
 """Mode as MavCommand.DO_SET_MODE takes it: custom mode enabled, PX4's main mode OFFBOARD."""
 _LAND_MODE = {PX4: (1.0, 4.0, 6.0), ARDUPILOT: (1.0, 9.0)}
-_THRUST_AS_THRUST = 8
+THRUST_AS_THRUST = 8
 """Bit of ArduCopter's GUID_OPTIONS: the thrust field is a thrust, no climb rate."""
 
 
@@ -703,7 +703,7 @@ def _musts(autopilot: AutopilotAddress) -> list[HandshakeStep]:
     if autopilot.kind == PX4:
         return []
     hint = link_notice("hint.guid_options").text
-    thrust = ParameterMust(autopilot, "GUID_OPTIONS", lambda v: bool(v & _THRUST_AS_THRUST), hint)
+    thrust = ParameterMust(autopilot, "GUID_OPTIONS", lambda v: bool(v & THRUST_AS_THRUST), hint)
     hint = link_notice("hint.angle_boost").text
     return [thrust, ParameterMust(autopilot, "ATC_ANGLE_BOOST", lambda v: v == 0, hint)]
 
