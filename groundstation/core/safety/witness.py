@@ -1,15 +1,16 @@
-"""Second witness: the autopilot's own attitude, compared with the poses'. Sans-IO.
+"""Second witness: a comparison of the autopilot's own attitude with the poses. Sans-IO.
 
-A tracker and an autopilot that look at one body see the same tilt and the same turning, whatever
-north each of them has. At the instants of the autopilot's messages two things are compared:
+A tracker and an autopilot on the same body see the same tilt and the same turning, even if their norths differ. At
+the instants of the autopilot's messages two things are compared:
 
-- *turning*, by the regression that compares the poses with the commands
-  (:mod:`groundstation.core.safety.pose_response`), with the autopilot's turn in the place of the model's, and by the
-  latency that fits both best;
-- *tilt*, the angle between both directions of gravity, less what it was while the vehicle stood before arming (a body
-  that is mounted askew). An autopilot that knows no accelerations takes a part of a lean that lasts for level.
+- *Turning*, in two ways: by the regression of :mod:`groundstation.core.safety.pose_response`, with the autopilot's
+  turn in the place of the model's, and by the latency at which both fit best.
+- *Tilt*: the angle between both directions of gravity, less the same angle at rest before arming (a body mounted at
+  an angle to the autopilot). An autopilot without a velocity source takes a part of a lasting lean for level.
 
-Before arming, a vehicle that is moved by hand shows whether roll, pitch and yaw go the same way in both.
+If the vehicle is moved by hand before arming, the same axes must turn the same way in both.
+
+Constants without a named origin were chosen; `groundstation-sim dev autopilots` and `dev faults` fly them.
 """
 
 import cmath
@@ -32,84 +33,103 @@ from groundstation.core.safety.pose_response import (
 from links.core import Attitude
 
 GAP_S = 0.13
-"""Interval of poses or attitudes after which nothing is known between them [s]: one message of 10 Hz may be missing."""
+"""Longest interval between two poses, or two attitudes, that are interpolated or subtracted [s].
+
+At 10 Hz, the slowest usual attitude messages, it bridges their jitter, but no missing message.
+"""
 KEPT = 32
-"""Attitudes that wait for a pose of their instant [-]."""
+"""Attitudes that are kept until a pose of their instant arrives [-]."""
 KNOWN_S = 1.0
-"""Time for which an answer that was known stays known [s]: one question of the poses."""
+"""Time for which the finding that both turn alike stays valid [s]."""
 SILENT_S = 0.6
-"""Time without a comparison after which there is no second witness [s]."""
+"""Time without a comparison after which the witness says nothing [s]; poses that long are kept."""
 LASTS_S = 2.0
-"""Time for which both must disagree to be told to the operator [s]: less may be an outlier."""
+"""Duration of a disagreement before the operator is told [s]: a shorter one may be an outlier."""
 TILT_DEG = 10.0
-"""Tilt between both, beyond that before arming, that is a disagreement [deg]: twice what vibration was seen to do."""
+"""Tilt between both, beyond that before arming, that is a disagreement [deg]: twice the largest effect of vibration."""
 LEAN_SHARE = 0.3
-"""Share of the lean by which an autopilot may be wrong that knows no accelerations [-]: PX4 and ArduCopter in steady
-wind (`autopilots`)."""
+"""Share of the lean that is added to ``TILT_DEG`` [-]: the error of PX4 and ArduCopter in steady wind
+(`groundstation-sim dev autopilots`)."""
 TILT_MEMORY_S = 0.3
 """Time constant of the mean tilt between both [s]."""
 LEARN_S = 10.0
-"""Time constant of what is learnt before arming [s]."""
+"""Time constant of the mounting angle and the north that are learnt before arming [s]."""
 ASKEW_DEG = 8.0
-"""Largest tilt between both of one body that stands [deg]."""
+"""Largest tilt between both at rest that the pre-arm check accepts [deg]."""
 MOVED_MEMORY_S = 3.0
-"""Time constant of how the vehicle was moved by hand [s]."""
+"""Time constant of the turns by hand [s]."""
 MOVED_RAD = math.radians(8.0)
-"""Turn by hand about an axis that shows which way it goes [rad], root of the sum of squares of .1 s each."""
+"""Turn by hand about an axis from which its directions are compared [rad]: root of the sum of the squared steps."""
 STEP_S = 0.1
-"""Time over which such turns are taken [s]."""
+"""Length of such a step [s]."""
+MOVED_STEP_RAD = 10.0 * LEAST_TURN_RAD
+"""Least turn in a step that counts as a turn by hand [rad]: above the noise of a vehicle at rest."""
 ALIKE_SHARE = 0.5
-"""Share of the turning that is not common, below which both went the same way [-]."""
+"""Share of squared turning that differs below which both turned the same way [-]: 0 for equal turns, 1 for unrelated,
+2 for opposite ones."""
 UNLIKE_SHARE = 0.8
-"""Share of the turning that is not common, above which both went other ways [-]."""
+"""The same share above which they turned different ways [-]."""
+KNOWN_ALARM = 0.5
+"""Alarm of the turning below which both are found to turn alike [-]."""
 AXES = ("roll", "pitch", "yaw")
+"""Names of the axes that are compared before arming."""
 
 
 class Agreement(NamedTuple):
     """Result of the comparison."""
 
     alarm: float
-    """Larger of both statistics as a share of its limit: from 1 on they disagree [-]."""
+    """Larger of the two statistics, tilt and turning, as a share of its limit [-]: from 1 on, both disagree."""
     tilt_deg: float
     """Tilt between both, beyond that before arming [deg]."""
     askew_deg: float
-    """Tilt between both before arming: a body mounted askew, or another one [deg]."""
+    """Tilt between both before arming [deg]: the body's mounting angle, or another body."""
     agrees: bool | None
-    """Whether both turn alike, where the turning of late was enough to tell."""
+    """Whether both agree; None if the vehicle turned too little of late to tell."""
     doubts_s: float | None
-    """Instant since which they have disagreed, on the event loop's clock [s]; None where they do not."""
+    """Begin of the present disagreement, on the event loop's clock [s]; None without one."""
     alike: tuple[str, ...]
-    """Those of roll, pitch and yaw that went the same way when the vehicle was moved last, before arming."""
+    """Axes of roll, pitch and yaw that turned the same way when the vehicle was last moved by hand, before arming."""
     unlike: tuple[str, ...]
-    """Those that did not."""
+    """Axes that turned different ways."""
 
 
 class Witness:
-    """One vehicle's. Times are on the event loop's clock [s]."""
+    """The comparison for one vehicle. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        self._told: deque[Attitude] = deque(maxlen=KEPT)
+        self._attitudes: deque[Attitude] = deque(maxlen=KEPT)
+        """Attitudes of the autopilot that wait for poses."""
         self._poses: deque[Pose] = deque()
         self._pair: _Pair | None = None
-        self._at_s = self._known_s = -math.inf
+        """Newest comparison."""
+        self._at_s = -math.inf
+        """Instant of the newest comparison."""
+        self._known_s = -math.inf
+        """Newest instant at which both were found to turn alike."""
         self._doubts_s: float | None = None
-        self._is_told = self._is_armed = False
+        """Begin of the present disagreement."""
+        self._is_reported = self._is_armed = False
         self._turning = 0.0
+        """Alarm of the turning [-]."""
         self._askew: tuple[float, float] | None = None
+        """Mean difference of both directions of gravity before arming, forward and right [rad, for small angles]."""
         self._tilt, self._lean = (0.0, 0.0), 0.0
+        """Mean difference beyond that, and mean lean by the autopilot [rad]."""
         self._north = 0j
+        """Mean of e^(i δ), δ the heading by the poses less that by the autopilot."""
         self._moves = _HandMoves()
         self._restart()
 
     def _restart(self) -> None:
-        """Compare anew; what was learnt before arming stays."""
+        """Forget the turning; the mounting angle and the north stay."""
         self._response = Response(PLANE, TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
         self._lateness = LatenessMonitor()
         self._pass = HighPass(2, 4)
         self._block_s = 0.0
 
     def arm(self) -> None:
-        """Learn no more of how the body is mounted."""
+        """Stop learning the mounting angle: the motors start."""
         self._is_armed = True
 
     def pose(self, pose: Pose) -> None:
@@ -125,19 +145,19 @@ class Witness:
         self._pair_up()
 
     def attitude(self, told: Attitude) -> None:
-        """Take one attitude of the autopilot. Over a radio it comes after poses that are younger."""
-        if self._told and told.time_s <= self._told[-1].time_s:
-            if told.time_s < self._told[-1].time_s - SILENT_S:  # its clock is another one
-                self._told.clear()
+        """Take one attitude of the autopilot. Over a radio it arrives after poses of later instants."""
+        if self._attitudes and told.time_s <= self._attitudes[-1].time_s:
+            if told.time_s < self._attitudes[-1].time_s - SILENT_S:  # the autopilot's clock has restarted
+                self._attitudes.clear()
             return
-        self._told.append(told)
+        self._attitudes.append(told)
         self._pair_up()
 
     def _pair_up(self) -> None:
-        """Compare all attitudes that poses enclose."""
+        """Compare each attitude that lies between two poses with the pose interpolated at its instant."""
         poses = self._poses
-        while self._told and poses and self._told[0].time_s <= poses[-1].time_s:
-            told = self._told.popleft()
+        while self._attitudes and poses and self._attitudes[0].time_s <= poses[-1].time_s:
+            told = self._attitudes.popleft()
             while len(poses) > 1 and poses[1].time_s < told.time_s:
                 poses.popleft()
             if len(poses) < 2 or told.time_s <= poses[0].time_s:
@@ -148,7 +168,7 @@ class Witness:
             self._compare(_Pair(told.time_s, rotate(last.attitude, (share * x, share * y, share * z)), told.attitude))
 
     def in_poses(self, told: Attitude) -> Quat | None:
-        """Attitude of the autopilot in the axes of the poses; None where they were never compared."""
+        """Convert an attitude of the autopilot to the axes of the poses; None before the first comparison."""
         if self._askew is None or self._north == 0j:
             return None
         half = 0.5 * cmath.phase(self._north)
@@ -156,16 +176,20 @@ class Witness:
         return rotate(multiply((math.cos(half), 0.0, 0.0, math.sin(half)), told.attitude), (y, -x, 0.0))
 
     def verdict(self, now_s: float) -> Agreement | None:
-        """Result at ``now_s``; None where one of the two is silent."""
+        """Result at ``now_s``; None while the poses or the attitudes are missing."""
         if self._askew is None or now_s - self._at_s > SILENT_S:
             return None
         alike, unlike = self._moves.compare()
-        known = self._at_s - self._known_s < KNOWN_S
+        agrees: bool | None = None
+        if self._doubts_s is not None:
+            agrees = False
+        elif self._at_s - self._known_s < KNOWN_S:
+            agrees = True
         return Agreement(
             alarm=self._alarm,
             tilt_deg=math.degrees(math.hypot(*self._tilt)),
             askew_deg=math.degrees(math.hypot(*self._askew)),
-            agrees=False if self._doubts_s is not None else True if known else None,
+            agrees=agrees,
             doubts_s=self._doubts_s,
             alike=alike,
             unlike=unlike,
@@ -173,31 +197,34 @@ class Witness:
 
     @property
     def _alarm(self) -> float:
+        """Larger alarm of turning and tilt [-]."""
         limit = math.radians(TILT_DEG) + LEAN_SHARE * self._lean
         return max(self._turning, math.hypot(*self._tilt) / limit)
 
     def describe_news(self) -> Sentence | None:
-        """Sentence for the operator, once for each disagreement that lasts."""
+        """Sentence for the operator, once for each disagreement of ``LASTS_S``."""
         if self._doubts_s is None:
-            self._is_told = False
+            self._is_reported = False
             return None
-        if self._is_told or self._at_s - self._doubts_s < LASTS_S:
+        if self._is_reported or self._at_s - self._doubts_s < LASTS_S:
             return None
-        self._is_told = True
+        self._is_reported = True
         return notice("pose.autopilot_disagrees")
 
     def _compare(self, pair: "_Pair") -> None:
+        """Compare tilt and turning of one instant."""
         last, self._pair = self._pair, pair
         dt = pair.time_s - self._at_s
         self._at_s = pair.time_s
-        (x, y, _), (a, b, c) = third_row(pair.seen), third_row(pair.told)
-        off = (x - a, y - b)
+        (x, y, _), (a, b, c) = third_row(pair.seen), third_row(pair.told)  # gravity's direction in the body's axes
+        difference = (x - a, y - b)
         if self._askew is None:
-            self._askew = off
+            self._askew = difference
         if not self._is_armed:
-            self._askew = _towards(self._askew, off, min(dt / LEARN_S, 1.0))
+            self._askew = _towards(self._askew, difference, min(dt / LEARN_S, 1.0))
         gain = min(dt / TILT_MEMORY_S, 1.0)
-        self._tilt = _towards(self._tilt, (off[0] - self._askew[0], off[1] - self._askew[1]), gain)
+        beyond = (difference[0] - self._askew[0], difference[1] - self._askew[1])
+        self._tilt = _towards(self._tilt, beyond, gain)
         self._lean += gain * (math.acos(max(-1.0, min(c, 1.0))) - self._lean)
         if self._doubts_s is None:
             turned = euler_zyx(pair.seen)[2] - euler_zyx(pair.told)[2]
@@ -212,21 +239,23 @@ class Witness:
             self._moves.add(seen, told, dt)
 
     def _take_turn(self, now_s: float, seen: Vec3, told: Vec3, dt: float) -> None:
-        """Compare one turn; heading, which an autopilot resets, takes no part."""
+        """Compare one turn about roll and pitch. Heading is left out: an autopilot may reset it."""
         roll, pitch, told_roll, told_pitch = self._pass.step([*seen[:2], *told[:2]], dt)
-        off = (roll - told_roll, pitch - told_pitch)
-        self._response.add(off, (told_roll, told_pitch), (0.0, 0.0), dt)
+        difference = (roll - told_roll, pitch - told_pitch)
+        self._response.add(difference, (told_roll, told_pitch), (0.0, 0.0), dt)
         self._lateness.add(now_s, (roll, pitch), (told_roll, told_pitch), dt)
         self._block_s += dt
-        if self._block_s < BLOCK_S - 1e-6:
+        if self._block_s < BLOCK_S - 1e-6:  # 1 µs for the rounding of sums
             return
         self._block_s = min(self._block_s - BLOCK_S, BLOCK_S)
         alarm = self._response.look(LEAST_TURN_RAD)
         self._turning = max(alarm.asked, 1.0 if self._lateness.late_s > 0.0 else 0.0)
-        if alarm.is_known and self._turning < ALIKE_SHARE:
+        if alarm.is_known and self._turning < KNOWN_ALARM:
             self._known_s = now_s
-        doubts = self._alarm >= 1.0
-        self._doubts_s = None if not doubts else now_s if self._doubts_s is None else self._doubts_s
+        if self._alarm >= 1.0:
+            self._doubts_s = now_s if self._doubts_s is None else self._doubts_s
+        else:
+            self._doubts_s = None
 
 
 class _Pair(NamedTuple):
@@ -234,19 +263,22 @@ class _Pair(NamedTuple):
 
     time_s: float
     seen: Quat
+    """Attitude by the poses."""
     told: Quat
+    """Attitude by the autopilot."""
 
 
 class _HandMoves:
-    """Turning of both while the vehicle is moved by hand."""
+    """Turns about roll, pitch and yaw, by the poses and by the autopilot, while the vehicle is moved by hand."""
 
     def __init__(self) -> None:
         self._step_s = 0.0
         self._seen, self._told = [0.0] * 3, [0.0] * 3
         self._sums = [[0.0] * 3 for _ in AXES]
+        """For each axis, fading sums of squared turns in steps: of the difference, by the poses, by the autopilot."""
 
     def add(self, seen: Vec3, told: Vec3, dt: float) -> None:
-        """Take one turn about each axis [rad]."""
+        """Take one turn about each axis, by the poses and by the autopilot [rad]."""
         self._step_s += dt
         for axis in range(3):
             self._seen[axis] += seen[axis]
@@ -255,13 +287,13 @@ class _HandMoves:
             return
         keep = math.exp(-self._step_s / MOVED_MEMORY_S)
         for sums, x, y in zip(self._sums, self._seen, self._told, strict=True):
-            if math.hypot(x, y) > LEAST_TURN_RAD * 10.0:
+            if math.hypot(x, y) > MOVED_STEP_RAD:
                 for i, square in enumerate(((x - y) ** 2, x * x, y * y)):
                     sums[i] = keep * sums[i] + square
         self._step_s, self._seen, self._told = 0.0, [0.0] * 3, [0.0] * 3
 
     def compare(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Axes that went the same way in both, and those that did not."""
+        """Axes that turned the same way in both, and axes that turned different ways; others turned too little."""
         alike, unlike = list[str](), list[str]()
         for name, (different, seen, told) in zip(AXES, self._sums, strict=True):
             if told > MOVED_RAD * MOVED_RAD:
@@ -273,7 +305,7 @@ class _HandMoves:
         return tuple(alike), tuple(unlike)
 
 
-def _towards(what: tuple[float, float], there: tuple[float, float], share: float) -> tuple[float, float]:
-    """``what``, moved by ``share`` of the way."""
-    (x, y), (a, b) = what, there
+def _towards(start: tuple[float, float], end: tuple[float, float], share: float) -> tuple[float, float]:
+    """The point at ``share`` of the way from ``start`` to ``end`` [-]."""
+    (x, y), (a, b) = start, end
     return x + share * (a - x), y + share * (b - y)
