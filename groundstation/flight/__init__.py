@@ -10,7 +10,6 @@ from groundstation.flight.prearm import (
     describe_checks,
     describe_failures,
     describe_trajectory,
-    digest,
     ensure_flyable,
     ensure_guarded,
     ensure_link,
@@ -19,10 +18,11 @@ from groundstation.flight.prearm import (
     examine_trajectory,
     explain_fence,
     explain_refusal,
+    hash_sections,
     is_simulated,
-    key,
     line_from_terminal,
-    place,
-    save,
+    load_link_key,
+    proof_path,
+    save_proof,
 )
 from groundstation.flight.step_timer import StepTimeout, StepTimer, start_step_timer

@@ -1,10 +1,11 @@
-"""Pre-arm sequence: connect, check what must hold before the motors start, and wait for whoever sends the vehicle off.
+"""Pre-arm: everything between a configuration and an armed vehicle.
 
-Each check is OFF, PASS, WARN or FAIL with a sentence: of the vehicle itself, and of what is beside it, other flights
-here, other bodies, and its operator's hand.
-
-Before anything is opened: whether a configuration may fly at all. What it asks of the vehicle, what was proven of it
-with its propellers off (kept in a file of the operator's), and who says that its motors may start.
+- Before anything is opened: may this configuration fly at all? (``explain_…``, ``ensure_…``)
+- :class:`Proof`: the result of the last test with the propellers off, kept in a file of the operator's.
+- :func:`confirmation`: the operator's word that the motors may start.
+- :class:`Checks` of the vehicle, and :class:`Company` of its surroundings: other flights on this machine, other bodies,
+  the operator's hold. Each check is OFF, PASS, WARN or FAIL, with a sentence.
+- :class:`PrearmSequence`: connect, check, and wait for the operator to arm.
 """
 
 import asyncio
@@ -66,7 +67,7 @@ from links.io import is_pseudo_terminal, read_key
 
 
 def examine_trajectory(config: Config) -> FeasibilityReport:
-    """The trajectory of ``config``, held against its vehicle, its limits and its floor."""
+    """Compare the trajectory of ``config`` with its vehicle, its limits and its floor."""
     return check_feasibility(
         config.trajectory.build(),
         config.vehicle,
@@ -77,12 +78,12 @@ def examine_trajectory(config: Config) -> FeasibilityReport:
 
 
 ALIKE = 0.1
-"""Lengths of two vectors that differ by less than this share are told as one, which has two directions [-]: of the
-trajectory's own tolerance."""
+"""Relative difference up to which a declared and a found derivative count as equally long [-]: then their directions
+are what differs, and the sentence says so. Chosen."""
 
 
 def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | None:
-    """Why the trajectory must not fly, with the time, the limit and what to do; None if it may."""
+    """Return why the trajectory must not fly, with the time, the limit and the remedy; None if it may."""
     odd = report.inconsistency
     if odd is not None and odd.name == "period":
         return notice("trajectory.period", at_s=odd.time_s, span_s=odd.declared, far_m=odd.found)
@@ -101,9 +102,9 @@ def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | Non
 
 
 def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = None) -> Sentence | None:
-    """Why the trajectory must not fly, and what to do; None if it may.
+    """Return why the vehicle or its room can't follow the trajectory, and the remedy; None if they can.
 
-    ``speed_m_s`` is its speed, where one key of the configuration sets it.
+    ``speed_m_s`` is the trajectory's configured speed; None if it has no such key.
     """
     worst = next((demand for demand in report.demands if not demand.ok), None)
     if worst is None or worst.limit is None:
@@ -133,7 +134,7 @@ def explain_infeasibility(report: FeasibilityReport, speed_m_s: float | None = N
 
 
 def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[float, float]:
-    """Return what is left of the fence after braking, where it is least [m], and when that is [s]."""
+    """Return the least room to the fence after braking from a point of ``way`` [m], and the time of that point [s]."""
     least_m, at_s = math.inf, 0.0
     for i in range(int(lasts_s / STEP_S) + 2):
         time_s = min(i * STEP_S, lasts_s)
@@ -145,7 +146,7 @@ def least_braking_room(fence: Fence, way: Trajectory, lasts_s: float) -> tuple[f
 
 
 def explain_fence(config: Config) -> Sentence | None:
-    """Why the trajectory does not fit into the fence; None where it does, or there is none."""
+    """Return why the trajectory does not fit into the fence; None if it does, or without a fence."""
     if config.fence is None:
         return None
     trajectory = config.trajectory.build()
@@ -155,10 +156,10 @@ def explain_fence(config: Config) -> Sentence | None:
 
 
 def ensure_flyable(config: Config) -> FeasibilityReport:
-    """Stop before anything moves if the trajectory asks too much; returns what it asks.
+    """Return the demands of the trajectory; refuse one that can't be flown.
 
     Raises:
-        ConfigError: with the time and the limit.
+        ConfigError: it can't be flown; the sentence has the time and the limit.
     """
     report = examine_trajectory(config)
     why = explain_refusal(config, report)
@@ -167,11 +168,11 @@ def ensure_flyable(config: Config) -> FeasibilityReport:
     return report
 
 
-def real(config: Config) -> str | None:
-    """The key that may lead to a real vehicle or to real poses, and its value; None where all stays on this machine.
+def find_real_key(config: Config) -> str | None:
+    """Return the setting by which a real vehicle or real poses may be reached; None if all stays on this machine.
 
-    Every kind of link and of poses answers for itself; one that does not counts as real.
-    On loopback there are simulators: whoever routes that to a vehicle must set a fence and a speed limit by himself.
+    Each kind of link and of poses decides; one that does not decide counts as real. Loopback counts as a simulator: a
+    user who forwards it to a real vehicle must set a fence and a speed limit without being asked for them.
     """
     link, pose = config.link, config.pose
     if link.real is not None and not is_simulated(link):
@@ -180,17 +181,17 @@ def real(config: Config) -> str | None:
 
 
 def is_simulated(link: LinkKind) -> bool:
-    """Whether the operator says that a simulator is behind the port of ``link``, and one can be."""
+    """Whether ``link`` is configured as simulated, and its port is a pseudo-terminal, as a simulator's is."""
     return link.simulated and is_pseudo_terminal(link.endpoint)
 
 
 def ensure_guarded(config: Config) -> None:
-    """A real vehicle flies within a fence and a speed limit, which have no default, and takes off from the floor.
+    """Require a fence, a speed limit and a start from the floor of a configuration that may fly a real vehicle.
 
     Raises:
         ConfigError: one of them is missing.
     """
-    why = real(config)
+    why = find_real_key(config)
     if why is None:
         return
     because = f"a real vehicle may fly here ({why})"
@@ -204,20 +205,20 @@ def ensure_guarded(config: Config) -> None:
 
 
 def ensure_link(config: Config) -> None:
-    """Stop before anything moves if a link's port or key can't be used.
+    """Require that all key files of the link can be used.
 
     Raises:
-        ConfigError: by the dotted key.
+        ConfigError: one can't; the error names its configuration key.
     """
     for name, file in config.link.key_files.items():
-        key(file, f"link.{name}")
+        load_link_key(file, f"link.{name}")
 
 
-def key(file: str, name: str) -> bytes:
-    """The key in ``file``, which the configuration calls ``name``.
+def load_link_key(file: str, name: str) -> bytes:
+    """Read the secret key in ``file``, which the configuration key ``name`` names.
 
     Raises:
-        ConfigError: it can't be used.
+        ConfigError: the file can't be used.
     """
     try:
         return read_key(Path(file))
@@ -226,7 +227,7 @@ def key(file: str, name: str) -> bytes:
 
 
 def describe_trajectory(config: Config, report: FeasibilityReport) -> str:
-    """``report`` for people."""
+    """Describe the trajectory and its demands as text."""
     ends = "never ends" if report.duration_s is None else f"lasts {report.duration_s:.2f} s"
     looked = " of it" if report.duration_s is None else ""
     lines = [
@@ -260,41 +261,41 @@ def _line(demand: Demand) -> str:
 
 
 SECTIONS = ("vehicle", "pose", "gate", "link", "flight", "guards")
-"""Sections that decide how motors start and stop: a test on file is void once one of them has
-changed."""
+"""Sections that decide how motors start and stop: a change of one of them voids an earlier test."""
 COMMAND = "groundstation props-off CONFIG"
+"""Command of the test with the propellers off, for sentences."""
 
 
 class Proof(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One test that was passed."""
+    """A passed test with the propellers off."""
 
     vehicle: str
     """The vehicle's name."""
     digest: str
-    """Hash of the configuration, see :func:`digest`."""
+    """Hash of the configuration, see :func:`hash_sections`."""
     firmware: str
     """Firmware of the autopilot as it reports it; empty where it reports none."""
     date: str
-    """When the test was over (ISO 8601, UTC)."""
+    """End of the test (ISO 8601, UTC)."""
     steps: dict[str, str]
-    """Each step of the test, and what was seen and measured in it."""
+    """Findings of each step, by its name."""
 
 
-def digest(config: Config) -> str:
-    """Hash the sections that start and stop motors, without file names and duration."""
-    told = msgspec.to_builtins(config)
-    sections = {name: _without_files(told[name]) for name in SECTIONS}
+def hash_sections(config: Config) -> str:
+    """Hash ``SECTIONS``, without file names and ``flight.duration_s``, which start and stop no motor."""
+    values = msgspec.to_builtins(config)
+    sections = {name: _without_files(values[name]) for name in SECTIONS}
     del sections["flight"]["duration_s"]
     return hashlib.sha256(msgspec.json.encode(sections, order="deterministic")).hexdigest()[:16]
 
 
-def place(config: Config) -> Path:
-    """Where its newest test is kept: ``$XDG_STATE_HOME/groundstation/props-off/VEHICLE.json``, or in ~/.local/state."""
+def proof_path(config: Config) -> Path:
+    """File of the vehicle's newest test: props-off/VEHICLE.json in $XDG_STATE_HOME/groundstation (~/.local/state)."""
     return folder_of(RecordingConfig()).parent / "props-off" / f"{config.vehicle.name}.json"
 
 
-def save(proof: Proof, path: Path) -> None:
-    """Keep ``proof`` for its owner alone, in the place of an older one.
+def save_proof(proof: Proof, path: Path) -> None:
+    """Write ``proof`` to ``path`` in the place of an older one, readable for its owner alone.
 
     Raises:
         OSError: it can't be written.
@@ -308,8 +309,8 @@ def save(proof: Proof, path: Path) -> None:
     new.replace(path)
 
 
-def on_file(path: Path) -> Proof | None:
-    """The test that is kept at ``path``; None where there is none, or none that this user wrote."""
+def read_proof(path: Path) -> Proof | None:
+    """Read the test at ``path``; None if there is none, or none that this user wrote."""
     try:
         if not is_ours(path.lstat(), FILE):
             return None
@@ -318,11 +319,11 @@ def on_file(path: Path) -> Proof | None:
         return None
 
 
-def lacks(proof: Proof | None, config: Config, firmware: str) -> Sentence | None:
-    """Why ``proof`` does not hold for this vehicle as it is now; None where it does."""
+def explain_missing_proof(proof: Proof | None, config: Config, firmware: str) -> Sentence | None:
+    """Return why ``proof`` does not cover this vehicle with its present configuration and firmware; None if it does."""
     if proof is None or proof.vehicle != config.vehicle.name:
         return notice("check.props_off_none", vehicle=config.vehicle.name, command=COMMAND)
-    if proof.digest != digest(config):
+    if proof.digest != hash_sections(config):
         sections = f"[{'], ['.join(SECTIONS)}]"
         return notice("check.props_off_changed", date=proof.date, sections=sections, command=COMMAND)
     if proof.firmware != firmware:
@@ -332,6 +333,7 @@ def lacks(proof: Proof | None, config: Config, firmware: str) -> Sentence | None
 
 
 def _without_files(value: object) -> dict[str, object]:
+    """Leave out the keys that name files."""
     assert isinstance(value, dict), "a section is a table"
     return {
         key: _without_files(item) if isinstance(item, dict) else item
@@ -341,7 +343,7 @@ def _without_files(value: object) -> dict[str, object]:
 
 
 def ensure_named(arm: str | None, config: Config) -> None:
-    """``--arm`` must name the vehicle of the config: the operator says which one will move.
+    """Require that ``--arm`` names the vehicle of the configuration: the operator must know which one will move.
 
     Raises:
         ConfigError: it names another.
@@ -351,7 +353,7 @@ def ensure_named(arm: str | None, config: Config) -> None:
 
 
 def confirmation(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:
-    """Make the question that confirms arming: ``--arm``, or the operator at the terminal."""
+    """Make the function that confirms arming: at once with ``--arm``, else by asking the operator at the terminal."""
 
     async def confirm_by_option() -> bool:
         return True
@@ -368,7 +370,7 @@ def confirmation(config: Config, arm: str | None) -> Callable[[], Awaitable[bool
 
 
 async def line_from_terminal(prompt: str) -> str:
-    """One line from the terminal, without blocking the event loop; empty at its end."""
+    """Read one line from the terminal without blocking the event loop; empty at the end of the input."""
     loop = asyncio.get_running_loop()
     line: asyncio.Future[str] = loop.create_future()
 
@@ -384,31 +386,32 @@ async def line_from_terminal(prompt: str) -> str:
         loop.remove_reader(sys.stdin.fileno())
 
 
+# Limits of the checks. Those without a named origin were chosen.
 LOOK_S = 1.2
-"""Poses are looked at for so long before the first checks [s]."""
+"""Time over which poses are collected before the first checks [s]."""
 STEP_S = 0.05
 """Step at which trajectories are checked against the fence [s]."""
 FEW_HZ = 20.0
-"""Below this pose rate the check fails [1/s]."""
+"""Pose rate below which the check fails [1/s]."""
 WARN_RATE = 0.8
-"""Below this share of the source's nominal rate the check warns [-]."""
+"""Share of the source's nominal rate below which the check warns [-]."""
 OLD_SHARE = 0.5
-"""A pose older than this share of ``flight.coast_s`` fails [-]."""
+"""Pose age above which the check fails, as a share of ``flight.coast_s`` [-]."""
 WARN_AGE_S = 0.08
-"""A pose older than this is a warning [s]."""
+"""Pose age above which the check warns [s]."""
 NOISE_M = 0.005
-"""Position noise above this fails, 1σ per axis [m]: the tones move the vehicle by 2 mm, and 4 mm
-were flown (`alarms --floors`)."""
+"""Position noise above this fails, 1σ per axis [m]: the excitation tones move the vehicle by 2 mm, and 4 mm of noise
+were flown (`groundstation-sim dev alarms --floors`)."""
 WARN_NOISE_M = 0.0025
 """Position noise above this is a warning [m]."""
 NOISE_DEG = 0.8
-"""Roll and pitch noise above this fails, 1σ [°]: 0.6 was flown (`alarms --floors`)."""
+"""Roll and pitch noise above this fails, 1σ [°]: 0.6 was flown (`groundstation-sim dev alarms --floors`)."""
 WARN_NOISE_DEG = 0.4
 """Roll and pitch noise above this is a warning [°]."""
 MOVED_M = 0.03
 """Largest spread of the positions of a vehicle at rest [m]."""
 WANDERED_M = 0.5
-"""Largest such spread where the source measures velocities (GPS) [m]."""
+"""Largest such spread if the poses have a velocity [m]: an autopilot's own estimate wanders, by GPS."""
 TILT_DEG = 15.0
 """Tilt at rest above this fails [°]."""
 WARN_TILT_DEG = 6.0
@@ -416,35 +419,38 @@ WARN_TILT_DEG = 6.0
 FLOOR_M = 0.1
 """Largest difference between ``flight.floor_z_m`` and the height of the vehicle at rest [m]."""
 FLOOR_WANDERS_M = 1.0
-"""Largest such difference where the source measures velocities (GPS) [m]."""
+"""Largest such difference if the poses have a velocity [m]."""
 WARN_RTT = 0.5
-"""A longer round trip than this share of its limit is a warning."""
+"""Round trip above which the check warns, as a share of ``guards.rtt_s`` [-]."""
+BATTERY_MARGIN = 0.2
+"""Charge above ``guards.battery_share`` below which the check warns [-]."""
 
 
 def find_verdict(value: float, warn: float, fail: float) -> Verdict:
-    """The larger ``value`` the worse; anything that is not below ``fail``, NaN too, fails."""
+    """Return PASS up to ``warn``, WARN up to ``fail``, and FAIL above, or for NaN."""
     return Verdict.PASS if value <= warn else Verdict.WARN if value <= fail else Verdict.FAIL
 
 
 def report(check: str, verdict: Verdict, id: str, /, **values: object) -> Check:
-    """Return the result of ``check`` by the sentence ``id``; one that passes needs no remedy."""
+    """Make the result of ``check`` with the sentence ``id``; without its remedy if it passes."""
     says = notice_fact(id, **values) if verdict is Verdict.PASS else notice(id, **values)
     return Check.of(check, verdict, says)
 
 
 def tilt_noise_deg(poses: Sequence[Pose]) -> float:
-    """The noise of roll and pitch that ``poses`` of a vehicle at rest show, 1σ of each [°]."""
+    """Noise of roll and pitch in ``poses`` of a vehicle at rest, 1σ of each [°]."""
     axes = [third_column(pose.attitude) for pose in poses]
-    steps = [
+    second_differences = [
         math.dist([2.0 * y for y in b], [x + z for x, z in zip(a, c, strict=True)])
         for a, b, c in zip(axes, axes[1:], axes[2:], strict=False)
     ]
-    # Of two axes, and a second difference of white noise has six times its variance.
-    return math.degrees(math.sqrt(sum(step * step for step in steps) / (12.0 * max(1, len(steps)))))
+    # The second difference of white noise has 1 + 4 + 1 = 6 times its variance; two axes make it 12.
+    squares = sum(one * one for one in second_differences)
+    return math.degrees(math.sqrt(squares / (12.0 * max(1, len(second_differences)))))
 
 
 def explain_drops(source: PoseStatus) -> Sentence | None:
-    """Return the source's advice, or the commonest reason of dropped poses; else None."""
+    """Return the source's advice, or else the most frequent reason of dropped poses; None without either."""
     dropped = source.dropped
     if source.advice:
         return notice("pose.advice", says=source.advice)
@@ -462,16 +468,17 @@ class Checks:
     def __init__(self, config: Config, others: Others | None = None, proof: Proof | None = None) -> None:
         """Make the checks that need no vehicle, once: they take some tenths of a second.
 
-        ``others`` are vehicles to keep away from; ``proof`` is the test with the propellers off
-        that is on file.
+        ``others`` are vehicles to keep away from; ``proof`` is the kept test with the propellers off.
         """
         self._config = config
-        self._proof, self._real = proof, real(config) is not None
+        self._proof, self._real = proof, find_real_key(config) is not None
         self._separation = None if others is None else Separation(config.separation, others)
         self._fence = None if config.fence is None else Fence(config.fence, config.flight.floor_z_m)
         self._trajectory = config.trajectory.build()
-        asked = examine_trajectory(config)
-        self._still = [self._flyable(asked), self._certificate(asked), self._take_off(), *self._simulation()]
+        demands = examine_trajectory(config)
+        self._fixed = [
+            self._flyable(demands), self._certificate(demands), self._thrust_limit(), *self._simulation(),
+        ]  # fmt: skip
 
     def __call__(
         self,
@@ -483,18 +490,23 @@ class Checks:
         *,
         source: PoseStatus | None = None,
     ) -> list[Check]:
-        """All checks, as the vehicle stands now; ``noise_m`` is the measured noise of its poses [m].
+        """Make all checks of the vehicle at rest.
 
-        ``witness`` is what comes of holding the poses against the autopilot's own attitude; None where it tells none.
-        ``source`` is the status of the pose source; None where it is not known.
+        Args:
+            standing: its poses.
+            noise_m: measured noise of these, 1σ [m].
+            link: status of the command link.
+            now_s: present time [s].
+            witness: comparison of the poses with the autopilot's own attitude; None if it sends none.
+            source: status of the pose source; None if it is not known.
         """
         poses = list(standing.poses)
         source = PoseStatus(accepted=len(poses), dropped={}) if source is None else source
         if len(poses) < 2:
             moves = describe_origin_moves(source.origin_moves) if source.origin_moves > 1 else None
             why = moves or explain_drops(source) or notice("pose.check_source")
-            nothing = report("poses", Verdict.FAIL, "pose.none", why=why)
-            return [nothing, self._arm(link), self._frames(link), *self._still]
+            no_poses = report("poses", Verdict.FAIL, "pose.none", why=why)
+            return [no_poses, self._arm(link), self._frames(link), *self._fixed]
         place = standing.place_ned
         return [
             self._rate(poses, source),
@@ -515,7 +527,7 @@ class Checks:
             self._link_drops(link),
             self._pose_drops(source),
             self._failsafe(),
-            *self._still,
+            *self._fixed,
             self._ways(place),
         ]
 
@@ -545,23 +557,23 @@ class Checks:
         return report("pose age", verdict, "check.pose_age_why", age_ms=1e3 * age, why=why)
 
     def _props_off(self, link: LinkStatus) -> Check:
-        """Whether somebody has seen the motors of this vehicle stop, as it is now."""
-        if not self._real or self._config.rehearsal is not None:  # a pseudo-terminal looks as any serial port
+        """Check that the test with the propellers off was passed with the present configuration."""
+        if not self._real or self._config.rehearsal is not None:  # a rehearsal's pseudo-terminal looks like any port
             return report("props-off test", Verdict.OFF, "check.props_off_simulated")
-        why = lacks(self._proof, self._config, link.firmware)
+        why = explain_missing_proof(self._proof, self._config, link.firmware)
         if why is not None:
             return Check.of("props-off test", Verdict.WARN, why)
-        assert self._proof is not None, "a lacking one is told"
+        assert self._proof is not None, "a missing one is reported above"
         return report("props-off test", Verdict.PASS, "check.props_off", date=self._proof.date)
 
     def _deadline(self) -> Check:
-        """Check the pose age up to which commands are sent against the defaults."""
+        """Check the times without poses (coasting, then level) against their defaults."""
         coast_s, level_s = self._config.flight.coast_s, self._config.guards.level_s
         usual_s = FlightConfig().coast_s + GuardsConfig().level_s
-        told = {"coast_ms": 1e3 * coast_s, "level_ms": 1e3 * level_s}
-        if coast_s + level_s <= usual_s + 1e-9:
-            return report("deadline", Verdict.PASS, "check.deadline", **told)
-        return report("deadline", Verdict.WARN, "check.deadline_long", usual_ms=1e3 * usual_s, **told)
+        values = {"coast_ms": 1e3 * coast_s, "level_ms": 1e3 * level_s}
+        if coast_s + level_s <= usual_s + 1e-9:  # 1 ns for rounding
+            return report("deadline", Verdict.PASS, "check.deadline", **values)
+        return report("deadline", Verdict.WARN, "check.deadline_long", usual_ms=1e3 * usual_s, **values)
 
     def _noise(self, noise_m: float, noise_deg: float) -> Check:
         """Check the noise of position and of roll and pitch; the worse by its limits decides."""
@@ -586,7 +598,7 @@ class Checks:
         return report("tilt", find_verdict(tilt, WARN_TILT_DEG, TILT_DEG), "check.tilt", tilt_deg=tilt)
 
     def _witness(self, told: Agreement | None) -> Check:
-        """Whether the autopilot lies and turns as the tracker sees it."""
+        """Check that the autopilot's own attitude agrees with the poses."""
         name, config = "second witness", self._config
         if config.pose.by_autopilot:
             return report(name, Verdict.OFF, "check.witness_own")
@@ -622,7 +634,7 @@ class Checks:
         return report("fence", Verdict.PASS, "check.fence_inside", inside_m=room)
 
     def _apart(self, place: Vec3, now_s: float) -> Check:
-        """Whether every other vehicle is seen, and far enough away."""
+        """Check that every other vehicle is seen, and far enough away."""
         name, separation = "other vehicles", self._separation
         if separation is None:
             return report(name, Verdict.OFF, "check.others_none")
@@ -638,7 +650,10 @@ class Checks:
         return report(name, Verdict.PASS, "check.others", name=near.name, distance_m=near.distance_m)
 
     def _ways(self, place: Vec3) -> Check:
-        """The climb, the way onto the trajectory, all of it, and the way back, each with its braking distance."""
+        """Check the hold after take-off, the ways onto the trajectory and the trajectory against the fence.
+
+        Each point counts with the vehicle's braking distance.
+        """
         if self._fence is None:
             return report("ways in the fence", Verdict.OFF, "check.ways_none")
         config = self._config
@@ -669,7 +684,7 @@ class Checks:
         low = (share is not None and share < c.battery_share) or (
             volts is not None and c.battery_v is not None and volts < c.battery_v
         )
-        soon = share is not None and share < c.battery_share + 0.2
+        soon = share is not None and share < c.battery_share + BATTERY_MARGIN
         verdict = Verdict.FAIL if low else Verdict.WARN if soon else Verdict.PASS
         return report("battery", verdict, "check.battery_low" if low else "check.battery", charge=", ".join(told))
 
@@ -689,7 +704,8 @@ class Checks:
             return report(name, Verdict.FAIL, id, state=link.state, text=link.text)
         if link.unfit:
             return report(name, Verdict.FAIL, "check.unfit", why=link.unfit)
-        if link.ready is False:  # a warning: they may ask for what only its present mode needs, and arming tells
+        # Only a warning: the autopilot's own checks may concern its present mode alone, and arming will show.
+        if link.ready is False:
             return report(name, Verdict.WARN, "check.prearm_fails", said=said)
         return report(name, Verdict.PASS, "check.ready", said=said)
 
@@ -716,100 +732,109 @@ class Checks:
         return report(name, Verdict.WARN, "pose.dropped", count=count, total=total, why=describe_drop(reason))
 
     def _failsafe(self) -> Check:
-        """State that the receiver's failsafe can't be checked from here."""
+        """Warn that the receiver's failsafe can't be checked from here."""
         if self._config.link.has_autopilot:
             return report("failsafe", Verdict.OFF, "check.failsafe_autopilot")
         return report("failsafe", Verdict.WARN, "check.failsafe_receiver")
 
-    def _take_off(self) -> Check:
-        """Check the thrust limit on the floor, where the poses may not yet be this vehicle's."""
-        config, weight = self._config, self._config.weight_n
-        most, usual = (limit(config) for limit in (limit_n, usual_limit_n))
-        told = {"thrust_n": most, "percent": 100.0 * most / weight}
-        if most <= usual:
-            return report("take-off thrust", Verdict.PASS, "check.thrust_limit", **told)
-        return report("take-off thrust", Verdict.WARN, "check.thrust_limit_high", usual_n=usual, **told)
+    def _thrust_limit(self) -> Check:
+        """Check the thrust limit on the floor, where the poses may be another body's."""
+        limit, usual = limit_n(self._config), usual_limit_n(self._config)
+        values = {"thrust_n": limit, "percent": 100.0 * limit / self._config.weight_n}
+        if limit <= usual:
+            return report("take-off thrust", Verdict.PASS, "check.thrust_limit", **values)
+        return report("take-off thrust", Verdict.WARN, "check.thrust_limit_high", usual_n=usual, **values)
 
     def _simulation(self) -> list[Check]:
-        """A word that takes guards away must not stay in a configuration unseen."""
+        """Warn of ``link.simulated``, which drops the demand for a fence: it must not stay in a file unnoticed."""
         link = self._config.link
         if not link.simulated or self._config.rehearsal is not None:
-            return []  # in a rehearsal nobody wrote it
+            return []  # a rehearsal sets the key itself
         believed = "no fence and no speed limit are asked for" if is_simulated(link) else "not believed of this port"
         return [report("simulated", Verdict.WARN, "check.simulated", believed=believed, endpoint=link.endpoint)]
 
-    def _certificate(self, asked: FeasibilityReport) -> Check:
+    def _certificate(self, demands: FeasibilityReport) -> Check:
+        """Check the a-priori bound on thrust (docs/explanation/law.md, section 4)."""
         law = self._config.controller
         if not isinstance(law, Law):
             return report("thrust bound", Verdict.OFF, "check.bound_no_law")
-        bound = thrust_bound(law, acceleration_sup=asked.acceleration_m_s2, v_start=0.0).bound
+        bound = thrust_bound(law, acceleration_sup=demands.acceleration_m_s2, v_start=0.0).bound
         if bound > 0.0:
             return report("thrust bound", Verdict.PASS, "check.bound", bound_m_s2=bound)
         least_n = self._config.vehicle.thrust_min_n
         return report("thrust bound", Verdict.OFF, "check.bound_by_limit", thrust_min_n=least_n, bound_m_s2=bound)
 
-    def _flyable(self, asked: FeasibilityReport) -> Check:
-        why = explain_refusal(self._config, asked)
+    def _flyable(self, demands: FeasibilityReport) -> Check:
+        """Check that the vehicle can follow the trajectory."""
+        why = explain_refusal(self._config, demands)
         if why is not None:
             return Check.of("trajectory", Verdict.FAIL, why)
         return report("trajectory", Verdict.PASS, "check.trajectory")
 
 
 def describe_failures(checks: list[Check]) -> str:
-    """Join the failed checks into one sentence; empty where none failed."""
+    """Join the failed checks into one sentence; empty if none failed."""
     return "; ".join(f"{check.name}: {check.says}" for check in checks if check.verdict is Verdict.FAIL)
 
 
 def describe_checks(checks: list[Check]) -> str:
-    """``checks`` for people."""
+    """Describe ``checks`` as text, one on a line."""
     return "\n".join(f"{check.verdict:5}{check.name:20}{check.says}" for check in checks)
 
 
 SEEN_S = 0.5
-"""A body that was not seen for so long may be anywhere [s]."""
+"""Time after its last sighting for which a body's place counts [s]. Chosen."""
 
 
 class Company:
-    """Checks of what is beside one flight. Times are on the event loop's clock [s]."""
+    """Checks of the surroundings of one flight. Times are on the event loop's clock [s]."""
 
     def __init__(
         self, config: Config, bodies: Others | None, running: Callable[[], Sequence[Running]], hold: HoldToRun | None
     ) -> None:
-        """``bodies`` are all that the source shows, ``running`` what else flies from here, ``hold`` the operator's."""
+        """Look at nothing yet.
+
+        Args:
+            config: the flight's.
+            bodies: all bodies that the source shows; None if it shows no others.
+            running: lists the other flights of this machine.
+            hold: the control that the operator must hold; None without one.
+        """
         self._config = config
         self._bodies = bodies
         self._running = running
         self._hold = hold
 
     def __call__(self, standing: StandingPoses, now_s: float, *, arming: bool = False) -> list[Check]:
-        """The checks, as things are now; what the operator must hold need not be held before ``arming``."""
+        """Make the checks; the operator's hold fails only with ``arming``, and before that it warns."""
         return [self._names(), self._bodies_near(standing, now_s), self._hand(Verdict.FAIL if arming else Verdict.WARN)]
 
     def leave(self) -> None:
-        """Stop looking for other bodies: take-off begins."""
+        """Stop looking for bodies that are not configured: take-off begins."""
         if self._bodies is not None:
             self._bodies.every = False
 
     def _names(self) -> Check:
-        """Whether another flight of this machine has the same body, commands the same vehicle, or has its name."""
+        """Check that no other flight of this machine has the same link, body or vehicle name."""
         own, name = entry_of(self._config, "", 0), "other flights"
-        bad, odd = list[Sentence](), list[Sentence]()
+        failures, warnings = list[Sentence](), list[Sentence]()
         for one in self._running():
             who = f"{one.command} {one.vehicle} (process {one.pid})"
             if own.link == one.link:
-                bad.append(notice("flights.same_link", who=who, link=one.link))
+                failures.append(notice("flights.same_link", who=who, link=one.link))
             elif own.body and own.body == one.body:
-                told = odd if own.poses != one.poses else bad
-                told.append(notice("flights.same_body", who=who, body=one.body))
+                # Bodies of one name from two pose sources may be two bodies.
+                found = failures if own.poses == one.poses else warnings
+                found.append(notice("flights.same_body", who=who, body=one.body))
             elif own.vehicle == one.vehicle:
-                odd.append(notice("flights.same_name", who=who))
-        if not bad and not odd:
+                warnings.append(notice("flights.same_name", who=who))
+        if not failures and not warnings:
             return report(name, Verdict.PASS, "check.flights")
-        clashes = "; ".join(one.text for one in bad + odd)
-        return report(name, Verdict.FAIL if bad else Verdict.WARN, "check.flights_clash", clashes=clashes)
+        clashes = "; ".join(one.text for one in failures + warnings)
+        return report(name, Verdict.FAIL if failures else Verdict.WARN, "check.flights_clash", clashes=clashes)
 
     def _bodies_near(self, standing: StandingPoses, now_s: float) -> Check:
-        """Whether another body is where this vehicle is."""
+        """Check that no other body is within the vehicle's size."""
         name, size = "bodies near", self._config.vehicle.size_m
         if self._bodies is None or not standing.poses:
             return report(name, Verdict.OFF, "check.bodies_unknown")
@@ -821,13 +846,13 @@ class Company:
         if not near:
             return report(name, Verdict.PASS, "check.bodies_none")
         distance, body = min(near)
-        told = {"body": body, "distance_m": distance, "own": self._config.body}
+        values = {"body": body, "distance_m": distance, "own": self._config.body}
         if distance >= size:
-            return report(name, Verdict.PASS, "check.bodies", **told)
-        return report(name, Verdict.FAIL, "check.bodies_near", size_m=size, **told)
+            return report(name, Verdict.PASS, "check.bodies", **values)
+        return report(name, Verdict.FAIL, "check.bodies_near", size_m=size, **values)
 
     def _hand(self, otherwise: Verdict) -> Check:
-        """Whether the operator holds what must be held."""
+        """Check that the operator holds the control that must be held; without it the verdict is ``otherwise``."""
         name, hold = "operator's hold", self._hold
         if hold is None:
             return report(name, Verdict.OFF, "check.hold_none")
@@ -849,11 +874,11 @@ def entry_of(config: Config, command: str, pid: int) -> Running:
 
 
 LOOK_AGAIN_S = 1.0
-"""Period at which the checks are repeated until the operator arms [s]."""
+"""Period at which the checks are repeated until the operator arms [s]. Chosen."""
 
 
 class FlightEnded(Exception):
-    """The flight can't go on; the sentence says why."""
+    """The flight can't go on, for the reason in ``sentence``."""
 
     def __init__(self, sentence: Sentence) -> None:
         super().__init__(sentence.text)
@@ -861,10 +886,10 @@ class FlightEnded(Exception):
 
 
 class PrearmSequence:
-    """One flight's way from connecting until it may be armed."""
+    """The sequence of one flight from connecting until the vehicle may be armed."""
 
     checks: tuple[Check, ...] = ()
-    """The newest, until somebody has armed: for the screens."""
+    """Newest checks, for the screens; empty once the operator has armed."""
 
     def __init__(
         self,
@@ -880,9 +905,19 @@ class PrearmSequence:
         say: Say,
         company: Company | None = None,
     ) -> None:
-        """``confirm`` asks the operator before the vehicle is armed; ``others`` are vehicles to keep away from.
+        """Open nothing yet.
 
-        ``company`` makes more checks, of what is beside the vehicle.
+        Args:
+            config: the flight's.
+            link: command link, to be connected.
+            source: pose source, to be started.
+            pilot: gets the poses; its noise estimate is checked.
+            progress: the mission's state machine.
+            witness: returns the present comparison of attitudes.
+            confirm: asks the operator before the vehicle is armed.
+            others: vehicles to keep away from.
+            say: takes sentences for the operator.
+            company: checks of the surroundings.
         """
         self._config = config
         self._link = link
@@ -897,17 +932,17 @@ class PrearmSequence:
         self._look: Checks | None = None
         self._arm_asked = asyncio.Event()
         self.first_pose = asyncio.Event()
-        """To be set as a pose comes."""
+        """The owner sets this event at the first pose."""
 
     def arm(self) -> None:
-        """Somebody asks to arm."""
+        """Take a request to arm."""
         self._arm_asked.set()
 
     async def depart(self, deliver: Callable[[Pose], None]) -> None:
-        """All of it; where it returns, the vehicle may be armed. ``deliver`` gets the poses from now on.
+        """Run the whole sequence; when it returns, the vehicle may be armed. ``deliver`` gets all poses from now on.
 
         Raises:
-            Ended: no pose comes, a check fails, or the operator does not confirm.
+            FlightEnded: no pose arrives, a check fails, or the operator does not confirm.
             LinkError: the link can't be connected.
         """
         loop, progress = asyncio.get_running_loop(), self._progress
@@ -938,7 +973,7 @@ class PrearmSequence:
         self._witness().arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
-        """Connect and look, and no more; what can't be connected is a check that fails."""
+        """Connect and make the checks, without arming; a connection that fails is a failed check."""
         try:
             await self._connect(deliver)
             await self._stand()
@@ -949,13 +984,13 @@ class PrearmSequence:
             return [*found, report("frames", Verdict.FAIL, "check.conflict", why=conflict)] if conflict else found
 
     async def _stand(self) -> None:
-        """Look at the vehicle as it stands for a moment."""
-        self._look = Checks(self._config, self._others, on_file(place(self._config)))
+        """Collect poses of the vehicle at rest for ``LOOK_S``, and let the link examine its autopilot."""
+        self._look = Checks(self._config, self._others, read_proof(proof_path(self._config)))
         await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
 
     def _check(self, *, arming: bool = False) -> tuple[str, list[Check]]:
-        """Return the failures as a sentence, and all checks; ``arming``: motors start next."""
-        assert self._look is not None, "nobody has looked yet"
+        """Return the failures as a sentence, and all checks. ``arming``: the motors start next."""
+        assert self._look is not None, "_stand comes first"
         now = asyncio.get_running_loop().time()
         evidence = self._witness().verdict(now)
         checks = self._look(
@@ -967,6 +1002,7 @@ class PrearmSequence:
         return describe_failures(checks), checks
 
     async def _connect(self, deliver: Callable[[Pose], None]) -> None:
+        """Start the pose source, connect the link, and wait for the first pose."""
         await self._source.start(deliver)
         await self._link.connect()
         wait = self._config.flight.pose_wait_s
@@ -976,24 +1012,25 @@ class PrearmSequence:
             raise FlightEnded(notice("fault.no_first_pose", wait_s=wait, why=self._explain_silence())) from None
 
     def _explain_silence(self) -> Sentence:
+        """Return why no pose has arrived."""
         pose = self._config.pose
         if pose.by_autopilot:
             said = f"; it said last: “{self._link.status.text}”" if self._link.status.text else ""
             if hint := explain_drops(self._source.status):
                 said = f"; {hint}{said}"
             return notice("pose.no_estimate", said=said)
-        told = {pose.address_key: pose.address, pose.body_key: pose.body_name}
-        keys = ", ".join(f"pose.{key} = {value}" for key, value in told.items() if key)
+        settings = {pose.address_key: pose.address, pose.body_key: pose.body_name}
+        keys = ", ".join(f"pose.{key} = {value}" for key, value in settings.items() if key)
         why = explain_drops(self._source.status) or notice("pose.nothing_arrived")
         return notice("pose.nothing_of_use", kind=pose.kind, keys=keys, why=why)
 
     async def _operator(self) -> None:
-        """Wait until somebody asks to arm: at the terminal, or by a request."""
+        """Wait until the operator arms: at the terminal, or by a request."""
         confirmed, asked = asyncio.ensure_future(self._confirm()), asyncio.ensure_future(self._arm_asked.wait())
         try:
             while not (confirmed.done() or asked.done()):
                 if self._look is not None:
-                    self._check()  # for the screens: whoever arms sees the vehicle as it stands now
+                    self._check()  # the screens show the present checks until the operator arms
                 await asyncio.wait({confirmed, asked}, timeout=LOOK_AGAIN_S, return_when=asyncio.FIRST_COMPLETED)
             if not asked.done() and not confirmed.result():
                 raise FlightEnded(notice("fault.not_confirmed"))

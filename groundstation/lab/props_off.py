@@ -14,7 +14,7 @@ import msgspec
 
 from groundstation.config import ConfigError, dump
 from groundstation.core.messages import notice
-from groundstation.flight import Proof, digest, line_from_terminal, place, save
+from groundstation.flight import Proof, hash_sections, line_from_terminal, proof_path, save_proof
 from groundstation.machine import (
     ApiError,
     Taken,
@@ -413,9 +413,11 @@ async def _guide(config: Config, now_s: float) -> Exit:
         _say(f"\n{notice('props.interrupted')}")
         return Exit.FAILED
     date = datetime.fromtimestamp(now_s + loop.time() - began_s, tz=UTC).isoformat(timespec="seconds")
-    path = place(config)
+    path = proof_path(config)
     try:
-        save(Proof(vehicle=name, digest=digest(config), firmware=guide.firmware, date=date, steps=steps), path)
+        save_proof(
+            Proof(vehicle=name, digest=hash_sections(config), firmware=guide.firmware, date=date, steps=steps), path
+        )
     except OSError as error:
         raise ConfigError("props-off", notice("props.unwritable", path=path, why=error.strerror)) from None
     _say(f"\n{notice('props.passed', path=path, firmware=guide.firmware or 'not told')}")

@@ -161,7 +161,7 @@ radio_bind, radio_range_check, radio_idle = (partial(_radio, what) for what in (
 
 def radio_bridge(args: argparse.Namespace) -> Exit:
     """Pace the commands of another computer out by an RF module; or make the key that both share."""
-    from groundstation.flight import key
+    from groundstation.flight import load_link_key
     from groundstation.machine import BRIDGE, ApiError, Running, registration
     from links.io import make_key
 
@@ -176,7 +176,7 @@ def radio_bridge(args: argparse.Namespace) -> Exit:
     if args.config is None:
         raise ConfigError("CONFIG.toml", "expected a configuration, or --make-key FILE; see docs/how-to/rf.md")
     config = load(args.config, BridgeConfig, args.overrides)
-    shared = key(config.key_file, "key_file")
+    shared = load_link_key(config.key_file, "key_file")
     one = Running(pid=os.getpid(), command=BRIDGE, vehicle=config.listen, link=config.link.destination)
     try:
         with registration(one):

@@ -19,7 +19,7 @@ from groundstation.flight import (
     ensure_guarded,
     examine_trajectory,
 )
-from groundstation.flight.prearm import Checks, real
+from groundstation.flight.prearm import Checks, find_real_key
 from groundstation.settings import Config
 from links.core import LinkStatus
 
@@ -237,7 +237,7 @@ REAL: list[dict[str, Any]] = [
 @pytest.mark.parametrize("data", REAL)
 def test_a_real_vehicle_needs_a_fence_a_speed_limit_and_the_floor(data: dict[str, Any]) -> None:
     limits = {"max_speed_m_s": 1.0}
-    assert real(from_dict(data, Config)) is not None
+    assert find_real_key(from_dict(data, Config)) is not None
     for more, key in (
         ({}, "fence"),
         ({"limits": limits}, "fence"),
@@ -262,7 +262,7 @@ LOCAL: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("data", LOCAL)
 def test_a_simulated_one_needs_neither(data: dict[str, Any]) -> None:
-    assert real(from_dict(data, Config)) is None
+    assert find_real_key(from_dict(data, Config)) is None
     ensure_guarded(from_dict(data, Config))
 
 
@@ -271,7 +271,7 @@ def test_a_simulated_port_is_believed_of_a_pseudo_terminal_alone_and_told_before
     try:
         for port, believed in ((os.ttyname(near), True), ("/dev/ttyUSB0", False), ("/dev/pts/../ttyUSB0", False)):
             config = from_dict({"link": {"kind": "dsm", "port": port, "simulated": True}}, Config)
-            assert (real(config) is None) == believed
+            assert (find_real_key(config) is None) == believed
             (told,) = (one for one in Checks(config)(standing(), 0.0, LINK, 1.0) if one.name == "simulated")
             assert told.verdict is Verdict.WARN
             assert port in told.says

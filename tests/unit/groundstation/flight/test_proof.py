@@ -7,8 +7,8 @@ import pytest
 
 from groundstation.config import from_dict
 from groundstation.core.messages import Check, Verdict
-from groundstation.flight import Proof, digest, place, save
-from groundstation.flight.prearm import Checks, lacks, on_file
+from groundstation.flight import Proof, hash_sections, proof_path, save_proof
+from groundstation.flight.prearm import Checks, explain_missing_proof, read_proof
 from groundstation.settings import Config
 from tests.unit.groundstation.flight.test_checks import BASE, LINK, standing
 
@@ -22,7 +22,7 @@ def made(*overrides: str) -> Config:
 def proof(config: Config, **changes: str) -> Proof:
     told: dict[str, str] = {
         "vehicle": config.vehicle.name,
-        "digest": digest(config),
+        "digest": hash_sections(config),
         "firmware": "",
         "date": "2026-01-02",
     }
@@ -46,34 +46,36 @@ def proof(config: Config, **changes: str) -> Proof:
 )
 def test_a_test_holds_until_something_changes_that_decides_how_motors_stop(override: str, counts: bool) -> None:
     was = proof(made())
-    assert lacks(was, made(), "") is None
-    why = lacks(was, made(override), "")
+    assert explain_missing_proof(was, made(), "") is None
+    why = explain_missing_proof(was, made(override), "")
     assert bool(why) is counts
     assert not counts or "configuration has changed" in str(why)
 
 
 def test_another_firmware_or_another_vehicle_needs_another_test() -> None:
     config = made()
-    assert str(lacks(proof(config, firmware="PX4 1.15.0"), config, "PX4 1.16.0")).startswith(
+    assert str(explain_missing_proof(proof(config, firmware="PX4 1.15.0"), config, "PX4 1.16.0")).startswith(
         "the test with the propellers off"
     )
-    assert "PX4 1.15.0; this is PX4 1.16.0" in str(lacks(proof(config, firmware="PX4 1.15.0"), config, "PX4 1.16.0"))
-    assert "no test" in str(lacks(proof(config, vehicle="another"), config, ""))
-    assert "no test" in str(lacks(None, config, ""))
+    assert "PX4 1.15.0; this is PX4 1.16.0" in str(
+        explain_missing_proof(proof(config, firmware="PX4 1.15.0"), config, "PX4 1.16.0")
+    )
+    assert "no test" in str(explain_missing_proof(proof(config, vehicle="another"), config, ""))
+    assert "no test" in str(explain_missing_proof(None, config, ""))
 
 
 def test_it_is_kept_for_the_owner_alone_and_the_newest_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     config = made()
-    path = place(config)
+    path = proof_path(config)
     assert path == tmp_path / "groundstation" / "props-off" / "mqx.json"
-    assert on_file(path) is None
+    assert read_proof(path) is None
     for date in ("2026-01-02", "2026-01-03"):
-        save(proof(config, date=date), path)
+        save_proof(proof(config, date=date), path)
     assert path.stat().st_mode & 0o777 == 0o600
     assert path.parent.stat().st_mode & 0o777 == 0o700
     assert [file.name for file in path.parent.iterdir()] == ["mqx.json"]
-    kept = on_file(path)
+    kept = read_proof(path)
     assert kept is not None
     assert (kept.date, kept.steps) == ("2026-01-03", {"no poses": "seen"})
 
@@ -82,17 +84,17 @@ def test_it_is_kept_for_the_owner_alone_and_the_newest_counts(tmp_path: Path, mo
 def test_a_file_that_is_no_test_is_none(tmp_path: Path, text: bytes) -> None:
     path = tmp_path / "x.json"
     path.write_bytes(text)
-    assert on_file(path) is None
+    assert read_proof(path) is None
 
 
 def test_a_file_that_others_may_write_or_a_link_is_none(tmp_path: Path) -> None:
     path = tmp_path / "x.json"
-    save(proof(made()), path)
+    save_proof(proof(made()), path)
     link = tmp_path / "y.json"
     link.symlink_to(path)
-    assert on_file(link) is None
+    assert read_proof(link) is None
     path.chmod(0o666)
-    assert on_file(path) is None
+    assert read_proof(path) is None
 
 
 def checked(config: Config, kept: Proof | None) -> Check:
