@@ -1,9 +1,9 @@
-"""The pacer's own process: absolute deadlines, real-time priority where allowed, deaf to the terminal.
+"""The pacer's own process: absolute deadlines, real-time priority if the system allows it, no terminal signals.
 
-It is started by its stand-by (pacer_standby.py) with a mailbox in shared memory, which holds the newest command, and
-one end of a socket pair, on which messages arrive whole or not at all and in order, and whose other end closes when
-whoever commands dies. All other orders come in there, and reports go out. Nothing here waits but the sleep until the
-next frame. The commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
+Its stand-by (pacer_standby.py) starts it. The newest command arrives in a mailbox in shared memory. All other orders
+arrive, and reports leave, over a socket pair: there messages arrive whole and in order or not at all, and the other end
+closes when the commander, the process of the link, dies. Nothing here waits but the sleep until the next frame. The
+commands' clock is CLOCK_MONOTONIC, the same in every process of this machine.
 """
 
 import contextlib
@@ -23,15 +23,20 @@ from links.rf.shared_memory import FIRST, PACER, STANDBY, Lease, Mailbox, Shared
 from links.text import link_notice
 
 PREPARE_S = 0.0004
-"""Lead with which a frame is made [s]; then only the write is left to do."""
+"""Time before its instant at which a frame is computed [s]. Chosen: above the time that this takes."""
 SPIN_S = 0.00012
-"""The last part of the wait is spent awake [s]: about what the kernel takes to wake a process up."""
+"""Length of the busy wait before a frame [s]: about the time in which the kernel wakes a process up. Chosen;
+`groundstation-sim bench links` measures the lateness that comes of it."""
 _MOST_ORDERS = 256
-"""Most orders taken between two frames, so that nobody who floods us delays a frame."""
+"""Limit of the orders that are taken before a frame [-]: a flood of them must not delay it. Chosen."""
+_TIMER_ABSTIME = 1
+"""Flag of clock_nanosleep: the time is an instant, not a duration (Linux, <time.h>)."""
+_LOCK_ALL = 3
+"""Flags of mlockall: MCL_CURRENT | MCL_FUTURE, the pages of now and of later (Linux, <sys/mman.h>)."""
 
 
 class MonotonicClock:
-    """CLOCK_MONOTONIC, and sleeping until an instant on it."""
+    """CLOCK_MONOTONIC, with a sleep until an instant on it."""
 
     def __init__(self) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
@@ -43,88 +48,87 @@ class MonotonicClock:
         """Sleep until ``when_s`` [s]; at once where that has passed."""
         seconds = int(when_s)
         self._until[0], self._until[1] = seconds, int(1e9 * (when_s - seconds))
-        self._libc.clock_nanosleep(time.CLOCK_MONOTONIC, 1, self._until, None)
+        self._libc.clock_nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, self._until, None)
 
     def lock_memory(self) -> bool:
-        """Keep every page in memory, now and later; whether that was allowed."""
-        return int(self._libc.mlockall(3)) == 0
+        """Keep every page in memory, now and later; return whether the system allowed it."""
+        return int(self._libc.mlockall(_LOCK_ALL)) == 0
 
 
 def main() -> None:
-    """Pace until told to end, or until nobody commands any more and all is brought down."""
-    deafen()
+    """Pace until an order to end, or until the commander is gone and the vehicle is brought down."""
+    ignore_signals()
     wire, mailbox, lease, held, beside = map(int, sys.argv[1:])
     by_standby = socket.socket(fileno=beside)
-    setup = msgspec.msgpack.decode(
-        by_standby.recv(MESSAGE_BYTES), type=PacerSetup
-    )  # it comes once the stand-by is ready
+    # The stand-by sends the setup once it is ready itself.
+    setup = msgspec.msgpack.decode(by_standby.recv(MESSAGE_BYTES), type=PacerSetup)
     by_standby.setblocking(False)
     config, clock = setup.config, MonotonicClock()
     fifo, note = prioritise(config.fifo_priority, clock)
-    estate = Estate(Lease(lease), Mailbox(held))
-    port = SharedPort(config.port, config.baud, estate.lease, FIRST, by_standby)
+    standby = Standby(Lease(lease), Mailbox(held))
+    port = SharedPort(config.port, config.baud, standby.lease, FIRST, by_standby)
     pacer = FramePacer(config, setup.thrust_max_n, port, clock.now())
-    hush()
-    commander = Commander(socket.socket(fileno=wire), Mailbox(mailbox), note, fifo, estate)
+    disable_output_and_gc()
+    commander = Commander(socket.socket(fileno=wire), Mailbox(mailbox), note, fifo, standby)
     try:
         pace(pacer, config.period_s, config.frame_s, clock, commander)
-    except BaseException:  # noqa: BLE001  # whatever it is, Superseded too
-        os._exit(1)  # the stand-by goes on with the port as it is: it must not even be closed
+    except BaseException:  # noqa: BLE001  # any fault, and Superseded
+        os._exit(1)  # the stand-by goes on with the open port: no clean-up of ours may close it
     pacer.close()
 
 
-def deafen() -> None:
-    """Ignore the signals of a terminal and polite requests to end."""
+def ignore_signals() -> None:
+    """Ignore the terminal's signals and SIGTERM."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
 
 
-def hush() -> None:
-    """Print nothing and collect no garbage from now on: no frame must wait for that."""
-    # Whoever waits for the end of what the station prints must not wait for us, who outlive it.
+def disable_output_and_gc() -> None:
+    """Print nothing and collect no garbage from now on: both could delay a frame."""
+    # A program that reads the station's output to its end must not wait for this process, which outlives the station.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
     gc.collect()
     gc.freeze()
     gc.disable()
 
 
-class Estate:
-    """State shared by a pacer with its stand-by: the sign that it lives, and what it holds."""
+class Standby:
+    """The stand-by as its pacer sees it: memory that both share, and whether it lives."""
 
     def __init__(self, lease: Lease, held: Mailbox) -> None:
-        """Both are shared with the stand-by."""
+        """``lease`` has the signs of life of both, ``held`` the state that the stand-by takes over."""
         self.lease = lease
         self._held = held
-        self._standby = os.getppid()
+        self._parent = os.getppid()
         self._encoder = msgspec.msgpack.Encoder()
 
-    def keep(self, pacer: FramePacer, now_s: float) -> None:
-        """Before each frame: nothing leaves that the stand-by could not bring down."""
+    def publish(self, pacer: FramePacer, now_s: float) -> None:
+        """Write the pacer's state before its frame leaves: the stand-by must be able to bring down every frame's."""
         self._held.put(self._encoder.encode(pacer.make_estate()))
         self.lease.vouch(PACER, now_s)
 
     @property
-    def deserted(self) -> bool:
-        """Whether the stand-by has ended: whoever started this process is its parent no longer."""
-        return os.getppid() != self._standby
+    def is_gone(self) -> bool:
+        """Whether the stand-by has ended: this process, which it started, then has another parent."""
+        return os.getppid() != self._parent
 
     def warning(self, now_s: float) -> str:
         """Describe the stand-by's fault; empty without one."""
-        wrong = "is gone" if self.deserted else "" if now_s < self.lease.vouched_s(STANDBY) else "stands still"
+        wrong = "is gone" if self.is_gone else "" if now_s < self.lease.vouched_s(STANDBY) else "stands still"
         return link_notice("module.alone", wrong=wrong).text if wrong else ""
 
 
 class Commander:
-    """Whoever holds the other ends of the socket pair and of the mailbox."""
+    """The process of the link, at the other ends of the socket pair and of the mailbox."""
 
     def __init__(
-        self, wire: socket.socket, mailbox: Mailbox, note: str, fifo: bool, estate: Estate | None = None
+        self, wire: socket.socket, mailbox: Mailbox, note: str, fifo: bool, standby: Standby | None = None
     ) -> None:
-        """``note`` and ``fifo`` go into every report; ``estate`` is for the stand-by, where there is one."""
+        """``note`` and ``fifo`` go into every report; ``standby`` is None in the stand-by itself."""
         self._wire = wire
         self._mailbox = mailbox
         self._note, self._fifo = note, fifo
-        self._estate = estate
+        self._standby = standby
         self._orders = msgspec.msgpack.Decoder(Order)
         self._commands = msgspec.msgpack.Decoder(Give)
         self._encoder = msgspec.msgpack.Encoder()
@@ -132,16 +136,18 @@ class Commander:
         wire.setblocking(False)
 
     def listen(self, pacer: FramePacer, now_s: float) -> None:
-        """Take what was ordered since the last time."""
+        """Take the newest command and the orders since the last call."""
         if not self._alive:
             return
-        newest = self._mailbox.get()  # before the orders: the arming that it follows is then among those
+        # Read before the orders and given after them: the order to arm that the command follows is then among them.
+        newest = self._mailbox.get()
         self._obey(pacer, now_s)
         if newest is not None:
             with contextlib.suppress(msgspec.MsgspecError):  # as below
                 pacer.order(self._commands.decode(newest), now_s)
 
     def _obey(self, pacer: FramePacer, now_s: float) -> None:
+        """Give the waiting orders to the pacer, or tell it that the commander is gone."""
         for _ in range(_MOST_ORDERS):
             try:
                 data = self._wire.recv(MESSAGE_BYTES)
@@ -156,23 +162,23 @@ class Commander:
             try:
                 order = self._orders.decode(data)
             except msgspec.MsgspecError:
-                continue  # no order of ours; an exception here would silence the vehicle's link
+                continue  # not an order; an exception here would end the vehicle's frames
             pacer.order(order, now_s)
 
     def keep(self, pacer: FramePacer, now_s: float) -> None:
-        """The next frame is made: let the stand-by have what is behind it."""
-        if self._estate is not None:
-            self._estate.keep(pacer, now_s)
+        """Publish the state behind the frame that was prepared last, if there is a stand-by."""
+        if self._standby is not None:
+            self._standby.publish(pacer, now_s)
 
     def tell(self, pacer: FramePacer, now_s: float) -> None:
-        """Report; one that does not fit is left out."""
+        """Send a report; without room in the socket it is dropped."""
         if self._alive:
-            estate = self._estate
-            missing = estate.warning(now_s) if estate is not None else ""
+            standby = self._standby
+            missing = standby.warning(now_s) if standby is not None else ""
             warning = missing or ("" if self._fifo else link_notice("module.frames_late", note=self._note).text)
-            alone = estate is not None and estate.deserted
+            alone = standby is not None and standby.is_gone
             report: PacerReport = pacer.report(now_s, note=self._note, fifo=self._fifo, alone=alone, warning=warning)
-            with contextlib.suppress(OSError):  # nobody reads for now, or for ever: the next look tells
+            with contextlib.suppress(OSError):  # the commander does not read, or is gone: the next _obey finds out
                 self._wire.send(self._encoder.encode(report))
 
 
@@ -184,7 +190,12 @@ def pace(
     commander: Commander,
     first_s: float | None = None,
 ) -> None:
-    """Let frames go until the pacer is done, the first at ``first_s`` [s], or in a period."""
+    """Send frames until the pacer is done, the first at ``first_s`` [s]; without it, in a period.
+
+    Each frame is prepared before the sleep ends (``PREPARE_S``), and leaves at the end of a busy wait (``SPIN_S``). An
+    instant that has passed already is skipped: frames stay whole periods apart, but for the pacer's small shifts
+    towards the module's timing.
+    """
     now = clock.now
     due = now() + period_s if first_s is None else first_s
     sleep = Sleep(now)
@@ -214,7 +225,7 @@ def pace(
 
 
 def prioritise(priority: int, clock: MonotonicClock) -> tuple[bool, str]:
-    """Ask for real-time priority and locked memory; whether we have the first, and in words what we have."""
+    """Ask for real-time priority and locked memory; return whether the first was allowed, and a sentence on both."""
     if priority == 0:
         return False, link_notice("module.priority_ordinary").text
     try:

@@ -17,7 +17,15 @@ import msgspec
 
 from links.io import start_child
 from links.rf.pacer import MESSAGE_BYTES, FramePacer, Held, PacerSetup, StandbyWatch
-from links.rf.pacer_child import PREPARE_S, Commander, MonotonicClock, deafen, hush, pace, prioritise
+from links.rf.pacer_child import (
+    PREPARE_S,
+    Commander,
+    MonotonicClock,
+    disable_output_and_gc,
+    ignore_signals,
+    pace,
+    prioritise,
+)
 from links.rf.shared_memory import PACER, STANDBY, HeldPort, Lease, Mailbox, SharedPort
 from links.text import link_notice
 
@@ -27,7 +35,7 @@ VOUCH_S = 0.5
 
 def main() -> None:
     """Stand by until the pacer ends; take over where it should not have."""
-    deafen()
+    ignore_signals()
     wire, mailbox = socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2])
     lease, held = Lease(), Mailbox()
     beside, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -46,7 +54,7 @@ def main() -> None:
     last = held.get()
     if not why or last is None:
         sys.exit(pacer.returncode)  # it is done, or has never begun
-    hush()
+    disable_output_and_gc()
     commander = Commander(wire, Mailbox(mailbox), note, fifo)
     _take_over(setup, port, lease, msgspec.msgpack.decode(last, type=Held), why, clock, commander)
 
