@@ -1,8 +1,8 @@
 """Real firmware on the simulated vehicle: one process in lockstep with the plant, whose rotors it drives.
 
-The firmware is a PX4 or an ArduPilot that somebody has built; px4.py and ardupilot.py speak their simulator interfaces.
-Time is the plant's: the process waits for each state of the vehicle, and the plant for the motor outputs that come of
-it. What the firmware says and hears over MAVLink passes between its own UDP port and the network in memory.
+The firmware is a PX4 or an ArduPilot that the user has built; px4.py and ardupilot.py speak their simulator interfaces.
+Time is the plant's: the process waits for each state of the vehicle, and the plant waits for the motor outputs. The
+firmware's MAVLink datagrams pass between its own UDP port and the network in memory.
 """
 
 import asyncio
@@ -23,19 +23,26 @@ from groundstation.machine import sleep_until
 from sim.world import FourRotors, Quadrotor, TrueState
 
 LOOPBACK = "127.0.0.1"
+"""Address on which firmware and simulator talk."""
 Normals: TypeAlias = Iterator[tuple[float, ...]]
 """Rows of ten standard normal numbers."""
 PATIENCE_S = 60.0
-"""Time without an answer after which a process has stopped [s, wall clock]; on a busy machine PX4 took 20 to start."""
-LIFTS = 0.2
-"""Motor outputs above this share let go of a vehicle that is held; idling is below .1 [-]."""
+"""Time without an answer after which a process counts as stopped [s, wall clock].
 
-
+Chosen: three times the 20 s that PX4 took to start on a busy machine.
+"""
+LIFTING_SHARE = 0.2
+"""Mean motor output above which a held vehicle is released [-]. Chosen: above idling, which is below 0.1."""
 LEGS_M_S2 = 40.0
-"""Largest specific force as it meets the floor [m/s²]: from 0.8 m/s, legs that give by 8 mm stop it in 20 ms."""
+"""Largest specific force that the IMU measures at a touchdown [m/s²].
+
+Landing legs that yield by 8 mm stop a vehicle from 0.8 m/s within 20 ms: v²/(2 · 8 mm) = 40 m/s².
+"""
+DATAGRAM_BYTES = 4096
+"""Size of the buffer for a datagram [bytes]. Chosen: MAVLink 2 packets have at most 280."""
 
 
-class Told(NamedTuple):
+class FirmwareParameter(NamedTuple):
     """One parameter of a parameter file."""
 
     name: str
@@ -43,13 +50,13 @@ class Told(NamedTuple):
     reason: str
 
 
-def read_parameters(name: str) -> list[Told]:
-    """The lines ``NAME VALUE # reason`` of the parameter file ``name`` of this folder.
+def read_parameters(name: str) -> list[FirmwareParameter]:
+    """Read the lines ``NAME VALUE # reason`` of the parameter file ``name`` of this folder.
 
     Raises:
         ValueError: a line has no value, or no reason.
     """
-    told = list[Told]()
+    parameters = list[FirmwareParameter]()
     for line in Path(__file__).with_name(name).read_text("utf-8").splitlines():
         setting, _, reason = line.partition("#")
         if not setting.strip():
@@ -57,15 +64,15 @@ def read_parameters(name: str) -> list[Told]:
         words = setting.split()
         if len(words) != 2 or not reason.strip():
             raise ValueError(f"{name}: expected NAME VALUE # reason, got {line!r}")
-        told.append(Told(words[0], words[1], reason.strip()))
-    return told
+        parameters.append(FirmwareParameter(words[0], words[1], reason.strip()))
+    return parameters
 
 
 def find_built(option: str, folder: Path, program: str, built_by: str) -> Path:
-    """Return the ``program`` that ``built_by`` has built in the ``folder`` of the command's ``option``.
+    """Return the path of ``program`` in the ``folder`` that the command's ``option`` names.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: it is not there; the sentence says what has to be ``built_by`` whom.
     """
     found = folder / program
     if not found.is_file():
@@ -74,12 +81,11 @@ def find_built(option: str, folder: Path, program: str, built_by: str) -> Path:
 
 
 MOST_AT_ONCE = 10
-"""At most this many instances of one firmware run on this machine at once: PX4 has no ports for
-more."""
+"""Limit of the instances of one firmware on this machine [-]: PX4 has ports for no more."""
 
 
 def take_number(port: socket.socket, first: int) -> int:
-    """Bind ``port`` to the first free one from ``first`` on; how much that is above it tells this process from others.
+    """Bind ``port`` to the first free port number from ``first`` on; return the offset, this instance's number.
 
     Raises:
         OSError: all are taken.
@@ -96,65 +102,71 @@ def take_number(port: socket.socket, first: int) -> int:
 
 
 class Firmware(ABC):
-    """One process of a firmware, which goes on when it is told to; :meth:`close` ends it."""
+    """One process of a firmware, which runs step by step; :meth:`close` ends it."""
 
     step_s: float
-    """Period of the states of the vehicle [s]."""
+    """Length of a step [s]."""
 
     def __init__(self, folder: Path) -> None:
-        """Its files are in ``folder``; its MAVLink port on this machine is :attr:`mavlink`."""
+        """The process keeps its files in ``folder``."""
         self.folder = folder
         self.mavlink = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        """Our end of its MAVLink link on this machine."""
         self.mavlink.setblocking(False)
         self._theirs: tuple[str, int] | None = None
+        """Address of its end; None before its first datagram."""
         self._process: Popen[bytes] | None = None
 
     @abstractmethod
     def step(self, truth: TrueState, specific_force: Vec3) -> FourRotors:
-        """Let it run for :attr:`step_s`, with this state of the vehicle; its motor outputs, in the plant's order.
+        """Run for :attr:`step_s` with this state of the vehicle; return the motor outputs, in the plant's order.
 
         Raises:
-            EOFError: it has ended, or stands still.
+            EOFError: the process has ended, or does not answer.
         """
 
     @abstractmethod
     def boot(self, truth: TrueState, specific_force: Vec3) -> None:
-        """Let it start up at rest; the same is raised."""
+        """Start up at rest.
+
+        Raises:
+            EOFError: the process has ended, or does not answer.
+        """
 
     def start(self, command: list[str], environment: Mapping[str, str]) -> None:
         """Run the program ``command`` in its folder."""
         with (self.folder / "firmware.log").open("ab") as log:
-            self._process = Popen(  # noqa: S603  # somebody has built it, and named it
+            self._process = Popen(  # noqa: S603  # the user has built it, and named it
                 command, cwd=self.folder, env=dict(environment), stdin=DEVNULL, stdout=log, stderr=STDOUT
             )
 
     @property
     def ended(self) -> bool:
-        """Whether it has ended by itself."""
+        """Whether the process has ended by itself."""
         return self._process is not None and self._process.poll() is not None
 
     def say(self, datagram: bytes) -> None:
-        """Send one datagram to its MAVLink port; lost before it has spoken itself."""
+        """Send one datagram to its MAVLink port; dropped before its own first datagram."""
         if self._theirs is not None:
             self.mavlink.sendto(datagram, self._theirs)
 
     def say_all(self, datagrams: list[bytes]) -> None:
-        """Send ``datagrams``; it has taken them before its next step ends."""
+        """Send ``datagrams``; the firmware takes them before its next step ends."""
         for datagram in datagrams:
             self.say(datagram)
 
     def hear(self) -> list[bytes]:
-        """The datagrams that it has sent since the last time."""
+        """Return the datagrams that the firmware has sent since the last call."""
         heard = list[bytes]()
         while True:
             try:
-                data, self._theirs = self.mavlink.recvfrom(4096)
+                data, self._theirs = self.mavlink.recvfrom(DATAGRAM_BYTES)
             except (BlockingIOError, ConnectionRefusedError):
                 return heard
             heard.append(data)
 
     def close(self) -> None:
-        """Switch it off; does nothing the second time."""
+        """End the process; a second call does nothing."""
         self.mavlink.close()
         if self._process is not None:
             self._process.kill()
@@ -163,34 +175,36 @@ class Firmware(ABC):
 
 
 Make = Callable[[Path, Normals], Firmware]
-"""Makes a firmware whose files are in a folder, with rows of standard normal numbers for the noise of its sensors."""
+"""Makes a firmware for a folder of its own, with rows of standard normal numbers for the noise of its sensors."""
 
 
 class OnboardFirmware(asyncio.DatagramProtocol):
-    """A firmware as the autopilot of one vehicle with rotors, with a MAVLink link to a ground station."""
+    """A firmware as the autopilot of one simulated vehicle, with a MAVLink link to a ground station."""
 
     def __init__(self, plant: Quadrotor, firmware: Firmware, station: tuple[str, int]) -> None:
         """Boot ``firmware`` on ``plant``; the ground station listens at ``station`` on the network in memory."""
         self.firmware = firmware
         self._plant, self._station = plant, station
-        self._unheard = list[bytes]()
+        self._received = list[bytes]()
+        """Datagrams of the ground station for the firmware's next step."""
         self.on_motors: Callable[[float, FourRotors], None] | None = None
-        """Sees the motor outputs (0..1) of each step, and when [s]."""
+        """Called with the time [s] and the motor outputs (0..1) of each step."""
         self.passes: Callable[[bytes], bool] = lambda datagram: True
-        """Whether a datagram from the ground station arrives; may be changed in flight."""
+        """Tells whether a datagram of the ground station arrives; tests lose datagrams by it, also in flight."""
         self.overhear: Callable[[float, bytes], None] | None = None
-        """Sees every datagram from the ground station as it comes, and when [s]."""
-        self._before, self._unfelt_m_s = plant.truth(0.0), ZERO
+        """Called with the time [s] and the bytes of every datagram of the ground station."""
+        self._before, self._left_m_s = plant.truth(0.0), ZERO
+        """State one step ago, and the change of velocity [m/s, NED] that the IMU has not measured yet."""
         at_rest = plant.specific_force
         self._gravity = math.hypot(*at_rest)
         firmware.boot(self._before, at_rest)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        """Take what the ground station says (called by the event loop)."""
+        """Take one datagram of the ground station (called by the event loop)."""
         if self.overhear is not None:
             self.overhear(asyncio.get_running_loop().time(), data)
         if self.passes(data):
-            self._unheard.append(data)
+            self._received.append(data)
 
     async def run(self) -> None:
         """Fly until cancelled."""
@@ -209,42 +223,45 @@ class OnboardFirmware(asyncio.DatagramProtocol):
             self.firmware.close()
 
     def _fly(self, now_s: float) -> None:
-        if self._unheard:
-            self.firmware.say_all(self._unheard)
-            self._unheard.clear()
+        """Make one step of firmware and plant."""
+        if self._received:
+            self.firmware.say_all(self._received)
+            self._received.clear()
         plant = self._plant
         truth = plant.truth(now_s)
         motors = self.firmware.step(truth, self._average_force(truth))
-        if plant.released_s is None and sum(motors) > 4.0 * LIFTS:
+        if plant.released_s is None and sum(motors) > 4.0 * LIFTING_SHARE:
             plant.release(now_s)
         plant.drive_rotors(now_s, motors)
         if self.on_motors is not None:
             self.on_motors(now_s, motors)
 
     def _average_force(self, truth: TrueState) -> Vec3:
-        """Specific force since the step before [m/s², FRD], as an IMU averages it.
+        """Compute the mean specific force since the last step [m/s², FRD], as an IMU measures it.
 
-        The plant's floor stops a vehicle within a step; its legs give, so a jolt is felt over several.
+        The plant's floor stops a vehicle within a step. Real landing legs yield: so the force is limited to
+        ``LEGS_M_S2``, and the change of velocity beyond it is left for the next steps.
         """
         before, self._before = self._before, truth
         h = truth.time_s - before.time_s
         if h <= 0.0:
             return self._plant.specific_force
-        gains = [v - u + w for u, v, w in zip(before.velocity_ned, truth.velocity_ned, self._unfelt_m_s, strict=True)]
+        gains = [v - u + w for u, v, w in zip(before.velocity_ned, truth.velocity_ned, self._left_m_s, strict=True)]
         north, east, down = gains[0] / h, gains[1] / h, gains[2] / h - self._gravity
         share = min(1.0, LEGS_M_S2 / max(math.hypot(north, east, down), LEGS_M_S2))
-        felt = share * north, share * east, share * down
-        x, y, z = (gain - h * force for gain, force in zip(gains, felt, strict=True))
-        self._unfelt_m_s = x, y, z - h * self._gravity
+        measured = share * north, share * east, share * down
+        x, y, z = (gain - h * force for gain, force in zip(gains, measured, strict=True))
+        self._left_m_s = x, y, z - h * self._gravity
+        # In the body's axes at the middle of the step.
         (p, q, r), back = truth.rates_rad_s, -0.5 * h
-        return so3.to_body(so3.rotate(truth.attitude, (back * p, back * q, back * r)), felt)
+        return so3.to_body(so3.rotate(truth.attitude, (back * p, back * q, back * r)), measured)
 
 
 class Airworthy:
-    """Boots one firmware after another from a folder in which its parameters were set once. Use it in ``with``."""
+    """Boots firmware, each instance in a folder of its own. A context manager: at its end the folders are removed."""
 
     def __init__(self, make: Make, prepared: Path | None = None) -> None:
-        """``prepared``: a folder that a firmware was run in before; each one gets a copy of it."""
+        """``prepared`` is a folder in which the firmware has run before, with its parameters; each gets a copy."""
         self._make, self._prepared = make, prepared
         self._folder = tempfile.TemporaryDirectory(prefix="groundstation-firmware-")
         self._number = 0
@@ -256,7 +273,7 @@ class Airworthy:
         self._folder.cleanup()
 
     def fit(self, plant: Quadrotor, station: tuple[str, int], noise: Normals) -> OnboardFirmware:
-        """A firmware on ``plant``, booted."""
+        """Boot a firmware on ``plant``, in a new folder."""
         self._number += 1
         folder = Path(self._folder.name) / f"{self._number}"
         if self._prepared is None:

@@ -9,7 +9,7 @@ import pytest
 from groundstation.flight import Flight
 from sim.autopilots import STEP_S, BetaflightFirmware, betaflight, configure, describe_settings, pack_pulses
 from sim.autopilots.betaflight import LISTENS_S
-from sim.autopilots.onboard import LIFTS
+from sim.autopilots.onboard import LIFTING_SHARE
 from sim.radio import FAILSAFE_S
 from sim.runs import Stage, fly, fly_mission, from_floor
 from sim.runs.flight import Result
@@ -157,8 +157,8 @@ def test_pulses_that_come_back_start_no_motor_until_the_arm_channel_has_been_dow
             firmware.step()
         assert give(4.0, 988, 988) == 0.0
         assert give(1.0, 988, 2012) > 0.0
-        assert give(0.5, 1600, 2012) > LIFTS
-        assert give(HOLD_S - 0.05, 0, 0, 0) > LIFTS
+        assert give(0.5, 1600, 2012) > LIFTING_SHARE
+        assert give(HOLD_S - 0.05, 0, 0, 0) > LIFTING_SHARE
         assert give(0.1, 0, 0, 0) == 0.0
         assert give(2.0, 1600, 2012) == 0.0
         assert give(1.0, 988, 2012) == 0.0
