@@ -1,7 +1,7 @@
-"""Simulation as a program asks for it, or a notebook: one scenario flown, and what was recorded of it as arrays.
+"""Simulation for programs and notebooks: fly one scenario, and read its recording as arrays.
 
 A flight's folder holds the configuration, the recording (flight.mcap, flight.tlog), the poses as CSV, and the result.
-A radio's frames, which leave by no network, are kept as lines of hex.
+A radio's frames, which no .tlog can hold, are kept as lines of hex.
 """
 
 import asyncio
@@ -37,21 +37,21 @@ from sim.world import World
 DURATION_S = 60.0
 """Default duration of a flight [s]."""
 LONGEST_S = 86400.0
-"""Largest duration of a flight [s]."""
+"""Largest duration of a flight [s]: one day. Chosen; a typing error must not fill the disk."""
 T = TypeVar("T")
 
 
 class Run(FlightData):
-    """A simulated flight: how it went (``completed``, ``why``, ``facts``), and all that a recorded flight tells."""
+    """A simulated flight: its result (``completed``, ``why``, ``facts``), and all data of its recording."""
 
     def __init__(self, path: Path | None, facts: dict[str, Any], result: Result) -> None:
-        """``path`` is its recording's, if one was written."""
+        """``path`` is the recording; None without one."""
         self.facts = facts
         """Figures that ``groundstation-sim fly --json`` prints."""
         self.result = result
-        """The result, with the verdict by the truth."""
+        """The result, with the errors against the truth."""
         if path is not None:
-            self.path = path  # read when it is asked for
+            self.path = path  # FlightData reads it at the first access
 
     def __getattr__(self, name: str) -> Any:
         if "path" in self.__dict__:
@@ -59,7 +59,7 @@ class Run(FlightData):
         raise AttributeError(f"this flight was not recorded, so its {name} is not known: fly it with record=True")
 
     def __repr__(self) -> str:
-        """For a notebook: what was flown, and how well."""
+        """Scenario, controller, seed and error, for a notebook."""
         rms = self.facts["rms_cm"]
         error = f"RMS error {rms:.2f} cm" if rms is not None else "no steady part"
         went = f"{error} in {self.facts['duration_s']:g} s" if self.completed else f"not completed: {self.why}"
@@ -67,12 +67,12 @@ class Run(FlightData):
 
     @property
     def completed(self) -> bool:
-        """Whether it was flown to its end: no crash, no abort."""
+        """Whether the flight reached its end without a crash or an abort."""
         return self.result.completed
 
     @property
     def why(self) -> str:
-        """Why it ended, as a sentence."""
+        """Reason of its end, as a sentence."""
         return self.result.why
 
     @property
@@ -82,12 +82,12 @@ class Run(FlightData):
 
     @property
     def rms_cm(self) -> float | None:
-        """Root mean square of the true error over the steady part [cm]; None where the flight ended before it."""
+        """Root mean square of the true error over the steady part [cm]; None if the flight ended before it."""
         return self.result.verdict.rms_cm
 
     @property
     def max_cm(self) -> float | None:
-        """The largest true error of the steady part [cm]; None where the flight ended before it."""
+        """Largest true error of the steady part [cm]; None if the flight ended before it."""
         return self.result.verdict.max_cm
 
 
@@ -112,24 +112,24 @@ def simulate(
 
     Args:
         scenario: one of ``groundstation-sim scenarios``.
-        controller: the name of one that comes along (``"adaptive"``, ``"pid"``, ...), or your own: a class or another
-            factory, called with the vehicle and the options, or as much of them as it needs, whose result has
-            ``decide(estimate, reference, interval_s)``; that function itself; such an object, of which each flight
-            has a copy; or ``"package.module:factory"``. Without it, the adaptive one.
-        trajectory: likewise: the name of one that comes along; or a class or another factory, called with the options
-            if it takes any (not with the vehicle), whose result has ``at(time_s)``, which returns a Reference; that
-            function itself; or ``"package.module:factory"``. Without it, the scenario's.
-        duration: how long [s]; without it 60, or as ``config`` has it.
-        seed: every random draw comes from it.
-        overrides: ``"key=value"`` each, as ``--set``: ``sim.KEY`` changes the truth, all else what the controller is
-            told.
+        controller: the name of a built-in one (``"adaptive"``, ``"pid"``, ...), or your own, in one of these forms:
+            a class or another factory, called with as much of the vehicle and the options as it needs, whose result
+            has ``decide(estimate, reference, interval_s)``; the function ``decide`` itself; an object with
+            ``decide``, of which each flight gets a copy; ``"package.module:factory"``. Without it, the adaptive one.
+        trajectory: the name of a built-in one, or your own, in one of these forms: a class or another factory, called
+            with the options if it takes any (not with the vehicle), whose result has ``at(time_s)``, which returns a
+            Reference; the function ``at`` itself; ``"package.module:factory"``. Without it, the scenario's.
+        duration: duration of the flight [s]; without it 60, or that of ``config``.
+        seed: seed of every random draw.
+        overrides: ``"key=value"`` each, as ``--set``: ``sim.KEY`` changes the simulated world, any other key the
+            configuration of the ground station.
         config: a configuration file, whose vehicle and trajectory are flown in the scenario's air.
-        source: where poses come from: vicon, natnet, qualisys, odometry, vision, json.
-        link: how commands leave: mavlink, dsm, crsf, rf_bridge; without it mavlink, and crsf to Betaflight.
-        autopilot: what the simulated one is like: px4, ardupilot; or betaflight, whose own firmware flies.
-        out: folder for the recording and what else is kept of the flight; without it a temporary one.
-        record: whether it is recorded at all: without, only ``facts`` and ``result`` are known.
-        on_progress: hears how much of how long is flown [s], once a second of flight.
+        source: pose source: vicon, natnet, qualisys, odometry, vision, json.
+        link: command link: mavlink, dsm, crsf, rf_bridge; without it mavlink, and crsf to Betaflight.
+        autopilot: simulated autopilot: px4, ardupilot; or betaflight, whose own firmware flies.
+        out: folder for the recording and the other files of the flight; without it a temporary one.
+        record: False leaves the recording out: then only ``facts`` and ``result`` are known.
+        on_progress: called once per second of flight with the flown and the whole duration [s].
 
     Raises:
         ConfigError: an unknown name or key, a bad value, or a flight that the vehicle can't fly.
@@ -139,15 +139,15 @@ def simulate(
         raise ConfigError(
             "--out", "nothing is kept there of a flight that is not recorded: leave it out, or record=False"
         )
-    told, own = [str(one) for one in several(overrides)], dict[str, object]()
+    settings, own = [str(one) for one in several(overrides)], dict[str, object]()
     kind = lend_name(controller, own)
     if trajectory is not None:
-        told.append(f"trajectory.kind={lend_name(trajectory, own)}")
-    flown, link = choose(scenario, autopilot, link, source)
+        settings.append(f"trajectory.kind={lend_name(trajectory, own)}")
+    chosen, link = choose(scenario, autopilot, link, source)
     seed, duration = _check_numbers(seed, duration)
     ends = Ends(source, autopilot, link)
     with lend(own):
-        plan = _plan(flown, told, kind, ends, seed, duration, None if config is None else Path(config))
+        plan = _plan(chosen, settings, kind, ends, seed, duration, None if config is None else Path(config))
         path = Path(_make_temporary() if record and out is None else out or ".")
         folder = RunFolder(path, plan.config, plan.world, scenario=plan.name, seed=seed) if record else None
         with rare_collections(), _keep_on_error(folder):
@@ -162,7 +162,7 @@ def simulate(
 
 
 class Ends(NamedTuple):
-    """Where poses come from, the autopilot that flies, and how commands reach it; see :func:`simulate`."""
+    """Both ends of the ground station in the simulation: pose source, autopilot and link, as in :func:`simulate`."""
 
     source: str
     autopilot: str
@@ -170,10 +170,10 @@ class Ends(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """A flight that was checked and can be flown."""
+    """A flight that has passed the checks."""
 
     name: str
-    """The scenario's, as the recording has it."""
+    """Name of the scenario in the recording."""
     world: World
     config: Config
     ends: Ends
@@ -184,7 +184,7 @@ class Plan(NamedTuple):
 
 
 def _check_numbers(seed: int, duration: float | None) -> tuple[int, float | None]:
-    """Return seed and duration [s] as plain numbers: NumPy's are no JSON."""
+    """Check seed and duration [s], and make plain numbers of them: JSON takes no NumPy numbers."""
     if duration is not None and not (isinstance(duration, Real) and 0.0 < duration <= LONGEST_S):
         raise ConfigError("--duration", f"expected seconds, more than 0 and at most {LONGEST_S:g}, got {duration!r}")
     if not (isinstance(seed, Integral) and seed >= 0):
@@ -213,7 +213,7 @@ def _plan(
 
 
 def _require_own_ends(ends: Ends) -> None:
-    """Refuse what a vehicle of the user's own configuration is not simulated with."""
+    """Refuse autopilots, sources and links with which a user's own configuration can't be simulated."""
     if ends.autopilot == BETAFLIGHT:
         raise ConfigError("--config", "Betaflight flies one vehicle of a scenario")
     if ends.source != "vicon":
@@ -223,7 +223,7 @@ def _require_own_ends(ends: Ends) -> None:
 
 
 def _fly(plan: Plan, folder: "RunFolder | None", on_progress: Callable[[float, float], None] | None) -> Result:
-    """Fly ``plan`` into ``folder``; ``on_progress`` hears how much of how long is flown [s]."""
+    """Fly ``plan`` and record it in ``folder``; ``on_progress`` gets the flown and the whole duration [s]."""
     if on_progress is not None:
         on_progress(0.0, plan.duration_s)
     return fly(
@@ -259,7 +259,7 @@ def _state_facts(plan: Plan, result: Result) -> dict[str, Any]:
 
 
 def _make_temporary() -> str:
-    """A folder that is gone with the program at the latest."""
+    """Make a folder that is removed when the program ends, if not before."""
     import atexit
     import tempfile
 
@@ -275,7 +275,7 @@ def _remove(folder: Path | str) -> None:
 
 
 def lend_name(thing: object, own: dict[str, object]) -> str | None:
-    """The name of what the user gave, as a configuration has it; an object is added to ``own``, to be lent."""
+    """Return the name by which a configuration refers to ``thing``; an object is added to ``own`` under that name."""
     if thing is None or isinstance(thing, str):
         return thing
     name, number = name_object(thing), 1
@@ -288,7 +288,7 @@ def lend_name(thing: object, own: dict[str, object]) -> str | None:
 
 def run_beside(work: Callable[[], T]) -> T:
     """Return the result of ``work``, which runs an event loop: in another thread if one runs here already."""
-    if asyncio._get_running_loop() is None:
+    if asyncio._get_running_loop() is None:  # get_running_loop() would raise
         return work()
     with cf.ThreadPoolExecutor(1) as thread:
         return thread.submit(contextvars.copy_context().run, work).result()
@@ -296,7 +296,7 @@ def run_beside(work: Callable[[], T]) -> T:
 
 @contextmanager
 def _keep_on_error(folder: "RunFolder | None") -> Iterator[None]:
-    """Have what was recorded kept, where the flight ends in an error."""
+    """Keep the recording of a flight that ends in an error."""
     try:
         yield
     except BaseException:
@@ -306,7 +306,7 @@ def _keep_on_error(folder: "RunFolder | None") -> Iterator[None]:
 
 
 def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | None) -> float | None:
-    """The paper's a-priori bound on T/m [m/s²] for this flight; None for a controller without such a theory."""
+    """The a-priori bound on T/m for this flight [m/s²] (docs/explanation/law.md, section 4); None without that law."""
     from groundstation.core.control import Law, thrust_bound
 
     if v_start is None or not isinstance(config.controller, Law):
@@ -314,14 +314,17 @@ def _thrust_bound(config: Config, asked: FeasibilityReport, v_start: float | Non
     return thrust_bound(config.controller, acceleration_sup=asked.acceleration_m_s2, v_start=v_start).bound
 
 
-RECORDING, FRAMES = "flight.mcap", "frames.txt"
+RECORDING = "flight.mcap"
+"""Name of the recording in a run's folder."""
+FRAMES = "frames.txt"
+"""Name of the file with a radio's frames in a run's folder."""
 
 
 class RunFolder:
-    """Writes one run."""
+    """The folder of one run, and the files that are being written to it."""
 
     def __init__(self, path: Path, config: Config, world: World, *, scenario: str, seed: int) -> None:
-        """Make the folder and begin the recording; one that is there already is replaced.
+        """Make the folder and begin the recording; that of a former run is replaced.
 
         Raises:
             ConfigError: the folder can't be written.
@@ -333,7 +336,7 @@ class RunFolder:
             write_whole(path / "config.toml", told.config)
             for name in (RECORDING, "flight.tlog", FRAMES):
                 (path / name).unlink(missing_ok=True)
-            # Virtual time begins at 0, whenever that is: the same flight gives the same bytes.
+            # Times of the recording begin at 0, not at the wall clock: the same flight gives the same bytes.
             self._log = FlightLog(path / RECORDING, told, epoch_ns=0, tell=_warn)
             self._poses = TextOutput(path / IN_RUN_FOLDER)
             self._frames = None if config.link.has_autopilot else TextOutput(path / FRAMES)
@@ -354,7 +357,7 @@ class RunFolder:
             self._ended = True
 
     def abandon(self) -> None:
-        """The simulation ends in an error: keep all that was given, of which the last is what one looks for."""
+        """Keep all records of a simulation that ends in an error: the last ones show its cause."""
         self._log.flush()
         self._log.leave()
         self._close_texts()
@@ -365,19 +368,19 @@ class RunFolder:
                 file.close()
 
     def datagram(self, time_s: float, source: tuple[str, int], target: tuple[str, int], data: bytes) -> None:
-        """One datagram of the simulated network: a radio's frame is a line of hex."""
+        """Take one datagram of the simulated network; a radio's frame becomes a line of hex."""
         del source
         if target == MODULE and self._frames is not None:
             self._frames.write(f"{time_s:.6f} {data.hex(' ')}\n")
 
     def pose(self, pose: Pose) -> None:
-        """One pose as it came; `pose.kind = "csv"` plays the folder's again."""
+        """Take one pose; `pose.kind = "csv"` can play the file again."""
         row = CsvRow(pose.time_s, pose.arrival_s, pose.position_ned, pose.attitude)
         self._poses.write(encode_csv(row))
 
     def close(self, facts: dict[str, Any]) -> None:
         """Write the result and close everything."""
-        if not self._ended:  # the simulation has, in the air: that is no end of a mission
+        if not self._ended:  # the simulation ended in the air, so the mission wrote no end
             self._log.write(EndRecord(self._last_s, self._state, facts["why"]))
         rms_cm, max_cm = facts.get("rms_cm"), facts.get("max_cm")
         self._log.close(*(None if value is None else 0.01 * value for value in (rms_cm, max_cm)))
@@ -391,22 +394,28 @@ def _warn(sentence: Sentence) -> None:
 
 
 class TextOutput:
-    """One text file of a run. On a full disk it ends with a warning, and the flight goes on."""
+    """One text file of a run. If it can't be written any more (a full disk), it warns, and the flight goes on."""
 
     def __init__(self, path: Path) -> None:
-        """Replace the file at ``path``; raises OSError."""
+        """Replace the file at ``path``.
+
+        Raises:
+            OSError: it can't be opened.
+        """
         self._path = path
         self._file = path.open("w", encoding="utf-8")
 
     def write(self, text: str) -> None:
-        """Append ``text``, if the file has not ended."""
-        self._attempt(lambda: self._file.closed or self._file.write(text))
+        """Append ``text``; after an error it is dropped."""
+        if not self._file.closed:
+            self._attempt(lambda: self._file.write(text))
 
     def close(self) -> None:
-        """Write what is kept, and close the file."""
+        """Write the buffered text, and close the file."""
         self._attempt(self._file.close)
 
     def _attempt(self, work: Callable[[], object]) -> None:
+        """Do ``work``; at an error, close the file and warn."""
         try:
             work()
         except OSError as error:
