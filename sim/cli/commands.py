@@ -1,7 +1,7 @@
-"""Commands of ``groundstation-sim``: calls of the room that does the work, or the work itself where it is little.
+"""Commands of ``groundstation-sim``: each calls the room that does the work, and prints the result as text or JSON.
 
-``fly``, ``mission`` and ``serve`` are one flight, whole missions, the simulated side alone. A mission goes from the
-floor to the figure and back, with one vehicle or several; told in words or as JSON. ``serve`` runs in real time.
+``fly`` flies one flight in the air. ``mission`` flies from the floor to the trajectory and back, with one vehicle or
+several. ``serve`` runs the simulated side alone, in real time, for a ground station in another process.
 """
 
 import argparse
@@ -51,10 +51,18 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 __all__ = ["advise_name"]  # called by groundstation.runtime, as in the commands of groundstation
+FIGURE_S = 60.0
+"""Default time on the trajectory of a mission [s]."""
+COMPARISON_S = 60.0
+"""Default of ``compare --duration`` (sim/__main__.py) [s]."""
+PLOT_DPI = 150
+"""Resolution of a picture [pixels per inch]. Chosen."""
+TEXT_COLUMNS = 118
+"""Width of the text below the table of equal margins [characters]. Chosen."""
 
 
 def load_proving(command: str, module: str) -> Any:
-    """The module ``module`` of tests/proving, for ``command``; what only proves is not in the wheel.
+    """Load ``module`` of tests/proving for ``command``. The wheel does not contain it.
 
     Raises:
         ConfigError: only the wheel is installed.
@@ -67,11 +75,14 @@ def load_proving(command: str, module: str) -> Any:
 
 
 def _prove(command: str, module: str, args: argparse.Namespace) -> int:
+    """Run the function ``command`` of ``module`` of tests/proving."""
     return int(getattr(load_proving(command, module), command)(args))
 
 
-dev_faults, dev_honest = (partial(_prove, command, "commands") for command in ("faults", "honest"))
-dev_alarms, dev_firmware = (partial(_prove, command, command) for command in ("alarms", "firmware"))
+dev_faults = partial(_prove, "faults", "commands")
+dev_honest = partial(_prove, "honest", "commands")
+dev_alarms = partial(_prove, "alarms", "alarms")
+dev_firmware = partial(_prove, "firmware", "firmware")
 dev_autopilots = partial(_prove, "autopilots", "onboard")
 
 
@@ -115,7 +126,7 @@ def compare(args: argparse.Namespace) -> Exit:
 
 
 def _at_equal_margins(args: argparse.Namespace) -> Exit:
-    """Tune every law under the same floors, and refly the best of each."""
+    """Tune every law under the same robustness floors, and fly the best gains of each once more."""
     from sim.cli import ProgressBar
     from sim.cli.tune import need_optuna
     from sim.studies import (
@@ -131,25 +142,25 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
     from sim.studies.tune import Flyers
 
     need_optuna()
-    for option in ("scenarios", "overrides"):
-        if getattr(args, option):
-            raise ConfigError(f"--{option}".replace("overrides", "set"), "is told by --equal-margins itself")
-    args.trials = args.trials or TRIALS
-    known = {law.name.partition(",")[0] for law in SEARCHED_LAWS}
+    for option, values in (("--scenarios", args.scenarios), ("--set", args.overrides)):
+        if values:
+            raise ConfigError(option, "is told by --equal-margins itself")
+    trials = args.trials or TRIALS
+    names = {law.name.partition(",")[0] for law in SEARCHED_LAWS}
     for name in args.controllers or ():
-        if name not in known:
-            raise ConfigError("--controllers", f"expected some of {sorted(known)}, got {name!r}")
+        if name not in names:
+            raise ConfigError("--controllers", f"expected some of {sorted(names)}, got {name!r}")
     laws = [law for law in SEARCHED_LAWS if not args.controllers or law.name.partition(",")[0] in args.controllers]
     table: Path | None = args.table
     if table is not None:
         with refuse_io("--table", f"cannot write {table}"):
             table.open("a").close()
-    steps = sum(args.trials + 1 if law.start else 2 for law in laws)
+    steps = sum(trials + 1 if law.start else 2 for law in laws)
     workers = args.workers or os.cpu_count() or 1
     with Flyers(workers) as flyers, ProgressBar("evaluations", steps, quiet=args.json) as progress:
         found = compare_at_equal_margins(
             flyers,
-            trials=args.trials,
+            trials=trials,
             seeds=args.seeds,
             laws=laws,
             known=read_trials(table) if table is not None else None,
@@ -157,8 +168,8 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
             on_done=progress.at,
         )
     if args.plot is not None:
-        draw_equal_margins(found.rows).savefig(args.plot, dpi=150)
-    shown = f"{equal_margins_table(found.rows)}\n\n{textwrap.fill(describe_terms(args.trials, args.seeds), 118)}"
+        draw_equal_margins(found.rows).savefig(args.plot, dpi=PLOT_DPI)
+    shown = f"{equal_margins_table(found.rows)}\n\n{textwrap.fill(describe_terms(trials, args.seeds), TEXT_COLUMNS)}"
     if args.write is not None:
         replace_between_markers(args.write, shown)
     print(json.dumps({"rows": msgspec.to_builtins(found.rows)}) if args.json else shown)
@@ -166,13 +177,13 @@ def _at_equal_margins(args: argparse.Namespace) -> Exit:
 
 
 def _comparison(args: argparse.Namespace) -> str:
-    """The command that makes this comparison's table, and its picture, again in the folder of ``--write``."""
+    """The command that makes this comparison's table and picture again, for the folder of ``--write``."""
     words = ["groundstation-sim", "compare"]
     for option in ("scenarios", "controllers"):
         names = getattr(args, option)
         words += [f"--{option}", ",".join(names)] if names else []
     words += ["--seeds", str(args.seeds)]
-    words += ["--duration", f"{args.duration:g}"] if args.duration != 60.0 else []
+    words += ["--duration", f"{args.duration:g}"] if args.duration != COMPARISON_S else []
     for override in args.overrides:
         words += ["--set", override]
     if args.plot is not None:
@@ -182,7 +193,7 @@ def _comparison(args: argparse.Namespace) -> str:
 
 
 def campaign(args: argparse.Namespace) -> Exit:
-    """Fly one scenario many times, in drawn worlds; 1 where a flight failed or does not agree with ``fly``."""
+    """Fly one scenario many times, in drawn worlds; exit code 1 if a flight failed or differs from ``fly``."""
     from sim.cli import ProgressBar
     from sim.studies import check_plot
     from sim.studies.campaign import USUAL, Campaign, Cluster, Crew, Local, plot, report, run, text, verify
@@ -197,7 +208,7 @@ def campaign(args: argparse.Namespace) -> Exit:
         overrides=args.overrides,
         draws=USUAL if args.draw is None else tuple(args.draw),
     )
-    shared.check()  # what can't fly says so before a cluster is called
+    shared.check()  # a campaign that can't fly is refused before a cluster is called
     if args.plot is not None:
         check_plot(args.plot)
     here = args.workers or os.cpu_count() or 1
@@ -225,7 +236,7 @@ def campaign(args: argparse.Namespace) -> Exit:
 
 
 def tune(args: argparse.Namespace) -> Exit:
-    """Search for better gains, or say how wrong the world may be with those there are."""
+    """Search for better gains, or report how wrong the configured vehicle may be with the present ones."""
     from sim.cli.tune import report, search
 
     return report(args) if args.report else search(args)
@@ -246,7 +257,7 @@ def bench(args: argparse.Namespace) -> Exit:
 
 
 def dev_bring_down(args: argparse.Namespace) -> Exit:
-    """Cut flights short, and tell how the bring-down ends."""
+    """Cut the commands of flights, and report how the bring-down ends."""
     from sim.studies import CAUSES, cut_all, markdown
 
     falls = _count_flights(args, len(CAUSES), lambda: cut_all(args.scenarios, args.flights))
@@ -255,7 +266,7 @@ def dev_bring_down(args: argparse.Namespace) -> Exit:
 
 
 def dev_intervals(args: argparse.Namespace) -> Exit:
-    """Fly excitation flights, and count how often the truth lies within what is identified of them."""
+    """Fly excitation flights, and count how often the truth lies within the identified intervals."""
     from sim.studies import coverage_table, identify_flights
 
     flown = _count_flights(
@@ -281,29 +292,33 @@ def dev_upsets(args: argparse.Namespace) -> Exit:
     print(table)
     if args.write is not None:
         some = f" --scenarios {','.join(args.scenarios)}" if args.scenarios else ""
-        told = f"--seeds {args.seeds} --states {args.states} --write {args.write.name}"
-        words = f"groundstation-sim dev upsets{some} {told}"
+        options = f"--seeds {args.seeds} --states {args.states} --write {args.write.name}"
+        words = f"groundstation-sim dev upsets{some} {options}"
         replace_between_markers(args.write, f"{table}\n\nMade by `{words}`.")
     return Exit.DONE
 
 
 def _count_flights(args: argparse.Namespace, kinds: int, fly_all: Callable[[], Iterable[T]]) -> list[T]:
-    """All that ``fly_all`` makes of ``kinds`` of flights in each scenario; what can't be done is said before."""
+    """Collect all results of ``fly_all``, with a progress bar: ``kinds`` times ``--flights`` in each scenario.
+
+    Wrong scenarios and a page without markers are refused before the first flight.
+    """
     from sim.cli import ProgressBar
 
     for name in args.scenarios:
         scenario_of(name)
     if args.write is not None:
         split_at_markers(args.write)
-    made = []
+    results = []
     with ProgressBar("flights", len(args.scenarios) * kinds * args.flights) as counter:
         for one in fly_all():
-            made.append(one)
+            results.append(one)
             counter.step()
-    return made
+    return results
 
 
 def _show(args: argparse.Namespace, command: str, table: str, about: str = "") -> None:
+    """Print ``table``; with ``--write``, write it to the page, too, with ``about`` and the command that made it."""
     print(table)
     if args.write is not None:
         words = f"groundstation-sim {command} --flights {args.flights} --write {args.write.name}"
@@ -335,7 +350,7 @@ def scenarios(args: argparse.Namespace) -> Exit:
 
 
 def _print_keys(key: str, value: Any) -> None:
-    """A line each, as ``--set`` takes them."""
+    """Print each key on a line, as ``--set`` takes it."""
     if isinstance(value, dict):
         for name, part in value.items():
             _print_keys(f"{key}.{name}", part)
@@ -358,7 +373,7 @@ def dev_check_vectors(args: argparse.Namespace) -> Exit:
 
 
 def completion(args: argparse.Namespace) -> Exit:
-    """Print the script by which a shell completes our command lines."""
+    """Print the script with which a shell completes the command lines."""
     from groundstation.config import keys_of
     from sim.world import World
 
@@ -385,10 +400,6 @@ def dev_states(args: argparse.Namespace) -> Exit:
         replace_between_markers(args.write, page, "states")
     print(page)
     return Exit.DONE
-
-
-FIGURE_S = 60.0
-"""Time on the figure if nobody says."""
 
 
 def fly(args: argparse.Namespace) -> Exit:
@@ -424,14 +435,14 @@ def fly(args: argparse.Namespace) -> Exit:
 
 
 def _is_papers(args: argparse.Namespace, run: "Run") -> bool:
-    """Whether the paper's own figures may stand beside this flight: its law, its figure, its wind."""
+    """Whether this flight is the paper's (law, trajectory, wind), so that the paper's figures are shown beside it."""
     usual = (args.source, args.link or "mavlink", args.autopilot) == ("vicon", "mavlink", "px4")
-    told = args.overrides or args.config is not None
-    return usual and not told and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
+    changed = args.overrides or args.config is not None
+    return usual and not changed and (run.facts["scenario"], run.facts["controller"]) == ("paper", "adaptive")
 
 
 def mission(args: argparse.Namespace) -> Exit:
-    """Fly one scenario from the floor to its figure and back, in virtual time."""
+    """Fly one scenario from the floor to its trajectory and back, in virtual time."""
     from sim.runs import fly_mission, from_floor
 
     scenario, args.link = choose(args.scenario, args.autopilot, args.link)
@@ -457,7 +468,7 @@ def mission(args: argparse.Namespace) -> Exit:
 
 
 def _missions(args: argparse.Namespace, name: str, world: World, config: Config) -> Exit:
-    """Several missions side by side."""
+    """Fly several missions side by side."""
     if args.real_time:
         from sim.runs import fly_fleet_real
 
@@ -475,18 +486,18 @@ def _missions(args: argparse.Namespace, name: str, world: World, config: Config)
 
 
 def _paced_by_poses(config: Config) -> Config:
-    """``config`` with a link that sends as poses come, as a MAVLink link does where nobody says otherwise."""
+    """Set a MAVLink link to its default pace: a command for each pose."""
     if not isinstance(config.link, MavlinkLinkConfig):
         return config
     return msgspec.structs.replace(config, link=msgspec.structs.replace(config.link, pace="poses"))
 
 
 def summarize_mission(title: str, mission: MissionResult) -> str:
-    """The mission as text."""
+    """Describe the mission as text: its states and warnings in order, then its figures."""
     lines = [title if mission.landed else f"{title}\nNOT AS PLANNED: {mission.fault or mission.why}", ""]
-    told = [(one.time_s, one.state, one.reason) for one in mission.states]
-    told += [(one.time_s, "", one.reason) for one in mission.warnings]
-    lines += [f"{time_s:9.2f} s  {state:12} {text}" for time_s, state, text in sorted(told, key=lambda one: one[0])]
+    events = [(one.time_s, one.state, one.reason) for one in mission.states]
+    events += [(one.time_s, "", one.reason) for one in mission.warnings]
+    lines += [f"{time_s:9.2f} s  {state:12} {text}" for time_s, state, text in sorted(events, key=lambda one: one[0])]
     lines.append("")
     figure = f" over {mission.figure_s:.0f} s of the figure"
     if mission.rms_cm is None:
@@ -505,7 +516,7 @@ def summarize_mission(title: str, mission: MissionResult) -> str:
 
 
 def fleet_summary(title: str, flown: "FleetMission") -> str:
-    """Several missions as text."""
+    """Describe several missions as text."""
     columns = f"{'':12}{'RMS':>9}{'touchdown':>12}{'tick p50':>11}{'p99':>10}{'compute p99':>13}{'round p99':>12}"
     lines = [title if flown.landed else f"{title}\nNOT AS PLANNED", "", columns]
     for one in flown.vehicles:
@@ -529,7 +540,7 @@ def _format(value: float | None, unit: str) -> str:
 
 
 def fleet_facts(asked: dict[str, Any], flown: "FleetMission") -> dict[str, Any]:
-    """The missions as one JSON object: what was asked, what came of it."""
+    """Make one JSON object of the missions: the options in ``asked``, and the results."""
     ticks = [one.tick_p99_ms for one in flown.vehicles if one.tick_p99_ms is not None]
     return {
         **asked,
@@ -575,10 +586,10 @@ def serve(args: argparse.Namespace) -> Exit:
 
 
 def parse_gcs(text: str) -> str:
-    """The host of ``--gcs``.
+    """Return the host of ``--gcs``.
 
     Raises:
-        ConfigError: it is no address.
+        ConfigError: it is not an address.
     """
     try:
         return parse_address(text)[0]
@@ -587,7 +598,7 @@ def parse_gcs(text: str) -> str:
 
 
 def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) -> Exit:
-    """The other side of a configuration, or of a fleet file, for ``--rehearse``."""
+    """Run the simulated side for ``--rehearse`` of a configuration, or of a fleet file."""
     from groundstation.lab import read_fleet
     from sim.runs import serve as serve_stage
     from sim.runs import serve_fleet
@@ -608,7 +619,7 @@ def _serve_room(args: argparse.Namespace, air: World, common: dict[str, Any]) ->
 
 
 def _parameters(autopilot: str, texts: list[str]) -> dict[str, float]:
-    """``NAME=VALUE`` for each of the ``autopilot``'s parameters that differs."""
+    """Read ``NAME=VALUE`` of each parameter of the ``autopilot`` that differs from its default."""
     from sim.autopilots import AUTOPILOTS, Parameters
 
     if autopilot == BETAFLIGHT:
