@@ -1,8 +1,10 @@
-"""Snapshot and request: one frozen picture of a flight per command, which flows out, and the one way in. Sans-IO.
+"""Messages of a flight. Sans-IO.
 
-What goes between them: an estimator's estimate, a controller's decision, the controller's port. And flight events: what
-happens in a flight, in order and typed; recorders, statistics and screens subscribe to them. Those with a tag are
-records of a recording as they stand, too (groundstation/recording/records.py has the others).
+- :class:`Snapshot`: the state of a flight at each command, for screens, sockets and MQTT.
+- :class:`Request` and :class:`Reply`: an operator's request to a flight, and the answer.
+- :class:`Estimate`, :class:`Decision`, :class:`Controller`: input, output and port of a controller.
+- Flight events, from :class:`Notice` to :class:`CommandSent`: recorders, statistics and screens subscribe to them.
+  Events with a tag are also written to recordings as they are (groundstation/recording/records.py has the others).
 """
 
 import math
@@ -20,29 +22,29 @@ from links.core import Command, LinkStatus
 from links.text import Numbers, Sentence, Severity
 
 SETTLED_M = 0.10
-"""A flight has settled once its error stays below this [m]."""
+"""Error below which a flight has settled, if it stays there [m]. Chosen."""
 STEADY_S = 15.0
-"""The steady part of a flight starts here on its trajectory [s], and ends where that is left."""
+"""Time on the trajectory at which the steady part of a flight begins [s]; it ends with the trajectory. Chosen: beyond
+the transient at its beginning."""
 SATURATION_FROM_S = 5.0
-"""Commands at a limit count from here on the trajectory [s]: the approach may use all there is."""
-_ID = "Which sentence it is (docs/reference/messages.md); empty where it is none of that table."
-_NUMBERS = "The numbers of that sentence, by their names."
+"""Time on the trajectory from which commands at a limit are counted [s]. Chosen: the approach may use full thrust."""
+_ID = "Id of the sentence (docs/reference/messages.md); empty if it is not in that table."
+_NUMBERS = "The numbers in the sentence, by their names."
 ROUNDING_S = 1e-9
-"""Tolerance for a sample's instant [s]: rounding of summed times must not decide whether it
-counts."""
+"""Tolerance for a sample's instant [s]: rounding of summed times must not decide whether it counts."""
 
 
 class SteadyError:
-    """Root mean square and largest distance from the reference over the steady part: what every RMS here means.
+    """Root mean square and largest distance from the reference over the steady part. Every RMS of this project is it.
 
-    Against the estimate it has a sample a command; against the truth of a simulated flight, one a step of the plant.
+    Against the estimate it has one sample per command; against the truth of a simulated flight, one per plant step.
     """
 
     def __init__(self) -> None:
         self._squares, self._count, self._max = 0.0, 0, 0.0
 
     def add(self, flight_time_s: float, error_m: float) -> None:
-        """One sample on the trajectory; only those of the steady part count."""
+        """Take one sample on the trajectory; samples before the steady part are ignored."""
         if flight_time_s >= STEADY_S - ROUNDING_S:
             self._squares += error_m * error_m
             self._count += 1
@@ -50,17 +52,17 @@ class SteadyError:
 
     @property
     def rms_m(self) -> float | None:
-        """[m]; None before the steady part."""
+        """Root mean square [m]; None before the steady part."""
         return math.sqrt(self._squares / self._count) if self._count else None
 
     @property
     def max_m(self) -> float | None:
-        """[m]; None before the steady part."""
+        """Largest distance [m]; None before the steady part."""
         return self._max if self._count else None
 
 
 class Verdict(StrEnum):
-    """Result of a check."""
+    """Verdict of a check: does not apply, good, may fly with a warning, must not fly."""
 
     OFF = "OFF"
     PASS = "PASS"  # noqa: S105  # not a password
@@ -69,45 +71,46 @@ class Verdict(StrEnum):
 
 
 class Check(msgspec.Struct, frozen=True):
-    """One check."""
+    """Result of one check before take-off."""
 
-    name: Annotated[str, msgspec.Meta(description="What was looked at.")]
-    verdict: Annotated[Verdict, msgspec.Meta(description="How it is.")]
-    says: Annotated[str, msgspec.Meta(description="A sentence: what was found, and what to do where it is not well.")]
+    name: Annotated[str, msgspec.Meta(description="Subject of the check.")]
+    verdict: Annotated[Verdict, msgspec.Meta(description="OFF (does not apply), PASS, WARN or FAIL.")]
+    says: Annotated[str, msgspec.Meta(description="Finding, and remedy unless it passes, as a sentence.")]
     id: Annotated[str, msgspec.Meta(description=_ID)] = ""
     numbers: Annotated[Numbers, msgspec.Meta(description=_NUMBERS)] = {}
 
     @classmethod
     def of(cls, name: str, verdict: Verdict, sentence: Sentence) -> "Check":
-        """Return the check ``name`` with what ``sentence`` says."""
+        """Make the result of the check ``name`` with ``sentence``."""
         return cls(name, verdict, sentence.text, sentence.id, sentence.numbers)
 
 
 NoticeKind: TypeAlias = Literal["state", "course", "certificate", "latency", "suspicion", "news"]
+"""Kinds of notices; ``Notice.kind`` explains them."""
 
 
 class Notice(msgspec.Struct, frozen=True):
     """Message to the operator about a flight, given once."""
 
-    time_s: Annotated[float, msgspec.Meta(description="On the event loop's clock [s].")]
+    time_s: Annotated[float, msgspec.Meta(description="Time of the notice, on the event loop's clock [s].")]
     state: Annotated[str, msgspec.Meta(description="Mission state (see mission.py).")]
-    text: Annotated[str, msgspec.Meta(description="A sentence; of a `state` that begins, why.")]
+    text: Annotated[str, msgspec.Meta(description="The sentence; for kind `state`, the reason of the new state.")]
     kind: Annotated[
         NoticeKind,
         msgspec.Meta(
-            description="`state`: the mission is in another one; `course`: it flies elsewhere in "
-            "the same; `certificate`: V or the disturbance estimate is beyond what the "
-            "theory promises; `latency`: the vehicle is seen to move later or earlier "
-            "than was told; `suspicion`: one of the poses begins; `news`: all else."
+            description="`state`: the mission has changed its state; `course`: it has a new course "
+            "within its state; `certificate`: V or the disturbance estimate exceeds the bound of "
+            "the theory; `latency`: the measured latency of poses or vehicle differs from the "
+            "configured one; `suspicion`: the poses begin to be suspected; `news`: anything else."
         ),
     ] = "news"
-    severity: Annotated[Severity, msgspec.Meta(description="How grave it is.")] = Severity.INFO
+    severity: Annotated[Severity, msgspec.Meta(description="Severity.")] = Severity.INFO
     id: Annotated[str, msgspec.Meta(description=_ID)] = ""
     numbers: Annotated[Numbers, msgspec.Meta(description=_NUMBERS)] = {}
 
     @classmethod
     def of(cls, time_s: float, state: str, sentence: Sentence, kind: NoticeKind, severity: Severity) -> "Notice":
-        """Return the notice of ``sentence``, given at ``time_s`` [s]."""
+        """Make the notice of ``sentence`` at ``time_s`` [s]."""
         return cls(time_s, state, sentence.text, kind, severity, sentence.id, sentence.numbers)
 
     @property
@@ -117,15 +120,15 @@ class Notice(msgspec.Struct, frozen=True):
 
     @property
     def line(self) -> str:
-        """The message behind its time."""
+        """Time and sentence as a line of a log."""
         return f"{self.time_s:.3f} {self.says}"
 
 
 class Say(Protocol):
-    """Takes a sentence for the operator."""
+    """Port that takes sentences for the operator."""
 
     def __call__(self, sentence: Sentence, /) -> None:
-        """Tell ``sentence``."""
+        """Show ``sentence``."""
 
 
 class Diagnostics(msgspec.Struct, frozen=True, gc=False):
@@ -136,7 +139,7 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
     z3: Annotated[Vec3, msgspec.Meta(description="Third backstepping error [m/s²], NED.")]
     u_star: Annotated[Vec3, msgspec.Meta(description="Virtual control u* [m/s²], NED.")]
     b_hat: Annotated[Vec3, msgspec.Meta(description="Disturbance estimate [m/s²], NED.")]
-    b_hat_dot: Annotated[Vec3, msgspec.Meta(description="Its rate as the law used it [m/s³], NED.")]
+    b_hat_dot: Annotated[Vec3, msgspec.Meta(description="Rate at which the law changes it [m/s³], NED.")]
     disturbance: Annotated[
         Vec3,
         msgspec.Meta(
@@ -159,9 +162,9 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
             description="Which bound on V holds for the law that flies: `paper`, `composite` or `none`, and why not."
         ),
     ]
-    thrust_rate: Annotated[float, msgspec.Meta(description="Ṫ as the law wants it [N/s].")] = 0.0
+    thrust_rate: Annotated[float, msgspec.Meta(description="Ṫ of the law, before lags and limits [N/s].")] = 0.0
     rates_wanted: Annotated[
-        Vec3, msgspec.Meta(description="Body rates as the law wants them [rad/s, FRD], before lags and limits.")
+        Vec3, msgspec.Meta(description="Body rates of the law, before lags and limits [rad/s, FRD].")
     ] = (0.0, 0.0, 0.0)
 
 
@@ -174,19 +177,19 @@ class Certificate(msgspec.Struct, frozen=True):
             description="`holds`, `violated`, `suspended` (a command is at its limit, adaptation stops) or `none`."
         ),
     ]
-    bound: Annotated[str, msgspec.Meta(description="Which bound it is, or why there is none.")]
+    bound: Annotated[str, msgspec.Meta(description="Name of the bound, or the reason why there is none.")]
     v: Annotated[
         float,
-        msgspec.Meta(description="V_m: V with what the observer knows of the wind in the place of the truth [m²/s²]."),
+        msgspec.Meta(description="V_m: V with the observer's disturbance in the place of the true one [m²/s²]."),
     ]
-    excess: Annotated[float, msgspec.Meta(description="How far it is above its bound [m²/s²].")]
+    excess: Annotated[float, msgspec.Meta(description="V_m above its bound [m²/s²].")]
     violated_fraction: Annotated[float, msgspec.Meta(description="Share of the time with a lasting violation [-].")]
     suspended_fraction: Annotated[float, msgspec.Meta(description="Share of the time with adaptation suspended [-].")]
     b_hat_fraction: Annotated[float | None, msgspec.Meta(description="|b̂|/(B + ε) [-]; None without adaptation.")]
 
 
 class DisturbanceReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Disturbance of a flight, mean of the last second of commands away from the floor."""
+    """Disturbance of a flight, averaged over the last second of commands away from the floor."""
 
     ned_m_s2: Annotated[
         Vec3,
@@ -195,17 +198,18 @@ class DisturbanceReading(msgspec.Struct, frozen=True, kw_only=True):
             "a thrust scale that is not 1. In steady flight only this sum is observable."
         ),
     ]
-    wind_down_m_s2: Annotated[float, msgspec.Meta(description="The part of it that is wind, down [m/s²].")]
+    wind_down_m_s2: Annotated[float, msgspec.Meta(description="Estimated wind in its down component [m/s²].")]
     wind_down_error_m_s2: Annotated[
-        float | None, msgspec.Meta(description="Half of its 95 % interval [m/s²]; null where it is not known.")
+        float | None,
+        msgspec.Meta(description="Half width of the wind's 95 % interval [m/s²]; null if it is not known."),
     ]
-    thrust_scale: Annotated[float, msgspec.Meta(description="True thrust over thrust as configured, λ̂ [-].")]
+    thrust_scale: Annotated[float, msgspec.Meta(description="Estimated true over configured thrust, λ̂ [-].")]
     thrust_scale_error: Annotated[
-        float | None, msgspec.Meta(description="Half of its 95 % interval [-]; null where it is not known.")
+        float | None, msgspec.Meta(description="Half width of its 95 % interval [-]; null if it is not known.")
     ]
 
     def describe_split(self) -> str:
-        """Wind and thrust scale, each with its interval, in words."""
+        """Describe wind and thrust scale, each with its interval."""
         wind, scale = f"wind down {self.wind_down_m_s2:+z.2f}", f"thrust {100.0 * self.thrust_scale:.1f}"
         if self.wind_down_error_m_s2 is None or self.thrust_scale_error is None:
             return f"{wind} m/s², {scale} %, intervals not known"
@@ -213,12 +217,12 @@ class DisturbanceReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True):
-    """A flight as it was when one command was computed."""
+    """State of a flight at one command."""
 
     vehicle: Annotated[str, msgspec.Meta(description="Name of the vehicle, from the config.")]
     state: Annotated[str, msgspec.Meta(description="Mission state (see mission.py).")]
     reason: Annotated[
-        str, msgspec.Meta(description="Why it is in that state, as a sentence for the operator; may be empty.")
+        str, msgspec.Meta(description="Reason of that state, as a sentence for the operator; may be empty.")
     ]
     time_s: Annotated[float, msgspec.Meta(description="Event loop's clock when the command was computed [s].")]
     flight_time_s: Annotated[float, msgspec.Meta(description="Time since the reference started [s]; 0 before.")]
@@ -226,10 +230,14 @@ class Snapshot(msgspec.Struct, frozen=True):
     pose_age_s: Annotated[float, msgspec.Meta(description="Time since that pose was true [s].")]
     pose_rate_hz: Annotated[float, msgspec.Meta(description="Poses per second over the last second.")]
     poses_dropped: Annotated[dict[str, int], msgspec.Meta(description="Pose datagrams dropped, by reason.")]
-    position_ned: Annotated[Vec3, msgspec.Meta(description="Estimate at the acting instant [m].")]
-    velocity_ned: Annotated[Vec3, msgspec.Meta(description="[m/s]")]
-    attitude: Annotated[Quat, msgspec.Meta(description="Body FRD to world NED, w first.")]
-    reference_ned: Annotated[Vec3, msgspec.Meta(description="Where it should be [m].")]
+    position_ned: Annotated[
+        Vec3, msgspec.Meta(description="Estimated position at the instant at which the command acts [m].")
+    ]
+    velocity_ned: Annotated[Vec3, msgspec.Meta(description="Estimated velocity at that instant [m/s].")]
+    attitude: Annotated[
+        Quat, msgspec.Meta(description="Estimated attitude at that instant: body FRD to world NED, w first.")
+    ]
+    reference_ned: Annotated[Vec3, msgspec.Meta(description="Position of the reference at that instant [m].")]
     error_m: Annotated[float, msgspec.Meta(description="Distance between estimate and reference [m].")]
     rms_m: Annotated[
         float,
@@ -238,71 +246,72 @@ class Snapshot(msgspec.Struct, frozen=True):
         ),
     ]
     thrust_n: Annotated[float, msgspec.Meta(description="Commanded thrust [N].")]
-    thrust_max_n: Annotated[float, msgspec.Meta(description="Its upper limit [N].")]
+    thrust_max_n: Annotated[float, msgspec.Meta(description="Upper limit of the thrust [N].")]
     rates_rad_s: Annotated[Vec3, msgspec.Meta(description="Commanded body rates [rad/s].")]
-    saturated: Annotated[bool, msgspec.Meta(description="True where any of the four was clamped.")]
+    saturated: Annotated[bool, msgspec.Meta(description="Whether thrust or a body rate was clamped.")]
     diagnostics: Annotated[
-        Diagnostics | None, msgspec.Meta(description="The control law's own view; None while no law runs.")
+        Diagnostics | None, msgspec.Meta(description="Internal values of the control law; None while it does not run.")
     ]
-    link: Annotated[LinkStatus, msgspec.Meta(description="The command link.")]
+    link: Annotated[LinkStatus, msgspec.Meta(description="State of the command link.")]
     floor_z_m: Annotated[
         float,
         msgspec.Meta(description="Down coordinate of the floor [m, NED]; heights count from it."),
     ] = 0.0
     events: Annotated[
-        tuple[Notice, ...], msgspec.Meta(description="What the operator was told last (at most 20), oldest first.")
+        tuple[Notice, ...], msgspec.Meta(description="Newest notices to the operator (at most 20), oldest first.")
     ] = ()
     rate_limits_rad_s: Annotated[
-        Vec3 | None, msgspec.Meta(description="Largest body rates that are commanded [rad/s], where known.")
+        Vec3 | None, msgspec.Meta(description="Largest body rates that are commanded [rad/s]; None if not known.")
     ] = None
     thrust_effectiveness: Annotated[
-        float, msgspec.Meta(description="λ̂: true thrust over told thrust, as the estimator finds it [-].")
+        float, msgspec.Meta(description="λ̂: estimated true thrust over commanded thrust [-].")
     ] = 1.0
     disturbance: Annotated[
         DisturbanceReading | None,
-        msgspec.Meta(description="What disturbs the vehicle, and its split; null before the first hold or trajectory."),
+        msgspec.Meta(
+            description="Disturbance, split into wind and thrust scale; null before the first hold or trajectory."
+        ),
     ] = None
     certificate: Annotated[
         Certificate | None, msgspec.Meta(description="V against its bound; None before the second command.")
     ] = None
     pose_latency_s: Annotated[
         float,
-        msgspec.Meta(description="From the instant of a pose to its arrival here, averaged over some fifty poses [s]."),
+        msgspec.Meta(
+            description="Mean time from the instant of a pose to its arrival here, over about fifty poses [s]."
+        ),
     ] = 0.0
-    pose_latency_max_s: Annotated[float, msgspec.Meta(description="The longest of the flight [s].")] = 0.0
-    pose_gaps: Annotated[int, msgspec.Meta(description="How often poses were missing.")] = 0
+    pose_latency_max_s: Annotated[float, msgspec.Meta(description="Longest such time of the flight [s].")] = 0.0
+    pose_gaps: Annotated[int, msgspec.Meta(description="Number of gaps in the poses.")] = 0
     pose_clock_steps: Annotated[
-        int, msgspec.Meta(description="How often the source's clock leapt ahead or began anew.")
+        int, msgspec.Meta(description="Number of forward steps and restarts of the source's clock.")
     ] = 0
     checks: Annotated[
         tuple[Check, ...],
-        msgspec.Meta(
-            description="The pre-flight checks as they were made last; empty before the first, and "
-            "once the vehicle flies."
-        ),
+        msgspec.Meta(description="Newest pre-flight checks; empty before the first, and once the vehicle flies."),
     ] = ()
     late_us: Annotated[
         tuple[int, int, int] | None,
         msgspec.Meta(
-            description="How late commands left after their frame, or where they follow poses, "
-            "after their pose came: not later than this were 50 %, 99 % and 99.9 % of "
-            "them [µs]; None before the first."
+            description="Lateness of the commands, 50, 99 and 99.9 % [µs]: after the instant of the frame, or after "
+            "the arrival of the pose for a link paced by poses; None before the first."
         ),
     ] = None
     late_octaves: Annotated[
         tuple[int, ...],
-        msgspec.Meta(description="Entry k: how many left later by less than 2**k µs, and not by less than 2**(k-1)."),
+        msgspec.Meta(
+            description="Commands by lateness: entry k counts those late by less than 2**k µs and not by less than "
+            "2**(k-1)."
+        ),
     ] = ()
     gains: Annotated[
         dict[str, float],
-        msgspec.Meta(
-            description="The gains that may be changed in flight, by their keys in the configuration, as they are now."
-        ),
+        msgspec.Meta(description="Present values of the gains that may be changed in flight, by configuration key."),
     ] = {}
 
 
 class Ask(StrEnum):
-    """Requests. The mission's table says whether one is possible now."""
+    """Requests to a flight. The mission's table decides which are possible in which state."""
 
     ARM = "arm"
     """Start the motors and take off."""
@@ -311,7 +320,7 @@ class Ask(StrEnum):
     GOTO = "goto"
     """In hold: fly to one point after the other, and hold at the last."""
     HOLD = "hold"
-    """Stop and stay there."""
+    """Stop and hold the position."""
     RETURN = "return"
     """Fly back over the place of take-off and land there."""
     LAND = "land"
@@ -319,38 +328,40 @@ class Ask(StrEnum):
     DESCEND = "descend"
     """Failsafe descent: level and down at once, by attitude and speed alone."""
     ABORT = "abort"
-    """Commands stop; the link brings the vehicle down by itself."""
+    """Stop the commands; the link brings the vehicle down by itself."""
     KILL = "kill"
     """Motors off at once, also in the air."""
 
 
 RemoteAsk = Literal["hold", "return", "track", "goto", "land", "descend", "abort", "kill"]
-"""Requests that may come from afar: all but to arm."""
+"""Requests that remote clients may send: all but to arm."""
 
 FARTHEST_M = 1000.0
-"""Largest coordinate of a requested point along each axis [m]."""
+"""Largest coordinate of a requested point along each axis [m]. Chosen: beyond any room; the fence decides."""
 TURN_DEG = 360.0
-"""Largest heading of a request, either way [deg]."""
+"""Largest heading of a request, either way [deg]: a full turn."""
 _Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 
 
 class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """A point to fly to. On the wire ``[north, east, down]`` or ``[north, east, down, yaw]``."""
 
-    north_m: Annotated[_Metres, msgspec.Meta(description="World NED [m], as the next two.")]
-    east_m: Annotated[_Metres, msgspec.Meta(description="Eastwards.")]
-    down_m: Annotated[_Metres, msgspec.Meta(description="1 m up is -1.")]
+    north_m: Annotated[_Metres, msgspec.Meta(description="North [m, world NED].")]
+    east_m: Annotated[_Metres, msgspec.Meta(description="East [m, world NED].")]
+    down_m: Annotated[_Metres, msgspec.Meta(description="Down [m, world NED]: 1 m up is -1.")]
     yaw_deg: Annotated[
         Annotated[float, msgspec.Meta(ge=-TURN_DEG, le=TURN_DEG)] | None,
-        msgspec.Meta(description="Heading there, from north towards east; None: as it was."),
+        msgspec.Meta(description="Heading there [deg], from north towards east; None keeps the present one."),
     ] = None
 
     def __post_init__(self) -> None:
-        most = dict.fromkeys(("north_m", "east_m", "down_m"), FARTHEST_M)
-        for name, far in most.items() if self.yaw_deg is None else (most | {"yaw_deg": TURN_DEG}).items():
+        limits = {"north_m": FARTHEST_M, "east_m": FARTHEST_M, "down_m": FARTHEST_M, "yaw_deg": TURN_DEG}
+        for name, limit in limits.items():
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and abs(value) <= far):  # also NaN
-                raise ValueError(f"{name}: expected a number from {-far:g} to {far:g}, got {value!r}")
+            if name == "yaw_deg" and value is None:
+                continue
+            if not (isinstance(value, int | float) and abs(value) <= limit):  # NaN is refused, too
+                raise ValueError(f"{name}: expected a number from {-limit:g} to {limit:g}, got {value!r}")
 
     @property
     def place_ned(self) -> Vec3:
@@ -359,29 +370,29 @@ class Waypoint(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fiel
 
 
 MOST_POINTS = 64
-"""One request leads to no more."""
+"""Limit of the points of one request [-]. Chosen: bounds its size."""
 Waypoints = Annotated[tuple[Waypoint, ...], msgspec.Meta(max_length=MOST_POINTS)]
 
 
 def ensure_points(ask: str | None, points: Sequence[Waypoint]) -> None:
-    """Points travel with ``goto``, and with nothing else.
+    """Require points with ``goto``, and none with any other request.
 
     Raises:
-        ValueError: there are none, or they belong to nothing.
+        ValueError: there are none with ``goto``, or some with another request.
     """
     if (ask == Ask.GOTO) != bool(points):
-        raise ValueError("points: expected 1 to 64 with goto, and none with anything else")
+        raise ValueError(f"points: expected 1 to {MOST_POINTS} with goto, and none with anything else")
 
 
 class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One request, and why."""
+    """One request to a flight, with its reason."""
 
     ask: Ask
     """The requested action."""
     why: str = ""
     """Requester and reason, for the operator to read."""
     points: Waypoints = ()
-    """Where to, for ``goto``."""
+    """Points to fly to, for ``goto``."""
 
     def __post_init__(self) -> None:
         ensure_points(self.ask, self.points)
@@ -394,18 +405,18 @@ class Reply(msgspec.Struct, frozen=True):
     says: str
     """The action taken, or the reason against it, for the operator."""
     id: str = ""
-    """Which sentence it is (docs/reference/messages.md)."""
+    """Id of that sentence (docs/reference/messages.md)."""
     numbers: Numbers = {}
-    """Its numbers, by their names."""
+    """The numbers in that sentence, by their names."""
 
     @classmethod
     def of(cls, done: bool, sentence: Sentence) -> "Reply":
-        """Return the answer with what ``sentence`` says."""
+        """Make the answer with ``sentence``."""
         return cls(done, sentence.text, sentence.id, sentence.numbers)
 
 
 def decode(text: bytes) -> Request | None:
-    """The request in a JSON object such as ``{"ask": "land", "why": "MQTT"}``; None where it is none."""
+    """Decode a request from a JSON object such as ``{"ask": "land", "why": "MQTT"}``; None if it is not one."""
     try:
         return msgspec.json.decode(text, type=Request)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -413,60 +424,59 @@ def decode(text: bytes) -> Request | None:
 
 
 class Estimate(NamedTuple):
-    """The vehicle at the instant a command will act."""
+    """Estimated state of the vehicle at the instant at which a command will act."""
 
     time_s: float
     """That instant, on the event loop's clock [s]."""
     motion: Motion
-    """Position, velocity, attitude, thrust and body rates there."""
+    """Position, velocity, attitude, thrust and body rates at that instant."""
     disturbance: Vec3
     """The observer's disturbance d̂ [m/s², NED]."""
     disturbance_step: Vec3
-    """Change of b̂ by the innovations since the last estimate [m/s²] (raw composite form; else
-    zero)."""
+    """Change of b̂ by the innovations since the last estimate [m/s²] (raw composite form; else zero)."""
     effectiveness: Real = 1.0
-    """λ̂: true thrust over told thrust [-]; the vehicle's told mass over it is what thrust seems to lift."""
+    """λ̂: true thrust over commanded thrust [-]. Models use the configured mass divided by it."""
     effectiveness_deviation: Real = 0.0
-    """Standard deviation of λ̂ [-]: only the sum of wind and thrust scale shows while thrust stays as it is."""
+    """Standard deviation of λ̂ [-]. It falls only while thrust changes: else only wind plus scale is observable."""
 
 
 class Decision(NamedTuple):
-    """Command of a controller, and its derivation."""
+    """Command of a controller, with the values that led to it."""
 
     drive: ActuatorCommand
     """Thrust [N] and body rates [rad/s, FRD], within the vehicle's limits."""
     saturated: bool
-    """True where any of the four was clamped."""
+    """Whether thrust or a body rate was clamped."""
     diagnostics: Diagnostics
 
 
 class Controller(Protocol):
-    """An estimate and a reference in, a command out. Sans-IO; state inside."""
+    """Port of a controller, which computes a command from an estimate and a reference. It does no I/O."""
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """One command; ``interval_s`` [s] has passed since the last one (0 at the first)."""
+        """Compute one command; ``interval_s`` is the time since the last one [s], 0 at the first."""
 
 
 class CertificateReading(NamedTuple):
-    """State of the certificate's watch at one command."""
+    """State of the certificate's monitor at one command."""
 
     state: str
-    """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no promise)."""
+    """``holds``, ``violated``, ``suspended`` (a command was clamped: adaptation stops) or ``none`` (no bound)."""
     excess: float
     """V_m above its bound [m²/s²]."""
     warnings: tuple[Sentence, ...]
-    """Sentences for the operator, one for each lasting violation as it begins to last; mostly none."""
+    """Sentences for the operator: one for each violation, once it has lasted 0.5 s."""
 
 
 class Tick(NamedTuple):
-    """Everything about one command, for records and screens."""
+    """All values of one command, for records and screens."""
 
     time_s: float
-    """When it was computed, on the event loop's clock [s]."""
+    """Time of its computation, on the event loop's clock [s]."""
     flight_time_s: float
-    """Time on the trajectory at the instant it acts [s]."""
+    """Time on the trajectory at the instant at which it acts [s]."""
     pose: Pose
-    """The newest pose it rests on."""
+    """Newest pose that was used."""
     estimate: Estimate
     reference: Reference
     decision: Decision
@@ -482,7 +492,7 @@ class PoseRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=4):
 
 
 class TrajectoryRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=5):
-    """The pilot was given a trajectory, begun at ``time_s``."""
+    """The pilot was given a trajectory that begins at ``time_s`` [s]."""
 
     time_s: float
 
@@ -500,11 +510,11 @@ class TickRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=7):
 
     tick: Tick
     late_s: float | None = None
-    """Delay for its frame or after its pose came [s]; None for one in between."""
+    """Delay after the instant of its frame, or after the arrival of its pose [s]; None for one between two poses."""
 
 
 class RequestRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=9):
-    """Somebody asked for something: the flight's method ``what``, and why."""
+    """A request was made: ``what`` is the flight's method that was called."""
 
     time_s: float
     what: str
@@ -526,16 +536,16 @@ class EndRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=12):
     state: str
     reason: str
     id: str = ""
-    """Which sentence the reason is (docs/reference/messages.md)."""
+    """Id of the reason's sentence (docs/reference/messages.md)."""
     numbers: Numbers = {}
 
 
 GAIN = "gain "
-"""Prefix of the event of a gain changed in flight, followed by the gain's name."""
+"""Prefix of ``SwitchRecord.what`` for a gain changed in flight, before the gain's name."""
 
 
 class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=13):
-    """The pilot was told to fly otherwise: its method ``what``, with these numbers."""
+    """The pilot was switched to another mode of flight: its method ``what`` was called with ``values``."""
 
     time_s: float
     what: str
@@ -543,7 +553,7 @@ class SwitchRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=1
 
 
 class CommandSent(NamedTuple):
-    """A command of the controller has left."""
+    """A command of the controller was sent."""
 
     tick: Tick
 
@@ -560,16 +570,17 @@ FlightEvent: TypeAlias = (
     | SwitchRecord
     | CommandSent
 )
+"""Every event of a flight."""
 Subscriber: TypeAlias = Callable[[FlightEvent], None]
-"""Hears each event as it happens; never waits, never raises."""
+"""Called with each event as it happens. It must not wait and must not raise."""
 
 
 def ignore(_: FlightEvent | Tick) -> None:
-    """The subscriber of a flight that nobody looks at."""
+    """A subscriber that does nothing."""
 
 
 def tell_lines(say: Callable[[str], None]) -> Subscriber:
-    """A subscriber that has ``say`` told each notice as a line."""
+    """Make a subscriber that calls ``say`` with each notice as a line."""
 
     def hear(event: FlightEvent) -> None:
         if isinstance(event, Notice):
