@@ -1,5 +1,6 @@
 """Recordings' folder: where they are kept, what they are called, and how long they stay."""
 
+import errno
 import fcntl
 import os
 import re
@@ -58,7 +59,10 @@ def make_folder(config: RecordingConfig) -> Path:
         OSError: it can't be made.
     """
     folder = folder_of(config)
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except FileExistsError:
+        raise NotADirectoryError(errno.ENOTDIR, "it is a file, not a folder", str(folder)) from None
     if not config.folder:
         folder.chmod(0o700)
     return folder

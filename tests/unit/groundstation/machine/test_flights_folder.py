@@ -16,6 +16,7 @@ from groundstation.machine import (
     free_name,
     is_being_written,
     list_recordings,
+    make_folder,
     tidy,
 )
 from groundstation.recording.channels import MissionMessage
@@ -27,6 +28,12 @@ DAY = 86400.0
 
 def kept(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_file_in_the_place_of_the_folder_is_told_as_one(tmp_path: Path) -> None:
+    (tmp_path / "flights").write_text("mine")
+    with pytest.raises(NotADirectoryError, match=r"it is a file, not a folder: .*flights"):
+        make_folder(RecordingConfig(folder=str(tmp_path / "flights")))
 
 
 def flight(folder: Path, day: int, size: int = 1000, *, tlog: bool = False) -> Path:
