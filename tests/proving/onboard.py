@@ -434,7 +434,7 @@ def tables(facts: Mapping[str, Facts]) -> str:
             hits = [one.hit_m_s for one in struck if one.hit_m_s is not None]
             offs = [one.off_s for one in struck if one.off_s is not None]
             lines.append(
-                f"| {name}, {strike} | {max(one.up_m for one in struck):.2f} m "
+                f"| {name}, {strike} | {max(0.0, *(one.up_m for one in struck)):.2f} m "
                 f"| {max(one.aside_m for one in struck):.2f} m | {max(one.speed_m_s for one in struck):.1f} m/s "
                 f"| {f'{max(hits):.2f} m/s' if hits else '–'} "
                 f"| {f'{max(offs):.1f} s' if len(offs) == len(struck) else 'flies on'} "
