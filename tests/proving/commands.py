@@ -51,7 +51,8 @@ def faults(args: argparse.Namespace) -> Exit:
     flown = _fly(plan, args)
     rows = pick_worst([flown[i : i + len(work)] for i in range(0, len(flown), len(work))])
     if args.write is not None:
-        words = [word for word in sys.argv[1:] if word != "--json"]
+        left_out = {"--json", "--workers", str(args.workers), "--csv", str(args.csv), str(args.write)}
+        words = [word for word in sys.argv[1:] if word not in left_out]
         write(args.write, rows, shlex.join(["groundstation-sim", *words]))
     print(json.dumps({"rows": msgspec.to_builtins(rows)}) if args.json else text(rows))
     return Exit.DONE if is_within(rows) else Exit.FAILED
