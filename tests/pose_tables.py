@@ -5,7 +5,7 @@ import pathlib
 import msgspec
 
 from groundstation.core.geometry import Frames, Quat, Vec3
-from groundstation.pose.sources import DatagramReader, Intake, JsonReader, NatNetReader, QualisysReader, VisionReader
+from groundstation.pose.sources import Intake, JsonReader, NatNetReader, PoseReader, QualisysReader, VisionReader
 
 
 class GoldenPose(msgspec.Struct, frozen=True):
@@ -47,7 +47,7 @@ FILES = {
 TABLES = {name: msgspec.json.decode((GOLDEN / file).read_bytes(), type=Table) for name, file in FILES.items()}
 
 
-def fresh_reader(name: str) -> DatagramReader:
+def fresh_reader(name: str) -> PoseReader:
     """A reader of the table ``name`` that has heard the prelude; it looks for the body ``quad``."""
     reader = _reader(name.split(maxsplit=1)[0])
     for datagram in TABLES[name].prelude:
@@ -55,7 +55,7 @@ def fresh_reader(name: str) -> DatagramReader:
     return reader
 
 
-def _reader(kind: str) -> DatagramReader:
+def _reader(kind: str) -> PoseReader:
     match kind:
         case "natnet":
             return NatNetReader("quad", Intake(0.0, Frames("nue", "fur")))

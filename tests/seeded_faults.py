@@ -93,8 +93,8 @@ FAULTS = (
     Fault("protocol/signing.py", "if stamp <= newest:", "if stamp < newest:"),
     Fault("module_codec.py", "packed |= counts(at, _LOW, _HIGH, _LARGEST) << (11 * i)",
           "packed |= counts(at, _LOW, _HIGH, _LARGEST) << (10 * i)"),
-    Fault("vicon_codec.py", "frame_number, (x / 1000.0, y / 1000.0, z / 1000.0)",
-          "frame_number, (x / 1000.0, y / 1000.0, z / 100.0)"),
+    Fault("vicon_codec.py", "return (x / 1000.0, y / 1000.0, z / 1000.0)",
+          "return (x / 1000.0, y / 1000.0, z / 100.0)"),
     Fault("bridge/codec.py", "if counter <= self.counter:", "if counter < self.counter:"),
     Fault("natnet_codec.py", "error, bool(flags & TRACKED))", "error, True)"),
 )  # fmt: skip

@@ -232,8 +232,8 @@ class TlogSource(RecordedSource):
         """Counters as they are now: of the file and of the messages."""
         if self._decoder is None:
             return PoseStatus(accepted=0, dropped=dict(self._reader.dropped))
-        status = self._decoder.status
-        return msgspec.structs.replace(status, dropped=dict(self._reader.dropped + self._decoder.dropped))
+        status = self._decoder.intake.status
+        return msgspec.structs.replace(status, dropped=dict(self._reader.dropped + self._decoder.intake.dropped))
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Read the whole file, then begin to play it."""

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from groundstation.core.geometry import so3
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import (
-    ViconFrame,
     ViconObject,
     ViconReader,
     decode,
@@ -33,7 +32,7 @@ golden = st.sampled_from([row.datagram for row in TABLE.readable + TABLE.dropped
 
 @given(st.integers(0, 2**32 - 1), st.lists(any_object, max_size=13))
 def test_every_double_survives_the_wire_to_the_last_bit(frame_number: int, objects: list[ViconObject]) -> None:
-    assert decode(encode(frame_number, objects, 1024)) == ViconFrame(frame_number, tuple(objects))
+    assert decode(encode(frame_number, objects, 1024)) == (frame_number, tuple(objects))
 
 
 @given(st.binary(min_size=48, max_size=48))
@@ -42,8 +41,8 @@ def test_every_bit_pattern_of_a_double_survives_the_wire(bits: bytes) -> None:
     datagram = encode(1, [ViconObject("a", (x, y, z), (rx, ry, rz))])
     assert datagram[32:80] == bits
     frame = decode(datagram)
-    assert isinstance(frame, ViconFrame)
-    item = frame.objects[0]
+    assert not isinstance(frame, str)
+    _, (item,) = frame
     assert struct.pack("<6d", *item.translation_mm, *item.rotation_rad) == bits
 
 

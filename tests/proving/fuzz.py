@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from groundstation.core.geometry import frames_of, so3
-from groundstation.core.messages import Pose, PoseStatus
+from groundstation.core.messages import Pose
 from groundstation.pose.sources import (
-    DatagramReader,
     Intake,
     JsonConfig,
     JsonReader,
@@ -25,6 +24,7 @@ from groundstation.pose.sources import (
     NatNetReader,
     OdometryDecoder,
     PoseDecoder,
+    PoseReader,
     QualisysConfig,
     QualisysReader,
     ViconConfig,
@@ -45,7 +45,7 @@ PERIOD_S = 0.01
 class PoseFlight(NamedTuple):
     """One source's reader and what it is to read."""
 
-    reader: DatagramReader
+    reader: PoseReader
     datagrams: list[bytes]
     """One every ``PERIOD_S``; handshakes come before."""
 
@@ -107,23 +107,19 @@ def vision(frames: int) -> PoseFlight:
     return PoseFlight(VisionReader(Intake(0.0)), [encode(n, n * PERIOD_S, _bodies(n)) for n in range(frames)])
 
 
-class MessageReader:
+class MessageReader(PoseReader):
     """A decoder of MAVLink messages behind the link's codec, as a reader of datagrams."""
 
     def __init__(self, decoder: PoseDecoder) -> None:
         """Count frames that are none beside what ``decoder`` drops."""
+        super().__init__(decoder.intake)
         self._decoder = decoder
         self._codec = MavlinkCodec(255, 190)
-        self._codec.dropped = decoder.dropped
+        self._codec.dropped = decoder.intake.dropped
 
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now."""
-        return self._decoder.status
-
-    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
-        """The poses that ``datagram`` completes."""
-        made = (self._decoder.decode(message, arrival_s) for message in self._codec.feed(datagram, "sender"))
+    def read(self, data: bytes, arrival_s: float) -> Sequence[Pose]:
+        """Return the poses that ``data`` completes."""
+        made = (self._decoder.decode(message, arrival_s) for message in self._codec.feed(data, "sender"))
         return [pose for pose in made if pose is not None]
 
 

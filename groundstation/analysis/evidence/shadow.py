@@ -218,7 +218,9 @@ def _of_vehicle(records: list[TlogRecord], vehicle: Sender, decoder: PoseDecoder
             on_ground = message.landed_state == ON_GROUND
         elif name in decoder.messages and (pose := decoder.decode(message, time_s)) is not None:
             poses.append(RecordedPose(pose, (armed or not told) and not on_ground))
-    return RecordedVehicle(autopilot, " and ".join(decoder.messages), poses, sent, dict(others + decoder.dropped))
+    return RecordedVehicle(
+        autopilot, " and ".join(decoder.messages), poses, sent, dict(others + decoder.intake.dropped)
+    )
 
 
 def _is_rates_and_thrust(message: Message) -> bool:

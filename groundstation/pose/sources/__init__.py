@@ -7,11 +7,11 @@ from groundstation.pose.sources import qualisys_codec as qualisys_codec
 from groundstation.pose.sources import vicon_codec as vicon_codec
 from groundstation.pose.sources.datagram import JsonConfig, cannot_listen, join, send_by
 from groundstation.pose.sources.intake import (
-    DatagramReader,
     Gate,
     GateConfig,
     GatedSource,
     Intake,
+    PoseReader,
     describe_drop,
     describe_origin_moves,
     describe_unsteady_clock,

@@ -1,4 +1,4 @@
-"""Datagram source: listens on one UDP socket; what the datagrams say is its reader's business.
+"""Datagram source: listens on one UDP socket, and gives the datagrams to a reader.
 
 Multicast groups are joined here, too, by options of sockets that the event loop has opened.
 
@@ -14,33 +14,25 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
-from groundstation.pose.sources.intake import DatagramReader, Intake
+from groundstation.core.messages import Others, Pose, PoseKind, SourceError, notice
+from groundstation.pose.sources.intake import Intake, PoseReader, ReaderSource
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from links.io import NETWORK, advise_on_address, beyond, name_holder, parse_address
 
 
-class DatagramSource(asyncio.DatagramProtocol):
+class DatagramSource(ReaderSource, asyncio.DatagramProtocol):
     """Implements :class:`groundstation.core.messages.pose.PoseSource` on one UDP socket."""
 
-    def __init__(self, what: str, listen: str, reader: DatagramReader) -> None:
-        """``what`` comes to ``listen`` (host:port) names the poses for the operator; nothing is opened yet."""
+    def __init__(self, what: str, listen: str, reader: PoseReader) -> None:
+        """``what`` names the poses that come to ``listen`` (host:port) for the operator; nothing is opened yet."""
+        super().__init__(reader)
         self._what = what
         self._listen = listen
-        self._reader: DatagramReader = reader
-        self._loop: asyncio.AbstractEventLoop | None = None
         self._transport: asyncio.DatagramTransport | None = None
-        self._deliver: Callable[[Pose], None] | None = None
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now."""
-        return self._reader.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Begin to listen; ``deliver`` is called on the event loop for each pose."""
         self._deliver = deliver
-        self._loop = asyncio.get_running_loop()
         try:
             self._transport, _ = await NETWORK.get().open_datagram(lambda: self, parse_address(self._listen))
         except OSError as error:
@@ -55,20 +47,17 @@ class DatagramSource(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         """Take one datagram (called by the event loop)."""
-        if self._loop is None:
-            return
-        for pose in self._reader.read(data, self._loop.time()) if self._deliver is not None else ():
-            if self._deliver is not None:  # whoever takes a pose may close us
-                self._deliver(pose)
+        self._reader.sender = addr
+        self._take(data, asyncio.get_running_loop().time())
 
 
 def cannot_listen(what: str, address: str, error: OSError) -> SourceError:
-    """``error`` in words for the operator: what was to come where, and what to do."""
-    told = {"what": what, "address": address, "why": error.strerror or str(error)}
+    """Describe ``error`` for the operator: what was to arrive where, and what to do."""
+    values = {"what": what, "address": address, "why": error.strerror or str(error)}
     if advice := advise_on_address(error):
-        return SourceError(notice("pose.cannot_listen", **told, advice=advice))
+        return SourceError(notice("pose.cannot_listen", **values, advice=advice))
     holder = name_holder(parse_address(address)[1]) if error.errno == EADDRINUSE else ""
-    return SourceError(notice(f"pose.port_{'held' if holder else 'taken'}", **told, holder=holder))
+    return SourceError(notice(f"pose.port_{'held' if holder else 'taken'}", **values, holder=holder))
 
 
 def join(transport: asyncio.DatagramTransport, group: str, interface: str) -> None:
@@ -142,7 +131,7 @@ class JsonConfig(ListensAt, frozen=True, kw_only=True, tag="json"):
     ] = 50.0
 
     def build(self, others: Others | None = None) -> DatagramSource:
-        """The source of this config; ``others`` are further bodies to look for."""
+        """Make the source; ``others`` are further bodies to look for."""
         intake, frames = (
             Intake(self.latency_s, frames_of(self), frame_s=seconds, others=others)
             for seconds in (1.0, 1.0 / self.rate_hz)

@@ -29,7 +29,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from typing import Annotated, Literal, NamedTuple, Protocol, TypeVar
+from typing import Annotated, Literal, NamedTuple, TypeVar
 
 import msgspec
 
@@ -404,17 +404,6 @@ def _median(values: list[float]) -> float:
     return ordered[middle] if len(values) % 2 else (ordered[middle - 1] + ordered[middle]) / 2
 
 
-class DatagramReader(Protocol):
-    """Makes poses of the datagrams of one source. No bytes make it raise."""
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now."""
-
-    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
-        """The poses in ``datagram``, which arrived at ``arrival_s`` [s, our clock]: mostly one or none."""
-
-
 class Intake:
     """Turns what one source measured into numbered poses; what is no pose is counted by reason."""
 
@@ -440,7 +429,9 @@ class Intake:
         same_name, no_such_body."""
         self.clock = SourceClock(frame_s)
         self.others = others
-        """Further bodies to look for; None: nobody asks for them."""
+        """Further bodies to look for; None without any."""
+        self.advice = ""
+        """Reason why no poses arrive, for the operator; empty without a finding."""
         self._base_latency_s = latency_s
         self._frames = frames
         self._latency_s = 0.0
@@ -464,6 +455,7 @@ class Intake:
             late_s=clock.late_s,
             stamp_rate=clock.stamp_rate,
             unsteady_clock=clock.is_unsteady,
+            advice=self.advice,
         )
 
     def mark_alive(self, arrival_s: float) -> None:
@@ -524,31 +516,65 @@ class Intake:
             position, attitude = self._frames.ours(position, attitude)
         return Pose(number, time_s, arrival_s, position, attitude, velocity_ned, resets + 256 * clock.restarts)
 
-    def other(self, name: str, arrival_s: float, position: Vec3, *, age_s: float = 0.0) -> None:
-        """One of :attr:`others` was at ``position`` [m, the source's axes], as its bytes came at ``arrival_s`` [s].
+    def see_other(self, name: str, arrival_s: float, position: Vec3, *, age_s: float = 0.0) -> None:
+        """Note that a body was at ``position`` [m, the source's axes] if it is one of :attr:`others`.
 
-        ``age_s``: see :meth:`update`. The source's stamp is the business of our own body alone.
+        Its bytes arrived at ``arrival_s`` [s]; ``age_s``: see :meth:`pose`. Its stamp is not needed.
         """
-        if self.others is not None:
+        if self.others is not None and name in self.others:
             place = position if self._frames is None else self._frames.place(position)
             self.others.see(name, arrival_s - self.clock.late_s - self._base_latency_s - age_s, place)
 
 
-class FrameCount:
-    """A frame counter of fixed width as one that never runs over."""
+class PoseReader:
+    """Reads the poses of one vehicle from the datagrams of one source. No bytes make it raise."""
 
-    def __init__(self, bits: int = 32) -> None:
-        """``bits`` is the counter's width on the wire."""
-        self._half = 1 << (bits - 1)
-        self._mask = (1 << bits) - 1
-        self._last: int | None = None
+    def __init__(self, intake: Intake) -> None:
+        self.intake = intake
+        """Intake of the vehicle's poses."""
+        self.names: tuple[str, ...] = ()
+        """Names of the bodies that the source shows, for the operator."""
+        self.sender: object = "one sender"
+        """Address of the sender of the next datagram."""
 
-    def whole(self, number: int) -> int:
-        """``number`` with the turns of the counter: half of its circle lies ahead of the last one, half behind."""
-        if self._last is not None:
-            number = self._last + ((number - self._last + self._half) & self._mask) - self._half
-        self._last = number
-        return number
+    @property
+    def status(self) -> PoseStatus:
+        """Present counters."""
+        return self.intake.status
+
+    def read(self, data: bytes, arrival_s: float) -> Sequence[Pose]:
+        """Return the poses in ``data``, which arrived at ``arrival_s`` [s, our clock]: mostly one or none."""
+        pose = self.read_pose(data, arrival_s)
+        return () if pose is None else (pose,)
+
+    def read_pose(self, data: bytes, arrival_s: float) -> Pose | None:
+        """Return the pose in ``data``; None if it holds none, which is counted."""
+        raise NotImplementedError
+
+
+class ReaderSource:
+    """Base of the sources that give received bytes to a reader, and deliver its poses on the event loop."""
+
+    def __init__(self, reader: PoseReader) -> None:
+        self._reader = reader
+        self._deliver: Callable[[Pose], None] | None = None
+        """The receiver; None before the start and after the end."""
+
+    @property
+    def status(self) -> PoseStatus:
+        """Present counters."""
+        return self._reader.status
+
+    @property
+    def other_objects(self) -> tuple[str, ...]:
+        """Names of the bodies that the source shows: they tell a misspelt name from a silent stream."""
+        return self._reader.names
+
+    def _take(self, data: bytes, arrival_s: float) -> None:
+        """Deliver the poses in ``data``; the receiver of one may close the source."""
+        for pose in self._reader.read(data, arrival_s) if self._deliver is not None else ():
+            if self._deliver is not None:
+                self._deliver(pose)
 
 
 BASE_S = 0.05

@@ -3,23 +3,23 @@
     {"name": "quad", "t": 12.345, "frame": 617, "position": [1.0, 0.5, 1.2],
      "quaternion": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}, "valid": true}
 
-``name``, ``position`` [m] and ``quaternion`` (body to world; also [w, x, y, z]) must be there. ``t`` is the sender's
-clock as the picture was taken [s, from any zero], ``frame`` a running number; the first pose taken decides by which of
-them all the others are judged, ``t`` before ``frame``. ``valid`` false, or null for position or quaternion, says that
-the body is not seen.
-The whole of it: docs/how-to/extend.md.
+``name``, ``position`` [m] and ``quaternion`` (body to world; also [w, x, y, z]) are required. ``t`` is the
+sender's clock at the exposure of the image [s, from any zero], ``frame`` a running number; the first
+accepted pose decides which of them is used, ``t`` before ``frame``. ``valid`` false, or null for position or
+quaternion, means that the body is not seen.
+All of it: docs/how-to/extend.md.
 """
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.sources.intake import Intake
+from groundstation.pose.sources.intake import Intake, PoseReader
 
 MAX_DATAGRAM = 4096
 """Longest datagram that is read [bytes]."""
@@ -81,7 +81,7 @@ def encode(poses: Iterable[JsonPose]) -> bytes:
 
 
 def decode(datagram: bytes) -> list[JsonPose] | str:
-    """The bodies in a datagram, or why there are none: oversized, not_json, wrong_schema."""
+    """Return the bodies in a datagram, or why it can't be read: oversized, not_json, wrong_schema."""
     if len(datagram) > MAX_DATAGRAM:
         return "oversized"
     try:
@@ -89,88 +89,74 @@ def decode(datagram: bytes) -> list[JsonPose] | str:
         return [found] if isinstance(found, JsonPose) else msgspec.convert(found, list[JsonPose])
     except msgspec.ValidationError:
         return "wrong_schema"
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+    except (msgspec.DecodeError, ValueError, RecursionError):
         return "not_json"
 
 
-def _decode_any(datagram: bytes) -> JsonPose | list[Any]:
-    """Decode JSON; and what Python's own ``json`` writes of numbers that are none, NaN and Infinity."""
-    found: JsonPose | list[Any]
+def _decode_any(datagram: bytes) -> Any:
+    """Decode JSON, and NaN and Infinity as Python's own ``json`` writes them."""
     try:
-        found = _DECODER.decode(datagram)
+        return _DECODER.decode(datagram)
     except msgspec.ValidationError:
         raise
     except msgspec.DecodeError:
         if b"NaN" not in datagram and b"Infinity" not in datagram:
             raise
-        try:
-            said = json.loads(datagram)
-        except ValueError as error:
-            raise msgspec.DecodeError(str(error)) from None
-        found = msgspec.convert(said, _MESSAGE)
-    return found
-
-
-class JsonReader:
-    """Poses of one body: implements :class:`groundstation.pose.sources.intake.DatagramReader`."""
-
-    def __init__(self, name: str, intake: Intake, frames: Intake) -> None:
-        """Look for the body ``name``; ``intake`` takes stamps in seconds, ``frames`` frame numbers."""
-        self._name = name
-        self._intakes: dict[Stamp, Intake] = {"t": intake, "frame": frames, "arrival": intake}
-        self._kind: Stamp | None = None
-        frames.dropped = intake.dropped  # one account for both
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now."""
-        status = self._intakes[self._kind or "t"].status
-        if self._kind == "frame":  # whose rate is found, whatever was told
-            status = msgspec.structs.replace(status, stamp_rate=None)
-        return status
-
-    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
-        """The pose of our body, or nothing."""
-        drop = self._intakes["t"].drop
-        bodies = decode(datagram)
-        if isinstance(bodies, str):
-            drop(bodies)
-            return ()
-        for each in self._intakes.values():
-            each.mark_alive(arrival_s)
-        intake = self._intakes["t"]
-        if intake.others is not None:
-            for other in bodies:
-                place = _seen_place(other)
-                if place is not None and other.name in intake.others:
-                    intake.other(other.name, arrival_s, place)
-        body = intake.choose([body for body in bodies if body.name == self._name])
-        if body is None:
-            return ()
-        if (place := _seen_place(body)) is None or not body.quaternion:
-            drop("not_tracked")
-        elif (attitude := _unit(body.quaternion)) is None:
-            drop("not_unit")
-        elif pose := self._pose(body, place, attitude, arrival_s):
-            return (pose,)
-        return ()
-
-    def _pose(self, body: JsonPose, position: Vec3, attitude: Quat, arrival_s: float) -> Pose | None:
-        kind = self._kind or ("t" if body.t is not None else "frame" if body.frame is not None else "arrival")
-        stamp = {"t": body.t, "frame": body.frame, "arrival": arrival_s}[kind]
-        if stamp is None:
-            return self._intakes["t"].drop("no_stamp")
-        pose = self._intakes[kind].pose(stamp, arrival_s, position, attitude)
-        if pose is not None:
-            self._kind = kind
-        return pose
+        return msgspec.convert(json.loads(datagram), _MESSAGE)
 
 
 Stamp = Literal["t", "frame", "arrival"]
 
 
+class JsonReader(PoseReader):
+    """Reads the poses of one body."""
+
+    def __init__(self, name: str, intake: Intake, frames: Intake) -> None:
+        """Look for the body ``name``; ``intake`` takes stamps in seconds, ``frames`` frame numbers."""
+        super().__init__(intake)
+        self._name = name
+        self._frames = frames
+        self._kind: Stamp | None = None
+        frames.dropped = intake.dropped  # one account for both
+
+    @property
+    def status(self) -> PoseStatus:
+        """Present counters."""
+        if self._kind == "frame":  # the rate of frames is measured, whatever is configured
+            return msgspec.structs.replace(self._frames.status, stamp_rate=None)
+        return self.intake.status
+
+    def read_pose(self, data: bytes, arrival_s: float) -> Pose | None:
+        """Return the pose of the vehicle's body in the datagram ``data``."""
+        intake = self.intake
+        bodies = decode(data)
+        if isinstance(bodies, str):
+            return intake.drop(bodies)
+        for each in (intake, self._frames):
+            each.mark_alive(arrival_s)
+        for other in bodies:
+            if place := _seen_place(other):
+                intake.see_other(other.name, arrival_s, place)
+        body = intake.choose([body for body in bodies if body.name == self._name])
+        if body is None:
+            self.names = tuple(body.name for body in bodies)
+            return None
+        if (place := _seen_place(body)) is None or not body.quaternion:
+            return intake.drop("not_tracked")
+        if (attitude := _unit(body.quaternion)) is None:
+            return intake.drop("not_unit")
+        kind = self._kind or ("t" if body.t is not None else "frame" if body.frame is not None else "arrival")
+        stamp = {"t": body.t, "frame": body.frame, "arrival": arrival_s}[kind]
+        if stamp is None:
+            return intake.drop("no_stamp")
+        pose = (self._frames if kind == "frame" else intake).pose(stamp, arrival_s, place, attitude)
+        if pose is not None:
+            self._kind = kind
+        return pose
+
+
 def _seen_place(body: JsonPose) -> Vec3 | None:
-    """Where a body is [m]; None where it is not seen."""
+    """Return the position of a body [m]; None if it is not seen."""
     if not body.valid or body.quaternion is None or isinstance(body.position, msgspec.UnsetType):
         return None
     return body.position

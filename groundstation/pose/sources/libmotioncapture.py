@@ -15,9 +15,9 @@ from typing import Annotated, ClassVar, Literal
 import msgspec
 
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
+from groundstation.core.messages import Others, Pose, PoseKind, SourceError, notice
 from groundstation.machine import cancel_task
-from groundstation.pose.sources.intake import Intake
+from groundstation.pose.sources.intake import Intake, ReaderSource
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from groundstation.runtime import describe_install
 from links.io import is_loopback, open_child
@@ -93,24 +93,19 @@ class LibmotioncaptureConfig(PoseKind, frozen=True, kw_only=True, tag="libmotion
         return LibmotioncaptureSource(self, others)
 
 
-class LibmotioncaptureSource:
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`; a child that ends is started again."""
+class LibmotioncaptureSource(ReaderSource):
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`; a child that ends is started again.
+
+    Reason for drops beside those of JSON: child_lost.
+    """
 
     def __init__(self, config: LibmotioncaptureConfig, others: Others | None = None) -> None:
-        self._config = config
         intake = Intake(config.latency_s, frames_of(config), others=others)
-        self._intake, self._reader = intake, JsonReader(config.name, intake, intake)
+        super().__init__(JsonReader(config.name, intake, intake))
+        self._config = config
         self._names = (config.name, *(others.names if others is not None else ()))
-        self._deliver: Callable[[Pose], None] | None = None
         self._task: asyncio.Task[None] | None = None
         self._child: asyncio.subprocess.Process | None = None
-        self.other_objects: tuple[str, ...] = ()
-        """Names in the newest frame that lacked our body: tells a misspelt name from a silent stream."""
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now; ``child_lost`` beside those of JSON: how often the child was started again."""
-        return self._reader.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Start the child; ``deliver`` is called on the event loop for each pose."""
@@ -166,23 +161,14 @@ class LibmotioncaptureSource:
             await child.wait()
 
     async def _stay(self) -> None:
-        """Hand on what the child says, and start it again when it says nothing more, until cancelled."""
+        """Deliver the poses that the child sends, and start it again if it falls silent, until cancelled."""
+        loop = asyncio.get_running_loop()
         while True:
             while line := await self._line(SILENT_S):
-                self._take(line)
-            while True:
-                self._intake.drop("child_lost")
+                self._take(line.strip(), loop.time())
+            opened = False
+            while not opened:
+                self._reader.intake.drop("child_lost")
                 await self._end()
                 await asyncio.sleep(AGAIN_S)
-                if await self._open():
-                    break
-
-    def _take(self, line: bytes) -> None:
-        arrival_s = asyncio.get_running_loop().time()
-        before = self._intake.dropped["no_such_body"]
-        for pose in self._reader.read(line.strip(), arrival_s):
-            if self._deliver is not None:
-                self._deliver(pose)
-        if self._intake.dropped["no_such_body"] != before:
-            with contextlib.suppress(ValueError):
-                self.other_objects = tuple(str(body["name"]) for body in json.loads(line))
+                opened = await self._open()

@@ -62,7 +62,7 @@ class MavlinkPoseSource:
         """Counters as they are now."""
         if self._decoder is None:
             return PoseStatus(accepted=0, dropped={})
-        return self._decoder.status
+        return self._decoder.intake.status
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Read along from now on, and have the link ask for the messages as it connects."""
@@ -89,7 +89,7 @@ class MavlinkPoseSource:
             trip = self._connection.newest_trip
             if trip is not None and trip is not self._trip:
                 self._trip = trip
-                self._decoder.apply_exchange(trip.offset_s + 0.5 * trip.rtt_s)
+                self._decoder.intake.clock.apply_exchange(trip.offset_s + 0.5 * trip.rtt_s)
             pose = self._decoder.decode(message, arrival_s)
             if pose is not None:
                 self._deliver(pose)
@@ -127,18 +127,4 @@ class VisionConfig(ListensAt, frozen=True, kw_only=True, tag="vision"):
     def build(self, others: Others | None = None) -> DatagramSource:
         """The source of this config; it shows no ``others``."""
         intake = Intake(self.latency_s, frames_of(self))
-        return VisionSource(self.listen, VisionReader(intake, self.system_id, self.component_id))
-
-
-class VisionSource(DatagramSource):
-    """Poses of a bridge, whose frames may be cut over datagrams."""
-
-    def __init__(self, listen: str, reader: VisionReader) -> None:
-        """Poses come to ``listen`` (host:port); nothing is opened yet."""
-        super().__init__("MAVLink poses", listen, reader)
-        self._frames = reader
-
-    def datagram_received(self, data: bytes, addr: object) -> None:
-        """Take one datagram (called by the event loop)."""
-        self._frames.sender = addr
-        super().datagram_received(data, addr)
+        return DatagramSource("MAVLink poses", self.listen, VisionReader(intake, self.system_id, self.component_id))

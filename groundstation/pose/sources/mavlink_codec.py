@@ -12,13 +12,12 @@ Source: message definitions of pymavlink 2.4.50; frames and stamps as sent by PX
 
 import math
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.sources.intake import Intake
+from groundstation.core.messages import Pose
+from groundstation.pose.sources.intake import Intake, PoseReader
 from links.mavlink.protocol import ARDUPILOT, MavFrame, MavlinkCodec, Message
 
 OLDEST_ATTITUDE_S = 0.05
@@ -37,33 +36,12 @@ class PoseDecoder(ABC):
         ``recorded``: nobody exchanges clocks, and a simulated autopilot may have run at another pace than real time.
         So the rate of its stamps is measured, as that of numbered frames is.
         """
-        self._intake = Intake(latency_s, frame_s=1.0 if recorded else None)
-
-    @property
-    def accepted(self) -> int:
-        """Poses made."""
-        return self._intake.accepted
-
-    @property
-    def dropped(self) -> Counter[str]:
-        """Messages dropped, by reason: wrong_frame, failed, no_attitude, and those of the intake."""
-        return self._intake.dropped
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now."""
-        return self._intake.status
+        self.intake = Intake(latency_s, frame_s=1.0 if recorded else None)
+        """Intake of the poses; reasons for drops beside its own: wrong_frame, failed, no_attitude."""
 
     @abstractmethod
     def decode(self, message: Message, arrival_s: float) -> Pose | None:
         """The pose that ``message``, which arrived at ``arrival_s`` [s, our clock], completes; or None."""
-
-    def apply_exchange(self, ahead_s: float) -> None:
-        """The autopilot's clock is at most ``ahead_s`` ahead of ours, as an exchange of clocks has just shown [s].
-
-        A simulated autopilot on a busy machine falls behind for good: its poses are not late for that.
-        """
-        self._intake.clock.apply_exchange(ahead_s)
 
 
 class OdometryDecoder(PoseDecoder):
@@ -76,18 +54,18 @@ class OdometryDecoder(PoseDecoder):
         if message.get_type() != "ODOMETRY":
             return None
         if message.frame_id not in (MavFrame.LOCAL_NED, MavFrame.LOCAL_FRD):
-            return self._intake.drop("wrong_frame")
+            return self.intake.drop("wrong_frame")
         if message.quality < 0:
-            return self._intake.drop("failed")
+            return self.intake.drop("failed")
         w, x, y, z = message.q
         velocity: Vec3 = (message.vx, message.vy, message.vz)
         match message.child_frame_id:
             case MavFrame.BODY_FRD | MavFrame.BODY_NED:
                 velocity = so3.to_world((w, x, y, z), velocity)
             case c if c != message.frame_id:
-                return self._intake.drop("wrong_frame")
+                return self.intake.drop("wrong_frame")
         position = (message.x, message.y, message.z)
-        return self._intake.pose(
+        return self.intake.pose(
             message.time_usec * 1e-6, arrival_s, position, (w, x, y, z), velocity, resets=message.reset_counter
         )
 
@@ -111,14 +89,14 @@ class LocalPositionDecoder(PoseDecoder):
         turned = self._attitude
         apart_s = (message.time_boot_ms - turned.time_boot_ms) * 1e-3 if turned is not None else math.inf
         if turned is None or abs(apart_s) > OLDEST_ATTITUDE_S:
-            return self._intake.drop("no_attitude")
+            return self.intake.drop("no_attitude")
         attitude: Quat = (turned.q1, turned.q2, turned.q3, turned.q4)
         rates = (turned.rollspeed, turned.pitchspeed, turned.yawspeed)
         if apart_s and math.isfinite(sum(rates) + sum(attitude)) and any(attitude):
             attitude = so3.rotate(attitude, (apart_s * rates[0], apart_s * rates[1], apart_s * rates[2]))
         position = (message.x, message.y, message.z)
         velocity = (message.vx, message.vy, message.vz)
-        return self._intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)
+        return self.intake.pose(message.time_boot_ms * 1e-3, arrival_s, position, attitude, velocity)
 
 
 POSE_MESSAGES = frozenset((*OdometryDecoder.messages, *LocalPositionDecoder.messages))
@@ -155,42 +133,33 @@ def encode_vision(codec: MavlinkCodec, vision: VisionEstimate, resets: int = 0) 
     )
 
 
-class VisionReader:
-    """Implements :class:`groundstation.pose.sources.intake.DatagramReader`."""
+class VisionReader(PoseReader):
+    """Reads VISION_POSITION_ESTIMATE; each sender's bytes are one stream.
+
+    Reasons for drops beside those of codec and intake: other_message, other_system, other_component.
+    """
 
     def __init__(self, intake: Intake, system_id: int | None = None, component_id: int | None = None) -> None:
         """Read the messages of that MAVLink system and component; None: of any."""
+        super().__init__(intake)
         self._codec = MavlinkCodec(255, 190)
         self._codec.dropped = intake.dropped  # one account for both
-        self._intake = intake
         self._system, self._component = system_id, component_id
-        self.sender: object = "a bridge"
-        """The address of the next datagram: each sender's bytes are one stream."""
 
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now.
+    def read(self, data: bytes, arrival_s: float) -> Sequence[Pose]:
+        """Return the poses in the datagram ``data``."""
+        poses = (self._pose(message, arrival_s) for message in self._codec.feed(data, self.sender))
+        return [pose for pose in poses if pose is not None]
 
-        Beside the reasons of codec and intake: other_message, other_system, other_component.
-        """
-        return self._intake.status
-
-    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
-        """The poses in ``datagram``."""
-        poses = []
-        for m in self._codec.feed(datagram, self.sender):
-            if m.get_type() != VISION:
-                self._intake.drop("other_message")
-            elif self._system not in (None, m.get_srcSystem()):
-                self._intake.drop("other_system")
-            elif self._component not in (None, m.get_srcComponent()):
-                self._intake.drop("other_component")
-            elif not -1e3 < m.roll + m.pitch + m.yaw < 1e3:  # nan too
-                self._intake.drop("not_finite")
-            else:
-                attitude = so3.from_euler_zyx(m.roll, m.pitch, m.yaw)
-                resets = getattr(m, "reset_counter", 0)
-                pose = self._intake.pose(m.usec * 1e-6, arrival_s, (m.x, m.y, m.z), attitude, resets=resets)
-                if pose is not None:
-                    poses.append(pose)
-        return poses
+    def _pose(self, m: Message, arrival_s: float) -> Pose | None:
+        if m.get_type() != VISION:
+            return self.intake.drop("other_message")
+        if self._system not in (None, m.get_srcSystem()):
+            return self.intake.drop("other_system")
+        if self._component not in (None, m.get_srcComponent()):
+            return self.intake.drop("other_component")
+        if not -1e3 < m.roll + m.pitch + m.yaw < 1e3:  # NaN too
+            return self.intake.drop("not_finite")
+        attitude = so3.from_euler_zyx(m.roll, m.pitch, m.yaw)
+        resets = getattr(m, "reset_counter", 0)
+        return self.intake.pose(m.usec * 1e-6, arrival_s, (m.x, m.y, m.z), attitude, resets=resets)

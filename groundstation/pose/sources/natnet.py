@@ -8,9 +8,9 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, Body, LabAlignment, World, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus
+from groundstation.core.messages import Others, Pose, PoseKind
 from groundstation.pose.sources.datagram import cannot_listen, join
-from groundstation.pose.sources.intake import Intake
+from groundstation.pose.sources.intake import Intake, ReaderSource
 from groundstation.pose.sources.natnet_codec import NatNetReader
 from links.io import NETWORK, beyond, is_loopback, parse_address
 
@@ -94,57 +94,34 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
         return NatNetSource(self, others)
 
 
-class _NatNetSocket(asyncio.DatagramProtocol):
-    """Hands on what one of the two sockets hears."""
-
-    def __init__(self, hear: Callable[[bytes, Any], None]) -> None:
-        self._hear = hear
-
-    def datagram_received(self, data: bytes, addr: Any) -> None:
-        self._hear(data, addr)
-
-
-class NatNetSource:
+class NatNetSource(ReaderSource, asyncio.DatagramProtocol):
     """Implements :class:`groundstation.core.messages.pose.PoseSource`: a socket for commands and one for multicast.
 
     A unicast server streams to the socket that its client's commands come from.
     """
 
+    _reader: NatNetReader
+
     def __init__(self, config: NatNetConfig, others: Others | None = None) -> None:
+        intake = Intake(config.network_s, frames_of(config), others=others)
+        super().__init__(NatNetReader(config.name, intake, body_id=config.id, keep_alive=not config.multicast))
         self._config = config
         self._server = parse_address(config.server)
-        intake = Intake(config.network_s, frames_of(config), others=others)
-        self._reader = NatNetReader(config.name, intake, body_id=config.id, keep_alive=not config.multicast)
-        self._loop: asyncio.AbstractEventLoop | None = None
         self._command: asyncio.DatagramTransport | None = None
         self._data: asyncio.DatagramTransport | None = None
         self._next_beat: asyncio.TimerHandle | None = None
-        self._deliver: Callable[[Pose], None] | None = None
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now."""
-        return self._reader.status
-
-    @property
-    def other_objects(self) -> tuple[str, ...]:
-        """Names of the bodies that the server has: tells a misspelt name from a silent stream."""
-        return self._reader.names
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Begin to listen and to ask; ``deliver`` is called on the event loop for each pose."""
-        self._loop = asyncio.get_running_loop()
         self._deliver = deliver
         config = self._config
         local = (config.interface, 0)
         try:
-            self._command, _ = await NETWORK.get().open_datagram(lambda: _NatNetSocket(self._hear), local)
+            self._command, _ = await NETWORK.get().open_datagram(lambda: self, local)
             if config.multicast:
                 # A group comes to whoever is bound to its address; others on this machine may listen as well.
                 local = (config.group, config.data_port)
-                self._data, _ = await NETWORK.get().open_datagram(
-                    lambda: _NatNetSocket(self._hear), local, reuse_port=True
-                )
+                self._data, _ = await NETWORK.get().open_datagram(lambda: self, local, reuse_port=True)
                 join(self._data, config.group, config.interface)
         except OSError as error:
             await self.close()
@@ -162,26 +139,22 @@ class NatNetSource:
         self._next_beat = self._command = self._data = None
 
     def _beat(self) -> None:
-        if self._command is None or self._loop is None:
-            return
-        self._say()
-        self._next_beat = self._loop.call_later(BEAT_S, self._beat)
+        self._send_due()
+        self._next_beat = asyncio.get_running_loop().call_later(BEAT_S, self._beat)
 
-    def _say(self) -> None:
+    def _send_due(self) -> None:
         if self._command is not None:
             for message in self._reader.due():
                 self._command.sendto(message, self._server)
 
-    def _hear(self, data: bytes, addr: Any) -> None:
-        if self._deliver is None or self._loop is None:
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Take one datagram (called by the event loop)."""
+        if self._deliver is None:
             return
         if addr[0] != self._server[0]:
             self._reader.take_from_other(data, str(addr[0]), self._server[1])
             return
         server = self._reader.server
-        poses = self._reader.read(data, self._loop.time())
-        if self._reader.server is not server:  # it has just answered: go on with the next question
-            self._say()
-        for pose in poses:
-            if self._deliver is not None:
-                self._deliver(pose)
+        self._take(data, asyncio.get_running_loop().time())
+        if self._reader.server is not server:  # it has just answered: send the next request
+            self._send_due()

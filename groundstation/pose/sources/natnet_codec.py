@@ -28,7 +28,7 @@ read for the layout only.
 """
 
 import struct
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from enum import IntEnum
 from typing import Any, TypeAlias
@@ -36,8 +36,8 @@ from typing import Any, TypeAlias
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Pose, PoseStatus, notice
-from groundstation.pose.sources.intake import Intake
+from groundstation.core.messages import Pose, notice
+from groundstation.pose.sources.intake import Intake, PoseReader
 
 U32 = struct.Struct("<I")
 
@@ -119,8 +119,6 @@ class SuffixFlag(IntEnum):
     BITSTREAM_CHANGED = 8
 
 
-MAX_DATAGRAM = 65507
-"""No UDP datagram is longer [bytes]."""
 TRACKED = 1
 """Bit of a rigid body's flags."""
 
@@ -193,18 +191,14 @@ def message(number: int, payload: bytes = b"") -> bytes:
 
 
 def split(datagram: bytes) -> tuple[int, bytes]:
-    """Id and payload of the message in a datagram.
+    """Return id and payload of the message in a datagram.
 
     Raises:
-        Unreadable: oversized, truncated.
+        UnreadableNatNet: truncated.
     """
-    if len(datagram) > MAX_DATAGRAM:
-        raise UnreadableNatNet("oversized")
-    if len(datagram) < _HEADER.size:
-        raise UnreadableNatNet("truncated")
-    number, size = _HEADER.unpack_from(datagram)
-    if len(datagram) < _HEADER.size + size:
-        raise UnreadableNatNet("truncated")
+    head = Payload(datagram)
+    number, size = head.take(_HEADER)
+    head.skip(size)
     return number, datagram[_HEADER.size : _HEADER.size + size]
 
 
@@ -212,16 +206,14 @@ def decode_server_info(payload: bytes) -> ServerInfo:
     """The payload of SERVERINFO.
 
     Raises:
-        Unreadable: truncated; wrong_version (older than 3.0); absurd (a clock that does not tick).
+        UnreadableNatNet: truncated; wrong_version (older than 3.0); absurd (a clock that does not tick).
     """
-    if len(payload) < _SERVER.size:
-        raise UnreadableNatNet("truncated")
-    name, _, version, ticks, port, multicast, group = _SERVER.unpack_from(payload)
-    if (version[0], version[1]) < OLDEST:
+    name, _, (major, minor, *_), ticks, port, multicast, group = Payload(payload).take(_SERVER)
+    if (major, minor) < OLDEST:
         raise UnreadableNatNet("wrong_version")
     if ticks == 0:
         raise UnreadableNatNet("absurd")
-    return ServerInfo(text_of(name), (version[0], version[1]), ticks, port, bool(multicast), ".".join(map(str, group)))
+    return ServerInfo(text_of(name), (major, minor), ticks, port, bool(multicast), ".".join(map(str, group)))
 
 
 def encode_server_info(info: ServerInfo) -> bytes:
@@ -238,7 +230,7 @@ def decode_frame(payload: bytes, version: Version) -> NatNetFrame:
     """The payload of FRAMEOFDATA.
 
     Raises:
-        Unreadable: truncated; wrong_layout (bodies of another size than ours).
+        UnreadableNatNet: truncated; wrong_layout (bodies of another size than ours).
     """
     walk = Payload(payload)
     sized = version >= SIZED
@@ -329,7 +321,7 @@ def decode_models(payload: bytes, version: Version) -> list[tuple[str, int]]:
     Descriptions of unknown kinds are passed over by their bytes, or, before 4.1, end the list.
 
     Raises:
-        Unreadable: truncated.
+        UnreadableNatNet: truncated.
     """
     walk = Payload(payload)
     bodies: list[tuple[str, int]] = []
@@ -383,55 +375,42 @@ SILENT_BEATS = 4
 """A server that says nothing for so many beats is asked anew: it may have been started again."""
 OLDEST_S = 1.0
 """A frame that was older than this as it left is absurd [s]."""
-MAX_NAMES = 256
-"""Names of at most this many bodies are kept."""
 
 
-class NatNetReader:
-    """One client of a NatNet server: what it sends to be streamed to, and the poses of one body.
+class NatNetReader(PoseReader):
+    """Keeps the stream of a NatNet server alive, and reads the poses of one body; :meth:`due` gives what to send.
 
-    Implements :class:`groundstation.pose.sources.intake.DatagramReader`; :meth:`due` gives what must be sent.
+    Reasons for drops beside the intake's: truncated, wrong_version, wrong_layout, unknown_message, no_server_info,
+    no_such_body, same_name, not_tracked, not_live, no_exposure_stamp, other_address.
     """
 
     def __init__(self, name: str, intake: Intake, *, body_id: int | None = None, keep_alive: bool = True) -> None:
         """Look for the rigid body ``name``, or for the one with streaming id ``body_id``.
 
-        ``keep_alive``: a unicast server streams to those only who say every second that they are there.
+        ``keep_alive``: a unicast server streams only to clients that send a keep-alive every second.
         """
+        super().__init__(intake)
         self.server: ServerInfo | None = None
         """The server as it described itself last."""
-        self.names: tuple[str, ...] = ()
-        """The bodies it has, for the operator."""
         self._name = name
-        self._intake = intake
         self._fixed_id = body_id
-        self._same_name = False
-        self._id = body_id
+        self._ids: list[int] = [] if body_id is None else [body_id]
+        """Streaming ids of the vehicle's body: one, if its name is unique."""
         self._wants_names = body_id is None or intake.others is not None
         self._ask_names = self._wants_names
         self._others: dict[int, str] = {}
         self._keep_alive = keep_alive
         self._ask_server = self._ask_bitstream = False
         self._silent_beats = self._frameless_beats = 0
-        self._advice = ""
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now.
-
-        Reasons beside the intake's: truncated, oversized, wrong_version, wrong_layout, unknown_message, no_server_info,
-        no_such_body, same_name, not_tracked, not_live, no_exposure_stamp, other_address.
-        """
-        return msgspec.structs.replace(self._intake.status, advice=self._advice)
 
     def due(self) -> list[bytes]:
         """Return the messages to send to the server now; called once a beat (about 0.5 s)."""
         self._silent_beats += 1
         self._frameless_beats += 1
+        ping = message(NatNetMessage.CONNECT, b"Ping\0")
         if self.server is None or self._silent_beats > SILENT_BEATS:
-            asked = [message(NatNetMessage.REQUEST, ASK_BITSTREAM)] if self._ask_bitstream else []
-            return [*asked, message(NatNetMessage.CONNECT, b"Ping\0")]
-        messages = [message(NatNetMessage.CONNECT, b"Ping\0")] if self._ask_server else []
+            return [message(NatNetMessage.REQUEST, ASK_BITSTREAM), ping] if self._ask_bitstream else [ping]
+        messages = [ping] if self._ask_server else []
         if self._ask_names:
             messages.append(message(NatNetMessage.REQUEST_MODELDEF))
         if self._keep_alive:
@@ -444,87 +423,77 @@ class NatNetReader:
         While the server itself is silent, or answers and streams nothing, what it should have sent
         may have come from a second address of its own.
         """
-        self._intake.drop("other_address")
+        self.intake.drop("other_address")
         with suppress(UnreadableNatNet):
             number = split(datagram)[0]
             missed = self._frameless_beats if number == NatNetMessage.FRAMEOFDATA else self._silent_beats
             if self.server is not None and missed <= ANSWER_BEATS:
                 return
             if number in (NatNetMessage.SERVERINFO, NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
-                self._advice = notice("pose.other_server", address=address, port=port).text
+                self.intake.advice = notice("pose.other_server", address=address, port=port).text
 
-    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
-        """The pose of our body, or nothing."""
+    def read_pose(self, data: bytes, arrival_s: float) -> Pose | None:
+        """Return the pose of the vehicle's body in the datagram ``data``."""
         try:
-            pose = self._take(*split(datagram), arrival_s)
+            number, payload = split(data)
+            if number == NatNetMessage.SERVERINFO:
+                self._take_server(payload)
+            elif number not in (NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
+                if number not in (NatNetMessage.RESPONSE, NatNetMessage.UNRECOGNIZED):
+                    return self.intake.drop("unknown_message")
+            elif self.server is None:
+                return self.intake.drop("no_server_info")
+            elif number == NatNetMessage.MODELDEF:
+                self._take_models(decode_models(payload, self.server.version))
+            else:
+                frame = decode_frame(payload, self.server.version)
+                self._silent_beats, self._frameless_beats, self.intake.advice = 0, 0, ""
+                self.intake.mark_alive(arrival_s)
+                return self._pose(frame, self.server.ticks_per_s, arrival_s)
         except UnreadableNatNet as fault:
-            pose = self._intake.drop(str(fault))
-        return () if pose is None else (pose,)
-
-    def _take(self, number: int, payload: bytes, arrival_s: float) -> Pose | None:
-        if number == NatNetMessage.SERVERINFO:
-            self._ask_bitstream = self._keep_alive  # of its own stream a unicast client may choose the version
-            self.server = decode_server_info(payload)
-            self._ask_server = self._ask_bitstream = False
-            self._silent_beats = 0
-        elif number in (NatNetMessage.RESPONSE, NatNetMessage.UNRECOGNIZED):
-            pass
-        elif number not in (NatNetMessage.MODELDEF, NatNetMessage.FRAMEOFDATA):
-            return self._intake.drop("unknown_message")
-        elif self.server is None:
-            return self._intake.drop("no_server_info")
-        elif number == NatNetMessage.MODELDEF:
-            models = decode_models(payload, self.server.version)
-            self.names = tuple(name for name, _ in models)[:MAX_NAMES]
-            ids = [number for name, number in models if name == self._name]
-            self._id = next(iter(ids), None) if self._fixed_id is None else self._fixed_id
-            self._same_name = self._fixed_id is None and len(ids) > 1
-            others = self._intake.others
-            if others is not None:
-                self._others = {number: name for name, number in models if name in others and number != self._id}
-            self._ask_names = self._id is None or (others is not None and len(self._others) < len(others.names))
-        else:
-            frame = decode_frame(payload, self.server.version)
-            self._silent_beats, self._frameless_beats, self._advice = 0, 0, ""
-            self._intake.mark_alive(arrival_s)
-            return self._pose(frame, self.server.ticks_per_s, arrival_s)
+            return self.intake.drop(str(fault))
         return None
 
+    def _take_server(self, payload: bytes) -> None:
+        """Take the server's description; a unicast client may choose the version of its own stream."""
+        self._ask_bitstream = self._keep_alive
+        self.server = decode_server_info(payload)
+        self._ask_server = self._ask_bitstream = False
+        self._silent_beats = 0
+
+    def _take_models(self, models: list[tuple[str, int]]) -> None:
+        """Take names and streaming ids of the bodies."""
+        self.names = tuple(name for name, _ in models)
+        if self._fixed_id is None:
+            self._ids = [number for name, number in models if name == self._name]
+        others = self.intake.others
+        if others is not None:
+            own = self._ids[:1]
+            self._others = {number: name for name, number in models if name in others and number not in own}
+        self._ask_names = not self._ids or (others is not None and len(self._others) < len(others.names))
+
     def _pose(self, frame: NatNetFrame, ticks_per_s: int, arrival_s: float) -> Pose | None:
-        if self._others:
-            self._look_around(frame, ticks_per_s, arrival_s)
-        if frame.models_changed:
-            self._ask_names = self._wants_names  # until the answer, the id that we know stands
+        age_s = (frame.transmit_ticks - frame.exposure_ticks) / ticks_per_s
+        is_plausible = 0.0 <= age_s <= OLDEST_S
+        if frame.models_changed or frame.bitstream_changed or not frame.live:
+            self._ask_names = self._wants_names  # the known ids are used until the answer
         if frame.bitstream_changed or not frame.live:
-            self._ask_names = self._wants_names
-            self._ask_server = True  # who it is, and by which version it streams
+            self._ask_server = True  # its version and that of its stream
         if not frame.live:
-            return self._intake.drop("not_live")
-        if self._same_name:
-            return self._intake.drop("same_name")
-        body = self._intake.choose([body for body in frame.bodies if body.id == self._id])
-        if body is None:
-            return None
-        if not body.tracked:
-            return self._intake.drop("not_tracked")
-        if frame.exposure_ticks == 0 or frame.transmit_ticks == 0:
-            return self._intake.drop("no_exposure_stamp")  # a recording that is played back
-        age_s = (frame.transmit_ticks - frame.exposure_ticks) / ticks_per_s
-        if not 0.0 <= age_s <= OLDEST_S:
-            return self._intake.drop("absurd")
-        stamp_s = frame.transmit_ticks / ticks_per_s
-        return self._intake.pose(stamp_s, arrival_s, body.position, _wxyz(body), age_s=age_s)
-
-    def _look_around(self, frame: NatNetFrame, ticks_per_s: int, arrival_s: float) -> None:
-        """Take the other bodies that are seen now."""
-        age_s = (frame.transmit_ticks - frame.exposure_ticks) / ticks_per_s
-        if not frame.live or not 0.0 <= age_s <= OLDEST_S:
-            return
-        for body in frame.bodies:
+            return self.intake.drop("not_live")
+        for body in frame.bodies if is_plausible else ():
             if body.tracked and body.id in self._others:
-                self._intake.other(self._others[body.id], arrival_s, body.position, age_s=age_s)
-
-
-def _wxyz(body: RigidBody) -> Quat:
-    x, y, z, w = body.quaternion_xyzw
-    return (w, x, y, z)
+                self.intake.see_other(self._others[body.id], arrival_s, body.position, age_s=age_s)
+        if len(self._ids) > 1:
+            return self.intake.drop("same_name")
+        own = self.intake.choose([body for body in frame.bodies if body.id in self._ids])
+        if own is None:
+            return None
+        if not own.tracked:
+            return self.intake.drop("not_tracked")
+        if frame.exposure_ticks == 0 or frame.transmit_ticks == 0:
+            return self.intake.drop("no_exposure_stamp")  # a recording that is played back
+        if not is_plausible:
+            return self.intake.drop("absurd")
+        x, y, z, w = own.quaternion_xyzw
+        return self.intake.pose(frame.transmit_ticks / ticks_per_s, arrival_s, own.position, (w, x, y, z), age_s=age_s)

@@ -2,15 +2,16 @@
 
 import asyncio
 import contextlib
+import itertools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import msgspec
 
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, PoseStatus, SourceError, notice
+from groundstation.core.messages import Others, Pose, PoseKind, SourceError, notice
 from groundstation.machine import cancel_task
-from groundstation.pose.sources.intake import Intake
+from groundstation.pose.sources.intake import Intake, ReaderSource
 from groundstation.pose.sources.qualisys_codec import QualisysReader, body_names
 from groundstation.runtime import describe_install
 from links.io import beyond, parse_address
@@ -22,9 +23,9 @@ if TYPE_CHECKING:
 ANSWER_S = 5.0
 """Timeout for QTM's answer [s]."""
 BEAT_S = 0.1
-"""A frame with more or fewer bodies than QTM has named makes us ask anew within this time [s]."""
+"""Period at which the number of streamed bodies is compared with the names [s]."""
 LOOK_BEATS = 10
-"""After so many beats QTM is asked in any case: one body may have taken the place of another."""
+"""The names are asked anew after so many of these periods in any case: one body may have replaced another."""
 AGAIN_S = 1.0
 """Pause before a lost connection is opened anew [s]."""
 
@@ -64,25 +65,15 @@ class QualisysConfig(PoseKind, frozen=True, kw_only=True, tag="qualisys"):
         return QualisysSource(self, others)
 
 
-class QualisysSource:
+class QualisysSource(ReaderSource):
     """Implements :class:`groundstation.core.messages.pose.PoseSource`; a connection that breaks is opened anew."""
 
+    _reader: QualisysReader
+
     def __init__(self, config: QualisysConfig, others: Others | None = None) -> None:
+        super().__init__(QualisysReader(config.name, Intake(config.latency_s, frames_of(config), others=others)))
         self._config = config
-        intake = Intake(config.latency_s, frames_of(config), others=others)
-        self._reader = QualisysReader(config.name, intake)
-        self._deliver: Callable[[Pose], None] | None = None
         self._task: asyncio.Task[None] | None = None
-
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now; connection_lost and broken_stream beside the reader's reasons."""
-        return self._reader.status
-
-    @property
-    def other_objects(self) -> tuple[str, ...]:
-        """Names of the bodies that QTM streams: tells a misspelt name from a silent stream."""
-        return self._reader.names
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Connect and ask for the stream; ``deliver`` is called on the event loop for each pose."""
@@ -111,20 +102,19 @@ class QualisysSource:
         """Keep a connection until cancelled."""
         while True:
             try:
-                beat = 0
-                while not await _happens(connection.lost, BEAT_S):
-                    beat += 1
+                for beat in itertools.count(1):
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(BEAT_S):
+                            await connection.lost.wait()
+                    if connection.lost.is_set():
+                        break
                     if self._reader.other_bodies or beat % LOOK_BEATS == 0:
-                        await self._learn_names(connection)
-                self._reader.drop("connection_lost")
+                        with contextlib.suppress(OSError, ValueError):  # the old names are kept then
+                            self._reader.names = body_names(await connection.parameters())
+                self._reader.intake.drop("connection_lost")
             finally:
                 connection.close()
             connection = await self._open_again()
-
-    async def _learn_names(self, connection: "QtmConnection") -> None:
-        """Ask which bodies there are; an answer that is none leaves things as they were."""
-        with contextlib.suppress(OSError, ValueError):
-            self._reader.names = body_names(await connection.parameters())
 
     async def _open_again(self) -> "QtmConnection":
         while True:
@@ -135,33 +125,16 @@ class QualisysSource:
     async def _open(self) -> "QtmConnection":
         from groundstation.pose.sources.qualisys_connection import connect
 
-        host, port = parse_address(self._config.server)
         loop = asyncio.get_running_loop()
-
-        def take(content: bytes) -> None:
-            if self._deliver is not None:
-                for pose in self._reader.read(content, loop.time()):
-                    if self._deliver is not None:
-                        self._deliver(pose)
-
-        connection = await connect(host, port, ANSWER_S, self._reader.drop)
+        host, port = parse_address(self._config.server)
+        connection = await connect(host, port, ANSWER_S, self._reader.intake.drop)
         try:
             self._reader.names = body_names(await connection.parameters())
-            await connection.stream(take)
-        except ValueError as error:
+            await connection.stream(lambda content: self._take(content, loop.time()))
+        except BaseException as error:
             connection.close()
-            why = printable(str(error))
-            raise SourceError(notice("qualisys.bodies", server=self._config.server, why=why)) from None
-        except BaseException:
-            connection.close()
+            if isinstance(error, ValueError):
+                why = printable(str(error))
+                raise SourceError(notice("qualisys.bodies", server=self._config.server, why=why)) from None
             raise
         return connection
-
-
-async def _happens(event: asyncio.Event, within_s: float) -> bool:
-    """Whether ``event`` is set within a time [s]."""
-    try:
-        async with asyncio.timeout(within_s):
-            return await event.wait()
-    except TimeoutError:
-        return False

@@ -5,19 +5,19 @@
     data: i64 microseconds | u32 frame | u32 n, then n components: u32 size, u32 type (5: 6D bodies), content
     6D:   i32 n | i16 drop rate | i16 out-of-sync rate, then n × (f32[3] position [mm], f32[9] rotation)
 
-The rotation is a matrix, body to lab, column by column; a body that is not seen is full of NaN. The bodies stand in
-the order in which the parameters (XML) name them. The connection itself is qtm-rt's work: it asks and pairs answers.
+The rotation is a matrix, body to lab, column by column; a body that is not seen is full of NaN. The bodies come in
+the order in which the parameters (XML) name them. qtm-rt keeps the connection: it asks and pairs answers.
 Source: qtm-rt 3.1.0 (Qualisys' own package, MIT); the order of the matrix from readers of Qualisys' C++ SDK.
 """
 
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from enum import IntEnum
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.sources.intake import Intake
+from groundstation.core.messages import Pose
+from groundstation.pose.sources.intake import Intake, PoseReader
 
 
 class RtPacket(IntEnum):
@@ -31,16 +31,10 @@ class RtPacket(IntEnum):
     EVENT = 6
 
 
-# Packet types that a server sends, for scripts that play one.
-ERROR = RtPacket.ERROR
-COMMAND = RtPacket.COMMAND
-XML = RtPacket.XML
 LAST_TYPE = 9
 """Highest packet type of the protocol."""
 MAX_PACKET = 1 << 20
-"""A longer packet is none: bodies and parameters need a few kilobytes."""
-MAX_BODIES = 512
-"""No room has more."""
+"""Longest plausible packet [bytes]: bodies and parameters need a few kilobytes."""
 
 _HEADER = struct.Struct("<II")
 _DATA = struct.Struct("<qII")
@@ -55,7 +49,7 @@ class Framer:
 
     def __init__(self) -> None:
         self.broken = False
-        """True once packets can't be told apart any more: only a new connection helps."""
+        """Whether the boundaries of packets are lost: only a new connection helps."""
         self._pending = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -85,19 +79,26 @@ def packet_type(packet: bytes) -> int:
     return int(_HEADER.unpack_from(packet)[1])
 
 
-def is_sane(packet: bytes) -> bool:
-    """Whether the components of a data packet have a size and end within it; other packets are taken as they are."""
-    if packet_type(packet) != RtPacket.DATA:
-        return True
-    _, _, components = _DATA.unpack_from(packet, _HEADER.size)
-    at = _HEADER.size + _DATA.size
-    while components and at + _HEADER.size <= len(packet):
-        size, _ = _HEADER.unpack_from(packet, at)
-        if size < _HEADER.size:
-            return False
-        at += size
-        components -= 1
-    return components == 0 and at <= len(packet)
+def split_components(content: bytes) -> list[tuple[int, bytes]]:
+    """Return type and content of each component in the content of a data packet.
+
+    Raises:
+        ValueError: malformed (a component without a size), truncated.
+    """
+    try:
+        _, _, count = _DATA.unpack_from(content)
+        at, found = _DATA.size, list[tuple[int, bytes]]()
+        while len(found) < count:
+            size, kind = _HEADER.unpack_from(content, at)
+            if size < _HEADER.size:
+                raise ValueError("malformed")
+            if at + size > len(content):
+                raise ValueError("truncated")
+            found.append((kind, content[at + _HEADER.size : at + size]))
+            at += size
+    except struct.error:
+        raise ValueError("truncated") from None
+    return found
 
 
 def packet(kind: int, content: bytes) -> bytes:
@@ -152,75 +153,58 @@ def body_names(xml: bytes) -> tuple[str, ...]:
 
 
 def decode_bodies(content: bytes) -> tuple[float, list[tuple[float, ...]]] | str:
-    """Time stamp [s] and the twelve numbers of each body in the content of a data packet; or why there is none."""
+    """Return time stamp [s] and the twelve numbers of each body in a data packet's content, or why there is none."""
     try:
-        stamp_us, _, components = _DATA.unpack_from(content)
-        at = _DATA.size
-        for _ in range(components):
-            size, kind = _HEADER.unpack_from(content, at)
-            if kind == _SIX_D_TYPE:
-                count, _, _ = _SIX_D.unpack_from(content, at + _HEADER.size)
-                if not 0 <= count <= MAX_BODIES:
-                    return "absurd"
-                begin = at + _HEADER.size + _SIX_D.size
-                return stamp_us * 1e-6, [_BODY.unpack_from(content, begin + i * _BODY.size) for i in range(count)]
-            if size < _HEADER.size:
-                return "malformed"
-            at += size
+        components = dict(split_components(content))
+        if _SIX_D_TYPE not in components:
+            return "no_bodies"
+        six_d = components[_SIX_D_TYPE]
+        bodies = list(_BODY.iter_unpack(six_d[_SIX_D.size :]))
+        if _SIX_D.unpack_from(six_d)[0] != len(bodies):
+            return "absurd"
     except struct.error:
         return "truncated"
-    return "no_bodies"
+    except ValueError as error:
+        return str(error)
+    return _DATA.unpack_from(content)[0] * 1e-6, bodies
 
 
-class QualisysReader:
-    """Poses of one body out of data packets: implements :class:`groundstation.pose.sources.intake.DatagramReader`."""
+class QualisysReader(PoseReader):
+    """Reads the poses of one body from the contents of data packets; :attr:`names` must be set in their order."""
 
     def __init__(self, name: str, intake: Intake) -> None:
-        """Look for the body ``name``; :attr:`names` must be told."""
-        self.names: tuple[str, ...] = ()
-        """The bodies of the stream, in their order."""
+        """Look for the body ``name``."""
+        super().__init__(intake)
         self.other_bodies = False
-        """True where the newest frame had more or fewer of them."""
+        """Whether the number of bodies in the newest frame differs from that of the names."""
         self._name = name
-        self._intake = intake
 
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now."""
-        return self._intake.status
-
-    def drop(self, reason: str) -> None:
-        """Count what the connection could not use."""
-        self._intake.drop(reason)
-
-    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
-        """The pose of our body in the content of one data packet, or nothing."""
-        found = decode_bodies(datagram)
-        pose = self._intake.drop(found) if isinstance(found, str) else self._pose(*found, arrival_s)
-        return () if pose is None else (pose,)
-
-    def _pose(self, stamp_s: float, bodies: list[tuple[float, ...]], arrival_s: float) -> Pose | None:
-        self._intake.mark_alive(arrival_s)
+    def read_pose(self, data: bytes, arrival_s: float) -> Pose | None:
+        """Return the pose of the vehicle's body in the content of one data packet."""
+        found = decode_bodies(data)
+        if isinstance(found, str):
+            return self.intake.drop(found)
+        stamp_s, bodies = found
+        self.intake.mark_alive(arrival_s)
         self.other_bodies = len(bodies) != len(self.names)
         if self.other_bodies:
-            return self._intake.drop("other_bodies")  # somebody changed them: whose pose is whose?
-        if self._intake.others is not None:
-            for name, (x, y, z, *_) in zip(self.names, bodies, strict=True):
-                if name in self._intake.others and not math.isnan(x):
-                    self._intake.other(name, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3))
-        own = self._intake.choose([body for name, body in zip(self.names, bodies, strict=True) if name == self._name])
+            return self.intake.drop("other_bodies")  # their names are not known until QTM is asked again
+        for name, (x, y, z, *_) in zip(self.names, bodies, strict=True):
+            if not math.isnan(x):
+                self.intake.see_other(name, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3))
+        own = self.intake.choose([body for name, body in zip(self.names, bodies, strict=True) if name == self._name])
         if own is None:
             return None
         x, y, z, *m = own
         if all(map(math.isnan, (x, y, z))):
-            return self._intake.drop("not_tracked")
+            return self.intake.drop("not_tracked")
         if not math.isfinite(x + y + z + sum(m)):
-            return self._intake.drop("not_finite")
+            return self.intake.drop("not_finite")
         rows = ((m[0], m[3], m[6]), (m[1], m[4], m[7]), (m[2], m[5], m[8]))
         if not _is_rotation(rows):
-            return self._intake.drop("not_unit")
+            return self.intake.drop("not_unit")
         attitude = so3.normalize(so3.from_matrix(rows))
-        return self._intake.pose(stamp_s, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3), attitude)
+        return self.intake.pose(stamp_s, arrival_s, (x * 1e-3, y * 1e-3, z * 1e-3), attitude)
 
 
 def _is_rotation(rows: tuple[Vec3, Vec3, Vec3]) -> bool:

@@ -14,7 +14,7 @@ from qtm_rt import QRTConnection
 from qtm_rt.protocol import QRTCommandException, QTMProtocol
 
 from groundstation.core.messages import SourceError, notice
-from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, is_sane, packet_type
+from groundstation.pose.sources.qualisys_codec import Framer, RtPacket, packet_type, split_components
 from links.io import NETWORK
 from links.text import printable
 
@@ -27,7 +27,7 @@ KNOCK_S = 0.2
 class QtmConnection(asyncio.Protocol):
     """One TCP connection: packets that are whole and sane go to qtm-rt."""
 
-    def __init__(self, timeout_s: float, drop: Callable[[str], None]) -> None:
+    def __init__(self, timeout_s: float, drop: Callable[[str], object]) -> None:
         """Every answer may take ``timeout_s`` [s]; ``drop`` counts what could not be used."""
         self.lost = asyncio.Event()
         """Set once there is nothing more to come."""
@@ -50,10 +50,10 @@ class QtmConnection(asyncio.Protocol):
             if kind == RtPacket.NO_DATA:
                 self._drop("no_data")
             elif kind == RtPacket.EVENT:
-                continue  # nothing rests on one, and qtm-rt raises on those that it does not know
+                continue  # none is needed, and qtm-rt raises on those that it does not know
             try:
-                if not is_sane(packet):
-                    raise ValueError("components of no size, or beyond the packet")
+                if kind == RtPacket.DATA:
+                    split_components(packet[8:])  # qtm-rt loops or raises on what this refuses
                 self._qtm.data_received(packet)
             except (struct.error, ValueError, TypeError):
                 self._end("malformed")  # which qtm-rt keeps, and would stumble over again
@@ -122,16 +122,7 @@ class QtmConnection(asyncio.Protocol):
             raise SourceError(notice(refused, why=printable(why))) from None
 
 
-async def _knock(factory: Callable[[], QtmConnection], host: str, port: int) -> tuple[Any, QtmConnection]:
-    """Knock until somebody opens: QTM takes a while to start."""
-    while True:
-        try:
-            return await NETWORK.get().open_stream(factory, host, port)
-        except ConnectionRefusedError:
-            await asyncio.sleep(KNOCK_S)
-
-
-async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], None]) -> QtmConnection:
+async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], object]) -> QtmConnection:
     """Connect to the QTM at ``host``:``port`` and agree on the newest version that it speaks.
 
     QTM may refuse one version a connection: each is tried on a new one. ``drop``: see the class.
@@ -151,11 +142,17 @@ async def connect(host: str, port: int, timeout_s: float, drop: Callable[[str], 
     raise SourceError(notice("qualisys.too_old", server=f"{host}:{port}", newest=VERSIONS[0], oldest=VERSIONS[-1]))
 
 
-async def _open(host: str, port: int, timeout_s: float, drop: Callable[[str], None]) -> QtmConnection:
+async def _open(host: str, port: int, timeout_s: float, drop: Callable[[str], object]) -> QtmConnection:
+    """Open a connection; a refused one is tried again: QTM takes a while to start."""
+    connection: QtmConnection
     try:
         async with asyncio.timeout(timeout_s):
-            _, connection = await _knock(lambda: QtmConnection(timeout_s, drop), host, port)
+            while True:
+                try:
+                    _, connection = await NETWORK.get().open_stream(lambda: QtmConnection(timeout_s, drop), host, port)
+                    return connection
+                except ConnectionRefusedError:
+                    await asyncio.sleep(KNOCK_S)
     except OSError as error:
         why = error.strerror or str(error) or "no answer"
         raise SourceError(notice("qualisys.unreachable", server=f"{host}:{port}", why=why)) from error
-    return connection

@@ -56,20 +56,9 @@ class ViconConfig(ListensAt, frozen=True, kw_only=True, tag="vicon"):
         super().__post_init__()
         name_bytes(self.object)
 
-    def build(self, others: Others | None = None) -> "ViconSource":
-        """The source of this config; ``others`` are further bodies to look for."""
-        return ViconSource(self, others)
-
-
-class ViconSource(DatagramSource):
-    """Delivers the poses of one object, each frame once and never one older than the last (see the port)."""
-
-    def __init__(self, config: ViconConfig, others: Others | None = None) -> None:
-        intake = Intake(config.latency_s, frames_of(config), frame_s=1.0 / config.rate_hz, others=others)
-        self._vicon = ViconReader(config.object, intake, drop_frozen=config.drop_frozen)
-        super().__init__("Vicon poses", config.listen, self._vicon)
-
-    @property
-    def other_objects(self) -> tuple[str, ...]:
-        """Names in the last datagram that lacked our object: tells a misspelt name from a silent stream."""
-        return self._vicon.names
+    def build(self, others: Others | None = None) -> DatagramSource:
+        """Make the source; ``others`` are further bodies to look for."""
+        intake = Intake(self.latency_s, frames_of(self), frame_s=1.0 / self.rate_hz, others=others)
+        return DatagramSource(
+            "Vicon poses", self.listen, ViconReader(self.object, intake, drop_frozen=self.drop_frozen)
+        )

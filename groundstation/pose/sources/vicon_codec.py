@@ -19,14 +19,14 @@ Source: public readers of the stream that Vicon Tracker 3 sends to UDP port 5100
 
 import math
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Literal, TypeAlias
 
 import msgspec
 
-from groundstation.core.geometry import Quat, Vec3
-from groundstation.core.messages import Pose, PoseStatus
-from groundstation.pose.sources.intake import FrameCount, Intake
+from groundstation.core.geometry import Quat, Vec3, so3
+from groundstation.core.messages import Pose
+from groundstation.pose.sources.intake import Intake, PoseReader
 
 DATAGRAM_SIZES = (256, 512, 1024)
 """Sizes that Tracker offers [bytes]; room for 3, 6 and 13 objects."""
@@ -56,25 +56,11 @@ class ViconObject(msgspec.Struct, frozen=True, gc=False):
     rotation_rad: Vec3
     """Euler angles XYZ, intrinsic, object to lab [rad]."""
 
-
-class ViconFrame(msgspec.Struct, frozen=True):
-    """One datagram."""
-
-    frame_number: int
-    """Counts the frames of the cameras, modulo 2³²."""
-    objects: tuple[ViconObject, ...]
-    """In the order of the datagram."""
-
-
-class ViconPose(msgspec.Struct, frozen=True, gc=False):
-    """The pose of the one object that a decoder looks for, still in the lab's frame."""
-
-    frame_number: int
-    """Counts the frames of the cameras, modulo 2³²."""
-    position_m: Vec3
-    """Position in the lab frame [m]."""
-    attitude: Quat
-    """Unit quaternion w, x, y, z, object to lab."""
+    @property
+    def position_m(self) -> Vec3:
+        """Position in the lab frame [m]."""
+        x, y, z = self.translation_mm
+        return (x / 1000.0, y / 1000.0, z / 1000.0)
 
 
 def encode(frame_number: int, objects: Iterable[ViconObject], datagram_size: int = 256) -> bytes:
@@ -92,8 +78,11 @@ def encode(frame_number: int, objects: Iterable[ViconObject], datagram_size: int
     return datagram.ljust(datagram_size, b"\0")
 
 
-def decode(datagram: bytes) -> ViconFrame | UnreadableVicon:
-    """The frame in a datagram, or why there is none. The numbers come as they are, even nan."""
+def decode(datagram: bytes) -> tuple[int, tuple[ViconObject, ...]] | UnreadableVicon:
+    """Return the frame number (modulo 2³²) and the objects of a datagram, or why it can't be read.
+
+    The numbers of the objects are not checked; they may be NaN.
+    """
     size = len(datagram)
     if size > DATAGRAM_SIZES[-1]:
         return "oversized"
@@ -103,23 +92,22 @@ def decode(datagram: bytes) -> ViconFrame | UnreadableVicon:
     if size < _HEADER.size + count * _ITEM.size:
         return "truncated"
     objects = []
-    for offset in range(_HEADER.size, _HEADER.size + count * _ITEM.size, _ITEM.size):
-        item_id, data_bytes, name, x, y, z, rx, ry, rz = _ITEM.unpack_from(datagram, offset)
+    for item_id, data_bytes, name, *place in _ITEM.iter_unpack(datagram[_HEADER.size :][: count * _ITEM.size]):
         if item_id != 0 or data_bytes != _ITEM_DATA_BYTES:
             return "wrong_item"
+        x, y, z, rx, ry, rz = place
         text = name.partition(b"\0")[0].decode("utf-8", "replace")
         objects.append(ViconObject(text, (x, y, z), (rx, ry, rz)))
-    return ViconFrame(frame_number, tuple(objects))
+    return frame_number, tuple(objects)
 
 
-def pose_of(item: ViconObject, frame_number: int) -> ViconPose | Literal["not_finite", "absurd"]:
-    """The pose of an object, or why its numbers are none."""
-    x, y, z = item.translation_mm
+def pose_of(item: ViconObject) -> tuple[Vec3, Quat] | Literal["not_finite", "absurd"]:
+    """Return position [m] and attitude of an object in the lab frame, or why its numbers are implausible."""
     if not all(map(math.isfinite, (*item.translation_mm, *item.rotation_rad))):
         return "not_finite"
     if max(map(abs, item.translation_mm)) > MAX_TRANSLATION_MM or max(map(abs, item.rotation_rad)) > MAX_ROTATION_RAD:
         return "absurd"
-    return ViconPose(frame_number, (x / 1000.0, y / 1000.0, z / 1000.0), quaternion_from_euler_xyz(item.rotation_rad))
+    return item.position_m, quaternion_from_euler_xyz(item.rotation_rad)
 
 
 def name_bytes(name: str) -> bytes:
@@ -135,13 +123,9 @@ def name_bytes(name: str) -> bytes:
 
 
 def quaternion_from_euler_xyz(angles: Vec3) -> Quat:
-    """The quaternion of R = Rx(rx) Ry(ry) Rz(rz), angles in rad."""
+    """The quaternion of R = Rx(rx) Ry(ry) Rz(rz), angles in rad: the inverse of Rz(-rz) Ry(-ry) Rx(-rx)."""
     rx, ry, rz = angles
-    cx, sx = math.cos(0.5 * rx), math.sin(0.5 * rx)
-    cy, sy = math.cos(0.5 * ry), math.sin(0.5 * ry)
-    cz, sz = math.cos(0.5 * rz), math.sin(0.5 * rz)
-    cc, ss, cs, sc = cx * cy, sx * sy, cx * sy, sx * cy
-    return (cc * cz - ss * sz, sc * cz + cs * sz, cs * cz - sc * sz, cc * sz + ss * cz)
+    return so3.conjugate(so3.from_euler_zyx(-rx, -ry, -rz))
 
 
 def euler_xyz_from_quaternion(attitude: Quat) -> Vec3:
@@ -162,10 +146,12 @@ def euler_xyz_from_quaternion(attitude: Quat) -> Vec3:
     )
 
 
-class ViconReader:
-    """Implements :class:`groundstation.pose.sources.intake.DatagramReader`.
+class ViconReader(PoseReader):
+    """Reads the poses of one object.
 
     The datagrams hold no time, but frames come at a steady rate: their numbers are the clock.
+    Reasons for drops beside the intake's: truncated, oversized, wrong_item, no_such_object, same_name, frozen,
+    not_tracked.
     """
 
     def __init__(self, name: str, intake: Intake, *, drop_frozen: bool = True) -> None:
@@ -178,68 +164,44 @@ class ViconReader:
             ValueError: no object can have that name.
         """
         name_bytes(name)
-        self.names: tuple[str, ...] = ()
-        """The objects of the last datagram that lacked ours, for the operator."""
+        super().__init__(intake)
         self._own = name
-        self._intake = intake
         self._drop_frozen = drop_frozen
-        self._frames = FrameCount()
-        self._last: ViconPose | None = None
+        self._frame = 0
+        self._last: tuple[int, tuple[Vec3, Quat]] | None = None
         self._last_others: dict[str, ViconObject] = {}
 
-    @property
-    def status(self) -> PoseStatus:
-        """Counters as they are now.
-
-        Reasons beside the intake's: truncated, oversized, wrong_item, no_such_object, same_name, frozen, not_tracked.
-        """
-        return self._intake.status
-
-    def read(self, datagram: bytes, arrival_s: float) -> Sequence[Pose]:
-        """The pose of our object, or nothing."""
-        found = decode(datagram)
+    def read_pose(self, data: bytes, arrival_s: float) -> Pose | None:
+        """Return the pose of the vehicle's object in the datagram ``data``."""
+        found = decode(data)
         if isinstance(found, str):
-            self._intake.drop(found)
-            return ()
-        self._intake.mark_alive(arrival_s)
-        if self._intake.others is not None:
-            self._look_around(found, arrival_s)
-        own = self._intake.choose([one for one in found.objects if one.name == self._own], "no_such_object")
+            return self.intake.drop(found)
+        number, objects = found
+        self.intake.mark_alive(arrival_s)
+        self._see_others(objects, arrival_s)
+        own = self.intake.choose([one for one in objects if one.name == self._own], "no_such_object")
         if own is None:
-            self.names = tuple(one.name for one in found.objects)
-            return ()
-        seen = pose_of(own, found.frame_number)
+            self.names = tuple(one.name for one in objects)
+            return None
+        seen = pose_of(own)
         if isinstance(seen, str):
-            self._intake.drop(seen)
-            return ()
-        if self._drop_frozen and not any(seen.position_m):
-            self._intake.drop("not_tracked")
-            return ()
-        last = self._last
-        if (
-            self._drop_frozen
-            and last is not None
-            and (seen.position_m, seen.attitude) == (last.position_m, last.attitude)
-            and seen.frame_number != last.frame_number
-        ):
-            self._intake.drop("frozen")
-            return ()
-        frame = self._frames.whole(seen.frame_number)
-        pose = self._intake.pose(frame, arrival_s, seen.position_m, seen.attitude)
-        if pose is None:
-            return ()
-        self._last = seen
-        return (pose,)
+            return self.intake.drop(seen)
+        if self._drop_frozen and not any(own.translation_mm):
+            return self.intake.drop("not_tracked")
+        if self._drop_frozen and self._last is not None and self._last[0] != number and self._last[1] == seen:
+            return self.intake.drop("frozen")
+        # The number on the wire is modulo 2³²: half of the circle lies ahead of the last one, half behind.
+        self._frame += (number - self._frame + 2**31) % 2**32 - 2**31
+        pose = self.intake.pose(self._frame, arrival_s, *seen)
+        if pose is not None:
+            self._last = number, seen
+        return pose
 
-    def _look_around(self, frame: ViconFrame, arrival_s: float) -> None:
-        """Take the other bodies; a hidden one stands still to the last bit."""
-        others = self._intake.others
-        for item in frame.objects:
-            if others is None or item.name == self._own or item.name not in others:
-                continue
+    def _see_others(self, objects: Iterable[ViconObject], arrival_s: float) -> None:
+        """Note the other bodies; the numbers of a hidden one stay the same to the last bit."""
+        others = self.intake.others or ()
+        for item in objects:
             hidden = self._last_others.get(item.name) == item or not any(item.translation_mm)
-            if self._drop_frozen and hidden:
-                continue
-            self._last_others[item.name] = item
-            x, y, z = item.translation_mm
-            self._intake.other(item.name, arrival_s, (x / 1000.0, y / 1000.0, z / 1000.0))
+            if item.name in others and not (self._drop_frozen and hidden):
+                self._last_others[item.name] = item
+                self.intake.see_other(item.name, arrival_s, item.position_m)

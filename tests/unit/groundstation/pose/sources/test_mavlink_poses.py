@@ -48,7 +48,7 @@ def attitude(time_ms: int, q: Any = (1.0, 0.0, 0.0, 0.0), rates: Any = (0.0, 0.0
 
 def decode(decoder: PoseDecoder, message: Any, arrival_s: float) -> Pose:
     pose = decoder.decode(message, arrival_s)
-    assert pose is not None, decoder.dropped
+    assert pose is not None, decoder.intake.dropped
     return pose
 
 
@@ -80,8 +80,8 @@ def test_ardupilots_own_position_and_attitude_become_a_pose_in_its_own_numbers()
 def test_odometry_that_says_that_it_has_failed_is_not_taken(quality: int, taken: int) -> None:
     decoder = OdometryDecoder(0.0)
     decoder.decode(odometry(1.0, quality=quality), 1.0)
-    assert decoder.accepted == taken
-    assert decoder.dropped == ({} if taken else {"failed": 1})
+    assert decoder.intake.accepted == taken
+    assert decoder.intake.dropped == ({} if taken else {"failed": 1})
 
 
 @pytest.mark.parametrize(("frame", "child"), [(1, 1), (20, 20)])
@@ -115,7 +115,7 @@ def test_velocity_in_the_body_frame_is_turned_into_the_world(frame: int, child: 
 def test_odometry_that_makes_no_pose_is_dropped_and_counted(changes: dict[str, Any], reason: str) -> None:
     decoder = OdometryDecoder(0.0)
     assert decoder.decode(odometry(1.0, **changes), 1.0) is None
-    assert (decoder.accepted, decoder.dropped) == (0, {reason: 1})
+    assert (decoder.intake.accepted, decoder.intake.dropped) == (0, {reason: 1})
     assert decode(decoder, odometry(1.01), 1.01).id == 0
 
 
@@ -143,7 +143,7 @@ def test_an_autopilot_that_restarts_is_believed_after_a_second() -> None:
     arrivals = [11.0 + 0.1 * n for n in range(20)]
     poses = [decoder.decode(odometry(3.0 + 0.1 * n), arrivals[n]) for n in range(20)]
     taken = [pose for pose in poses if pose is not None]
-    assert (decoder.dropped, len(taken)) == ({"out_of_order": 11}, 9)
+    assert (decoder.intake.dropped, len(taken)) == ({"out_of_order": 11}, 9)
     assert taken[0].arrival_s == pytest.approx(12.1)
     assert taken[0].time_s == pytest.approx(12.1)
     assert taken[0].reset_count != before.reset_count
@@ -167,14 +167,14 @@ def test_a_position_without_an_attitude_near_it_is_dropped() -> None:
     assert decoder.decode(position(1000), 1.0) is None
     decoder.decode(attitude(1000), 1.0)
     assert decoder.decode(position(1051), 1.1) is None
-    assert (decoder.accepted, decoder.dropped) == (0, {"no_attitude": 2})
+    assert (decoder.intake.accepted, decoder.intake.dropped) == (0, {"no_attitude": 2})
 
 
 def test_an_attitude_that_is_not_finite_makes_no_pose() -> None:
     decoder = LocalPositionDecoder(0.0)
     decoder.decode(attitude(1000, q=(math.nan, 0.0, 0.0, 0.0)), 1.0)
     assert decoder.decode(position(1010), 1.0) is None
-    assert decoder.dropped == {"not_finite": 1}
+    assert decoder.intake.dropped == {"not_finite": 1}
 
 
 def test_ardupilot_has_no_odometry_and_everybody_else_has() -> None:

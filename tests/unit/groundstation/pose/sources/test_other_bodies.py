@@ -87,8 +87,7 @@ async def test_the_other_bodies_are_seen_in_our_axes_and_hidden_ones_are_not(pos
 def test_damaged_bytes_put_no_other_body_nowhere(name: str, data: st.DataObject) -> None:
     reader, datagrams = FLIGHTS[name](3)  # the first one whole
     others = Others(("other0", "other1"))
-    for intake in getattr(reader, "_intakes", {"": getattr(reader, "_intake", None)}).values():
-        intake.others = others
+    reader.intake.others = others
     for message in natnet_handshake((4, 1)) if name == "natnet" else ():
         reader.read(message, 0.0)
     reader.read(datagrams[0], 0.0)
