@@ -20,7 +20,6 @@ from groundstation.core.messages import (
     Others,
     OverheardSource,
     Pose,
-    PoseEvent,
     PoseRecord,
     PoseSource,
     Say,
@@ -288,13 +287,10 @@ def make_flight(
     if on_pose is not None:
         source = OverheardSource(source, on_pose)
 
-    def tell(event: PoseEvent) -> None:
-        flight.pose_event(event)
-
-    def tell_recording(sentence: Sentence) -> None:
+    def tell(sentence: Sentence) -> None:
         flight.note(sentence)
 
-    source = GatedSource(source, config.gate, asyncio.get_running_loop, lost_s=config.flight.coast_s, tell=tell)
+    source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
     if config.forwards is not None:
         assert isinstance(link, MavlinkLink), "only a MAVLink section says so"
         floor_z_m = config.flight.floor_z_m
@@ -303,7 +299,7 @@ def make_flight(
         )
     tape = None
     if give is not None:
-        tape = FlightRecorder(give, tell_recording, link, source)
+        tape = FlightRecorder(give, tell, link, source)
         subscribers = *subscribers, tape.hear
     flight = Flight(
         config,

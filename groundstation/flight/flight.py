@@ -35,7 +35,6 @@ from groundstation.core.messages import (
     NoticeKind,
     Others,
     Pose,
-    PoseEvent,
     PoseRecord,
     PoseSource,
     PoseStatus,
@@ -874,11 +873,6 @@ class Flight:
         )
 
     # ---- its life
-
-    def pose_event(self, event: PoseEvent) -> None:
-        """Hear what happens to the poses; that commands must not rest on one for long is seen to elsewhere."""
-        if event.text is not None:
-            self._say(event.text)
 
     def distrust(self) -> None:
         """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""

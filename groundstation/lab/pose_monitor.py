@@ -23,7 +23,6 @@ from groundstation.core.geometry import Alignment, Vec3
 from groundstation.core.messages import (
     OverheardSource,
     Pose,
-    PoseEvent,
     PoseKind,
     PoseSource,
     PoseStatus,
@@ -73,7 +72,7 @@ async def open_ears(
     deliver: Callable[[Pose], None],
     *,
     raw: Callable[[Pose], None] | None = None,
-    tell: Callable[[PoseEvent], None],
+    tell: Callable[[Sentence], None],
     autopilot: Callable[[MavlinkConnection], None] | None = None,
 ) -> AsyncIterator[Ears]:
     """Listen to the poses of ``config`` for as long as the block lasts.
@@ -92,7 +91,7 @@ async def open_ears(
     link = make_link(settings, thrust_max_n=config.full_thrust_n, thrust_curve=config.thrust_curve)
     inner = make_source(config.pose, link)
     heard = inner if raw is None else OverheardSource(inner, raw)
-    source = GatedSource(heard, config.gate, asyncio.get_running_loop, lost_s=config.flight.coast_s, tell=tell)
+    source = GatedSource(heard, config.gate, lost_s=config.flight.coast_s, tell=tell)
     connection = None
     if isinstance(link, MavlinkLink) and (autopilot is not None or config.pose.by_autopilot):
         connection = link.connection
@@ -152,7 +151,7 @@ async def listen(
     loop = asyncio.get_running_loop()
     watcher = PoseStreamMonitor(loop.time(), recorded=config.pose.recorded, floor_z_m=config.flight.floor_z_m)
 
-    def tell(event: PoseEvent) -> None:
+    def tell(event: Sentence) -> None:
         watcher.event(event, loop.time())
 
     def look(ears: Ears) -> PoseStreamSummary:
@@ -418,7 +417,7 @@ def _tell_not_found(error: BaseException, say: Callable[[str], None]) -> tuple[S
     return why, code
 
 
-def _ignore(_: Pose | PoseEvent) -> None:
+def _ignore(_: Pose | Sentence) -> None:
     """The gate knows nothing of a tracker whose axes are not known."""
 
 

@@ -29,7 +29,7 @@ from groundstation.core.geometry import (
     rotation_vector,
     so3,
 )
-from groundstation.core.messages import Pose, PoseEvent, PoseStatus, notice
+from groundstation.core.messages import Pose, PoseStatus, notice
 from links.text import Sentence
 
 if TYPE_CHECKING:
@@ -128,10 +128,9 @@ class PoseStreamMonitor:
         while len(self._recent) > 2 and self._recent[0].arrival_s < pose.arrival_s - WINDOW_S:
             self._recent.popleft()
 
-    def event(self, event: PoseEvent, now_s: float) -> None:
+    def event(self, event: Sentence, now_s: float) -> None:
         """Something happened to them."""
-        if event.text:
-            self._events.append(f"{now_s - self._begun_s:.1f} {event.text}")
+        self._events.append(f"{now_s - self._begun_s:.1f} {event}")
 
     def summarize(
         self,

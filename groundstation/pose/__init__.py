@@ -16,7 +16,6 @@ from groundstation.pose.recorded_codec import (
 from groundstation.pose.registry import (
     IN_RUN_FOLDER,
     PoseConfig,
-    TlogConfig,
     make_source,
     pose_decoder,
 )

@@ -22,16 +22,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-import msgspec
-
 from groundstation.core.geometry import Quat, Vec3
 from groundstation.core.messages import notice
 from groundstation.pose.sources import POSE_MESSAGES
 from links.mavlink.protocol import GROUND_STATION, INVALID, MavlinkCodec, Message, frame_end
 
 CSV_COLUMNS = "t,x,y,z,qw,qx,qy,qz,arrival"
-LONGEST_ROW = 1000
-"""A longer row is none [characters]."""
 
 
 class CsvRow(NamedTuple):
@@ -46,30 +42,19 @@ class CsvRow(NamedTuple):
 
 
 def encode_csv(row: CsvRow) -> str:
-    """The row with its end of line; numbers read back to the last bit."""
-    numbers = (row.t_s, *row.position, *row.attitude, row.arrival_s)
-    text = msgspec.json.encode(numbers).decode()
-    if "e" in text or "0.0000" in text or "null" in text:  # which JSON writes otherwise than Python
-        text = f"[{','.join(map(repr, numbers))}]"
-    return text[1:-1] + "\n"
+    """Return the row with its end of line; numbers read back to the last bit."""
+    return ",".join(map(repr, (row.t_s, *row.position, *row.attitude, row.arrival_s))) + "\n"
 
 
 def read_csv(lines: Iterable[str], dropped: Counter[str]) -> Iterator[CsvRow]:
-    """The poses in ``lines``; what is none is counted in ``dropped``: malformed, not_finite."""
-    first = True
-    for line in lines:
-        text = line.strip()
-        if not text or text.startswith("#"):
-            continue
-        heading, first = first and text[0].isalpha(), False
-        if heading:
-            continue
-        fields = text.split(",") if len(text) <= LONGEST_ROW else []
+    """Yield the poses in ``lines``; other rows are counted in ``dropped``: malformed, not_finite."""
+    for number, line in enumerate(line for line in map(str.strip, lines) if line and not line.startswith("#")):
         try:
-            t, x, y, z, qw, qx, qy, qz, *more = map(float, fields)
+            t, x, y, z, qw, qx, qy, qz, *more = map(float, line.split(","))
             (arrival,) = more or [t]
         except ValueError:
-            dropped["malformed"] += 1
+            if number or not line[0].isalpha():  # else the head of the table
+                dropped["malformed"] += 1
             continue
         if math.isfinite(t + arrival + x + y + z + qw + qx + qy + qz):
             yield CsvRow(t, arrival, (x, y, z), (qw, qx, qy, qz))

@@ -17,7 +17,7 @@ import pytest
 from groundstation.core.geometry import Alignment, so3
 from groundstation.core.messages import Pose, PoseSource
 from groundstation.machine import sleep_until
-from groundstation.pose import CsvRow, PoseConfig, TlogConfig, encode_csv, make_source
+from groundstation.pose import CsvRow, PoseConfig, encode_csv, make_source
 from groundstation.pose.registry import CsvConfig
 from groundstation.pose.sources import (
     JsonConfig,
@@ -189,21 +189,6 @@ class CsvBench(Bench):
         self.config = CsvConfig(path=str(self.folder))
 
 
-class TlogBench(Bench):
-    live = False
-
-    async def prepare(self) -> None:
-        autopilot = Px4Autopilot(Cruiser(1.0, held=True))
-        records = []
-        for n in range(200):
-            for frame in autopilot.poll(n / 60.0):
-                stamp_us = round(1e9 + 1e6 * (n / 60.0 + LATENCY_S))
-                records.append(stamp_us.to_bytes(8, "big") + frame)
-        path = self.folder / "flight.tlog"
-        path.write_bytes(b"".join(records))
-        self.config = TlogConfig(path=str(path), latency_s=LATENCY_S)
-
-
 BENCHES: dict[str, Callable[[Path], Bench]] = {
     "vicon": ViconBench,
     "natnet": NatNetBench,
@@ -214,7 +199,6 @@ BENCHES: dict[str, Callable[[Path], Bench]] = {
     "vision": VisionBench,
     "json": JsonBench,
     "csv": CsvBench,
-    "tlog": TlogBench,
 }
 
 
@@ -289,7 +273,7 @@ def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, 
             status = source.status
             if exactly():
                 # PX4 begins with 30 Hz, until it has heard what is wanted.
-                least = 25.0 if isinstance(bench, TlogBench | OdometryBench) else 90.0
+                least = 25.0 if isinstance(bench, OdometryBench) else 90.0
                 assert least < status.rate_hz < 110.0
                 assert status.latency_s == pytest.approx(LATENCY_S, abs=2e-3)
             else:  # a busy machine reads late, and then many at once
@@ -303,7 +287,7 @@ def test_poses_come_numbered_in_our_frames_and_true_at_their_time(bench: Bench, 
 
 @in_virtual_time
 async def test_the_configs_alignment_moves_every_pose(bench: Bench) -> None:
-    if isinstance(bench, OdometryBench | TlogBench):
+    if isinstance(bench, OdometryBench):
         return  # the autopilot's own frame is our world
     bench.alignment = Alignment(lab_origin_m=(0.0, 5.0, 0.0), body_rotation_deg=(0.0, 0.0, 90.0))
     async with listening(bench) as (_, poses):

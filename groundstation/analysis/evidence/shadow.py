@@ -30,7 +30,6 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand
 from groundstation.pose import (
     Sender,
-    TlogConfig,
     TlogReader,
     TlogRecord,
     describe_senders,
@@ -869,7 +868,7 @@ def open_recording(file: Path, config_path: Path | None, overrides: Sequence[str
     if not isinstance(config.link, MavlinkLinkConfig):
         raise ConfigError("link.kind", "a recording holds MAVLink: expected 'mavlink'")
     pose = config.pose
-    late_s = pose.latency_s if isinstance(pose, MavlinkPoseConfig | TlogConfig) else NOMINAL_LATENCY_S
+    late_s = pose.latency_s if isinstance(pose, MavlinkPoseConfig) else NOMINAL_LATENCY_S
     recording = read_recording(file, late_s, config.link.target_system)
     path = FlownPath([seen.pose for seen in recording.poses], config.flight.coast_s)
     shares = thrust_shares(recording.sent, config.thrust_curve)

@@ -9,7 +9,6 @@ from groundstation.core.messages.pose import (
     Others,
     OverheardSource,
     Pose,
-    PoseEvent,
     PoseKind,
     PoseSource,
     PoseStatus,

@@ -104,11 +104,6 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "record its ODOMETRY, or its LOCAL_POSITION_NED and ATTITUDE_QUATERNION",
     ),
     NoticeTemplate(
-        "tlog.no_poses_of",
-        "expected ODOMETRY, or LOCAL_POSITION_NED and ATTITUDE_QUATERNION, of {of} of system {system}, got {found}",
-        "check pose.system_id and pose.component_id, or record them",
-    ),
-    NoticeTemplate(
         "import.unit",
         "the unit of {columns} in {table} is unclear: the file states {stated}, the mapping expects {expected}",
     ),

@@ -3,12 +3,11 @@
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
-from typing import ClassVar, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
-from links.text import Sentence
 
 
 class Pose(msgspec.Struct, frozen=True, gc=False):
@@ -61,27 +60,6 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """Whether the source's clock steps again and again, so that the age of its poses is unknown."""
     advice: str = ""
     """Reason why no poses arrive, for the operator; empty without a finding."""
-
-
-class PoseEvent(msgspec.Struct, frozen=True):
-    """A change in the poses that concerns the operator and the safety rules."""
-
-    kind: Literal[
-        "dropping", "passed", "lost", "back", "late", "punctual", "unsteady", "steady", "reset", "moved", "strays"
-    ]
-    """Kind of the change.
-
-    - ``dropping``, ``passed``: a series of dropped poses begins, ends.
-    - ``lost``, ``back``: the newest pose is older than ``flight.coast_s``; poses arrive again.
-    - ``late``, ``punctual``: the latency has risen for good; it is as before.
-    - ``unsteady``, ``steady``: the source's clock steps again and again; no longer.
-    - ``reset``, ``moved``: the poses' origin has moved, announced by the source or not.
-    - ``strays``: two poses in a row were dropped that agree with each other, but not with those before.
-    """
-    reason: str
-    """Reason of the drops of ``dropping``, ``passed`` and ``strays``; else empty."""
-    text: Sentence | None
-    """Sentence for the operator; None for an event that concerns the safety rules alone."""
 
 
 class SourceError(OSError):

@@ -98,7 +98,6 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
         '`groundstation export {path} --format poses` makes the file that pose.kind = "csv" plays',
     ),
     NoticeTemplate("pose.path_empty", "pose.path: {path} holds no poses (found: {found})", "{expected}"),
-    NoticeTemplate("pose.path_fault", "pose.path: {path}: {fault}"),
     NoticeTemplate("pose.lost", "poses are lost: none for {age_ms:.0f} ms"),
     NoticeTemplate("pose.back", "poses are back after {gap_s:.2f} s"),
 )

@@ -5,11 +5,10 @@ from groundstation.pose.sources import mavlink_codec as mavlink_codec
 from groundstation.pose.sources import natnet_codec as natnet_codec
 from groundstation.pose.sources import qualisys_codec as qualisys_codec
 from groundstation.pose.sources import vicon_codec as vicon_codec
-from groundstation.pose.sources.datagram import JsonConfig, cannot_listen, join, send_by
+from groundstation.pose.sources.datagram import GatedSource, JsonConfig, cannot_listen, join, send_by
 from groundstation.pose.sources.intake import (
     Gate,
     GateConfig,
-    GatedSource,
     Intake,
     PoseReader,
     describe_drop,

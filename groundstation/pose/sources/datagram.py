@@ -1,4 +1,4 @@
-"""Datagram source: listens on one UDP socket, and gives the datagrams to a reader.
+"""Sources on the event loop: one behind the outlier gate, and one that listens on a UDP socket.
 
 Multicast groups are joined here, too, by options of sockets that the event loop has opened.
 
@@ -7,6 +7,7 @@ Poses from a home-made tracker that sends JSON (json_codec.py has the schema).
 
 import asyncio
 import socket
+from collections import Counter
 from collections.abc import Callable
 from errno import EADDRINUSE
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -14,10 +15,78 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import msgspec
 
 from groundstation.core.geometry import Alignment, BodyAxes, LabAlignment, LabAxes, frames_of
-from groundstation.core.messages import Others, Pose, PoseKind, SourceError, notice
-from groundstation.pose.sources.intake import Intake, PoseReader, ReaderSource
+from groundstation.core.messages import Others, Pose, PoseKind, PoseSource, PoseStatus, Sentence, SourceError, notice
+from groundstation.pose.sources.intake import Gate, GateConfig, Intake, Outbreaks, PoseReader, ReaderSource
 from groundstation.pose.sources.json_codec import MAX_NAME, JsonReader
 from links.io import NETWORK, advise_on_address, beyond, name_holder, parse_address
+
+LOOK_S = 0.0493717
+"""Period at which drop counters and lost poses are examined [s].
+
+Not a round number: a timer more at the very instants of cameras and frames would change the last bits of
+a simulation."""
+
+
+class GatedSource:
+    """Implements :class:`groundstation.core.messages.pose.PoseSource`: passes the plausible poses of another source."""
+
+    def __init__(
+        self, source: PoseSource, config: GateConfig, *, lost_s: float, tell: Callable[[Sentence], None]
+    ) -> None:
+        """``tell`` takes news of the poses for the operator; they are lost after ``lost_s`` [s] without one.
+
+        A pose that is older than that on arrival is counted and dropped: no command could use it.
+        """
+        self._source = source
+        self._lost_s = lost_s
+        self._gate = Gate(config)
+        self._outbreaks = Outbreaks(lost_s)
+        self._tell = tell
+        self._next_look: asyncio.TimerHandle | None = None
+
+    @property
+    def status(self) -> PoseStatus:
+        """Counters of the source, and those of the gate."""
+        status, dropped = self._source.status, self._gate.dropped
+        newest = self._gate.newest
+        moves = 0 if newest is None else self._gate.count_moves(newest.arrival_s)
+        if not dropped and not moves:
+            return status
+        return msgspec.structs.replace(
+            status,
+            origin_moves=moves,
+            accepted=status.accepted - dropped.total(),
+            dropped=dict(Counter(status.dropped) + dropped),
+        )
+
+    async def start(self, deliver: Callable[[Pose], None]) -> None:
+        """Start the source; ``deliver`` gets each pose that passes."""
+
+        def take(pose: Pose) -> None:
+            if pose.arrival_s - pose.time_s > self._lost_s:
+                self._gate.dropped["late"] += 1
+                return
+            passed, news = self._gate.take(pose)
+            if news is not None:
+                self._tell(news)
+            if passed is not None:
+                deliver(passed)
+
+        await self._source.start(take)
+        self._look()
+
+    async def close(self) -> None:
+        """Close the source."""
+        if self._next_look is not None:
+            self._next_look.cancel()
+            self._next_look = None
+        await self._source.close()
+
+    def _look(self) -> None:
+        loop = asyncio.get_running_loop()
+        for news in self._outbreaks.look(loop.time(), self.status, self._gate.newest):
+            self._tell(news)
+        self._next_look = loop.call_later(LOOK_S, self._look)
 
 
 class DatagramSource(ReaderSource, asyncio.DatagramProtocol):

@@ -27,9 +27,9 @@ The outbreaks of dropped, late and missing poses are told of once as they begin,
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
-from typing import Annotated, Literal, NamedTuple, TypeVar
+from typing import Annotated, NamedTuple, TypeVar
 
 import msgspec
 
@@ -39,16 +39,10 @@ from groundstation.core.messages import (
     NOTICES,
     Others,
     Pose,
-    PoseEvent,
-    PoseSource,
     PoseStatus,
     Sentence,
     notice,
 )
-
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    import asyncio
 
 T = TypeVar("T")
 
@@ -657,8 +651,7 @@ class Gate:
 
     def __init__(self, config: GateConfig) -> None:
         self.dropped: Counter[str] = Counter()
-        """Counts by reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump,
-        spin."""
+        """Counts by reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump, spin."""
         self._config = config
         self._cos_tilt = math.cos(math.radians(config.tilt_deg))
         self._track: PoseTrack | None = None
@@ -680,37 +673,36 @@ class Gate:
             self._moved_s.popleft()
         return len(self._moved_s)
 
-    def take(self, pose: Pose) -> tuple[Pose | None, PoseEvent | None]:
-        """``pose``, perhaps straightened, or None where it is dropped and counted; and what is to be told of it."""
-        straight = self._sound(pose)
-        if straight is None:
+    def take(self, pose: Pose) -> tuple[Pose | None, Sentence | None]:
+        """Return ``pose`` with a normalised attitude, or None if it is dropped; and a sentence for the operator."""
+        checked = self._check_alone(pose)
+        if checked is None:
             return None, None
         track, other = self._track, self._other
         if track is None:
-            self._track = PoseTrack(straight, self._config)
-            return self._add_moves(straight), None
-        if straight.reset_count != track.last.reset_count:
-            return self._elsewhere(straight, "reset", notice("pose.origin_moved"))
-        why = track.refuses(straight, doubted=other is not None and other.why == "jump")
+            self._track = PoseTrack(checked, self._config)
+            return self._add_moves(checked), None
+        if checked.reset_count != track.last.reset_count:
+            return self._move_track(checked, track.last, notice("pose.origin_moved"))
+        why = track.refuses(checked, after_jump=other is not None and other.why == "jump")
         if why == "out_of_order":
             return self._drop(why), None
-        # The longer the last pose is ago, the more would fit it: so the nearer of two tracks has the pose.
-        if other is not None and not other.refuses(straight) and (why or other.off(straight) < track.off(straight)):
-            strays = other.last.time_s == other.first_s  # two in a row: no mere flicker
-            other.add(straight)
-            if straight.time_s - other.first_s >= self._config.settle_s:
+        # The older the last pose, the more fits it: so the pose belongs to the nearer of two tracks.
+        if other is not None and not other.refuses(checked) and (why or other.misfit(checked) < track.misfit(checked)):
+            other.add(checked)
+            if checked.time_s - other.first_s >= self._config.settle_s:
                 self._unannounced += 1
-                return self._elsewhere(straight, "moved", notice("pose.agreed", settle_s=self._config.settle_s))
-            return self._drop(why or other.why), PoseEvent("strays", other.why, None) if strays else None
+                return self._move_track(checked, track.last, notice("pose.agreed", settle_s=self._config.settle_s))
+            return self._drop(why or other.why), None
         if why:
-            self._other = PoseTrack(straight, self._config, why)
+            self._other = PoseTrack(checked, self._config, why)
             return self._drop(why), None
         self._other = None
-        track.add(straight)
-        return self._add_moves(straight), None
+        track.add(checked)
+        return self._add_moves(checked), None
 
-    def _sound(self, pose: Pose) -> Pose | None:
-        """``pose`` with a unit quaternion that continues the last one; None where it makes no sense by itself."""
+    def _check_alone(self, pose: Pose) -> Pose | None:
+        """Return ``pose`` with a unit quaternion that continues the last one; None if it is implausible by itself."""
         w, x, y, z = pose.attitude
         if not math.isfinite(sum(pose.position_ned) + w + x + y + z + pose.time_s):
             return self._drop("not_finite")
@@ -748,25 +740,17 @@ class Gate:
             return pose
         return msgspec.structs.replace(pose, reset_count=pose.reset_count + self._unannounced * UNANNOUNCED)
 
-    def _elsewhere(self, pose: Pose, kind: Literal["reset", "moved"], why: Sentence) -> tuple[Pose, PoseEvent]:
-        assert self._track is not None, "a first pose is nowhere else"
-        last = self._track.last
+    def _move_track(self, pose: Pose, last: Pose, why: Sentence) -> tuple[Pose, Sentence | None]:
+        """Begin a new track at ``pose``; of many moves in a row only the first ones are reported."""
         turn, far = turned_deg(last.attitude, pose.attitude), math.dist(last.position_ned, pose.position_ned)
         self._track, self._other = PoseTrack(pose, self._config), None
-        text = self._tell_move(pose.arrival_s, notice("pose.elsewhere", far_m=far, turn_deg=turn, why=why))
-        return self._add_moves(pose), PoseEvent(kind, "", text)
-
-    def _tell_move(self, now_s: float, told: Sentence) -> Sentence | None:
-        """``told`` of a move of the origin at ``now_s`` [s]; of many in a row one that tells of all, then none."""
-        self._moved_s.append(now_s)
-        moves = self.count_moves(now_s)
-        if moves < MANY_MOVES:
-            self._moves_again = False
-            return told
+        self._moved_s.append(pose.arrival_s)
+        moves, before = self.count_moves(pose.arrival_s), self._moves_again
+        self._moves_again = moves >= MANY_MOVES
+        says: Sentence | None = notice("pose.elsewhere", far_m=far, turn_deg=turn, why=why)
         if self._moves_again:
-            return None
-        self._moves_again = True
-        return describe_origin_moves(moves)
+            says = None if before else describe_origin_moves(moves)
+        return self._add_moves(pose), says
 
 
 class PoseTrack:
@@ -774,46 +758,47 @@ class PoseTrack:
 
     def __init__(self, pose: Pose, config: GateConfig, why: str = "") -> None:
         self.first_s = pose.time_s
-        """When it began [s]."""
+        """Time of its first pose [s]."""
         self.last = pose
-        """The newest."""
+        """Its newest pose."""
         self.why = why
+        """Reason why its first pose did not fit the other track; empty for the first track."""
         self._config = config
         self._anchor = self._next_anchor = pose
 
     def add(self, pose: Pose) -> None:
-        """One more, which fits."""
+        """Add a pose that fits."""
         self.last = pose
         if pose.time_s - self._next_anchor.time_s >= BASE_S:
             self._anchor, self._next_anchor = self._next_anchor, pose
 
-    def refuses(self, pose: Pose, *, doubted: bool = False) -> str:
-        """Why ``pose`` can't be of the same vehicle; empty where it can. ``doubted``: the one before it has jumped."""
+    def refuses(self, pose: Pose, *, after_jump: bool = False) -> str:
+        """Return why ``pose`` can't be of the same vehicle; empty if it can. ``after_jump``: the one before jumped."""
         config, elapsed = self._config, pose.time_s - self.last.time_s
         if elapsed <= 0.0:
             return "out_of_order"
-        # With no speed known yet any may be meant; after that it has had ``elapsed`` and half the base to change.
+        # Without a speed any may be meant; with one, it had ``elapsed`` and half the base to change.
         base = self._base_s
         allowed = 0.5 * config.acceleration_m_s2 * elapsed * (elapsed + base) if base else config.speed_m_s * elapsed
         limit = config.jump_m + allowed
-        if self._away_m(pose) > (min(DOUBT * limit, config.jump_m) if doubted else limit):
+        if self._away_m(pose) > (min(DOUBT * limit, config.jump_m) if after_jump else limit):
             return "jump"
         far = math.dist(pose.position_ned, self._anchor.position_ned)
         if far > config.jump_m + config.speed_m_s * (pose.time_s - self._anchor.time_s):
             return "too_fast"
-        # A floor levels what comes down leaning in less time than passes between two poses.
+        # The floor levels a leaning vehicle at touchdown in less time than passes between two poses.
         levels = max(_lean_deg(self.last.attitude) - _lean_deg(pose.attitude), 0.0)
         turn = turned_deg(self.last.attitude, pose.attitude) - levels
         return "spin" if turn > TURN_DEG + config.rate_deg_s * elapsed else ""
 
-    def off(self, pose: Pose) -> float:
+    def misfit(self, pose: Pose) -> float:
         """Return the misfit of ``pose`` to this track, to compare tracks by [-]."""
         turn = turned_deg(self.last.attitude, pose.attitude)
         return self._away_m(pose) / self._config.jump_m + turn / TURN_DEG
 
     @property
     def _base_s(self) -> float:
-        """Time over which the speed is known [s]; 0 where it is not yet."""
+        """Time over which the speed is measured [s]; 0 while it is too short."""
         base = self.last.time_s - self._anchor.time_s
         return base if base >= 0.5 * BASE_S else 0.0
 
@@ -837,105 +822,80 @@ def turned_deg(a: Quat, b: Quat) -> float:
 
 
 MORE = 2.0
-"""Poses that are late are told of again when they are so many times as late."""
+"""A rise of the latency by this factor is reported again [-]."""
 QUIET_S = 2.0
 """An outbreak is over when nothing has been dropped for its reason for this long [s]."""
 
 
 class Outbreaks:
-    """Compares counters with those of the look before; times are on the event loop's clock [s]."""
+    """Finds news in the counters of a source, each reported once. Times are on the event loop's clock [s]."""
 
     def __init__(self, lost_s: float) -> None:
         """Poses count as lost after ``lost_s`` [s] without one."""
         self._lost_s = lost_s
-        self._counts: dict[str, int] = {}
-        self._running: dict[str, _Outbreak] = {}
+        self._status = PoseStatus(0, {})
+        self._running: dict[str, Outbreak] = {}
         self._looked_s: float | None = None
         self._newest: Pose | None = None
         self._lost = False
         self._late_s = 0.0
         self._late_until_s = 0.0
-        self._unsteady = False
         self._advice = ""
 
-    def look(
-        self,
-        now_s: float,
-        dropped: Mapping[str, int],
-        newest: Pose | None,
-        late_s: float = 0.0,
-        *,
-        unsteady_clock: bool = False,
-        advice: str = "",
-    ) -> list[PoseEvent]:
-        """Return the events since the last look.
-
-        ``dropped`` counts by reason; ``newest`` is the newest accepted pose; ``late_s`` is the
-        delay of poses above their best [s]; ``unsteady_clock``: whether the source's clock steps
-        again and again; ``advice`` is the source's own.
-        """
-        events = self._lateness(now_s, late_s) + self._steadiness(unsteady_clock)
-        for reason, count in dropped.items():
-            before = self._counts.get(reason, 0)
-            if count == before:
+    def look(self, now_s: float, status: PoseStatus, newest: Pose | None) -> list[Sentence]:
+        """Return the news since the last look; ``newest`` is the newest accepted pose."""
+        before, self._status = self._status, status
+        news = self._find_lateness(now_s, status.late_s)
+        if status.unsteady_clock != before.unsteady_clock:
+            news.append(describe_unsteady_clock() if status.unsteady_clock else notice("pose.steady_clock"))
+        for reason, count in status.dropped.items():
+            if count == (known := before.dropped.get(reason, 0)):
                 continue
-            by_source = advice if reason == "other_address" else ""
-            is_new = reason not in self._running
-            if is_new:
-                self._running[reason] = _Outbreak(before, now_s if self._looked_s is None else self._looked_s)
-            if is_new or by_source not in ("", self._advice):
-                text = notice("pose.advice", says=by_source) if by_source else None
-                text = text or notice("pose.dropping", why=describe_drop(reason))
-                events.append(PoseEvent("dropping", reason, text))
-            self._advice = by_source or self._advice
+            if reason not in self._running:
+                self._running[reason] = Outbreak(known, now_s if self._looked_s is None else self._looked_s)
+                news.append(notice("pose.dropping", why=describe_drop(reason)))
             self._running[reason].newest_s = now_s
-        self._counts, self._looked_s = dict(dropped), now_s
+        self._looked_s = now_s
+        if status.advice not in ("", self._advice):
+            self._advice = status.advice
+            news.append(notice("pose.advice", says=status.advice))
         for reason, outbreak in [*self._running.items()]:
             if now_s - outbreak.newest_s >= QUIET_S:
                 del self._running[reason]
-                count, lasted = dropped[reason] - outbreak.before, outbreak.newest_s - outbreak.begun_s
-                events.append(
-                    PoseEvent("passed", reason, notice("pose.passed", reason=reason, count=count, lasted_s=lasted))
-                )
-        if newest is not None:
-            events += self._presence(now_s, newest)
-        return events
+                count, lasted_s = status.dropped[reason] - outbreak.before, outbreak.newest_s - outbreak.begun_s
+                news.append(notice("pose.passed", reason=reason, count=count, lasted_s=lasted_s))
+        return news if newest is None else [*news, *self._find_loss(now_s, newest)]
 
-    def _lateness(self, now_s: float, late_s: float) -> list[PoseEvent]:
+    def _find_lateness(self, now_s: float, late_s: float) -> list[Sentence]:
         if late_s > 0.0:
             self._late_until_s = now_s + QUIET_S
             if late_s > MORE * self._late_s:
                 self._late_s = late_s
-                return [PoseEvent("late", "", notice("pose.later", late_ms=1e3 * late_s))]
+                return [notice("pose.later", late_ms=1e3 * late_s)]
         elif self._late_s and now_s >= self._late_until_s:
             self._late_s = 0.0
-            return [PoseEvent("punctual", "", notice("pose.punctual"))]
+            return [notice("pose.punctual")]
         return []
 
-    def _steadiness(self, unsteady_clock: bool) -> list[PoseEvent]:
-        if unsteady_clock == self._unsteady:
-            return []
-        self._unsteady = unsteady_clock
-        if unsteady_clock:
-            return [PoseEvent("unsteady", "", describe_unsteady_clock())]
-        return [PoseEvent("steady", "", notice("pose.steady_clock"))]
-
-    def _presence(self, now_s: float, newest: Pose) -> list[PoseEvent]:
+    def _find_loss(self, now_s: float, newest: Pose) -> list[Sentence]:
         before, self._newest = self._newest, newest
         lost = now_s - newest.time_s > self._lost_s
         if lost == self._lost:
             return []
         self._lost = lost
         if lost:
-            return [PoseEvent("lost", "", notice("pose.lost", age_ms=1e3 * (now_s - newest.time_s)))]
-        gap = newest.time_s - before.time_s if before is not None else 0.0
-        return [PoseEvent("back", "", notice("pose.back", gap_s=gap))]
+            return [notice("pose.lost", age_ms=1e3 * (now_s - newest.time_s))]
+        return [notice("pose.back", gap_s=newest.time_s - before.time_s if before is not None else 0.0)]
 
 
-class _Outbreak:
-    def __init__(self, before: int, begun_s: float) -> None:
-        self.before = before
-        self.begun_s = self.newest_s = begun_s
+class Outbreak(msgspec.Struct):
+    """Drops for one reason in a row."""
+
+    before: int
+    """Count before it began."""
+    begun_s: float
+    newest_s: float = 0.0
+    """Time of the newest drop [s]."""
 
 
 def describe_origin_moves(count: int) -> Sentence:
@@ -952,89 +912,3 @@ def describe_drop(reason: str) -> Sentence:
     """The reason for which poses are dropped, with its meaning where it has one."""
     id = f"drop.{reason}"
     return notice(id) if id in NOTICES else notice("drop.other", reason=reason)
-
-
-LOOK_S = 0.0493717
-"""Period at which drop counters and lost poses are looked for [s].
-
-No round number: on the very instants of cameras and frames a timer more would move a simulation in
-its last bits."""
-
-
-class GatedSource:
-    """Implements :class:`groundstation.core.messages.pose.PoseSource`: the poses of another one that can be true."""
-
-    def __init__(
-        self,
-        source: PoseSource,
-        config: GateConfig,
-        loop: "Callable[[], asyncio.AbstractEventLoop]",
-        *,
-        lost_s: float,
-        tell: Callable[[PoseEvent], None],
-    ) -> None:
-        """``loop`` is asked for the running event loop; ``tell`` hears what happens to the poses.
-
-        They are lost after ``lost_s`` [s] without one. One that is older than that as it comes is counted and does not
-        pass: no command could ever have rested on it.
-        """
-        self._source = source
-        self._loop = loop
-        self._lost_s = lost_s
-        self._gate = Gate(config)
-        self._outbreaks = Outbreaks(lost_s)
-        self._tell = tell
-        self._next_look: asyncio.TimerHandle | None = None
-
-    @property
-    def status(self) -> PoseStatus:
-        """The source's, and what the gate has dropped."""
-        status, dropped = self._source.status, self._gate.dropped
-        newest = self._gate.newest
-        moves = 0 if newest is None else self._gate.count_moves(newest.arrival_s)
-        if not dropped and not moves:
-            return status
-        return msgspec.structs.replace(
-            status,
-            origin_moves=moves,
-            accepted=status.accepted - dropped.total(),
-            dropped=dict(Counter(status.dropped) + dropped),
-        )
-
-    async def start(self, deliver: Callable[[Pose], None]) -> None:
-        """Start the source; ``deliver`` gets each pose that passes."""
-
-        def take(pose: Pose) -> None:
-            if pose.arrival_s - pose.time_s > self._lost_s:
-                self._gate.dropped["late"] += 1
-                return
-            passed, event = self._gate.take(pose)
-            if event is not None:
-                self._tell(event)
-            if passed is not None:
-                deliver(passed)
-
-        await self._source.start(take)
-        self._look()
-
-    async def close(self) -> None:
-        """Close the source."""
-        if self._next_look is not None:
-            self._next_look.cancel()
-            self._next_look = None
-        await self._source.close()
-
-    def _look(self) -> None:
-        loop = self._loop()
-        status = self.status
-        events = self._outbreaks.look(
-            loop.time(),
-            status.dropped,
-            self._gate.newest,
-            status.late_s,
-            unsteady_clock=status.unsteady_clock,
-            advice=status.advice,
-        )
-        for event in events:
-            self._tell(event)
-        self._next_look = loop.call_later(LOOK_S, self._look)

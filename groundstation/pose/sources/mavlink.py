@@ -23,6 +23,7 @@ class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
 
     by_autopilot: ClassVar[bool] = True
     shares_link: ClassVar[bool] = True
+    real: ClassVar[str | None] = None  # the link has its own
     latency_s: Annotated[
         float,
         msgspec.Meta(
@@ -39,11 +40,6 @@ class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
             description="Poses per second to ask for [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250.",
         ),
     ] = 100.0
-
-    @property
-    def real(self) -> None:
-        """None: they come by the link, which answers for itself."""
-        return None
 
 
 class MavlinkPoseSource:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry import Quat, Vec3, so3
-from groundstation.core.messages import Pose, PoseEvent
+from groundstation.core.messages import Pose, PoseStatus, Sentence
 from groundstation.pose.sources import Gate, GateConfig
 from groundstation.pose.sources.intake import Outbreaks
 
@@ -24,7 +24,7 @@ def pose(n: int, place: Vec3 | None = None, attitude: Quat = so3.IDENTITY, **mor
     return Pose(n, time_s, time_s + 0.02, where, attitude, **more)
 
 
-def flown(gate: Gate, poses: Iterable[Pose]) -> tuple[list[Pose], list[PoseEvent]]:
+def flown(gate: Gate, poses: Iterable[Pose]) -> tuple[list[Pose], list[Sentence]]:
     passed, events = [], []
     for one in poses:
         through, event = gate.take(one)
@@ -132,11 +132,10 @@ def test_of_a_crowd_of_wild_poses_none_passes_because_it_happens_to_come_near() 
 def test_poses_that_stay_elsewhere_are_believed_after_a_while_and_not_before() -> None:
     gate = gate_in_flight()
     passed, events = flown(gate, (pose(n, (5.0 + n * DT, 2e-3 * math.sin(n), -1.0)) for n in range(20, 200)))
-    strays, event = events
-    assert strays.kind == "strays"
-    assert not strays.text
-    assert event.kind == "moved"
-    assert "6.5" in str(event.text)
+    (moved,) = events
+    assert moved.id == "pose.elsewhere"
+    assert "6.5" in str(moved)
+    assert "agreed" in str(moved)
     assert passed[0].time_s == pytest.approx(20 * DT + 1.5, abs=DT + 1e-9)
     assert gate.dropped == {"jump": 75}
     assert len({one.reset_count for one in passed}) == 1
@@ -157,7 +156,7 @@ def test_what_the_source_itself_has_moved_is_believed_at_once() -> None:
     moved = pose(20, (5.0, 0.0, -1.0), reset_count=1)
     passed, event = gate.take(moved)
     assert passed == moved
-    assert event is not None and event.kind == "reset"
+    assert event is not None and event.id == "pose.elsewhere"
     assert gate.take(pose(21, (5.02, 0.0, -1.0), reset_count=1))[1] is None
     assert not gate.dropped
 
@@ -191,8 +190,8 @@ def test_an_outbreak_is_told_once_as_it_begins_and_once_as_it_is_over() -> None:
     told = [
         event
         for n in range(300)
-        for event in outbreaks.look(0.05 * n, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0}, None)
+        for event in outbreaks.look(0.05 * n, PoseStatus(0, {"not_tracked": max(0, min(n, 50) - 9), "jump": 0}), None)
     ]
-    assert [(event.kind, event.reason) for event in told] == [("dropping", "not_tracked"), ("passed", "not_tracked")]
-    assert "hidden" in str(told[0].text)
-    assert "41 dropped" in str(told[1].text)
+    assert [event.id for event in told] == ["pose.dropping", "pose.passed"]
+    assert "hidden" in str(told[0])
+    assert "41 dropped" in str(told[1])

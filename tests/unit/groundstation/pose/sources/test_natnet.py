@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from groundstation.core.geometry import so3
-from groundstation.core.messages import Pose, PoseEvent
+from groundstation.core.messages import Pose, Sentence
 from groundstation.flight.prearm import explain_drops
 from groundstation.pose.sources import GateConfig, GatedSource, NatNetConfig, natnet_codec
 from links.io import parse_address
@@ -54,7 +54,7 @@ SECOND = "127.0.0.7"
 async def test_a_server_that_answers_from_a_second_address_is_named(first: str) -> None:
     """A server that answers nothing from the address that was asked, or only who it is, or all that it is asked."""
     config = NatNetConfig(server="127.0.0.1:1510")
-    source, poses, told = config.build(), list[Pose](), list[PoseEvent]()
+    source, poses, told = config.build(), list[Pose](), list[Sentence]()
     asked: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()
 
     class Asked(asyncio.DatagramProtocol):
@@ -65,7 +65,7 @@ async def test_a_server_that_answers_from_a_second_address_is_named(first: str) 
     loop = asyncio.get_running_loop()
     own, _ = await loop.create_datagram_endpoint(Asked, local_addr=("127.0.0.1", 1510))
     second, _ = await loop.create_datagram_endpoint(asyncio.DatagramProtocol, local_addr=(SECOND, 1510))
-    gated = GatedSource(source, GateConfig(), asyncio.get_running_loop, lost_s=0.25, tell=told.append)
+    gated = GatedSource(source, GateConfig(), lost_s=0.25, tell=told.append)
     await gated.start(poses.append)
     station = await asked
     info = natnet_codec.encode_server_info(natnet_codec.ServerInfo("Motive", (4, 1), 10**7))
@@ -82,7 +82,7 @@ async def test_a_server_that_answers_from_a_second_address_is_named(first: str) 
     assert f"answers from another address, {SECOND}" in advice
     assert f'write pose.server = "{SECOND}:1510"' in advice
     assert str(explain_drops(gated.status)) == advice
-    said = [str(event.text) for event in told if event.reason == "other_address"]
+    said = [str(event) for event in told if event.id in ("pose.dropping", "pose.advice")]
     assert said.count(advice) == 1
     assert said[-1] == advice
     await gated.close()
