@@ -41,7 +41,7 @@ class Sampled:
         self.gains[key] = value
         return Reply(True, f"{key} moves to {value:g}")
 
-    def note(self, sentence: Sentence) -> None:
+    def say(self, sentence: Sentence) -> None:
         self.notes.append(sentence.text)
 
 

@@ -288,7 +288,7 @@ def make_flight(
         source = OverheardSource(source, on_pose)
 
     def tell(sentence: Sentence) -> None:
-        flight.note(sentence)
+        flight.say(sentence)
 
     source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
     if config.forwards is not None:
@@ -309,7 +309,7 @@ def make_flight(
         subscribers=subscribers,
         network=None if tape is None else WireTaps(tape.give),
         others=bodies if config.separation.others else None,
-        quiet=quiet,
+        quiet=quiet or IdleSlots(),
         company=Company(config, bodies, running, None if hold is None else hold.hold),
         hold=hold,
         monitors=monitors,

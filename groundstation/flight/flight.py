@@ -1,11 +1,10 @@
-"""Flight: what may be asked of one, how it lives, which commands leave in it, what is told of it, and how it ends.
+"""Flight: wires the parts of one flight, takes requests, collects statistics, and shuts down.
 
-Its statistics are what screens and telemetry show, kept up to date as poses, commands and events pass by.
+The statistics are those of screens and telemetry, updated by poses, commands and events.
 
-Command loop: the frames of idle, spool-up and flight, then zero thrust until motors are off. They leave at the link's
-frames, or as poses come, and always before a deadline passes. The loop notices, too, that this program stood still:
-whatever it reads next may have waited as long, and a pose without a time stamp of its own would otherwise pass for
-fresh.
+Command loop: commands of idle, spool-up and flight, then zero thrust until the motors are off. They leave at the link's
+frames, or as poses arrive, and always before a deadline passes. The loop also detects that this program was stalled:
+data read next may have waited as long, and a pose without a time stamp of its own would otherwise pass for fresh.
 """
 
 import asyncio
@@ -54,30 +53,30 @@ from groundstation.core.messages import (
 )
 from groundstation.core.mission import ALARMING, EVENT_OF, FINAL, IN_AIR, ON_GROUND, Event, State
 from groundstation.core.pilot import Pilot
-from groundstation.core.safety import MONITORS, Failure, LiveGains, Monitors, PoseHealth, PoseLatency, Witness
+from groundstation.core.safety import Failure, LiveGains, Monitors, PoseLatency, Witness
 from groundstation.core.vehicle import Vehicle
 from groundstation.flight.hold_to_run import HoldWatch
 from groundstation.flight.mission_executive import LAST_CHANCE_S, MissionExecutive
 from groundstation.flight.prearm import Company, FlightEnded, PrearmSequence
-from groundstation.machine import IdleSlots, to_the_end
+from groundstation.machine import IdleSlots, to_the_end, wake
 from groundstation.pose import make_source
 from groundstation.pose.sources import describe_drop
 from groundstation.settings import Config
 from links import make_link
-from links.core import IN_TIME, Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase
+from links.core import Attitude, Command, CommandLink, Lateness, LinkError, LinkStatus, Phase
 from links.io import NETWORK, Network
 
 AT_ONCE_S = 1e-6
-"""Timers fire a clock's tick early: an instant nearer than this has come [s], or in virtual time it never would."""
+"""Times closer than this are equal [s]: timers fire up to a clock tick early, in virtual time without end."""
 
 
 class Pacing:
-    """One link's frames. Times are on the event loop's clock [s].
+    """Frames of one link. Times are on the event loop's clock [s].
 
-    A command leaves every period; or, where the link follows poses, as soon as a pose has come (but not within half a
-    period of the last one), and one and a half periods after the last one where none came. In both cases one more
-    leaves just before the last one's deadline: a gap between poses must not seem longer than it is by waiting for the
-    next frame, and where it is too long, what is flown without a pose begins then.
+    A command leaves every period; or, if the link follows poses, at each pose (but not within half a period of the last
+    command), and one and a half periods after the last one without a pose. In both cases one more leaves just before
+    the deadline of the last one: waiting for the next frame must not lengthen a gap between poses, and the descent on
+    the model begins in time.
     """
 
     def __init__(self, link: CommandLink) -> None:
@@ -94,30 +93,30 @@ class Pacing:
         """Wait for the next frame; the last command left at ``left_s``, and its deadline is ``deadline_s``."""
         period, chance = self._link.period_s, deadline_s - LAST_CHANCE_S
         if chance <= left_s + AT_ONCE_S:
-            chance = math.inf  # it is taken
+            chance = math.inf  # it has been used
         if self._link.follows_poses:
-            await self._pose(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))
+            await self._wait(min(left_s + 0.5 * period, chance), min(left_s + 1.5 * period, chance))
             return
         if left_s > self._frame_s - 0.5 * period:  # else it left early, and this frame is still to come
             self._frame_s += period
-        if self._frame_s < left_s:  # late frames are left out; the rest keep their distance to the link's own
+        if self._frame_s < left_s:  # late frames are skipped; the others keep the link's phase
             self._frame_s += math.ceil((left_s - self._frame_s) / period) * period
-        await self._pose(min(chance, self._frame_s), min(chance, self._frame_s))
+        await self._wait(min(chance, self._frame_s), min(chance, self._frame_s))
 
     def pose(self, arrival_s: float) -> None:
-        """A pose has come."""
+        """Take the arrival of a pose [s]."""
         if self._waiting is None:
             return
         if arrival_s >= self._from_s:
-            _wake(self._waiting)
+            wake(self._waiting)
         else:
-            asyncio.get_running_loop().call_at(self._from_s, _wake, self._waiting)
+            asyncio.get_running_loop().call_at(self._from_s, wake, self._waiting)
 
-    async def _pose(self, from_s: float, until_s: float) -> None:
-        """Wait for a pose, but not past ``until_s``; one that comes before ``from_s`` counts at that instant."""
+    async def _wait(self, from_s: float, until_s: float) -> None:
+        """Wait for a pose, until ``until_s`` at most; one that arrives before ``from_s`` counts at that time."""
         loop = asyncio.get_running_loop()
         self._waiting, self._from_s = loop.create_future(), from_s
-        timer = loop.call_at(until_s, _wake, self._waiting)
+        timer = loop.call_at(until_s, wake, self._waiting)
         try:
             await self._waiting
         finally:
@@ -125,35 +124,29 @@ class Pacing:
             self._waiting = None
 
 
-def _wake(waiting: "asyncio.Future[None]") -> None:
-    if not waiting.done():
-        waiting.set_result(None)
-
-
 LOOK_S = 0.02
 """Longest time between two calls of :meth:`StallDetector.look` [s]."""
 STALL_S = 0.06
-"""A longer time without a look means that the program stood still [s]."""
+"""A longer time without a look means that the program was stalled [s]."""
 DRAIN_S = 0.01
-"""Data read within this time after a stall does not count [s]: a socket is drained within some
-milliseconds."""
+"""Data read within this time after a stall does not count [s]: a socket is drained within some milliseconds."""
 
 
 class StallDetector:
-    """Finds that this program stood still. Times are on the event loop's clock [s]."""
+    """Detects that this program was stalled. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
         self._looked_s: float | None = None
         self._drained_s = 0.0
 
     def look(self, now_s: float) -> None:
-        """The program runs at ``now_s``."""
+        """Note that the program runs at ``now_s``."""
         if self._looked_s is not None and now_s - self._looked_s > STALL_S:
             self._drained_s = now_s + DRAIN_S
         self._looked_s = now_s
 
     def may_be_stale(self, now_s: float) -> bool:
-        """Whether what is read at ``now_s`` may have come while the program stood still."""
+        """Whether data read at ``now_s`` may have arrived during a stall."""
         if self._looked_s is None:
             return False
         self.look(now_s)
@@ -169,7 +162,7 @@ AFTERMATH_S = 1.0
 
 
 class CommandLoop:
-    """Sends what :class:`groundstation.flight.mission_executive.MissionExecutive` has for each frame of a link."""
+    """Sends the commands of the :class:`groundstation.flight.mission_executive.MissionExecutive`, one each frame."""
 
     def __init__(
         self,
@@ -180,10 +173,7 @@ class CommandLoop:
         on_tick: Callable[[Tick], None],
         say: Say,
     ) -> None:
-        """``idle_n`` is the thrust [N] until the vehicle is armed; ``on_tick`` sees each command as it has left.
-
-        ``say`` takes lines for the operator.
-        """
+        """``idle_n`` is the thrust [N] until the vehicle is armed; ``on_tick`` gets each command after it has left."""
         self._link = link
         self._pilot = pilot
         self._progress = progress
@@ -192,12 +182,12 @@ class CommandLoop:
         self._say = say
         self._warned = {""}
         self.drops: LinkDropWatch | None = None
-        """Watch on warnings of the link that the operator does not know yet; None before arming."""
+        """Watch on drops of the link since the flight began; None before arming."""
         self._pacing = Pacing(link)
         self._stalls = StallDetector()
 
     def pose(self, pose: Pose) -> bool:
-        """A pose has come; False where it may have waited while the program stood still, and must not be flown."""
+        """Take a pose; return False if it may have waited during a stall and must not be used."""
         if self._stalls.may_be_stale(pose.arrival_s):
             return False
         self._pilot.pose(pose)
@@ -206,16 +196,16 @@ class CommandLoop:
         return True
 
     async def fly(self, armed: Event) -> None:
-        """Arm, fly, and stop the motors on the floor; ``armed`` is what arming leads to.
+        """Arm, fly, and stop the motors on the floor; ``armed`` is the event after arming.
 
         Raises:
-            Ended: the flight can't go on.
+            FlightEnded: the flight can't go on.
             LinkError: the link can't.
         """
         loop, progress = asyncio.get_running_loop(), self._progress
         looking = asyncio.ensure_future(self._look())
         status = self._link.status
-        self._warned |= {status.warning, status.conflict}  # pre-flight has told of them
+        self._warned |= {status.warning, status.conflict}  # the pre-flight checks reported them
         self.drops = LinkDropWatch(status)
         try:
             await self._link.arm(lambda: self._pilot.idle(loop.time(), self._idle_n))
@@ -228,14 +218,14 @@ class CommandLoop:
             looking.cancel()
 
     async def _look(self) -> None:
-        """However far apart frames and poses are, a program that stood still is to notice it."""
+        """Detect stalls between frames and poses that are far apart, too."""
         loop = asyncio.get_running_loop()
         while True:
             self._stalls.look(loop.time())
             await asyncio.sleep(LOOK_S)
 
     async def _while_the_link_sends(self, work: Awaitable[None]) -> None:
-        """Await ``work``, but no longer than a moment after the link has fallen silent: then it hangs."""
+        """Await ``work``; a controller that does not notice that the link has fallen silent hangs."""
         task, silent = asyncio.ensure_future(work), asyncio.ensure_future(self._link.silent())
         try:
             await asyncio.wait({task, silent}, return_when=asyncio.FIRST_COMPLETED)
@@ -249,7 +239,7 @@ class CommandLoop:
             await asyncio.gather(task, silent, return_exceptions=True)
 
     async def _transmit(self) -> None:
-        """Commands, each from the newest pose, until the vehicle stands on the floor."""
+        """Send commands, each from the newest pose, until the vehicle is on the floor."""
         loop, progress = asyncio.get_running_loop(), self._progress
         look, last = loop.time(), None
         self._pacing.begin()
@@ -257,18 +247,20 @@ class CommandLoop:
             now = loop.time()
             self._stalls.look(now)
             command, tick = progress.command(now)
-            self._tell_slow_step()
+            slow = STEP_WATCH.get().slow
+            if slow is not None:
+                self._warn(slow.text, slow)
             if now >= look:
                 look += LINK_LOOK_S
                 self._ensure_armed(now)
-                progress.link(self._link.status, now)
-                self._warn()
+                progress.link(now)
+                self._warn_of_link()
             if progress.state not in IN_AIR:
                 return
             if not self._link.send(command):
                 self._ensure_armed(now)  # the link knows it first
                 if progress.state in IN_AIR:
-                    raise FlightEnded(self._why_refused(now, command, last))
+                    raise FlightEnded(self._explain_refusal(now, command, last))
                 return
             last = now, command
             if tick is not None:
@@ -279,25 +271,21 @@ class CommandLoop:
                 return
             await self._pacing.next(now, command.deadline_s)
 
-    def _warn(self) -> None:
-        """Tell what the link warns of in flight, each thing once."""
+    def _warn(self, key: str, sentence: Sentence) -> None:
+        """Warn of ``sentence``, once for each ``key``."""
+        if key not in self._warned:
+            self._warned.add(key)
+            self._say(sentence.as_warning())
+
+    def _warn_of_link(self) -> None:
         status = self._link.status
         for warning in (status.conflict, status.warning):
-            if warning not in self._warned:
-                self._warned.add(warning)
-                self._say(notice("link.warns", says=warning).as_warning())
+            self._warn(warning, notice("link.warns", says=warning))
         for news in self.drops.find_news(status) if self.drops is not None else ():
             self._say(news.as_warning())
 
-    def _tell_slow_step(self) -> None:
-        """Tell that code of the user's own was slow, again where it is slower by half."""
-        slow = STEP_WATCH.get().slow
-        if slow is not None and slow.text not in self._warned:
-            self._warned.add(slow.text)
-            self._say(slow.as_warning())
-
-    def _why_refused(self, now: float, command: Command, last: tuple[float, Command] | None) -> Sentence:
-        """Why the link did not take ``command``; ``last`` is when the one before left, and it."""
+    def _explain_refusal(self, now: float, command: Command, last: tuple[float, Command] | None) -> Sentence:
+        """Return why the link did not accept ``command``; ``last`` is the one before, with the time it left."""
         status = self._link.status
         if status.phase == "fresh":
             return notice("fault.late_command", text=status.text)
@@ -311,29 +299,28 @@ class CommandLoop:
         return notice("fault.no_pose", age_ms=(now - late.pose_time_s) * 1e3)
 
     def _ensure_armed(self, now: float) -> None:
-        """Whether the autopilot has disarmed by itself on the floor; anywhere else that ends the flight at once.
+        """End the flight if the autopilot has disarmed, or land if it did so on the floor.
 
-        One that is not heard any more may hear us still: it lands, while the poses show that it obeys.
+        An autopilot whose telemetry is lost may still receive commands: the vehicle lands while the poses respond.
         """
         status, progress = self._link.status, self._progress
         if status.slept_s > 0.0:
             raise FlightEnded(notice("fault.slept", slept_s=status.slept_s))
         if status.taken:
-            progress.link(status, now)
+            progress.link(now)
         if status.state == "armed" or progress.state not in IN_AIR:
             return
-        felt = status.state == "connected" and status.hears_vehicle  # else nobody has told of a floor
-        if felt and progress.low and progress.allows(Event.DISARMED):
+        on_floor = status.state == "connected" and status.hears_vehicle and progress.low
+        if on_floor and progress.mission.allows(Event.DISARMED):
             progress.go(Event.DISARMED, notice("mission.felt_floor"), now)
-            return
-        if status.state == "lost":  # nobody knows whether it is armed still: it may be coming down by itself
+        elif status.state != "lost":
+            raise FlightEnded(notice("fault.disarmed", state=status.state, text=status.text))
+        else:  # it may still be armed, or be landing by itself
             last = f", and the autopilot was in {status.mode} when last heard" if status.mode else ""
             if status.phase != Phase.FRESH:
                 raise FlightEnded(notice("fault.link_lost", last=last, text=status.text))
             if progress.state is not State.DESCENT:
                 progress.go(Event.LAND, notice("fault.link_lost_land", last=last), now, fault=True)
-            return
-        raise FlightEnded(notice("fault.disarmed", state=status.state, text=status.text))
 
     async def _stop_motors(self) -> None:
         """Hold zero thrust on the floor until the autopilot has disarmed."""
@@ -359,7 +346,7 @@ class CommandLoop:
         self._progress.go(Event.DISARMED, notice(ended), loop.time())
 
     async def _force_motors_off(self, refusal: LinkError) -> None:
-        """Stop the motors by force where the poses still show the vehicle on the floor: its own LAND might drive off.
+        """Stop the motors by force if the poses still show the vehicle on the floor: its own LAND might drive off.
 
         Raises:
             FlightEnded: it is not there, or that is refused, too.
@@ -380,10 +367,10 @@ class CommandLoop:
 
 
 class FrameLateness:
-    """When the next frame is due; a late one is skipped, never made up for (:class:`Pacing` has the same rule)."""
+    """Delay of commands behind their frames; a late frame is skipped (:class:`Pacing` has the same rule)."""
 
     def __init__(self, link: CommandLink) -> None:
-        """Nothing is asked of ``link`` before the first command: some tell their period only once connected."""
+        """``link`` is not used before the first command: some know their period only once connected."""
         self._link = link
         self._due_s: float | None = None
         self._pose_id: int | None = None
@@ -393,16 +380,14 @@ class FrameLateness:
         self._due_s = None
 
     def late_s(self, now_s: float, pose_id: int, arrival_s: float) -> float | None:
-        """Return the delay of this command [s]; None without a frame or a new pose.
+        """Return the delay of a command from the pose ``pose_id``, which arrived at ``arrival_s`` [s].
 
-        It rests on the pose ``pose_id``, which came at ``arrival_s`` [s].
+        None for a command without a frame of its own, or without a new pose.
         """
-        if not self._link.follows_poses:
-            return self._late_for_frame(now_s, self._link.period_s)
-        new, self._pose_id = pose_id != self._pose_id, pose_id
-        return now_s - arrival_s if new else None
-
-    def _late_for_frame(self, now_s: float, period_s: float) -> float | None:
+        if self._link.follows_poses:
+            new, self._pose_id = pose_id != self._pose_id, pose_id
+            return now_s - arrival_s if new else None
+        period_s = self._link.period_s
         if self._due_s is None:
             self._due_s = now_s
         late = now_s - self._due_s
@@ -415,10 +400,10 @@ class FrameLateness:
 
 
 class FlightStatistics:
-    """Counts and remembers; makes a :class:`Snapshot` only when one is asked for."""
+    """Statistics of one flight, for its :class:`Snapshot`."""
 
     def __init__(self, vehicle: Vehicle, floor_z_m: float) -> None:
-        """``floor_z_m`` is where heights count from [m, NED]."""
+        """``floor_z_m`` is the zero of heights [m, NED]."""
         self._vehicle = vehicle
         self._floor_z_m = floor_z_m
         self._arrivals: deque[float] = deque(maxlen=1000)
@@ -430,8 +415,8 @@ class FlightStatistics:
         self._lateness = Lateness()
         self._late_s: float | None = None
 
-    def hear(self, event: FlightEvent) -> None:
-        """Count ``event``; an error counts where it belongs to the trajectory."""
+    def take(self, event: FlightEvent) -> None:
+        """Count ``event``; the error counts on the trajectory alone."""
         match event:
             case PoseRecord(pose):
                 self._arrivals.append(pose.arrival_s)
@@ -463,7 +448,7 @@ class FlightStatistics:
         checks: tuple[Check, ...],
         gains: dict[str, float],
     ) -> Snapshot:
-        """The flight as it is now; before the first command, position and attitude are the newest pose's."""
+        """Return the flight as it is now; before the first command with the newest pose's position and attitude."""
         now = asyncio.get_running_loop().time()
         position, velocity, attitude = ZERO, ZERO, IDENTITY
         if self._tick is not None:
@@ -513,23 +498,18 @@ class FlightStatistics:
         )
 
     def _rate(self, now: float) -> float:
-        """Poses that arrived within the last second."""
+        """Number of poses that arrived within the last second."""
         while self._arrivals and self._arrivals[0] < now - 1.0:
             self._arrivals.popleft()
         return float(len(self._arrivals))
 
 
-def explain_end(error: FlightEnded | LinkError) -> Sentence:
-    """Return why ``error`` ends a flight, for the operator."""
-    return error.sentence if isinstance(error, FlightEnded) else notice("fault.link", why=error.says)
-
-
 def make_ends(
     config: Config, wires: Mapping[str, Any] | None = None, others: Others | None = None
 ) -> tuple[CommandLink, PoseSource]:
-    """The link and the pose source that ``config`` names; nothing is opened yet.
+    """Make the link and the pose source that ``config`` names; nothing is opened yet.
 
-    ``wires`` is what a simulation puts in the place of the link's hardware; see :func:`links.make.make_link`.
+    ``wires`` replaces the link's hardware in a simulation; see :func:`links.make.make_link`.
     ``others`` are further bodies that the source looks for.
 
     Raises:
@@ -544,57 +524,46 @@ def make_ends(
 STAY_LOOK_S = 0.1
 """Period at which an autopilot left in the air is checked after the flight [s]."""
 STAYS_S = 30.0
-"""An autopilot that lands by itself is heard, and can be killed, for this long after the last
+"""An autopilot that lands by itself is monitored, and can be killed, for this long after the last
 command [s]."""
 
 
 class Shutdown:
-    """One flight's: the bring-down, or a kill; poses to an autopilot that may rest on them; closed wires."""
+    """End of one flight: the bring-down, or a kill; poses to an autopilot that uses them; closed wires."""
 
     closed = False
-    """True once nothing leaves any more."""
+    """Whether nothing leaves any more."""
 
     def __init__(self, link: CommandLink, source: PoseSource, say: Say, *, forwards: bool) -> None:
-        """``forwards``: the autopilot gets the poses of ``source``."""
         self._link = link
         self._source = source
         self._say = say
-        self._forwards = forwards
-        self._staying: asyncio.Event | None = None
+        self.forwards = forwards
+        """Whether the autopilot gets the poses of the source."""
+        self.stays = False
+        """Whether commands have ended while the autopilot is still monitored, and gets poses if it did before."""
+        self.leave = asyncio.Event()
+        """Set by a request to end that, too."""
         self._kill: asyncio.Task[None] | None = None
 
     @property
     def killed(self) -> bool:
-        """Whether the motors were told to stop at once."""
+        """Whether the motors were ordered off at once."""
         return self._kill is not None
 
     def kill(self) -> None:
-        """Have the motors stop at once."""
+        """Order the motors off at once."""
         self._kill = asyncio.ensure_future(self._link.kill())
 
-    @property
-    def stays(self) -> bool:
-        """Whether commands have ended, and the autopilot is still heard, and fed with poses where it was."""
-        return self._staying is not None
-
-    def leave(self) -> None:
-        """End that, too."""
-        if self._staying is not None:
-            self._staying.set()
-
-    def end_forwarding(self) -> None:
-        """Note that the autopilot gets no poses any more."""
-        self._forwards = False
-
     def distrust(self) -> None:
-        """Our poses are wrong: nobody gets them any more, and no LAND is asked for that may rest on them."""
-        self.end_forwarding()
+        """Stop forwarding poses, as they are wrong, and request no LAND that may use them."""
+        self.forwards = False
         for part in (self._source, self._link):
             if isinstance(part, Distrusts):
                 part.distrust()
 
     async def close(self) -> None:
-        """Close the link, which may have to bring down first, and the source, and tell what is done."""
+        """Close the link, which may have to bring the vehicle down first, and the source; report each step."""
         link = self._link
         if self._kill is None and link.status.phase in ("fresh", "bring_down"):
             self._say(notice("flight.bringing_down"))
@@ -618,24 +587,24 @@ class Shutdown:
         await self._source.close()
 
     async def _stay(self) -> None:
-        """An autopilot that brings it down keeps the poses that it had from us, and can be told to stop its motors.
+        """Keep the poses to an autopilot that brings the vehicle down with them, and the way to stop its motors.
 
-        Without poses of ours it needs nothing more from here, so that is bounded in time.
+        An autopilot that uses no poses of ours is monitored for a limited time.
         """
         autopilot = self._link.autopilot
-        if not (self._turns() and (self._forwards or (autopilot is not None and autopilot.lands_by_itself))):
+        if not (self._turns() and (self.forwards or (autopilot is not None and autopilot.lands_by_itself))):
             return
         now_s = asyncio.get_running_loop().time
-        asked, until_s = asyncio.Event(), now_s() + STAYS_S
-        self._staying = asked
-        self._say(notice("flight.poses_go_on" if self._forwards else "flight.still_heard"))
-        while self._turns() and not asked.is_set() and (self._forwards or now_s() < until_s):
+        until_s = now_s() + STAYS_S
+        self.stays = True
+        self._say(notice("flight.poses_go_on" if self.forwards else "flight.still_heard"))
+        while self._turns() and not self.leave.is_set() and (self.forwards or now_s() < until_s):
             with suppress(TimeoutError):
-                await asyncio.wait_for(asked.wait(), STAY_LOOK_S)
-        self._staying = None
+                await asyncio.wait_for(self.leave.wait(), STAY_LOOK_S)
+        self.stays = False
         if self.killed:
             return
-        if asked.is_set():
+        if self.leave.is_set():
             self._say(notice("flight.left_as_asked"))
         elif self._turns():
             self._say(notice("flight.left_turning", limit_s=STAYS_S))
@@ -647,13 +616,13 @@ class Shutdown:
 
 
 UNSEEN = 64
-"""At most this many poses wait for the vehicle's attitude."""
+"""Number of poses that wait for the vehicle's attitude, at most [-]."""
 
 
 class AttitudeComparison:
-    """Poses against the attitude that the vehicle tells itself: do they agree, and how much later do they come?
+    """Comparison of the poses with the attitude that the vehicle reports: do they agree, and how late are they?
 
-    Poses wait until the vehicle tells its attitude, or somebody asks.
+    Poses wait until the vehicle reports its attitude, or a result is needed.
     """
 
     def __init__(self) -> None:
@@ -667,21 +636,23 @@ class AttitudeComparison:
             self.compare()
 
     def compare(self) -> Witness:
-        """Show both all poses so far."""
+        """Compare all poses so far."""
         unseen, self._unseen = self._unseen, []
         for pose in unseen:
             self.witness.pose(pose)
             self.latency.pose(pose)
         return self.witness
 
-    def hear(self, told: Attitude) -> None:
-        """Take the vehicle's own attitude; all poses so far have been shown."""
-        self.witness.attitude(told)
-        self.latency.attitude(told)
+    def attitude(self, attitude: Attitude) -> Witness:
+        """Compare all poses so far, then take the vehicle's own attitude."""
+        self.compare()
+        self.witness.attitude(attitude)
+        self.latency.attitude(attitude)
+        return self.witness
 
 
 HELD_IN = frozenset({State.ARMING, State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING})
-"""Where the operator's hold is let go in these states, it lands; in those that come down already it changes nothing."""
+"""States in which releasing the operator's hold lands the vehicle; the others land already."""
 
 
 class FlightOutcome(msgspec.Struct, frozen=True):
@@ -690,7 +661,7 @@ class FlightOutcome(msgspec.Struct, frozen=True):
     state: State
     reason: str
     fault: str = ""
-    """Cause of an early landing that nobody requested; empty where there was none."""
+    """Cause of an early landing that nobody requested; empty without one."""
 
 
 class Flight:
@@ -703,55 +674,53 @@ class Flight:
         source: PoseSource,
         *,
         confirm: Callable[[], Awaitable[bool]],
-        subscribers: Sequence[Subscriber] = (),
-        network: Network | None = None,
-        others: Others | None = None,
-        quiet: IdleSlots | None = None,
-        company: Company | None = None,
-        hold: HoldWatch | None = None,
-        monitors: Monitors = MONITORS,
+        subscribers: Sequence[Subscriber],
+        network: Network | None,
+        others: Others | None,
+        quiet: IdleSlots,
+        company: Company,
+        hold: HoldWatch | None,
+        monitors: Monitors,
     ) -> None:
-        """Take the parts; ``confirm`` asks the operator before the vehicle is armed.
+        """Take the parts.
 
-        ``subscribers`` hear all that happens; wires are opened on ``network``, where that is not the usual one.
-        ``others`` are vehicles to keep away from, as ``source`` sees them. ``quiet`` hears of each command that left.
-        ``company`` checks what is beside it before it is armed; ``hold`` watches what the operator must hold.
-        ``monitors`` makes what may end the flight.
+        Args:
+            config: the flight's.
+            link: command link, opened by :meth:`run`.
+            source: pose source, started by :meth:`run`.
+            confirm: asks the operator before the vehicle is armed.
+            subscribers: get all events.
+            network: opens the wires; None for the usual one.
+            others: vehicles to keep away from, as ``source`` shows them.
+            quiet: is notified of each command that left.
+            company: checks of the surroundings before arming.
+            hold: watch on the control that the operator must hold; None without one.
+            monitors: makes the monitors that may end the flight.
         """
         self._config = config
         self._link = link
         self._source = source
         self._statistics = FlightStatistics(config.vehicle, config.flight.floor_z_m)
-        self._subscribers = (self._statistics.hear, *subscribers)
+        self._subscribers = (self._statistics.take, *subscribers)
         self._network = network
         self._due = FrameLateness(link)
         flight = config.flight
         self._pilot = Pilot(
-            config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._hear_pilot, self._now,
+            config.vehicle, config.controller, flight.coast_s, flight.floor_z_m, self._on_pilot_event, self._now,
             monitors.health,
         )  # fmt: skip
         self._suspicious = False
         self._attitudes = AttitudeComparison()
+        self._shutdown = Shutdown(link, source, self.say, forwards=config.forwards is not None)
         self._progress = MissionExecutive(
-            config,
-            self._pilot,
-            lambda: link.period_s,
-            self._say,
-            self._enter,
-            others,
-            lands_by_own_position=(
-                (lambda now_s: False) if (autopilot := link.autopilot) is None else autopilot.could_land_by_itself
-            ),
-            arrival=(lambda now_s: IN_TIME) if autopilot is None else autopilot.arrival,
-            on_failure=self.distrust,
-            monitors=monitors,
+            config, link, self._pilot, self.say, self._enter, self._shutdown.distrust, others, monitors
         )
         self._commands = CommandLoop(
-            link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._on_command, self._say
+            link, self._pilot, self._progress, flight.idle_thrust * config.weight_n, self._on_command, self.say
         )
         self._live = LiveGains(config.controller)
-        self._quiet = quiet or IdleSlots()
-        if not config.pose.by_autopilot:  # one that is only heard twice is no second witness
+        self._quiet = quiet
+        if not config.pose.by_autopilot:  # else both are its own estimate
             link.watch_attitude(self._attitude)
         self._prearm = PrearmSequence(
             config,
@@ -762,52 +731,46 @@ class Flight:
             self.witness,
             confirm=confirm,
             others=others,
-            say=self._say,
+            say=self.say,
             company=company,
         )
         self._hold = hold
-        self._shutdown = Shutdown(link, source, self._say, forwards=config.forwards is not None)
         self._crew: asyncio.Task[None] | None = None
         self._dismissed = False
         self.believes_poses = True
-        """Whether the pose that came last is flown by; after the last command, whether that before it was."""
+        """Whether the newest pose is used; after the last command, whether that before it was."""
 
-    # ---- what may be asked of it
+    # ---- requests
 
     @property
     def state(self) -> State:
-        """Where the flight stands."""
+        """State of the flight."""
         return self._progress.state
 
     @property
     def reason(self) -> str:
-        """Why it stands there; empty before it began."""
-        reason = self._progress.reason
+        """Reason of the state; empty before the flight began."""
+        reason = self._progress.mission.reason
         return "" if reason is None else reason.text
 
     @property
-    def health(self) -> PoseHealth:
-        """Health of the poses."""
-        return self._pilot.health
-
-    @property
     def failure(self) -> Failure | None:
-        """Why its poses have ended it; None where they have not."""
+        """Failure of the poses or the uplink that ended the flight; None without one."""
         return self._progress.failure
 
     @property
     def started_s(self) -> float | None:
-        """When the trajectory starts, on the event loop's clock [s]; None before that is known."""
+        """Start of the trajectory, on the event loop's clock [s]; None before it is known."""
         return self._progress.started_s
 
     def ask(self, request: Request) -> Reply:
-        """Do what ``request`` says, or tell the operator that it is not possible now."""
+        """Carry out ``request``, or reply why it is not possible now."""
         event, why, now = EVENT_OF[request.ask], request.why, self._now()
         self._tell(RequestRecord(now, request.ask, why))
-        if not self._progress.allows(event):
+        if not self._progress.mission.allows(event):
             refusal = notice("mission.hold_first" if request.ask is Ask.GOTO else "mission.not_possible",
                              ask=request.ask, state=self.state)  # fmt: skip
-            self._say(notice("mission.refused_asker", refusal=refusal, why=why) if why else refusal)
+            self.say(notice("mission.refused_asker", refusal=refusal, why=why) if why else refusal)
             return Reply.of(False, refusal)
         match request.ask:
             case Ask.ARM if self._hold is not None and self._hold.hold.obstacle is not None:
@@ -815,10 +778,10 @@ class Flight:
             case Ask.GOTO:
                 obstacle = self._progress.move(request.points, why, now)
                 if obstacle is not None:
-                    self._say(notice("mission.goto_refused", why=obstacle))
+                    self.say(notice("mission.goto_refused", why=obstacle))
                     return Reply.of(False, obstacle)
             case Ask.ARM:
-                self._prearm.arm()
+                self._prearm.arm_asked.set()
                 return Reply.of(True, notice("flight.arms"))
             case Ask.KILL:
                 if self._shutdown.closed and not self._shutdown.killed:
@@ -826,40 +789,32 @@ class Flight:
                 if not self._shutdown.killed:
                     self._shutdown.kill()
                     self._progress.go(event, notice("mission.killed", why=why), now)
+            case Ask.LAND if self._shutdown.stays:
+                # The autopilot lands, perhaps with our poses: a first Ctrl-C must not end them.
+                return Reply.of(False, notice("flight.autopilot_lands"))
             case _ if self._shutdown.stays:
-                # It is in the autopilot's hands, which may rest on our poses: a first Ctrl-C does not end that.
-                if request.ask is Ask.LAND:
-                    return Reply.of(False, notice("flight.autopilot_lands"))
-                self._shutdown.leave()
+                self._shutdown.leave.set()
             case _:
                 asked = "mission.ended_before" if self.state in ON_GROUND else "mission.asked"
                 self._progress.go(event, notice(asked, why=why), now)
-        return Reply.of(True, notice("flight.state", state=self.state, reason=self._progress.reason or ""))
+        return Reply.of(True, notice("flight.state", state=self.state, reason=self._progress.mission.reason or ""))
 
     def set_gain(self, key: str, value: float) -> Reply:
-        """Begin to move a gain (see live_gains.py), or say why not."""
-        reply = self._live.set(key, value, asyncio.get_running_loop().time())
-        self._say(Sentence(reply.id, reply.says, reply.numbers))
+        """Begin to move a gain (see live_gains.py), or reply why not."""
+        reply = self._live.set(key, value, self._now())
+        self.say(Sentence(reply.id, reply.says, reply.numbers))
         return reply
 
-    def note(self, sentence: Sentence) -> None:
-        """Tell the operator, screens and records of something that happened beside the flight."""
-        self._say(sentence)
-
     def land(self, reason: str) -> None:
-        """Ask to land here; before take-off, to end the flight."""
+        """Request a landing here; before take-off, the end of the flight."""
         self.ask(Request(Ask.LAND, reason))
 
     def stop(self, reason: str) -> None:
-        """Ask to end the flight now, wherever it is: commands stop, and the link plays its bring-down."""
+        """Request the end of the flight now: commands stop, and the link plays its bring-down."""
         self.ask(Request(Ask.ABORT, reason))
 
-    def kill(self, reason: str) -> None:
-        """Ask to stop the motors now, also in the air."""
-        self.ask(Request(Ask.KILL, reason))
-
     def snapshot(self) -> Snapshot:
-        """The flight as it is now."""
+        """Return the flight as it is now."""
         return self._statistics.snapshot(
             state=self.state,
             reason=self.reason,
@@ -872,32 +827,14 @@ class Flight:
             gains=self._live.now,
         )
 
-    # ---- its life
-
-    def distrust(self) -> None:
-        """The poses have been found to be wrong: for the rest of this flight, nobody else rests on them either."""
-        self._shutdown.distrust()
-
-    def _attitude(self, told: Attitude) -> None:
-        witness, now_s = self.witness(), asyncio.get_running_loop().time()
-        self._attitudes.hear(told)
-        if not self._dismissed:
-            self._tell_disagreement()
-        if self.state in IN_AIR:
-            agreement = witness.verdict(now_s)
-            self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
-        if (
-            told.rates_rad_s is not None
-        ):  # through a radio: that one stalls on the way down says nothing of our commands
-            self._progress.hear(now_s)
-        self._progress.attitude(told, witness.in_poses(told), now_s)
+    # ---- from beginning to end
 
     async def run(self) -> FlightOutcome:
-        """Fly. However this ends, the link first does what it owes the vehicle: bring it down, or stop its motors.
+        """Fly. However this ends, the link first brings the vehicle down, or stops its motors.
 
         Then the link and the source are closed, and nothing leaves any more; cancelling does not shorten that.
         """
-        loop, progress = asyncio.get_running_loop(), self._progress
+        progress = self._progress
         if self._network is not None:
             NETWORK.set(self._network)
         watching = self._watch()
@@ -906,11 +843,13 @@ class Flight:
             self._crew.cancel()
         try:
             await self._crew
-        except (FlightEnded, LinkError) as error:
-            progress.go(Event.ABORT, explain_end(error), loop.time())
+        except FlightEnded as ended:
+            progress.go(Event.ABORT, ended.sentence, self._now())
+        except LinkError as error:
+            progress.go(Event.ABORT, notice("fault.link", why=error.says), self._now())
         except BaseException as error:
             why = notice("fault.stopped", name=type(error).__name__, text=error)
-            progress.go(Event.ABORT, why, loop.time())
+            progress.go(Event.ABORT, why, self._now())
             if not (self._dismissed and isinstance(error, asyncio.CancelledError)):
                 raise
         finally:
@@ -918,13 +857,13 @@ class Flight:
                 await to_the_end(self._shutdown.close())
             finally:
                 watching.cancel()
-                self._tell_drops()
-                end = progress.reason or notice("mission.waiting")
-                self._tell(EndRecord(loop.time(), self.state, end.text, end.id, end.numbers))
+                self._report_drops()
+                end = progress.mission.reason or notice("mission.waiting")
+                self._tell(EndRecord(self._now(), self.state, end.text, end.id, end.numbers))
         return FlightOutcome(self.state, self.reason, "" if progress.fault is None else progress.fault.text)
 
-    def _tell_drops(self) -> None:
-        """Tell what of messages and poses was lost in the flight, where that was much."""
+    def _report_drops(self) -> None:
+        """Report which messages and poses were lost in the flight, if they were many."""
         watch, found = self._commands.drops, find_pose_drops(self._source.status)
         if watch is None:
             return
@@ -933,15 +872,15 @@ class Flight:
             reason, count, total = found
             lost.append(notice("pose.dropped", count=count, total=total, why=describe_drop(reason)))
         for says in lost:
-            self._say(notice("link.flown", says=says))
+            self.say(notice("link.flown", says=says))
 
     async def _fly(self) -> None:
         await self._prearm.depart(self._pose)
-        self._progress.go(Event.ARM, notice("mission.arming"), asyncio.get_running_loop().time())
+        self._progress.go(Event.ARM, notice("mission.arming"), self._now())
         await self._commands.fly(Event.ARMED if self._config.flight.start == "floor" else Event.AIRBORNE)
 
     async def check(self) -> list[Check]:
-        """Connect, look at everything as before a flight, and disconnect; instead of :meth:`run`."""
+        """Connect, make all checks as before a flight, and disconnect; instead of :meth:`run`."""
         watching = self._watch()
         try:
             return await self._prearm.check(self._pose)
@@ -950,29 +889,29 @@ class Flight:
             watching.cancel()
 
     def _watch(self) -> "asyncio.Future[None]":
-        """Watch what the operator must hold, from now on."""
+        """Watch the operator's hold from now on."""
         if self._hold is None:
             return asyncio.get_running_loop().create_future()
         return asyncio.ensure_future(self._hold.run(self._check_hold))
 
-    # ---- what comes in, and what is told
+    # ---- inputs and events
 
     def _check_hold(self) -> None:
-        """Land where the operator's hold was released or lost."""
-        assert self._hold is not None, "somebody has looked"
+        """Land if the operator's hold is released or lost."""
+        assert self._hold is not None, "it has called"
         why = self._hold.hold.obstacle
         if why is not None and self.state in HELD_IN:
             if self._hold.hold.lost:
                 self._progress.fault = self._progress.fault or why
-            self.ask(Request(Ask.LAND, why.text))
+            self.land(why.text)
 
     def _pose(self, pose: Pose) -> None:
         if self._commands.pose(pose):
-            if not self._dismissed:  # from then on the model, which the gate asks, hears of no commands
-                self.believes_poses = self._pilot.newest_pose is pose
             self._attitudes.add(pose)
-            if not self._dismissed and (news := self._pilot.response.describe_news(self._late_by_attitude)):
-                self._say(news.as_warning(), "latency")
+            if not self._dismissed:  # later the model, which the gate uses, gets no commands
+                self.believes_poses = self._pilot.newest_pose is pose
+                if news := self._pilot.response.describe_news(self._late_by_attitude):
+                    self.say(news.as_warning(), "latency")
             self._prearm.first_pose.set()
 
     def witness(self) -> Witness:
@@ -984,34 +923,41 @@ class Flight:
         self.witness()
         return self._attitudes.latency.estimate
 
-    def _tell_disagreement(self) -> None:
-        """Tell the operator where poses are later than told by the vehicle's own attitude, or disagree with it.
+    def _attitude(self, attitude: Attitude) -> None:
+        """Take the vehicle's own attitude, and compare the poses with it."""
+        witness, now_s = self._attitudes.attitude(attitude), self._now()
+        if not self._dismissed:
+            self._report_disagreement()
+        if self.state in IN_AIR:
+            agreement = witness.verdict(now_s)
+            self._pilot.set_autopilot_agreement(None if agreement is None else agreement.agrees)
+        self._progress.attitude(attitude, witness.in_poses(attitude), now_s)
 
-        The latter while they are believed.
-        """
+    def _report_disagreement(self) -> None:
+        """Report poses that are later than configured, or, while they are used, disagree with the own attitude."""
         if news := self._attitudes.latency.describe_news(lambda: 0.5 * (self._link.status.rtt_s or 0.0)):
-            self._say(news.as_warning(), "latency")
+            self.say(news.as_warning(), "latency")
         state = self.state
         if state in IN_AIR and state is not State.DESCENT and (news := self._attitudes.witness.describe_news()):
-            self._say(news.as_warning())
+            self.say(news.as_warning())
 
     def _enter(self, state: State, reason: Sentence) -> None:
         severity = Severity.WARNING if state in ALARMING else Severity.INFO
         self._tell(Notice.of(self._now(), state, reason, "state", severity))
-        if state in FINAL and state is not State.LANDED:  # no more commands from here: what follows is the link's
+        if state in FINAL and state is not State.LANDED:  # no more commands: the link brings the vehicle down
             self._dismissed = True
             if not self.believes_poses:
-                self._shutdown.end_forwarding()
+                self._shutdown.forwards = False
             if self._crew is not None:
                 self._crew.cancel()
 
     def _on_command(self, tick: Tick) -> None:
         state = self.state
         for warning in tick.seen.warnings:
-            self._say(warning.as_warning(), "certificate")
+            self.say(warning.as_warning(), "certificate")
         suspicious, self._suspicious = self._suspicious, self._pilot.is_suspicious
         if self._suspicious and not suspicious and self._link.autopilot is not None:
-            self._link.autopilot.ask_mode()  # who has taken it over flies otherwise, too
+            self._link.autopilot.ask_mode()  # a vehicle that somebody has taken over does not respond either
         step, news = self._live.update(
             tick.time_s,
             tick.estimate,
@@ -1022,7 +968,7 @@ class Flight:
         if step is not None:
             self._pilot.gain(*step)
         if news is not None:
-            self._say(news)
+            self.say(news)
         self._tell(CommandSent(tick))
         self._quiet.begin()
 
@@ -1030,16 +976,16 @@ class Flight:
         return asyncio.get_running_loop().time()
 
     def _tell(self, event: FlightEvent) -> None:
-        for hear in self._subscribers:
-            hear(event)
+        for take in self._subscribers:
+            take(event)
 
-    def _hear_pilot(self, event: FlightEvent | Tick) -> None:
+    def _on_pilot_event(self, event: FlightEvent | Tick) -> None:
         if isinstance(event, Tick):
-            self._tell(TickRecord(event, self._due.late_s(event.time_s, event.pose.id, event.pose.arrival_s)))
-            return
-        if isinstance(event, IdleRecord):
+            event = TickRecord(event, self._due.late_s(event.time_s, event.pose.id, event.pose.arrival_s))
+        elif isinstance(event, IdleRecord):
             self._due.begin()
         self._tell(event)
 
-    def _say(self, sentence: Sentence, kind: NoticeKind = "news") -> None:
+    def say(self, sentence: Sentence, kind: NoticeKind = "news") -> None:
+        """Tell the operator, screens and records ``sentence``."""
         self._tell(Notice.of(self._now(), self.state, sentence, kind, sentence.severity))

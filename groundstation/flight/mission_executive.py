@@ -1,4 +1,4 @@
-"""Mission executive: moves the mission on: what is flown as a state begins, and what ends it. Sans-IO.
+"""Mission executive: gives each state of the mission its reference, and ends it. Sans-IO.
 
 The caller owns time and wires.
 """
@@ -14,7 +14,6 @@ from groundstation.core.messages import Others, Pose, Sentence, Tick, Waypoint, 
 from groundstation.core.mission import FINAL, IN_AIR, TABLE, Event, Mission, State
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
-    MONITORS,
     Escalation,
     Failure,
     Fence,
@@ -24,6 +23,7 @@ from groundstation.core.safety import (
     HealthState,
     Hover,
     Monitors,
+    PoseHealth,
     Separation,
     Spool,
     SpoolUp,
@@ -34,12 +34,12 @@ from groundstation.core.safety import (
 from groundstation.core.trajectory import Blend, Chain, Hold, Limits, Reference, Trajectory, blend, run_in, stop
 from groundstation.flight.descent_means import DescentMeans, Means
 from groundstation.settings import Config
-from links.core import IN_TIME, Arrival, Attitude, Command, LinkStatus
+from links.core import IN_TIME, Attitude, Command, CommandLink
 
 LAST_CHANCE_S = 0.004
 """The next command leaves this long before the deadline of the one before [s]."""
 AT_REST_M_S = 0.02
-"""Slower than this a reference need not be stopped first [m/s]."""
+"""A reference slower than this is not braked before the next leg [m/s]."""
 FAST_M_S2 = 2.0
 """Deceleration after a lift-off faster than the climb speed, and largest acceleration of a climb
 [m/s²]: just off the floor thrust allows no more."""
@@ -51,8 +51,8 @@ HALTS_PER_S = 3.5
 """Deceleration per m/s of an autopilot's own speed estimate, at most [1/s]: 0.3 m/s may be its
 wander."""
 ASTRAY_M = 0.3
-"""A landing begins where the vehicle is, where that is farther from the reference [m]: what holds it below would let it
-shoot up to where it should have been."""
+"""Deviation from the reference above which a landing begins at the vehicle's own position [m]: a vehicle that
+is held below its reference would shoot up when released."""
 SILENT_S = 0.15
 """Shortest silence of a vehicle's telemetry after which it may not receive commands either [s]."""
 SILENTS = 2.5
@@ -66,24 +66,23 @@ USUAL = 0.1
 UNHEARD_S = 0.15
 """Acknowledgements overdue for this long: the uplink is assumed down [s]."""
 DEAF_S = 0.5
-"""After this long the operator is told, and the commands that may still arrive bring it down
-[s]."""
+"""Acknowledgements overdue for this long: the operator is informed, and the vehicle descends [s]."""
 LAST_PERIODS = 2.5
-"""The last command holds for so many periods: it must reach the next frame of a pacer, which its own leads."""
+"""The last command is valid for this many periods: it must reach the next frame of a pacer."""
 LEAST_HEIGHT_M = 0.3
-"""A point that is asked for lies at least so high above the floor [m]: whoever wants less lands."""
+"""Lowest height that goto accepts [m]."""
 SEEN_M = 0.005
-"""Smaller lengths are not named to the operator [m]."""
+"""A point this close to the fence is reported as on it [m]."""
 LOOKS = 40
-"""A leg is looked at in so many places before it is flown: less than a millisecond."""
+"""Number of points at which a leg is checked before it is flown [-]: less than a millisecond."""
 LONGER_S = 10.0
-"""Time allowed for a landing beside the way down at its slowest speed [s]."""
+"""Time allowed for a landing in addition to the way down [s]."""
 LONGER = 2.0
-"""Factor on the time of that way down [-]."""
+"""Factor on the time of that way at its slowest speed [-]."""
 DESCENT_M_S = 0.5
 """Sink rate of the failsafe descent [m/s]: ArduPilot's own landing (LAND_SPEED); 4 s from a height of 2 m."""
 DISARMED_HEIGHT_M = 0.2
-"""An autopilot that disarms below this height while we come down has felt the floor [m]."""
+"""An autopilot that disarms below this height during a descent has detected the landing [m]."""
 
 
 class Leg(NamedTuple):
@@ -100,248 +99,7 @@ class MissionMove(NamedTuple):
     event: Event
     reason: Sentence
     fault: bool = False
-    """Whether this is not how the flight was meant to go."""
-
-
-class Course:
-    """Ways of the mission's states: climb, hold, onto and along the trajectory, back, down."""
-
-    def __init__(self, config: Config) -> None:
-        self._config = config
-        self._trajectory = config.trajectory.build()
-        takeoff = config.takeoff
-        self._transit = Limits(takeoff.transit_m_s, takeoff.transit_m_s2)
-        self._climb = Limits(takeoff.climb_m_s, min(takeoff.transit_m_s2, FAST_M_S2))
-        self._home: Vec3 | None = None
-        self._points: tuple[Waypoint, ...] = ()
-        self._reached = 0
-        self._waits = self._weighs = False
-        self._hover = Hover()
-        self._touchdown = Touchdown(config.weight_n)
-
-    def stood(self, place_ned: Vec3) -> None:
-        """Set the place of the take-off, NED [m]."""
-        self._home = place_ned
-
-    def plan(self, points: tuple[Waypoint, ...]) -> None:
-        """Fly to ``points`` next, one after the other."""
-        self._points, self._reached = points, 0
-
-    def wait(self) -> None:
-        """Hold until told to go on."""
-        self._waits = True
-
-    @property
-    def target(self) -> Sentence:
-        """Which point it flies to, in words."""
-        north, east, down = self._points[self._reached].place_ned
-        which = f", {self._reached + 1} of {len(self._points)}" if len(self._points) > 1 else ""
-        height = self._config.flight.floor_z_m - down
-        return notice("goto.target", north_m=north, east_m=east, height_m=height, which=which)
-
-    def arrive(self) -> bool:
-        """Count a reached point; True where another one follows."""
-        self._reached += 1
-        return self._reached < len(self._points)
-
-    def at_once(self, time_s: float) -> Leg:
-        """The trajectory from its beginning, wherever the vehicle is: for one that is let go in the air."""
-        return Leg(self._trajectory, time_s)
-
-    def leg(self, event: Event, state: State, now: Reference, time_s: float) -> Leg:
-        """Return the way from the motion ``now`` at ``time_s`` [s] into ``state``."""
-        match state:
-            case State.TAKEOFF:
-                climb = self._climb
-                if math.hypot(*now.velocity_ned) > climb.speed_m_s:
-                    climb = Limits(climb.speed_m_s, FAST_M_S2)
-                return self._above(None, now, time_s, climb, self._halt_aside(now))
-            case State.TRACKING:
-                return _leg(self.entry(now), self._trajectory, time_s)
-            case State.MOVING:
-                return self._to_point(now, time_s)
-            case State.RETURNING:
-                return self._above(self._home, now, time_s, self._transit, self._halt(now))
-            case State.LANDING:
-                return self._down(now, time_s)
-            case _:
-                self._waits, self._hover = event in (Event.HOLD, Event.ARRIVED), Hover()
-                self._weighs = not self._waits
-                return Leg(stop(now, self._transit), time_s)
-
-    def entry(self, now: Reference) -> list[Blend]:
-        """The ways from ``now`` onto the beginning of the trajectory, which is met in its own motion."""
-        ways = self._halt(now)
-        begin = run_in(self._trajectory.at(0.0), self._transit)
-        at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
-        return [*ways, blend(at_rest, begin.at(0.0), self._transit), begin]
-
-    def over(self, state: State, tick: Tick, *, heard: bool) -> MissionMove | None:
-        """Return the move that ends ``state``; None while it goes on, or no command is ``heard``.
-
-        A vehicle that does not hear may fly on while a landing commands its thrust: only poses at
-        rest show that it has landed.
-        """
-        if not heard and state not in (State.LANDING, State.DESCENT):
-            return None
-        match state:
-            case State.TAKEOFF:
-                return MissionMove(Event.CLIMBED, notice("mission.at_height")) if tick.flight_time_s >= 0.0 else None
-            case State.HOLD:
-                return self._check_hover(tick)
-            case State.TRACKING:
-                return self._check_duration(tick)
-            case State.MOVING:
-                there = notice("mission.there", target=self.target)
-                return MissionMove(Event.ARRIVED, there) if tick.flight_time_s >= 0.0 else None
-            case State.RETURNING:
-                return MissionMove(Event.HOME, notice("mission.home")) if tick.flight_time_s >= 0.0 else None
-            case State.LANDING | State.DESCENT:
-                touches = self._touches_down(state, tick, heard)
-                return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down")) if touches else None
-            case _:
-                return None
-
-    @property
-    def touches(self) -> bool:
-        """Whether the floor may carry it by now."""
-        return self._touchdown.touches
-
-    def _touches_down(self, state: State, tick: Tick, heard: bool) -> bool:
-        motion = tick.estimate.motion
-        down = motion.position[2]
-        height, behind = self._config.flight.floor_z_m - down, tick.reference.position_ned[2] - down
-        if state is State.DESCENT:
-            behind = math.inf
-        pose_m, sinks_m_s = self._config.flight.floor_z_m - tick.pose.position_ned[2], tick.reference.velocity_ned[2]
-        stands = self._touchdown.stands(tick.pose, pose_m, sinks_m_s)
-        thrust_n, sinking_m_s = tick.command.thrust_n, motion.velocity[2]
-        lift_n = motion.thrust * third_column(motion.attitude)[2]
-        felt = self._touchdown.update(tick.time_s, thrust_n, lift_n, sinking_m_s, height, behind, sinks_m_s)
-        return stands or (felt and heard)
-
-    def _check_hover(self, tick: Tick) -> MissionMove | None:
-        """After the climb: on to the trajectory, or down again where the hover thrust is not this vehicle's."""
-        hold_s, weight = self._config.takeoff.hold_s, self._config.weight_n
-        if tick.flight_time_s > 0.5 * hold_s:  # the climb has died away
-            self._hover.see(tick.command.thrust_n)
-        hover = self._hover.thrust_n
-        if not self._weighs or tick.flight_time_s < hold_s or hover is None:
-            return None
-        self._touchdown, self._weighs = Touchdown(hover), False
-        low, high = self._config.vehicle.hover_range
-        percent = 100.0 * hover / weight
-        if low <= hover / weight <= high:
-            hovers = notice("mission.hovers", hover_n=hover, percent=percent)
-            return None if self._waits else MissionMove(Event.TRACK, hovers)
-        why = notice("mission.hover_thrust", hover_n=hover, percent=percent, low=100.0 * low, high=100.0 * high)
-        return MissionMove(Event.LAND, why, fault=True)
-
-    def _check_duration(self, tick: Tick) -> MissionMove | None:
-        duration = self._config.flight.duration_s
-        if duration is None or tick.flight_time_s < duration:
-            return None
-        back = Event.LAND if self._home is None else Event.RETURN
-        return MissionMove(back, notice("mission.flown", duration_s=duration))
-
-    def _halt(self, now: Reference) -> list[Blend]:
-        """To rest, where ``now`` is not."""
-        return [stop(now, self._transit)] if math.hypot(*now.velocity_ned) > AT_REST_M_S else []
-
-    def _halt_aside(self, now: Reference) -> list[Blend]:
-        """To rest sideways, climbing on, where wind has moved ``now``, which nothing withstood on the floor."""
-        north, east, climb = now.velocity_ned
-        speed = math.hypot(north, east)
-        if speed <= BLOWN_M_S:
-            return []
-        hardest = min(HALTS_M_S2, HALTS_PER_S * speed) if self._config.pose.by_autopilot else HALTS_M_S2
-        halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), Limits(1.0, hardest))
-        north, east, down = halt.at(halt.duration_s).position_ned
-        place = (north, east, down + climb * halt.duration_s)
-        return [Blend(now, Reference(place, (0.0, 0.0, climb), yaw_rad=now.yaw_rad), halt.duration_s)]
-
-    def _above(self, place: Vec3 | None, now: Reference, time_s: float, limits: Limits, ways: list[Blend]) -> Leg:
-        """To rest above ``place``, at the height of the take-off, after ``ways``; without one, above where they end."""
-        at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
-        north, east, _ = place or at_rest.position_ned
-        above = (north, east, self._config.flight.floor_z_m - self._config.takeoff.height_m)
-        ways.append(blend(at_rest, Reference(above, yaw_rad=at_rest.yaw_rad), limits))
-        return _leg(ways, Hold(above, at_rest.yaw_rad), time_s)
-
-    def _to_point(self, now: Reference, time_s: float) -> Leg:
-        """Straight to the next point, from rest to rest."""
-        ways = self._halt(now)
-        at_rest = now if not ways else ways[-1].at(ways[-1].duration_s)
-        point = self._points[self._reached]
-        yaw = at_rest.yaw_rad if point.yaw_deg is None else math.radians(point.yaw_deg)
-        ways.append(blend(at_rest, Reference(point.place_ned, yaw_rad=yaw), self._transit))
-        return _leg(ways, Hold(point.place_ned, yaw), time_s)
-
-    def _down(self, now: Reference, time_s: float) -> Leg:
-        """Stop, then sink without a step of the speed; slowly from the approach height on, and on through the floor."""
-        landing, flight = self._config.landing, self._config.flight
-        ways = self._halt(now)
-        if ways:
-            now = ways[-1].at(ways[-1].duration_s)
-        slow, low = (0.0, 0.0, landing.touchdown_m_s), flight.floor_z_m - landing.approach_m
-        north, east, down = now.position_ned
-        if down < low - landing.approach_m:
-            limits = Limits(flight.descent_m_s, self._transit.acceleration_m_s2)
-            ways.append(blend(now, Reference((north, east, low), slow, yaw_rad=now.yaw_rad), limits))
-        else:  # near the floor: only take up the speed
-            here = run_in(Reference(now.position_ned, slow, yaw_rad=now.yaw_rad), self._transit)
-            way = now.position_ned[2] - here.position_at(0.0)[2]
-            ways.append(Blend(now, Reference((north, east, down + way), slow, yaw_rad=now.yaw_rad), here.duration_s))
-        end = ways[-1].at(ways[-1].duration_s)
-        on = Blend(end, ways[-1].at(ways[-1].duration_s + 1.0), 1.0)  # at that speed, and on and on
-        return _leg(ways, on, time_s)
-
-
-def _leg(ways: list[Blend], last: Trajectory, time_s: float) -> Leg:
-    return Leg(Chain(ways, last), time_s + sum(way.duration_s for way in ways))
-
-
-class Hearing:
-    """Monitor of the telemetry's interval and silence. Times are on the loop's clock [s]."""
-
-    def __init__(self) -> None:
-        self._heard_s, self._usual_s = -math.inf, USUAL_S
-
-    def hear(self, now_s: float) -> None:
-        """Take the time of a telemetry message."""
-        since_s, self._heard_s = now_s - self._heard_s, now_s
-        if since_s < LOST_S:
-            self._usual_s += USUAL * (since_s - self._usual_s)
-
-    def stalls(self, now_s: float) -> float:
-        """For how long it has been silent, where that is a link that stalls; else 0 [s]."""
-        silent_s = now_s - self._heard_s
-        return silent_s if max(SILENT_S, SILENTS * self._usual_s) < silent_s < LOST_S else 0.0
-
-
-class CommandUplink:
-    """Whether commands reach the vehicle. Times are on the loop's clock [s]."""
-
-    def __init__(self, arrival: Callable[[float], Arrival]) -> None:
-        """``arrival`` tells whether commands arrive at an instant [s]."""
-        self._arrival = arrival
-        self.hearing = Hearing()
-        """Monitor of the telemetry, which stalls where the radio does."""
-        self.unheard = False
-        """Whether the vehicle acknowledged nothing for so long that the uplink is assumed down."""
-        self.is_late = False
-        """Whether commands are heard too late."""
-
-    def look(self, now_s: float) -> Sentence | None:
-        """Look once a frame whether acknowledgements are overdue, or late.
-
-        Return why commands can't fly the vehicle though the autopilot is heard; None where they reach it in time.
-        """
-        overdue_s, late_s = self._arrival(now_s)
-        self.unheard, self.is_late = overdue_s > UNHEARD_S, late_s > 0.0
-        if self.is_late:
-            return notice("fault.late_commands", late_ms=1e3 * late_s)
-        return notice("fault.unanswered", overdue_ms=1e3 * overdue_s) if overdue_s > DEAF_S else None
+    """Whether it ends the flight early."""
 
 
 class Clearance:
@@ -367,7 +125,7 @@ class Clearance:
         return notice("goto.on_fence") if room > -SEEN_M else notice("goto.outside", outside_m=-room)
 
     def find_way_out(self, leg: Leg, now_s: float) -> Sentence | None:
-        """Describe the obstacle on the way of ``leg``, braking included; None where there is none."""
+        """Describe the obstacle on the way of ``leg``, braking included; None without one."""
         separation, max_speed_m_s = self.separation, self._max_speed_m_s
         if separation is not None and separation.config.unknown != "warn" and (lost := separation.unknown(now_s)):
             return notice("goto.unseen", names=", ".join(lost))
@@ -385,122 +143,311 @@ class Clearance:
         return None
 
 
-class MissionNews:
-    """News of a mission for the operator, each told once for as long as it lasts."""
+class Course:
+    """References of the mission's states: climb, hold, onto and along the trajectory, back, down."""
 
-    def __init__(self, say: Callable[..., None]) -> None:
-        """``say`` takes a sentence, and the kind of its :class:`Notice`."""
-        self.say = say
-        self._warned = ""
-        self._health = HealthState.OK
+    def __init__(self, config: Config, others: Others | None = None) -> None:
+        """``others`` are vehicles to keep away from."""
+        self.clearance = Clearance(config, others)
+        """Obstacles to points and legs."""
+        self.down_by_s = math.inf
+        """Time by which a way down must have reached the floor [s]."""
+        self.trajectory = config.trajectory.build()
+        """The configured trajectory."""
+        self.home: Vec3 | None = None
+        """Position of the take-off, NED [m]; None for a flight that starts in the air."""
+        self.waits = False
+        """Whether a hold lasts until a request ends it."""
+        self.touchdown = Touchdown(config.weight_n)
+        """Detection of the landing."""
+        self._config = config
+        takeoff = config.takeoff
+        self._transit = Limits(takeoff.transit_m_s, takeoff.transit_m_s2)
+        self._climb = Limits(takeoff.climb_m_s, min(takeoff.transit_m_s2, FAST_M_S2))
+        self._points: tuple[Waypoint, ...] = ()
+        self._reached = 0
+        self._weighs = False
+        self._hover = Hover()
 
-    def warn(self, warning: Sentence | None) -> None:
-        """Tell a warning once, for as long as it lasts with these words; None where it is over."""
-        if warning is not None and warning.text != self._warned:
-            self.say(warning)
-        self._warned = "" if warning is None else warning.text
+    def plan(self, points: tuple[Waypoint, ...]) -> None:
+        """Set the points of the next goto, to be flown one after the other."""
+        self._points, self._reached = points, 0
 
-    def tell_health(self, state: HealthState, reason_id: str) -> None:
-        """Tell that the poses are asked, and that they answer."""
-        before, self._health = self._health, state
-        if state is before or state is HealthState.FAILED:
-            return
-        suspect = state is HealthState.SUSPECT
-        self.say(notice(reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news")
+    @property
+    def target(self) -> Sentence:
+        """Description of the next point."""
+        north, east, down = self._points[self._reached].place_ned
+        which = f", {self._reached + 1} of {len(self._points)}" if len(self._points) > 1 else ""
+        height = self._config.flight.floor_z_m - down
+        return notice("goto.target", north_m=north, east_m=east, height_m=height, which=which)
+
+    def arrive(self) -> bool:
+        """Count a reached point; return whether another one follows."""
+        self._reached += 1
+        return self._reached < len(self._points)
+
+    def leg(self, event: Event, state: State, now: Reference, time_s: float) -> Leg:
+        """Return the leg from the motion ``now`` at ``time_s`` [s] into ``state``."""
+        match state:
+            case State.TAKEOFF:
+                climb = self._climb
+                if math.hypot(*now.velocity_ned) > climb.speed_m_s:
+                    climb = Limits(climb.speed_m_s, FAST_M_S2)
+                return self._rise(None, self._halt_aside(now), now, climb, time_s)
+            case State.TRACKING:
+                return _leg(self.entry(now), self.trajectory, time_s)
+            case State.MOVING:
+                return self._to_point(now, time_s)
+            case State.RETURNING:
+                return self._rise(self.home, self._halt(now), now, self._transit, time_s)
+            case State.LANDING:
+                return self._down(now, time_s)
+            case _:
+                self.waits, self._hover = event in (Event.HOLD, Event.ARRIVED), Hover()
+                self._weighs = not self.waits
+                return Leg(stop(now, self._transit), time_s)
+
+    def entry(self, now: Reference) -> list[Blend]:
+        """Return the ways from ``now`` onto the beginning of the trajectory, which is met at its own velocity."""
+        ways = self._halt(now)
+        begin = run_in(self.trajectory.at(0.0), self._transit)
+        return [*ways, blend(_end(ways, now), begin.at(0.0), self._transit), begin]
+
+    def over(self, state: State, tick: Tick, *, uplink_ok: bool) -> MissionMove | None:
+        """Return the move that ends ``state``; None while it goes on.
+
+        A vehicle without uplink may fly on while a landing commands its thrust: only poses at rest show
+        that it has landed.
+        """
+        if state in (State.LANDING, State.DESCENT):
+            touched = self._has_touched_down(state, tick, uplink_ok)
+            return MissionMove(Event.TOUCHDOWN, notice("mission.touched_down")) if touched else None
+        if not uplink_ok:
+            return None
+        if state is State.HOLD:
+            return self._check_hover(tick)
+        if state is State.TRACKING:
+            return self._check_duration(tick)
+        if tick.flight_time_s < 0.0:
+            return None
+        if state is State.TAKEOFF:
+            return MissionMove(Event.CLIMBED, notice("mission.at_height"))
+        if state is State.MOVING:
+            return MissionMove(Event.ARRIVED, notice("mission.there", target=self.target))
+        return MissionMove(Event.HOME, notice("mission.home")) if state is State.RETURNING else None
+
+    def _has_touched_down(self, state: State, tick: Tick, uplink_ok: bool) -> bool:
+        motion = tick.estimate.motion
+        down = motion.position[2]
+        height, behind = self._config.flight.floor_z_m - down, tick.reference.position_ned[2] - down
+        if state is State.DESCENT:
+            behind = math.inf
+        pose_m, sinks_m_s = self._config.flight.floor_z_m - tick.pose.position_ned[2], tick.reference.velocity_ned[2]
+        at_rest = self.touchdown.stands(tick.pose, pose_m, sinks_m_s)
+        thrust_n, sinking_m_s = tick.command.thrust_n, motion.velocity[2]
+        lift_n = motion.thrust * third_column(motion.attitude)[2]
+        landed = self.touchdown.update(tick.time_s, thrust_n, lift_n, sinking_m_s, height, behind, sinks_m_s)
+        return at_rest or (landed and uplink_ok)
+
+    def _check_hover(self, tick: Tick) -> MissionMove | None:
+        """After the climb: on to the trajectory, or land if the hover thrust does not fit the vehicle."""
+        hold_s, weight = self._config.takeoff.hold_s, self._config.weight_n
+        if tick.flight_time_s > 0.5 * hold_s:  # the climb has died away
+            self._hover.see(tick.command.thrust_n)
+        hover = self._hover.thrust_n
+        if not self._weighs or tick.flight_time_s < hold_s or hover is None:
+            return None
+        self.touchdown, self._weighs = Touchdown(hover), False
+        low, high = self._config.vehicle.hover_range
+        percent = 100.0 * hover / weight
+        if low <= hover / weight <= high:
+            hovers = notice("mission.hovers", hover_n=hover, percent=percent)
+            return None if self.waits else MissionMove(Event.TRACK, hovers)
+        why = notice("mission.hover_thrust", hover_n=hover, percent=percent, low=100.0 * low, high=100.0 * high)
+        return MissionMove(Event.LAND, why, fault=True)
+
+    def _check_duration(self, tick: Tick) -> MissionMove | None:
+        duration = self._config.flight.duration_s
+        if duration is None or tick.flight_time_s < duration:
+            return None
+        back = Event.LAND if self.home is None else Event.RETURN
+        return MissionMove(back, notice("mission.flown", duration_s=duration))
+
+    def _halt(self, now: Reference) -> list[Blend]:
+        """Brake to rest; empty if ``now`` is at rest."""
+        return [stop(now, self._transit)] if math.hypot(*now.velocity_ned) > AT_REST_M_S else []
+
+    def _halt_aside(self, now: Reference) -> list[Blend]:
+        """Brake the horizontal motion of a climb that wind has moved; nothing opposed the wind on the floor."""
+        north, east, climb = now.velocity_ned
+        speed = math.hypot(north, east)
+        if speed <= BLOWN_M_S:
+            return []
+        hardest = min(HALTS_M_S2, HALTS_PER_S * speed) if self._config.pose.by_autopilot else HALTS_M_S2
+        halt = stop(msgspec.structs.replace(now, velocity_ned=(north, east, 0.0)), Limits(1.0, hardest))
+        north, east, down = halt.at(halt.duration_s).position_ned
+        place = (north, east, down + climb * halt.duration_s)
+        return [Blend(now, Reference(place, (0.0, 0.0, climb), yaw_rad=now.yaw_rad), halt.duration_s)]
+
+    def _rise(self, place: Vec3 | None, ways: list[Blend], now: Reference, limits: Limits, time_s: float) -> Leg:
+        """After ``ways`` from ``now``, go to rest at the take-off height above ``place`` (None: above their end)."""
+        north, east, _ = place or _end(ways, now).position_ned
+        return self._to_rest((north, east, self._config.flight.floor_z_m - self._config.takeoff.height_m),
+                             _end(ways, now).yaw_rad, ways, now, limits, time_s)  # fmt: skip
+
+    def _to_point(self, now: Reference, time_s: float) -> Leg:
+        """Go straight to the next point, from rest to rest."""
+        ways, point = self._halt(now), self._points[self._reached]
+        yaw = _end(ways, now).yaw_rad if point.yaw_deg is None else math.radians(point.yaw_deg)
+        return self._to_rest(point.place_ned, yaw, ways, now, self._transit, time_s)
+
+    def _to_rest(
+        self, place: Vec3, yaw: float, ways: list[Blend], now: Reference, limits: Limits, time_s: float
+    ) -> Leg:
+        last = blend(_end(ways, now), Reference(place, yaw_rad=yaw), limits)
+        return _leg([*ways, last], Hold(place, yaw), time_s)
+
+    def _down(self, now: Reference, time_s: float) -> Leg:
+        """Brake, then sink without a step of the speed; slowly from the approach height on, and through the floor."""
+        landing, flight = self._config.landing, self._config.flight
+        ways = self._halt(now)
+        now = _end(ways, now)
+        slow, low = (0.0, 0.0, landing.touchdown_m_s), flight.floor_z_m - landing.approach_m
+        north, east, down = now.position_ned
+        if down < low - landing.approach_m:
+            limits = Limits(flight.descent_m_s, self._transit.acceleration_m_s2)
+            last = blend(now, Reference((north, east, low), slow, yaw_rad=now.yaw_rad), limits)
+        else:  # near the floor: only accelerate to that speed
+            here = run_in(Reference(now.position_ned, slow, yaw_rad=now.yaw_rad), self._transit)
+            way = now.position_ned[2] - here.position_at(0.0)[2]
+            last = Blend(now, Reference((north, east, down + way), slow, yaw_rad=now.yaw_rad), here.duration_s)
+        on = Blend(last.at(last.duration_s), last.at(last.duration_s + 1.0), 1.0)  # continues at that speed
+        return _leg([*ways, last], on, time_s)
+
+
+def _leg(ways: list[Blend], last: Trajectory, time_s: float) -> Leg:
+    return Leg(Chain(ways, last), time_s + sum(way.duration_s for way in ways))
+
+
+def _end(ways: list[Blend], now: Reference) -> Reference:
+    """Return the reference at the end of ``ways`` from ``now``."""
+    return ways[-1].at(ways[-1].duration_s) if ways else now
+
+
+class CommandUplink:
+    """Whether commands reach the vehicle, and whether its telemetry stalls. Times are on the loop's clock [s]."""
+
+    def __init__(self, link: CommandLink) -> None:
+        self._link = link
+        self._heard_s, self._usual_s = -math.inf, USUAL_S
+        self.is_down = False
+        """Whether the vehicle acknowledged nothing for so long that the uplink is assumed down."""
+        self.is_late = False
+        """Whether commands arrive too late."""
+
+    def update(self, now_s: float) -> Sentence | None:
+        """Check once a frame whether acknowledgements are overdue or late.
+
+        Return why commands can't fly the vehicle although its telemetry arrives; None if they reach it in time.
+        """
+        autopilot = self._link.autopilot
+        overdue_s, late_s = IN_TIME if autopilot is None else autopilot.arrival(now_s)
+        self.is_down, self.is_late = overdue_s > UNHEARD_S, late_s > 0.0
+        if self.is_late:
+            return notice("fault.late_commands", late_ms=1e3 * late_s)
+        return notice("fault.unanswered", overdue_ms=1e3 * overdue_s) if overdue_s > DEAF_S else None
+
+    def take_telemetry(self, now_s: float) -> None:
+        """Take the time of a telemetry message."""
+        since_s, self._heard_s = now_s - self._heard_s, now_s
+        if since_s < LOST_S:
+            self._usual_s += USUAL * (since_s - self._usual_s)
+
+    def is_stalled(self, now_s: float) -> bool:
+        """Whether the telemetry is silent for longer than usual, but not lost."""
+        return max(SILENT_S, SILENTS * self._usual_s) < now_s - self._heard_s < LOST_S
 
 
 class MissionExecutive:
-    """One flight's mission, with the pilot that flies it. Times are on the event loop's clock [s]."""
+    """The mission of one flight, with the pilot that flies it. Times are on the event loop's clock [s]."""
 
     def __init__(
         self,
         config: Config,
+        link: CommandLink,
         pilot: Pilot,
-        period_s: Callable[[], float],
         say: Callable[..., None],
         on_state: Callable[[State, Sentence], None],
-        others: Others | None = None,
-        *,
-        lands_by_own_position: Callable[[float], bool] = lambda now_s: False,
-        arrival: Callable[[float], Arrival] = lambda now_s: IN_TIME,
-        on_failure: Callable[[], None] = lambda: None,
-        monitors: Monitors = MONITORS,
+        on_failure: Callable[[], None],
+        others: Others | None,
+        monitors: Monitors,
     ) -> None:
-        """``say`` takes a sentence, and the kind of its :class:`Notice`, ``on_state`` every state that begins, and why.
+        """Take the parts.
 
-        ``period_s`` tells the link's time between two commands [s]; ``others`` are vehicles to keep away from.
-        ``lands_by_own_position`` tells whether the autopilot can land by a position of its own at an instant [s],
-        ``arrival`` whether commands reach it then.
-        ``on_failure`` hears that the poses are not believed any more, before the last command
-        leaves. ``monitors`` makes the guards.
+        Args:
+            config: the flight's.
+            link: the command link; only read.
+            pilot: flies the references.
+            say: takes a sentence for the operator, and the kind of its :class:`Notice`.
+            on_state: called as a state begins, with the reason.
+            on_failure: called when the poses are no longer used, before the last command leaves.
+            others: vehicles to keep away from.
+            monitors: makes the guards.
         """
         self._config = config
         self._pilot = pilot
-        self._period_s = period_s
-        self._means = DescentMeans(pilot, lands_by_own_position)
-        self._uplink = CommandUplink(arrival)
-        self._on_failure = on_failure
-        self.failure: Failure | None = None
-        """Why the poses, or the commands, have ended the flight; None where they have not."""
-        self._down_by_s = math.inf
-        self._news = MissionNews(say)
+        self._link = link
+        self._means = DescentMeans(pilot, link)
+        self._uplink = CommandUplink(link)
+        self._say = say
         self._on_state = on_state
-        self._mission = Mission()
-        self._course = Course(config)
-        self._standing = StandingPoses()
-        self._spooling: SpoolUp | None = None
-        guards = config.guards
-        self._guards: Guards | None = None
-        self._clearance = clearance = Clearance(config, others)
-        if config.flight.start == "floor":  # what is held in the air has an error to begin with, and nobody beneath it
-            floor_z_m = config.flight.floor_z_m
-            self._guards = monitors.guards(
-                guards, clearance.fence, config.vehicle, period_s, clearance.separation, floor_z_m,
-                config.controller.gravity, config.flight.coast_s,
-            )  # fmt: skip
-        self._escalation = Escalation(guards.lasting_s)
+        self._on_failure = on_failure
+        self.mission = Mission()
+        """State, and its reason."""
+        self.standing = StandingPoses()
+        """Poses before take-off."""
         self.tick: Tick | None = None
         """The newest command of the controller that left."""
         self.fault: Sentence | None = None
-        """Cause of an early landing that nobody requested; None where there was none."""
+        """Cause of an early landing that nobody requested; None without one."""
+        self.failure: Failure | None = None
+        """Failure of the poses or of the uplink that ends the flight; None without one."""
         self.started_s: float | None = None
-        """When the trajectory starts [s]; None before that is known."""
+        """Start of the trajectory [s]; None before it is known."""
+        self._warned = ""
+        self._health = HealthState.OK
+        self._course = Course(config, others)
+        self._spooling: SpoolUp | None = None
+        self._guards: Guards | None = None
+        if config.flight.start == "floor":  # a vehicle held in the air starts with an error, and nobody beneath it
+            clearance = self._course.clearance
+            self._guards = monitors.guards(
+                config.guards, clearance.fence, config.vehicle, lambda: link.period_s, clearance.separation,
+                config.flight.floor_z_m, config.controller.gravity, config.flight.coast_s,
+            )  # fmt: skip
+        self._escalation = Escalation(config.guards.lasting_s)
 
     @property
     def state(self) -> State:
-        """Where the flight stands."""
-        return self._mission.state
-
-    @property
-    def reason(self) -> Sentence | None:
-        """Why it stands there; None before it began."""
-        return self._mission.reason
-
-    @property
-    def standing(self) -> StandingPoses:
-        """The poses before take-off."""
-        return self._standing
+        """State of the flight."""
+        return self.mission.state
 
     @property
     def low(self) -> bool:
-        """Whether it was so near the floor when the last command left that an autopilot may have felt it."""
+        """Whether the autopilot may have detected a landing: by the last estimate, the vehicle is at the floor."""
         floor = self._config.flight.floor_z_m
         return self.tick is not None and floor - self.tick.estimate.motion.position[2] < DISARMED_HEIGHT_M
 
     @property
     def at_floor(self) -> bool:
-        """Whether the newest pose shows it on the floor, or nearly."""
+        """Whether the newest pose shows the vehicle on the floor, or nearly."""
         pose = self._pilot.newest_pose
         return pose is not None and self._config.flight.floor_z_m - pose.position_ned[2] < DISARMED_HEIGHT_M
 
-    def allows(self, event: Event) -> bool:
-        """Whether ``event`` is possible now."""
-        return self._mission.allows(event)
-
     def go(self, event: Event, reason: Sentence, now_s: float, *, fault: bool = False, blind: bool = False) -> None:
-        """Move by ``event``, and begin what is to be flown then; ``fault`` where it is not how it was meant to go.
+        """Move by ``event``, and begin the reference of the new state.
 
-        ``blind`` where a descent must not believe the estimate of the speed.
+        ``fault``: it ends the flight early. ``blind``: a descent must not use the estimated speed.
 
         Raises:
             IllegalMove: it is not possible now.
@@ -508,30 +455,29 @@ class MissionExecutive:
         if fault:
             self.fault = self.fault or reason
         before = self.state
-        state = self._mission.on(event, reason)
+        state = self.mission.on(event, reason)
         if state is before:
-            if event is Event.HOLD:  # in the hold after a climb: it does not go on by itself any more
-                self._course.wait()
+            if event is Event.HOLD:  # the hold after a climb no longer ends by itself
+                self._course.waits = True
             return
         self._on_state(state, reason)
-        self._down_by_s = now_s + self._way_down_s() if state in (State.LANDING, State.DESCENT) else math.inf
+        self._course.down_by_s = now_s + self._way_down_s() if state in (State.LANDING, State.DESCENT) else math.inf
         if state in FINAL or state not in IN_AIR:
             return
-        if self._spooling is not None and self._spooling.flies is None:  # still on the floor: there is nothing to fly
+        if self._spooling is not None and self._spooling.flies is None:  # still on the floor: nothing to fly
             self.go(Event.TOUCHDOWN, notice("mission.still_on_floor"), now_s)
         elif state is State.DESCENT:
-            if self._spooling is not None:  # off the floor since the newest pose, and no command has told so yet
+            if self._spooling is not None:  # it has left the floor since the newest pose
                 self._climb_away(now_s)
             rest = 0.0 if self._guards is None else self._config.guards.level_s
             self._descend(now_s, blind=blind, rest_s=rest)
-        elif event is Event.TRACK:
-            self._escalation.reset()
-            self._follow(self._course.leg(event, state, *self._motion(now_s)))
         elif event is Event.ARMED:
             self._spool_up(now_s)
         elif event is Event.AIRBORNE:
-            self._follow(self._course.at_once(now_s))
+            self._follow(Leg(self._course.trajectory, now_s))
         else:
+            if event is Event.TRACK:
+                self._escalation.reset()
             self._follow(self._course.leg(event, state, *self._motion(now_s)))
 
     def _way_down_s(self) -> float:
@@ -541,81 +487,80 @@ class MissionExecutive:
         return LONGER_S + LONGER * height_m / min(flight.descent_m_s, self._config.landing.touchdown_m_s)
 
     def move(self, points: tuple[Waypoint, ...], why: str, now_s: float) -> Sentence | None:
-        """Begin to fly to ``points``; returns why not, or None. Points are looked at now, each leg before it."""
+        """Begin to fly to ``points``; return the obstacle, or None. Points are checked now, each leg before it."""
         for number, point in enumerate(points, 1):
-            if refusal := self._clearance.find_obstacle(point.place_ned):
+            if refusal := self._course.clearance.find_obstacle(point.place_ned):
                 place = list(point.place_ned)
                 return notice("goto.point", number=number, count=len(points), place=place, why=refusal)
         self._course.plan(points)
         leg = self._course.leg(Event.GOTO, State.MOVING, *self._motion(now_s))
-        if refusal := self._clearance.find_way_out(leg, now_s):
+        if refusal := self._course.clearance.find_way_out(leg, now_s):
             return notice("goto.way", target=self._course.target, why=refusal)
         self.go(Event.GOTO, notice("mission.goto", target=self._course.target, why=why), now_s)
         return None
 
     def _go_on(self, arrived: MissionMove, now_s: float) -> None:
-        """A point is reached: on to the next one, where its leg is free; else hold here."""
+        """At a point: on to the next one if its leg is free, else hold here."""
         if not self._course.arrive():
             self.go(arrived.event, arrived.reason, now_s)
             return
         leg = self._course.leg(Event.GOTO, State.MOVING, *self._motion(now_s))
-        if refusal := self._clearance.find_way_out(leg, now_s):
+        if refusal := self._course.clearance.find_way_out(leg, now_s):
             self.go(Event.HOLD, notice("mission.not_to_point", target=self._course.target, why=refusal), now_s)
             return
-        self._news.say(notice("mission.to_point", target=self._course.target), kind="course")
+        self._say(notice("mission.to_point", target=self._course.target), kind="course")
         self._follow(leg)
 
     def command(self, now_s: float) -> tuple[Command, Tick | None]:
-        """The command of this frame, and the tick behind it; on the floor there is none."""
+        """Return the command of this frame, and the tick of the controller; None without one, as on the floor."""
         spooling, pose = self._spooling, self._pilot.newest_pose
         if spooling is not None and spooling.flies is not None:
             self._climb_away(now_s)
             spooling = None
         if spooling is None:
-            if self._comes_too_late(now_s):
-                return self._pilot.let_go(now_s, LAST_PERIODS * self._period_s()), None
+            if self._is_too_late(now_s):
+                return self._pilot.let_go(now_s, LAST_PERIODS * self._link.period_s), None
             if self._answer_failure(now_s):
                 if self._means.chosen is Means.FLOOR:
                     return self._pilot.idle(now_s, 0.0), None
-                return self._pilot.surrender(now_s, LAST_PERIODS * self._period_s()), None
+                return self._pilot.surrender(now_s, LAST_PERIODS * self._link.period_s), None
             self._ensure_pose(now_s)
             tick = self._pilot.tick(now_s)
             return tick.command, tick
-        assert pose is not None, "it stood, by its poses"
+        assert pose is not None, "poses showed it on the floor"
         coast_s = self._config.flight.coast_s - LAST_CHANCE_S - 1e-3
-        why = self._uplink.look(now_s) or spooling.fault(now_s, pose, coast_s, self._clearance.fence)
+        why = self._uplink.update(now_s) or spooling.fault(now_s, pose, coast_s, self._course.clearance.fence)
         if why is not None:
             self.go(Event.LAND, why, now_s, fault=True)
             return self._pilot.idle(now_s, 0.0), None
         return self._pilot.idle(now_s, spooling.thrust_n(now_s)), None
 
     def left(self, now_s: float) -> None:
-        """A command has left; where it was the last that poses have led to, commands end with it."""
+        """A command has left; if it was the last one, commands end with it."""
         if self._means.ends_commands and self.failure is not None:
             self.go(Event.ABORT, self.failure.reason, now_s, fault=True)
 
-    def _comes_too_late(self, now_s: float) -> bool:
-        """Whether commands end, as they come too late; where none arrive, they are gentle, and nothing is learnt."""
-        uplink = self._uplink
-        why = uplink.look(now_s)
-        self._pilot.listen(uplink.unheard)
-        if not uplink.unheard:
+    def _is_too_late(self, now_s: float) -> bool:
+        """Whether commands end as they arrive too late; while none arrive, gains are calm and adaptation is frozen."""
+        why = self._uplink.update(now_s)
+        self._pilot.listen(self._uplink.is_down)
+        if not self._uplink.is_down:
             return False
-        if why and uplink.is_late:
+        if why and self._uplink.is_late:
             self.failure = Failure("link.late", notice("fault.late_commands_end", why=why))
-            self._means.end()
+            self._means.chosen = Means.NOTHING
             return True
         if why and self.state is not State.DESCENT:
             self.go(Event.DESCEND, why, now_s, fault=True)
         return False
 
     def _answer_failure(self, now_s: float) -> bool:
-        """Come down by what still answers, where the poses have failed; return whether commands end."""
+        """After a failure of the poses, come down by what still responds; return whether commands end."""
         health = self._pilot.health
         if self._guards is None:
             return False
-        self._pilot.pause_response(self._uplink.hearing.stalls(now_s) > 0.0)
-        self._news.tell_health(health.state, health.reason_id)
+        self._pilot.pause_response(self._uplink.is_stalled(now_s))
+        self._report_health(health)
         if not health.has_failed:
             return False
         if self.failure is None:
@@ -636,22 +581,31 @@ class MissionExecutive:
             self._descend(now_s, blind=True)
         return self._means.ends_commands
 
+    def _report_health(self, health: PoseHealth) -> None:
+        """Report that the response of the poses is tested, and that it is normal again."""
+        before, self._health = self._health, health.state
+        if self._health is before or self._health is HealthState.FAILED:
+            return
+        suspect = self._health is HealthState.SUSPECT
+        self._say(notice(health.reason_id if suspect else "pose.answers"), kind="suspicion" if suspect else "news")
+
     def _descend(self, now_s: float, *, blind: bool, rest_s: float = 0.0) -> None:
         height_m = self._pilot.descend(DESCENT_M_S, blind=blind, rest_s=rest_s)
-        self._means.descend_blind(now_s, height_m)
+        self._means.limit_blind_descent(now_s, height_m)
 
     def observe(self, tick: Tick) -> None:
-        """One command of the controller has left: is the state over?"""
+        """Take a command of the controller that has left: apply the guards, and end the state if it is over."""
         self.tick = tick
-        guards = self._guards
-        if guards is not None:
-            finding = guards.see(tick, self.state)
-            if finding is None or finding.step is GuardAction.WARN:
-                self._news.warn(None if finding is None else finding.reason.as_warning())
-            else:
-                self._answer(finding, tick.time_s)
-        move = self._course.over(self.state, tick, heard=not self._uplink.unheard) or self._find_overtime(tick)
-        self._pilot.touch(self.state is State.LANDING and self._course.touches)
+        finding = None if self._guards is None else self._guards.see(tick, self.state)
+        if finding is None or finding.step is GuardAction.WARN:
+            warning = None if finding is None else finding.reason.as_warning()
+            if warning is not None and warning.text != self._warned:
+                self._say(warning)
+            self._warned = "" if warning is None else warning.text
+        else:
+            self._answer(finding, tick.time_s)
+        move = self._course.over(self.state, tick, uplink_ok=not self._uplink.is_down) or self._find_overtime(tick)
+        self._pilot.touch(self.state is State.LANDING and self._course.touchdown.touches)
         if move is not None and move.event is Event.ARRIVED:
             self._go_on(move, tick.time_s)
         elif move is not None:
@@ -659,22 +613,23 @@ class MissionExecutive:
 
     def _find_overtime(self, tick: Tick) -> MissionMove | None:
         """End a way down that takes so long that the floor is not where it is configured."""
-        if not tick.time_s > self._down_by_s:
+        if not tick.time_s > self._course.down_by_s:
             return None
         why = notice("fault.no_floor")
         if self.state is State.LANDING:
             return MissionMove(Event.DESCEND, why, fault=True)
         return MissionMove(Event.ABORT, notice("fault.no_floor_end", why=why), fault=True)
 
-    def link(self, status: LinkStatus, now_s: float) -> None:
-        """The link has told of itself."""
-        if status.taken and self.allows(Event.TAKEN_OVER):
+    def link(self, now_s: float) -> None:
+        """Examine the status of the link."""
+        status = self._link.status
+        if status.taken and self.mission.allows(Event.TAKEN_OVER):
             self.go(Event.TAKEN_OVER, notice("fault.taken", mode=status.taken), now_s, fault=True)
         elif self._guards is not None and self.state in IN_AIR:
             self._answer(self._guards.link(status, now_s), now_s)
 
     def _ensure_pose(self, now_s: float) -> None:
-        """Where no frame is left before the newest pose may not be rested on any longer, come down on the model."""
+        """If no frame is left before the newest pose is too old for a command, descend on the model."""
         pose, coast = self._pilot.newest_pose, self._config.flight.coast_s
         guarded = self._guards is not None and self._config.guards.level_s > 0.0
         if guarded and pose is not None and now_s - pose.time_s > coast - LAST_CHANCE_S - 1e-3:
@@ -682,7 +637,7 @@ class MissionExecutive:
             self._answer(GuardFinding(GuardAction.DESCEND, why, blind=True), now_s)
 
     def _answer(self, finding: GuardFinding | None, now_s: float) -> None:
-        """Do what a guard asks for, or the next possible step after it."""
+        """Take the step that a guard requests, or the next possible one after it."""
         answer = None if finding is None else self._escalation.answer(finding, now_s)
         if answer is None:
             return
@@ -691,47 +646,45 @@ class MissionExecutive:
             (GuardAction.LAND, Event.LAND),
             (GuardAction.DESCEND, Event.DESCEND),
         ):
-            if step >= answer.step and self.allows(event):
+            if step >= answer.step and self.mission.allows(event):
                 if TABLE[self.state, event] is not self.state:
                     self.go(event, answer.reason, now_s, fault=True, blind=answer.blind)
                 elif step is answer.step:
                     self.go(event, answer.reason, now_s, fault=True)
-                    self._news.say(answer.reason.as_warning())
+                    self._say(answer.reason.as_warning())
                 return
 
     def pose(self, pose: Pose) -> None:
-        """One pose has come."""
+        """Take a pose."""
         if self._spooling is not None:
             self._spooling.pose(pose)
         elif self.tick is None:
-            self._standing.stands(pose)
+            self.standing.stands(pose)
 
-    def hear(self, now_s: float) -> None:
-        """The vehicle has told how it turns."""
-        self._uplink.hearing.hear(now_s)
-
-    def attitude(self, told: Attitude, in_poses: Quat | None, now_s: float) -> None:
+    def attitude(self, attitude: Attitude, in_poses: Quat | None, now_s: float) -> None:
         """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
+        if attitude.rates_rad_s is not None:  # by radio, a stall of the telemetry does not concern commands
+            self._uplink.take_telemetry(now_s)
         if in_poses is not None:
-            self._means.hear_attitude(told, in_poses, now_s)
+            self._means.take_attitude(attitude, in_poses, now_s)
 
     def _spool_up(self, now_s: float) -> None:
-        """The motors turn: thrust rises from now on until the floor is left."""
+        """The motors turn: raise the thrust until the vehicle leaves the floor."""
         config, vehicle = self._config, self._config.vehicle
         weight, takeoff = config.weight_n, config.takeoff
         most, idle = limit_n(config), config.flight.idle_thrust * weight
         spool = Spool(weight, most, takeoff.spool_s, idle, now_s, vehicle.thrust_lag_s)
         gravity, noise_m = config.controller.gravity, self._pilot.noise_m
-        self._spooling = spooling = SpoolUp(self._standing, spool, vehicle, weight, gravity, noise_m)
-        self._course.stood(spooling.place_ned)
+        self._spooling = SpoolUp(self.standing, spool, vehicle, weight, gravity, noise_m)
+        self._course.home = self._spooling.place_ned
 
     def _climb_away(self, now_s: float) -> None:
         """Climb off the floor; from now on it flies by poses."""
-        self._news.say(notice("mission.off_floor"))
+        self._say(notice("mission.off_floor"))
         self._follow(self._course.leg(Event.ARMED, State.TAKEOFF, *self._motion(now_s)))
 
     def _motion(self, now_s: float) -> tuple[Reference, float]:
-        """The motion that the next leg begins with, and the instant [s] that it is for."""
+        """Return the motion that the next leg begins with, and its time [s]."""
         spooling, self._spooling = self._spooling, None
         climb = None if spooling is None else spooling.flies
         if climb is not None:  # it has just left the floor

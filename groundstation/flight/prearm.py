@@ -930,13 +930,10 @@ class PrearmSequence:
         self._say = say
         self._company = company
         self._look: Checks | None = None
-        self._arm_asked = asyncio.Event()
+        self.arm_asked = asyncio.Event()
+        """Set by a request to arm."""
         self.first_pose = asyncio.Event()
         """The owner sets this event at the first pose."""
-
-    def arm(self) -> None:
-        """Take a request to arm."""
-        self._arm_asked.set()
 
     async def depart(self, deliver: Callable[[Pose], None]) -> None:
         """Run the whole sequence; when it returns, the vehicle may be armed. ``deliver`` gets all poses from now on.
@@ -1026,7 +1023,7 @@ class PrearmSequence:
 
     async def _operator(self) -> None:
         """Wait until the operator arms: at the terminal, or by a request."""
-        confirmed, asked = asyncio.ensure_future(self._confirm()), asyncio.ensure_future(self._arm_asked.wait())
+        confirmed, asked = asyncio.ensure_future(self._confirm()), asyncio.ensure_future(self.arm_asked.wait())
         try:
             while not (confirmed.done() or asked.done()):
                 if self._look is not None:

@@ -25,14 +25,15 @@ async def sleep_until(when_s: float) -> None:
         await asyncio.sleep(0)
         return
     future: asyncio.Future[None] = loop.create_future()
-    handle = loop.call_at(when_s, _wake, future)
+    handle = loop.call_at(when_s, wake, future)
     try:
         await future
     finally:
         handle.cancel()
 
 
-def _wake(future: "asyncio.Future[None]") -> None:
+def wake(future: "asyncio.Future[None]") -> None:
+    """Set ``future``, unless it is done."""
     if not future.done():
         future.set_result(None)
 
@@ -108,14 +109,14 @@ class IdleSlots:
         while self._waiting:
             moment = self._waiting.popleft()
             if not moment.done():
-                moment.set_result(None)
+                wake(moment)
                 return
 
     def moment(self) -> asyncio.Future[None]:
         """The next quiet moment that nobody has before, no later than ``WITHIN_S`` from now; await it, or cancel it."""
         loop = asyncio.get_running_loop()
         moment: asyncio.Future[None] = loop.create_future()
-        timer = loop.call_later(WITHIN_S, _wake, moment)
+        timer = loop.call_later(WITHIN_S, wake, moment)
         moment.add_done_callback(lambda _: timer.cancel())
         while self._waiting and self._waiting[0].done():  # on the ground no command takes them out
             self._waiting.popleft()

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from groundstation.config import UserCodeFault
-from groundstation.core.messages import CommandSent, FlightEvent, Notice
+from groundstation.core.messages import Ask, CommandSent, FlightEvent, Notice, Request
 from groundstation.core.mission import State
 from groundstation.flight import Flight, make_flight
 from groundstation.flight.flight import Pacing, StallDetector
@@ -223,7 +223,7 @@ def test_a_kill_stops_the_motors_in_flight_and_in_the_bring_down(after_stop_s: f
             flight.stop("first")
             await asyncio.sleep(after_stop_s)
         when.append(asyncio.get_running_loop().time())
-        flight.kill("told to")
+        flight.ask(Request(Ask.KILL, "told to"))
 
     wire = fly(script)
     assert wire.state is State.KILLED

@@ -137,7 +137,7 @@ def test_poses_that_were_found_to_be_wrong_leave_no_more_and_no_land_rests_on_th
         while forwards and fused[-1].arrival_s < asyncio.get_running_loop().time() - 0.001:
             await asyncio.sleep(0.0005)
         convicted_s.append(asyncio.get_running_loop().time())
-        flight.distrust()
+        flight._shutdown.distrust()
         flight.stop("convicted")
         await asyncio.sleep(0.8)
         assert isinstance(stage.autopilot, Px4Autopilot)

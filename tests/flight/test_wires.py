@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from groundstation.analysis.replay import replay_facts
-from groundstation.core.messages import CommandSent, FlightEvent, Tick
+from groundstation.core.messages import Ask, CommandSent, FlightEvent, Request, Tick
 from groundstation.flight import Flight, about, make_flight
 from groundstation.pose import TlogReader
 from groundstation.recording import FlightLog
@@ -112,7 +112,7 @@ def flown(autopilot: str, over: Any, folder: Path, source: str = "vicon") -> lis
                 if isinstance(event, CommandSent):
                     ticks.append(event.tick)
                     if event.tick.flight_time_s > FLOWN_S:
-                        flight.kill("enough")
+                        flight.ask(Request(Ask.KILL, "enough"))
 
             log = FlightLog(folder / "flight.mcap", about(config), epoch_ns=0, tell=lambda text, *_: print(text))
             stack.callback(log.close)

@@ -251,7 +251,7 @@ class Core(Protocol):
     def set_gain(self, key: str, value: float) -> Reply:
         """Begin to move a gain, or say why not."""
 
-    def note(self, sentence: Sentence) -> None:
+    def say(self, sentence: Sentence) -> None:
         """An event of the flight."""
 
 
@@ -361,7 +361,7 @@ class Desk:
         if self._holder is not party:
             return False
         self._holder = None
-        self._core.note(notice("control.gone", client=party.label))
+        self._core.say(notice("control.gone", client=party.label))
         return True
 
     def _who(self) -> str:
@@ -373,14 +373,14 @@ class Desk:
         if self._holder is not None:
             return Reply.of(False, notice("control.other", client=self._holder.label))
         self._holder = party
-        self._core.note(notice("control.held", client=party.label))
+        self._core.say(notice("control.held", client=party.label))
         return Reply.of(True, notice("control.yours"))
 
     def _give_control(self, party: Party) -> Reply:
         if self._holder is not party:
             return Reply.of(False, notice("control.not_yours", client=self._who()))
         self._holder = None
-        self._core.note(notice("control.given", client=party.label))
+        self._core.say(notice("control.given", client=party.label))
         return Reply.of(True, notice("control.free"))
 
     def _ask(self, order: ClientOrder, party: Party) -> Reply:

@@ -403,9 +403,9 @@ class Daemon:
         """Ask the flight."""
         return self._flight.set_gain(key, value)
 
-    def note(self, sentence: Sentence) -> None:
+    def say(self, sentence: Sentence) -> None:
         """Tell the flight's events."""
-        self._flight.note(sentence)
+        self._flight.say(sentence)
 
     def snapshot(self) -> Snapshot:
         """The flight as it is now, or as it ended."""

@@ -101,7 +101,7 @@ class DatagramSource(ReaderSource, asyncio.DatagramProtocol):
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Begin to listen; ``deliver`` is called on the event loop for each pose."""
-        self._deliver = deliver
+        self._begin(deliver, asyncio.get_running_loop().time)
         try:
             self._transport, _ = await NETWORK.get().open_datagram(lambda: self, parse_address(self._listen))
         except OSError as error:
@@ -117,7 +117,7 @@ class DatagramSource(ReaderSource, asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: object) -> None:
         """Take one datagram (called by the event loop)."""
         self._reader.sender = addr
-        self._take(data, asyncio.get_running_loop().time())
+        self._take(data)
 
 
 def cannot_listen(what: str, address: str, error: OSError) -> SourceError:

@@ -553,6 +553,8 @@ class ReaderSource:
         self._reader = reader
         self._deliver: Callable[[Pose], None] | None = None
         """The receiver; None before the start and after the end."""
+        self._now: Callable[[], float] = lambda: 0.0
+        """Time on the event loop's clock [s], also in a replay, where the loop does not run."""
 
     @property
     def status(self) -> PoseStatus:
@@ -564,9 +566,13 @@ class ReaderSource:
         """Names of the bodies that the source shows: they tell a misspelt name from a silent stream."""
         return self._reader.names
 
-    def _take(self, data: bytes, arrival_s: float) -> None:
+    def _begin(self, deliver: Callable[[Pose], None], now: Callable[[], float]) -> None:
+        """Deliver poses to ``deliver`` from now on; ``now`` returns the time [s]."""
+        self._deliver, self._now = deliver, now
+
+    def _take(self, data: bytes) -> None:
         """Deliver the poses in ``data``; the receiver of one may close the source."""
-        for pose in self._reader.read(data, arrival_s) if self._deliver is not None else ():
+        for pose in self._reader.read(data, self._now()) if self._deliver is not None else ():
             if self._deliver is not None:
                 self._deliver(pose)
 

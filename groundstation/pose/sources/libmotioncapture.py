@@ -118,7 +118,7 @@ class LibmotioncaptureSource(ReaderSource):
                     command=describe_install("motioncapture"),
                 )
             )
-        self._deliver = deliver
+        self._begin(deliver, asyncio.get_running_loop().time)
         if not await self._open():
             await self._end()
             config = self._config
@@ -162,10 +162,9 @@ class LibmotioncaptureSource(ReaderSource):
 
     async def _stay(self) -> None:
         """Deliver the poses that the child sends, and start it again if it falls silent, until cancelled."""
-        loop = asyncio.get_running_loop()
         while True:
             while line := await self._line(SILENT_S):
-                self._take(line.strip(), loop.time())
+                self._take(line.strip())
             opened = False
             while not opened:
                 self._reader.intake.drop("child_lost")

@@ -113,7 +113,7 @@ class NatNetSource(ReaderSource, asyncio.DatagramProtocol):
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Begin to listen and to ask; ``deliver`` is called on the event loop for each pose."""
-        self._deliver = deliver
+        self._begin(deliver, asyncio.get_running_loop().time)
         config = self._config
         local = (config.interface, 0)
         try:
@@ -155,6 +155,6 @@ class NatNetSource(ReaderSource, asyncio.DatagramProtocol):
             self._reader.take_from_other(data, str(addr[0]), self._server[1])
             return
         server = self._reader.server
-        self._take(data, asyncio.get_running_loop().time())
+        self._take(data)
         if self._reader.server is not server:  # it has just answered: send the next request
             self._send_due()

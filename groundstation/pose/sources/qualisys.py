@@ -77,7 +77,7 @@ class QualisysSource(ReaderSource):
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Connect and ask for the stream; ``deliver`` is called on the event loop for each pose."""
-        self._deliver = deliver
+        self._begin(deliver, asyncio.get_running_loop().time)
         try:
             connection = await self._open()
         except ModuleNotFoundError:
@@ -125,12 +125,11 @@ class QualisysSource(ReaderSource):
     async def _open(self) -> "QtmConnection":
         from groundstation.pose.sources.qualisys_connection import connect
 
-        loop = asyncio.get_running_loop()
         host, port = parse_address(self._config.server)
         connection = await connect(host, port, ANSWER_S, self._reader.intake.drop)
         try:
             self._reader.names = body_names(await connection.parameters())
-            await connection.stream(lambda content: self._take(content, loop.time()))
+            await connection.stream(self._take)
         except BaseException as error:
             connection.close()
             if isinstance(error, ValueError):
