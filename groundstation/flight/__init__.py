@@ -6,7 +6,7 @@ from groundstation.flight.hold_to_run import HoldWatch, ensure_held, make_hold
 from groundstation.flight.prearm import (
     Company,
     Proof,
-    confirmation,
+    confirm_arming,
     describe_checks,
     describe_failures,
     describe_trajectory,

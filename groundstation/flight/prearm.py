@@ -2,7 +2,7 @@
 
 - Before anything is opened: may this configuration fly at all? (``explain_…``, ``ensure_…``)
 - :class:`Proof`: the result of the last test with the propellers off, kept in a file of the operator's.
-- :func:`confirmation`: the operator's word that the motors may start.
+- :func:`confirm_arming`: the operator's confirmation that the motors may start.
 - :class:`Checks` of the vehicle, and :class:`Company` of its surroundings: other flights on this machine, other bodies,
   the operator's hold. Each check is OFF, PASS, WARN or FAIL, with a sentence.
 - :class:`PrearmSequence`: connect, check, and wait for the operator to arm.
@@ -13,7 +13,7 @@ import hashlib
 import math
 import os
 import sys
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -78,12 +78,12 @@ def examine_trajectory(config: Config) -> FeasibilityReport:
 
 
 ALIKE = 0.1
-"""Relative difference up to which a declared and a found derivative count as equally long [-]: then their directions
-are what differs, and the sentence says so. Chosen."""
+"""Relative difference up to which a declared and a computed derivative count as equally long [-]: then their
+directions differ, and the sentence says so. Chosen."""
 
 
 def explain_refusal(config: Config, report: FeasibilityReport) -> Sentence | None:
-    """Return why the trajectory must not fly, with the time, the limit and the remedy; None if it may."""
+    """Return why the trajectory must not be flown, with the time, the limit and the remedy; None if it may."""
     odd = report.inconsistency
     if odd is not None and odd.name == "period":
         return notice("trajectory.period", at_s=odd.time_s, span_s=odd.declared, far_m=odd.found)
@@ -199,7 +199,7 @@ def ensure_guarded(config: Config) -> None:
         says = f'missing, and {because}: kind = "box", north_m = [-2, 2], east_m = [-2, 2], height_m = 2.5, or convex'
         raise ConfigError("fence", says)
     if config.limits.max_speed_m_s is None:
-        raise ConfigError("limits.max_speed_m_s", f"missing, and {because}: the fastest that it may be told to go")
+        raise ConfigError("limits.max_speed_m_s", f"missing, and {because}: the highest speed that may be commanded")
     if config.flight.start != "floor":
         raise ConfigError("flight.start", f"expected floor, as {because}")
 
@@ -230,25 +230,17 @@ def describe_trajectory(config: Config, report: FeasibilityReport) -> str:
     """Describe the trajectory and its demands as text."""
     ends = "never ends" if report.duration_s is None else f"lasts {report.duration_s:.2f} s"
     looked = " of it" if report.duration_s is None else ""
+    floor_z_m, low, high = config.flight.floor_z_m, report.lowest_ned, report.highest_ned
     lines = [
         f"{config.trajectory.__struct_config__.tag} for {config.vehicle.name}: {ends}, "
         f"{report.length_m:.2f} m in {report.span_s:.2f} s{looked}, starts at {report.start_speed_m_s:.2f} m/s",
-        f"stays within north {_range(report, 0)}, east {_range(report, 1)} m, "
-        f"{_heights(config, report)} m above the floor",
+        f"stays within north {low[0]:.2f} to {high[0]:.2f}, east {low[1]:.2f} to {high[1]:.2f} m, "
+        f"{floor_z_m - high[2]:.2f} to {floor_z_m - low[2]:.2f} m above the floor",
         f"{'':24}{'needs':>16}{'at':>12}{'limit':>18}",
         *(_line(demand) for demand in report.demands),
     ]
     why = explain_refusal(config, report) or explain_fence(config)
     return "\n".join([*lines, "PASS" if why is None else f"FAIL: {why}"])
-
-
-def _heights(config: Config, report: FeasibilityReport) -> str:
-    floor_z_m = config.flight.floor_z_m
-    return f"{floor_z_m - report.highest_ned[2]:.2f} to {floor_z_m - report.lowest_ned[2]:.2f}"
-
-
-def _range(report: FeasibilityReport, axis: int) -> str:
-    return f"{report.lowest_ned[axis]:.2f} to {report.highest_ned[axis]:.2f}"
 
 
 def _line(demand: Demand) -> str:
@@ -304,8 +296,6 @@ def save_proof(proof: Proof, path: Path) -> None:
     new = path.with_name(f".{path.name}.{os.getpid()}")
     with open(new, "wb", opener=lambda name, flags: os.open(name, flags | os.O_EXCL | os.O_NOFOLLOW, 0o600)) as file:
         file.write(msgspec.json.format(msgspec.json.encode(proof)) + b"\n")
-        file.flush()
-        os.fsync(file.fileno())
     new.replace(path)
 
 
@@ -352,21 +342,16 @@ def ensure_named(arm: str | None, config: Config) -> None:
         raise ConfigError("--arm", f"expected {config.vehicle.name!r}, the vehicle in the config, got {arm!r}")
 
 
-def confirmation(config: Config, arm: str | None) -> Callable[[], Awaitable[bool]]:
-    """Make the function that confirms arming: at once with ``--arm``, else by asking the operator at the terminal."""
-
-    async def confirm_by_option() -> bool:
+async def confirm_arming(config: Config, arm: str | None) -> bool:
+    """Return whether arming is confirmed: at once with ``--arm``, else by asking the operator at the terminal."""
+    if arm is not None:
         return True
-
-    async def ask_operator() -> bool:
-        name, rehearsal = config.vehicle.name, config.rehearsal
-        prompt = notice("arm.prompt", vehicle=name)
-        if rehearsal is not None:
-            prompt = notice("arm.prompt_rehearsal", rehearsed=rehearsal.vehicle, vehicle=name)
-        answer = await line_from_terminal(notice("arm.question", prompt=prompt).text)
-        return answer.strip() == name
-
-    return confirm_by_option if arm is not None else ask_operator
+    name, rehearsal = config.vehicle.name, config.rehearsal
+    prompt = notice("arm.prompt", vehicle=name)
+    if rehearsal is not None:
+        prompt = notice("arm.prompt_rehearsal", rehearsed=rehearsal.vehicle, vehicle=name)
+    answer = await line_from_terminal(notice("arm.question", prompt=prompt).text)
+    return answer.strip() == name
 
 
 async def line_from_terminal(prompt: str) -> str:
@@ -402,12 +387,10 @@ WARN_AGE_S = 0.08
 NOISE_M = 0.005
 """Position noise above this fails, 1σ per axis [m]: the excitation tones move the vehicle by 2 mm, and 4 mm of noise
 were flown (`groundstation-sim dev alarms --floors`)."""
-WARN_NOISE_M = 0.0025
-"""Position noise above this is a warning [m]."""
 NOISE_DEG = 0.8
 """Roll and pitch noise above this fails, 1σ [°]: 0.6 was flown (`groundstation-sim dev alarms --floors`)."""
-WARN_NOISE_DEG = 0.4
-"""Roll and pitch noise above this is a warning [°]."""
+WARN_NOISE = 0.5
+"""Share of either noise limit above which the check warns [-]."""
 MOVED_M = 0.03
 """Largest spread of the positions of a vehicle at rest [m]."""
 WANDERED_M = 0.5
@@ -486,9 +469,8 @@ class Checks:
         noise_m: float,
         link: LinkStatus,
         now_s: float,
-        witness: Agreement | None = None,
-        *,
-        source: PoseStatus | None = None,
+        witness: Agreement | None,
+        source: PoseStatus,
     ) -> list[Check]:
         """Make all checks of the vehicle at rest.
 
@@ -498,10 +480,9 @@ class Checks:
             link: status of the command link.
             now_s: present time [s].
             witness: comparison of the poses with the autopilot's own attitude; None if it sends none.
-            source: status of the pose source; None if it is not known.
+            source: status of the pose source.
         """
         poses = list(standing.poses)
-        source = PoseStatus(accepted=len(poses), dropped={}) if source is None else source
         if len(poses) < 2:
             moves = describe_origin_moves(source.origin_moves) if source.origin_moves > 1 else None
             why = moves or explain_drops(source) or notice("pose.check_source")
@@ -550,11 +531,10 @@ class Checks:
         if source.unsteady_clock:
             return Check.of("pose age", Verdict.FAIL, describe_unsteady_clock())
         age, fail = now_s - pose.time_s, OLD_SHARE * self._config.flight.coast_s
-        why = explain_drops(source) if age > fail else None
         verdict = find_verdict(age, min(WARN_AGE_S, fail), fail)
-        if why is None:
-            return report("pose age", verdict, "check.pose_age", age_ms=1e3 * age)
-        return report("pose age", verdict, "check.pose_age_why", age_ms=1e3 * age, why=why)
+        if verdict is Verdict.FAIL and (why := explain_drops(source)):
+            return report("pose age", verdict, "check.pose_age_why", age_ms=1e3 * age, why=why)
+        return report("pose age", verdict, "check.pose_age", age_ms=1e3 * age)
 
     def _props_off(self, link: LinkStatus) -> Check:
         """Check that the test with the propellers off was passed with the present configuration."""
@@ -576,13 +556,9 @@ class Checks:
         return report("deadline", Verdict.WARN, "check.deadline_long", usual_ms=1e3 * usual_s, **values)
 
     def _noise(self, noise_m: float, noise_deg: float) -> Check:
-        """Check the noise of position and of roll and pitch; the worse by its limits decides."""
-        verdicts = (
-            find_verdict(noise_m, WARN_NOISE_M, NOISE_M),
-            find_verdict(noise_deg, WARN_NOISE_DEG, NOISE_DEG),
-        )
-        worst = next((one for one in (Verdict.FAIL, Verdict.WARN) if one in verdicts), Verdict.PASS)
-        return report("pose noise", worst, "check.pose_noise", noise_mm=1e3 * noise_m, noise_deg=noise_deg)
+        """Check the noise of position and of roll and pitch; the worse by its limit decides."""
+        verdict = find_verdict(max(noise_m / NOISE_M, noise_deg / NOISE_DEG), WARN_NOISE, 1.0)
+        return report("pose noise", verdict, "check.pose_noise", noise_mm=1e3 * noise_m, noise_deg=noise_deg)
 
     def _rest(self, poses: list[Pose], source: PoseStatus) -> Check:
         if source.origin_moves > 1:
@@ -597,25 +573,25 @@ class Checks:
         tilt = angle_deg(third_column(pose.attitude)[2])
         return report("tilt", find_verdict(tilt, WARN_TILT_DEG, TILT_DEG), "check.tilt", tilt_deg=tilt)
 
-    def _witness(self, told: Agreement | None) -> Check:
+    def _witness(self, found: Agreement | None) -> Check:
         """Check that the autopilot's own attitude agrees with the poses."""
         name, config = "second witness", self._config
         if config.pose.by_autopilot:
             return report(name, Verdict.OFF, "check.witness_own")
         by_radio = not config.link.has_autopilot
-        if told is None and by_radio:
-            return report(name, Verdict.OFF, "check.witness_radio")
-        if told is None:
+        if found is None:
+            if by_radio:
+                return report(name, Verdict.OFF, "check.witness_radio")
             return report(name, Verdict.WARN, "check.witness_silent")
-        if told.unlike:
-            sign = "; or correct link.attitude_pitch" if by_radio and told.unlike == ("pitch",) else ""
-            return report(name, Verdict.FAIL, "check.witness_unlike", axes=" and ".join(told.unlike), sign=sign)
-        if told.askew_deg > ASKEW_DEG:
-            return report(name, Verdict.FAIL, "check.witness_askew", askew_deg=told.askew_deg)
-        if told.doubts_s is not None:
+        if found.unlike:
+            sign = "; or correct link.attitude_pitch" if by_radio and found.unlike == ("pitch",) else ""
+            return report(name, Verdict.FAIL, "check.witness_unlike", axes=" and ".join(found.unlike), sign=sign)
+        if found.askew_deg > ASKEW_DEG:
+            return report(name, Verdict.FAIL, "check.witness_askew", askew_deg=found.askew_deg)
+        if found.doubts_s is not None:
             return report(name, Verdict.WARN, "check.witness_carried")
-        alike = f"; {', '.join(told.alike)} went the same way as it was moved" if told.alike else ""
-        return report(name, Verdict.PASS, "check.witness", askew_deg=told.askew_deg, alike=alike)
+        alike = f"; {', '.join(found.alike)} went the same way as it was moved" if found.alike else ""
+        return report(name, Verdict.PASS, "check.witness", askew_deg=found.askew_deg, alike=alike)
 
     def _floor(self, pose: Pose, place: Vec3) -> Check:
         if self._config.flight.start == "air":
@@ -641,8 +617,8 @@ class Checks:
         config, unknown = separation.config, separation.unknown(now_s)
         near = separation.nearest(place, (0.0, 0.0, 0.0), now_s)
         if near is not None and not near.distance_m >= config.distance_m:
-            told = {"distance_m": near.distance_m, "name": near.name, "limit_m": config.distance_m}
-            return report(name, Verdict.FAIL, "check.others_near", **told)
+            values = {"distance_m": near.distance_m, "name": near.name, "limit_m": config.distance_m}
+            return report(name, Verdict.FAIL, "check.others_near", **values)
         if unknown:
             verdict = Verdict.WARN if config.unknown == "warn" else Verdict.FAIL
             return report(name, verdict, "check.others_unseen", names=", ".join(unknown))
@@ -679,14 +655,14 @@ class Checks:
             if volts is None:
                 return report("battery", Verdict.OFF, "check.battery_silent")
             return report("battery", Verdict.OFF, "check.battery_unjudged", voltage_v=volts)
-        told = [f"{volts:.2f} V"] if volts is not None else []
-        told += [f"{100.0 * share:.0f} %"] if share is not None else []
+        charge = [f"{volts:.2f} V"] if volts is not None else []
+        charge += [f"{100.0 * share:.0f} %"] if share is not None else []
         low = (share is not None and share < c.battery_share) or (
             volts is not None and c.battery_v is not None and volts < c.battery_v
         )
         soon = share is not None and share < c.battery_share + BATTERY_MARGIN
         verdict = Verdict.FAIL if low else Verdict.WARN if soon else Verdict.PASS
-        return report("battery", verdict, "check.battery_low" if low else "check.battery", charge=", ".join(told))
+        return report("battery", verdict, "check.battery_low" if low else "check.battery", charge=", ".join(charge))
 
     def _round_trip(self, link: LinkStatus) -> Check:
         if link.rtt_s is None:
@@ -772,7 +748,7 @@ class Checks:
         return report("trajectory", Verdict.PASS, "check.trajectory")
 
 
-def describe_failures(checks: list[Check]) -> str:
+def describe_failures(checks: Iterable[Check]) -> str:
     """Join the failed checks into one sentence; empty if none failed."""
     return "; ".join(f"{check.name}: {check.says}" for check in checks if check.verdict is Verdict.FAIL)
 
@@ -903,7 +879,7 @@ class PrearmSequence:
         confirm: Callable[[], Awaitable[bool]],
         others: Others | None,
         say: Say,
-        company: Company | None = None,
+        company: Company,
     ) -> None:
         """Open nothing yet.
 
@@ -950,23 +926,19 @@ class PrearmSequence:
         await self._connect(deliver)
         if from_floor:
             await self._stand()
-            bad, checks = self._check()
-            for one in checks:
+            for one in self._check():
                 if one.verdict in (Verdict.WARN, Verdict.FAIL):
                     self._say(notice("flight.preflight", verdict=one.verdict, check=one.name, says=one.says))
-            if bad:
-                raise FlightEnded(notice("fault.preflight", failed=bad))
+            self._ensure_passed("fault.preflight")
         status = self._source.status
         ready = notice("mission.ready", rate_hz=status.rate_hz, latency_ms=1e3 * status.latency_s)
         progress.go(Event.CONNECTED, ready, loop.time())
         await self._operator()
         if from_floor:
-            bad, _ = self._check(arming=True)
-            if bad:
-                raise FlightEnded(notice("fault.not_armed", failed=bad))
+            self._check(arming=True)
+            self._ensure_passed("fault.not_armed")
         self.checks = ()
-        if self._company is not None:
-            self._company.leave()
+        self._company.leave()
         self._witness().arm()
 
     async def check(self, deliver: Callable[[Pose], None]) -> list[Check]:
@@ -974,7 +946,7 @@ class PrearmSequence:
         try:
             await self._connect(deliver)
             await self._stand()
-            return self._check()[1]
+            return self._check()
         except (FlightEnded, LinkError, OSError) as error:
             conflict = self._link.status.conflict
             found = [report("connection", Verdict.FAIL, "check.connection", why=error)]
@@ -985,18 +957,20 @@ class PrearmSequence:
         self._look = Checks(self._config, self._others, read_proof(proof_path(self._config)))
         await asyncio.gather(asyncio.sleep(LOOK_S), self._link.examine())
 
-    def _check(self, *, arming: bool = False) -> tuple[str, list[Check]]:
-        """Return the failures as a sentence, and all checks. ``arming``: the motors start next."""
+    def _check(self, *, arming: bool = False) -> list[Check]:
+        """Make all checks; ``arming``: the motors start next."""
         assert self._look is not None, "_stand comes first"
-        now = asyncio.get_running_loop().time()
-        evidence = self._witness().verdict(now)
-        checks = self._look(
-            self._progress.standing, self._pilot.noise_m, self._link.status, now, evidence, source=self._source.status
-        )
-        if self._company is not None:
-            checks += self._company(self._progress.standing, now, arming=arming)
+        now, standing = asyncio.get_running_loop().time(), self._progress.standing
+        agreement = self._witness().verdict(now)
+        checks = self._look(standing, self._pilot.noise_m, self._link.status, now, agreement, self._source.status)
+        checks += self._company(standing, now, arming=arming)
         self.checks = tuple(checks)
-        return describe_failures(checks), checks
+        return checks
+
+    def _ensure_passed(self, id: str) -> None:
+        """End the flight by the sentence ``id`` if a newest check failed."""
+        if bad := describe_failures(self.checks):
+            raise FlightEnded(notice(id, failed=bad))
 
     async def _connect(self, deliver: Callable[[Pose], None]) -> None:
         """Start the pose source, connect the link, and wait for the first pose."""

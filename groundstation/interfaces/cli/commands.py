@@ -54,7 +54,7 @@ def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda
 
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
-    from groundstation.flight import confirmation, ensure_named, start_step_timer
+    from groundstation.flight import confirm_arming, ensure_named, start_step_timer
     from groundstation.interfaces.service import fly_command, require_flyable
     from groundstation.runtime import require_package
 
@@ -76,7 +76,7 @@ def fly(args: argparse.Namespace) -> int:
         raise ConfigError("--arm", f"without a terminal, arming needs --arm {config.vehicle.name}")
     say = _terminal_writer()
     return fly_command(
-        config, confirmation(config, args.arm), _mark_lines(say) if args.rehearse else say, args.view or ""
+        config, partial(confirm_arming, config, args.arm), _mark_lines(say) if args.rehearse else say, args.view or ""
     )
 
 

@@ -44,6 +44,10 @@ def standing(
     return stands
 
 
+def status_of(stands: StandingPoses) -> PoseStatus:
+    return PoseStatus(accepted=len(stands.poses), dropped={})
+
+
 def check(
     name: str,
     *,
@@ -55,8 +59,9 @@ def check(
     source: PoseStatus | None = None,
     **link: Any,
 ) -> Check:
-    checks = Checks(from_dict({**BASE, **(config or {})}, Config))
-    seen = checks(stands or standing(), noise_m, msgspec.structs.replace(LINK, **link), now_s, witness, source=source)
+    checks, stands = Checks(from_dict({**BASE, **(config or {})}, Config)), stands or standing()
+    source = source or status_of(stands)
+    seen = checks(stands, noise_m, msgspec.structs.replace(LINK, **link), now_s, witness, source)
     return next(one for one in seen if one.name == name)
 
 
@@ -187,13 +192,13 @@ def test_where_nobody_else_can_tell_the_second_witness_is_off(config: dict[str, 
 
 
 def test_without_poses_nothing_else_is_asked_of_them() -> None:
-    checks = Checks(from_dict(BASE, Config))(StandingPoses(), 0.0, LINK, 1.0)
+    checks = Checks(from_dict(BASE, Config))(StandingPoses(), 0.0, LINK, 1.0, None, status_of(StandingPoses()))
     assert "poses: no poses" in describe_failures(checks)
 
 
 def checked(source: PoseStatus, stands: StandingPoses, pose: dict[str, Any]) -> str:
     config = from_dict({**BASE, "pose": pose}, Config)
-    return describe_failures(Checks(config)(stands, 0.0005, LINK, 1.03, source=source))
+    return describe_failures(Checks(config)(stands, 0.0005, LINK, 1.03, None, source))
 
 
 def test_stamps_in_the_wrong_unit_fail_with_the_factor_and_the_unit() -> None:
@@ -272,7 +277,11 @@ def test_a_simulated_port_is_believed_of_a_pseudo_terminal_alone_and_told_before
         for port, believed in ((os.ttyname(near), True), ("/dev/ttyUSB0", False), ("/dev/pts/../ttyUSB0", False)):
             config = from_dict({"link": {"kind": "dsm", "port": port, "simulated": True}}, Config)
             assert (find_real_key(config) is None) == believed
-            (told,) = (one for one in Checks(config)(standing(), 0.0, LINK, 1.0) if one.name == "simulated")
+            (told,) = (
+                one
+                for one in Checks(config)(standing(), 0.0, LINK, 1.0, None, status_of(standing()))
+                if one.name == "simulated"
+            )
             assert told.verdict is Verdict.WARN
             assert port in told.says
             assert ("not believed" in told.says) != believed

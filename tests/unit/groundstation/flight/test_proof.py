@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from groundstation.config import from_dict
-from groundstation.core.messages import Check, Verdict
+from groundstation.core.messages import Check, PoseStatus, Verdict
 from groundstation.flight import Proof, hash_sections, proof_path, save_proof
 from groundstation.flight.prearm import Checks, explain_missing_proof, read_proof
 from groundstation.settings import Config
@@ -98,7 +98,7 @@ def test_a_file_that_others_may_write_or_a_link_is_none(tmp_path: Path) -> None:
 
 
 def checked(config: Config, kept: Proof | None) -> Check:
-    seen = Checks(config, proof=kept)(standing(), 0.0005, LINK, 1.03)
+    seen = Checks(config, proof=kept)(standing(), 0.0005, LINK, 1.03, None, PoseStatus(50, {}))
     return next(one for one in seen if one.name == "props-off test")
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Check, Others, Sentence, Verdict
+from groundstation.core.messages import Check, Others, PoseStatus, Sentence, Verdict
 from groundstation.core.messages.pose import GAP_S, BodySighting
 from groundstation.core.mission import State
 from groundstation.core.safety import Escalation, GuardAction, GuardFinding, Guards, Separation, SeparationConfig
@@ -207,7 +207,7 @@ def test_nearness_is_never_answered_by_a_descent_that_knows_no_place() -> None:
 
 def apart(others: Others, **separation: Any) -> Check:
     config = from_dict({**BASE, "separation": {"others": list(others.names), **separation}}, Config)
-    checks = Checks(config, others)(standing(), 0.0005, LINK, 1.03)
+    checks = Checks(config, others)(standing(), 0.0005, LINK, 1.03, None, PoseStatus(50, {}))
     return next(one for one in checks if one.name == "other vehicles")
 
 
