@@ -2,9 +2,11 @@
 
 from groundstation.runtime.entry import (
     VIEWERS,
+    Arguments,
     Exit,
     Groups,
     Program,
+    add_arguments,
     add_completion,
     build_parser,
     path,

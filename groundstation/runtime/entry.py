@@ -283,12 +283,20 @@ def require_package(package: str, key: str, extra: str, more: str = "") -> None:
         raise ConfigError(key, says + more) from None
 
 
+Arguments = Mapping[str, Mapping[str, object]]
+"""Name of each argument of a command → its options for :meth:`argparse.ArgumentParser.add_argument`."""
 AddArguments = Callable[[argparse.ArgumentParser], None]
-Commands = Mapping[str, tuple[str, AddArguments | None]]
-"""Name → its purpose in a line, and the function that adds its arguments; None: it only groups other commands.
+Commands = Mapping[str, tuple[str, Arguments | AddArguments | None]]
+"""Name → its purpose in a line, and its arguments, or a function that adds them; None: it only groups other commands.
 
 A name of two words (``fleet relay``) is a command below the first word.
 """
+
+
+def add_arguments(parser: argparse.ArgumentParser, arguments: "Mapping[str, Mapping[str, Any]]") -> None:
+    """Add ``arguments`` to ``parser``."""
+    for name, options in arguments.items():
+        parser.add_argument(name, **options)
 
 
 Groups = Mapping[str, Commands]
@@ -314,11 +322,13 @@ class Program(argparse.ArgumentParser):
         """Whether the commands below it are subcommands for argparse."""
         if command:
             self.set_defaults(command=command)
-            add_arguments = commands[command][1]
-            if add_arguments is None:
+            arguments = commands[command][1]
+            if arguments is None:
                 self.offer_below()
+            elif isinstance(arguments, Mapping):
+                add_arguments(self, arguments)
             else:
-                add_arguments(self)
+                arguments(self)
 
     def offer_below(self) -> None:
         """Add the commands below this one as subcommands: what completes command lines reads them."""
