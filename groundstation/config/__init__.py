@@ -25,7 +25,6 @@ from groundstation.config.sections import (
     FromFile,
     copy_examples,
     example_text,
-    example_texts,
     list_examples,
     presets,
     resolve_files,

@@ -1,7 +1,7 @@
-"""Sections of a configuration that may stand in a file of their own, and the files that come along.
+"""Sections of a configuration with a file of their own, and the files that come along.
 
-The path of such a file (a vehicle, a preset, a CSV) is relative to the configuration's: it is read once, so that what
-was checked is what flies.
+The path of such a file (a vehicle, a preset, a CSV) is relative to the configuration's: it is read once, so that the
+checked values are those that fly.
 """
 
 from importlib import resources
@@ -16,25 +16,25 @@ from groundstation.config.errors import ConfigError, KeyPath, Problem, refuse_io
 from groundstation.config.schema import default_of, find_struct, inspect_struct, suggest
 
 PACKAGE = "groundstation"
-"""Where the presets stand."""
+"""Package with the presets."""
 
 
 class FromFile:
-    """Beside a struct that is a section of a configuration: its keys may stand in a file, which its key ``file`` names.
+    """Base of a section of a configuration whose keys may be in a file that its key ``file`` names.
 
     Such a struct has the optional key ``file``, and ``preset`` if it has :attr:`PRESETS`. Both are gone once read.
     """
 
     __slots__ = ()
     PRESETS: ClassVar[str] = ""
-    """Folder of this package with files that come along, one a preset; empty where there are none."""
+    """Folder of the package with a file for each preset; empty without any."""
 
     @classmethod
     def with_text(cls, table: dict[str, Any], text: str) -> dict[str, Any]:
-        """The section as written, ``table``, completed from the text of its file.
+        """Return the section as written, ``table``, completed from the text of its file.
 
         Raises:
-            ValueError: what is wrong with the text, and in which line or key; without the file's name.
+            ValueError: the fault of the text, and its line or key; without the file's name.
         """
         raise NotImplementedError
 
@@ -63,7 +63,7 @@ def with_files(root: type[msgspec.Struct], data: dict[str, Any], folder: Path) -
 
 
 def resolve_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """``data`` with the name of each key, password or certificate (``…_file = "name"``) as it is seen from ``folder``.
+    """Return ``data`` with the name of each key, password or certificate (``…_file = "name"``) resolved in ``folder``.
 
     The names become absolute, so that the configuration in force means the same wherever it is read again.
     """
@@ -79,7 +79,7 @@ def resolve_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def presets(kind: type[FromFile]) -> dict[str, str]:
-    """The text of each preset of ``kind``, by name, in the order of their names."""
+    """Return the text of each preset of ``kind``, by name, in the order of their names."""
     return shipped_texts(kind.PRESETS) if kind.PRESETS else {}
 
 
@@ -116,49 +116,39 @@ def _read_text(file: Path, path: KeyPath) -> str:
         raise Problem(path, f"cannot read {str(file)!r}: {error}") from None
 
 
-def _folder(name: str) -> Traversable:
-    """A folder of files that come along."""
-    return resources.files(PACKAGE) / name
-
-
 def shipped_texts(folder: str) -> dict[str, str]:
-    """The text of each TOML file in a folder that comes along, by name and in the order of their names."""
-    files = sorted(_folder(folder).iterdir(), key=lambda file: file.name.removesuffix(".toml"))
+    """Return the text of each TOML file in a folder that comes along, by name and in the order of their names."""
+    files = sorted((resources.files(PACKAGE) / folder).iterdir(), key=lambda file: file.name.removesuffix(".toml"))
     return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files if file.name.endswith(".toml")}
 
 
-def example_texts() -> dict[str, str]:
-    """The configurations that come along, by name."""
-    return shipped_texts("examples")
-
-
 def list_examples() -> str:
-    """A line each: its name, and what it says first of itself."""
-    texts = example_texts()
+    """Return a line for each configuration that comes along: its name, and its first line."""
+    texts = shipped_texts("examples")
     width = max(map(len, texts))
     return "\n".join(f"{name:{width}}  {text.splitlines()[0].removeprefix('# ')}" for name, text in texts.items())
 
 
 def example_text(name: str) -> str:
-    """The configuration of that name, with its notes.
+    """Return the configuration that comes along as ``name``, with its notes.
 
     Raises:
         ConfigError: there is none.
     """
-    texts = example_texts()
+    texts = shipped_texts("examples")
     if name not in texts:
         raise ConfigError("config new", f"expected one of {list(texts)}, got {name!r}{suggest(name, texts)}")
     return texts[name]
 
 
 def copy_examples(folder: Path) -> None:
-    """Write all of them, and the files beside them, into the new ``folder``.
+    """Write all configurations that come along, and the files beside them, into the new ``folder``.
 
     Raises:
         ConfigError: it exists, or can't be written.
     """
     with refuse_io("--all", f"cannot write {folder}"):
-        _copy(_folder("examples"), folder)
+        _copy(resources.files(PACKAGE) / "examples", folder)
 
 
 def _copy(source: Traversable, target: Path) -> None:

@@ -12,15 +12,15 @@ from groundstation.config.errors import ConfigError
 from groundstation.config.schema import field_descriptions
 
 DEEPEST = 16
-"""Tables and arrays stand within each other no deeper than this; ours need 5."""
-TOO_DEEP = f"no configuration: its tables or arrays stand more than {DEEPEST} deep within each other"
+"""Deepest nesting of tables and arrays [-]; ours need 5."""
+TOO_DEEP = f"no configuration: its tables or arrays are nested more than {DEEPEST} deep"
 
 
 def parse_toml(text: str) -> dict[str, Any]:
     """Parse the TOML ``text``.
 
     Raises:
-        ValueError: it is no TOML, or nested deeper than any configuration is.
+        ValueError: it is no TOML, or nested deeper than ``DEEPEST``.
     """
     try:
         data = tomllib.loads(text)
@@ -57,50 +57,48 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def dump(config: msgspec.Struct) -> str:
-    """The configuration in force as TOML, each key with the first sentence of its docstring; loads back to the same.
+    """Return the configuration in force as TOML, each key with the first sentence of its description.
 
-    A key that is None has no TOML form and appears as a comment. A path that the locale could not decode is UTF-8 here.
+    It loads back to the same. A key that is None has no TOML form and appears as a comment. A path that the locale
+    could not decode is UTF-8 here.
     """
     text = "\n".join(_table(config, ())).lstrip("\n") + "\n"
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
 def _table(table: msgspec.Struct | dict[str, Any], path: tuple[str, ...]) -> Iterator[str]:
-    """The lines of one table: its own keys first, then its sub-tables, as TOML's order demands."""
+    """Return the lines of one table: its own keys first, then its sub-tables, in TOML's order."""
     notes = field_descriptions(type(table)) if isinstance(table, msgspec.Struct) else {}
-    entries = dict(_entries(table))
     if path:
         yield f"\n[{'.'.join(map(_key, path))}]"
-    for key, value in entries.items():
-        if _is_table(value):
+    inner = []
+    for key, value in _entries(table).items():
+        if isinstance(value, msgspec.Struct | dict):
+            inner.append((key, value))
             continue
         line = f"# {_key(key)} is not set" if value is None else f"{_key(key)} = {write_value(value)}"
-        note = _first_sentence(notes.get(key, ""))
+        first, stop, _ = notes.get(key, "").partition(". ")
+        note = first + stop.rstrip()
         yield f"{line}{'. ' if value is None else '  # '}{note}" if note else line
-    for key, value in entries.items():
-        if _is_table(value):
-            yield from _table(value, (*path, key))
+    for key, value in inner:
+        yield from _table(value, (*path, key))
 
 
-def _entries(table: msgspec.Struct | dict[str, Any]) -> Iterator[tuple[str, Any]]:
+def _entries(table: msgspec.Struct | dict[str, Any]) -> dict[str, Any]:
+    """Return the entries of ``table``, the key that names its kind first."""
     if isinstance(table, dict):
-        yield from table.items()
-        return
+        return table
     settings = table.__struct_config__
-    if settings.tag_field is not None:
-        yield settings.tag_field, settings.tag
-    for key, name in _keys_and_names(type(table)):
-        yield key, getattr(table, name)
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, msgspec.Struct | dict)
+    tag = {} if settings.tag_field is None else {settings.tag_field: settings.tag}
+    names = zip(table.__struct_encode_fields__, table.__struct_fields__, strict=True)
+    return tag | {key: getattr(table, name) for key, name in names}
 
 
 def write_value(value: Any) -> str:
-    """``value`` as TOML, on one line."""
-    if _is_table(value):
-        items = ", ".join(f"{_key(key)} = {write_value(item)}" for key, item in _entries(value) if item is not None)
+    """Return ``value`` as TOML, on one line."""
+    if isinstance(value, msgspec.Struct | dict):
+        entries = _entries(value).items()
+        items = ", ".join(f"{_key(key)} = {write_value(item)}" for key, item in entries if item is not None)
         return f"{{ {items} }}" if items else "{}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(write_value, value))}]"
@@ -113,13 +111,3 @@ def _key(key: str) -> str:
     if key.isidentifier() and key.isascii():  # all of ours, of which a configuration has hundreds
         return key
     return tomli_w.dumps({key: 0}).removesuffix(" = 0\n")
-
-
-def _keys_and_names(struct: type[msgspec.Struct]) -> Iterator[tuple[str, str]]:
-    """Pair each written key with its Python name; msgspec.structs.fields() is slower."""
-    return zip(struct.__struct_encode_fields__, struct.__struct_fields__, strict=True)
-
-
-def _first_sentence(text: str) -> str:
-    end = text.find(". ")
-    return text if end < 0 else text[: end + 1]

@@ -1,6 +1,6 @@
 """Code of the user's own that a configuration names: ``kind = "package.module:factory"``.
 
-An object that Python already has is lent to a flight under such a name (:func:`lend`). What goes wrong in it is told in
+An object that Python already has is lent to a flight under such a name (:func:`lend`). A fault in it is reported in
 one sentence, with the user's own frames behind it (:class:`UserCodeFault`).
 """
 
@@ -30,17 +30,17 @@ numerical packages take several seconds to import on a small computer."""
 
 
 class SelfInterrupt(Exception):
-    """The user's code raised KeyboardInterrupt where Ctrl-C does not: it ends the flight as any fault of it does."""
+    """The user's code raised KeyboardInterrupt without Ctrl-C: it ends the flight as any of its faults does."""
 
 
 class StepWatch:
-    """Watches how long steps of the user's code take; this one does not: in virtual time no step takes any."""
+    """Watch on the duration of steps of the user's code; this one watches nothing: in virtual time they take none."""
 
     slow: Sentence | None = None
-    """The slowest step that was too slow, for the operator; None where none was."""
+    """The slowest step that was too slow, for the operator; None without one."""
 
     def find_recent(self) -> Sentence | None:
-        """Return the newest step that was too slow, where it was within a second; else None."""
+        """Return the newest step that was too slow, if it ended within the last second; else None."""
         return None
 
     def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
@@ -81,10 +81,10 @@ R = TypeVar("R")
 
 
 class UserCodeFault(Exception):
-    """Code of the user's own failed, or answered with what must not leave; its cause has the user's frames."""
+    """Code of the user's own failed, or returned a value that must not leave; its cause has the user's frames."""
 
     def __init__(self, what: str, error: BaseException | None = None) -> None:
-        """``what`` failed with ``error``, which was caught by whoever called the user's code; or did what is told."""
+        """``what`` failed with ``error``, caught where the user's code was called; None: ``what`` is the whole text."""
         super().__init__(what if error is None else f"{what} failed: {describe_error(error)}")
         if error is not None:
             _strip_caller(error)
@@ -92,24 +92,18 @@ class UserCodeFault(Exception):
 
 
 def _strip_caller(error: BaseException) -> None:
-    """Leave ``error`` the frames of the user's code alone, without :meth:`StepWatch.run` and whoever called that."""
+    """Leave ``error`` the frames of the user's code alone, without those that called or imported it."""
     frames = error.__traceback__ and error.__traceback__.tb_next
-    while frames and frames.tb_frame.f_code is StepWatch.run.__code__:
-        frames = frames.tb_next
-    error.__traceback__ = frames
-
-
-def _strip_import(error: BaseException) -> None:
-    """Leave ``error`` the frames of the module that was imported, if it was found, without those of the import."""
-    _strip_caller(error)
-    frames = error.__traceback__
-    while frames and frames.tb_frame.f_globals.get("__name__", "").startswith("importlib"):
+    while frames and (
+        frames.tb_frame.f_code is StepWatch.run.__code__
+        or frames.tb_frame.f_globals.get("__name__", "").startswith("importlib")
+    ):
         frames = frames.tb_next
     error.__traceback__ = frames
 
 
 def without_frames(work: Callable[P, R]) -> Callable[P, R]:
-    """``work``, whose refusals show whoever called it their own frames and names, and none of those between."""
+    """Wrap ``work``: its refusals show the caller's own frames and names, and none of those between."""
 
     @wraps(work)
     def plain(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -136,18 +130,18 @@ def coroutine_hint(answer: object) -> str:
 
 
 def several(names: Any) -> list[Any]:
-    """The ``names`` in a list, also where it is but one that somebody gave without brackets."""
+    """Return ``names`` as a list, also if it is a single one given without brackets."""
     return list(names) if isinstance(names, Iterable) and not isinstance(names, str) else [names]
 
 
 def describe_error(error: BaseException) -> str:
-    """Its kind and its words."""
+    """Return kind and text of ``error``."""
     return f"{type(error).__name__}: {error}"
 
 
 @contextmanager
 def lend(objects: Mapping[str, object]) -> Iterator[None]:
-    """Have each name (``module:name``) mean that object within this context, and in what is started in it."""
+    """Bind each name (``module:name``) to that object within this context, and in tasks started in it."""
     token = _LENT.set({**_LENT.get({}), **objects})
     try:
         yield
@@ -156,7 +150,7 @@ def lend(objects: Mapping[str, object]) -> Iterator[None]:
 
 
 def name_object(thing: object) -> str:
-    """A name for ``thing`` as :func:`lend` and configurations take it: its module's and its own, if it has them."""
+    """Return a name for ``thing`` as :func:`lend` and configurations accept it: of its module and itself."""
     named = thing if inspect.isclass(thing) or inspect.isroutine(thing) else type(thing)
     module, name = getattr(named, "__module__", None) or "python", getattr(named, "__name__", "given")
     text = f"{module}:{re.sub(r'[^A-Za-z0-9_]', '_', name)}"
@@ -173,17 +167,26 @@ def find_object(key: str, factory: str) -> Any:
     if factory in lent:
         return lent[factory]
     module_name, _, name = factory.partition(":")
-    try:
-        module = STEP_WATCH.get().run(module_name, MAKING_LIMIT_S, importlib.import_module, module_name)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # whatever the user's module raises, sys.exit too, the operator must hear of it
-        _strip_import(error)
-        hint = " (is it installed, or its folder on PYTHONPATH?)" if isinstance(error, ModuleNotFoundError) else ""
-        raise ConfigError(key, f"can't import {module_name}: {describe_error(error)}{hint}") from error
+    module = _run_making(key, f"can't import {module_name}", module_name, importlib.import_module, module_name)
     if not hasattr(module, name):
         raise ConfigError(key, f"{module_name} has no attribute {name!r}")
     return getattr(module, name)
+
+
+def _run_making(key: str, failed: str, what: str, code: Callable[..., Any], /, *arguments: Any, **named: Any) -> Any:
+    """Call ``code`` of the user's, which imports or makes ``what`` before the flight.
+
+    Raises:
+        ConfigError: it ``failed``, whatever it raises, sys.exit too; by ``key``.
+    """
+    try:
+        return STEP_WATCH.get().run(what, MAKING_LIMIT_S, code, *arguments, **named)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        _strip_caller(error)
+        hint = " (is it installed, or its folder on PYTHONPATH?)" if isinstance(error, ModuleNotFoundError) else ""
+        raise ConfigError(key, f"{failed}: {describe_error(error)}{hint}") from error
 
 
 def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter] | None:
@@ -194,7 +197,7 @@ def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter] | None:
 
 
 def needed_names(function: Callable[..., Any], options: Mapping[str, Any]) -> list[str] | None:
-    """The names of the arguments that ``function`` needs beside ``options``; None where it does not tell."""
+    """Return the names of the arguments that ``function`` needs beside ``options``; None if they are unknown."""
     parameters = _parameters(function)
     if parameters is None or any(one.kind is one.VAR_POSITIONAL for one in parameters):
         return None
@@ -204,10 +207,10 @@ def needed_names(function: Callable[..., Any], options: Mapping[str, Any]) -> li
     ]
 
 
-def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], options: Mapping[str, Any]) -> Any:
+def call_factory(key: str, factory: str, found: Any, given: tuple[Any, ...], options: Mapping[str, Any]) -> Any:
     """Call the user's factory; a ready object is copied, so that each flight begins anew.
 
-    A factory is given as much of ``told`` as it needs, then the options as one dict where it needs more, or by name.
+    A factory gets as much of ``given`` as it needs, then the options as one dict if it needs more, or by name.
 
     Raises:
         ConfigError: it can't be called so, or fails; by ``key``.
@@ -215,15 +218,9 @@ def call_factory(key: str, factory: str, found: Any, told: tuple[Any, ...], opti
     if not callable(found):
         return copy.deepcopy(found)
     needed = needed_names(found, options)
-    arguments: tuple[Any, ...] = (*told, dict(options))
+    arguments: tuple[Any, ...] = (*given, dict(options))
     named: dict[str, Any] = {}
     as_dict = any(one.name == "options" and one.kind is not one.VAR_KEYWORD for one in _parameters(found) or ())
-    if needed is not None and len(needed) <= len(told) and not as_dict:
-        arguments, named = told[: len(needed)], dict(options)
-    try:
-        return STEP_WATCH.get().run(factory, MAKING_LIMIT_S, found, *arguments, **named)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # as above
-        _strip_caller(error)
-        raise ConfigError(key, f"{factory} failed: {describe_error(error)}") from error
+    if needed is not None and len(needed) <= len(given) and not as_dict:
+        arguments, named = given[: len(needed)], dict(options)
+    return _run_making(key, f"{factory} failed", factory, found, *arguments, **named)

@@ -1,6 +1,6 @@
-"""Clocks: waiting on the event loop's, exactly and without drift; its quiet moments; and the time of day.
+"""Clocks: waiting on the event loop's clock, exactly and without drift; its idle moments; and the time of day.
 
-asyncio's own timers, on epoll(7), are up to a millisecond late; those of the loop that is made here come on time.
+asyncio's own timers, on epoll(7), are up to a millisecond late; those of the loop that is made here are punctual.
 """
 
 import asyncio
@@ -15,11 +15,11 @@ from typing import TypeVar
 T = TypeVar("T")
 
 CANCEL_AGAIN_S = 1.0
-"""A task that has been cancelled may clean up for so long [s]."""
+"""Time after which a cancelled task that has not ended is cancelled again [s]."""
 
 
 async def sleep_until(when_s: float) -> None:
-    """Sleep until ``when_s`` on the event loop's clock [s]; give way once where that has passed."""
+    """Sleep until ``when_s`` on the event loop's clock [s]; if that has passed, let others run once."""
     loop = asyncio.get_running_loop()
     if when_s <= loop.time():
         await asyncio.sleep(0)
@@ -53,9 +53,9 @@ async def to_the_end(work: Awaitable[T]) -> T:
 
 
 async def cancel_task(task: "asyncio.Task[None]") -> None:
-    """Cancel ``task`` until it has ended, which nothing that it waits in can forget; what it fails with is raised.
+    """Cancel ``task`` again and again until it has ended, and raise its exception.
 
-    ``asyncio.wait_for``, ours or a library's, forgets a cancellation before Python 3.12 that comes as the wait ends.
+    Before Python 3.12 ``asyncio.wait_for``, ours or a library's, loses a cancellation at the end of its wait.
     """
     while not task.done():
         task.cancel()
@@ -69,8 +69,8 @@ if sys.platform == "linux":
     class PreciseSelector(selectors.EpollSelector):
         """As epoll, but waits by the microsecond.
 
-        epoll counts its longest wait in whole milliseconds. Its own descriptor is readable when it has something to
-        tell: so select(2), which counts finer, waits for that one descriptor, whatever the number of those behind it.
+        The timeout of epoll is in whole milliseconds. Its own descriptor is readable when it has an event: so
+        select(2), whose timeout is finer, waits for that one descriptor, whatever the number of those behind it.
         """
 
         def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
@@ -82,38 +82,38 @@ if sys.platform == "linux":
 
 
 def precise_loop() -> asyncio.AbstractEventLoop:
-    """An event loop for :class:`asyncio.Runner`; elsewhere than on Linux (kqueue on macOS) asyncio's own is as fine."""
+    """Make an event loop for :class:`asyncio.Runner`; outside of Linux (kqueue on macOS) asyncio's own is precise."""
     return asyncio.SelectorEventLoop(PreciseSelector() if sys.platform == "linux" else None)
 
 
 def wall_ms() -> int:
-    """Time of day, since 1970 [ms]: by it two machines agree whether a request has expired."""
+    """Return the time of day, since 1970 [ms]: two machines compare it to see whether a request has expired."""
     return time.time_ns() // 1_000_000
 
 
 WITHIN_S = 0.05
-"""Where no command leaves, it is done after so long all the same [s]."""
+"""Longest wait for an idle slot while no command leaves [s]."""
 
 
 class IdleSlots:
-    """When work that can wait is done: just after a command has left, as the next pose is then farthest away.
+    """Slots for work that can wait: just after a command has left, when the next pose is farthest away.
 
-    For one flight, or one after the other. Belongs to one event loop.
+    For one flight, or one after the other, on one event loop.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[asyncio.Future[None]] = deque()
 
     def begin(self) -> None:
-        """A command has just left: what has waited longest has its turn, and nothing else before the next command."""
+        """A command has just left: begin the oldest waiting slot, and no other before the next command."""
         while self._waiting:
             moment = self._waiting.popleft()
             if not moment.done():
-                wake(moment)
+                moment.set_result(None)
                 return
 
     def moment(self) -> asyncio.Future[None]:
-        """The next quiet moment that nobody has before, no later than ``WITHIN_S`` from now; await it, or cancel it."""
+        """Return the next free slot, no later than ``WITHIN_S`` from now; await it, or cancel it."""
         loop = asyncio.get_running_loop()
         moment: asyncio.Future[None] = loop.create_future()
         timer = loop.call_later(WITHIN_S, wake, moment)

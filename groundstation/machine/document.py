@@ -1,4 +1,4 @@
-"""Marked document: what stands between two markers of a page is made from the code, and replaced; the rest stays."""
+"""Marked document: the text between two markers of a page is made by the code and replaced; the rest is kept."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ from groundstation.machine.files import write_whole
 
 
 def split_at_markers(path: Path, name: str = "figures") -> tuple[str, str]:
-    """The text of ``path`` up to and with the marker ``<!-- NAME:begin -->``, and from ``<!-- NAME:end -->`` on.
+    """Return the text of ``path`` up to and with the marker ``<!-- NAME:begin -->``, and from ``<!-- NAME:end -->`` on.
 
     Raises:
         ConfigError: the file can't be read, or has not just one pair of markers.
@@ -17,7 +17,7 @@ def split_at_markers(path: Path, name: str = "figures") -> tuple[str, str]:
 
 
 def fill_markers(path: Path, parts: Mapping[str, str]) -> str:
-    """The text of ``path`` with each of ``parts`` between the markers of its name.
+    """Return the text of ``path`` with each of ``parts`` between the markers of its name.
 
     Raises:
         ConfigError: see :func:`split_at_markers`.
@@ -30,7 +30,7 @@ def fill_markers(path: Path, parts: Mapping[str, str]) -> str:
 
 
 def replace_between_markers(path: Path, text: str, name: str = "figures") -> None:
-    """Replace what stands between the markers ``name`` of ``path`` by ``text``.
+    """Replace the text between the markers ``name`` of ``path`` by ``text``.
 
     Raises:
         ConfigError: the file can't be read or written, or has not just one pair of markers.

@@ -1,10 +1,9 @@
-"""Outlets that hold up nobody: lines to whoever reads them, if anybody does, and a value to any number of readers.
+"""Outlets that never block: lines to a file descriptor, and a value to any number of readers.
 
-What is not taken at once is lost, and counted. Whatever a line quotes of others, it stays one line and steers no
-terminal. A terminal that stands still (Ctrl-S), a full pipe, or one that is gone, holds up nobody: least of all a
-command.
+A line that is not accepted at once is lost, and counted. Quoted text can neither break the line nor control the
+terminal. A stopped terminal (Ctrl-S), a full pipe or a closed one delays nothing, least of all a command.
 
-Of a broadcast value the newest counts, without a queue: a slow reader misses values and delays nobody.
+Of a broadcast value only the newest is kept, without a queue: a slow reader misses values and delays nobody.
 """
 
 import asyncio
@@ -18,29 +17,29 @@ from typing import Generic, TypeVar
 from links.text import printable
 
 LINE_MAX_BYTES = 4000
-"""Longer lines are cut: so much goes into a pipe that has room at all (pipe(7), PIPE_BUF)."""
+"""Longer lines are cut [bytes]: a pipe accepts this much at once or nothing (pipe(7), PIPE_BUF)."""
 
 
 class NonBlockingWriter:
     """A file descriptor, written to without waiting."""
 
     def __init__(self, number: int) -> None:
-        """Write to ``number``, which stays as it is for whoever shares it, in the encoding of this locale."""
+        """Write to ``number``, whose flags are not changed, in the encoding of this locale."""
         self._number = _own(number)
         self._encoding = locale.getencoding()
         self._rest = b""
         self.lost = 0
-        """Lines lost since the last one that was taken."""
+        """Number of lines lost since the last accepted one."""
 
     def say(self, text: str) -> None:
-        """Write ``text`` as one line, after telling how many were lost before it."""
+        """Write ``text`` as one line, after the number of lines lost before it."""
         if self.lost and self.write(f"{self.lost} lines were lost: nobody read them"):
             self.lost = 0
         if not self.write(text):
             self.lost += 1
 
     def write(self, text: str) -> bool:
-        """Write ``text`` as one line; False where it is not taken at once."""
+        """Write ``text`` as one line; return whether it was accepted at once."""
         line = printable(text.rstrip("\n")).encode(self._encoding, "replace")[: LINE_MAX_BYTES - 1] + b"\n"
         try:
             if self._rest:
@@ -50,7 +49,7 @@ class NonBlockingWriter:
             taken = self._write_now(line)
         except OSError:
             return False
-        self._rest = line[taken:] if taken else b""  # a line that has begun is ended before the next
+        self._rest = line[taken:] if taken else b""  # a line that was cut is ended before the next
         return taken > 0
 
     def _write_now(self, data: bytes) -> int:
@@ -66,20 +65,20 @@ class NonBlockingWriter:
 
 
 def _own(number: int) -> int:
-    """A descriptor of our own that does not wait: to make the shared one so would break the shell that has it too."""
+    """Open a nonblocking descriptor of our own: a flag of the shared one would also affect the shell."""
     try:
         if stat.S_ISREG(os.fstat(number).st_mode):
-            return number  # a file takes everything, and has one end that is shared
+            return number  # a file accepts everything, and its offset is shared
         return os.open(f"/proc/self/fd/{number}", os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
     except OSError:
-        return number  # a socket, or no descriptor at all: then it is asked before each line
+        return number  # a socket, or no descriptor at all: it is polled before each line
 
 
 T = TypeVar("T")
 
 
 class Latest(Generic[T]):
-    """Holds one value on one event loop. ``put`` never waits, and costs the same for any number of readers."""
+    """One value on one event loop. ``put`` never waits, and costs the same for any number of readers."""
 
     def __init__(self) -> None:
         self.newest: tuple[int, T] | None = None
@@ -87,14 +86,14 @@ class Latest(Generic[T]):
         self._waiting: asyncio.Future[None] | None = None
 
     def put(self, value: T) -> None:
-        """Replace the value and wake whoever waits for it."""
+        """Replace the value and wake its readers."""
         self.newest = (1 if self.newest is None else self.newest[0] + 1, value)
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set_result(None)
 
     async def newer(self, number: int = 0) -> tuple[int, T]:
-        """The newest value and its number, as soon as there is one numbered above ``number``."""
+        """Return the newest value and its number, once it is above ``number``."""
         while self.newest is None or self.newest[0] <= number:
             if self._waiting is None:
                 self._waiting = asyncio.get_running_loop().create_future()
@@ -102,7 +101,7 @@ class Latest(Generic[T]):
         return self.newest
 
     async def values(self, period_s: float = 0.0) -> AsyncIterator[T]:
-        """The newest value at once, then the newest one again and again, never two within ``period_s`` [s]."""
+        """Yield the newest value at once, then each newer one, never two within ``period_s`` [s]."""
         number = 0
         while True:
             number, value = await self.newer(number)

@@ -1,7 +1,6 @@
-"""Recordings' folder: where they are kept, what they are called, and how long they stay."""
+"""Recordings' folder: its place, the names of recordings, and their removal."""
 
 import errno
-import fcntl
 import os
 import re
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Annotated
 import msgspec
 
 from groundstation.config import NAME
+from groundstation.machine.files import is_locked
 
 RECORDING = re.compile(rf"[0-9]{{8}}-[0-9]{{6}}-{NAME}\.mcap")
 """YYYYMMDD-HHMMSS-VEHICLE.mcap, in local time; nothing else is ever tidied away."""
@@ -36,7 +36,7 @@ class RecordingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
 
 def folder_of(config: RecordingConfig) -> Path:
-    """Where its recordings are; the folder may not exist yet."""
+    """Return the folder of the recordings; it may not exist yet."""
     if config.folder:
         return Path(config.folder).expanduser()
     state = os.environ.get("XDG_STATE_HOME", "")
@@ -51,9 +51,9 @@ def list_flights(folder: Path) -> list[Path]:
 
 
 def make_folder(config: RecordingConfig) -> Path:
-    """Where its recordings are, made where it is missing, for its owner alone: they show who flew what, and how.
+    """Make the folder of the recordings if it is missing, for its owner alone, and return it.
 
-    A folder of the operator's choice that is there already stays as open as it is.
+    The permissions of an existing folder of the operator's choice are not changed.
 
     Raises:
         OSError: it can't be made.
@@ -69,22 +69,20 @@ def make_folder(config: RecordingConfig) -> Path:
 
 
 def open_private(path: str, flags: int) -> int:
-    """Open ``path`` as ``open(..., opener=...)`` wants it; a new file is its owner's alone."""
+    """Open ``path``, as an ``opener`` of open(); a new file is its owner's alone."""
     return os.open(path, flags, 0o600)
 
 
 def free_name(folder: Path, stamp: str, vehicle: str) -> Path:
-    """A path in ``folder`` for a flight that begins at ``stamp`` (YYYYMMDD-HHMMSS), with nothing there yet."""
-    path = folder / f"{stamp}-{vehicle}.mcap"
-    number = 2
+    """Return a free path in ``folder`` for a flight that begins at ``stamp`` (YYYYMMDD-HHMMSS)."""
+    path, number = folder / f"{stamp}-{vehicle}.mcap", 2
     while path.exists():
-        path = folder / f"{stamp}-{vehicle}-{number}.mcap"
-        number += 1
+        path, number = folder / f"{stamp}-{vehicle}-{number}.mcap", number + 1
     return path
 
 
 def list_recordings(folder: Path) -> list[Path]:
-    """The recordings in ``folder``, oldest first."""
+    """Return the recordings in ``folder``, oldest first."""
     if not folder.is_dir():
         return []
     return sorted(path for path in folder.iterdir() if RECORDING.fullmatch(path.name))
@@ -94,31 +92,25 @@ def is_being_written(path: Path) -> bool:
     """Whether a flight is being recorded to ``path``."""
     try:
         with path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+            return is_locked(file)
     except OSError:
         return False
-    return False
 
 
 def tidy(config: RecordingConfig, now_s: float) -> list[Path]:
-    """Remove what ``config`` no longer keeps; ``now_s`` is the wall time [s since 1970]. Returns what was removed.
+    """Remove recordings beyond the limits of ``config``; ``now_s`` is the wall time [s since 1970].
 
-    Never removed: a recording that is being written, and the newest one.
+    Return the removed ones. Never removed: a recording that is being written, and the newest one.
     """
-    found = [(path, path.stat(), path.with_suffix(".tlog")) for path in list_recordings(folder_of(config))[:-1]]
-    newest = list_recordings(folder_of(config))[-1:]
-    total = sum(file.stat().st_size for path in newest for file in (path, path.with_suffix(".tlog")) if file.exists())
-    sizes = [info.st_size + (tlog.stat().st_size if tlog.exists() else 0) for _, info, tlog in found]
-    total += sum(sizes)
-    removed = []
-    for (path, info, tlog), size in zip(found, sizes, strict=True):
-        old = config.keep_days is not None and now_s - info.st_mtime > config.keep_days * 86400.0
+    files = {path: (path, path.with_suffix(".tlog")) for path in list_recordings(folder_of(config))}
+    sizes = {path: sum(file.stat().st_size for file in both if file.exists()) for path, both in files.items()}
+    total, removed = sum(sizes.values()), list[Path]()
+    for path in list(files)[:-1]:
+        old = config.keep_days is not None and now_s - path.stat().st_mtime > config.keep_days * 86400.0
         much = config.keep_gb is not None and total > config.keep_gb * 1e9
         if (old or much) and not is_being_written(path):
-            path.unlink(missing_ok=True)
-            tlog.unlink(missing_ok=True)
-            total -= size
+            for file in files[path]:
+                file.unlink(missing_ok=True)
+            total -= sizes[path]
             removed.append(path)
     return removed

@@ -1,7 +1,7 @@
-"""Register of what runs: its sockets, the lock of each vehicle, and one file a process, locked for as long as it lives.
+"""Register of running programs: sockets, the lock of each vehicle, and one file a process, locked while it lives.
 
-By the files, whoever wants all of them finds those too whose status socket is elsewhere, is not served, or does not
-answer. What lies in a folder must be this user's alone: others could put a file or a socket of theirs in its place.
+The files also name the programs whose status socket is elsewhere, is not served, or does not answer. The files in a
+folder must be this user's alone: others could replace a file or a socket by their own.
 """
 
 import asyncio
@@ -16,16 +16,18 @@ from typing import Annotated
 
 import msgspec
 
+from groundstation.machine.files import is_locked
+
 FOLDER, FILE = stat.S_ISDIR, stat.S_ISREG
 
 
 def is_ours(found: os.stat_result, kind: Callable[[int], bool]) -> bool:
-    """Whether it is of that kind, this user's, and nobody else may write it; ``found`` is of lstat(2): no link is."""
+    """Whether ``found`` (of lstat(2)) is of ``kind``, belongs to this user, and is not writable for others."""
     return kind(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
 
 
 SERVICES = Path("/run/groundstation")
-"""Here every service of the machine has a folder of its own: ``groundstation daemon unit`` makes it so."""
+"""Folder with one folder for each service of the machine, as ``groundstation daemon unit`` configures it."""
 
 
 class StatusConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -54,11 +56,11 @@ SOCKET_PATH_BYTES = 107
 
 
 class ApiError(Exception):
-    """The socket can't be opened or read; the text says why and what to do."""
+    """The socket can't be opened or read; the text has reason and remedy."""
 
 
 def socket_folder() -> Path:
-    """The folder of this user's sockets; a service has the one that its manager made for it."""
+    """Return the folder of this user's sockets; a service has the one that its manager made for it."""
     service = os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
     if service.startswith("/"):
         return Path(service)
@@ -67,12 +69,12 @@ def socket_folder() -> Path:
 
 
 def socket_path(config: StatusConfig, vehicle: str) -> Path:
-    """Where the socket of ``vehicle`` is, to serve at."""
+    """Return the path at which the socket of ``vehicle`` is served."""
     return Path(config.path) if config.path else socket_folder() / f"{vehicle}.sock"
 
 
 async def find_socket(vehicle: str | None, services: Path = SERVICES) -> Path:
-    """The socket of ``vehicle``, to attach to: this user's, or else a service's; without a name, of the only one.
+    """Find the served socket of ``vehicle``: this user's, or else a service's; without a name, the only one.
 
     Raises:
         ApiError: nobody serves it, or more than one could be meant.
@@ -91,11 +93,16 @@ async def find_socket(vehicle: str | None, services: Path = SERVICES) -> Path:
 
 
 async def served_sockets(vehicle: str | None, services: Path = SERVICES) -> list[Path]:
-    """The sockets of ``vehicle``, or without a name of all, that somebody serves: this user's first."""
+    """Return the served sockets of ``vehicle``, or without a name of all: this user's first."""
     from glob import escape
 
     found = _sockets("*" if vehicle is None else escape(vehicle), services)
     return [path for path in found if await is_served(path)]
+
+
+def _sockets(name: str, services: Path) -> list[Path]:
+    found = (*sorted(socket_folder().glob(f"{name}.sock")), *sorted(services.glob(f"*/{name}.sock")))
+    return [path for path in found if path.is_socket()]
 
 
 def owner(path: Path) -> str:
@@ -110,13 +117,8 @@ def owner(path: Path) -> str:
     return "root"
 
 
-def _sockets(name: str, services: Path) -> list[Path]:
-    found = (*sorted(socket_folder().glob(f"{name}.sock")), *sorted(services.glob(f"*/{name}.sock")))
-    return [path for path in found if path.is_socket()]
-
-
 async def is_served(path: Path) -> bool:
-    """Whether somebody listens; where we may not look, somebody may."""
+    """Whether a program listens at ``path``; assumed without permission to connect."""
     try:
         _, writer = await asyncio.open_unix_connection(path)
     except PermissionError:
@@ -146,7 +148,7 @@ def own_directory(folder: Path) -> None:
 
 
 async def claim_socket(path: Path) -> None:
-    """Make ``path`` free for us: the folder is ours, and what a dead process left there is removed.
+    """Make ``path`` free for us: the folder is ours, and the socket of a dead process is removed.
 
     Raises:
         ApiError: another ground station serves there, or the path can't be used.
@@ -157,7 +159,9 @@ async def claim_socket(path: Path) -> None:
             "set status.path to a shorter one"
         )
     own_directory(path.parent)
-    if not _is_socket(path):
+    if not path.is_socket():  # noqa: ASYNC240  # a local file, on the ground
+        if os.path.lexists(path):  # noqa: ASYNC240  # as above
+            raise ApiError(f"status socket {path}: a file that is not a socket is there; move it away")
         return
     try:
         _, writer = await asyncio.open_unix_connection(path)
@@ -171,17 +175,6 @@ async def claim_socket(path: Path) -> None:
             f"status socket {path}: another ground station is serving this vehicle; stop it, "
             "or give this one another vehicle.name or status.path"
         )
-
-
-def _is_socket(path: Path) -> bool:
-    """Whether a socket is there; False where nothing is."""
-    try:
-        mode = path.lstat().st_mode
-    except FileNotFoundError:
-        return False
-    if not stat.S_ISSOCK(mode):
-        raise ApiError(f"status socket {path}: a file that is not a socket is there; move it away")
-    return True
 
 
 class Taken(Exception):
@@ -223,7 +216,7 @@ def lock_path(socket: Path) -> Path:
 
 SUFFIX = ".running"
 BRIDGE = "rf-bridge"
-"""The command of what paces another computer's commands, and has no flight of its own."""
+"""Command of a process that paces another computer's commands, and has no flight of its own."""
 
 
 class Running(msgspec.Struct, frozen=True, kw_only=True):
@@ -235,13 +228,13 @@ class Running(msgspec.Struct, frozen=True, kw_only=True):
     vehicle: str
     """Its name; of a bridge, its address."""
     socket: str = ""
-    """Its status socket; empty where it has none."""
+    """Its status socket; empty without one."""
     body: str = ""
-    """Which object of the capture system it follows."""
+    """Its body in the capture system."""
     poses: str = ""
-    """Where its poses come from."""
+    """Source of its poses."""
     link: str = ""
-    """Where its commands go."""
+    """Destination of its commands."""
 
 
 @contextmanager
@@ -269,7 +262,7 @@ def registration(one: Running) -> Iterator[None]:
 
 
 def running_processes(services: Path = SERVICES) -> list[Running]:
-    """Return this user's other running processes, and remove what dead ones have left."""
+    """Return this user's other running processes, and remove the entries of dead ones."""
     found = []
     for folder in sorted({*_folders(), *_services(services)}):
         with suppress(OSError):
@@ -284,9 +277,9 @@ def foreign_services(services: Path = SERVICES) -> list[Path]:
 
 
 def _folders() -> set[Path]:
-    """Where processes of this user may have registered: not every shell of theirs has a runtime folder."""
-    told, usual = os.environ.get("XDG_RUNTIME_DIR", ""), f"/run/user/{os.getuid()}"
-    if told not in ("", usual):
+    """Return where processes of this user may have registered: not every shell of theirs has a runtime folder."""
+    usual = f"/run/user/{os.getuid()}"
+    if os.environ.get("XDG_RUNTIME_DIR", "") not in ("", usual):
         return {socket_folder()}
     return {socket_folder(), Path(usual) / "groundstation", Path(f"/tmp/groundstation-{os.getuid()}")}  # noqa: S108  # each is checked
 
@@ -299,36 +292,27 @@ def _services(services: Path) -> list[Path]:
 
 
 def _read_entry(path: Path) -> Running | None:
-    """Read the entry at ``path``; None where its process is dead, or it is none of ours."""
+    """Read the entry at ``path``; None if its process is dead, or it is none of ours."""
     try:
-        number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return None
-    try:
-        if not is_ours(os.fstat(number), FILE):
-            return None
-        if not _is_locked(number):
-            path.unlink(missing_ok=True)
-            return None
-        return msgspec.json.decode(os.read(number, 1 << 16), type=Running)
+        with open(path, "rb", opener=_open_file) as file:
+            if not is_ours(os.fstat(file.fileno()), FILE):
+                return None
+            if is_locked(file):
+                return msgspec.json.decode(file.read(), type=Running)
+        path.unlink(missing_ok=True)
     except (OSError, msgspec.DecodeError):
-        return None
-    finally:
-        os.close(number)
+        pass
+    return None
 
 
-def _is_locked(number: int) -> bool:
-    try:
-        fcntl.flock(number, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    return False
+def _open_file(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
 def send_signal(one: Running, number: signal.Signals) -> bool:
     """Send a signal to the process of ``one``; False where it has ended.
 
-    Its number can't have become another's: it is held fast first, and then the register must still have it.
+    Its number can't have become another's: the process is pinned first, and then the register must still have it.
     """
     try:
         held = os.pidfd_open(one.pid)
@@ -346,7 +330,7 @@ def send_signal(one: Running, number: signal.Signals) -> bool:
 
 
 PR_SET_PDEATHSIG = 1
-"""A number that the standard library does not have (prctl(2), linux/prctl.h)."""
+"""Option of prctl(2), from linux/prctl.h."""
 
 
 def follow_parent(parent: int, number: signal.Signals) -> bool:

@@ -668,7 +668,7 @@ def words_of_flying(command: str, argument: str) -> list[str]:
     if argument == "overrides":
         return [f"{key}=" for key in keys_of(BridgeConfig if command == "radio bridge" else Config)]
     if (command, argument) == ("config new", "name"):
-        from groundstation.config import example_texts
+        from groundstation.config import shipped_texts
 
-        return list(example_texts())
+        return list(shipped_texts("examples"))
     return []

@@ -8,10 +8,10 @@ from groundstation.config import (
     ConfigError,
     dump,
     example_text,
-    example_texts,
     from_dict,
     keys_of,
     parse_toml,
+    shipped_texts,
     texts_of,
 )
 from groundstation.lab import read_fleet
@@ -102,7 +102,7 @@ def test_a_rehearsal_with_one_address_that_leads_out_of_it_is_refused_by_its_key
 
 
 def test_without_the_flag_nothing_is_turned_and_no_vehicle_has_the_name_of_a_rehearsal() -> None:
-    for name in example_texts():
+    for name in shipped_texts("examples"):
         if name not in ("fleet", "fleet-lab", "vehicle", "waypoints"):
             told = parse_toml(example_text(name))
             config = from_dict(told, Config)
