@@ -10,7 +10,6 @@ from groundstation.runtime.entry import (
     add_completion,
     build_parser,
     path,
-    rare_collections,
     raw_stream,
     require_package,
     run,

@@ -1,13 +1,11 @@
-"""Entry point: how a program begins and ends: its commands, its exit codes, and output that nobody takes.
+"""Entry point of a program: its commands, its exit codes, and output without a reader.
 
-Whoever asks for help waits for what this imports: no pathlib, no typing, and not what argparse itself imports to see
-how wide the terminal is.
+``--help`` waits for all imports here: no pathlib, no typing.
 """
 
 import argparse
 import contextlib
 import errno
-import gc
 import importlib
 import io
 import os
@@ -15,7 +13,6 @@ import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from enum import IntEnum
-from functools import partial
 from types import MappingProxyType
 
 from groundstation.runtime.packages import describe_install
@@ -27,24 +24,20 @@ if TYPE_CHECKING:
     from typing import Any, TextIO
 
 
-FEW_COLLECTIONS = 100_000
-"""Garbage is collected when so many more objects were made than dropped: twice what is loaded before a flight."""
-
-
 class Exit(IntEnum):
-    """Exit codes of every program; what they mean for one command is in :data:`CODES`."""
+    """Exit codes of every program; :data:`CODES` has their meanings for one command."""
 
     DONE = 0
-    """Landed, or did what it was asked to."""
+    """Landed, or the request was carried out."""
     FAILED = 1
-    """Ended otherwise than asked: aborted, killed, refused, landed because of a fault, or something was found wrong."""
+    """Ended otherwise than requested: aborted, killed, refused, landed because of a fault, or a finding."""
     USAGE = 2
     """A bad configuration or command line; nothing was opened."""
-    NOBODY = 2  # of what only asks: it has not begun either
-    """No ground station is there to be asked."""
+    NOBODY = 2  # of commands that only ask: nothing was begun either
+    """No ground station is running."""
     TAKEN = 3
     """Another ground station flies this vehicle already."""
-    UNHEARD = 3  # of what flies nothing: it cannot begin either
+    UNHEARD = 3  # of commands that fly nothing: they can't begin either
     """No poses, or no answer of the vehicle."""
     INTERRUPTED = 130
     """Ctrl-C outside a flight."""
@@ -53,20 +46,31 @@ class Exit(IntEnum):
 def run(
     parser: Callable[[], argparse.ArgumentParser], commands: str, moved: Mapping[str, str] = MappingProxyType({})
 ) -> int:
-    """Do what the command line says, by the function of that name in the module ``commands``; the exit code.
+    """Run the command of the command line, by the function of that name in the module ``commands``; the exit code.
 
     ``moved``: old spelling of a command → its name today; the old one works, with advice by ``advise_name`` there.
-    Where whoever reads the output has gone (``| head``), or the disk is full, it ends without a trace.
+    If the reader of the output has gone (``| head``), or the disk is full, it ends without a traceback.
     """
     _open_missing_streams()
-    with _guard_output(), rare_collections():
-        return _run(parser, commands, moved)
+    with _guard_output():
+        try:
+            try:
+                return _execute(parser(), commands, moved)
+            finally:  # after --help, too, which leaves by SystemExit
+                sys.stdout.flush()
+        except OSError as error:
+            if not isinstance(error, BrokenPipeError) and error.errno != errno.ENOSPC:
+                raise
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # else Python complains of the rest of the output as it ends
+            if error.errno == errno.ENOSPC:
+                print(f"the output cannot be written: {error.strerror}", file=sys.stderr)
+            return Exit.FAILED
 
 
 def _open_missing_streams() -> None:
-    """Have all three standard streams, to and from nowhere where whoever starts this has closed them.
+    """Open the standard streams that the parent has closed, to and from /dev/null.
 
-    Else the next file or port that is opened has the number of one of them, and what is printed goes there.
+    Else the next file or port that is opened gets the number of one of them, and the output goes there.
     """
     while (fd := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(fd, True)
@@ -76,25 +80,8 @@ def _open_missing_streams() -> None:
             setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115  # until the end
 
 
-@contextlib.contextmanager
-def rare_collections() -> Iterator[None]:
-    """Have cyclic garbage, of which starting up and flying make little, collected rarely, and nothing from before.
-
-    Else what is loaded is looked through a hundred times while it is: a tenth of the time that a start takes.
-    """
-    before = gc.get_threshold()
-    gc.freeze()
-    gc.set_threshold(FEW_COLLECTIONS, *before[1:])
-    try:
-        yield
-    finally:
-        gc.freeze()  # what is left waits for the next collection of everything, and is not looked through right now
-        gc.set_threshold(*before)
-        gc.unfreeze()
-
-
 class _GuardedStream:
-    """A stream on which nothing steers a terminal, whatever is quoted there: only lines and tabs pass of controls."""
+    """A stream on which quoted text can't control the terminal: of control characters only line ends and tabs pass."""
 
     def __init__(self, stream: "TextIO") -> None:
         self.bare = stream
@@ -117,7 +104,7 @@ class _GuardedStream:
 
 
 def raw_stream(stream: "TextIO") -> "TextIO":
-    """``stream`` as it was, for what draws with escape sequences of its own and quotes nobody unwashed."""
+    """Return ``stream`` unguarded, for a program that draws with its own escape sequences."""
     return stream.bare if isinstance(stream, _GuardedStream) else stream
 
 
@@ -130,39 +117,21 @@ def _is_file(stream: "TextIO") -> bool:
 
 @contextlib.contextmanager
 def _guard_output() -> Iterator[None]:
-    """Guard standard output and standard error: what is printed may come from a vehicle, a broker, or a recording."""
+    """Guard standard output and standard error: printed text may come from a vehicle, a broker, or a recording."""
     if isinstance(sys.stdin, io.TextIOWrapper):
-        sys.stdin.reconfigure(errors="replace")  # a letter that is none is no answer, and ends nothing
+        sys.stdin.reconfigure(errors="replace")  # an invalid byte must not end the program
     before = sys.stdout, sys.stderr
     for stream in before:
         if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in ("utf-8", "utf8"):
             if _is_file(stream):
                 stream.reconfigure(encoding="utf-8")  # `config show > lab.toml` is read again
             else:
-                stream.reconfigure(errors="replace")  # a terminal that knows no ² shows ?, and everything else
+                stream.reconfigure(errors="replace")  # a terminal without ² shows ?
     sys.stdout, sys.stderr = map(_GuardedStream, before)  # all else is the stream's own
     try:
         yield
     finally:
         sys.stdout, sys.stderr = before
-
-
-def _run(parser: Callable[[], argparse.ArgumentParser], commands: str, moved: Mapping[str, str]) -> int:
-    try:
-        try:
-            code = _execute(parser(), commands, moved)
-        finally:  # after --help, too, which leaves by SystemExit
-            sys.stdout.flush()
-    except BrokenPipeError:
-        _hush()
-        return Exit.FAILED
-    except OSError as error:
-        if error.errno != errno.ENOSPC:
-            raise
-        _hush()
-        print(f"the output cannot be written: {error.strerror}", file=sys.stderr)
-        return Exit.FAILED
-    return code
 
 
 def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str, str]) -> int:
@@ -193,8 +162,8 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
         does = getattr(importlib.import_module(commands), args.command.replace("-", "_").replace(" ", "_"))
         return int(does(args))
     except ConfigError as error:
-        told = f"{error.option}: {error.problem}" if isinstance(error, ArgumentError) else error
-        print(f"{parser.prog}: {told}", file=sys.stderr)
+        says = f"{error.option}: {error.problem}" if isinstance(error, ArgumentError) else error
+        print(f"{parser.prog}: {says}", file=sys.stderr)
         return Exit.USAGE
     except UserCodeFault as fault:
         if fault.__cause__ is not None:
@@ -208,11 +177,6 @@ def _execute(parser: argparse.ArgumentParser, commands: str, moved: Mapping[str,
         return Exit.INTERRUPTED
     finally:
         warnings.showwarning = show
-
-
-def _hush() -> None:
-    """Discard the output still to be written: Python would complain of it at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 CODES: dict[str, dict[int, str]] = {
@@ -265,14 +229,14 @@ CODES: dict[str, dict[int, str]] = {
     },
 }
 """Meanings of a command's exit codes; those not named here have 0 for done and 1 for not done. 2 is
-usage in all."""
+usage in all of them."""
 
 
 def require_package(package: str, key: str, extra: str, more: str = "") -> None:
-    """Find out whether an optional package is there, before any work is done that needs it in the end.
+    """Require an optional package, before any work is done that needs it in the end.
 
     Raises:
-        ConfigError: it is not installed; said by ``key``, with the ``extra`` that brings it and ``more`` words.
+        ConfigError: it is not installed; by ``key``, with the ``extra`` that brings it and ``more`` words.
     """
     from groundstation.config import ConfigError
 
@@ -313,7 +277,7 @@ class Program(argparse.ArgumentParser):
         self, prog: str = "", command: str = "", commands: Commands = MappingProxyType({}), **words: "Any"
     ) -> None:
         """``command`` is its full name, and ``commands`` are all that there are."""
-        super().__init__(prog, formatter_class=partial(argparse.HelpFormatter, width=_width()), **words)
+        super().__init__(prog, **words)
         prefix = f"{command} "
         below = {name.removeprefix(prefix): entry for name, entry in commands.items() if name.startswith(prefix)}
         self.below = {name: Program(f"{self.prog} {name}", prefix + name, commands) for name in below}
@@ -331,7 +295,7 @@ class Program(argparse.ArgumentParser):
                 arguments(self)
 
     def offer_below(self) -> None:
-        """Add the commands below this one as subcommands: what completes command lines reads them."""
+        """Add the commands below this one as subcommands, which the completion of command lines reads."""
         parsers = self.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=Program)
         for commands in self.groups.values():
             for name, (does, _) in commands.items():
@@ -341,9 +305,9 @@ class Program(argparse.ArgumentParser):
         self.offers = True
 
     def parse_known_args(self, args: "Any" = None, namespace: "Any" = None) -> "Any":
-        """Parse the arguments, or have the command below do so that the first word names.
+        """Parse the arguments, or let the command below parse them that the first word names.
 
-        An unknown argument is an error beside the command's own usage.
+        An unknown argument is an error shown with the command's own usage.
         """
         if args and not self.offers and args[0] in self.below:
             return self.below[args[0]].parse_known_args(args[1:], namespace)
@@ -373,7 +337,7 @@ class Program(argparse.ArgumentParser):
 
 
 def build_parser(prog: str, description: str, groups: Groups) -> Program:
-    """The parser of the program ``prog``; what it makes of a command line has it as ``program``."""
+    """Make the parser of the program ``prog``; the parsed arguments have it as ``program``."""
     program = Program(prog, description=description)
     program.groups = groups
     program.set_defaults(program=program)
@@ -387,20 +351,6 @@ def build_parser(prog: str, description: str, groups: Groups) -> Program:
 def add_completion(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command ``completion``, which both programs have."""
     parser.add_argument("shell", choices=["bash", "zsh"])
-
-
-def _width() -> int:
-    """The columns that help may take, as argparse reckons them."""
-    try:
-        columns = int(os.environ.get("COLUMNS", "0"))
-    except ValueError:
-        columns = 0
-    if columns <= 0:
-        try:
-            columns = os.get_terminal_size().columns  # of standard output; 0 where it does not know
-        except OSError:
-            columns = 0
-    return (columns or 80) - 2
 
 
 def path(text: str) -> "Path":

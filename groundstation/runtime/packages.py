@@ -6,7 +6,7 @@ DISTRIBUTION = "quadrotor-groundstation"
 
 def describe_install(extra: str) -> str:
     """Return the command that installs ``extra`` from where this program came: a clone, a file or an index."""
-    # Rarely needed, and slow to load: every program would wait for it.
+    # Rarely needed, and slow to load: every program would wait for these.
     import json
     import shlex
     import sys
@@ -17,7 +17,7 @@ def describe_install(extra: str) -> str:
     try:
         origin = json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
     except PackageNotFoundError:
-        sources = Path(__file__).parents[2]  # it runs from them, without being installed
+        sources = Path(__file__).parents[2]  # it runs from its sources, without being installed
         origin = {"url": sources.as_uri(), "dir_info": {"editable": True}}
     url = urlsplit(origin.get("url", ""))
     what = unquote(url.path) if url.scheme == "file" else DISTRIBUTION

@@ -27,7 +27,6 @@ from groundstation.flight import about, ensure_flyable
 from groundstation.machine import write_whole
 from groundstation.pose import CSV_COLUMNS, IN_RUN_FOLDER, CsvRow, encode_csv
 from groundstation.recording import FlightLog, LineRecord, Record
-from groundstation.runtime import rare_collections
 from groundstation.settings import Config
 from sim.radio import MODULE
 from sim.runs.flight import Result, fly
@@ -150,7 +149,7 @@ def simulate(
         plan = _plan(chosen, settings, kind, ends, seed, duration, None if config is None else Path(config))
         path = Path(_make_temporary() if record and out is None else out or ".")
         folder = RunFolder(path, plan.config, plan.world, scenario=plan.name, seed=seed) if record else None
-        with rare_collections(), _keep_on_error(folder):
+        with _keep_on_error(folder):
             result = run_beside(partial(_fly, plan, folder, on_progress))
             facts = _state_facts(plan, result)
     if folder is not None:
