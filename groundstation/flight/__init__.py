@@ -25,4 +25,4 @@ from groundstation.flight.prearm import (
     proof_path,
     save_proof,
 )
-from groundstation.flight.step_timer import StepTimeout, StepTimer, start_step_timer
+from groundstation.flight.step_timer import StepTimeout, StepTimer

@@ -1,8 +1,8 @@
 """Assembly of a flight from one configuration: link, pose source, gate, operator's hold, recorder.
 
-Of a recorded flight everything that it takes to fly it again is handed to a recorder as it happens. Its wires are
-tapped, too: it flies on a network that notes every byte in and out, whatever link or source opens them. What the
-pacer's own process opens is not seen.
+A recorded flight hands over to a recorder all data that a replay needs, as they occur. Its wires are tapped, too: its
+network notes every byte in and out, whatever link or source opens them. The wires of the pacer's own process are not
+recorded.
 """
 
 import asyncio
@@ -53,10 +53,10 @@ from links.mavlink import MavlinkLink
 
 
 class WireTaps(Network):
-    """The wires of one flight: opened as ever, and tapped, UDP, TCP or serial."""
+    """Network of one flight that taps its wires: UDP, TCP or serial."""
 
     def __init__(self, give: Callable[[Record], None]) -> None:
-        """``give`` takes each record as it happens."""
+        """``give`` takes each record as it occurs."""
         self._give = give
         self._opened = 0
         self._turn = 0
@@ -65,39 +65,39 @@ class WireTaps(Network):
     async def open_datagram(
         self, factory: Callable[[], Any], local: Any = None, remote: Any = None, *, reuse_port: bool | None = None
     ) -> tuple[Any, Any]:
-        """A datagram endpoint."""
+        """Open a datagram endpoint."""
         tap = TappedProtocol(self, "udp", local, remote, factory)
         await super().open_datagram(tap.begin, local, remote, reuse_port=reuse_port)
         return tap.transport, tap.inner
 
     async def open_stream(self, factory: Callable[[], Any], host: str, port: int) -> tuple[Any, Any]:
-        """A connection."""
+        """Open a connection."""
         tap = TappedProtocol(self, "tcp", None, (host, port), factory)
         await super().open_stream(tap.begin, host, port)
         return tap.transport, tap.inner
 
     async def open_serial(self, factory: Callable[[], Any], path: str, baud: int) -> tuple[Any, Any]:
-        """A serial port."""
+        """Open a serial port."""
         tap = TappedProtocol(self, "serial", None, (path, NO_PORT), factory)
         await super().open_serial(tap.begin, path, baud)
         return tap.transport, tap.inner
 
     def note_opening(self, kind: str, local: Any, remote: Any) -> int:
-        """A wire was opened; returns its number."""
+        """Note that a wire was opened, and return its number."""
         number = self._opened
         self._opened += 1
         self._give(WireRecord(asyncio.get_running_loop().time(), number, kind, _peer(local), _peer(remote)))
         return number
 
     def note_received(self, wire: int, data: bytes, peer: Any) -> None:
-        """Bytes came in."""
+        """Note received bytes."""
         if not self._turn_begun:
             self._turn_begun = True
             asyncio.get_running_loop().call_soon(self._next_turn)
         self._give(ReceivedRecord(asyncio.get_running_loop().time(), wire, self._turn, _peer(peer), data))
 
     def note_sent(self, wire: int, data: bytes, peer: Any) -> None:
-        """Bytes left."""
+        """Note sent bytes."""
         self._give(SentRecord(asyncio.get_running_loop().time(), wire, _peer(peer), bytes(data)))
 
     def _next_turn(self) -> None:
@@ -110,10 +110,10 @@ def _peer(address: Any) -> Peer:
 
 
 class TappedProtocol:
-    """Stands between the loop and the protocol of one wire; all but what is noted is the protocol's own."""
+    """Wrapper of the protocol of one wire that notes its bytes; all else is passed to the protocol."""
 
     def __init__(self, wires: WireTaps, kind: str, local: Any, remote: Any, factory: Callable[[], Any]) -> None:
-        """``kind`` of wire, with the addresses that were asked for; ``factory`` makes the protocol to be served."""
+        """``kind`` of wire, with the requested addresses; ``factory`` makes the protocol."""
         self._wires = wires
         self._asked = kind, local, remote
         self._factory = factory
@@ -122,7 +122,7 @@ class TappedProtocol:
         self.transport: Any = None
 
     def begin(self) -> "TappedProtocol":
-        """Have the protocol made."""
+        """Make the protocol."""
         self.inner = self._factory()
         return self
 
@@ -130,7 +130,7 @@ class TappedProtocol:
         return getattr(self.inner, name)
 
     def connection_made(self, transport: Any) -> None:
-        """The wire is open: give it a transport that is tapped too."""
+        """The wire is open: tap its transport, too."""
         self._wire = self._wires.note_opening(*self._asked)
         self.transport = TappedTransport(transport, self._wires, self._wire)
         self.inner.connection_made(self.transport)
@@ -147,10 +147,9 @@ class TappedProtocol:
 
 
 class TappedTransport:
-    """A transport, or a socket, whose sending is noted; all else is the original's."""
+    """Wrapper of a transport or a socket that notes sent bytes; all else is passed to the original."""
 
     def __init__(self, original: Any, wires: WireTaps, wire: int) -> None:
-        """``original`` does the work."""
         self._original = original
         self._wires = wires
         self._wire = wire
@@ -176,7 +175,7 @@ class TappedTransport:
         return done
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
-        """The socket is tapped too: some send past the transport, so that nothing waits in it."""
+        """Tap the socket, too: some senders bypass the transport and its buffer."""
         found = self._original.get_extra_info(name, default)
         return TappedTransport(found, self._wires, self._wire) if name == "socket" and found is not None else found
 
@@ -194,22 +193,22 @@ STATUS_S = 0.2
 
 
 class FlightRecorder:
-    """Hands over what a flight tells, and its wires, as records. Whatever goes wrong with it, the flight goes on."""
+    """Hands over the events of a flight, and its wires, as records. Its faults never end the flight."""
 
     def __init__(self, give: Give, say: Say, link: CommandLink, source: PoseSource) -> None:
-        """``give`` takes the records; ``say`` hears once that one could not be taken.
+        """``give`` takes the records; ``say`` gets one warning if one could not be taken.
 
-        How ``link`` and ``source`` are is noted now and then.
+        The status of ``link`` and ``source`` is recorded periodically.
         """
         self._recorder = give
         self._say = say
         self._link = link
         self._source = source
-        self._deaf = False
+        self._has_failed = False
         self._sent_s = self._noted_s = -math.inf
 
-    def hear(self, event: FlightEvent) -> None:
-        """Take an event, after all others who hear of it."""
+    def take(self, event: FlightEvent) -> None:
+        """Take an event, after all other subscribers."""
         match event:
             case PoseRecord(pose):
                 self.give(event)
@@ -227,7 +226,7 @@ class FlightRecorder:
                 self.give(event)
 
     def _note_status(self, period_s: float = STATUS_S) -> None:
-        """Note how link and source are, unless that was done within ``period_s`` [s]."""
+        """Record the status of link and source, unless that was done within ``period_s`` [s]."""
         now_s = asyncio.get_running_loop().time()
         if now_s - self._noted_s >= period_s:
             self._noted_s = now_s
@@ -238,13 +237,13 @@ class FlightRecorder:
         try:
             self._recorder(record)
         except Exception as error:  # noqa: BLE001  # a controller of the user's own may put anything into a tick
-            if not self._deaf:
-                self._deaf = True
+            if not self._has_failed:
+                self._has_failed = True
                 self._say(notice("recording.unrecordable", why=error))
 
 
 def about(config: Config, **more: Any) -> About:
-    """Collect the facts known before the flight; ``more`` of them about a simulated one."""
+    """Collect the facts known before the flight; ``more`` are those of a simulated one."""
     link = config.link
     return About(
         config=dump(config),
@@ -269,12 +268,18 @@ def make_flight(
     running: Callable[[], Sequence[Running]] = tuple,
     monitors: Monitors = MONITORS,
 ) -> Flight:
-    """The parts that ``config`` names, put together; nothing is opened yet.
+    """Make the flight that ``config`` describes; nothing is opened yet.
 
-    ``subscribers`` hear all that happens; ``on_pose`` sees every pose first, also those that the gate will drop;
-    ``give`` takes what is to be recorded.
-    ``wires``: see :func:`make_ends`. ``quiet`` hears of each command that left.
-    ``running`` tells what else flies from this machine. ``monitors`` makes what may end the flight.
+    Args:
+        config: the whole configuration.
+        confirm: asks the operator before the vehicle is armed.
+        subscribers: get all events.
+        on_pose: gets every pose first, also those that the gate will drop.
+        wires: see :func:`make_ends`.
+        give: takes the records of the flight; None for a flight that is not recorded.
+        quiet: is notified of each command that left.
+        running: lists the other flights of this machine.
+        monitors: makes the monitors that may end the flight.
 
     Raises:
         ConfigError: the poses need another link.
@@ -292,7 +297,7 @@ def make_flight(
 
     source = GatedSource(source, config.gate, lost_s=config.flight.coast_s, tell=tell)
     if config.forwards is not None:
-        assert isinstance(link, MavlinkLink), "only a MAVLink section says so"
+        assert isinstance(link, MavlinkLink), "only a MAVLink section can forward"
         floor_z_m = config.flight.floor_z_m
         source = ForwardingSource(
             source, link, config.forwards, floor_z_m=floor_z_m, believes=lambda: flight.believes_poses
@@ -300,7 +305,7 @@ def make_flight(
     tape = None
     if give is not None:
         tape = FlightRecorder(give, tell, link, source)
-        subscribers = *subscribers, tape.hear
+        subscribers = *subscribers, tape.take
     flight = Flight(
         config,
         link,
@@ -328,7 +333,7 @@ async def recorder(
 ) -> AsyncIterator[Give | None]:
     """Record a flight in real time by a process of its own; None without ``recording.enabled``.
 
-    Records are handed over when it is ``quiet``. ``keep`` is asked at the end whether the recording shall stay.
+    Records are handed over in ``quiet`` slots. ``keep`` returns at the end whether the recording is kept.
     ``view`` names a viewer that the recorder opens on it.
     """
     if not config.recording.enabled:

@@ -1,4 +1,4 @@
-"""Hold-to-run control: how a key, an axis or a channel stands, looked at for as long as a flight lasts."""
+"""Hold-to-run control: the position of a key, an axis or a channel, read for as long as a flight lasts."""
 
 import asyncio
 import os
@@ -21,16 +21,12 @@ if TYPE_CHECKING:
     from evdev import InputDevice
 
 
-NAMES_MAX = 24
-"""At most this many keys of a device are listed."""
-
-
 class DeviceInput:
     """A key or an axis of one of this machine's input devices, by evdev. Linux only.
 
-    It is asked how it stands (EVIOCGKEY, EVIOCGABS: what the kernel itself holds), instead of adding up events: none
-    can be lost on the way, what was held before it was opened is known, a key that repeats is no news, and a device
-    that another program has grabbed, such as another flight of the same operator, can be asked as well.
+    Its present state is read from the kernel (EVIOCGKEY, EVIOCGABS), instead of adding up events: no event can be
+    lost, a key that was held before the device was opened is known, and a device that another program has grabbed,
+    such as another flight of the same operator, can be read as well.
     """
 
     def __init__(self, device: "InputDevice[str]", hold: str, code: int) -> None:
@@ -62,13 +58,13 @@ class DeviceInput:
 
 
 def open_device(config: OperatorConfig) -> DeviceInput:
-    """The key or axis that ``config`` names.
+    """Open the key or axis that ``config`` names.
 
     Raises:
-        ConfigError: there is none, or more than one; the message lists what is there.
+        ConfigError: there is none, or more than one; the message lists the devices.
     """
     if sys.platform != "linux":
-        raise ConfigError("operator.hold", "keys and axes are asked by evdev, which only Linux has; or hold = 'rc:N'")
+        raise ConfigError("operator.hold", "keys and axes are read by evdev, which only Linux has; or hold = 'rc:N'")
     try:
         from evdev import ecodes
     except ImportError:
@@ -79,29 +75,28 @@ def open_device(config: OperatorConfig) -> DeviceInput:
     if code is None:
         raise ConfigError("operator.hold", f"no key, button or axis has this name (see evtest), got {config.hold!r}")
     kind = ecodes.EV_ABS if config.hold.startswith("ABS_") else ecodes.EV_KEY
-    there = list(_devices(config.device))
     words = "" if config.device.startswith("/") else config.device.lower()
-    meant = [device for device in there if words in device.name.lower()]
-    fits = [device for device in meant if code in device.capabilities(absinfo=False).get(kind, [])]
-    for device in there:
+    found = list(_devices(config.device))
+    fits = [
+        device
+        for device in found
+        if words in device.name.lower() and code in device.capabilities(absinfo=False).get(kind, [])
+    ]
+    for device in found:
         if len(fits) != 1 or device is not fits[0]:
             device.close()
     if len(fits) == 1:
         if config.grab:
-            with suppress(OSError):  # another flight has it already: what matters is that no terminal gets it
+            with suppress(OSError):  # another flight has grabbed it: no terminal gets it either
                 fits[0].grab()
         return DeviceInput(fits[0], config.hold, code)
-    if len(fits) > 1:
+    if fits:
         several = ", ".join(map(_name_device, fits))
         raise ConfigError("operator.device", f"more than one has {config.hold}, name one: {several}")
-    if len(meant) == 1:
-        names = [ecodes.bytype[kind].get(one, one) for one in meant[0].capabilities(absinfo=False).get(kind, [])]
-        shown = ", ".join(str(one if isinstance(one, str | int) else one[0]) for one in names[:NAMES_MAX])
-        says = f"“{meant[0].name}” has no {config.hold}; of that kind it has {shown or 'nothing'}"
-        raise ConfigError("operator.hold", says)
-    listed = ", ".join(map(_name_device, there))
     nothing = "none may be read here: is it plugged in, and are you in the group input?"
-    raise ConfigError("operator.device", f"expected a device that has {config.hold}; there are: {listed or nothing}")
+    listed = ", ".join(map(_name_device, found)) or nothing
+    says = f"expected a device that has {config.hold} (evtest lists the keys of each); there are: {listed}"
+    raise ConfigError("operator.device", says)
 
 
 def _name_device(device: "InputDevice[str]") -> str:
@@ -109,7 +104,7 @@ def _name_device(device: "InputDevice[str]") -> str:
 
 
 def _devices(path: str) -> "Iterator[InputDevice[str]]":
-    """The device at ``path``, or all that may be read."""
+    """Yield the device at ``path``, or all that may be read."""
     from evdev import InputDevice, list_devices
 
     if path.startswith("/"):
@@ -132,31 +127,31 @@ OLD_S = 0.5
 _RECEIVER = 0x10000
 """MAV_SYS_STATUS_SENSOR_RC_RECEIVER."""
 _UNUSED = (0, 0xFFFF)
-"""Values of a channel that is not there."""
+"""Values of a channel that does not exist."""
 
 
 class ChannelInput:
-    """A channel of the operator's transmitter, as the autopilot tells it (RC_CHANNELS, MAVLink common message 65)."""
+    """A channel of the operator's transmitter, reported by the autopilot (RC_CHANNELS, MAVLink common message 65)."""
 
     def __init__(self, connection: MavlinkConnection, number: int) -> None:
-        """``number`` is from 1 to 18; the messages are asked for as ``connection`` opens."""
+        """``number`` is from 1 to 18; the messages are requested as ``connection`` opens."""
         self.what = f"channel {number} of the transmitter"
         self._field = f"chan{number}_raw"
         self._raw: int | None = None
-        self._told_s = 0.0
+        self._time_s = 0.0
         self._receives = True
         connection.request(lambda _: {"RC_CHANNELS": RATE_HZ})
-        connection.subscribe(self._hear)
+        connection.subscribe(self._take)
 
     def share(self) -> float | None:
-        """Where it stands, 0 at 1000 µs and 1 at 2000 µs; None before the autopilot has told.
+        """Return its position, 0 at 1000 µs and 1 at 2000 µs; None before the first report.
 
         Raises:
-            InputLost: the autopilot tells it no more, or does not hear the transmitter.
+            InputLost: the autopilot no longer reports it, or does not receive the transmitter.
         """
         if self._raw is None:
             return None
-        old_s = asyncio.get_running_loop().time() - self._told_s
+        old_s = asyncio.get_running_loop().time() - self._time_s
         if not old_s <= OLD_S:
             raise InputLost(notice("hold.untold", age_s=old_s))
         if not self._receives:
@@ -168,18 +163,17 @@ class ChannelInput:
     def close(self) -> None:
         """Nothing to release: the connection is the link's."""
 
-    def _hear(self, message: Message, arrival_s: float) -> None:
+    def _take(self, message: Message, arrival_s: float) -> None:
         match message.get_type():
             case "RC_CHANNELS":
-                self._raw, self._told_s = getattr(message, self._field), arrival_s
+                self._raw, self._time_s = getattr(message, self._field), arrival_s
             case "SYS_STATUS":
                 enabled, healthy = message.onboard_control_sensors_enabled, message.onboard_control_sensors_health
                 self._receives = not enabled & _RECEIVER or bool(healthy & _RECEIVER)
 
 
 LOOK_S = 0.01
-"""Period at which the input is read [s]: a release is known after this, and the time of a bounce,
-twice at most."""
+"""Period at which the input is read [s]: a release is detected within twice this time, a bounce included."""
 
 
 class Input(Protocol):
@@ -192,7 +186,7 @@ class Input(Protocol):
         """Return how far the input is pressed, 0 to 1; None before its first value.
 
         Raises:
-            InputLost: it can't be asked any more.
+            InputLost: it can't be read any more.
         """
 
     def close(self) -> None:
@@ -200,15 +194,15 @@ class Input(Protocol):
 
 
 class HoldWatch:
-    """One flight's."""
+    """Watch on the operator's hold of one flight."""
 
     def __init__(self, what: str, above: float, connect: Callable[[], Input]) -> None:
-        """``connect`` makes the input as the flight begins; ``what`` is its name until then."""
+        """``connect`` opens the input as the flight begins; ``what`` is its name until then."""
         self.hold = HoldToRun(what, above)
         self._connect = connect
 
     async def run(self, looked: Callable[[], None]) -> None:
-        """Look until cancelled, and call ``looked`` each time, also where it can't be asked any more."""
+        """Read the input until cancelled, and call ``looked`` each time, also after it is lost."""
         loop, held = asyncio.get_running_loop(), None
         try:
             held = self._connect()
@@ -220,7 +214,7 @@ class HoldWatch:
                     self.hold.lose(str(lost))
                 looked()
                 await asyncio.sleep(LOOK_S)
-        except Exception as error:  # noqa: BLE001  # whatever it is, nobody knows any more whether it is held
+        except Exception as error:  # noqa: BLE001  # whatever it is, it is no longer known whether it is held
             self.hold.lose(str(error) or type(error).__name__)
         finally:
             if held is not None:
@@ -231,22 +225,22 @@ class HoldWatch:
 
 
 def make_hold(config: OperatorConfig, link: CommandLink) -> HoldWatch | None:
-    """Make the watch on the hold; None where nothing must be held. The flight opens a device."""
+    """Make the watch on the hold; None if nothing must be held. The flight opens a device."""
     if not config.hold:
         return None
     number = config.channel
     if number is None:
         return HoldWatch(config.hold, config.above, lambda: open_device(config))
-    assert isinstance(link, MavlinkLink), "the configuration has seen to it"
+    assert isinstance(link, MavlinkLink), "the configuration requires it"
     channel: Input = ChannelInput(link.connection, number)
     return HoldWatch(channel.what, config.above, lambda: channel)
 
 
 def ensure_held(config: OperatorConfig) -> None:
-    """Stop before anything moves if the input device is not there.
+    """Require the input device, before anything moves.
 
     Raises:
-        ConfigError: by the dotted key, with the devices that there are.
+        ConfigError: by the dotted key, with the devices found.
     """
     if config.hold and config.channel is None:
         open_device(config).close()

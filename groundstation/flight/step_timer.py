@@ -2,7 +2,7 @@
 
 For flights in real time. A timer signal (SIGALRM) interrupts Python code wherever it is, also where it
 sleeps or waits for a socket; code that catches every exception is interrupted again at its next line. Code that
-takes SIGALRM for a timeout of its own is interrupted by the operator's keys (:meth:`StepTimer.interrupt_by`). Compiled
+uses SIGALRM for a timeout of its own is interrupted by the operator's keys (:meth:`StepTimer.interrupt_by`). Compiled
 code that never returns is not interrupted: Python runs no handler before it does.
 """
 
@@ -20,12 +20,12 @@ from groundstation.core.messages import Sentence, notice
 AGAIN_S = 0.05
 """Period of repeated interrupts [s]: code that catches every exception may go on."""
 SLOW_S = 0.1
-"""A step that takes longer is named [s]: a command must leave within 0.25 s of its pose (flight.coast_s),
+"""A step that takes longer is reported [s]: a command must leave within 0.25 s of its pose (flight.coast_s),
 and the pose's own latency and the link take their share."""
 SLOWER = 1.5
-"""A slower step is named again from this factor on [-]."""
+"""A step that is slower by this factor is reported again [-]."""
 RECENT_S = 1.0
-"""Steps that ended within this time may be why no command left in time [s]."""
+"""Steps that ended within this time are a possible cause of a late command [s]."""
 
 
 class StepTimeout(BaseException):
@@ -38,31 +38,34 @@ class StepTimer(StepWatch):
     def __init__(self) -> None:
         """A timer that is not yet started."""
         self.on_alarm: Callable[[], object] = lambda: None
-        """Called on a SIGALRM that somebody else has sent."""
+        """Called on a SIGALRM of another sender."""
         self._keys = set[int]()
         """Signals that the event loop handles."""
         self._what = ""
         self._begun_s = 0.0
         self._limit_s = STEP_LIMIT_S
         self._caller: FrameType | None = None
-        """The frame that has begun the step: those above it are the user's."""
+        """The frame that began the step: those above it are the user's."""
         self._interrupts = 0
-        """Interrupts of the step that is [-]."""
+        """Number of interrupts of the present step [-]."""
         self._interrupted_s = 0.0
-        """Time of the newest [s]."""
+        """Time of the newest interrupt [s]."""
         self._slowest_s = SLOW_S
         self._newest: Sentence | None = None
         self._newest_s = 0.0
         self._ours_until_s = 0.0
-        """An alarm up to then may be of a step that has just ended [s]."""
+        """End of the time in which an alarm may be of a step that has just ended [s]."""
 
-    def start(self) -> None:
+    @classmethod
+    def start(cls) -> "StepTimer":
         """Watch all steps of this context from now on; to be called in the main thread."""
-        signal.signal(signal.SIGALRM, self._interrupt)
-        STEP_WATCH.set(self)
+        timer = cls()
+        signal.signal(signal.SIGALRM, timer._interrupt)
+        STEP_WATCH.set(timer)
+        return timer
 
     def interrupt_by(self, number: int) -> None:
-        """Let the signal ``number``, which the event loop handles, interrupt a step that is late, too."""
+        """Let the signal ``number``, which the event loop handles, also interrupt a late step."""
         signal.signal(number, lambda _number, frame: self._interrupt_late(frame))
         self._keys.add(number)
 
@@ -73,9 +76,9 @@ class StepTimer(StepWatch):
     def begin(self, what: str, limit_s: float = STEP_LIMIT_S) -> None:
         """The step of ``what`` begins, and has ``limit_s`` [s] to return.
 
-        Only the main thread hears signals: a step in another one is not watched.
+        Only the main thread receives signals: a step in another one is not watched.
         """
-        if not _hears_signals():
+        if not _is_main_thread():
             return
         self._what, self._begun_s, self._limit_s = what, time.monotonic(), limit_s
         self._caller, self._interrupts = sys._getframe(1), 0
@@ -84,7 +87,7 @@ class StepTimer(StepWatch):
 
     def end(self) -> None:
         """Note that the step has returned."""
-        if not _hears_signals():
+        if not _is_main_thread():
             return
         what, self._what = self._what, ""
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -103,7 +106,7 @@ class StepTimer(StepWatch):
             self.slow, self._slowest_s = self._newest, took_s
 
     def find_recent(self) -> Sentence | None:
-        """Return the newest step that was too slow, where it was within a second; else None."""
+        """Return the newest step that was too slow, if it ended within the last second; else None."""
         return self._newest if time.monotonic() - self._newest_s < RECENT_S else None
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
@@ -141,13 +144,6 @@ class StepTimer(StepWatch):
         return StepTimeout(notice("code.hangs", limit_ms=1e3 * self._limit_s))
 
 
-def _hears_signals() -> bool:
-    """Whether this is the main thread, which alone hears signals."""
+def _is_main_thread() -> bool:
+    """Whether this is the main thread, the only one that receives signals."""
     return threading.current_thread() is threading.main_thread()
-
-
-def start_step_timer() -> StepTimer:
-    """Watch code of the user's own from now on; to be called in the main thread."""
-    timer = StepTimer()
-    timer.start()
-    return timer

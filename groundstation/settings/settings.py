@@ -1,8 +1,8 @@
-"""Settings: the whole configuration of a ground station, one TOML file. Most sections stand with their thing.
+"""Settings: the whole configuration of a ground station, one TOML file. Most sections are defined in their rooms.
 
 In a rehearsal every address is turned to one host of this machine's loopback network, the file's own, where
-`groundstation-sim serve --config` plays tracker and autopilot of that very file. A key that may hold an address stands
-in ``ADDRESSES`` with what becomes of it, every other text in ``TEXTS``; a test walks the schema.
+`groundstation-sim serve --config` plays tracker and autopilot of that file. ``ADDRESSES`` lists the keys that may hold
+an address, with their replacement, ``TEXTS`` every other text; a test compares both with the schema.
 """
 
 import asyncio
@@ -31,14 +31,14 @@ from links.mavlink.protocol import ForwardConfig, MavlinkLinkConfig
 from links.rf import RfConfig
 
 REHEARSAL = "rehearsal"
-"""The name of a rehearsed vehicle, which no other may have: whoever arms by name says that nothing real moves."""
+"""Name of a rehearsed vehicle, which no other may have: arming by name then confirms that nothing real moves."""
 FIRST_PORT = 25000
 """Start of the range that every port is moved into: no tracker, autopilot or broker uses it by
 default."""
 PORTS = 5000
 """Number of ports in that range; a port keeps its last digits."""
 FOLDER = "rehearsals"
-"""Recordings of rehearsals stand apart, in this folder: no real flight is tidied away for them."""
+"""Folder of the recordings of rehearsals: they do not count among those of real flights."""
 
 
 class RehearsalConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -51,7 +51,7 @@ class RehearsalConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
             description="Host on the loopback network that every address is turned to.",
         ),
     ]
-    ports: Annotated[str, msgspec.Meta(description="Folder of the pseudo-terminals that stand for serial ports.")]
+    ports: Annotated[str, msgspec.Meta(description="Folder of the pseudo-terminals that replace serial ports.")]
     vehicle: Annotated[str, msgspec.Meta(description="The name of the vehicle that is rehearsed.")]
     name: Annotated[
         str,
@@ -77,13 +77,11 @@ def _address(value: Any, room: RehearsalConfig) -> Any:
     return None if value is None else f"{room.host}:{_port(parse_address(value)[1], room)}"
 
 
-def _port(value: Any, room: RehearsalConfig) -> Any:
-    del room
+def _port(value: Any, _room: RehearsalConfig) -> Any:
     return None if value is None else FIRST_PORT + value % PORTS
 
 
-def _host(value: Any, room: RehearsalConfig) -> Any:
-    del value
+def _host(_value: Any, room: RehearsalConfig) -> Any:
     return room.host
 
 
@@ -92,22 +90,20 @@ def _serial(value: Any, room: RehearsalConfig) -> Any:
 
 
 def _be(fixed: Any) -> "Turn":
-    return lambda value, room: fixed
+    return lambda _value, _room: fixed
 
 
-def _name(value: Any, room: RehearsalConfig) -> Any:
-    del value
+def _name(_value: Any, room: RehearsalConfig) -> Any:
     return room.name
 
 
-def _apart(value: Any, room: RehearsalConfig) -> Any:
-    del room
+def _apart(value: Any, _room: RehearsalConfig) -> Any:
     folder = folder_of(RecordingConfig(folder=value))
     return str(folder if folder.name == FOLDER else folder / FOLDER)
 
 
 Turn = Callable[[Any, RehearsalConfig], Any]
-"""Takes a key's value and the place of the rehearsal; returns what the value becomes. Twice is as once."""
+"""Takes a key's value and the place of the rehearsal; returns the new value. Applying it twice changes nothing more."""
 
 ADDRESSES: Mapping[str, Turn] = {
     "link.listen": _address,
@@ -132,7 +128,7 @@ ADDRESSES: Mapping[str, Turn] = {
     "recording.folder": _apart,
     "vehicle.name": _name,
 }
-"""Keys that may hold an address, and those that go with them."""
+"""Keys that may hold an address, and those that depend on them."""
 
 TEXTS = frozenset({
     "controller.factory", "controller.options", "link.key_file", "link.map.fixed", "link.signing_key_file",
@@ -141,36 +137,36 @@ TEXTS = frozenset({
     "rehearsal.host", "rehearsal.name", "rehearsal.ports", "rehearsal.vehicle", "trajectory.factory", "trajectory.file",
     "trajectory.options", "vehicle.file", "vehicle.preset",
 })  # fmt: skip
-"""Keys of free text that lead nowhere: names, files of this machine, what the operator holds in their own hand; the
+"""Keys of free text that hold no address: names, files of this machine, the operator's own control; the
 group of a multicast that is off."""
 
 
 def _as_datagrams(pose: LibmotioncaptureConfig) -> JsonConfig:
     """Return the JSON source that replaces ``pose``: the library has its own protocols."""
-    told = {key: getattr(pose, key) for key in ("name", "world", "body", "alignment", "latency_s")}
-    return JsonConfig(**told)
+    kept = {key: getattr(pose, key) for key in ("name", "world", "body", "alignment", "latency_s")}
+    return JsonConfig(**kept)
 
 
 def turn_sections(config: "Config", room: RehearsalConfig) -> dict[str, msgspec.Struct]:
-    """The sections of ``config`` in which something may be an address, with all of that turned to ``room``."""
+    """Return the sections of ``config`` that may hold addresses, with all of these turned to ``room``."""
     turned = dict[str, tuple[Any, dict[str, Any]]]()
     for section in dict.fromkeys(key.partition(".")[0] for key in ADDRESSES):
-        told: Any = getattr(config, section)
-        if isinstance(told, LibmotioncaptureConfig):
-            told = _as_datagrams(told)
+        old: Any = getattr(config, section)
+        if isinstance(old, LibmotioncaptureConfig):
+            old = _as_datagrams(old)
         changes = {
-            name: turn(getattr(told, name), room)
+            name: turn(getattr(old, name), room)
             for key, turn in ADDRESSES.items()
             for name in [key.partition(".")[2]]
-            if key.startswith(f"{section}.") and name in told.__struct_fields__
+            if key.startswith(f"{section}.") and name in old.__struct_fields__
         }
-        turned[section] = told, changes
+        turned[section] = old, changes
     link, changes = turned["link"]
     if "serial" in changes and not any(changes[way] for way in ("listen", "remote", "tcp", "serial")):
         changes["listen"] = _address(link.endpoint, room)
     mqtt, changes = turned["mqtt"]
     changes |= {"tls": type(mqtt.tls)(), "port": _port(mqtt.tcp_port, room)}
-    return {section: msgspec.structs.replace(told, **changes) for section, (told, changes) in turned.items()}
+    return {section: msgspec.structs.replace(old, **changes) for section, (old, changes) in turned.items()}
 
 
 def find_way_out(config: "Config") -> str:
@@ -180,9 +176,9 @@ def find_way_out(config: "Config") -> str:
         says = f"vehicle.name: {config.vehicle.name!r} is kept for rehearsals (--rehearse): call it otherwise"
         return says if is_rehearsal(config.vehicle.name) else ""
     for section, turned in turn_sections(config, room).items():
-        told = getattr(config, section)
-        for name in turned.__struct_fields__ if told != turned else ():
-            value, wanted = getattr(told, name, None), getattr(turned, name)
+        old = getattr(config, section)
+        for name in turned.__struct_fields__ if old != turned else ():
+            value, wanted = getattr(old, name, None), getattr(turned, name)
             if value != wanted:
                 return (
                     f"{section}.{name}: leads out of the rehearsal at {room.host}: expected {wanted!r}, got {value!r}"
@@ -191,15 +187,15 @@ def find_way_out(config: "Config") -> str:
 
 
 def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
-    """``config``, which ``file`` says, with every address turned to that file's own host of the loopback network.
+    """Return ``config`` with every address turned to the host of ``file`` on the loopback network.
 
     Args:
-        config: as it would fly in earnest.
-        file: where it comes from, of a ``fleet`` the fleet file: both sides of a rehearsal name the same.
-        fleet: the vehicle is one of several, and keeps its name behind the word.
+        config: the configuration of the real flight.
+        file: its file, of a ``fleet`` the fleet file: both sides of a rehearsal name the same.
+        fleet: whether the vehicle is one of several, and keeps its name behind the word.
 
     Raises:
-        ConfigError: a key may hold an address, and nobody has told what becomes of it; or two become one.
+        ConfigError: a key may hold an address without a replacement; or two addresses become one.
     """
     unknown = [key for key in texts_of(type(config)) if key not in ADDRESSES and key not in TEXTS]
     if unknown:
@@ -224,9 +220,9 @@ def rehearse(config: "Config", file: Path, *, fleet: bool = False) -> "Config":
 
 
 def describe_rehearsal(config: "Config", before: "Config") -> str:
-    """One line for the operator: that it is one, and where the addresses of ``before`` lead now."""
+    """Describe the rehearsal in one line: the new addresses in the place of those of ``before``."""
     room = config.rehearsal
-    assert room is not None, "the caller has looked"
+    assert room is not None, "it is a rehearsal"
     turned = ["pose.kind json"] if isinstance(before.pose, LibmotioncaptureConfig) else []
     for key in ADDRESSES:
         section, _, name = key.partition(".")
@@ -238,15 +234,15 @@ def describe_rehearsal(config: "Config", before: "Config") -> str:
 
 
 def beacon(room: RehearsalConfig) -> str:
-    """The name that the simulated side of ``room`` holds: in no folder, and gone with its process (unix(7))."""
+    """Return the abstract socket name that the simulated side of ``room`` holds; it ends with its process (unix(7))."""
     return f"\0groundstation rehearsal at {room.host}"
 
 
 def ensure_served(room: RehearsalConfig, file: Path) -> None:
-    """The simulated side must be there before anything is opened: what speaks first would speak to nobody we know.
+    """Require the simulated side before anything is opened: the first message must not go to an unknown program.
 
     Raises:
-        ConfigError: it is not, or something that is no pseudo-terminal stands where one should.
+        ConfigError: it does not run, or a pseudo-terminal of it is something else.
     """
     serve = f"start it: groundstation-sim serve --config {file}"
 
@@ -388,7 +384,7 @@ _CHANNEL = re.compile(r"rc:([1-9]|1[0-8])")
 
 
 class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The operator's own dead man: let go, or lost, it lands. Config section ``[operator]``."""
+    """The operator's dead-man control: if it is released or lost, the vehicle lands. Config section ``[operator]``."""
 
     hold: Annotated[
         str,
@@ -412,7 +408,7 @@ class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             ge=0.2,
             le=0.95,
             description="An axis or a channel is held from this share of its travel on [-], and let "
-            "go 0.1 below it; a stick that rests in the middle is at 0.5, and a channel "
+            "go 0.1 below it; a centred stick is at 0.5, and a channel "
             "goes from 1000 to 2000 µs.",
         ),
     ] = 0.75
@@ -444,18 +440,17 @@ class OperatorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 LEAST_B_BOUND_M_S2 = 5.0
-"""Bound of adaptation of a vehicle whose thrust trims less [m/s²]: thrust 30 % weaker than told
-looks like 4.2."""
+"""Least bound of adaptation [m/s²]: thrust 30 % weaker than configured appears as 4.2."""
 HOVER_TOLERANCE = 0.02
-"""Hover thrust is rounded where autopilots show it: so much may the full thrust by it fall short, as a share."""
+"""Share by which the full thrust may fall short [-]: autopilots show a rounded hover thrust."""
 
 LARGEST_LIFT = 30.0
-"""Largest full thrust that is believed [weights]: a racing quadrotor has 15. Mass in grams, or thrust
-in grams or millinewtons, makes more than 100."""
+"""Largest plausible full thrust [weights]: a racing quadrotor has 15. Mass in grams, or thrust
+in grams or millinewtons, gives more than 100."""
 
 LEAST_LIFT = 0.03
-"""Least full thrust that is believed [weights]: mass in grams makes 0.002. What is too weak for its trajectory
-is found by the trajectory's check."""
+"""Least plausible full thrust [weights]: mass in grams gives 0.002. The trajectory's check finds a thrust that is too
+weak for it."""
 
 LinkConfig: TypeAlias = MavlinkLinkConfig | RfConfig | BridgeLinkConfig
 """The configuration of one link, picked by its ``kind``; see ``links.make.LINKS``."""
@@ -468,14 +463,14 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         Literal["floor", "air"],
         msgspec.Meta(
             description="`floor`: take off, hold, then fly onto the trajectory. `air`: only for a "
-            "simulated vehicle that is held in the air until it obeys; it follows the "
+            "simulated vehicle that is held in the air until it responds; it follows the "
             "trajectory at once."
         ),
     ] = "floor"
     duration_s: Annotated[
         Annotated[float, msgspec.Meta(gt=0.0, le=86400.0)] | None,
         msgspec.Meta(
-            description="Fly back and land after this time on the trajectory [s]; without it, only when told to."
+            description="Fly back and land after this time on the trajectory [s]; without it, only on request."
         ),
     ] = None
     coast_s: Annotated[
@@ -483,7 +478,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         msgspec.Meta(
             gt=0.0,
             le=1.0,
-            description="How long commands may rest on one pose [s]. After it comes the descent on "
+            description="Longest age of the pose of a command [s]. After it comes the descent on "
             "the model (`guards.level_s`), where it took off from the floor, then the "
             "link's bring-down, and then nothing leaves.",
         ),
@@ -503,7 +498,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         msgspec.Meta(
             ge=-1000.0,
             le=1000.0,
-            description="Where the vehicle's pose is when it stands on the floor [m, NED: down is "
+            description="Down coordinate of the vehicle's pose on the floor [m, NED: down is "
             "positive]; landing aims at it.",
         ),
     ] = 0.0
@@ -541,7 +536,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     ] = None
 
     def __post_init__(self) -> None:
-        """Check what the sections cannot.
+        """Check the sections against each other.
 
         Raises:
             ValueError: the controller would count on more thrust than the full signal gives.
@@ -557,11 +552,11 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         blind_s = self.flight.coast_s + self.guards.level_s
         if blind_s > 1.0:
             raise ValueError(
-                f"guards.level_s: flight.coast_s and it make {blind_s:g} s, the limit is 1 s: no pose vouches for "
-                "commands any longer; set one of them lower"
+                f"guards.level_s: flight.coast_s and it make {blind_s:g} s, the limit is 1 s: commands would have "
+                "no valid pose for too long; set one of them lower"
             )
         if self.pose.by_autopilot and self.forwards is not None:
-            raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not be told them as new")
+            raise ValueError("link.forward.enabled: the poses are the autopilot's own, it must not get them as new")
         others = self.separation.others
         if others and not self.pose.shows_others:
             raise ValueError(f"separation.others: poses of kind {self.pose.kind} show no other vehicle: leave it out")
@@ -569,7 +564,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError("separation.others: expected each other vehicle once, and not this one's own object")
         self.operator.ensure_named()
         if self.operator.channel is not None and not self.link.has_autopilot:
-            raise ValueError("operator.hold: a channel of the transmitter is told by link.kind mavlink alone")
+            raise ValueError("operator.hold: a channel of the transmitter is reported by link.kind mavlink alone")
         full, most = self.full_thrust_n, self.vehicle.thrust_max_n
         if full < (1.0 - HOVER_TOLERANCE) * most:
             raise ValueError(
@@ -581,7 +576,7 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             raise ValueError(way_out)
 
     def _ensure_thrusts_fit(self) -> None:
-        """Check the vehicle's thrusts and weight against each other: one in another unit is within its own range.
+        """Check the vehicle's thrusts and weight against each other: each may be within its range in a wrong unit.
 
         Raises:
             ValueError: one of them can't be in the unit that its name says.
@@ -614,24 +609,24 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @property
     def body(self) -> str:
-        """The vehicle's object in the capture system; empty where poses are of nothing else."""
+        """The vehicle's object in the capture system; empty for a source of a single body."""
         return self.pose.body_name
 
     @property
     def thrust_curve(self) -> float:
-        """The curve in force, from signal to thrust (links/core/deadman.py): the link's, or else the vehicle's."""
+        """The thrust curve in force (links/core/deadman.py): the link's, or else the vehicle's."""
         return self.vehicle.thrust_curve if self.link.thrust_curve is None else self.link.thrust_curve
 
     @property
     def forwards(self) -> ForwardConfig | None:
-        """Forwarding of our poses to the autopilot's own estimator; None where it gets none."""
+        """Forwarding of our poses to the autopilot's own estimator; None if it gets none."""
         if isinstance(self.link, MavlinkLinkConfig) and self.link.forward.enabled:
             return self.link.forward
         return None
 
     @property
     def full_thrust_n(self) -> float:
-        """Thrust of the full signal [N]: by the hover thrust, where it is known."""
+        """Thrust of the full signal [N]: by the hover thrust, if it is configured."""
         vehicle = self.vehicle
         if vehicle.hover_thrust is None:
             return vehicle.thrust_max_n
@@ -639,5 +634,5 @@ class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     @property
     def weight_n(self) -> float:
-        """The vehicle's weight as told [N]."""
+        """The vehicle's configured weight [N]."""
         return self.vehicle.mass_kg * self.controller.gravity

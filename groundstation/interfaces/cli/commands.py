@@ -54,11 +54,11 @@ def _load(args: argparse.Namespace, require: Callable[[Config], Config] = lambda
 
 def fly(args: argparse.Namespace) -> int:
     """Fly in the foreground: ask before arming, say what happens, land on Ctrl-C."""
-    from groundstation.flight import confirm_arming, ensure_named, start_step_timer
+    from groundstation.flight import StepTimer, confirm_arming, ensure_named
     from groundstation.interfaces.service import fly_command, require_flyable
     from groundstation.runtime import require_package
 
-    start_step_timer()
+    StepTimer.start()
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
     if args.view:
@@ -105,10 +105,10 @@ def _mark_lines(say: Say) -> Say:
 
 def daemon(args: argparse.Namespace) -> Exit:
     """Fly headless, whenever somebody arms: log lines to stderr, land and end on SIGTERM."""
-    from groundstation.flight import ensure_named, start_step_timer
+    from groundstation.flight import StepTimer, ensure_named
     from groundstation.interfaces.service import Format, daemon_command, require_flyable
 
-    start_step_timer()
+    StepTimer.start()
     config = _load(args, require_flyable)
     ensure_named(args.arm, config)
     return daemon_command(config, arm=args.arm is not None, once=args.once, style=Format(args.log_format))
@@ -442,14 +442,14 @@ def carry(args: argparse.Namespace) -> Exit:
 def trajectory(args: argparse.Namespace) -> Exit:
     """Say what the trajectory asks of the vehicle, and whether it may fly."""
     from groundstation.flight import (
+        StepTimer,
         describe_trajectory,
         examine_trajectory,
         explain_fence,
         explain_refusal,
-        start_step_timer,
     )
 
-    start_step_timer()
+    StepTimer.start()
     config = load(args.config, Config, args.overrides)
     report = examine_trajectory(config)
     refusal = explain_refusal(config, report) or explain_fence(config)
@@ -476,11 +476,11 @@ def check(args: argparse.Namespace) -> Exit:
 
         return watch_poses(_load(args), seconds=args.seconds, as_json=args.json)
     from groundstation.core.safety import list_limits
-    from groundstation.flight import describe_checks, describe_failures, make_flight, start_step_timer
+    from groundstation.flight import StepTimer, describe_checks, describe_failures, make_flight
     from groundstation.interfaces.service import require_flyable
     from groundstation.machine import running_processes
 
-    start_step_timer()
+    StepTimer.start()
     config = _load(args, require_flyable)
 
     async def never() -> bool:

@@ -52,7 +52,6 @@ from groundstation.flight import (
     make_ends,
     make_flight,
     recorder,
-    start_step_timer,
 )
 from groundstation.interfaces.api import Core, Server, open_client
 from groundstation.machine import (
@@ -587,7 +586,7 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], write: Ca
         write(sentence.text)
 
     quiet = IdleSlots()
-    timer = start_step_timer()
+    timer = StepTimer.start()
     async with recorder(config, say, quiet, view=view) as give:
         subscribers = (tell_lines(write),)
         flight = make_flight(
@@ -636,7 +635,7 @@ def daemon_command(config: Config, *, arm: bool, once: bool, style: Format) -> E
 
 
 async def _serve(config: Config, *, arm: bool, once: bool) -> Exit:
-    timer = start_step_timer()
+    timer = StepTimer.start()
     daemon = Daemon(config, Notify(), arm=arm, once=once)
     obey(daemon.ask, _log, timer, daemon.stop)
     calm_memory()

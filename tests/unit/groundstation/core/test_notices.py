@@ -44,7 +44,7 @@ def test_a_notice_reaches_a_recording_with_its_id_and_its_numbers() -> None:
     given = list[Record]()
     tape = FlightRecorder(given.append, lambda told: None, None, None)  # type: ignore[arg-type]  # none is asked
     told = notice("guard.tilt", tilt_deg=50.0, limit_deg=40.0)
-    tape.hear(Notice.of(1.0, "hold", told, "news", Severity.WARNING))
+    tape.take(Notice.of(1.0, "hold", told, "news", Severity.WARNING))
     encoded = msgspec.msgpack.encode(given[0])
     assert msgspec.msgpack.decode(encoded, type=Record) == LineRecord(1.0, "hold", told.text, told.id, told.numbers)
 

@@ -38,9 +38,8 @@ def watched(work: Callable[[StepTimer, Callable[[], float]], Any], kind: type[St
     loop = asyncio.new_event_loop()
 
     def do() -> Any:
-        timer = kind()
+        timer = kind.start()
         timer.on_alarm = lambda: ALARMS.append("told")
-        timer.start()
         assert STEP_WATCH.get() is timer
         return work(timer, loop.time)
 
