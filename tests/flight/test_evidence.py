@@ -18,28 +18,18 @@ import pytest
 
 from groundstation.analysis.evidence import import_command
 from groundstation.analysis.evidence.evidence import (
-    ROAMED,
-    WANDERED,
-    Wander,
     describe_flight,
     doubt_attitude,
     drive_flight,
     examine_flight,
     judge_filter,
     load_flight,
-    match_wander,
     measure_pose_noise,
     tabulate_flights,
 )
-from groundstation.analysis.evidence.imports import REFERENCE, SETPOINT, TRUTH, Column, load_mapping
+from groundstation.analysis.evidence.flight import SETPOINT, Column
+from groundstation.analysis.evidence.imports import load_mapping
 from groundstation.config import ConfigError, from_dict, shipped_texts
-from groundstation.core.estimation import (
-    Densities,
-    Estimation,
-    initial_covariance,
-    predict_covariance,
-    update_covariance,
-)
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.recording import Recording
 from groundstation.settings import Config
@@ -214,53 +204,20 @@ def test_a_flight_of_ours_in_the_layout_of_others_comes_back_as_it_was(name: str
             assert math.dist(told["rates_rad_s"].values(), rates) < 1e-5
 
 
-OWN = """
-title = "ours"
-format = "mcap"
-source = "motion capture"
-time = "time_s"
-command = [{ table = "/command", thrust = ["thrust_n"], thrust_full = 1.37, rates = [%(rates)s] }]
-reference = [{ table = "/reference", position = [%(place)s] }]
-truth = [{ table = "/truth", position = [%(place)s] }]
-pose = [{ table = "/measured", position = [%(place)s], attitude = [%(attitude)s] }]
-""" % {
-    name: ", ".join(f'"{path}.{axis}"' for axis in axes)
-    for name, path, axes in (
-        ("place", "position_ned", "xyz"), ("attitude", "attitude", "wxyz"), ("rates", "rates_rad_s", "xyz"),
-    )
-}  # fmt: skip
-"""A mapping of our own recordings."""
-
-
-def test_a_recording_of_ours_comes_back_with_what_it_holds_and_with_the_truth(tmp_path: Path) -> None:
-    ours, mapping, out = recorded("paper", duration_s=SECONDS)[0], tmp_path / "own.toml", tmp_path / "out.mcap"
-    mapping.write_text(OWN)
-    assert import_command([ours], str(mapping), out) == 0
-    pairs = (("/measured", "/measured"), ("/command", SETPOINT), ("/reference", REFERENCE), ("/truth", TRUTH))
-    begun = next(Recording(ours).entries(("/measured",))).value()["time_s"]
-    for topic, imported_as in pairs:
-        told, found = (list(Recording(file).entries((name,))) for file, name in ((ours, topic), (out, imported_as)))
-        assert len(told) == len(found) > 100
-        before, after = told[50].value(), found[50].value()
-        assert after["time_s"] == pytest.approx(before["time_s"] - begun, abs=1e-6)
-        if topic == "/command":
-            assert after["rates_rad_s"] == pytest.approx(before["rates_rad_s"])
-            assert after["thrust"] == pytest.approx(before["thrust_n"] / 1.37)
-        else:
-            assert after["position_ned"] == pytest.approx(before["position_ned"])
-
-
 def test_an_autopilot_that_tells_when_it_flies_is_judged_there_alone(tmp_path: Path) -> None:
     pytest.importorskip("pyulog")
     facts = examine_flight(imported(tmp_path, ulog(tmp_path, grounded_s=3.0), "px4-ulog"))
     assert facts["flown_s"] == pytest.approx(flown()[-1][0] - flown()[0][0] - 3.0, abs=0.1)
-    for grounded_s, why in ((99.0, "on the ground all the time: nothing flies in it"), (10.5, "it flies for 1.5 s")):
+    for grounded_s, why in (
+        (99.0, "on the ground all the time: nothing flies in it"),
+        (10.5, "it flies for 1.5 s, limit 3 s"),
+    ):
         (tmp_path / "px4-ulog.mcap").unlink()
         facts = examine_flight(imported(tmp_path, ulog(tmp_path, grounded_s), "px4-ulog"))
         assert why in facts["note"] and why in describe_flight(facts)
-        assert set(facts["prediction"].values()) == {None}
+        assert facts["prediction"] == {}
     (tmp_path / "px4-ulog.mcap").unlink()
-    with pytest.raises(ConfigError, match=r"holds \d+ poses of a flight"):
+    with pytest.raises(ConfigError, match=r"holds \d+ poses of a flight, limit 50"):
         examine_flight(imported(tmp_path, ulog(tmp_path, 11.5), "px4-ulog"))
 
 
@@ -282,13 +239,12 @@ def test_prediction_of_a_flight_of_ours_beats_constant_velocity_whoever_wrote_it
     assert set(facts["prediction"]) == {"20", "40", "60", "100"}
     at_60 = facts["prediction"]["60"]
     assert at_60["rms_mm"] < 0.5 * at_60["pvt_rms_mm"]
-    assert at_60["across_mm"] < 1.4
-    assert at_60["rms_mm"] ** 2 == pytest.approx(at_60["along_mm"] ** 2 + at_60["across_mm"] ** 2, rel=0.01)
+    assert at_60["rms_mm"] < 2.0
     assert 0.7 < facts["nis3"] < 1.4
     assert facts["noise_across_mm"] == pytest.approx(0.3, rel=0.15)
     assert facts["pose_hz"] == pytest.approx(50.0, rel=0.01)
-    timing = {one for one in facts["identified"] if "lag" in one or "delay" in one} - {"thrust_lag", "thrust_delay"}
-    assert timing >= {"rate_lag", "rate_delay"} and (own or timing == {"rate_lag", "rate_delay"})
+    assert "thrust_scale" in facts["identified"]
+    assert ("rate_lag" in facts["identified"]) == own  # of set-points of the attitude the rates are made here
 
 
 def test_a_configuration_with_what_was_told_flies_the_filter_that_was_judged(tmp_path: Path) -> None:
@@ -302,7 +258,7 @@ def test_a_configuration_with_what_was_told_flies_the_filter_that_was_judged(tmp
     assert all(f"{key} = {value:g}" in said for key, value in facts["told"].items())
     untold = facts["untold"]["prediction"]["60"]
     assert untold["rms_mm"] < 0.5 * untold["pvt_rms_mm"]
-    assert f"60 ms, told nothing   {untold['along_mm']:>9.2f}{untold['across_mm']:>9.2f}" in said
+    assert f"60 ms, told nothing   {untold['rms_mm']:>9.2f}" in said
 
 
 @pytest.mark.tried(1)  # captures
@@ -333,46 +289,6 @@ def test_noise_across_the_motion_and_jitter_of_stamps_are_told_apart(jitter_s: f
     noise = measure_pose_noise(*circle(100.0, jitter_s, 5e-5))
     assert noise.across_m == pytest.approx(5e-5, rel=0.15)
     assert noise.jitter_s == pytest.approx(jitter_s, rel=0.1, abs=2e-5)
-
-
-def hover(step_m: float, count: int = 3000) -> Column:
-    """Places that hardly move, with 0.3 mm of noise, rounded."""
-    draw = np.random.default_rng(8)
-    way = 0.002 * np.sin(0.01 * np.arange(count))[:, None] * [1.0, 0.5, 0.2]
-    rounded: Column = step_m * np.round((way + 3e-4 * draw.standard_normal((count, 3))) / step_m)
-    return rounded
-
-
-@pytest.mark.tried(3)  # wanders
-@pytest.mark.parametrize(
-    ("white_m", "roams", "moves"),
-    [(1e-6, 0.0, 0.2), (1e-4, 0.0, 0.2), (1e-3, 0.0, 0.2), (1e-5, 1e-3, 0.0), (1e-4, 3e-3, 0.0), (1e-4, 1e-3, 0.05)],
-)
-def test_what_the_filter_is_told_of_a_wander_makes_its_innovations_as_wide_as_it_claims(
-    white_m: float, roams: float, moves: float
-) -> None:
-    """The filter's own recursion along one axis, on a source that wanders as told."""
-    period_s, wander, draw = 0.02, Wander(roams, moves), np.random.default_rng(7)
-    seen_m = math.sqrt(white_m**2 + ROAMED * roams**2 * period_s + WANDERED * moves**2 * period_s**3)
-    told = match_wander(wander, seen_m, period_s, Estimation(wind_noise=1e-3, wind_rate_noise=1e-3), 1e-3)
-    assert told.acceleration_noise <= max(moves, 1.1e-3) and told.pose_wander <= roams
-    steps = moves * math.sqrt(period_s / 10) * draw.standard_normal((40_000, 10))
-    place = np.cumsum(np.cumsum(steps.ravel()) * period_s / 10)[9::10] + white_m * draw.standard_normal(40_000)
-    place += np.cumsum(roams * math.sqrt(period_s) * draw.standard_normal(40_000))
-    covariance = initial_covariance(seen_m**2)
-    noises = (told.pose_wander, told.acceleration_noise, told.wind_noise, told.wind_rate_noise)
-    rates = Densities(*(noise**2 for noise in noises))
-    state, squares = [0.0, 0.0, 0.0, 0.0], []
-    for measured in place.tolist():
-        p, v, d, c = state
-        h = period_s
-        p, v, d = p + h * v + h * h / 2 * d + h**3 / 6 * c, v + h * d + h * h / 2 * c, d + h * c
-        covariance = predict_covariance(covariance, h, rates)
-        off = measured - p
-        squares.append(off**2 / (covariance[0] + seen_m**2))
-        gain, covariance = update_covariance(covariance, seen_m**2)
-        state = [x + k * off for x, k in zip((p, v, d, c), gain, strict=True)]
-    assert np.mean(squares[100:]) == pytest.approx(1.0, rel=0.05)
 
 
 def test_every_mapping_that_comes_along_is_one() -> None:
@@ -440,7 +356,7 @@ def test_what_logs_of_others_do_to_their_rows_leaves_the_prediction_as_good(
     row = facts["prediction"]["60"]
     assert row["rms_mm"] < 0.7 * row["pvt_rms_mm"]
     json.dumps(facts, allow_nan=False)
-    assert "identified" not in facts
+    assert facts["identified"] == {} == facts["shadow"]
 
 
 def test_a_file_without_a_column_is_told_which(tmp_path: Path) -> None:

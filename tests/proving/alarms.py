@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from groundstation.analysis.evidence import OpenedRecording, flying, open_recording
+from groundstation.analysis.evidence import DrivenFlight, drive_flight, load_flight
 from groundstation.config import ConfigError
 from groundstation.core.messages import Pose
 from groundstation.core.pilot import Pilot
@@ -299,30 +299,23 @@ class RecordedPilot(Pilot):
 
 
 def watch_capture(file: Path, overrides: Sequence[str]) -> Alarms:
-    """Return each flight in ``file`` (a .tlog), by its number.
+    """Return the flight in ``file`` (a .tlog).
 
     Raises:
-        ConfigError: the file can't be read, or holds no poses, or no flight on setpoints of rates and thrust.
+        ConfigError: the file can't be read, or holds no flight on setpoints of rates and thrust.
     """
-    opened = open_recording(file, None, overrides)
-    if opened.hover is None:
+    driven = drive_flight(load_flight(file), overrides)
+    if not driven.flight.sent:
         missing = "nothing in it flies on SET_ATTITUDE_TARGET with rates and thrust (type_mask 128)"
         raise ConfigError("", f"{missing}: the monitor has no commands for its poses", str(file))
-    flags = [bool(flag) for flag in flying(opened.recording, opened.shares, opened.hover)]
-    bounds = [i for i in range(len(flags)) if flags[i] != (i > 0 and flags[i - 1])] + [len(flags)]
-    flights = [
-        _fly_capture(number, opened, begin, end)
-        for number, (begin, end) in enumerate(zip(bounds[::2], bounds[1::2], strict=False))
-    ]
-    return Alarms(name=str(file), flights=tuple(flights))
+    return Alarms(name=str(file), flights=(_fly_capture(driven),))
 
 
-def _fly_capture(number: int, opened: OpenedRecording, begin: int, end: int) -> WatchedFlight:
-    """Return the flight of the poses from ``begin`` to before ``end``."""
-    config, recording, shares = opened.config, opened.recording, opened.shares
-    poses = [seen.pose for seen in recording.poses]
+def _fly_capture(driven: DrivenFlight) -> WatchedFlight:
+    """Return the part of the recording that flies."""
+    config, poses, begin, end = driven.config, driven.flight.poses, driven.air.start, driven.air.stop
     lifts_s, ends_s = poses[begin].arrival_s, poses[end - 1].arrival_s
-    from_s, full_n = lifts_s - BEFORE_S, config.full_thrust_n
+    from_s = lifts_s - BEFORE_S
     stood = [pose.position_ned[2] for pose in poses[:begin] if pose.arrival_s >= lifts_s - STOOD_S]
     floor_z_m = mean(stood) if stood else math.inf  # a recording may begin in the air
     pilot = RecordedPilot(config.vehicle, config.controller, config.flight.coast_s, floor_z_m, health=WatchedHealth)
@@ -331,11 +324,10 @@ def _fly_capture(number: int, opened: OpenedRecording, begin: int, end: int) -> 
     ended, lifted, last_s = "", False, from_s
     pilot.stand()
     events = [(pose.arrival_s, 0, i) for i, pose in enumerate(poses)]
-    events += [(sent.time_s, 1, i) for i, sent in enumerate(recording.sent)]
+    events += [(time_s, 1, i) for i, (time_s, _) in enumerate(driven.commands)]
     for time_s, is_sent, index in sorted(e for e in events if from_s <= e[0] <= ends_s):
         if is_sent and pilot.newest_pose is not None:
-            drive = ActuatorCommand(full_n * shares[index], recording.sent[index].rates)
-            pilot.take_command(time_s, drive, time_s - last_s)
+            pilot.take_command(time_s, driven.commands[index][1], time_s - last_s)
             last_s = time_s
         if is_sent:
             continue
@@ -348,7 +340,7 @@ def _fly_capture(number: int, opened: OpenedRecording, begin: int, end: int) -> 
             ended = health.reason_id
             break
     return WatchedFlight(
-        seed=number,
+        seed=0,
         windows=health.windows,
         alarm=health.largest,
         suspected=health.doubts,

@@ -16,39 +16,43 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from groundstation.analysis.evidence.shadow import FASTEST_RAD_S, read_recording
-from groundstation.analysis.evidence.text_tables import (
+from groundstation.analysis.evidence.flight import (
+    FASTEST_RAD_S,
+    IMPORTED,
+    MEASURED,
+    REFERENCE,
+    SETPOINT,
+    STATE,
+    TRUTH,
     Column,
+    ImportedFlight,
+    ImportedMotion,
+    ImportedSetpoint,
+    ImportedState,
+    MappedVehicle,
+)
+from groundstation.analysis.evidence.text_tables import (
     CsvLayout,
     Table,
     read_csv_table,
     read_motive_tables,
     read_qtm_tables,
 )
+from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.config import ConfigError, from_dict, parse_toml, refuse_io, shipped_texts
 from groundstation.core.geometry import Body, Frames, Quat, World, axes, so3
 from groundstation.core.messages import Pose, notice
 from groundstation.machine import open_private
-from groundstation.recording import (
-    CHANNELS,
-    MeasuredMessage,
-    Quaternion,
-    Vector3,
-    add_channel,
-    begin_mcap,
-    channel_form,
-    quaternion,
-)
+from groundstation.recording import Vector3, add_channel, begin_mcap, channel_form, quaternion
 from groundstation.runtime import Exit, __version__, describe_install
 
 Tables: TypeAlias = Mapping[str, Table]
@@ -56,32 +60,22 @@ Three = tuple[str, str, str]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 
 UNITS = {
-    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "m/s": 1.0,
-    "rad": 1.0, "deg": math.pi / 180.0, "rad/s": 1.0, "deg/s": math.pi / 180.0,
+    "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6), "ns": ("time", 1e-9), "m": ("length", 1.0),
+    "cm": ("length", 1e-2), "mm": ("length", 1e-3), "m/s": ("speed", 1.0), "rad": ("angle", 1.0),
+    "deg": ("angle", math.pi / 180.0), "cdeg": ("angle", math.pi / 18000.0), "degheading": ("angle", math.pi / 180.0),
+    "rad/s": ("rate", 1.0), "deg/s": ("rate", math.pi / 180.0),
 }  # fmt: skip
-KINDS = {
-    "s": "time", "ms": "time", "us": "time", "ns": "time", "m": "length", "cm": "length", "mm": "length",
-    "m/s": "speed", "rad": "angle", "deg": "angle", "rad/s": "rate", "deg/s": "rate",
-}  # fmt: skip
-"""Kind of each unit: what a file states must be of the kind that a mapping expects."""
+"""Kind of each unit, and its size in SI units: what a file states must be of the kind that a mapping expects."""
 TimeUnit: TypeAlias = Literal["s", "ms", "us", "ns"]
-
-
-class StatedUnit(NamedTuple):
-    """Unit of a column as the file itself states it."""
-
-    label: str
-    """Unit without its multiplier, such as ``m`` or ``deg/s``."""
-    multiplier: float
-    """Value in this unit, of 1 in the file."""
 
 
 class StatedTable(dict[str, Column]):
     """Columns by name, with the units that the file states for them."""
 
-    def __init__(self, columns: Mapping[str, Column], units: Mapping[str, StatedUnit]) -> None:
+    def __init__(self, columns: Mapping[str, Column], units: Mapping[str, str]) -> None:
         super().__init__(columns)
         self.units = units
+        """Unit of each column; empty where the file states none."""
 
 
 class UnclearUnit(Exception):
@@ -149,26 +143,12 @@ class MappedState(MappedTable, frozen=True, kw_only=True, forbid_unknown_fields=
     """Value of the column in flight."""
 
 
-class MappedVehicle(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Known figures of the vehicle; those that a flight shows by itself may be left out."""
-
-    mass_kg: Positive = 1.0
-    thrust_lag_s: Positive = 0.05
-    thrust_delay_s: Annotated[float, msgspec.Meta(ge=0.0)] = 0.0
-    """Thrust follows its signal so much later than the turns follow theirs [s]."""
-    rate_lag_s: Positive = 0.05
-    thrust_curve: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.0
-    """f of thrust = f u² + (1 - f) u, from signal to thrust [-]."""
-    attitude_p: Positive = 6.5
-    """Gain of the autopilot's attitude loop [1/s]: by it an attitude set-point becomes body rates."""
-
-
 class FlightMapping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All of it."""
 
     title: str
     """Title of the mapping: kind of file, and its origin."""
-    format: Literal["csv", "motive", "qtm", "ulog", "bin", "tlog", "mcap"]
+    format: Literal["csv", "motive", "qtm", "ulog", "bin", "tlog"]
     source: Literal["motion capture", "autopilot"]
     """Origin of the poses."""
     time: str = "t"
@@ -232,7 +212,6 @@ def read_tables(mapping: FlightMapping, paths: Sequence[Path], notes: Counter[st
         "qtm": read_qtm_tables,
         "ulog": _ulog_tables,
         "bin": _bin_tables,
-        "mcap": _mcap_tables,
     }
     tables: dict[str, Table] = {}
     for path in paths:
@@ -289,7 +268,6 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
 
     rows: dict[str, list[list[float]]] = {}
     names: dict[str, list[str]] = {}
-    units = _BinUnits()
     with _silence():  # it prints each byte that it can't use
         with path.open("rb") as file:  # which is no folder
             if not file.read(1):
@@ -299,7 +277,10 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
         except Exception as error:  # noqa: BLE001  # as such it is raised where a format is damaged
             raise ValueError(error) from None
         while (message := log.recv_msg()) is not None:
-            units.take(message)
+            if message.get_type() == "FMTU" and message.FmtType in log.formats:
+                described = log.formats[message.FmtType]
+                described.set_unit_ids(message.UnitIds, BIN_UNITS | log.unit_lookup)
+                described.set_mult_ids(message.MultIds, BIN_MULTIPLIERS | log.mult_lookup)
             fields = [(name, value) for name, value in message.to_dict().items() if isinstance(value, int | float)]
             kind = message.get_type()
             known = names.setdefault(kind, [name for name, _ in fields])
@@ -310,67 +291,15 @@ def _bin_tables(path: Path) -> Iterator[tuple[str, Table]]:
         log.filehandle.close()
     for kind, some in rows.items():
         columns = dict(zip(names[kind], np.array(some).T, strict=True))
-        yield kind, StatedTable(columns, units.of(formats[kind]))
+        yield kind, StatedTable(columns, {name: formats[kind].get_unit(name) for name in columns})
 
 
 BIN_UNITS = {
     "s": "s", "d": "deg", "h": "deg", "r": "rad", "k": "deg/s", "E": "rad/s", "m": "m", "n": "m/s",
 }  # fmt: skip
 """Units of a .bin by their letters, where it has no message UNIT (AP_Logger/LogStructure.h)."""
-BIN_LABELS = {"degheading": "deg"}
-"""Labels of its messages UNIT that are called otherwise here."""
 BIN_MULTIPLIERS = {"2": 1e2, "1": 1e1, "0": 1.0, "A": 1e-1, "B": 1e-2, "C": 1e-3, "D": 1e-4, "E": 1e-5, "F": 1e-6}
-"""Multipliers by their letters, where it has no message MULT; "-" and "?" state none."""
-
-
-class _BinUnits:
-    """Units as a .bin states them, by its messages FMTU, UNIT and MULT."""
-
-    def __init__(self) -> None:
-        self._labels = dict(BIN_UNITS)
-        self._multipliers = dict(BIN_MULTIPLIERS)
-        self._letters: dict[int, tuple[str, str]] = {}
-
-    def take(self, message: Any) -> None:
-        """Read a message, where it is about units."""
-        match message.get_type():
-            case "FMTU":
-                self._letters[message.FmtType] = message.UnitIds, message.MultIds
-            case "UNIT":
-                self._labels[chr(message.Id)] = BIN_LABELS.get(message.Label, message.Label)
-            case "MULT" if chr(message.Id) not in "-?":
-                self._multipliers[chr(message.Id)] = message.Mult
-
-    def of(self, form: Any) -> dict[str, StatedUnit]:
-        """Return the units of the columns of a message type, by its DFFormat."""
-        stated: dict[str, StatedUnit] = {}
-        units, multipliers = self._letters.get(form.type, ("", ""))
-        for name, unit, multiplier, own in zip(form.columns, units, multipliers, form.msg_mults, strict=False):
-            if unit not in self._labels:
-                continue
-            # A column such as "c", hundredths in 16 bits, has been multiplied by the reader.
-            factor = self._multipliers.get(multiplier) if own is None else 1.0
-            if factor:
-                stated[name] = StatedUnit(self._labels[unit], factor)
-        return stated
-
-
-def _mcap_tables(path: Path) -> Iterator[tuple[str, Table]]:
-    from groundstation.analysis.recordings import flatten
-    from groundstation.recording import NoRecording, Recording
-
-    values: dict[str, dict[str, list[float]]] = {}
-    try:
-        for entry in Recording(path).entries(("/measured", "/command", "/reference", "/truth")):
-            table = values.setdefault(entry.topic, {})
-            for name, value in flatten(entry.value(), ""):
-                if isinstance(value, int | float) and not name.startswith("bring_down"):
-                    table.setdefault(name, []).append(float(value))
-    except NoRecording as error:
-        raise ValueError(error) from None
-    for topic, table in values.items():
-        longest = max(map(len, table.values()), default=0)
-        yield topic, {name: np.array(column) for name, column in table.items() if len(column) == longest}
+"""Multipliers by their letters, where it has no message MULT."""
 
 
 def find_table(tables: Tables, pattern: str, columns: Sequence[str]) -> Table | None:
@@ -379,66 +308,6 @@ def find_table(tables: Tables, pattern: str, columns: Sequence[str]) -> Table | 
         if fnmatch(name, pattern) and all(column in table for column in columns):
             return table
     return None
-
-
-class ImportedSetpoint(msgspec.Struct, frozen=True, gc=False):
-    """Command to the vehicle in a flight of others."""
-
-    time_s: float
-    thrust: float
-    """Signal of the collective thrust, as a share of the full one [0..1]."""
-    rates_rad_s: Vector3 | msgspec.UnsetType = msgspec.UNSET
-    """Body rates, FRD."""
-    attitude: Quaternion | msgspec.UnsetType = msgspec.UNSET
-    """Body FRD to world NED."""
-
-
-class ImportedMotion(msgspec.Struct, frozen=True, gc=False):
-    """Where the vehicle should have been, or truly was."""
-
-    time_s: float
-    position_ned: Vector3
-    velocity_ned: Vector3 | msgspec.UnsetType = msgspec.UNSET
-
-
-class ImportedState(msgspec.Struct, frozen=True, gc=False):
-    """Whether the autopilot said that it may be flying: armed, and not on the ground."""
-
-    time_s: float
-    may_fly: bool
-
-
-MEASURED, SETPOINT, REFERENCE, TRUTH, STATE = (
-    "/measured",
-    *(f"/imported/{name}" for name in ("setpoint", "reference", "truth", "state")),
-)
-IMPORTED: dict[str, tuple[str, type[msgspec.Struct]]] = {
-    MEASURED: CHANNELS[MEASURED],
-    SETPOINT: ("groundstation.ImportedSetpoint", ImportedSetpoint),
-    REFERENCE: ("groundstation.ImportedMotion", ImportedMotion),
-    TRUTH: ("groundstation.ImportedMotion", ImportedMotion),
-    STATE: ("groundstation.ImportedState", ImportedState),
-}
-"""Topic → name of its schema, and type of its messages."""
-Message = tuple[float, str, msgspec.Struct]
-
-
-@dataclass
-class ImportedFlight:
-    """A flight as it will be written."""
-
-    begun_s: float
-    """The first pose on the clock of the file [s]: times count from here."""
-    messages: list[Message] = field(default_factory=list)
-    hover: float | None = None
-    """Thrust signal that hovers, where the source tells."""
-    missing: list[str] = field(default_factory=list)
-    notes: Counter[str] = field(default_factory=Counter)
-    """Number of entries changed or left out, by reason."""
-
-    def count(self, topic: str) -> int:
-        """Number of messages of a topic."""
-        return sum(name == topic for _, name, _ in self.messages)
 
 
 def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = "") -> Exit:
@@ -456,7 +325,7 @@ def import_command(paths: Sequence[Path], map_name: str, out: Path, body: str = 
     with refuse_io("--out", f"cannot write {out}"):
         write_flight(flight, mapping, map_name, paths, out)
     told = {MEASURED: "poses", SETPOINT: "commands", REFERENCE: "of the reference", TRUTH: "true"}
-    print(f"{out}: {', '.join(f'{flight.count(topic)} {what}' for topic, what in told.items())}")
+    print(f"{out}: {', '.join(f'{len(flight.of(topic))} {what}' for topic, what in told.items())}")
     for line in flight.missing:
         print(f"missing: {line}")
     for reason, count in sorted(flight.notes.items()):
@@ -600,7 +469,9 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -
     if body and not is_tracker:
         raise ConfigError("--body", f"only files of Motive and QTM hold several bodies, not {mapping.format}")
     if mapping.format == "tlog":
-        return _read_tlog(mapping, paths)
+        if len(paths) != 1:
+            raise ConfigError("FILE", f"expected one .tlog, got {len(paths)} files")
+        return read_tlog(paths[0], mapping.latency_s)
     notes = Counter[str]()
     tables = read_tables(mapping, paths, notes)
     if is_tracker:
@@ -671,7 +542,7 @@ def _add_poses(flight: ImportedFlight, poses: "Motion") -> NDArray[np.intp]:
         at = float(time[k] - time[0])
         velocity_ned = None if velocity is None else _three(velocity[k])
         pose = Pose(0, at, at, _three(place[k]), _four(attitude[k]), velocity_ned, int(resets[k]))
-        flight.messages.append((at, MEASURED, _make_measured(pose, k)))
+        flight.add_pose(pose, k)
     return kept
 
 
@@ -744,41 +615,11 @@ def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: Fli
         flight.messages.append((at, SETPOINT, ImportedSetpoint(at, thrust, turn, lean)))
 
 
-def _read_tlog(mapping: FlightMapping, paths: Sequence[Path]) -> ImportedFlight:
-    if len(paths) != 1:
-        raise ConfigError("FILE", f"expected one .tlog, got {len(paths)} files")
-    recorded = read_recording(paths[0], mapping.latency_s, 1)
-    flight, may_fly = ImportedFlight(0.0), None
-    newest = -np.inf
-    for seen in recorded.poses:
-        pose = seen.pose
-        if seen.may_fly is not may_fly:
-            may_fly = seen.may_fly
-            flight.messages.append((pose.arrival_s, STATE, ImportedState(pose.arrival_s, may_fly)))
-        if pose.time_s <= newest:
-            flight.notes["poses not newer than the one before"] += 1
-            continue
-        newest = pose.time_s
-        flight.messages.append((pose.arrival_s, MEASURED, _make_measured(pose, pose.id)))
-    for sent in recorded.sent:
-        thrust = float(np.clip(sent.signal, 0.0, 1.0))
-        flight.messages.append((sent.time_s, SETPOINT, ImportedSetpoint(sent.time_s, thrust, Vector3(*sent.rates))))
-    flight.notes.update(recorded.dropped)
-    if not recorded.sent:
-        flight.missing.append("no SET_ATTITUDE_TARGET with body rates in it: nothing is identified")
-    flight.missing.append("no reference and no truth in it: a .tlog has none")
-    return flight
-
-
-def write_flight(
-    flight: ImportedFlight, mapping: FlightMapping, map_name: str, paths: Sequence[Path], out: Path
-) -> None:
-    """Write it to ``out``.
-
-    Raises:
-        OSError: it can't be written.
-    """
-    about = {
+def describe_import(
+    flight: ImportedFlight, mapping: FlightMapping, map_name: str, paths: Sequence[Path]
+) -> dict[str, str]:
+    """What the recording of an imported flight says of itself, in its first record."""
+    return {
         "version": __version__,
         "imported": map_name,
         "title": mapping.title,
@@ -790,6 +631,17 @@ def write_flight(
         "missing": "; ".join(flight.missing),
         "notes": json.dumps(flight.notes),
     }
+
+
+def write_flight(
+    flight: ImportedFlight, mapping: FlightMapping, map_name: str, paths: Sequence[Path], out: Path
+) -> None:
+    """Write it to ``out``.
+
+    Raises:
+        OSError: it can't be written.
+    """
+    about = describe_import(flight, mapping, map_name, paths)
     stamp_ns = max(0, round(flight.begun_s * 1e9))
     with open(out, "wb", opener=open_private) as file:  # Path.open has no opener
         writer = begin_mcap(file, "groundstation import", about)
@@ -798,12 +650,6 @@ def write_flight(
             at_ns = max(0, stamp_ns + round(at * 1e9))
             writer.add_message(ids[topic], at_ns, msgspec.json.encode(message), at_ns)
         writer.finish()
-
-
-def _make_measured(pose: Pose, number: int) -> MeasuredMessage:
-    velocity = msgspec.UNSET if pose.velocity_ned is None else Vector3(*pose.velocity_ned)
-    at, attitude = Vector3(*pose.position_ned), quaternion(pose.attitude)
-    return MeasuredMessage(pose.time_s, pose.arrival_s, number, at, attitude, pose.reset_count, velocity)
 
 
 def _three(row: Column) -> tuple[float, float, float]:
@@ -974,7 +820,7 @@ class _MappingReader:
 
     def _time(self, part: MappedTable, table: Table) -> Column:
         name = part.time or self._mapping.time
-        time: Column = table[name if name in table else self._mapping.time] * UNITS[self._mapping.time_unit]
+        time: Column = table[name if name in table else self._mapping.time] * UNITS[self._mapping.time_unit][1]
         if self._mapping.time_ns:
             time = time + 1e-9 * table[self._mapping.time_ns]
         far = np.abs(time) >= LATEST_S
@@ -986,22 +832,16 @@ class _MappingReader:
         Raises:
             UnclearUnit: the file states a unit of another kind or several units, or not the one that ``part`` needs.
         """
-        known = table.units if isinstance(table, StatedTable) else {}
-        stated = {known.get(name) for name in names}
+        stated = {table.units.get(name, "") for name in names} if isinstance(table, StatedTable) else {""}
         must = isinstance(part, MappedMotion) and part.stated
-        if stated == {None} and not must:
-            return UNITS[unit]
-        (first, *others) = stated
-        scale = None if others or first is None else first.multiplier * UNITS.get(first.label, math.nan)
-        same_kind = first is not None and KINDS.get(first.label) == KINDS[unit]
-        if scale is None or not same_kind or (must and not math.isclose(scale, UNITS[unit], rel_tol=1e-6)):
-            told = [f"{one.multiplier:g} {one.label}" if one else "none" for one in stated]
-            raise UnclearUnit(
-                notice(
-                    "import.unit", table=part.table, columns=", ".join(names), stated=" and ".join(told), expected=unit
-                )
-            )
-        return scale
+        if stated == {""} and not must:
+            return UNITS[unit][1]
+        found = stated.pop() if len(stated) == 1 else " and ".join(sorted(one or "none" for one in stated))
+        if UNITS.get(found, ("",))[0] != UNITS[unit][0] or (must and found != unit):
+            told = found or "none"
+            columns = ", ".join(names)
+            raise UnclearUnit(notice("import.unit", table=part.table, columns=columns, stated=told, expected=unit))
+        return UNITS[found][1]
 
     def _attitudes(self, part: MappedMotion | MappedCommand, table: Table, rows: Any) -> Column:
         """Body FRD to world NED, (N, 4); NaN where there is none."""

@@ -1,6 +1,7 @@
 """Thrust, lags, delay, drag and noise of a vehicle from a recorded flight."""
 
-from groundstation.analysis.identify.command import WIDE, find_outside, identify, identify_command
+from groundstation.analysis.identify.command import find_outside, identify, identify_command
+from groundstation.analysis.identify.fit import find_noise, respond_with_lag
 from groundstation.analysis.identify.stretch import (
     LEAST_S,
     FlightStretch,

@@ -723,8 +723,8 @@ def remarks(found: IdentifiedVehicle) -> list[str]:
     seen = found.seen
     flown = seen.config.trajectory.__struct_config__.tag
     lines = [f"{seen.length_s:.1f} s of {flown}, {len(seen.at_s)} poses. Intervals hold the truth in 95 % of flights."]
-    if not seen.recording.whole:
-        lines.append(f"The recording {seen.recording.trouble}. This is from what is in it before.")
+    if seen.trouble:
+        lines.append(f"The recording {seen.trouble}. This is from what is in it before.")
     return lines
 
 
@@ -745,11 +745,10 @@ TOLD = ("title", "value", "interval", "unit", "told", "identified", "note")
 def facts(found: IdentifiedVehicle) -> dict[str, Any]:
     """Return the result as one object for JSON."""
     seen = found.seen
-    about = seen.recording.about
     return {
         "file": str(seen.path),
-        "whole": seen.recording.whole,
-        "flight": {key: about.get(key, "") for key in ("vehicle", "controller", "trajectory", "scenario", "seed")},
+        "whole": not seen.trouble,
+        "flight": {key: seen.about.get(key, "") for key in ("vehicle", "controller", "trajectory", "scenario", "seed")},
         "length_s": seen.length_s,
         "poses": len(seen.at_s),
         "parameters": {one.name: {key: getattr(one, key) for key in TOLD} for one in found.parameters.values()},

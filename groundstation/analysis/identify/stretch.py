@@ -3,7 +3,7 @@
 import math
 from base64 import b64decode
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,6 @@ class FlightStretch:
     """One stretch of flight on the trajectory."""
 
     path: Path
-    recording: Recording
     config: Config
     """Configuration of the controller."""
     sent_s: Column
@@ -62,6 +61,10 @@ class FlightStretch:
     late_s: tuple[float, float] | None = None
     """Latency of poses beyond the configured one by the vehicle's own attitude, and one deviation [s]; None
     without its attitude, or where that serves as the poses."""
+    about: dict[str, str] = field(default_factory=dict)
+    """What the recording says of itself."""
+    trouble: str = ""
+    """Why not all of the recording could be read; empty where it could."""
 
     @property
     def length_s(self) -> float:
@@ -110,7 +113,7 @@ def read_stretch(path: Path) -> FlightStretch:
     config = _config(recording)
     parts = (sent[:, 0], sent[:, 1], sent[:, 2:5], chosen[:, 0], chosen[:, 3:6], chosen[:, 6:10])
     late = None if config.pose.by_autopilot else vehicle.find_lateness()
-    return FlightStretch(path, recording, config, *parts, late)
+    return FlightStretch(path, config, *parts, late, recording.about, recording.trouble)
 
 
 TRIPS = 16

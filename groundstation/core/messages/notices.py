@@ -117,6 +117,19 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "the heights of the {what} fit the flight only with the other sign, so the file does not tell whether they "
         "count up or down",
     ),
+    NoticeTemplate("evidence.few_poses", "it holds {count} poses, limit {least}", "record a longer flight"),
+    NoticeTemplate("evidence.few_flown", "it holds {count} poses of a flight, limit {least}", "record a longer flight"),
+    NoticeTemplate(
+        "evidence.grounded", "the autopilot says that it is on the ground all the time: nothing flies in it"
+    ),
+    NoticeTemplate("evidence.stands", "it stands all the time: nothing flies in it"),
+    NoticeTemplate("evidence.short", "it flies for {flown_s:.1f} s, limit {least_s:g} s", "record a longer flight"),
+    NoticeTemplate("evidence.unbroken", "less than {least_s:g} s of unbroken flight"),
+    NoticeTemplate(
+        "evidence.leans",
+        "it accelerates to its sides, but not as its attitude leans ({shares} times what that gives)",
+        "check units and axes of positions, order and axes of attitudes in the mapping",
+    ),
     NoticeTemplate(
         "recording.figures",
         "error {rms_cm:.2f} cm RMS, {max_cm:.2f} cm at most, from {from_s:g} s on of {flown_s:.1f} s on the "

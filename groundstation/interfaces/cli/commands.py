@@ -301,7 +301,7 @@ def mqtt(args: argparse.Namespace) -> Exit:
 
 
 def replay(args: argparse.Namespace) -> Exit:
-    """Run estimator and controller over a recording: exactly as in flight over our own, in shadow over a .tlog."""
+    """Compute a recording of ours again, exactly as in flight; of a .tlog, how well our estimator predicts it."""
     args.file = _find_recording(args.file)
     if args.file.suffix == ".mcap":
         from groundstation.analysis import replay_command
@@ -309,9 +309,10 @@ def replay(args: argparse.Namespace) -> Exit:
         if args.config is not None:
             raise ConfigError("--config", "a recording has its own configuration: change it with --set")
         return replay_command(args.file, args.overrides, as_json=args.json, trust_modules=args.trust_modules)
-    from groundstation.analysis.evidence import shadow_command
+    from groundstation.analysis.evidence import evidence_command
 
-    return shadow_command(args.file, args.config, args.overrides, as_json=args.json)
+    config = load(args.config, Config, args.overrides) if args.config is not None else None
+    return evidence_command([args.file], config=config, overrides=args.overrides, as_json=args.json)
 
 
 def doctor(args: argparse.Namespace) -> Exit:

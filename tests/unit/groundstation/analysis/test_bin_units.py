@@ -23,6 +23,9 @@ FORMS = {
     RATE: ("RATE", "Qffff", "TimeUS,RDes,PDes,YDes,AOut"),
     GUIP: ("GUIP", "QBfffb", "TimeUS,Type,pX,pY,pZ,Terrain"),
 }
+LABELS = {"s": "s", "d": "deg", "r": "rad", "m": "m", "n": "m/s", "x": "m", "-": "", "#": "instance"}
+SIZES_OF = {"-": 0.0, "0": 1.0, "B": 1e-2, "C": 1e-3, "F": 1e-6, "y": 0.01}
+"""Units and multipliers by their letters, as a .bin states them first."""
 HEIGHT_M, NORTH_M = 2.0, 3.0
 ROLL_RAD = 0.1
 
@@ -47,9 +50,13 @@ def log(
     more: Sequence[bytes] = (),
     roll: float = math.degrees(ROLL_RAD),
     kind: Callable[[int], int] = lambda _: 2,
+    told: bool = True,
 ) -> Path:
     """Hovers 2 m above its origin, 3 m north; Guided's target is there too, as GUIP has it."""
     data = [describe(form) for form in FORMS]
+    if told:
+        data += [message(UNIT, 0, ord(letter), label) for letter, label in LABELS.items()]
+        data += [message(MULT, 0, ord(letter), size) for letter, size in SIZES_OF.items()]
     if guip is not None:
         data.append(message(FMTU, 0, GUIP, *guip))
     data += more
@@ -78,24 +85,26 @@ CM = ("s-mmm-", "F-BBB-")
 METRES = ("s-mmm-", "F-000-")
 
 
-@pytest.mark.parametrize("guip, target, more", [
-    (CM, (300.0, 100.0, 200.0), ()),
-    (METRES, (3.0, 1.0, -2.0), ()),
-    (("s-xxx-", "F-yyy-"), (300.0, 100.0, 200.0), (message(UNIT, 0, ord("x"), "m"), message(MULT, 0, ord("y"), 0.01))),
+@pytest.mark.parametrize("guip, target, told", [
+    (CM, (300.0, 100.0, 200.0), True),
+    (CM, (300.0, 100.0, 200.0), False),
+    (METRES, (3.0, 1.0, -2.0), True),
+    (METRES, (3.0, 1.0, -2.0), False),
+    (("s-xxx-", "F-yyy-"), (300.0, 100.0, 200.0), True),
 ])  # fmt: skip
 def test_the_target_of_guided_mode_is_in_the_unit_and_axes_that_the_file_states(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], guip: tuple[str, str], target: Any, more: Sequence[bytes]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], guip: tuple[str, str], target: Any, told: bool
 ) -> None:
-    found, _ = imported(log(tmp_path, guip=guip, target=target, more=more), capsys)
+    found, _ = imported(log(tmp_path, guip=guip, target=target, told=told), capsys)
     assert len(found) == 40
     assert found[0] == pytest.approx((3.0, 1.0, -2.0), abs=1e-5)
 
 
 @pytest.mark.parametrize("guip, target, says", [
     (None, (3.0, 1.0, -2.0), "the unit of pX, pY, pZ in GUIP is unclear: the file states none"),
-    (("s-mmm-", "F-CCC-"), (3000.0, 1000.0, 2000.0), "the file states 0.001 m, the mapping expects m"),
+    (("s-mmm-", "F-CCC-"), (3000.0, 1000.0, 2000.0), "the file states mm, the mapping expects m"),
     (("s-mmm-", "F-00B-"), (3.0, 1.0, 200.0), "is unclear"),
-    (("s-ddd-", "F-000-"), (3.0, 1.0, -2.0), "the file states 1 deg"),
+    (("s-ddd-", "F-000-"), (3.0, 1.0, -2.0), "the file states deg"),
     (METRES, (3.0, 1.0, 2.0), "fit the flight only with the other sign"),  # a build between 4.6 and 4.7
     (CM, (300.0, 100.0, -200.0), "fit the flight only with the other sign"),
 ])  # fmt: skip
@@ -132,5 +141,5 @@ def test_the_attitude_is_in_the_unit_that_the_file_states(
 def test_poses_of_an_unclear_unit_are_refused(tmp_path: Path) -> None:
     stated = message(FMTU, 0, XKF1, "s#dddnnnddd", "F-000000000")
     path = log(tmp_path, guip=METRES, target=(3.0, 1.0, -2.0), more=[stated])
-    with pytest.raises(ConfigError, match="the unit of PN, PE, PD in XKF1 is unclear: the file states 1 deg"):
+    with pytest.raises(ConfigError, match="the unit of PN, PE, PD in XKF1 is unclear: the file states deg"):
         import_command([path], "ardupilot-bin", tmp_path / "flight.mcap")

@@ -5,24 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from groundstation.analysis.evidence import FlownPath
-from groundstation.core.geometry import Vec3, so3
+from groundstation.analysis.evidence.shadow import FlownPath
+from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose
 
 COEFFICIENTS = np.array([[0.3, -1.0, 2.0], [0.5, 0.2, -0.1], [-0.4, 0.3, 0.2], [0.2, -0.1, 0.3], [0.05, 0.1, -0.2]])
 
 
-def pose(
-    time_s: float, x: float, y: float, z: float, yaw: float = 0.0, resets: int = 0, velocity: Vec3 | None = None
-) -> Pose:
-    attitude = so3.from_euler_zyx(0.0, 0.0, yaw)
-    return Pose(0, time_s, time_s, (x, y, z), attitude, velocity, resets)
-
-
-def wandering(time_s: float, *, moving: bool = True) -> Pose:
-    """Positions that move north at 0.2 m/s, and a velocity that is a cubic: they disagree."""
-    t = time_s
-    return pose(t, 0.2 * t, 0.0, -1.0, velocity=(0.3 + 0.1 * t + 0.5 * t * t - 0.2 * t**3, t, -0.5) if moving else None)
+def pose(time_s: float, x: float, y: float, z: float, yaw: float = 0.0, resets: int = 0) -> Pose:
+    return Pose(0, time_s, time_s, (x, y, z), so3.from_euler_zyx(0.0, 0.0, yaw), None, resets)
 
 
 def uneven_times(count: int) -> list[float]:
@@ -36,7 +27,7 @@ def uneven_times(count: int) -> list[float]:
 
 def test_a_polynomial_of_fourth_degree_is_found_exactly_at_uneven_stamps() -> None:
     times = uneven_times(200)
-    path = FlownPath([pose(t, *(np.vander([t], 5, increasing=True) @ COEFFICIENTS)[0]) for t in times], 0.25)
+    path = FlownPath([pose(t, *(np.vander([t], 5, increasing=True) @ COEFFICIENTS)[0]) for t in times])
     for t in (times[0], 0.7, 1.0, times[-1]):
         reference = path.at(t)
         assert reference is not None
@@ -51,24 +42,10 @@ def test_a_polynomial_of_fourth_degree_is_found_exactly_at_uneven_stamps() -> No
             assert found == pytest.approx(np.array(powers) @ COEFFICIENTS, abs=1e-6 * 10**order)
 
 
-def test_where_poses_carry_a_velocity_the_motion_is_that_velocitys_and_the_place_that_of_the_positions() -> None:
-    times = uneven_times(200)
-    path = FlownPath([wandering(t) for t in times], 0.25)
-    for t in (times[0], 0.7, 1.0, times[-1]):
-        reference = path.at(t)
-        assert reference is not None
-        assert reference.position_ned == pytest.approx((0.2 * t, 0.0, -1.0), abs=1e-9)
-        speed = 0.3 + 0.1 * t + 0.5 * t * t - 0.2 * t**3
-        assert reference.velocity_ned == pytest.approx((speed, t, -0.5), abs=1e-6)
-        assert reference.acceleration_ned == pytest.approx((0.1 + t - 0.6 * t * t, 1.0, 0.0), abs=1e-5)
-        assert reference.jerk_ned == pytest.approx((1.0 - 1.2 * t, 0.0, 0.0), abs=1e-4)
-        assert path.velocity_of_positions(t) == pytest.approx((0.2, 0.0, 0.0), abs=1e-9)
-
-
 def test_a_circle_is_followed_with_its_derivatives_and_the_heading_across_south() -> None:
     w = 1.5
     times = [0.01 * k for k in range(400)]
-    path = FlownPath([pose(t, math.cos(w * t), math.sin(w * t), -1.0, w * t) for t in times], 0.25)
+    path = FlownPath([pose(t, math.cos(w * t), math.sin(w * t), -1.0, w * t) for t in times])
     for t in (1.0, 2.0, math.pi / w, 3.0):
         reference = path.at(t)
         assert reference is not None
@@ -85,7 +62,7 @@ def test_the_path_breaks_at_a_reset_and_at_a_gap_instead_of_smoothing_over_it(wh
     late = 0.5 if why == "gap" else 0.0
     poses = [pose(0.01 * k, 0.0, 0.0, 0.0) for k in range(100)]
     poses += [pose(1.0 + late + 0.01 * k, 5.0, 0.0, 0.0, resets=int(why == "reset")) for k in range(100)]
-    path = FlownPath(poses, 0.25)
+    path = FlownPath(poses)
     before, after = path.at(0.99), path.at(1.0 + late)
     assert before is not None and after is not None
     assert (before.position_ned[0], after.position_ned[0]) == pytest.approx((0.0, 5.0), abs=1e-9)

@@ -94,10 +94,9 @@ def flown(
             thrust_lag=0.06,
             rate_lag=0.04,
         )
-    recording: Any = type("Whole", (), {"whole": True, "about": {}})()
     use = slice(50, None)
     parts = (np.array(sent_s), np.array(newtons), np.array(rates), np.array(at)[use], np.array(places)[use])
-    return FlightStretch(Path("made-up.mcap"), recording, config, *parts, np.array(attitudes)[use])
+    return FlightStretch(Path("made-up.mcap"), config, *parts, np.array(attitudes)[use])
 
 
 def _down(q: tuple[float, float, float, float]) -> tuple[float, float, float]:

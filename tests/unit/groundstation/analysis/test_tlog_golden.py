@@ -1,15 +1,18 @@
-"""groundstation/shadow on recordings of PX4 and ArduPilot in flight (tests/golden/README.md)."""
+"""groundstation/analysis/evidence on recordings of PX4 and ArduPilot in flight (tests/golden/README.md)."""
 
 import struct
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from groundstation.analysis.evidence import RecordedVehicle, read_recording
-from groundstation.analysis.evidence.shadow import ShadowReport, report
+from groundstation.analysis.evidence.evidence import examine_flight
+from groundstation.analysis.evidence.flight import MEASURED, SETPOINT, ImportedFlight
+from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.core.messages import Pose
+from groundstation.recording import read_pose
 
 GOLDEN = Path(__file__).parents[3] / "golden"
 PX4, ARDUPILOT = GOLDEN / "px4_takeoff.tlog", GOLDEN / "ardupilot_landing.tlog"
@@ -18,13 +21,13 @@ ODOMETRY, LOCAL_POSITION_NED, ATTITUDE_QUATERNION, SET_ATTITUDE_TARGET = 331, 32
 
 
 @cache
-def replayed(path: Path) -> ShadowReport:
-    return report(path)
+def examined(path: Path) -> dict[str, Any]:
+    return examine_flight(path)
 
 
 @cache
-def recording(path: Path) -> RecordedVehicle:
-    return read_recording(path, LATENCY_S, 1)
+def recording(path: Path) -> ImportedFlight:
+    return read_tlog(path, LATENCY_S)
 
 
 def payloads(path: Path, number: int, size: int) -> Iterator[bytes]:
@@ -50,7 +53,7 @@ def test_poses_of_px4_are_its_own_numbers_to_the_last_bit() -> None:
         frames = payload[228:230]
         assert frames == b"\1\1"  # both NED: its velocity is not in the body's frame
         expected.append(((x, y, z), (qw, qx, qy, qz), (vx, vy, vz), payload[230]))
-    assert [numbers(seen.pose) for seen in recording(PX4).poses] == expected
+    assert [numbers(read_pose(seen)) for seen in recording(PX4).of(MEASURED)] == expected
     assert len(expected) > 900
 
 
@@ -63,7 +66,7 @@ def test_poses_of_ardupilot_are_its_own_numbers_to_the_last_bit() -> None:
     for payload in payloads(ARDUPILOT, LOCAL_POSITION_NED, 28):
         boot_ms, x, y, z, vx, vy, vz = struct.unpack("<I6f", payload)
         expected.append(((x, y, z), attitudes[boot_ms], (vx, vy, vz), 0))
-    assert [numbers(seen.pose) for seen in recording(ARDUPILOT).poses] == expected
+    assert [numbers(read_pose(seen)) for seen in recording(ARDUPILOT).of(MEASURED)] == expected
     assert len(expected) > 1700
 
 
@@ -73,30 +76,16 @@ def test_set_points_are_those_that_were_sent(path: Path) -> None:
     for payload in payloads(path, SET_ATTITUDE_TARGET, 39):
         *rates, thrust = struct.unpack_from("<4f", payload, 20)
         expected.append((tuple(rates), thrust))
-    assert [(sent.rates, sent.signal) for sent in recording(path).sent] == expected
+    sent = recording(path).of(SETPOINT)
+    assert [((one.rates_rad_s.x, one.rates_rad_s.y, one.rates_rad_s.z), one.thrust) for one in sent] == expected
 
 
 def test_px4s_positions_wander_against_its_velocity_and_ardupilots_do_not() -> None:
-    px4, ardupilot = replayed(PX4).own_velocity_path_rms_m_s, replayed(ARDUPILOT).own_velocity_path_rms_m_s
-    assert px4 is not None and ardupilot is not None
-    assert 0.15 < px4 < 0.3  # its simulated GPS does that
-    assert ardupilot < 0.1
+    assert 0.15 < examined(PX4)["velocity_off_m_s"] < 0.3  # its simulated GPS does that
+    assert examined(ARDUPILOT)["velocity_off_m_s"] < 0.1
 
 
 def test_take_off_and_landing_are_where_the_captures_have_them() -> None:
-    flights = []
-    for path in (PX4, ARDUPILOT):
-        found = replayed(path)
-        flights.append((found.flights, found.flight_s))
-    (px4, px4_s), (ardupilot, ardupilot_s) = flights
-    assert (px4, ardupilot) == (1, 1)
-    assert px4_s == pytest.approx(25.5 - 8.3, abs=0.3)  # the distance sensor leaves the ground at 8.4 s
-    assert ardupilot_s == pytest.approx(88.8 - 58.0, abs=0.5)  # "SIM Hit ground" at 88.8 s
-
-
-def test_ardupilots_stream_is_fit_and_px4s_with_care_for_its_wandering_and_its_reset() -> None:
-    assert replayed(ARDUPILOT).verdict == "fit"
-    px4 = replayed(PX4)
-    assert px4.verdict == "fit with care"
-    assert [check.about for check in px4.checks if check.level == "care"] == ["resets", "wander", "commands"]
-    assert "0.7 deg" in px4.reasons[0]
+    # The distance sensor leaves the ground at 8.4 s.
+    assert examined(PX4)["flown_s"] == pytest.approx(25.5 - 8.3, abs=0.3)
+    assert examined(ARDUPILOT)["flown_s"] == pytest.approx(88.8 - 58.0, abs=0.5)  # "SIM Hit ground" at 88.8 s

@@ -2,12 +2,14 @@
 
 import random
 import struct
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
+from groundstation.analysis.evidence.flight import MEASURED, SETPOINT, ImportedFlight
 from groundstation.analysis.evidence.imports import import_command
-from groundstation.analysis.evidence.shadow import RecordedVehicle, read_recording
+from groundstation.analysis.evidence.tlog import read_tlog
 from groundstation.config import ConfigError
 from links.mavlink.protocol import MavlinkCodec
 from tests.shadow_flight import START_US, D, Flight
@@ -16,10 +18,10 @@ FLIGHT = Flight(duration_s=2.0)
 COMPANION, BRIDGE, GIMBAL = (1, 191), (1, 197), (1, 154)
 
 
-def read(folder: Path, data: bytes) -> RecordedVehicle:
+def read(folder: Path, data: bytes) -> ImportedFlight:
     file = folder / "flight.tlog"
     file.write_bytes(data)
-    return read_recording(file, 0.01, 1)
+    return read_tlog(file, 0.01)
 
 
 def stamped(frames: list[tuple[int, bytes]]) -> bytes:
@@ -28,7 +30,7 @@ def stamped(frames: list[tuple[int, bytes]]) -> bytes:
 
 def test_a_companion_with_the_vehicles_system_id_commands_it(tmp_path: Path) -> None:
     usual = read(tmp_path, FLIGHT.tlog())
-    assert len(usual.sent) == 500
+    assert len(usual.of(SETPOINT)) == 500
     found = read(tmp_path, Flight(duration_s=2.0, ground=COMPANION).tlog())
     assert found == usual
 
@@ -48,7 +50,7 @@ def test_a_companion_that_calls_itself_an_autopilot_does_not_come_first(tmp_path
     heart = MavlinkCodec(*BRIDGE).pack(D.MAVLink_heartbeat_message(18, 0, 0, 0, 4, 3))
     flight = Flight(duration_s=2.0, bridge=BRIDGE)
     found = read(tmp_path, stamped([(0, heart), *flight.frames()]))
-    assert found.poses == read(tmp_path, FLIGHT.tlog()).poses
+    assert found.of(MEASURED) == read(tmp_path, FLIGHT.tlog()).of(MEASURED)
 
 
 def test_set_points_for_another_component_are_none_of_the_vehicles(tmp_path: Path) -> None:
@@ -57,7 +59,7 @@ def test_set_points_for_another_component_are_none_of_the_vehicles(tmp_path: Pat
     everybody = [(2_500_000 + n, station.attitude_target(2.5, 1, 0, 0.9, (1.0, 1.0, 1.0))) for n in range(10)]
     frames = sorted([*FLIGHT.frames(), *aside, *everybody], key=lambda one: one[0])
     found = read(tmp_path, stamped(frames))
-    assert len(found.sent) == 510
+    assert len(found.of(SETPOINT)) == 510
 
 
 def test_frames_without_time_stamps_are_no_flight(tmp_path: Path) -> None:
@@ -102,16 +104,15 @@ def test_poses_of_a_second_vehicle_are_counted_and_not_used(tmp_path: Path) -> N
     heart = MavlinkCodec(2, 1).pack(D.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
     found = read(tmp_path, stamped([(0, heart), *Flight(duration_s=2.0, bridge=(2, 1)).frames()]))
     usual = read(tmp_path, FLIGHT.tlog())
-    assert found.poses == usual.poses
-    assert found.sent == usual.sent
-    assert found.dropped == {**usual.dropped, "poses of system 2, component 1": len(usual.poses)}
+    assert found.messages == usual.messages
+    assert found.notes == usual.notes + Counter({"poses of system 2, component 1": len(usual.of(MEASURED))})
 
 
 def test_damage_that_leaves_most_of_a_flight_is_only_counted(tmp_path: Path) -> None:
     data = FLIGHT.tlog()
     found = read(tmp_path, data + bytes(4096))
-    assert found._replace(dropped={}) == read(tmp_path, data)._replace(dropped={})
-    assert found.dropped["garbage"] == 4096
+    assert found.messages == read(tmp_path, data).messages
+    assert found.notes["garbage"] == 4096
 
 
 def test_an_import_refuses_what_is_no_tlog_and_writes_nothing(tmp_path: Path) -> None:

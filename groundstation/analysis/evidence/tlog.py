@@ -1,0 +1,179 @@
+"""MAVLink .tlog as an imported flight: the poses of one autopilot, and the set-points that were sent to it.
+
+A sender is a system and a component: a companion or a bridge may have the vehicle's system id.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from groundstation.analysis.evidence.flight import (
+    FASTEST_RAD_S,
+    SETPOINT,
+    STATE,
+    ImportedFlight,
+    ImportedSetpoint,
+    ImportedState,
+)
+from groundstation.config import ConfigError, refuse_io
+from groundstation.core.messages import notice
+from groundstation.pose import (
+    Sender,
+    TlogReader,
+    TlogRecord,
+    describe_senders,
+    find_autopilots,
+    is_autopilot,
+    pose_decoder,
+)
+from groundstation.pose.sources import PoseDecoder
+from groundstation.recording import Vector3
+from links.mavlink.protocol import ARMED, AttitudeTargetMask, MavCommand, Message
+
+ON_GROUND = 1
+"""EXTENDED_SYS_STATE.landed_state (MAV_LANDED_STATE_ON_GROUND)."""
+JITTER_S = 0.1
+"""Loggers write messages of several wires out of order by this much at most [s]: no reason to drop one."""
+LEAP_S = 60.0
+"""A log time further than this from the one before is believed only if the next one agrees [s]."""
+MOST_PACE = 200.0
+"""An autopilot's clock that runs this much faster or slower than the log's is that of a log in another unit [-]:
+simulators fly up to 100 times as fast as life, and the next unit is 1000 times as long."""
+
+
+def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
+    """The flight of the first autopilot that sends poses.
+
+    ``latency_s`` is the time from the instant of a pose to its earliest arrival in the log [s].
+
+    Raises:
+        ConfigError: the file can't be read, or holds no poses; the text says what to do.
+    """
+    with refuse_io("", "cannot read the recording", str(path)):
+        data = path.read_bytes()
+    if not data:
+        raise ConfigError("", "the recording is empty", str(path))
+    reader, leaps = TlogReader(data), Counter[str]()
+    records = list(in_order(reader, leaps))
+    if fault := reader.find_fault() or _find_time_fault(records, leaps):
+        raise ConfigError("", fault, str(path))
+    vehicles = sorted(find_autopilots(records))
+    for vehicle in vehicles:
+        own = [record for record in records if record.sender == vehicle]
+        decoder = pose_decoder(own, latency_s)
+        if decoder is None:
+            continue
+        if fault := _find_pace_fault(own):
+            raise ConfigError("", fault, str(path))
+        flight = _read_vehicle(records, vehicle, decoder)
+        beside = Counter(
+            f"poses of {record.sender}"
+            for record in records
+            if record.sender != vehicle and record.sender in vehicles and record.message.get_type() in decoder.messages
+        )
+        flight.notes += decoder.dropped + leaps + reader.dropped + beside
+        return flight
+    raise ConfigError("", notice("tlog.no_poses", found=describe_senders(records)), str(path))
+
+
+def _find_time_fault(records: Sequence[TlogRecord], dropped: Counter[str]) -> str:
+    """Return why the log times tell no flight; empty where they do."""
+    if not records:
+        return notice("tlog.no_message").text
+    leaps = dropped["log_time"]
+    if leaps > len(records):
+        return notice("tlog.times", leaps=leaps, records=leaps + len(records), limit_s=LEAP_S).text
+    if len(records) > 1 and records[-1].time_s == records[0].time_s:
+        return notice("tlog.one_time", records=len(records)).text
+    return ""
+
+
+def _find_pace_fault(own: Sequence[TlogRecord]) -> str:
+    """Return why the log times do not fit the stamps of one autopilot's messages; empty where they do."""
+    for name, unit_s in (("time_boot_ms", 1e-3), ("time_usec", 1e-6)):
+        stamped = [one for one in own if hasattr(one.message, name)]
+        if stamped:
+            first, last = stamped[0], stamped[-1]
+            by_log_s = last.time_s - first.time_s
+            by_stamps_s = unit_s * (getattr(last.message, name) - getattr(first.message, name))
+            if by_stamps_s > 0.0 and not 1.0 / MOST_PACE < by_log_s / by_stamps_s < MOST_PACE:
+                return notice("tlog.pace", by_log_s=by_log_s, by_stamps_s=by_stamps_s, limit=MOST_PACE).text
+            break
+    return ""
+
+
+def in_order(records: Iterable[TlogRecord], dropped: Counter[str]) -> Iterator[TlogRecord]:
+    """``records`` with time counted from the first and never running back, those with a damaged time left out.
+
+    A log time has no checksum. One far from its neighbours is dropped and counted as ``log_time``; where the
+    next agrees with it, the log's clock was set, and time goes on without the leap.
+    """
+    origin_s: float | None = None
+    last_s = 0.0
+    odd_s: float | None = None
+    for record in records:
+        if origin_s is None:
+            origin_s = record.time_s
+        step_s = record.time_s - origin_s - last_s
+        if not -JITTER_S <= step_s <= LEAP_S:
+            if odd_s is None or not -JITTER_S <= record.time_s - odd_s <= LEAP_S:
+                odd_s = record.time_s
+                dropped["log_time"] += 1
+                continue
+            origin_s += step_s
+            step_s = 0.0
+        odd_s = None
+        last_s += max(step_s, 0.0)
+        yield TlogRecord(last_s, record.message)
+
+
+def _read_vehicle(records: Sequence[TlogRecord], vehicle: Sender, decoder: PoseDecoder) -> ImportedFlight:
+    flight = ImportedFlight(0.0)
+    asked = armed = told = on_ground = False
+    may_fly: bool | None = None
+    newest_s = -np.inf
+    for record in records:
+        time_s, message = record
+        name = message.get_type()
+        if record.sender != vehicle:
+            if not vehicle.is_addressed(message):
+                continue
+            if name == "COMMAND_LONG" and message.command == MavCommand.ARM_DISARM:
+                asked = message.param1 == 1.0
+            elif name == "SET_ATTITUDE_TARGET" and _is_rates_and_thrust(message):
+                rates = Vector3(message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+                thrust = min(max(message.thrust, 0.0), 1.0)
+                flight.messages.append((time_s, SETPOINT, ImportedSetpoint(time_s, thrust, rates)))
+            elif name == "SET_ATTITUDE_TARGET":
+                flight.notes["other_set_point"] += 1
+        elif name == "HEARTBEAT" and is_autopilot(message):
+            armed, told = bool(message.base_mode & ARMED), True
+        elif name == "COMMAND_ACK" and message.command == MavCommand.ARM_DISARM and message.result == 0:
+            armed, told = asked, True
+        elif name == "EXTENDED_SYS_STATE":
+            on_ground = message.landed_state == ON_GROUND
+        elif name in decoder.messages and (pose := decoder.decode(message, time_s)) is not None:
+            flies = (armed or not told) and not on_ground
+            if flies is not may_fly:
+                may_fly = flies
+                flight.messages.append((time_s, STATE, ImportedState(time_s, flies)))
+            if pose.time_s <= newest_s:
+                flight.notes["poses not newer than the one before"] += 1
+                continue
+            newest_s = pose.time_s
+            flight.add_pose(pose, pose.id)
+    if not flight.of(SETPOINT):
+        flight.missing.append("no SET_ATTITUDE_TARGET with body rates in it: nothing is identified")
+    flight.missing.append("no reference and no truth in it: a .tlog has none")
+    return flight
+
+
+def _is_rates_and_thrust(message: Message) -> bool:
+    numbers = (message.thrust, message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    # Where the attitude is not left out, it wins over the rates.
+    parts = message.type_mask & AttitudeTargetMask.IGNORE_EVERYTHING
+    return parts == AttitudeTargetMask.IGNORE_ATTITUDE and all(
+        abs(number) <= FASTEST_RAD_S for number in numbers
+    )  # no NaN either
