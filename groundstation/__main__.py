@@ -349,7 +349,7 @@ COMMANDS: Groups = {
         "view": ("show a recorded or a running flight in Rerun or Foxglove", VIEW),
         "export": ("write a recording as CSV or for other programs, or repair one that was cut off", EXPORT),
         "identify": ("measure thrust, lags, delay, drag and noise of the vehicle from a recording", IDENTIFY),
-        "replay": ("compute a recorded flight again and compare to the last bit; a .tlog in shadow", REPLAY),
+        "replay": ("compute a recorded flight again, compare to the last bit; examine a .tlog", REPLAY),
         "replay evidence": ("measure how well our estimator predicts recorded flights", REPLAY_EVIDENCE),
     },
     "lab": {

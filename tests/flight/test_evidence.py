@@ -38,18 +38,20 @@ from tests.recordings import recorded
 GOLDEN = Path(__file__).parents[1] / "golden"
 SECONDS = 12.0
 """Of the flight of ours [s]."""
+FULL_N = 1.37
+"""Its full thrust [N]."""
 ATTITUDE_P = {"nanobench": 6.0, "neural-fly": 7.0}
 
 
 @cache
-def flown(scenario: str = "paper", full_n: float = 1.37, *told: str) -> list[tuple[float, Vec3, Quat, float, Vec3]]:
+def flown() -> list[tuple[float, Vec3, Quat, float, Vec3]]:
     """Each pose of a flight of ours: time [s], place, attitude, and the newest command's share of thrust and rates."""
     rows, newest = [], None
-    for entry in Recording(recorded(scenario, *told, duration_s=SECONDS)[0]).entries(("/measured", "/command")):
+    for entry in Recording(recorded("paper", duration_s=SECONDS)[0]).entries(("/measured", "/command")):
         value = entry.value()
         if entry.topic == "/command":
             w = value["rates_rad_s"]
-            newest = value["thrust_n"] / full_n, (w["x"], w["y"], w["z"])
+            newest = value["thrust_n"] / FULL_N, (w["x"], w["y"], w["z"])
         elif newest is not None:
             p, q = value["position_ned"], value["attitude"]
             rows.append((value["time_s"], (p["x"], p["y"], p["z"]), (q["w"], q["x"], q["y"], q["z"]), *newest))
@@ -71,7 +73,7 @@ def write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> Path:
     return path
 
 
-def nanobench(folder: Path, *, tells_attitude: bool = True) -> Path:
+def nanobench(folder: Path) -> Path:
     """North, west, up; x y z w; pitch of the set-point counted the other way; thrust of 65535."""
 
     def row(t: float, p: Vec3, q: Quat, share: float, rates: Vec3) -> dict[str, float]:
@@ -80,11 +82,10 @@ def nanobench(folder: Path, *, tells_attitude: bool = True) -> Path:
         roll, pitch, yaw = (math.degrees(angle) for angle in so3.euler_zyx((a, b, -c, -d)))
         curve = 0.57
         signal = (math.sqrt((1.0 - curve) ** 2 + 4.0 * curve * share) - 1.0 + curve) / (2.0 * curve)
-        told = 1.0 if tells_attitude else 0.0
         return {
             "t": 1.77e9 + t, "px": x, "py": -y, "pz": -z, "qx": i, "qy": -j, "qz": -k, "qw": w,
-            "pid_controller_roll": told * roll, "pid_controller_pitch": -told * pitch, "pid_controller_yaw": told * yaw,
-            "pid_controller_cmd_thrust": told * 65535.0 * signal,
+            "pid_controller_roll": roll, "pid_controller_pitch": -pitch, "pid_controller_yaw": yaw,
+            "pid_controller_cmd_thrust": 65535.0 * signal,
             **{f"motor_motor_m{n}": 65535.0 * signal for n in (1, 2, 3, 4)},
             "sp_ctrltarget_x": x, "sp_ctrltarget_y": -y, "sp_ctrltarget_z": -z,
         }  # fmt: skip
@@ -92,9 +93,9 @@ def nanobench(folder: Path, *, tells_attitude: bool = True) -> Path:
     return write_csv(folder / "ours.csv.gz", (row(*one) for one in flown()))
 
 
-def neural_fly(folder: Path, rows: list[Any] | None = None, hover: float = 0.6) -> Path:
+def neural_fly(folder: Path) -> Path:
     """The same axes, lists in cells, a first column without a name, thrust beside the thrust that hovers."""
-    rows = rows or flown()
+    hover = 0.6
 
     def row(n: int, t: float, p: Vec3, q: Quat, share: float, rates: Vec3) -> dict[str, Any]:
         (x, y, z), (w, i, j, k) = p, q
@@ -107,7 +108,7 @@ def neural_fly(folder: Path, rows: list[Any] | None = None, hover: float = 0.6) 
             "T_sp": [signal * level / (hover + 0.0005)], "q_sp": [b, -c, -d, a], "hover_throttle": [level],
         }  # fmt: skip
 
-    return write_csv(folder / "custom_figure8_ours_nowind.csv", (row(n, *one) for n, one in enumerate(rows)))
+    return write_csv(folder / "custom_figure8_ours_nowind.csv", (row(n, *one) for n, one in enumerate(flown())))
 
 
 def ulog(folder: Path, grounded_s: float | None = None) -> Path:

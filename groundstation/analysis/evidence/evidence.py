@@ -441,24 +441,29 @@ TOLD = ("pose_noise_m", "pose_jitter_s", "pose_wander", "acceleration_noise", "w
 """Noise keys of ``[controller]`` for the filter."""
 
 
-def tell_noise(driven: DrivenFlight, noise: PoseNoise, *, wanders: bool) -> Estimation:
-    """Configure the filter's noise by that of the source; ``wanders``: its errors may last from pose to pose."""
-    told = driven.config.controller
-    at_s, left = driven.at_s[driven.air], driven.place[driven.air] - integrate_thrust(driven)
-    wander, acceleration, wind = find_noise(at_s, left, wanders=wanders)
-    if driven.flight.sent:  # in still air the filter would take noise for wind
-        wind = min(wind, told.wind_noise)
-    found = msgspec.structs.replace(
-        told,
-        pose_noise_m=max(noise.across_m, LEAST_NOISE_M),
-        pose_jitter_s=noise.jitter_s,
-        pose_wander=wander,
-        acceleration_noise=max(acceleration, LEAST_DENSITY),
-        wind_noise=max(wind, LEAST_DENSITY),
-        wind_rate_noise=told.wind_rate_noise * min(1.0, max(wind, LEAST_DENSITY) / told.wind_noise),
+def tell_noise(driven: DrivenFlight, noise: PoseNoise) -> list[Estimation]:
+    """Configure the filter's noise by that of the source: as configured but for the poses, and twice the likeliest.
+
+    Of these the second lets the positions wander: errors of a source may last from pose to pose.
+    """
+    told = msgspec.structs.replace(
+        driven.config.controller, pose_noise_m=max(noise.across_m, LEAST_NOISE_M), pose_jitter_s=noise.jitter_s
     )
+    tried = [told]
+    at_s, left = driven.at_s[driven.air], driven.place[driven.air] - integrate_thrust(driven)
+    for wanders in (False, True):
+        wander, acceleration, wind = find_noise(at_s, left, wanders=wanders)
+        if driven.flight.sent:  # in still air the filter would take noise for wind
+            wind = min(wind, told.wind_noise)
+        found = {
+            "pose_wander": wander,
+            "acceleration_noise": max(acceleration, LEAST_DENSITY),
+            "wind_noise": max(wind, LEAST_DENSITY),
+            "wind_rate_noise": told.wind_rate_noise * min(1.0, max(wind, LEAST_DENSITY) / told.wind_noise),
+        }
+        tried.append(msgspec.structs.replace(told, **found))
     # As it is printed, so that a configuration with these lines flies the very filter that is judged.
-    return msgspec.structs.replace(found, **{key: float(f"{getattr(found, key):.3g}") for key in TOLD})
+    return [msgspec.structs.replace(one, **{key: float(f"{getattr(one, key):.3g}") for key in TOLD}) for one in tried]
 
 
 LEAST_NOISE_M = 1e-6
@@ -548,12 +553,11 @@ def examine_flight(path: Path, config: Config | None = None, overrides: Sequence
     }
     if facts["note"]:
         return facts
-    tried = [tell_noise(driven, noise, wanders=wanders) for wanders in (False, True)]
-    judged = [judge_filter(driven, gains) for gains in tried]
-    # Of both, the filter that is as sure as it is good.
-    best = min((0, 1), key=lambda k: abs(math.log(max(judged[k].nis3 or 1.0, LEAST_DENSITY))))
-    facts |= {"doubt": doubt_attitude(driven), "told": {key: getattr(tried[best], key) for key in TOLD}}
-    facts |= judged[best]._asdict()
+    tried = [(gains, judge_filter(driven, gains)) for gains in tell_noise(driven, noise)]
+    # Of these the filter that is as sure as it is good.
+    gains, judged = min(tried, key=lambda one: abs(math.log(max(one[1].nis3 or 1.0, LEAST_DENSITY))))
+    facts |= {"doubt": doubt_attitude(driven), "told": {key: getattr(gains, key) for key in TOLD}}
+    facts |= judged._asdict()
     facts["untold"] = judge_filter(driven, driven.config.controller, (AT_MS,))._asdict()
     if flight.sent:
         facts["identified"] = identify_vehicle(driven)

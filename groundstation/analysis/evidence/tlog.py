@@ -73,7 +73,7 @@ def read_tlog(path: Path, latency_s: float) -> ImportedFlight:
             for record in records
             if record.sender != vehicle and record.sender in vehicles and record.message.get_type() in decoder.messages
         )
-        flight.notes += decoder.dropped + leaps + reader.dropped + beside
+        flight.notes += decoder.intake.dropped + leaps + reader.dropped + beside
         return flight
     raise ConfigError("", notice("tlog.no_poses", found=describe_senders(records)), str(path))
 
