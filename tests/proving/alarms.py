@@ -305,7 +305,7 @@ def watch_capture(file: Path, overrides: Sequence[str]) -> Alarms:
         ConfigError: the file can't be read, or holds no flight on setpoints of rates and thrust.
     """
     driven = drive_flight(load_flight(file), overrides)
-    if not driven.flight.sent:
+    if not (driven.flight.sent and any(driven.flight.may_fly)):
         missing = "nothing in it flies on SET_ATTITUDE_TARGET with rates and thrust (type_mask 128)"
         raise ConfigError("", f"{missing}: the monitor has no commands for its poses", str(file))
     return Alarms(name=str(file), flights=(_fly_capture(driven),))

@@ -1,7 +1,6 @@
 """The estimator: a Kalman filter at the newest pose, rolled forward through the commands sent since."""
 
 from groundstation.core.estimation.estimator import (
-    JITTER_SHOWS,
     NOISE_FLOOR_M2,
     NOISE_MEMORY,
     NOISE_SPAN_S,
