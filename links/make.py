@@ -1,45 +1,21 @@
 """Links by kind: each one by the name that a configuration gives it (``kind = "mavlink"``)."""
 
-from collections.abc import Callable
+from importlib import import_module
 
 TYPE_CHECKING = False  # typing's own would have to be imported, also for --help
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from typing import Any
 
     from links.core import CommandLink
 
-
-def _mavlink() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.mavlink import MavlinkLink, MavlinkLinkConfig
-
-    return MavlinkLinkConfig, MavlinkLink
-
-
-def _dsm() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.rf import DsmLinkConfig, SerialRfLink
-
-    return DsmLinkConfig, SerialRfLink
-
-
-def _crsf() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.rf import CrsfLinkConfig, SerialRfLink
-
-    return CrsfLinkConfig, SerialRfLink
-
-
-def _rf_bridge() -> "tuple[type, Callable[..., CommandLink]]":
-    from links.bridge import BridgeLink, BridgeLinkConfig
-
-    return BridgeLinkConfig, BridgeLink
-
-
-LINKS: "dict[str, Callable[[], tuple[type, Callable[..., CommandLink]]]]" = {
-    "mavlink": _mavlink,
-    "dsm": _dsm,
-    "crsf": _crsf,
-    "rf_bridge": _rf_bridge,
+LINKS = {
+    "mavlink": ("links.mavlink", "MavlinkLink"),
+    "dsm": ("links.rf", "SerialRfLink"),
+    "crsf": ("links.rf", "SerialRfLink"),
+    "rf_bridge": ("links.bridge", "BridgeLink"),
 }
-"""Kind → a function that imports it and returns its configuration and its class."""
+"""Kind → the room that is imported for it, and the link's class there."""
 
 
 def make_link(config: "Any", *, thrust_max_n: float, thrust_curve: float = 0.0, **wires: "Any") -> "CommandLink":
@@ -53,8 +29,9 @@ def make_link(config: "Any", *, thrust_max_n: float, thrust_curve: float = 0.0, 
     Raises:
         TypeError: ``config`` is the configuration of no link.
     """
-    for load in LINKS.values():
-        config_type, link_type = load()
-        if isinstance(config, config_type):
-            return link_type(config, thrust_max_n=thrust_max_n, thrust_curve=thrust_curve, **wires)
-    raise TypeError(f"no link is configured by {config!r}")
+    kind = getattr(config, "kind", None)
+    if kind not in LINKS:
+        raise TypeError(f"no link is configured by {config!r}")
+    room, name = LINKS[kind]
+    link_type: Callable[..., CommandLink] = getattr(import_module(room), name)
+    return link_type(config, thrust_max_n=thrust_max_n, thrust_curve=thrust_curve, **wires)

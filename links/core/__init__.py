@@ -16,6 +16,7 @@ from links.core.deadman import (
     Phase,
     Segment,
     full_thrust_n,
+    quaternion_of,
     signal,
     thrust,
 )

@@ -130,6 +130,10 @@ class PortTransport:
         protocol.connection_made(self)
         self._loop.add_reader(fd, self._read)
 
+    def get_extra_info(self, name: str, default: Any = None) -> Any:
+        """Nothing more is told, as by asyncio's transports."""
+        return default
+
     def waiting(self) -> int:
         """Bytes that were sent and have not left yet; 0 where the port can't tell, or is gone."""
         try:

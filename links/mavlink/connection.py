@@ -18,7 +18,7 @@ import os
 import socket
 import struct
 from collections import Counter, deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from errno import EADDRINUSE
 from pathlib import Path
@@ -99,15 +99,6 @@ class UdpTransport(asyncio.DatagramProtocol):
         """Pass it on (called by the event loop)."""
         if self._ear is not None:
             self._ear.undeliverable()
-
-
-async def open_udp(config: MavlinkLinkConfig, ear: TransportListener) -> UdpTransport:
-    """Open ``listen`` or ``remote``; raises OSError."""
-    address = parse_address(config.endpoint)
-    first = config.remote is not None
-    local, remote = (config.local_address, address) if first else (address, None)
-    _, wire = await NETWORK.get().open_datagram(lambda: UdpTransport(ear, speaks_first=first), local, remote)
-    return wire
 
 
 TCP_QUEUE_S = 0.1
@@ -211,18 +202,6 @@ class TcpTransport(StreamTransport):
         self._end(says.text)
 
 
-async def open_tcp(config: MavlinkLinkConfig, ear: TransportListener) -> TcpTransport:
-    """Connect to ``tcp``; raises OSError."""
-    assert config.tcp is not None, "the caller has looked"
-    host, port = parse_address(config.tcp)
-    try:
-        async with asyncio.timeout(TCP_OPEN_S):
-            _, wire = await NETWORK.get().open_stream(lambda: TcpTransport(ear), host, port)
-    except TimeoutError:
-        raise OSError(link_notice("mavlink.tcp_nobody", limit_s=TCP_OPEN_S).text) from None
-    return wire
-
-
 SERIAL_QUEUE_S = 0.02
 """A frame is dropped where what waits before it takes the port longer than this [s]."""
 
@@ -265,26 +244,29 @@ class SerialTransport(StreamTransport):
         self._end(link_notice("mavlink.port_gone", why=getattr(exc, "strerror", None) or "unplugged").text)
 
 
-async def open_serial(config: MavlinkLinkConfig, ear: TransportListener) -> SerialTransport:
-    """Open ``serial``; raises OSError."""
-    assert config.serial is not None, "the caller has looked"
-    _, wire = await NETWORK.get().open_serial(lambda: SerialTransport(config.baud, ear), config.serial, config.baud)
-    return wire
-
-
 MavlinkTransport = UdpTransport | TcpTransport | SerialTransport
 """``datagrams``: what is heard at once holds whole frames; ``speaks_first``: whom to send to is known from the start.
 ``leave(frame, to)`` says why the frame was dropped instead, or nothing; ``cut()`` ends all at once."""
-Opener = Callable[[MavlinkLinkConfig, TransportListener], Awaitable[MavlinkTransport]]
 
 
-def opener(config: MavlinkLinkConfig) -> Opener:
-    """The function that opens the medium of ``config``; it raises OSError."""
+async def open_wire(config: MavlinkLinkConfig, ear: TransportListener) -> MavlinkTransport:
+    """Open the medium of ``config``; raises OSError."""
+    network = NETWORK.get()
     if config.serial is not None:
-        return open_serial
+        _, port = await network.open_serial(lambda: SerialTransport(config.baud, ear), config.serial, config.baud)
+        return port
+    address = parse_address(config.endpoint)
     if config.tcp is not None:
-        return open_tcp
-    return open_udp
+        try:
+            async with asyncio.timeout(TCP_OPEN_S):
+                _, stream = await network.open_stream(lambda: TcpTransport(ear), *address)
+        except TimeoutError:
+            raise OSError(link_notice("mavlink.tcp_nobody", limit_s=TCP_OPEN_S).text) from None
+        return stream
+    first = config.remote is not None
+    local, remote = (config.local_address, address) if first else (address, None)
+    _, datagrams = await network.open_datagram(lambda: UdpTransport(ear, speaks_first=first), local, remote)
+    return datagrams
 
 
 def _explain_failure(config: MavlinkLinkConfig, error: OSError) -> Sentence:
@@ -342,7 +324,7 @@ class ReconnectingTransport:
         self._loop = asyncio.get_running_loop()
         config = self._config
         try:
-            wire = await opener(config)(config, self)
+            wire = await open_wire(config, self)
         except OSError as error:
             raise LinkLost(_explain_failure(config, error)) from error
         if self._loop is None:
@@ -394,7 +376,7 @@ class ReconnectingTransport:
             self._tell(link_notice("mavlink.lost_tries", why=why, pause_s=pause_s).text)
             await asyncio.sleep(pause_s)
             try:
-                self.wire = await opener(self._config)(self._config, self)
+                self.wire = await open_wire(self._config, self)
             except OSError as error:
                 why = f"cannot open {self._config.endpoint} ({_describe(error)})"
                 pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
@@ -495,253 +477,33 @@ class Uplink:
         return Arrival(max(now_s - self._since_s - usual_s - self._period, 0.0), late_s)
 
 
-class Contact:
-    """Heartbeats both ways, each other's time, and messages to whoever reads them: over one wire, for a connection."""
+class OtherTraffic:
+    """What is heard of others than the vehicle: they steer it, tell it where it is, or stand in its place."""
 
-    def __init__(self, config: MavlinkLinkConfig, keeper: "MavlinkConnection") -> None:
+    def __init__(self, config: MavlinkLinkConfig) -> None:
         self._config = config
-        self._target = (config.target_system, config.target_component)
-        self._keeper = keeper
-        self.codec = MavlinkCodec(config.system_id, config.component_id)
-        self.words = Words()
-        self.heard_vision = False
+        self.tells_position = False
         """Whether somebody else was heard who tells an autopilot its position."""
-        self.read = 0
-        """Number of reads from the wire."""
-        self._instead: dict[str, None] = {}
-        """Other systems that were heard, by number and address."""
-        self.other_addresses: tuple[str, ...] = ()
-        """Addresses other than the vehicle's that sent to our port, at most ``NAMED_ADDRESSES``."""
+        self.systems: dict[str, None] = {}
+        """Other systems that were heard, by number and address: one may be the vehicle with another number."""
         self._rival, self._rival_s = "", -math.inf
-        self._first_beat = asyncio.Event()
-        self._dropped: Counter[str] = Counter()
-        self._line = ReconnectingTransport(config, self._dropped, hear=self._hear, lose=self._lose, tell=keeper.tell)
-        self._subscribers: list[Subscriber] = []
-        self._reset()
 
-    def _reset(self) -> None:
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._next_beat: asyncio.TimerHandle | None = None
-        self.heard = HeartbeatMonitor(self._config.heartbeat_timeout_s)
-        """State from the autopilot's heartbeats."""
-        self.senders = TargetSenders(self._config.target_system, self._name_address)
-        """The addresses that its heartbeats come from."""
-        self.timesync = Timesync()
-        """Its clock against ours."""
-
-    @property
-    def has_wire(self) -> bool:
-        """False on a wire that was lost, or is not open."""
-        return self._line.wire is not None
-
-    @property
-    def dropped(self) -> dict[str, int]:
-        """Counts of unused received data and of our undelivered frames, by reason.
-
-        Our frames are ``congested`` (the network had no room), ``full`` (they would have had to wait),
-        ``undeliverable`` (given back), or had ``no_peer`` yet.
-        """
-        return dict(self.codec.dropped + self._dropped)
-
-    def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
-        """Call ``subscriber(message, arrival_s)`` for every message of the autopilot; returns what ends that."""
-        self._subscribers.append(subscriber)
-        return lambda: self._subscribers.remove(subscriber)
-
-    async def open(self) -> None:
-        """Open the wire, and send heartbeats from now on.
-
-        Raises:
-            LinkLost: the wire can't be opened.
-            LinkError: this was closed before it was open.
-        """
-        self._loop = asyncio.get_running_loop()
-        await self._line.open()
-        self._first_beat.clear()
-        self._beat()
-
-    async def wait_for_heartbeat(self) -> None:
-        """Wait for the autopilot's first heartbeat.
-
-        Raises:
-            LinkLost: none came within the configured time.
-        """
-        try:
-            async with asyncio.timeout(self._config.connect_timeout_s):
-                await self._first_beat.wait()
-        except TimeoutError:
-            raise LinkLost(self._silence()) from None
-
-    def _silence(self) -> Sentence:
-        config = self._config
-        dropped = [f"{count} {DROPS.get(reason, reason)}" for reason, count in self.dropped.items()]
-        instead = [f"heard instead: {', '.join(self._instead)}"] if self._instead else []
-        silent = link_notice(
-            "mavlink.silent",
-            system=config.target_system,
-            component=config.target_component,
-            endpoint=config.endpoint,
-            limit_s=config.connect_timeout_s,
-            what=f"got only: {', '.join(dropped + instead)}" if dropped else "nothing came at all",
-        )
-        if config.remote is None or dropped:
-            return silent
-        return link_notice("mavlink.silent_port", silent=silent, port=config.local_address[1])
-
-    def close(self) -> None:
-        """Release the wire. Nothing leaves afterwards."""
-        beat = self._next_beat
-        self._reset()
-        if beat is not None:
-            beat.cancel()
-        self._line.cut()
-        self.codec.forget()
-
-    def _lose(self, why: str) -> None:
-        self.heard.lose()
-        self.codec.forget()
-        self._keeper.lose_wire(why)
-
-    # ---- what leaves
-
-    def leave(self, frame: bytes) -> bool:
-        """Send one frame, and tell whether it left; nothing leaves without a wire."""
-        return self._line.leave(frame, self.heard.address)
-
-    def _beat(self) -> None:
-        if self._loop is None:
+    def hear(self, message: Message, address: str, now_s: float, *, ours: bool) -> None:
+        """Take a message of another system at ``address``; ``ours``: what has our own numbers may be an echo."""
+        config, kind = self._config, message.get_type()
+        system, component = message.get_srcSystem(), message.get_srcComponent()
+        self.tells_position = self.tells_position or kind in VISION
+        if kind == "HEARTBEAT" and len(self.systems) < NAMED_ADDRESSES:
+            self.systems[f"system {system}, component {component} at {address}"] = None
+        if kind not in SET_POINTS or message.target_system not in (0, config.target_system):
             return
-        wire = self._line.wire
-        if wire is not None and (wire.speaks_first or self.heard.address is not None):
-            self.leave(self.codec.heartbeat())
-            if self.heard.kind is not None:
-                self._ask_the_time(self._loop.time())
-        self._keeper.each_beat()
-        self._next_beat = self._loop.call_later(HEARTBEAT_S, self._beat)
-
-    def _ask_the_time(self, now_s: float) -> None:
-        self.leave(self.codec.timesync_question(self.timesync.ask(now_s)))
-
-    # ---- what arrives
-
-    def _hear(self, data: bytes, source: Any) -> None:
-        """Take what arrived from the address ``source``."""
-        wire, known = self._line.wire, self.heard.address
-        if self._loop is None or wire is None:
-            return
-        self.read += 1
-        now = self._loop.time()
-        if known is not None and source != known and (self._keeper.owes() or not self.heard.is_silent(now)):
-            self._dropped["other_address"] += 1
-            self._overhear(data, source, now)
-            return
-        for message in self.codec.feed(data, source if wire.datagrams else None):
-            if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
-                self._dropped["other_system"] += 1
-                self._note_system(message, source)
-                self.heard_vision = self.heard_vision or message.get_type() in VISION
-                self._note_rival(message, now)
-                continue
-            if message.get_type() == "HEARTBEAT":
-                if not _is_of_vehicle(message):
-                    self._dropped["other_system"] += 1
-                    continue
-                self._heartbeat(message, source, now)
-            # others have sent no heartbeat yet
-            if self.heard.kind is not None and self.heard.address in (None, source):
-                self._publish(message, now)
-
-    def _overhear(self, data: bytes, source: Any, now_s: float) -> None:
-        """Another address than the vehicle's: used for nothing, but it may be a second vehicle."""
-        name = self._name_address(source)
-        if name not in self.other_addresses:
-            self.other_addresses = (*self.other_addresses, name)[:NAMED_ADDRESSES]
-        for message in self.codec.feed(data, source, used=False):
-            if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
-                continue
-            if message.get_type() == "AUTOPILOT_VERSION":
-                self.senders.identify(source, message)
-            elif message.get_type() == "HEARTBEAT" and _is_of_vehicle(message):
-                self.senders.beat(source, now_s)
-                for address in (source, self.heard.address):
-                    self._ask_identity(address)
-
-    def _ask_identity(self, address: Any) -> None:
-        """Ask the autopilot at ``address`` for its hardware id, unless it has told."""
-        if not self.senders.is_known(address):
-            number = float(self.codec.message_number("AUTOPILOT_VERSION"))
-            self._line.leave(self.codec.command(*self._target, MavCommand.REQUEST_MESSAGE, number), address)
-
-    def _name_address(self, address: Any) -> str:
-        """``address`` as the operator writes it; where the wire has none, its own."""
-        if address is None:
-            return self._config.endpoint
-        host, port = address[:2]
-        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-
-    def conflict(self, now_s: float) -> str:
-        """Why nobody knows which autopilot would obey; empty where one does."""
-        return self.senders.conflict(self.heard.address, now_s) if self.heard.kind is not None else ""
-
-    def second_path(self, now_s: float) -> str:
-        """That the autopilot is heard by a second way; empty where it is not."""
-        return self.senders.second_path(self.heard.address, now_s)
-
-    def _note_system(self, message: Message, source: Any) -> None:
-        """Another system is heard here: its number may be the one that the vehicle really has."""
-        if message.get_type() == "HEARTBEAT" and len(self._instead) < NAMED_ADDRESSES:
-            who = f"system {message.get_srcSystem()}, component {message.get_srcComponent()}"
-            self._instead[f"{who} at {self._name_address(source)}"] = None
-
-    def _note_rival(self, message: Message, now_s: float) -> None:
-        """Somebody else who steers our autopilot; what has our own numbers may be an echo, while we steer."""
-        if message.get_type() not in SET_POINTS or message.target_system not in (0, self._target[0]):
-            return
-        who = system, component = message.get_srcSystem(), message.get_srcComponent()
-        if who != (self.codec.system_id, self.codec.component_id) or not self._keeper.owes():
-            sends = message.get_type()
-            self._rival = link_notice("mavlink.rival_sends", system=system, component=component, message=sends).text
-            self._rival_s = now_s
+        if not ours or (system, component) != (config.system_id, config.component_id):
+            says = link_notice("mavlink.rival_sends", system=system, component=component, message=kind)
+            self._rival, self._rival_s = says.text, now_s
 
     def rival(self, now_s: float) -> str:
         """Describe whoever else sent set-points in the last ``RIVAL_S``; empty where nobody did."""
         return self._rival if now_s - self._rival_s < RIVAL_S else ""
-
-    def _publish(self, message: Message, now_s: float) -> None:
-        name = message.get_type()
-        if name == "STATUSTEXT":
-            self.words.hear(message)
-        elif name == "TIMESYNC" and message.tc1 == 0:  # a question, not an answer
-            self.leave(self.codec.timesync_reply(message, now_s))
-        elif name == "AUTOPILOT_VERSION":
-            self.senders.identify(self.heard.address, message)
-        elif name == "TIMESYNC":
-            self.timesync.take_answer(message.tc1, message.ts1, now_s)
-        for subscriber in self._subscribers:
-            subscriber(message, now_s)
-
-    def _heartbeat(self, message: Message, source: Any, now_s: float) -> None:
-        wire = self._line.wire
-        if wire is None:
-            return
-        is_first = self.heard.kind is None
-        news = self.heard.beat(message, now_s)
-        if news and not wire.speaks_first:
-            if source != self.heard.address:
-                self.senders.forget(self.heard.address)
-            self.heard.address = source
-        self.senders.beat(self.heard.address, now_s)
-        if news:
-            if not wire.speaks_first:
-                self.leave(self.codec.heartbeat())
-            self._ask_the_time(now_s)
-            self._first_beat.set()
-            if not is_first and self._line.wire is not None:  # a port may end in the moment of an answer
-                self._keeper.resume()
-                self.heard.believe_armed(None)
-                self.timesync = Timesync()
-                self._ask_identity(self.heard.address)
-        self.heard.take_armed(message, now_s)
 
 
 def _is_of_vehicle(heartbeat: Message) -> bool:
@@ -824,25 +586,32 @@ KEEP_STAMP_BEATS = 10
 Streams = Callable[[int], Mapping[str, float]]
 
 
-def _nothing() -> None:
-    """Nobody wants to know."""
-
-
 class MavlinkConnection:
-    """Opened and closed by the link that owns it; may be opened again."""
+    """Heartbeats both ways, each other's time, and messages to whoever reads them, over one wire at a time.
+
+    Opened and closed by the link that owns it; may be opened again.
+    """
 
     def __init__(self, config: MavlinkLinkConfig) -> None:
         self._config = config
-        self._contact = Contact(config, self)
-        self.codec, self.words = self._contact.codec, self._contact.words
+        self._target = (config.target_system, config.target_component)
+        self.codec, self.words = MavlinkCodec(config.system_id, config.component_id), Words()
+        self.others = OtherTraffic(config)
+        """What else is heard."""
+        self.other_addresses: tuple[str, ...] = ()
+        """Addresses other than the vehicle's that sent to our port, at most ``NAMED_ADDRESSES``."""
+        self.read = 0
+        """Number of reads from the wire."""
+        self._dropped: Counter[str] = Counter()
+        self._line = ReconnectingTransport(config, self._dropped, hear=self._hear, lose=self._lose, tell=self._tell)
         self._streams: list[Streams] = []
         self._wishes: dict[tuple[str, ...], float] = {}
         self._requests = HandshakeRunner(self.leave, self._obstacle)
-        self._contact.subscribe(self._requests.hear)  # before anybody else
+        self._subscribers: list[Subscriber] = [self._requests.hear]
         self._signing: Signing | None = None
-        self.when_lost: Callable[[], None] = _nothing
+        self.when_lost: Callable[[], None] = lambda: None
         """Called when the wire is lost."""
-        self.when_back: Callable[[], None] = _nothing
+        self.when_back: Callable[[], None] = lambda: None
         """Called when an autopilot is heard again that was silent, or whose wire was lost."""
         self.owes: Callable[[], bool] = lambda: False
         """Whether a command or its bring-down may still leave: it belongs to the autopilot that was armed, and to no
@@ -851,9 +620,14 @@ class MavlinkConnection:
 
     def _reset(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._first_beat = asyncio.Event()
+        self._next_beat: asyncio.TimerHandle | None = None
         self._beats = 0
         self._asking: asyncio.Task[None] | None = None
         self._trouble = ""
+        self._heard = HeartbeatMonitor(self._config.heartbeat_timeout_s)
+        self._senders = TargetSenders(self._config.target_system, self._name_address)
+        self._timesync = Timesync()
 
     # ---- what it is like
 
@@ -862,23 +636,22 @@ class MavlinkConnection:
         """One of ``closed``, ``connecting``, ``connected``, ``armed``, ``lost``."""
         if self._loop is None:
             return "closed"
-        contact = self._contact
-        if contact.heard.kind is None:
+        if self._heard.kind is None:
             return "connecting"
-        if not contact.has_wire or contact.heard.is_silent(self._loop.time()):
+        if self._line.wire is None or self._heard.is_silent(self._loop.time()):
             return "lost"
-        return "armed" if contact.heard.armed else "connected"
+        return "armed" if self._heard.armed else "connected"
 
     @property
     def kind(self) -> int | None:
         """The autopilot's HEARTBEAT.autopilot; None before the first."""
-        return self._contact.heard.kind
+        return self._heard.kind
 
     @property
     def text(self) -> str:
         """The cause of a loss of wire or autopilot, else the autopilot's newest words."""
         if self._loop is not None and self.state == "lost":
-            silence_s = self._contact.heard.silence_s(self._loop.time())
+            silence_s = self._heard.silence_s(self._loop.time())
             if silence_s < math.inf:
                 return link_notice("mavlink.lost_heartbeat", silence_s=silence_s).text
         return self._trouble or self.words.newest
@@ -886,51 +659,38 @@ class MavlinkConnection:
     @property
     def clock(self) -> Trip | None:
         """The autopilot's clock against ours; None until it has answered."""
-        return self._contact.timesync.best
+        return self._timesync.best
 
     @property
     def newest_trip(self) -> Trip | None:
         """The newest exchange of clocks with the autopilot, however long its way was; None until it has answered."""
-        return self._contact.timesync.newest
-
-    @property
-    def heard_vision(self) -> bool:
-        """Whether somebody else was heard here who tells an autopilot its position."""
-        return self._contact.heard_vision
+        return self._timesync.newest
 
     @property
     def rival(self) -> str:
         """Describe whoever else sent set-points in the last ``RIVAL_S``; empty where nobody did."""
-        return "" if self._loop is None else self._contact.rival(self._loop.time())
+        return "" if self._loop is None else self.others.rival(self._loop.time())
 
     @property
     def conflict(self) -> str:
         """Why nobody knows which autopilot would obey; empty where one does."""
-        return "" if self._loop is None else self._contact.conflict(self._loop.time())
+        if self._loop is None or self._heard.kind is None:
+            return ""
+        return self._senders.conflict(self._heard.address, self._loop.time())
 
     @property
     def second_path(self) -> str:
         """That the autopilot is heard by a second way; empty where it is not."""
-        return "" if self._loop is None else self._contact.second_path(self._loop.time())
-
-    @property
-    def other_addresses(self) -> tuple[str, ...]:
-        """Addresses other than the vehicle's that sent to our port, at most ``NAMED_ADDRESSES``."""
-        return self._contact.other_addresses
-
-    def note_examined(self) -> None:
-        """The autopilot that is heard now was found fit to be armed."""
-        self._contact.senders.examine(self._contact.heard.address)
-
-    @property
-    def read(self) -> int:
-        """Number of reads from the wire."""
-        return self._contact.read
+        return "" if self._loop is None else self._senders.second_path(self._heard.address, self._loop.time())
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Counts of unused received data and of our undelivered frames, by reason."""
-        return self._contact.dropped
+        """Counts of unused received data and of our undelivered frames, by reason.
+
+        Our frames are ``congested`` (the network had no room), ``full`` (they would have had to wait),
+        ``undeliverable`` (given back), or had ``no_peer`` yet.
+        """
+        return dict(self.codec.dropped + self._dropped)
 
     def autopilot(self) -> AutopilotAddress:
         """The autopilot at the other end.
@@ -938,19 +698,21 @@ class MavlinkConnection:
         Raises:
             LinkMisuse: there is none yet.
         """
-        heard, config = self._contact.heard, self._config
-        if self._loop is None or heard.kind is None:
+        if self._loop is None or self._heard.kind is None:
             raise LinkMisuse("the link is not connected")
-        target = (config.target_system, config.target_component)
-        return AutopilotAddress(self.codec, self.words, *target, heard.kind, heard.vehicle)
+        return AutopilotAddress(self.codec, self.words, *self._target, self._heard.kind, self._heard.vehicle)
 
     def believe_armed(self, armed: bool) -> None:
         """Believe that the motors are on, or off, until a heartbeat tells."""
-        self._contact.heard.believe_armed(asyncio.get_running_loop().time() if armed else None)
+        self._heard.believe_armed(asyncio.get_running_loop().time() if armed else None)
 
     def begin_arming(self) -> None:
         """The operator arms anew: what became of the wire before needs no telling any more."""
         self._trouble = ""
+
+    def note_examined(self) -> None:
+        """The autopilot that is heard now was found fit to be armed."""
+        self._senders.examine(self._heard.address)
 
     # ---- for whoever shares it
 
@@ -959,7 +721,8 @@ class MavlinkConnection:
 
         ``arrival_s`` is on the event loop's clock [s].
         """
-        return self._contact.subscribe(subscriber)
+        self._subscribers.append(subscriber)
+        return lambda: self._subscribers.remove(subscriber)
 
     def request(self, streams: Streams) -> None:
         """Have ``open`` ask for the messages that ``streams(HEARTBEAT.autopilot)`` names: name → rate [Hz].
@@ -989,33 +752,54 @@ class MavlinkConnection:
         Raises:
             LinkLost: the wire can't be opened, or nobody answered within the configured time.
             LinkRejected: the autopilot refuses to send a message that was requested.
-            LinkError: the signing key can't be used.
+            LinkError: the signing key can't be used, or this was closed before it was open.
         """
         if self._loop is not None:
             raise LinkMisuse("the link is connected already; close it first")
         self._loop = asyncio.get_running_loop()
         try:
             self._sign(self._loop)
-            await self._contact.open()
+            await self._line.open()
+            self._beat()
+            await self._wait_for_heartbeat()
         except BaseException:
-            self._contact.close()
-            self._reset()
-            raise
-        try:
-            await self._contact.wait_for_heartbeat()
-        except LinkLost:
             self.close()
             raise
         await self._choose_streams()
 
+    async def _wait_for_heartbeat(self) -> None:
+        try:
+            async with asyncio.timeout(self._config.connect_timeout_s):
+                await self._first_beat.wait()
+        except TimeoutError:
+            raise LinkLost(self._silence()) from None
+
+    def _silence(self) -> Sentence:
+        config = self._config
+        dropped = [f"{count} {DROPS.get(reason, reason)}" for reason, count in self.dropped.items()]
+        instead = [f"heard instead: {', '.join(self.others.systems)}"] if self.others.systems else []
+        silent = link_notice(
+            "mavlink.silent",
+            system=config.target_system,
+            component=config.target_component,
+            endpoint=config.endpoint,
+            limit_s=config.connect_timeout_s,
+            what=f"got only: {', '.join(dropped + instead)}" if dropped else "nothing came at all",
+        )
+        if config.remote is None or dropped:
+            return silent
+        return link_notice("mavlink.silent_port", silent=silent, port=config.local_address[1])
+
     def close(self) -> None:
         """Release the wire. Nothing leaves afterwards."""
-        asking = self._asking
+        beat, asking = self._next_beat, self._asking
         self._note_stamp()
         self._reset()
-        if asking is not None:
-            asking.cancel()
-        self._contact.close()
+        for pending in (beat, asking):
+            if pending is not None:
+                pending.cancel()
+        self._line.cut()
+        self.codec.forget()
         self._requests.wake()
 
     def _sign(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -1038,32 +822,26 @@ class MavlinkConnection:
         wanted = {name: rate for ask in self._streams for name, rate in ask(kind).items()}
         await choose_streams(self.autopilot(), wanted, self._wishes, self.see_through, quiet=self._config.quiet)
 
-    # ---- what the contact tells: see :class:`links.mavlink.connection.Keeper`
+    def _tell(self, trouble: str) -> None:
+        """Show it instead of the autopilot's words."""
+        self._trouble = trouble
 
-    def each_beat(self) -> None:
-        """Write the newest time stamp down, now and then."""
-        self._beats += 1
-        if self._beats % KEEP_STAMP_BEATS == 0 and not self._contact.heard.armed:
-            self._note_stamp()
-
-    def lose_wire(self, why: str) -> None:
-        """Nothing more is asked for."""
-        self.tell(link_notice("mavlink.lost", why=why).text)
+    def _lose(self, why: str) -> None:
+        """The wire has ended by itself: nothing more is asked for."""
+        self._heard.lose()
+        self.codec.forget()
+        self._trouble = link_notice("mavlink.lost", why=why).text
         self._requests.wake()
         self.when_lost()
         if self._asking is not None:
             self._asking.cancel()
 
-    def resume(self) -> None:
-        """Ask for the messages again."""
+    def _resume(self) -> None:
+        """An autopilot is heard again, which may have restarted: ask for the messages again."""
         self.when_back()
         if self._asking is not None:
             self._asking.cancel()
         self._asking = asyncio.get_running_loop().create_task(self._ask_again())
-
-    def tell(self, trouble: str) -> None:
-        """Show it instead of the autopilot's words."""
-        self._trouble = trouble
 
     async def _ask_again(self) -> None:
         self._trouble = link_notice("mavlink.back").text
@@ -1076,7 +854,7 @@ class MavlinkConnection:
 
     def leave(self, frame: bytes) -> bool:
         """Send one frame, and tell whether it left; nothing leaves on a closed or lost connection."""
-        return self._contact.leave(frame)
+        return self._line.leave(frame, self._heard.address)
 
     async def see_through(
         self, handshake: Handshake, meanwhile: Callable[[float], None] | None = None, period_s: float = POLL_S
@@ -1093,7 +871,114 @@ class MavlinkConnection:
     def _obstacle(self) -> LinkError | None:
         if self._loop is None:
             return LinkError(link_notice("mavlink.closed"))
-        return None if self._contact.has_wire else LinkLost(self._trouble)
+        return None if self._line.wire is not None else LinkLost(self._trouble)
+
+    def _beat(self) -> None:
+        if self._loop is None:
+            return
+        wire = self._line.wire
+        if wire is not None and (wire.speaks_first or self._heard.address is not None):
+            self.leave(self.codec.heartbeat())
+            if self._heard.kind is not None:
+                self._ask_the_time(self._loop.time())
+        self._beats += 1
+        if self._beats % KEEP_STAMP_BEATS == 0 and not self._heard.armed:
+            self._note_stamp()
+        self._next_beat = self._loop.call_later(HEARTBEAT_S, self._beat)
+
+    def _ask_the_time(self, now_s: float) -> None:
+        self.leave(self.codec.timesync_question(self._timesync.ask(now_s)))
+
+    def _ask_identity(self, address: Any) -> None:
+        """Ask the autopilot at ``address`` for its hardware id, unless it has told."""
+        if not self._senders.is_known(address):
+            number = float(self.codec.message_number("AUTOPILOT_VERSION"))
+            self._line.leave(self.codec.command(*self._target, MavCommand.REQUEST_MESSAGE, number), address)
+
+    # ---- what arrives
+
+    def _hear(self, data: bytes, source: Any) -> None:
+        """Take what arrived from the address ``source``."""
+        wire, known = self._line.wire, self._heard.address
+        if self._loop is None or wire is None:
+            return
+        self.read += 1
+        now = self._loop.time()
+        if known is not None and source != known and (self.owes() or not self._heard.is_silent(now)):
+            self._dropped["other_address"] += 1
+            self._overhear(data, source, now)
+            return
+        for message in self.codec.feed(data, source if wire.datagrams else None):
+            if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
+                self._dropped["other_system"] += 1
+                self.others.hear(message, self._name_address(source), now, ours=self.owes())
+                continue
+            if message.get_type() == "HEARTBEAT":
+                if not _is_of_vehicle(message):
+                    self._dropped["other_system"] += 1
+                    continue
+                self._heartbeat(message, source, now)
+            # others have sent no heartbeat yet
+            if self._heard.kind is not None and self._heard.address in (None, source):
+                self._publish(message, now)
+
+    def _overhear(self, data: bytes, source: Any, now_s: float) -> None:
+        """Another address than the vehicle's: used for nothing, but it may be a second vehicle."""
+        name = self._name_address(source)
+        if name not in self.other_addresses:
+            self.other_addresses = (*self.other_addresses, name)[:NAMED_ADDRESSES]
+        for message in self.codec.feed(data, source, used=False):
+            if (message.get_srcSystem(), message.get_srcComponent()) != self._target:
+                continue
+            if message.get_type() == "AUTOPILOT_VERSION":
+                self._senders.identify(source, message)
+            elif message.get_type() == "HEARTBEAT" and _is_of_vehicle(message):
+                self._senders.beat(source, now_s)
+                for address in (source, self._heard.address):
+                    self._ask_identity(address)
+
+    def _name_address(self, address: Any) -> str:
+        """``address`` as the operator writes it; where the wire has none, its own."""
+        if address is None:
+            return self._config.endpoint
+        host, port = address[:2]
+        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+    def _publish(self, message: Message, now_s: float) -> None:
+        name = message.get_type()
+        if name == "STATUSTEXT":
+            self.words.hear(message)
+        elif name == "TIMESYNC" and message.tc1 == 0:  # a question, not an answer
+            self.leave(self.codec.timesync_reply(message, now_s))
+        elif name == "AUTOPILOT_VERSION":
+            self._senders.identify(self._heard.address, message)
+        elif name == "TIMESYNC":
+            self._timesync.take_answer(message.tc1, message.ts1, now_s)
+        for subscriber in self._subscribers:
+            subscriber(message, now_s)
+
+    def _heartbeat(self, message: Message, source: Any, now_s: float) -> None:
+        wire = self._line.wire
+        if wire is None:
+            return
+        is_first = self._heard.kind is None
+        news = self._heard.beat(message, now_s)
+        if news and not wire.speaks_first:
+            if source != self._heard.address:
+                self._senders.forget(self._heard.address)
+            self._heard.address = source
+        self._senders.beat(self._heard.address, now_s)
+        if news:
+            if not wire.speaks_first:
+                self.leave(self.codec.heartbeat())
+            self._ask_the_time(now_s)
+            self._first_beat.set()
+            if not is_first and self._line.wire is not None:  # a port may end in the moment of an answer
+                self._resume()
+                self._heard.believe_armed(None)
+                self._timesync = Timesync()
+                self._ask_identity(self._heard.address)
+        self._heard.take_armed(message, now_s)
 
 
 _EPOCH = datetime(2015, 1, 1, tzinfo=UTC)

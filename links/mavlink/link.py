@@ -51,7 +51,6 @@ from links.mavlink.protocol import (
     fitness,
     landing,
     landing_disarmed,
-    make_mode_request,
 )
 from links.text import link_notice
 
@@ -443,7 +442,9 @@ class MavlinkLink:
     def _knows_by_itself(self) -> bool:
         """Whether nothing says that what the autopilot knows of its position may come from our tracker."""
         config = self._config
-        return config.own_position or not (config.forward.enabled or self.connection.heard_vision or self.shares_poses)
+        return config.own_position or not (
+            config.forward.enabled or self.connection.others.tells_position or self.shares_poses
+        )
 
     def could_land_by_itself(self, now_s: float) -> bool:
         """Whether it would land, asked at ``now_s`` [s], by a position that is not made of our poses."""
@@ -479,7 +480,7 @@ class MavlinkLink:
     def ask_mode(self) -> None:
         """Have the autopilot tell its mode now, not only within a second."""
         if self._armed.obeys_s is not None:
-            self.connection.leave(make_mode_request(self.connection.autopilot()))
+            self.connection.leave(self.connection.autopilot().message_request("HEARTBEAT"))
 
     def arrival(self, now_s: float) -> Arrival:
         """Whether commands reach the autopilot, and in time, by answers to TIMESYNC."""

@@ -35,25 +35,10 @@ TRIES = 3
 """Attempts at each question."""
 APART_S = 0.2
 """Between the two questions whether it is armed [s]."""
+READ_BYTES = 4096
+"""Most bytes read at once."""
 AGAIN_S = 0.25
 """Wait before a port that is not there is tried again [s]."""
-
-
-class _Ear(asyncio.Protocol):
-    """Receiver of the port's bytes; implements :class:`links.io.wires.PortProtocol` too."""
-
-    def __init__(self) -> None:
-        self.heard = bytearray()
-        self.news = asyncio.Event()
-        self.ended = False
-
-    def data_received(self, data: bytes) -> None:
-        self.heard += data
-        self.news.set()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self.ended = True
-        self.news.set()
 
 
 class Board:
@@ -70,7 +55,7 @@ class Board:
         self.version, self.uid = "", ""
         """Version of the firmware, and the board's unique id."""
         self.in_command_line = False
-        self._ear = _Ear()
+        self._reader: asyncio.StreamReader
         self._transport: Any = None
 
     async def __aenter__(self) -> Self:
@@ -112,12 +97,13 @@ class Board:
         self.version, self.uid = ".".join(map(str, version[:3])), uid
 
     async def _connect(self) -> None:
-        self._ear, self.in_command_line = _Ear(), False
+        self._reader, self.in_command_line = asyncio.StreamReader(), False
+        protocol = asyncio.StreamReaderProtocol(self._reader)
         if self._address is None:
-            self._transport, _ = await NETWORK.get().open_serial(lambda: self._ear, self.port, BAUD)
+            self._transport, _ = await NETWORK.get().open_serial(lambda: protocol, self.port, BAUD)
         else:
             async with asyncio.timeout(OPEN_S):
-                self._transport, _ = await NETWORK.get().open_stream(lambda: self._ear, *self._address)
+                self._transport, _ = await NETWORK.get().open_stream(lambda: protocol, *self._address)
         await self.ask(MspCommand.FC_VARIANT)
 
     async def ask(self, command: int) -> MspAnswer:
@@ -129,9 +115,8 @@ class Board:
         """
         for _ in range(TRIES):
             reader = MspReader()
-            self._ear.heard.clear()
-            self._write(encode_request(command))
-            async for data in self._hear(ANSWER_S):
+            until_s = await self._write(encode_request(command), ANSWER_S)
+            while data := await self._read(until_s):
                 for answer in reader.feed(data):
                     if answer.command == command and not answer.known:
                         raise LinkRejected(link_notice("board.unknown_command", port=self.port, command=command))
@@ -164,10 +149,8 @@ class Board:
         """
         if not self.in_command_line:
             await self.ensure_disarmed()
-            self._ear.heard.clear()
             self.in_command_line = True
-            self._write(b"#")
-            await self._wait_for_prompt("#")
+            await self._prompt_after("#", b"#")
         status = await self.tell("status")
         flags = next((line for line in status.splitlines() if line.startswith("Arming disable flags:")), "")
         if "CLI" not in flags.split():
@@ -180,9 +163,7 @@ class Board:
             LinkRejected: it refuses.
             LinkLost: it says nothing.
         """
-        self._ear.heard.clear()
-        self._write(line.encode("ascii") + b"\n")
-        answer = await self._wait_for_prompt(line)
+        answer = await self._prompt_after(line, line.encode("ascii") + b"\n")
         if (why := find_refusal(answer)) is not None:
             raise LinkRejected(link_notice("board.refuses", line=line, why=why))
         return answer
@@ -194,55 +175,56 @@ class Board:
 
     async def close(self) -> None:
         """Leave the command line, which restarts the board and forgets what was not saved; and close the port."""
-        if self._transport is not None and self.in_command_line and not self._ear.ended:
+        if self._transport is not None and self.in_command_line and not self._has_ended:
             await self._restart("exit")
         self._cut()
 
     async def _restart(self, word: str) -> None:
-        self._ear.heard.clear()
+        said = b""
         try:
-            self._write(word.encode() + b"\n")
-            async for _ in self._hear(LINE_S):
-                if b"Rebooting" in self._ear.heard:
-                    await asyncio.sleep(AGAIN_S)
-                    break
+            until_s = await self._write(word.encode() + b"\n", LINE_S)
+            while b"Rebooting" not in said and (data := await self._read(until_s)):
+                said += data
         except LinkError:
             pass  # it is gone already
+        await asyncio.sleep(AGAIN_S)
         self._cut()
 
-    async def _wait_for_prompt(self, line: str) -> str:
-        async for _ in self._hear(LINE_S):
-            said = self._ear.heard.decode("ascii", "replace").replace("\r", "")
-            if said.endswith(PROMPT):
-                return said
+    async def _prompt_after(self, line: str, data: bytes) -> str:
+        """Send ``data``, which means ``line``; returns the answer, up to the prompt behind it."""
+        said = b""
+        until_s = await self._write(data, LINE_S)
+        while data := await self._read(until_s):
+            said += data
+            text = said.decode("ascii", "replace").replace("\r", "")
+            if text.endswith(PROMPT):
+                return text
         raise LinkLost(link_notice("board.no_answer", line=line))
 
-    async def _hear(self, within_s: float) -> Any:
-        """Yield the bytes received so far, at each arrival, for ``within_s`` [s]; the port's end ends it."""
-        seen, loop = 0, asyncio.get_running_loop()
-        until = loop.time() + within_s
-        while True:
-            ear = self._ear
-            if len(ear.heard) > seen:
-                piece, seen = bytes(ear.heard[seen:]), len(ear.heard)
-                yield piece
-                continue
-            if ear.ended:
-                return
-            ear.news.clear()
-            try:
-                async with asyncio.timeout_at(until):
-                    await ear.news.wait()
-            except TimeoutError:
-                return
-
-    def _write(self, data: bytes) -> None:
+    async def _read(self, until_s: float) -> bytes:
+        """Return what comes before ``until_s``, on the event loop's clock; nothing at its end, or at the port's."""
         try:
-            if self._ear.ended:
+            async with asyncio.timeout_at(until_s):
+                return await self._reader.read(READ_BYTES)
+        except (TimeoutError, OSError):
+            return b""
+
+    @property
+    def _has_ended(self) -> bool:
+        return self._reader.at_eof() or self._reader.exception() is not None
+
+    async def _write(self, data: bytes, patience_s: float) -> float:
+        """Send ``data``, and return until when an answer counts; what has come before is none."""
+        now_s = asyncio.get_running_loop().time()
+        while await self._read(now_s):
+            pass
+        try:
+            if self._has_ended:
                 raise OSError(link_notice("board.port_ended").text)
             (self._transport.send if self._address is None else self._transport.write)(data)
         except OSError as error:
             raise LinkLost(link_notice("board.port", port=self.port, why=error.strerror or error)) from None
+        return now_s + patience_s
 
     def _cut(self) -> None:
         if self._transport is not None:

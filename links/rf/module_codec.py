@@ -39,6 +39,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from links.core import quaternion_of
 from links.rf.channel_map import ArmSwitch, ChannelMap, Stick, Throttle
 from links.rf.codec import RfDecoder, RfFrame, RfLinkConfig, RfTelemetry, Service, counts, position
 
@@ -333,19 +334,8 @@ class CrsfDecoder(RfDecoder):
                 return RfFrame(None, None, payload[4])
         if kind == CrsfFrame.ATTITUDE and len(payload) >= 6:
             pitch, roll, yaw = (1e-4 * int.from_bytes(payload[k : k + 2], "big", signed=True) for k in (0, 2, 4))
-            return RfFrame(None, tells=RfTelemetry(attitude=_quaternion(roll, self._pitch * pitch, yaw)))
+            return RfFrame(None, tells=RfTelemetry(attitude=quaternion_of(roll, self._pitch * pitch, yaw)))
         return RfFrame(None, tells=_decode_telemetry(kind, payload))
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Quaternion of the turns about down, then right, then ahead [rad]."""
-    a, b, c = (complex(math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
-    return (
-        a.real * b.real * c.real + a.imag * b.imag * c.imag,
-        a.imag * b.real * c.real - a.real * b.imag * c.imag,
-        a.real * b.imag * c.real + a.imag * b.real * c.imag,
-        a.real * b.real * c.imag - a.imag * b.imag * c.real,
-    )
 
 
 def _decode_telemetry(kind: int, payload: bytes) -> RfTelemetry | None:

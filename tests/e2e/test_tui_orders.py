@@ -51,7 +51,7 @@ def stage(tmp_path: Path) -> Stage:
 
 @pytest.mark.usefixtures("patient")
 def test_what_brings_the_vehicle_down_leaves_at_once_from_every_page_and_dialog(stage: Stage) -> None:
-    ways = [[], ["2"], ["3"], ["4"], ["slash", "x"], ["escape", "5"], ["question_mark"], ["escape", "q"]]
+    ways = [[], ["2"], ["3"], ["4"], ["5"], ["question_mark"], ["escape", "q"]]
 
     async def scene(pilot: Pilot[None]) -> None:
         async with stage.up():
@@ -108,8 +108,7 @@ async def test_letters_that_are_typed_order_nothing(pilot: Pilot[None], stage: S
         await pilot.press(*"hrtack")
         await pilot.pause(0.1)
         assert pilot.app.screen.query_one(Input).value == "hrtack"
-        await pilot.press("escape", "4", "slash", *"hrtack")
-        await pilot.pause(0.1)
+        await pilot.press("escape")
         assert stage.asked == []
 
 

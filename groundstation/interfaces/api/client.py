@@ -31,7 +31,6 @@ from groundstation.interfaces.api.messages import (
     VERSION,
     ClientOrder,
     Control,
-    LineSplitter,
     OrderAnswer,
     Refusal,
     StationHello,
@@ -55,20 +54,19 @@ ANSWER_S = 3.0
 """Timeout for a station's hello, and for its answer [s]."""
 
 
-class StationClient(asyncio.Protocol):
-    """One connection; iterate over it for the newest snapshot and every change of control. Made by client.py."""
+class StationClient:
+    """One connection; iterate over it for the newest snapshot and every change of control. Made by :func:`attach`."""
 
     hello: StationHello
     """The station's introduction."""
     control: Control
     """The newest message on who holds control."""
 
-    def __init__(self, path: Path, name: str) -> None:
+    def __init__(self, path: Path, name: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """``path`` is named in errors; ``name`` is what the other clients read of this one."""
         self._path = path
         self._name = name
-        self._lines = LineSplitter(LINE_MAX_BYTES)
-        self._transport: asyncio.Transport | None = None
+        self._writer = writer
         self._next_id = 1
         self._answers: dict[int, asyncio.Future[OrderAnswer]] = {}
         self._controls: list[Control] = []
@@ -78,6 +76,7 @@ class StationClient(asyncio.Protocol):
         self._trouble = ""
         self.ready: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done once it has been greeted, with an ApiError where it has not."""
+        self._listening = asyncio.create_task(self._listen(reader))
 
     # ---- orders
 
@@ -123,7 +122,7 @@ class StationClient(asyncio.Protocol):
         vehicle: str = "",
         points: tuple[Waypoint, ...] = (),
     ) -> OrderAnswer:
-        if self._transport is None or self._over:
+        if self._over:
             raise ApiError(f"{self._path}: {self._trouble or 'the connection is lost'}")
         number, self._next_id = self._next_id, self._next_id + 1
         loop = asyncio.get_running_loop()
@@ -140,7 +139,7 @@ class StationClient(asyncio.Protocol):
         )
         future: asyncio.Future[OrderAnswer] = loop.create_future()
         self._answers[number] = future
-        self._transport.write(encode_order(order))
+        self._writer.write(encode_order(order))
         try:
             return await asyncio.wait_for(future, ANSWER_S)
         except TimeoutError:
@@ -177,27 +176,26 @@ class StationClient(asyncio.Protocol):
 
     def close(self) -> None:
         """Leave; control, where it was held, goes with it."""
-        if self._transport is not None:
-            self._transport.close()
+        self._writer.close()
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The socket is open."""
-        self._transport = cast("asyncio.Transport", transport)
+    async def _listen(self, reader: asyncio.StreamReader) -> None:
+        """Sort what comes; only the newest snapshot is kept."""
+        try:
+            while not self._trouble and (line := await reader.readline()).endswith(b"\n"):
+                if line.startswith(SNAPSHOT_PREFIX) and self.ready.done():
+                    self._newest = line
+                else:
+                    self._hear(line)
+                self._news.set()
+        except ValueError:
+            self._trouble = f"not a ground station: a line is longer than {LINE_MAX_BYTES} bytes"
+        except OSError:
+            pass  # the connection is lost
+        self._end()
 
-    def data_received(self, data: bytes) -> None:
-        """Sort what has come; only the newest snapshot is kept."""
-        for line in self._lines.feed(data):
-            if line is None:
-                self._fail(f"not a ground station: a line is longer than {LINE_MAX_BYTES} bytes")
-            elif line.startswith(SNAPSHOT_PREFIX) and self.ready.done():
-                self._newest = line
-            else:
-                self._hear(line)
-        self._news.set()
-
-    def connection_lost(self, exc: Exception | None) -> None:
+    def _end(self) -> None:
         """Whoever waits hears of it."""
-        del exc
+        self._writer.close()
         self._over = True
         lost = ApiError(f"{self._trouble or 'the ground station has closed the connection'} ({self._path})")
         if not self.ready.done():
@@ -211,12 +209,12 @@ class StationClient(asyncio.Protocol):
         try:
             message = decode(line)
         except ValueError as error:
-            self._fail(f"not a ground station of this version: {error}")
+            self._trouble = f"not a ground station of this version: {error}"
             return
         match message:
             case StationHello():
                 if message.version != VERSION:
-                    self._fail(f"speaks version {message.version} of the protocol, this program {VERSION}")
+                    self._trouble = f"speaks version {message.version} of the protocol, this program {VERSION}"
                 self.hello = message
             case Control():
                 self.control = message
@@ -234,11 +232,6 @@ class StationClient(asyncio.Protocol):
             case _:
                 pass
 
-    def _fail(self, trouble: str) -> None:
-        self._trouble = self._trouble or trouble
-        if self._transport is not None:
-            self._transport.abort()
-
 
 async def attach(path: Path, name: str = "client") -> StationClient:
     """A client of the ground station at ``path``, to be closed after use; see :func:`open_client`.
@@ -247,9 +240,8 @@ async def attach(path: Path, name: str = "client") -> StationClient:
         OSError: nobody serves there.
         ApiError: what serves there is no ground station of this version, has too many clients, or is another user's.
     """
-    loop = asyncio.get_running_loop()
     try:
-        _, client = await loop.create_unix_connection(lambda: StationClient(path, name), str(path))
+        client = StationClient(path, name, *await asyncio.open_unix_connection(path, limit=LINE_MAX_BYTES))
     except PermissionError:
         whose = owner(path)
         raise ApiError(f"{path} is for user {whose} alone: do the same as that user, by sudo -u {whose}") from None

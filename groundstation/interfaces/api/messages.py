@@ -130,31 +130,6 @@ SNAPSHOT_PREFIX = b'{"snapshot":'
 """A client that wants only the newest knows one by this, without decoding it."""
 
 
-class LineSplitter:
-    """Cuts what arrives into lines; one that is longer than ``most`` bytes comes out as None, once."""
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._rest = b""
-        self._skipping = False
-
-    def feed(self, data: bytes) -> list[bytes | None]:
-        """The lines that are complete with ``data``."""
-        found: list[bytes | None] = []
-        *lines, rest = (self._rest + data).split(b"\n")
-        for line in lines:
-            if self._skipping:
-                self._skipping = False
-            else:
-                found.append(line if len(line) <= self._most else None)
-        if len(rest) > self._most:
-            if not self._skipping:
-                found.append(None)
-            self._skipping, rest = True, b""
-        self._rest = b"" if self._skipping else rest
-        return found
-
-
 def new_events(before: tuple[Notice, ...], now: tuple[Notice, ...]) -> tuple[Notice, ...]:
     """The events of ``now`` that follow those of ``before``, both being windows of one growing list."""
     for start in range(len(before)):

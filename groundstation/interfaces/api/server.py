@@ -14,7 +14,6 @@ from groundstation.interfaces.api.messages import (
     ClientOrder,
     Core,
     Desk,
-    LineSplitter,
     Message,
     Party,
     Refusal,
@@ -89,8 +88,8 @@ class Server:
         """
         await claim_socket(self.path)
         try:
-            server = await asyncio.get_running_loop().create_unix_server(
-                self.client, str(self.path), start_serving=False, backlog=CLIENTS_MAX
+            server = await asyncio.start_unix_server(
+                self._talk, self.path, limit=ORDER_MAX_BYTES, start_serving=False, backlog=CLIENTS_MAX
             )
         except (OSError, ValueError) as error:
             raise ApiError(f"status socket {self.path}: {error}") from error
@@ -104,9 +103,22 @@ class Server:
             server.close()
             self.close()
 
-    def client(self) -> asyncio.Protocol:
-        """Whoever speaks with one more client, on any stream."""
-        return _AttachedClient(self)
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Take the lines of one more client, as many as it may send by then; the others fill its own socket."""
+        client, allowance, loop = _AttachedClient(writer.transport), TokenBucket(ORDERS), asyncio.get_running_loop()
+        self._attach(client)
+        try:
+            while (line := await reader.readline()).endswith(b"\n") and not client.transport.is_closing():
+                while not allowance.take(loop.time()):  # noqa: ASYNC110  # time allows it, not an event
+                    await asyncio.sleep(1.0 / ORDERS.rate_hz)
+                self._order(line, client)
+        except ValueError:
+            self._refuse(client, "oversized", f"a line is longer than {ORDER_MAX_BYTES} bytes")
+        except OSError:
+            pass  # it is gone
+        finally:
+            client.transport.close()
+            self._detach(client)
 
     async def publish(self) -> None:
         """Send snapshots until cancelled."""
@@ -122,7 +134,7 @@ class Server:
         for client in list(self._clients):
             client.transport.close()
 
-    def attach(self, client: "_AttachedClient") -> None:
+    def _attach(self, client: "_AttachedClient") -> None:
         """Take a new client, whose order may be the one that counts; where there are too many, another one goes."""
         if len(self._clients) >= CLIENTS_MAX + GUESTS_MAX:
             self._make_room()
@@ -138,20 +150,18 @@ class Server:
         reading = [client for client in (*guests, *there) if not client.orders]
         free = [client for client in (*guests, *there) if not self.desk.control(client.party).yours]
         dropped = next(iter(reading or free))
-        self.detach(dropped)
+        self._detach(dropped)
         dropped.transport.abort()
 
-    def detach(self, client: "_AttachedClient") -> None:
+    def _detach(self, client: "_AttachedClient") -> None:
         """Forget a client that went away; control goes with it."""
         if self._clients.pop(client, None) is not None and self.desk.leave(client.party):
             self._tell_control()
         if not self._clients:
             self._attached.clear()
 
-    def order(self, line: bytes | None, client: "_AttachedClient") -> None:
-        """Do what a line of ``client`` says (None: it was too long); whatever is no order does nothing."""
-        if line is None:
-            return self._refuse(client, "oversized", f"a line is longer than {ORDER_MAX_BYTES} bytes")
+    def _order(self, line: bytes, client: "_AttachedClient") -> None:
+        """Do what a line of ``client`` says; whatever is no order does nothing."""
         order = decode_order(line)
         if not isinstance(order, ClientOrder):
             return self._refuse(client, "malformed", order)
@@ -170,7 +180,7 @@ class Server:
         if client.bad[reason] == 1:
             self._log(notice("order.none", client=client.party.label, why=text).as_warning())
         client.write(encode(Refusal(text)))
-        if reason == "oversized" or client.bad.total() >= BAD_MAX:
+        if client.bad.total() >= BAD_MAX:
             client.transport.close()
 
     def _tell_control(self) -> None:
@@ -190,48 +200,15 @@ class Server:
                 client.write(self._line[1])
 
 
-class _AttachedClient(asyncio.Protocol):
+class _AttachedClient:
     """One attached client. It is never waited for: one that does not read is dropped."""
 
-    transport: asyncio.Transport
-
-    def __init__(self, server: Server) -> None:
-        self.party = Party(None)
+    def __init__(self, transport: asyncio.WriteTransport) -> None:
+        self.transport = transport
+        self.party = Party(_pid(transport))
         self.bad: Counter[str] = Counter()
         self.orders = False
         """Whether it has ever sent an order, and does not only read."""
-        self._server = server
-        self._lines = LineSplitter(ORDER_MAX_BYTES)
-        self._waiting: list[bytes | None] = []
-        self._allowance = TokenBucket(ORDERS)
-        self._later: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self.transport = cast("asyncio.Transport", transport)
-        self.party = Party(_pid(transport))
-        self._server.attach(self)
-
-    def data_received(self, data: bytes) -> None:
-        self._waiting += self._lines.feed(data)
-        self._read()
-
-    def _read(self) -> None:
-        """Take as many lines as it may send by now; until the others are taken, it fills its own socket."""
-        loop = asyncio.get_running_loop()
-        now = loop.time()
-        while self._waiting and not self.transport.is_closing() and self._allowance.take(now):
-            self._server.order(self._waiting.pop(0), self)
-        if self.transport.is_closing():
-            self._waiting.clear()
-        elif self._waiting and self._later is None:
-            self.transport.pause_reading()
-            self._later = loop.call_later(1.0 / ORDERS.rate_hz, self._resume)
-
-    def _resume(self) -> None:
-        self._later = None
-        self._read()
-        if not self._waiting and not self.transport.is_closing():
-            self.transport.resume_reading()
 
     def write(self, line: bytes) -> None:
         """Send ``line``, unless it left too much unread."""
@@ -241,12 +218,6 @@ class _AttachedClient(asyncio.Protocol):
             self.transport.abort()
             return
         self.transport.write(line)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        del exc
-        if self._later is not None:
-            self._later.cancel()
-        self._server.detach(self)
 
 
 def _pid(transport: asyncio.BaseTransport) -> int | None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Annotated, Any
 
 import msgspec
@@ -147,8 +148,6 @@ def properties(topic: Topic, expires_s: int | None = None) -> Any:
 
 SILENCE_S = 3.0
 """Without a snapshot for this long, what was true is no longer known [s]."""
-DRIFT = 1e-4
-"""Largest relative drift of two clocks [-]."""
 VEHICLES_MAX = 500
 """Most vehicles that are taken in: a broker may carry anything."""
 EVENTS_KEPT = 20
@@ -166,42 +165,29 @@ class VehicleView:
         self.events: list[EventMessage] = []
         """The newest, oldest first."""
         self._arrived_s = -math.inf
-        self._offset_s = math.inf
 
-    def hear(self, topic: str, payload: bytes, now_s: float) -> bool:
-        """Take what came on ``topic``, below the vehicle's; False where it is nothing that we understand."""
-        try:
+    def hear(self, topic: str, payload: bytes, now_s: float) -> None:
+        """Take what came on ``topic``, below the vehicle's; what is not understood is dropped."""
+        with suppress(ValueError, msgspec.MsgspecError, RecursionError):  # UnicodeError is a ValueError
             if topic == STATE.name:
                 self.state = printable(payload.decode()[:32])
-                if self.state == OFFLINE:
-                    self._offset_s = math.inf  # the next station has another clock
             elif topic == EVENT.name:
                 event = msgspec.json.decode(payload, type=EventMessage)
                 event = msgspec.structs.replace(event, text=printable(event.text))
                 self.events = [*self.events, event][-EVENTS_KEPT:]
             elif topic == SNAPSHOT.name:
-                return self._snapshot(decode(b'{"snapshot":%s}' % payload), now_s)
-        except (ValueError, msgspec.MsgspecError, UnicodeError, RecursionError):
-            return False
-        return True
+                snapshot = decode(b'{"snapshot":%s}' % payload)
+                if isinstance(snapshot, Snapshot):
+                    self._take_snapshot(snapshot, now_s)
 
-    def _snapshot(self, snapshot: object, now_s: float) -> bool:
-        if not isinstance(snapshot, Snapshot) or not math.isfinite(snapshot.time_s):
-            return False
-        if self.snapshot is not None and snapshot.time_s < self.snapshot.time_s:
-            self._offset_s = math.inf  # another run of the station
-        elapsed_s = min(now_s - self._arrived_s, 3600.0)
-        self._offset_s = min(now_s - snapshot.time_s, self._offset_s + DRIFT * elapsed_s)
+    def _take_snapshot(self, snapshot: Snapshot, now_s: float) -> None:
         self.snapshot, self._arrived_s = snapshot, now_s
         if self.state in ("", OFFLINE):  # a station's snapshots end before its `offline`: this one is another's will
             self.state = snapshot.state
-        return True
 
     def age_s(self, now_s: float) -> float:
-        """Return the newest snapshot's age: since its arrival, and its extra delay [s]."""
-        if self.snapshot is None:
-            return math.inf
-        return max(0.0, now_s - (self.snapshot.time_s + self._offset_s))
+        """Return the time since the newest snapshot came [s]; infinite before the first."""
+        return now_s - self._arrived_s
 
     def word(self, now_s: float) -> str:
         """The state, or what is worse than it."""
@@ -229,23 +215,14 @@ class FleetMonitor:
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix + "/"
         self._seen: dict[str, VehicleView] = {}
-        self.misunderstood = 0
-        """Messages that were not what they should be, or of one vehicle too many, or of none by its name."""
 
     def __iter__(self) -> Iterator[VehicleView]:
         return iter(self._seen.values())
 
     def hear(self, topic: str, payload: bytes, now_s: float) -> None:
-        """Take one message of the broker; whatever is not for us is counted."""
+        """Take one message of the broker; whatever is not for us is dropped."""
         name, _, rest = topic.removeprefix(self._prefix).partition("/")
-        if not topic.startswith(self._prefix) or rest not in (STATE.name, EVENT.name, SNAPSHOT.name):
-            self.misunderstood += 1
+        if not topic.startswith(self._prefix) or not is_name(name, VEHICLE_LETTERS):
             return
-        seen = self._seen.get(name)
-        if seen is None:
-            if len(self._seen) >= VEHICLES_MAX or not is_name(name, VEHICLE_LETTERS):
-                self.misunderstood += 1
-                return
-            seen = self._seen[name] = VehicleView(name)
-        if not seen.hear(rest, payload, now_s):
-            self.misunderstood += 1
+        if name in self._seen or len(self._seen) < VEHICLES_MAX:
+            self._seen.setdefault(name, VehicleView(name)).hear(rest, payload, now_s)

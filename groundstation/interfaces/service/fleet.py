@@ -145,20 +145,13 @@ class Supervisor:
         """Once every core is ready, arm those that were named; where one does not get there, end the flights."""
         sockets = {one.name: socket_path(one.core.status, one.name) for one in self._fleet.members}
         ready = {name: asyncio.ensure_future(until_ready(socket)) for name, socket in sockets.items()}
-        ends: set[asyncio.Future[Any]] = {*watching.values()}
+        all_ready = asyncio.gather(*ready.values())
+        ends: set[asyncio.Future[Any]] = {all_ready, *watching.values()}
         try:
-            async with asyncio.timeout(READY_S):
-                while not all(task.done() for task in ready.values()):
-                    waiting = {task for task in ready.values() if not task.done()}
-                    await asyncio.wait({*waiting, *ends}, return_when=asyncio.FIRST_COMPLETED)
-                    if any(end.done() for end in ends):
-                        break
-        except TimeoutError:
-            pass
+            await asyncio.wait(ends, timeout=READY_S, return_when=asyncio.FIRST_COMPLETED)
+            late = [name for name, task in ready.items() if not task.done() or watching[name].done()]
         finally:
-            for task in ready.values():
-                task.cancel()
-        late = [name for name, task in ready.items() if task.cancelled() or not task.done() or watching[name].done()]
+            all_ready.cancel()
         if late:
             if self._arm:
                 self._say(str(notice("fleet.nobody_armed", names=", ".join(late))))

@@ -225,33 +225,19 @@ def _program() -> list[str]:
 
 WATCHDOG_SHARE = 1.0 / 3.0
 """The watchdog is fed so often, as a share of the time after which it bites."""
-WAITING_MAX_BYTES = 4096
-"""While so much waits for a manager that does not read, nothing is added."""
 
 
 class Notify:
-    """Datagrams to ``$NOTIFY_SOCKET``, if there is one. Never raises: a manager that is gone is no fault."""
+    """Datagrams to ``$NOTIFY_SOCKET``, if there is one. Never raises, nor waits: a manager that is gone is no fault."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         """Read where to, and how often the watchdog wants to be fed."""
-        self._address = environment.get("NOTIFY_SOCKET", "")
+        address = environment.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address  # @: an abstract name
         usec = environment.get("WATCHDOG_USEC", "")
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.feed_s = float(usec) / 1e6 * WATCHDOG_SHARE if usec.isdigit() and ours and int(usec) > 0 else None
         """Period of feeding the watchdog [s]; None for never."""
-        self._transport: asyncio.DatagramTransport | None = None
-
-    async def open(self) -> None:
-        """Open the socket; an ``@`` stands for the zero byte of an abstract name."""
-        if self._address[:1] not in ("/", "@"):
-            return
-        name = "\0" + self._address[1:] if self._address.startswith("@") else self._address
-        try:
-            self._transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-                asyncio.DatagramProtocol, remote_addr=name, family=socket.AF_UNIX
-            )
-        except OSError:
-            self._transport = None
 
     def ready(self) -> None:
         """All that is needed is open."""
@@ -269,17 +255,11 @@ class Notify:
         """On the way out: landing first, where it flies."""
         self._send("STOPPING=1")
 
-    def close(self) -> None:
-        """No more to tell."""
-        if self._transport is not None:
-            self._transport.abort()
-
     def _send(self, text: str) -> None:
-        transport = self._transport
-        if transport is None or transport.is_closing():
-            return
-        if transport.get_write_buffer_size() < WAITING_MAX_BYTES:  # type: ignore[attr-defined]  # it has, since 3.4
-            transport.sendto(text.encode())
+        if self._address[:1] in ("/", "\0"):
+            wire = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)  # noqa: TID251  # no daemon is simulated
+            with wire, suppress(OSError):
+                wire.sendto(text.encode(), socket.MSG_DONTWAIT, self._address)
 
 
 class WatchedCore(Core, Protocol):
@@ -424,17 +404,13 @@ class Daemon:
             ApiError: the socket can't be served.
             SourceError, LinkError, OSError: the first flight can't begin.
         """
-        await self._notify.open()
-        try:
-            async with crew(self._config, self, _log, self._quiet, needed=True) as server:
-                self._server = server
-                feeding = asyncio.ensure_future(self._feed_watchdog())
-                try:
-                    return await self._flights()
-                finally:
-                    feeding.cancel()
-        finally:
-            self._notify.close()
+        async with crew(self._config, self, _log, self._quiet, needed=True) as server:
+            self._server = server
+            feeding = asyncio.ensure_future(self._feed_watchdog())
+            try:
+                return await self._flights()
+            finally:
+                feeding.cancel()
 
     async def _flights(self) -> Exit:
         pause_s, first = PAUSE_S, True

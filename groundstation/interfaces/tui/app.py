@@ -68,7 +68,6 @@ from groundstation.interfaces.tui.model import (
     News,
     OperatorOrder,
     Picture,
-    PlayedSnapshot,
     Twice,
     possible,
 )
@@ -98,7 +97,7 @@ from groundstation.machine import (
 from groundstation.recording import Entry, Recording, refuse_recordings
 from groundstation.runtime import Exit, describe_install
 from groundstation.settings import Config, is_rehearsal
-from links.core import Lateness, LinkStatus
+from links.core import LinkStatus
 from links.io import make_child_command, start_child
 from links.text import printable
 
@@ -258,20 +257,12 @@ class Playback(Feed):
 
 STEP_S = 0.1
 """Time between two snapshots [s]."""
-_TICK = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov", "/timing")
-_TOPICS = (*_TICK, "/truth", "/measured", "/mission", "/switch", "/request", "/lost", "/link", "/source")
+_TICK = ("/command", "/reference", "/estimate", "/errors", "/adaptation", "/lyapunov")
+_TOPICS = (*_TICK, "/measured", "/mission", "/switch", "/request", "/lost", "/link", "/source")
 _LINK = LinkStatus(state="closed", sent=0, expired=0, received=0, dropped={}, text="")
 
 
 T = TypeVar("T", LinkStatus, PoseStatus)
-
-
-class _Error(msgspec.Struct):
-    error_m: float | None
-
-
-class _Late(msgspec.Struct):
-    lateness_s: float | None = None
 
 
 class Tape:
@@ -300,13 +291,12 @@ class Tape:
         self._events: deque[Notice] = deque(maxlen=20)
         self._parts: dict[str, bytes] = {}
         self._arrivals: deque[float] = deque(maxlen=1000)
-        self._steady, self._true = SteadyError(), SteadyError()
-        self._lateness = Lateness()
+        self._steady = SteadyError()
         controller = config.get("controller", {})
         named = {name: controller.get(name) for name in LIVE}
         self._gains = {PREFIX + name: float(value) for name, value in named.items() if value is not None}
 
-    def snapshots(self) -> Iterator[PlayedSnapshot]:
+    def snapshots(self) -> Iterator[Snapshot]:
         """Yield the recording's snapshots to its end, or to its damage."""
         shift: float | None = None
         due = now = -math.inf
@@ -328,15 +318,10 @@ class Tape:
         match entry.topic:
             case "/measured":
                 self._arrivals.append(now)
-            case "/timing":
-                late = msgspec.json.decode(entry.data, type=_Late).lateness_s
-                if late is not None:
-                    self._lateness.add(late)
-            case "/errors" | "/truth" if self._state == State.TRACKING:
-                error = msgspec.json.decode(entry.data, type=_Error).error_m
-                if error is not None:
-                    steady = self._steady if entry.topic == "/errors" else self._true
-                    steady.add(_number(self._part("/command"), "flight_time_s"), error)
+            case "/errors" if self._state == State.TRACKING:
+                error = _number(self._part("/errors"), "error_m")
+                if math.isfinite(error):
+                    self._steady.add(_number(self._part("/command"), "flight_time_s"), error)
             case "/adaptation" if self._state in FLOWN:
                 estimate, adaptation = self._part("/estimate"), self._part("/adaptation")
                 self._disturbance.add_parts(
@@ -368,14 +353,14 @@ class Tape:
         found: dict[str, Any] = {} if data is None else msgspec.json.decode(data)
         return found
 
-    def _snapshot(self, now: float) -> PlayedSnapshot:
-        command, reference, estimate, errors, adaptation, lyapunov, _ = (self._part(topic) for topic in _TICK)
+    def _snapshot(self, now: float) -> Snapshot:
+        command, reference, estimate, errors, adaptation, lyapunov = (self._part(topic) for topic in _TICK)
         measured = self._part("/measured")
         here = estimate or measured
         source = _status(self._part("/source"), PoseStatus(accepted=0, dropped={}))
         while self._arrivals and self._arrivals[0] < now - 1.0:
             self._arrivals.popleft()
-        return PlayedSnapshot(
+        return Snapshot(
             vehicle=self.hello.vehicle,
             state=self._state,
             reason=self._reason,
@@ -407,11 +392,7 @@ class Tape:
             pose_latency_max_s=source.latency_max_s,
             pose_gaps=source.gaps,
             pose_clock_steps=source.clock_steps + source.clock_restarts,
-            late_us=self._lateness.percentiles_us() if self._lateness.count else None,
             gains=dict(self._gains),
-            late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
-            true_error_m=self._part("/truth").get("error_m"),
-            true_rms_m=self._true.rms_m,
         )
 
 
@@ -595,6 +576,8 @@ FRAME_S = 0.2
 NOTICE_S = 20.0
 """Time for which the notice of a new dashboard is shown [s]."""
 PAGE_TYPES: tuple[type[Page], ...] = (FlyPage, ControlPage, LinksPage, ConfigPage, LogPage)
+SMALL = 72
+"""Below it numbers and gains do not stand side by side [columns]."""
 NO_SCREEN = frozenset((*ON_GROUND, *FINAL))
 """In these states a flight needs nobody to look at it."""
 
@@ -610,18 +593,18 @@ class Dashboard(App[None]):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         *(Binding(str(number), f"page('{name.lower()}')", name) for number, name in enumerate(PAGES, 1)),
-        *(Binding(",".join(o.keys), o.action, o.label.lower(), priority=o.always) for o in ORDERS if o.keys),
-        Binding("ctrl+p", "command_palette", "all commands", priority=True),
-        Binding("colon", "command_palette", "all commands"),
-        Binding("c", "control", "take or give control"),
-        Binding("question_mark", "keys", "all keys"),
-        Binding("q", "quit", "leave"),
+        *(Binding(",".join(o.keys), o.action, show=False, priority=o.always) for o in ORDERS if o.keys),
+        Binding("question_mark", "keys", "keys", key_display="?"),
+        Binding("ctrl+p", "command_palette", "more", priority=True),
+        Binding("colon", "command_palette", show=False),
+        Binding("c", "control", "control"),
         Binding("space", "play('pause')", "pause"),
-        Binding("left", "play('back')", "5 s back"),
-        Binding("right", "play('on')", "5 s on"),
-        Binding("home", "play('start')", "to the start"),
-        Binding("minus", "play('slower')", "slower"),
-        Binding("plus,equals_sign", "play('faster')", "faster"),
+        Binding("left", "play('back')", "back"),
+        Binding("right", "play('on')", "on"),
+        Binding("home", "play('start')", show=False),
+        Binding("minus", "play('slower')", show=False),
+        Binding("plus,equals_sign", "play('faster')", show=False),
+        Binding("q", "quit", "quit"),
     ]
 
     def __init__(
@@ -648,7 +631,7 @@ class Dashboard(App[None]):
         """Whether the operator has left it; else it has failed, where it has ended."""
         self._notice = notice
         self.title = "groundstation"
-        self.HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]
+        self.HORIZONTAL_BREAKPOINTS = [(0, "-small"), (SMALL, "-narrow"), (120, "-wide")]
         self.VERTICAL_BREAKPOINTS = [(0, "short"), (TALL, "tall")]
         self._feed = feed
         self._orders = feed.live and not read_only
@@ -661,16 +644,7 @@ class Dashboard(App[None]):
             self.register_theme(theme)
         self.theme = THEMES[0].name
         for page in PAGE_TYPES:
-            self.add_mode(page.NAME.lower(), self._make(page))
-
-    def _make(self, page: type[Page]) -> Callable[[], Screen[Any]]:
-        more = [("?", "keys", "app.keys")]
-        if self._plays:
-            more += [("␣", "pause", "app.play('pause')"), ("←→", "seek", "app.play('on')")]
-        else:
-            more += [("^P/:", "more", "app.command_palette")]
-            more += [("c", "control", "app.control")] if self._orders else []
-        return lambda: page(orders=self._orders, more=(*more, ("q", "quit", "app.quit")))
+            self.add_mode(page.NAME.lower(), partial(page, orders=self._orders))
 
     @property
     def _plays(self) -> bool:
@@ -787,7 +761,7 @@ class Dashboard(App[None]):
             yield from (("space", "pause"), ("← →", "5 s back, 5 s on"), ("Home", "to the start"))
             yield "- +", "slower, faster: 0.25 to 16 times"
         yield "1 to 5", f"pages: {', '.join(PAGES)}"
-        yield from (("p", "on the page Fly: plots from above, or in time"), ("/", "on Config and Log: search"))
+        yield "p", "on the page Fly: plots from above, or in time"
         yield "^P/:", "all commands, and the colours"
         yield "q", "leave" if self._plays else "leave; what flies goes on flying"
 
@@ -1010,28 +984,18 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def served_socket(vehicle: str | None) -> Path:
-    """Where the ground station that is meant serves; the operator chooses among several."""
+    """Where the ground station that is meant serves."""
     served = asyncio.run(served_sockets(vehicle))
     if len(served) == 1:
         return served[0]
     if not served and vehicle is not None:
         return socket_path(StatusConfig(), vehicle)  # it may come up yet
     if not served:
-        raise ConfigError(
-            "tui",
-            str(notice("screen.nobody")),
-        )
-    if not sys.stdin.isatty():
-        try:
-            return asyncio.run(find_socket(vehicle))
-        except ApiError as error:
-            raise ConfigError("--vehicle", str(error)) from None
-    for number, path in enumerate(served, 1):
-        print(f"{number}  {path.stem:16} {path}")
-    answer = input("Which one? ").strip()
-    if not (answer.isdigit() and 1 <= int(answer) <= len(served)):
-        raise ConfigError("--vehicle", f"expected a number from 1 to {len(served)}, got {answer!r}")
-    return served[int(answer) - 1]
+        raise ConfigError("tui", str(notice("screen.nobody")))
+    try:
+        return asyncio.run(find_socket(vehicle))
+    except ApiError as error:
+        raise ConfigError("--vehicle", str(error)) from None
 
 
 def _last_line(log: Path) -> str:

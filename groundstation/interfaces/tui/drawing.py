@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from textwrap import wrap
 
 import msgspec
 
 from groundstation.core.geometry import Vec3, euler_zyx
 from groundstation.core.messages import Check, DisturbanceReading, Snapshot, Verdict
-from groundstation.interfaces.tui.model import OLD_POSE_S, PlayedSnapshot
+from groundstation.interfaces.tui.model import OLD_POSE_S
 from links.core import LinkStatus
 from links.text import printable
 
@@ -24,7 +23,6 @@ Spans = list[tuple[str, str]]
 # Bit of each of the 2 x 4 dots of a braille character, by [row][column].
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of Braille's dots, by row and column."""
-_EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
 class PlotTrack(msgspec.Struct, frozen=True):
@@ -126,22 +124,6 @@ def in_time(lines: Sequence[PlotLine], width: int, height: int, least: float) ->
     return canvas.rows(), low, high
 
 
-def horizon(roll: float, pitch: float, width: int, height: int, style: str, mark: str) -> list[Spans]:
-    """The horizon as it is seen from the vehicle, ±30° of pitch [rad] from top to bottom, and its own wings."""
-    canvas = Canvas(width, height)
-    middle_x, middle_y = width, 2 * height
-    if math.isfinite(roll) and math.isfinite(pitch):
-        drop = middle_y + 2.0 * height * max(-1.6, min(1.6, pitch)) / math.radians(30.0)
-        across = width * min(1.0, abs(math.cos(roll)) + 0.2)
-        rise = across * math.tan(max(-1.4, min(1.4, roll)))
-        ends = [(round(middle_x + sign * across), round(drop - sign * rise)) for sign in (-1.0, 1.0)]
-        canvas.line(ends[0], ends[1], style)
-    for offset in (-6, -4, 4, 6):
-        canvas.mark((middle_x + offset, middle_y), "━", mark)
-    canvas.mark((middle_x, middle_y), "┷", mark)
-    return canvas.rows()
-
-
 def _frame(points: Sequence[Point], width: int, height: int) -> tuple[float, float, float]:
     """Centre (north, east) [m] and size of a dot [m] for all ``points`` to fit; in steps, so that it seldom moves."""
     if not points or width < 8 or height < 8:
@@ -162,17 +144,6 @@ def _line(start: tuple[int, int], end: tuple[int, int]) -> Iterable[tuple[int, i
     for i in range(steps + 1):
         part = i / steps if steps else 0.0
         yield round(x0 + part * (x1 - x0)), round(y0 + part * (y1 - y0))
-
-
-def history(values: Sequence[float], top: float, width: int, height: int) -> list[str]:
-    """The newest ``width`` values as columns of blocks, from 0 to ``top``; a value that is not finite leaves a gap."""
-    full = 8 * height
-    levels = []
-    for value in values[-width:]:
-        share = value / top if top > 0.0 else 0.0
-        levels.append(max(1, min(full, round(full * share))) if math.isfinite(share) else 0)
-    levels = [0] * (width - len(levels)) + levels
-    return ["".join(_EIGHTHS[max(0, min(8, level - 8 * row))] for level in levels) for row in reversed(range(height))]
 
 
 def nice_top(values: Iterable[float], least: float) -> float:
@@ -299,7 +270,7 @@ def number_rows(snapshot: Snapshot, room: float = math.inf) -> list[Spans]:
         [("            north     east   height", LABEL)],
         row("position", f"{_place(snapshot.position_ned, snapshot.floor_z_m)} m"),
         row("reference", f"{_place(snapshot.reference_ned, snapshot.floor_z_m)} m"),
-        *_errors(snapshot),
+        row("error", f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"),
         row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°"),
         _thrust(snapshot),
     ]
@@ -311,15 +282,6 @@ def number_rows(snapshot: Snapshot, room: float = math.inf) -> list[Spans]:
         if len(disturbance) > room:
             disturbance = []
     return [*first, *rates, *disturbance, *last]
-
-
-def _errors(snapshot: Snapshot) -> list[Spans]:
-    """Show the position error by the estimate, and for a played simulation by the truth."""
-    told = f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"
-    if not isinstance(snapshot, PlayedSnapshot) or snapshot.true_error_m is None:
-        return [row("error", told)]
-    true = f"{_centimetres(snapshot.true_error_m)}   rms {_centimetres(snapshot.true_rms_m or math.nan)}"
-    return [row("error", f"{told}   by estimate"), row("", f"{true}   by truth")]
 
 
 def _thrust(snapshot: Snapshot) -> Spans:
@@ -441,20 +403,6 @@ def fit(told: Sequence[str]) -> str:
         longer = f"{text}  {piece}" if text else piece
         text = longer if len(longer) <= ROOM else text
     return text
-
-
-def fold(rows: Iterable[Spans], width: int) -> list[Spans]:
-    """Rows of label and text, as :func:`row` makes them, with text that is too long going on below itself."""
-    folded: list[Spans] = []
-    for one in rows:
-        head, *rest = one
-        if len(rest) != 1 or sum(_width(text) for text, _ in one) <= width:
-            folded.append(one)
-            continue
-        (text, style), indent = rest[0], _width(head[0])
-        lines = wrap(text, max(8, width - indent)) or [""]
-        folded += [[head, (lines[0], style)], *([(" " * indent, LABEL), (line, style)] for line in lines[1:])]
-    return folded
 
 
 def row(label: str, text: str, style: str = NORMAL) -> Spans:

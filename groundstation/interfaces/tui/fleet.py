@@ -3,13 +3,12 @@
 import asyncio
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import ClassVar, NamedTuple
 
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import BindingType
-from textual.events import Resize
 from textual.widgets import DataTable, Footer, Static
 
 from groundstation.interfaces.mqtt import EVENT as EVENT_TOPIC
@@ -27,11 +26,11 @@ from groundstation.interfaces.tui.terminal import driver_class
 from groundstation.interfaces.tui.widgets import THEMES, Banner, require_terminal
 from links.text import printable
 
-COLUMNS = (("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6))
-"""Heading and width of all columns but the last, which is the newest event."""
-EVENT_HEADING, EVENT_LEAST = "newest event", 10
-LEFT_OUT = ("RMS", "link", "batt", "error")
-"""Columns that a narrow screen omits first; all are shown for the vehicle under the cursor."""
+COLUMNS = (
+    ("vehicle", 10), ("state", 14), ("pose", 7), ("error", 7), ("RMS", 7), ("batt", 6), ("link", 8), ("data", 6),
+    ("newest event", 60),
+)  # fmt: skip
+"""Heading and width of all columns; those that do not fit are scrolled to."""
 TONES = (ALARM, FLYING, CALM, CALM)
 """Tone by urgency."""
 MARKS = ("!!", "▲ ", "· ", "  ")
@@ -44,7 +43,7 @@ class FleetRow(NamedTuple):
     name: str
     urgency: int
     cells: tuple[str, ...]
-    """As in :data:`COLUMNS`, and the newest event."""
+    """As in :data:`COLUMNS`."""
 
 
 def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
@@ -67,35 +66,9 @@ def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
     return FleetRow(seen.name, urgency, tuple(map(printable, cells)))
 
 
-def _number(value: float) -> float:
-    """For sorting: what is not known comes last, and of the others the largest first."""
-    return -value if math.isfinite(value) else math.inf
-
-
-def fitting_columns(width: int) -> list[tuple[str, int]]:
-    """Heading and width of the columns that stand whole in ``width``; the newest event has what is left."""
-    kept = list(COLUMNS)
-    for heading in LEFT_OUT:
-        if sum(each for _, each in kept) > width:
-            kept = [one for one in kept if one[0] != heading]
-    room = width - sum(each for _, each in kept)
-    return [*kept, (EVENT_HEADING, room)] if room >= EVENT_LEAST else kept
-
-
-Key = Callable[[VehicleView, float], tuple[float, str]]
-SORT_KEYS: dict[str, Key] = {
-    "what needs somebody": lambda seen, now: (seen.urgency(now), seen.name),
-    "name": lambda seen, _: (0.0, seen.name),
-    "error": lambda seen, _: (math.inf if seen.snapshot is None else _number(seen.snapshot.error_m), seen.name),
-    "age of data": lambda seen, now: (_number(round(seen.age_s(now))), seen.name),
-}
-"""Orders in which the rows can be sorted."""
-
-
-def fleet_rows(fleet: Iterable[VehicleView], order: str, now_s: float) -> list[FleetRow]:
-    """All vehicles in that order."""
-    key = SORT_KEYS[order]
-    return [fleet_row(seen, now_s) for seen in sorted(fleet, key=lambda seen: key(seen, now_s))]
+def fleet_rows(fleet: Iterable[VehicleView], now_s: float) -> list[FleetRow]:
+    """All vehicles, those that need somebody first."""
+    return sorted((fleet_row(seen, now_s) for seen in fleet), key=lambda one: (one.urgency, one.name))
 
 
 def fleet_headline(shown: list[FleetRow], trouble: str) -> BannerText:
@@ -148,7 +121,8 @@ RETRY_S = 1.0
 """Time between two tries to connect [s]."""
 HEARD_QUEUE = 5000
 """Most messages that wait to be read; more are dropped."""
-STYLES = {ALARM: "bold white on dark_red", FLYING: "bold", BUSY: "bold", CALM: ""}
+STYLES = ("bold white on dark_red", "bold", "", "dim")
+"""Style of the first two columns by urgency."""
 
 
 def run_fleet(broker: MqttBroker, theme: str) -> int:
@@ -165,16 +139,16 @@ def run_fleet(broker: MqttBroker, theme: str) -> int:
 
 
 class FleetScreen(App[None]):
-    """A table; q leaves, s sorts, and the vehicle under the cursor is told of below."""
+    """A table; q leaves, and the vehicle under the cursor is told of below."""
 
     CSS = """
-    DataTable { height: 1fr; min-height: 6; scrollbar-size-horizontal: 0; }
+    DataTable { height: 1fr; min-height: 6; }
     #details {
         height: 33%; min-height: 7; max-height: 24; border-top: solid $primary; padding: 0 1;
         text-wrap: nowrap; text-overflow: ellipsis;
     }
     """
-    BINDINGS: ClassVar[list[BindingType]] = [("q", "quit", "quit"), ("s", "sort", "sort")]
+    BINDINGS: ClassVar[list[BindingType]] = [("q", "quit", "quit")]
     ENABLE_COMMAND_PALETTE = False
 
     def __init__(self, broker: MqttBroker) -> None:
@@ -185,10 +159,8 @@ class FleetScreen(App[None]):
         self._broker = broker
         self.fleet = FleetMonitor(broker.config.prefix)
         """State of all vehicles."""
-        self._order = next(iter(SORT_KEYS))
         self._trouble = f"connecting to {broker}"
         self._drawn: list[FleetRow] = []
-        self._columns: list[tuple[str, int]] = []
 
     def compose(self) -> ComposeResult:
         """Banner, table, details."""
@@ -200,22 +172,10 @@ class FleetScreen(App[None]):
     def on_mount(self) -> None:
         """Begin to read and to draw."""
         self._table.focus()
+        for heading, width in COLUMNS:
+            self._table.add_column(heading, width=width)
         self.run_worker(self._watch())
         self.set_interval(FRAME_S, self.draw)
-
-    def on_resize(self, event: Resize) -> None:
-        """Other columns may fit now."""
-        self._columns, self._drawn = fitting_columns(event.size.width), []
-        self._table.clear(columns=True)
-        for heading, width in self._columns:
-            self._table.add_column(heading, width=width, key=heading)
-        self.draw()
-
-    def action_sort(self) -> None:
-        """Sort by the next order."""
-        names = list(SORT_KEYS)
-        self._order = names[(names.index(self._order) + 1) % len(names)]
-        self.draw()
 
     def on_data_table_row_highlighted(self) -> None:
         """Tell of another vehicle."""
@@ -247,40 +207,24 @@ class FleetScreen(App[None]):
     def draw(self) -> None:
         """Show what is known now."""
         now_s = asyncio.get_running_loop().time()
-        shown = fleet_rows(self.fleet, self._order, now_s)
+        shown = fleet_rows(self.fleet, now_s)
         top = fleet_headline(shown, self._trouble)
-        self.query_one(Banner).show(top, f"{len(shown)} seen", f"sorted by {self._order}")
+        self.query_one(Banner).show(top, f"{len(shown)} seen", "")
         self._draw_table(shown)
         self._draw_details(now_s)
 
     def _draw_table(self, shown: list[FleetRow]) -> None:
-        """Change the cells that have changed; begin anew where the rows are others."""
-        table = self._table
-        if [one.name for one in shown] != [one.name for one in self._drawn]:
-            at = self._under_cursor()
-            table.clear()
-            for one in shown:
-                table.add_row(*self._cells(one), key=one.name)
-            names = [one.name for one in shown]
-            if at is not None and at.name in names:
-                table.move_cursor(row=names.index(at.name), animate=False)
-        else:
-            for old, new in zip(self._drawn, shown, strict=True):
-                if old == new:
-                    continue
-                before = self._cells(old)
-                for (heading, _), was, cell in zip(self._columns, before, self._cells(new), strict=True):
-                    if was != cell or old.urgency != new.urgency:
-                        table.update_cell(new.name, heading, cell)
+        """Draw the rows anew where one has changed; the cursor stays with its vehicle."""
+        if shown == self._drawn:
+            return
+        table, at = self._table, self._under_cursor()
         self._drawn = shown
-
-    def _cells(self, one: FleetRow) -> list[Text]:
-        style = STYLES[(ALARM, FLYING, CALM, CALM)[one.urgency]] or ("dim" if one.urgency == 3 else "")
-        told = dict(zip([*(heading for heading, _ in COLUMNS), EVENT_HEADING], one.cells, strict=True))
-        return [
-            Text(told[heading], style=style if i < 2 or one.urgency == 3 else "")
-            for i, (heading, _) in enumerate(self._columns)
-        ]
+        table.clear()
+        for row, one in enumerate(shown):
+            style = STYLES[one.urgency]
+            table.add_row(*(Text(cell, style if i < 2 or style == "dim" else "") for i, cell in enumerate(one.cells)))
+            if at is not None and one.name == at.name:
+                table.move_cursor(row=row, animate=False)
 
     def _under_cursor(self) -> VehicleView | None:
         at = self._table.cursor_row

@@ -279,21 +279,13 @@ EVENTS_KEPT = 2000
 """Newest events kept for the list."""
 
 
-class PlayedSnapshot(Snapshot, frozen=True):
-    """A snapshot out of a recording, which of a simulated flight knows the truth."""
-
-    true_error_m: float | None = None
-    """Distance between the true position and the reference [m]; None where it is not recorded, or not yet."""
-    true_rms_m: float | None = None
-    """Its root mean square over the steady part, a sample a command [m]; None before it."""
-
-
 class PlotSample(msgspec.Struct, frozen=True):
     """Values of a snapshot for the plots."""
 
     time_s: float
-    position_ned: Vec3
-    reference_ned: Vec3
+    position_neh: Vec3
+    """North, east and height above the floor [m]."""
+    reference_neh: Vec3
     error_m: float
     errors: tuple[float, float, float]
     """|z1| [m], |z2| [m/s], |z3| [m/s²]; NaN where no law ran."""
@@ -301,8 +293,6 @@ class PlotSample(msgspec.Struct, frozen=True):
     """V; NaN where it is not known."""
     pose_age_s: float
     latency_s: float
-    floor_z_m: float = 0.0
-    """Down coordinate of the floor, from which heights count [m]."""
 
 
 class Picture:
@@ -365,16 +355,21 @@ class Picture:
         self.flown.append(
             PlotSample(
                 new.time_s,
-                new.position_ned,
-                new.reference_ned,
+                _above_floor(new.position_ned, new.floor_z_m),
+                _above_floor(new.reference_ned, new.floor_z_m),
                 new.error_m,
                 (math.nan,) * 3 if law is None else (_norm(law.z1), _norm(law.z2), _norm(law.z3)),
                 math.nan if seen is None else seen.v,
                 new.pose_age_s if new.pose_id >= 0 else math.nan,
                 new.pose_latency_s if new.pose_id >= 0 else math.nan,
-                new.floor_z_m,
             )
         )
+
+
+def _above_floor(place_ned: Vec3, floor_z_m: float) -> Vec3:
+    """North, east and height."""
+    north, east, down = place_ned
+    return north, east, floor_z_m - down
 
 
 def _norm(v: Vec3) -> float:

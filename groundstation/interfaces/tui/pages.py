@@ -9,11 +9,9 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.content import Content
-from textual.events import Resize
 from textual.message import Message
 from textual.screen import Screen
-from textual.widgets import DataTable, Input, Static
+from textual.widgets import DataTable, Footer, Static
 
 from groundstation.core.messages import Snapshot
 from groundstation.core.mission import ON_GROUND
@@ -22,11 +20,11 @@ from groundstation.interfaces.tui.drawing import (
     ERROR,
     FLOWN,
     LABEL,
+    WANTED,
     WARNING,
     Spans,
     bar,
     battery,
-    fold,
     row,
     three,
 )
@@ -34,27 +32,19 @@ from groundstation.interfaces.tui.model import ALARM, GainRow, Picture, gains
 from groundstation.interfaces.tui.widgets import (
     Banner,
     Curves,
-    ErrorHistory,
     Events,
-    HorizonView,
-    InTime,
     Knobs,
     Numbers,
     Preflight,
-    Tabs,
     TopView,
-    content,
     event_row,
+    join_rows,
 )
 from links.core import LinkStatus
 from links.text import printable
 
 PAGES = ("Fly", "Control", "Links", "Config", "Log")
 """The names of the pages; their keys are 1 to 5."""
-
-
-SMALL = 72
-"""Below it numbers and gains do not stand side by side [columns]."""
 
 
 class PageFrame(msgspec.Struct, frozen=True):
@@ -73,10 +63,6 @@ class PageFrame(msgspec.Struct, frozen=True):
     """Holder of control, or the place in a recording."""
 
 
-UNDRAWN: tuple[int, bool, tuple[int, ...]] = (-1, False, ())
-"""Key of a page that must be drawn anew: count, stale, and the widths of its parts."""
-
-
 class Page(Screen[None]):
     """One page. It is told what to draw; a page that is not seen is not."""
 
@@ -84,19 +70,18 @@ class Page(Screen[None]):
     DEFAULT_CSS = """
     Page.alarm { background: $alarm-dim; }
     Page.tall Knob { height: 3; }
-    .wide-only { display: none; }
-    Page.-wide .wide-only { display: block; }
-    Page.small #body { layout: vertical; overflow-y: auto; }
-    Page.small #body > Vertical { width: 1fr; height: auto; }
-    Page.small Curves { height: 3; }
-    Page.small DataTable { height: 8; }
+    Page #body { height: 1fr; }
+    Page.-small #body { layout: vertical; overflow-y: auto; }
+    Page.-small #body > Vertical { width: 1fr; height: auto; }
+    Page.-small Curves { height: 3; }
+    Page.-small DataTable { height: 8; }
     """
 
-    def __init__(self, *, orders: bool, more: tuple[tuple[str, str, str], ...]) -> None:
-        """``orders``: whether anything can be ordered here; ``more``: what else there is a key for (bars.Tabs)."""
+    def __init__(self, *, orders: bool) -> None:
+        """``orders``: whether anything can be ordered here."""
         super().__init__()
-        self._orders, self._more = orders, more
-        self._drawn = UNDRAWN
+        self._orders = orders
+        self._drawn: tuple[int, bool] | None = None
 
     def compose(self) -> ComposeResult:
         """Yield the parts from top to bottom."""
@@ -104,7 +89,7 @@ class Page(Screen[None]):
         yield from self.matter()
         if self._orders:
             yield Knobs()
-        yield Tabs(PAGES, self.NAME, self._more)
+        yield Footer(compact=True, show_command_palette=False)
 
     def matter(self) -> ComposeResult:
         """The middle."""
@@ -122,20 +107,10 @@ class Page(Screen[None]):
         self.set_class(headline.tone == ALARM, "alarm")
         for knobs in self.query(Knobs):
             knobs.show(None if picture.newest is None else picture.newest.state, frame.again)
-        # Text is folded to the width that its part has now: a page may be drawn before its new layout is.
-        drawn = picture.count, frame.stale, tuple(part.size.width for part in self.query("*"))
+        drawn = picture.count, frame.stale
         if drawn != self._drawn:
-            self._drawn = drawn
             self.draw(frame)
-
-    def on_resize(self, event: Resize) -> None:
-        """Stack the parts where there is no room for them side by side."""
-        self.set_class(event.size.width < SMALL and self.NAME != "Fly", "small")
-        self._drawn = UNDRAWN
-
-    def on_screen_resume(self) -> None:
-        """Draw all anew once the page is in sight again."""
-        self._drawn = UNDRAWN
+            self._drawn = drawn
 
 
 class FlyPage(Page):
@@ -143,24 +118,22 @@ class FlyPage(Page):
 
     NAME = "Fly"
     DEFAULT_CSS = """
-    FlyPage #body { height: 1fr; }
     FlyPage #left { width: 1fr; }
     FlyPage #middle { width: 1fr; padding: 0 0 0 1; }
     FlyPage #right { width: 46; padding: 0 0 0 1; }
-    FlyPage Numbers { height: 16; max-height: 100%; }
+    FlyPage.-small #body { layout: horizontal; }
+    FlyPage.-small #body > #right { width: 46; }
+    FlyPage #error { height: 4; }
+    FlyPage.tall #error { height: 6; }
     FlyPage.tall Events { height: 8; }
-    FlyPage.tall ErrorHistory { height: 5; }
-    FlyPage HorizonView { display: none; }
-    FlyPage.tall HorizonView { display: block; height: 1fr; max-height: 12; }
-    FlyPage Preflight, FlyPage.ground TopView, FlyPage.ground ErrorHistory { display: none; }
+    FlyPage Preflight, FlyPage.ground TopView, FlyPage.ground #error { display: none; }
     FlyPage.ground Preflight { display: block; }
-    FlyPage.-narrow.ground #right { display: none; }
-    FlyPage.-narrow.ground.times #right { display: block; }
-    FlyPage #left InTime { display: none; }
-    FlyPage.-narrow.times.air #left InTime { display: block; }
-    FlyPage.-narrow.times.air #left TopView { display: none; }
+    FlyPage #middle { display: none; }
+    FlyPage.times #middle, FlyPage.-wide #middle { display: block; }
+    FlyPage.times #left { display: none; }
+    FlyPage.-wide #left { display: block; }
     """
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("p", "plots", "other plots")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("p", "plots", "plots")]
 
     def matter(self) -> ComposeResult:
         """Plots beside numbers, events below."""
@@ -168,13 +141,12 @@ class FlyPage(Page):
             with Vertical(id="left"):
                 yield Preflight()
                 yield TopView()
-                yield InTime()
-                yield ErrorHistory()
-            with Vertical(id="middle", classes="wide-only"):
-                yield InTime()
+                yield Curves("error", [("cm", ERROR)], 1.0, id="error")
+            with Vertical(id="middle"):
+                for name in ("north", "east", "height"):
+                    yield Curves(f"{name} m", [("reference", WANTED), ("flown", FLOWN)], 0.1)
             with Vertical(id="right"):
                 yield Numbers()
-                yield HorizonView()
         yield Events()
 
     def draw(self, frame: PageFrame) -> None:
@@ -184,18 +156,18 @@ class FlyPage(Page):
         if snapshot is None:
             return
         ended = bool(snapshot.checks) and snapshot.state not in ON_GROUND
-        ground = snapshot.state in ON_GROUND or ended
-        self.set_class(ground, "ground")
-        self.set_class(not ground, "air")
-        for plot in (*self.query(TopView), *self.query(InTime), *self.query(ErrorHistory)):
-            plot.show(snapshot, picture.flown)
-        for part in (*self.query(Preflight), *self.query(HorizonView)):
-            part.show(snapshot)
+        self.set_class(snapshot.state in ON_GROUND or ended, "ground")
+        flown = picture.flown
+        self.query_one(TopView).show(snapshot, flown)
+        self.query_one("#error", Curves).show([[100.0 * one.error_m for one in flown]])
+        for axis, plot in enumerate(self.query("#middle Curves").results(Curves)):
+            plot.show([[one.reference_neh[axis] for one in flown], [one.position_neh[axis] for one in flown]])
+        self.query_one(Preflight).show(snapshot)
         self.query_one(Numbers).show(snapshot, frame.stale)
         self.query_one(Events).show(list(picture.events)[-40:])
 
     def action_plots(self) -> None:
-        """Switch plots from above and in time, or before take-off list and numbers."""
+        """Switch between what is left and the plots in time, where there is no room for both."""
         self.toggle_class("times")
 
 
@@ -213,7 +185,6 @@ class ControlPage(Page):
 
     NAME: ClassVar[str] = "Control"
     DEFAULT_CSS = """
-    ControlPage #body { height: 1fr; }
     ControlPage #left { width: 1fr; padding: 0 1 0 0; }
     ControlPage #right { width: 34; }
     ControlPage #law { height: auto; }
@@ -236,9 +207,7 @@ class ControlPage(Page):
         """All of it."""
         picture = frame.picture
         if picture.newest is not None:
-            self.query_one("#law", Static).update(
-                whole(law_rows(picture.newest), self.query_one("#left").size.width - 1)
-            )
+            self.query_one("#law", Static).update(join_rows(law_rows(picture.newest)))
             self._gains(picture.config(), picture.newest.gains)
         errors, v = self.query(Curves)
         errors.show([[one.errors[i] for one in picture.flown] for i in range(3)])
@@ -260,11 +229,6 @@ class ControlPage(Page):
     def on_data_table_row_selected(self, event: "DataTable.RowSelected") -> None:
         """Change this one."""
         self.post_message(self.Chosen(next(one for one in self._shown if one.key == event.row_key.value)))
-
-
-def whole(rows: list[Spans], width: int) -> Content:
-    """Rows of which nothing is cut off."""
-    return content(fold(rows, max(1, width)), max(1, width))
 
 
 def law_rows(snapshot: Snapshot) -> list[Spans]:
@@ -300,7 +264,6 @@ class LinksPage(Page):
 
     NAME: ClassVar[str] = "Links"
     DEFAULT_CSS = """
-    LinksPage #body { height: 1fr; }
     LinksPage Vertical { width: 1fr; padding: 0 1 0 0; }
     LinksPage Static { height: auto; }
     LinksPage Curves { min-height: 2; }
@@ -321,18 +284,15 @@ class LinksPage(Page):
         picture = frame.picture
         if picture.newest is None:
             return
-        ages = [1e3 * one.pose_age_s for one in picture.flown]
-        late = [1e3 * one.latency_s for one in picture.flown]
-        for name, rows in (("pose", pose_rows(picture.newest, ages)), ("link", link_rows(picture.newest))):
-            part = self.query_one(f"#{name}", Static)
-            part.update(whole(rows, part.size.width))
+        self.query_one("#pose", Static).update(join_rows(pose_rows(picture.newest)))
+        self.query_one("#link", Static).update(join_rows(link_rows(picture.newest)))
         age, latency = self.query(Curves)
-        age.show([ages])
-        latency.show([late])
+        age.show([[1e3 * one.pose_age_s for one in picture.flown]])
+        latency.show([[1e3 * one.latency_s for one in picture.flown]])
 
 
-def pose_rows(snapshot: Snapshot, ages_ms: Sequence[float]) -> list[Spans]:
-    """Rates, latency and counters of the poses, and their ages as seen here."""
+def pose_rows(snapshot: Snapshot) -> list[Spans]:
+    """Rates, latency and counters of the poses."""
     newest = "none yet" if snapshot.pose_id < 0 else f"{snapshot.pose_id}, {1e3 * snapshot.pose_age_s:.0f} ms old"
     mean, most = 1e3 * snapshot.pose_latency_s, 1e3 * snapshot.pose_latency_max_s
     return [
@@ -342,8 +302,6 @@ def pose_rows(snapshot: Snapshot, ages_ms: Sequence[float]) -> list[Spans]:
         row("latency", f"mean {mean:.1f} ms, longest {most:.1f} ms"),
         row("gaps", f"{snapshot.pose_gaps}   clock steps {snapshot.pose_clock_steps}"),
         *_drops(snapshot.poses_dropped),
-        [("ages seen, ms", LABEL)],
-        *histogram_rows(ages_ms),
     ]
 
 
@@ -405,25 +363,6 @@ def lateness_rows(snapshot: Snapshot) -> list[Spans]:
     ]
 
 
-def histogram_rows(values: Iterable[float]) -> list[Spans]:
-    """Show a histogram of ``values`` in at most eight steps of a round width."""
-    known = [value for value in values if math.isfinite(value)]
-    if not known:
-        return [[("-", LABEL)]]
-    low, high = min(known), max(known)
-    width = max(1.0, 10.0 ** math.floor(math.log10(max(high - low, 1.0))))
-    width = next(step * width for step in (0.5, 1.0, 2.0, 5.0) if (high - low) / (step * width) <= BINS - 1)
-    first = math.floor(low / width)
-    counts = [0] * (math.floor(high / width) - first + 1)
-    for value in known:
-        counts[math.floor(value / width) - first] += 1
-    top = max(counts)
-    return [
-        [(f"{(first + i) * width:6g}… ", LABEL), (bar(count, top, 16), FLOWN), (f" {count}", "")]
-        for i, count in enumerate(counts)
-    ]
-
-
 def _drops(dropped: dict[str, int]) -> list[Spans]:
     found = [(reason, count) for reason, count in dropped.items() if count]
     if not found:
@@ -436,65 +375,40 @@ def _micros(value: int) -> str:
 
 
 class TextPage(Page):
-    """Lines, and a field to search them by."""
+    """Lines that can be scrolled."""
 
-    DEFAULT_CSS = """
-    TextPage VerticalScroll { height: 1fr; }
-    TextPage Input { height: 1; border: none; background: $raised; }
-    """
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("slash", "search", "search"), Binding("escape", "read", "read")]
-    HINT: ClassVar[str]
-    _shown: object = None
+    DEFAULT_CSS = "TextPage VerticalScroll { height: 1fr; }"
+    _shown: list[Spans] | None = None
 
     def matter(self) -> ComposeResult:
-        """The field above the text."""
-        yield Input(placeholder=self.HINT)
+        """The text."""
         with VerticalScroll():
             yield Static(id="text")
 
     def on_mount(self) -> None:
-        """One reads before one searches."""
+        """Have the keys scroll it."""
         self.query_one(VerticalScroll).focus()
 
-    def lines(self, frame: PageFrame) -> list[Spans]:
-        """Return the page's lines without regard to the search."""
+    def lines(self, picture: Picture) -> list[Spans]:
+        """Return the page's lines."""
         raise NotImplementedError
 
     def draw(self, frame: PageFrame) -> None:
         """All of it, where it is not there already."""
-        words = self.query_one(Input).value.lower().split()
-        lines = [line for line in self.lines(frame) if _has("".join(text for text, _ in line), words)]
-        key = (len(lines), lines[-1:], words, len(frame.picture.events))
-        if key != self._shown:
-            self._shown = key
-            self.query_one("#text", Static).update(Content("\n").join([Content.assemble(*line) for line in lines]))
-
-    def on_input_changed(self) -> None:
-        """Draw it at the next occasion."""
-        self._drawn = UNDRAWN
-
-    def on_input_submitted(self) -> None:
-        """Read what was found."""
-        self.action_read()
-
-    def action_search(self) -> None:
-        """Type what to look for."""
-        self.query_one(Input).focus()
-
-    def action_read(self) -> None:
-        """Back to the text."""
-        self.query_one(VerticalScroll).focus()
+        lines = self.lines(frame.picture)
+        if lines != self._shown:
+            self._shown = lines
+            self.query_one("#text", Static).update(join_rows(lines))
 
 
 class ConfigPage(TextPage):
     """Config."""
 
     NAME: ClassVar[str] = "Config"
-    HINT = "/ searches keys, values and what they mean"
 
-    def lines(self, frame: PageFrame) -> list[Spans]:
-        """Each key with its section, so that it can be found by both."""
-        hello = frame.picture.hello
+    def lines(self, picture: Picture) -> list[Spans]:
+        """Each key with its section."""
+        hello = picture.hello
         if hello is None or not hello.config:
             return [[("the configuration is not known", LABEL)]]
         head: Spans = [(printable(f"{hello.vehicle}: {hello.origin}"), LABEL)]
@@ -505,16 +419,15 @@ class LogPage(TextPage):
     """Log."""
 
     NAME: ClassVar[str] = "Log"
-    HINT = "/ searches the events"
 
     def on_mount(self) -> None:
         """Stay with the newest."""
         super().on_mount()
         self.query_one(VerticalScroll).anchor()
 
-    def lines(self, frame: PageFrame) -> list[Spans]:
+    def lines(self, picture: Picture) -> list[Spans]:
         """The newest last."""
-        return [event_row(line) for line in frame.picture.events] or [[("nothing was told yet", LABEL)]]
+        return [event_row(line) for line in picture.events] or [[("nothing was told yet", LABEL)]]
 
 
 def config_rows(config: str) -> Iterable[Spans]:
@@ -527,8 +440,3 @@ def config_rows(config: str) -> Iterable[Spans]:
         elif text and not text.startswith("#"):
             key, _, value = text.partition("=")
             yield [(section, LABEL), (f"{key.strip()} ", "bold"), (f"= {value.strip()}", "")]
-
-
-def _has(text: str, words: list[str]) -> bool:
-    low = text.lower()
-    return all(word in low for word in words)

@@ -4,7 +4,6 @@ Themes are three sets of colours, told apart by colour-blind eyes: Okabe and Ito
 paper. A style in the texts of drawing.py is a name from here, such as ``$flown``. Meaning never rests on colour alone.
 """
 
-import math
 import os
 import sys
 from collections.abc import Sequence
@@ -15,7 +14,6 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
-from textual.events import Resize
 from textual.reactive import reactive
 from textual.screen import ModalScreen
 from textual.theme import Theme
@@ -24,10 +22,9 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from groundstation.config import ConfigError
-from groundstation.core.geometry import Vec3, euler_zyx
+from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Check, Notice, Severity, Snapshot, notice
 from groundstation.interfaces.tui.drawing import (
-    ERROR,
     FLOWN,
     LABEL,
     WANTED,
@@ -39,11 +36,8 @@ from groundstation.interfaces.tui.drawing import (
     arrow,
     big,
     check_rows,
-    history,
-    horizon,
     huge,
     in_time,
-    nice_top,
     number_rows,
     top_view,
 )
@@ -56,6 +50,11 @@ WORDS_WIDTH = 30
 """Room for the words beside large letters [columns]."""
 BESIDE = 3
 """Gap between the two [columns]."""
+
+
+def join_rows(rows: Sequence[Spans]) -> Content:
+    """Rows of styled pieces as what a widget draws, wrapped where they are too long."""
+    return Content("\n").join([Content.assemble(*row) for row in rows])
 
 
 def content(rows: Sequence[Spans], width: int) -> Content:
@@ -149,11 +148,6 @@ class Knob(Widget):
         return Content("AGAIN!" if self._again else told)
 
     @property
-    def columns(self) -> int:
-        """Width with its key, and the blank before it."""
-        return len(self._both) + 1
-
-    @property
     def _both(self) -> str:
         return f"{self.order.shown} {self.order.label}"
 
@@ -162,30 +156,16 @@ class Knob(Widget):
         await self.run_action(f"app.{self.order.action}")
 
 
-class KnobRow(Horizontal):
-    """Some orders side by side, each as wide as its words."""
-
-    DEFAULT_CSS = """
-    KnobRow { height: auto; width: 1fr; }
-    KnobRow Knob { margin: 0 0 0 1; }
-    """
-
-    def __init__(self, orders: Sequence[OperatorOrder]) -> None:
-        knobs = [Knob(order) for order in orders]
-        super().__init__(*knobs)
-        self.columns = sum(knob.columns for knob in knobs)
-        """Width at which each shows its keys."""
-
-
 class Knobs(Widget):
-    """The orders in one row, or in two where one has no room for all keys.
-
-    A dialog has those that act at once.
-    """
+    """The orders in one row, or in two on a small screen. A dialog has those that act at once."""
 
     DEFAULT_CSS = """
     Knobs { height: auto; layout: horizontal; }
-    Knobs.stacked { layout: vertical; }
+    Knobs Horizontal { height: auto; width: 51fr; }
+    Knobs #go { width: 28fr; }  /* as long as their words */
+    Knobs Knob { margin: 0 0 0 1; }
+    .-small Knobs { layout: vertical; }
+    .-small Knobs Horizontal { width: 1fr; }
     """
 
     def __init__(self, *, always_only: bool = False) -> None:
@@ -195,16 +175,10 @@ class Knobs(Widget):
 
     def compose(self) -> ComposeResult:
         """Those that ask back or need control, then those that act at once."""
-        for always in (True,) if self._always_only else (False, True):
-            yield KnobRow([order for order in ORDERS if order.key and order.always == always])
-
-    def on_resize(self, event: Resize) -> None:
-        """Show the keys of all orders, in two rows if need be."""
-        rows = list(self.query(KnobRow))
-        stacked = event.size.width < sum(row.columns for row in rows)
-        self.set_class(stacked, "stacked")
-        for row in rows:
-            row.styles.width = "1fr" if stacked else f"{row.columns}fr"
+        for name, always in (("go", False), ("always", True)):
+            if always or not self._always_only:
+                with Horizontal(id=name):
+                    yield from (Knob(order) for order in ORDERS if order.key and order.always == always)
 
     def show(self, state: str | None, again: bool) -> None:
         """Take the mission's state, and whether a kill waits for its second press."""
@@ -212,62 +186,23 @@ class Knobs(Widget):
             knob.show(state, again and knob.order.tone == "kill")
 
 
-class Tabs(Widget):
-    """The keys that lead to the other pages, and out; each can be clicked on."""
-
-    DEFAULT_CSS = "Tabs { height: 1; link-style: none; }"
-
-    def __init__(self, names: Sequence[str], here: str, more: Sequence[tuple[str, str, str]]) -> None:
-        super().__init__()
-        self._names, self._here, self._more = names, here, more
-
-    def render(self) -> Content:
-        """All in one row."""
-        row = self._row(self._names)
-        if sum(len(text) for text, _ in row) > self.size.width:
-            row = self._row([name if name == self._here else "" for name in self._names])
-        return content([row], self.size.width)
-
-    def _row(self, shown: Sequence[str]) -> Spans:
-        row: Spans = []
-        for number, (name, word) in enumerate(zip(self._names, shown, strict=True), 1):
-            action = f"@click=app.page('{name.lower()}')"
-            row.append((f" {number} {word}".rstrip() + " ", f"bold reverse {action}" if name == self._here else action))
-        row.append((" ", ""))
-        for key, word, action in self._more:
-            row += [(f" {key}", f"bold @click={action}"), (f" {word}", f"{LABEL} @click={action}")]
-        return row
-
-
 WIND_S2 = 0.5
 """The arrow of b̂ is so long in the view from above [m per m/s²]."""
 
 
-class FlownPlot(Widget):
-    """A plot of what was flown."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._flown: Sequence[PlotSample] = ()
-
-    def show(self, snapshot: Snapshot, flown: Sequence[PlotSample]) -> None:
-        """Take what was flown, which is drawn as it is then."""
-        del snapshot
-        self._flown = flown
-        self.refresh()
-
-
-class TopView(FlownPlot):
+class TopView(Widget):
     """The path seen from above, beside its reference."""
 
     DEFAULT_CSS = "TopView { height: 1fr; }"
 
     _wind: Vec3 | None = None
+    _flown: Sequence[PlotSample] = ()
 
     def show(self, snapshot: Snapshot, flown: Sequence[PlotSample]) -> None:
-        """Take b̂, too, which has an arrow."""
+        """Take what was flown, which is drawn as it is then, and b̂, which has an arrow."""
         self._wind = None if snapshot.diagnostics is None else snapshot.diagnostics.b_hat
-        super().show(snapshot, flown)
+        self._flown = flown
+        self.refresh()
 
     def render(self) -> Content:
         """The plot, its scale in the last row."""
@@ -275,13 +210,13 @@ class TopView(FlownPlot):
         if width < 8 or height < 3:
             return Content("")
         tracks = [
-            PlotTrack(points=[one.reference_ned[:2] for one in self._flown], style=WANTED, head="+"),
-            PlotTrack(points=[one.position_ned[:2] for one in self._flown], style=FLOWN, head="●"),
+            PlotTrack(points=[one.reference_neh[:2] for one in self._flown], style=WANTED, head="+"),
+            PlotTrack(points=[one.position_neh[:2] for one in self._flown], style=FLOWN, head="●"),
         ]
         slim = width < 28  # its signs alone then
         legend: Spans = [("●" if slim else "● flown", FLOWN), ("+" if slim else " + ref", WANTED)]
         if self._wind is not None and self._flown:
-            north, east, _ = self._flown[-1].position_ned
+            north, east, _ = self._flown[-1].position_neh
             tip = (north + WIND_S2 * self._wind[0], east + WIND_S2 * self._wind[1])
             tracks.insert(1, PlotTrack(points=[(north, east), tip], style=WIND, head=arrow((*self._wind[:2], 0.0))))
             legend.append(("→" if slim else " → b̂", WIND))
@@ -291,39 +226,14 @@ class TopView(FlownPlot):
         return content([*rows, [(scale, LABEL), *legend]], width)
 
 
-class InTime(FlownPlot):
-    """North, east and height with their references, one below the other."""
-
-    DEFAULT_CSS = "InTime { height: 1fr; }"
-
-    def render(self) -> Content:
-        """Three plots."""
-        width, height = self.size.width, self.size.height // 3 - 1
-        if width < 8 or height < 1:
-            return Content("")
-        rows: list[Spans] = []
-        for axis, name in enumerate(("north", "east", "height")):
-            wanted = [one.reference_ned[axis] for one in self._flown]
-            flown = [one.position_ned[axis] for one in self._flown]
-            if name == "height":
-                floors = [one.floor_z_m for one in self._flown]
-                wanted = [floor - down for floor, down in zip(floors, wanted, strict=True)]
-                flown = [floor - down for floor, down in zip(floors, flown, strict=True)]
-            lines = [PlotLine(wanted, WANTED), PlotLine(flown, FLOWN)]
-            drawn, low, high = in_time(lines, width, height, 0.1)
-            now = f"{lines[1].values[-1]:+.2f} m" if self._flown else "-"
-            rows += [[(f"{name} ", LABEL), (now, FLOWN), (f"   {low:+.3g} to {high:+.3g} m", LABEL)], *drawn]
-        return content(rows, width)
-
-
 class Curves(Widget):
     """Some numbers in time, each by its own name, on one pair of axes."""
 
     DEFAULT_CSS = "Curves { height: 1fr; min-height: 3; }"
 
-    def __init__(self, title: str, names: Sequence[tuple[str, str]], least: float) -> None:
+    def __init__(self, title: str, names: Sequence[tuple[str, str]], least: float, id: str | None = None) -> None:
         """``names`` with their styles; at least ``least`` lies between bottom and top."""
-        super().__init__()
+        super().__init__(id=id)
         self._title, self._names, self._least = title, names, least
         self._values: Sequence[Sequence[float]] = ()
 
@@ -343,41 +253,6 @@ class Curves(Widget):
         return content([[*head, *((f"{name} ", f"bold {style}") for name, style in self._names)], *drawn], width)
 
 
-class ErrorHistory(FlownPlot):
-    """The distance from the reference over the last snapshots."""
-
-    DEFAULT_CSS = "ErrorHistory { height: 3; }"
-
-    def render(self) -> Content:
-        """One row of words above blocks."""
-        errors = [one.error_m for one in self._flown][-max(1, self.size.width) :]
-        top = nice_top(errors, 0.01)
-        newest = f"{100.0 * errors[-1]:.1f} cm" if errors else "-"
-        head = [("error ", LABEL), (newest, "")]
-        head += [(f"   full height {100.0 * top:g} cm", LABEL)] if self.size.width > 34 else []
-        rows = history(errors, top, self.size.width, max(1, self.size.height - 1))
-        return content([head, *([(row, ERROR)] for row in rows)], self.size.width)
-
-
-class HorizonView(Widget):
-    """The horizon as it is seen from the vehicle, and where its nose points."""
-
-    DEFAULT_CSS = "HorizonView { height: 8; }"
-    _attitude: reactive[Vec3] = reactive((0.0, 0.0, 0.0))
-
-    def show(self, snapshot: Snapshot) -> None:
-        """Take the attitude."""
-        self._attitude = euler_zyx(snapshot.attitude)
-
-    def render(self) -> Content:
-        """A row of words above the drawing."""
-        roll, pitch, yaw = self._attitude
-        width, height = self.size.width, max(1, self.size.height - 1)
-        compass = "?" if not math.isfinite(yaw) else arrow((math.cos(yaw), math.sin(yaw), 0.0))
-        head: Spans = [("horizon, ±30° from top to bottom   nose ", LABEL), (compass, FLOWN)]
-        return content([head, *horizon(roll, pitch, width, height, FLOWN, "bold $mark")], width)
-
-
 class Preflight(Widget):
     """The pre-flight list."""
 
@@ -389,31 +264,26 @@ class Preflight(Widget):
         self._checks = snapshot.checks
 
     def render(self) -> Content:
-        """One below the other, wrapped where there is room for all; what stands in the way is whole in any case."""
-        rows = check_rows(self._checks)
-        width, room = max(1, self.size.width), self.size.height
-        wrapped = [Content.assemble(*row).wrap(width) for row in rows]
-        if sum(map(len, wrapped)) > room:
-            wrapped = [
-                lines if row[0][1] else [Content.assemble(*row).truncate(width, ellipsis=True)]
-                for row, lines in zip(rows, wrapped, strict=True)
-            ]
-        return Content("\n").join([line for lines in wrapped for line in lines])
+        """One below the other, what stands in the way first."""
+        return join_rows(check_rows(self._checks))
 
 
 class Numbers(Widget):
     """All numbers of the newest snapshot."""
 
-    _rows: reactive[list[Spans]] = reactive(list)
+    _snapshot: reactive[Snapshot | None] = reactive(None)
+    _stale = reactive(default=False)
 
     def show(self, snapshot: Snapshot, stale: bool) -> None:
         """Take the snapshot; a stale one is shown faint, because it is no longer true."""
-        rows = number_rows(snapshot, self.size.height or math.inf)
-        self._rows = [[(text, f"dim {LABEL}") for text, _ in row] for row in rows] if stale else rows
+        self._snapshot, self._stale = snapshot, stale
 
     def render(self) -> Content:
         """Its rows."""
-        return content(self._rows, self.content_size.width)
+        rows = [] if self._snapshot is None else number_rows(self._snapshot, self.size.height)
+        if self._stale:
+            rows = [[(text, f"dim {LABEL}") for text, _ in row] for row in rows]
+        return content(rows, self.content_size.width)
 
 
 class Events(Widget):

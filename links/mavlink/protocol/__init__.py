@@ -47,7 +47,6 @@ from links.mavlink.protocol.procedures import (
     is_same,
     landing,
     landing_disarmed,
-    make_mode_request,
 )
 from links.mavlink.protocol.senders import TargetSenders
 from links.mavlink.protocol.signing import TICKS_PER_S, Signer

@@ -79,6 +79,25 @@ class AutopilotAddress(NamedTuple):
         """MAVLink's name of its kind."""
         return self.codec.value_name("MAV_AUTOPILOT", self.kind)
 
+    @property
+    def complaints(self) -> str:
+        """Its latest warnings, as the reason of a refusal; or that it gave none."""
+        return self.words.complaints() or link_notice("autopilot.no_reason").text
+
+    def command(self, command: int, *params: float, repetition: int = 0) -> bytes:
+        """COMMAND_LONG to it."""
+        return self.codec.command(self.system, self.component, command, *params, confirmation=min(repetition, 255))
+
+    def message_request(self, name: str, repetition: int = 0) -> bytes:
+        """COMMAND_LONG that asks it for one message ``name``."""
+        return self.command(MavCommand.REQUEST_MESSAGE, float(self.codec.message_number(name)), repetition=repetition)
+
+    def answers(self, message: Message, command: int) -> bool:
+        """Whether ``message`` is its answer to a ``command`` of ours, and not to another ground station's."""
+        if message.get_type() != "COMMAND_ACK" or message.command != command:
+            return False
+        return message.target_system in (0, self.codec.system_id)
+
 
 class HandshakeStep(Protocol):
     """One thing to be reached."""
@@ -158,6 +177,11 @@ class Wait:
 class Repeated:
     """A request that is sent again until something answers it."""
 
+    period_s = ANSWER_S
+    """Time between two requests [s]."""
+    tries = TRIES
+    """Unanswered requests after which it gives up."""
+
     def __init__(self, what: str, frame: Callable[[int], bytes]) -> None:
         """``frame(n)`` is the request's n-th repetition; ``what`` completes "to …"."""
         self.done = False
@@ -166,23 +190,25 @@ class Repeated:
         self._frame = frame
         self._sent = 0
         self._unanswered = 0
-        self._next_s = 0.0
-        self._since_s: float | None = None
+        self._next_s = self._since_s = -math.inf
 
     def poll(self, now_s: float) -> list[bytes]:
         """The request, where it is due."""
-        if self._since_s is None:
-            self._since_s = now_s
         if self.done or self.failure is not None or now_s < self._next_s:
             return []
-        if self._unanswered == TRIES:
-            self.failure = LinkLost(link_notice("autopilot.unanswered", what=self._what, count=TRIES))
+        if self._unanswered == self.tries:
+            self._give_up()
             return []
-        self._next_s = now_s + ANSWER_S
-        frame = self._frame(min(self._sent, 255))
+        if not self._sent:
+            self._since_s = now_s
+        self._next_s = now_s + self.period_s
+        frame = self._frame(self._sent)
         self._sent += 1
         self._unanswered += 1
         return [frame]
+
+    def _give_up(self) -> None:
+        self.failure = LinkLost(link_notice("autopilot.unanswered", what=self._what, count=self.tries))
 
     def _await_more(self, next_s: float) -> None:
         """There was an answer, but no end: ask again at ``next_s``."""
@@ -223,13 +249,6 @@ WORDS_S = 0.3
 _MAY_PASS = (MavResult.TEMPORARILY_REJECTED, MavResult.FAILED)
 
 
-def _answers(message: Message, command: int, autopilot: AutopilotAddress) -> bool:
-    """Whether it is the answer to a ``command`` of ours, and not to another ground station's."""
-    if message.get_type() != "COMMAND_ACK" or message.command != command:
-        return False
-    return message.target_system in (0, autopilot.codec.system_id)
-
-
 class Exchange(Repeated):
     """One COMMAND_LONG until its COMMAND_ACK."""
 
@@ -247,12 +266,7 @@ class Exchange(Repeated):
 
         A refusal that may pass is final after ``patience_s`` [s]; with ``any_answer`` it is as good as a yes.
         """
-
-        def frame(repetition: int) -> bytes:
-            system, component = autopilot.system, autopilot.component
-            return autopilot.codec.command(system, component, command, *params, confirmation=repetition)
-
-        super().__init__(what, frame)
+        super().__init__(what, lambda n: autopilot.command(command, *params, repetition=n))
         self._autopilot = autopilot
         self._command = command
         self._hint = hint
@@ -266,15 +280,13 @@ class Exchange(Repeated):
             return super().poll(now_s)
         result, at_s = self._refused
         if now_s >= at_s + WORDS_S and self.failure is None:
-            name, because = self._autopilot.name, self._autopilot.codec.describe_result(result)
-            reason = self._autopilot.words.complaints() or link_notice("autopilot.no_reason").text
             self.failure = LinkRejected(
                 link_notice(
                     "autopilot.refused",
-                    autopilot=name,
+                    autopilot=self._autopilot.name,
                     what=self._what,
-                    because=because,
-                    reason=reason,
+                    because=self._autopilot.codec.describe_result(result),
+                    reason=self._autopilot.complaints,
                     hint=self._hint,
                 )
             )
@@ -282,15 +294,14 @@ class Exchange(Repeated):
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take the answer, where ``message`` is one and answers us."""
-        if not self._sent or not _answers(message, self._command, self._autopilot):
+        if not self._sent or not self._autopilot.answers(message, self._command):
             return
         result = message.result
-        began_s = now_s if self._since_s is None else self._since_s
         if result == MavResult.ACCEPTED or self._any_answer:
             self.done = True
         elif result == MavResult.IN_PROGRESS:
             self._await_more(now_s + ANSWER_S * TRIES)
-        elif result in _MAY_PASS and now_s < began_s + self._patience:
+        elif result in _MAY_PASS and now_s < self._since_s + self._patience:
             self._await_more(now_s + AGAIN_S)
         else:
             self._refused = (result, now_s)
@@ -302,41 +313,28 @@ KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: "release"}
 """FIRMWARE_VERSION_TYPE."""
 
 
-class ReadVersion:
+class ReadVersion(Repeated):
     """Ask for the firmware's version; one that it does not tell is no failure."""
 
-    failure: LinkError | None = None
+    tries = VERSION_ASKED
 
     def __init__(self, autopilot: AutopilotAddress) -> None:
         """Ask ``autopilot`` for its firmware; the answer is in ``firmware`` when done."""
-        self.done = False
+        super().__init__("tell its version", lambda n: autopilot.message_request("AUTOPILOT_VERSION", n))
         self.firmware = ""
         """Version text, e.g. ``PX4 1.16.0 release 0a1b2c3d4e5f6071``; empty where the autopilot
         reports none."""
         self._autopilot = autopilot
-        self._asked = 0
-        self._next_s = 0.0
 
-    def poll(self, now_s: float) -> list[bytes]:
-        """The question, where it is due."""
-        if self.done or now_s < self._next_s:
-            return []
-        if self._asked == VERSION_ASKED:
-            self.done = True
-            return []
-        self._asked += 1
-        self._next_s = now_s + ANSWER_S
-        codec, system, component = self._autopilot.codec, self._autopilot.system, self._autopilot.component
-        number = float(codec.message_number("AUTOPILOT_VERSION"))
-        return [codec.command(system, component, MavCommand.REQUEST_MESSAGE, number, confirmation=self._asked - 1)]
+    def _give_up(self) -> None:
+        self.done = True
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take the version, or the answer that there is none."""
-        name = message.get_type()
-        if name == "AUTOPILOT_VERSION":
+        if message.get_type() == "AUTOPILOT_VERSION":
             self.firmware = f"{self._autopilot.name} {version(message)}"
             self.done = True
-        elif _answers(message, MavCommand.REQUEST_MESSAGE, self._autopilot) and message.result != MavResult.ACCEPTED:
+        elif self._autopilot.answers(message, MavCommand.REQUEST_MESSAGE) and message.result != MavResult.ACCEPTED:
             self.done = True
 
 
@@ -350,97 +348,60 @@ def version(message: Message) -> str:
 
 MODE_AGAIN_S = 0.1
 """Period of the questions for an autopilot's mode [s]."""
-MODE_PATIENCE_S = 1.5
-"""The question for the mode is given up after this long [s]."""
+MODE_ASKED = 15
+"""The question for the mode is given up after so many: 1.5 s."""
 
 
-class AskMode:
+class AskMode(Repeated):
     """Ask for HEARTBEAT, which tells the mode and comes only once a second by itself; done when one has been heard.
 
     One that refuses is waited for. Its answer is waited for, too: a HEARTBEAT of before the question may be under way.
     """
 
+    period_s = MODE_AGAIN_S
+    tries = MODE_ASKED
+
     def __init__(self, autopilot: AutopilotAddress) -> None:
-        self.failure: LinkError | None = None
+        super().__init__("tell its mode", lambda n: autopilot.message_request("HEARTBEAT", n))
         self._autopilot = autopilot
         self._heard = self._answered = False
-        self._asked = 0
-        self._next_s = self._until_s = -math.inf
 
-    @property
-    def done(self) -> bool:
-        """True when it has told."""
-        return self._heard and self._answered
-
-    def poll(self, now_s: float) -> list[bytes]:
-        """The question, where it is due."""
-        if self._asked == 0:
-            self._until_s = now_s + MODE_PATIENCE_S
-        if self.done or now_s < self._next_s:
-            return []
-        if now_s >= self._until_s:
-            self.failure = LinkLost(link_notice("autopilot.no_mode", limit_s=MODE_PATIENCE_S))
-            return []
-        self._next_s = now_s + MODE_AGAIN_S
-        self._asked += 1
-        return [make_mode_request(self._autopilot, self._asked - 1)]
+    def _give_up(self) -> None:
+        self.failure = LinkLost(link_notice("autopilot.no_mode", limit_s=self.tries * self.period_s))
 
     def hear(self, message: Message, now_s: float) -> None:
         """Take a heartbeat, or the answer."""
-        name = message.get_type()
-        self._heard = self._heard or name == "HEARTBEAT"
-        self._answered = self._answered or _answers(message, MavCommand.REQUEST_MESSAGE, self._autopilot)
-
-
-def make_mode_request(autopilot: AutopilotAddress, repetition: int = 0) -> bytes:
-    """The frame that asks for HEARTBEAT."""
-    codec, number = autopilot.codec, float(autopilot.codec.message_number("HEARTBEAT"))
-    system, component = autopilot.system, autopilot.component
-    return codec.command(system, component, MavCommand.REQUEST_MESSAGE, number, confirmation=min(repetition, 255))
+        self._heard = self._heard or message.get_type() == "HEARTBEAT"
+        self._answered = self._answered or self._autopilot.answers(message, MavCommand.REQUEST_MESSAGE)
+        self.done = self._heard and self._answered
 
 
 KILL_AGAIN_S = 0.05
 """Time between two requests [s]."""
-KILL_PATIENCE_S = 5.0
-"""The kill is requested for this long [s]."""
+KILL_ASKED = 100
+"""The kill is requested so often: for 5 s."""
 CERTAIN = 2
 """Number of acceptances that end the request: one alone may answer an order to arm that was under
 way."""
 
 
-class Kill:
+class Kill(Repeated):
     """Disarm by force (COMMAND_LONG 400, second parameter 21196), which works in the air. A step."""
 
+    period_s = KILL_AGAIN_S
+    tries = KILL_ASKED
+
     def __init__(self, autopilot: AutopilotAddress) -> None:
-        self.done = False
-        self.failure: LinkError | None = None
+        super().__init__(
+            "stop its motors", lambda n: autopilot.command(MavCommand.ARM_DISARM, 0.0, FORCE, repetition=n)
+        )
         self._autopilot = autopilot
-        self._began_s: float | None = None
-        self._next_s = 0.0
-        self._sent = 0
         self._accepted = 0
         self._refused: int | None = None
 
-    def poll(self, now_s: float) -> list[bytes]:
-        """The request, where it is due."""
-        if self._began_s is None:
-            self._began_s = self._next_s = now_s
-        if self.done or self.failure is not None or now_s < self._next_s:
-            return []
-        if now_s > self._began_s + KILL_PATIENCE_S:
-            self._give_up()
-            return []
-        self._next_s = now_s + KILL_AGAIN_S
-        self._sent += 1
-        asked = self._autopilot
-        again = min(self._sent - 1, 255)
-        return [
-            asked.codec.command(asked.system, asked.component, MavCommand.ARM_DISARM, 0.0, FORCE, confirmation=again)
-        ]
-
     def hear(self, message: Message, now_s: float) -> None:
         """Take the answer, where ``message`` is one."""
-        if not self._sent or not _answers(message, MavCommand.ARM_DISARM, self._autopilot):
+        if not self._sent or not self._autopilot.answers(message, MavCommand.ARM_DISARM):
             return
         if message.result == MavResult.ACCEPTED:
             self._accepted += 1
@@ -455,7 +416,7 @@ class Kill:
             self.failure = LinkLost(link_notice("kill.unanswered", count=self._sent))
         else:
             name, because = self._autopilot.name, self._autopilot.codec.describe_result(self._refused)
-            reason = self._autopilot.words.complaints() or link_notice("autopilot.no_reason").text
+            reason = self._autopilot.complaints
             self.failure = LinkRejected(link_notice("kill.refused", autopilot=name, because=because, reason=reason))
 
 
@@ -600,7 +561,6 @@ class Write(Repeated):
         if is_same(got, wanted.value):
             self.done = True
         else:
-            reason = self._autopilot.words.complaints() or link_notice("autopilot.no_reason").text
             self.failure = LinkRejected(
                 link_notice(
                     "autopilot.keeps_parameter",
@@ -608,7 +568,7 @@ class Write(Repeated):
                     name=wanted.name,
                     got=got,
                     wanted=wanted.value,
-                    reason=reason,
+                    reason=self._autopilot.complaints,
                 )
             )
 

@@ -11,7 +11,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from links.core import Attitude
+from links.core import Attitude, quaternion_of
 from links.mavlink.protocol.codec import Message
 
 NEWEST = 16
@@ -86,7 +86,7 @@ def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attit
         case "ATTITUDE_QUATERNION":
             q = (message.q1, message.q2, message.q3, message.q4)
         case "ATTITUDE" if math.isfinite(message.roll + message.pitch + message.yaw):
-            q = _quaternion(message.roll, message.pitch, message.yaw)
+            q = quaternion_of(message.roll, message.pitch, message.yaw)
         case _:
             return None
     rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
@@ -100,15 +100,3 @@ def attitude_of(message: Message, arrival_s: float, clock: Trip | None) -> Attit
         if -EARLY_S < arrival_s - stamp_s < LATE_S:
             time_s = stamp_s
     return Attitude(time_s, q, rates)
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Convert angles [rad] about z, then y, then x to a unit quaternion w, x, y, z."""
-    cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )

@@ -12,7 +12,6 @@ from groundstation.interfaces.api import Control, OrderAnswer, decode
 from groundstation.interfaces.api.messages import (
     ClientOrder,
     Desk,
-    LineSplitter,
     Party,
     Refusal,
     StationHello,
@@ -21,14 +20,6 @@ from groundstation.interfaces.api.messages import (
 )
 from links.text import printable
 from tests.sample_flight import Sampled, sample
-
-
-def test_a_line_without_an_end_keeps_no_memory_and_is_told_once() -> None:
-    lines = LineSplitter(100)
-    told = [line for _ in range(1000) for line in lines.feed(b"x" * 1000)]
-    assert told == [None]
-    assert lines.feed(b'\n{"id"') == []
-    assert lines.feed(b": 1}\n") == [b'{"id": 1}']
 
 
 @given(st.binary(max_size=200) | st.text(max_size=100).map(str.encode))

@@ -10,7 +10,6 @@ from groundstation.core.mission import State
 from groundstation.interfaces.tui.drawing import (
     PlotTrack,
     Spans,
-    horizon,
     number_rows,
     top_view,
 )
@@ -38,18 +37,6 @@ def plain(rows: list[Spans]) -> list[str]:
 
 def changed(**more: object) -> Snapshot:
     return msgspec.structs.replace(sample(10.0), **more)
-
-
-def test_the_horizon_falls_to_the_left_in_a_roll_to_the_right_and_sinks_with_the_nose_up() -> None:
-    def heights(roll: float, pitch: float) -> list[int]:
-        rows = plain(horizon(roll, pitch, 20, 9, "x", "y"))
-        found = [next((i for i, row in enumerate(rows) if row[column] > "\u2800"), -1) for column in (1, 18)]
-        return found
-
-    left, right = heights(0.3, 0.0)
-    assert left > right
-    level, nosed_up = heights(0.0, 0.0), heights(0.0, 0.2)
-    assert nosed_up[0] > level[0]
 
 
 def test_north_is_up_and_east_is_to_the_right() -> None:
