@@ -6,8 +6,8 @@ import msgspec
 import pytest
 
 from groundstation.config import ConfigError, from_dict, is_name
-from groundstation.interfaces.mqtt import FleetMonitor
 from groundstation.interfaces.mqtt.messages import SealedRequest
+from groundstation.interfaces.tui.fleet import FleetMonitor
 from groundstation.lab.fleet import Name
 from groundstation.machine.recordings import RECORDING
 from groundstation.settings import Config

@@ -1,24 +1,18 @@
-"""MQTT messages: what is published below ``PREFIX/VEHICLE/``, and what is known of a fleet by it. Sans-IO."""
+"""MQTT messages: what is published below ``PREFIX/VEHICLE/``. Sans-IO."""
 
-import math
-from collections.abc import Iterator
-from contextlib import suppress
 from typing import Annotated, Any
 
 import msgspec
 
-from groundstation.config import CLIENT_LETTERS, VEHICLE_LETTERS, is_name, name_pattern
+from groundstation.config import CLIENT_LETTERS, name_pattern
 from groundstation.core.messages import Numbers, RemoteAsk, Snapshot, Waypoints, ensure_points
-from groundstation.core.mission import ALARMING, FINAL
-from groundstation.interfaces.api import decode
-from links.text import printable
 
 OFFLINE = "offline"
 """The ``state`` of a vehicle that no station flies, also as last will."""
 
 Session = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{32}\Z")]
 Seal = Annotated[str, msgspec.Meta(pattern=r"\A[0-9a-f]{64}\Z")]
-"""HMAC-SHA256 in hex; see request_codec.py."""
+"""HMAC-SHA256 in hex; see requests.py."""
 Client = Annotated[str, msgspec.Meta(pattern=name_pattern(CLIENT_LETTERS))]
 Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
@@ -144,85 +138,3 @@ def properties(topic: Topic, expires_s: int | None = None) -> Any:
     made = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]  # paho's
     made.MessageExpiryInterval = seconds
     return made
-
-
-SILENCE_S = 3.0
-"""Without a snapshot for this long, what was true is no longer known [s]."""
-VEHICLES_MAX = 500
-"""Most vehicles that are taken in: a broker may carry anything."""
-EVENTS_KEPT = 20
-"""Newest events kept of a vehicle."""
-
-
-class VehicleView:
-    """One vehicle."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.state = ""
-        """As published; ``offline`` where no station flies it."""
-        self.snapshot: Snapshot | None = None
-        self.events: list[EventMessage] = []
-        """The newest, oldest first."""
-        self._arrived_s = -math.inf
-
-    def hear(self, topic: str, payload: bytes, now_s: float) -> None:
-        """Take what came on ``topic``, below the vehicle's; what is not understood is dropped."""
-        with suppress(ValueError, msgspec.MsgspecError, RecursionError):  # UnicodeError is a ValueError
-            if topic == STATE.name:
-                self.state = printable(payload.decode()[:32])
-            elif topic == EVENT.name:
-                event = msgspec.json.decode(payload, type=EventMessage)
-                event = msgspec.structs.replace(event, text=printable(event.text))
-                self.events = [*self.events, event][-EVENTS_KEPT:]
-            elif topic == SNAPSHOT.name:
-                snapshot = decode(b'{"snapshot":%s}' % payload)
-                if isinstance(snapshot, Snapshot):
-                    self._take_snapshot(snapshot, now_s)
-
-    def _take_snapshot(self, snapshot: Snapshot, now_s: float) -> None:
-        self.snapshot, self._arrived_s = snapshot, now_s
-        if self.state in ("", OFFLINE):  # a station's snapshots end before its `offline`: this one is another's will
-            self.state = snapshot.state
-
-    def age_s(self, now_s: float) -> float:
-        """Return the time since the newest snapshot came [s]; infinite before the first."""
-        return now_s - self._arrived_s
-
-    def word(self, now_s: float) -> str:
-        """The state, or what is worse than it."""
-        if self.state == OFFLINE:
-            return "OFFLINE"
-        if self.age_s(now_s) > SILENCE_S and self.state not in FINAL:
-            return "NO DATA"
-        if self.snapshot is not None and self.snapshot.link.state == "lost" and self.state not in FINAL:
-            return "LINK LOST"
-        return self.state.replace("_", " ").upper()
-
-    def urgency(self, now_s: float) -> int:
-        """0 for what needs somebody now, then 1 in the air, 2 on the ground, 3 away."""
-        word = self.word(now_s)
-        if word in ("NO DATA", "LINK LOST") or self.state in ALARMING:
-            return 0
-        if word == "OFFLINE":
-            return 3
-        return 2 if self.state in ("idle", "connecting", "ready", "landed") else 1
-
-
-class FleetMonitor:
-    """All vehicles below one prefix."""
-
-    def __init__(self, prefix: str) -> None:
-        self._prefix = prefix + "/"
-        self._seen: dict[str, VehicleView] = {}
-
-    def __iter__(self) -> Iterator[VehicleView]:
-        return iter(self._seen.values())
-
-    def hear(self, topic: str, payload: bytes, now_s: float) -> None:
-        """Take one message of the broker; whatever is not for us is dropped."""
-        name, _, rest = topic.removeprefix(self._prefix).partition("/")
-        if not topic.startswith(self._prefix) or not is_name(name, VEHICLE_LETTERS):
-            return
-        if name in self._seen or len(self._seen) < VEHICLES_MAX:
-            self._seen.setdefault(name, VehicleView(name)).hear(rest, payload, now_s)

@@ -1,27 +1,32 @@
-"""Fleet screen: all vehicles at a broker, read-only: a process of its own, which no station knows of."""
+"""Fleet screen: all vehicles at a broker, by what they publish, read-only: a process that no station knows of."""
 
 import asyncio
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from typing import ClassVar, NamedTuple
 
+import msgspec
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import BindingType
 from textual.widgets import DataTable, Footer, Static
 
-from groundstation.interfaces.mqtt import EVENT as EVENT_TOPIC
+from groundstation.config import VEHICLE_LETTERS, is_name
+from groundstation.core.messages import Snapshot
+from groundstation.interfaces.api import decode
 from groundstation.interfaces.mqtt import (
+    EVENT,
+    OFFLINE,
     SNAPSHOT,
     STATE,
-    FleetMonitor,
+    EventMessage,
     MqttBroker,
-    VehicleView,
     describe_error,
     heed_cancellation,
 )
-from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText
+from groundstation.interfaces.tui.model import ALARM, BUSY, CALM, FLYING, BannerText, headline
 from groundstation.interfaces.tui.terminal import driver_class
 from groundstation.interfaces.tui.widgets import THEMES, Banner, require_terminal
 from links.text import printable
@@ -31,10 +36,79 @@ COLUMNS = (
     ("newest event", 60),
 )  # fmt: skip
 """Heading and width of all columns; those that do not fit are scrolled to."""
+AWAY = "away"
+"""Tone of a vehicle that no station flies."""
+URGENCIES = {ALARM: 0, BUSY: 1, FLYING: 1, CALM: 2, AWAY: 3}
+"""Urgency by tone: 0 needs somebody now, 1 is in the air, 2 on the ground, 3 away."""
 TONES = (ALARM, FLYING, CALM, CALM)
-"""Tone by urgency."""
+"""Tone of the banner by the worst urgency."""
 MARKS = ("!!", "▲ ", "· ", "  ")
 """Mark by urgency, for those who see no colours."""
+
+
+SILENCE_S = 3.0
+"""Without a snapshot for this long, what was true is no longer known [s]."""
+VEHICLES_MAX = 500
+"""Most vehicles that are taken in: a broker may carry anything."""
+EVENTS_KEPT = 20
+"""Newest events kept of a vehicle."""
+
+
+class VehicleView:
+    """One vehicle, by its messages."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.offline = False
+        """Whether no station flies it, as the broker says."""
+        self.snapshot: Snapshot | None = None
+        self.events: list[EventMessage] = []
+        """The newest, oldest first."""
+        self._arrived_s = -math.inf
+
+    def hear(self, topic: str, payload: bytes, now_s: float) -> None:
+        """Take what came on ``topic``, below the vehicle's; what is not understood is dropped."""
+        with suppress(ValueError, msgspec.MsgspecError, RecursionError):  # UnicodeError is a ValueError
+            if topic == STATE.name:
+                self.offline = payload == OFFLINE.encode()
+            elif topic == EVENT.name:
+                event = msgspec.json.decode(payload, type=EventMessage)
+                event = msgspec.structs.replace(event, text=printable(event.text))
+                self.events = [*self.events, event][-EVENTS_KEPT:]
+            elif topic == SNAPSHOT.name:
+                snapshot = decode(b'{"snapshot":%s}' % payload)
+                if isinstance(snapshot, Snapshot):  # a station's end before its `offline`: this one is another's will
+                    self.snapshot, self._arrived_s, self.offline = snapshot, now_s, False
+
+    def age_s(self, now_s: float) -> float:
+        """Return the time since the newest snapshot came [s]; infinite before the first."""
+        return now_s - self._arrived_s
+
+    def headline(self, now_s: float) -> BannerText:
+        """Choose the most important fact of now, as a dashboard of it does."""
+        if self.offline:
+            return BannerText("OFFLINE", AWAY, "")
+        return headline(self.snapshot, self.age_s(now_s), "", SILENCE_S)
+
+
+class FleetMonitor:
+    """All vehicles below one prefix."""
+
+    def __init__(self, prefix: str) -> None:
+        self._prefix = prefix + "/"
+        self._seen: dict[str, VehicleView] = {}
+
+    def __iter__(self) -> Iterator[VehicleView]:
+        return iter(self._seen.values())
+
+    def hear(self, topic: str, payload: bytes, now_s: float) -> None:
+        """Take one message of the broker; whatever is not for us is dropped."""
+        name, _, rest = topic.removeprefix(self._prefix).partition("/")
+        known = topic.startswith(self._prefix) and rest in (STATE.name, EVENT.name, SNAPSHOT.name)
+        if not known or not is_name(name, VEHICLE_LETTERS):
+            return
+        if name in self._seen or len(self._seen) < VEHICLES_MAX:
+            self._seen.setdefault(name, VehicleView(name)).hear(rest, payload, now_s)
 
 
 class FleetRow(NamedTuple):
@@ -48,8 +122,9 @@ class FleetRow(NamedTuple):
 
 def fleet_row(seen: VehicleView, now_s: float) -> FleetRow:
     """Make a vehicle's row."""
-    urgency = seen.urgency(now_s)
-    state = MARKS[urgency] + seen.word(now_s)
+    shown = seen.headline(now_s)
+    urgency = URGENCIES[shown.tone]
+    state = MARKS[urgency] + shown.big.upper()
     event = seen.events[-1].text if seen.events else ""
     shot = seen.snapshot
     if shot is None:
@@ -87,7 +162,7 @@ def fleet_headline(shown: list[FleetRow], trouble: str) -> BannerText:
 def vehicle_details(seen: VehicleView, now_s: float) -> list[str]:
     """All about one vehicle, the most important first; its newest events last."""
     shot = seen.snapshot
-    lines = [f"{seen.name}: {seen.word(now_s)}"]
+    lines = [f"{seen.name}: {seen.headline(now_s).big.upper()}"]
     if shot is not None:
         lines[0] += f" - {shot.reason}" if shot.reason else ""
         at, to, speed = shot.position_ned, shot.reference_ned, shot.velocity_ned
@@ -190,7 +265,7 @@ class FleetScreen(App[None]):
         import aiomqtt
 
         root, loop = self._broker.config.prefix, asyncio.get_running_loop()
-        wanted = [(f"{root}/+/{topic.name}", topic.quality) for topic in (STATE, SNAPSHOT, EVENT_TOPIC)]
+        wanted = [(f"{root}/+/{topic.name}", topic.quality) for topic in (STATE, SNAPSHOT, EVENT)]
         while True:
             try:
                 async with self._broker.client(max_queued_incoming_messages=HEARD_QUEUE) as client:

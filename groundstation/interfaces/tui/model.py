@@ -100,15 +100,16 @@ class BannerText(msgspec.Struct, frozen=True):
     """A sentence for the operator."""
 
 
-def headline(snapshot: Snapshot | None, silence_s: float, trouble: str) -> BannerText:
+def headline(snapshot: Snapshot | None, silence_s: float, trouble: str, limit_s: float = SILENCE_S) -> BannerText:
     """Choose the most important fact of now.
 
     Args:
         snapshot: The newest; None before the first.
         silence_s: Time since it came, or since the screen was opened [s].
         trouble: Why the status socket can't be read; empty while it can.
+        limit_s: Longest silence after which it is still true [s].
     """
-    silent = silence_s > SILENCE_S
+    silent = silence_s > limit_s
     if snapshot is None:
         return BannerText("NO DATA", ALARM, f"since {silence_s:.0f} s: {trouble or 'attached, nothing came yet'}")
     if silent and snapshot.state in FINAL:

@@ -3,9 +3,14 @@
 import msgspec
 import pytest
 
-from groundstation.interfaces.mqtt import FleetMonitor, VehicleView
-from groundstation.interfaces.mqtt.messages import SILENCE_S
-from groundstation.interfaces.tui.fleet import fleet_headline, fleet_row, fleet_rows
+from groundstation.interfaces.tui.fleet import (
+    SILENCE_S,
+    FleetMonitor,
+    VehicleView,
+    fleet_headline,
+    fleet_row,
+    fleet_rows,
+)
 from tests.sample_flight import sample
 
 
@@ -30,14 +35,19 @@ def test_a_vehicle_appears_with_its_first_word_and_its_snapshot_follows() -> Non
     )  # fmt: skip
 
 
+def word(seen: VehicleView, now_s: float) -> str:
+    return seen.headline(now_s).big.upper()
+
+
 def test_silence_is_an_alarm_unless_the_flight_has_ended_or_its_station_has_said_goodbye() -> None:
     fleet = FleetMonitor("lab")
     silent, landed, away = (heard(fleet, name, state=state) for name, state in
-                            (("a", "hold"), ("b", "landed"), ("c", "offline")))  # fmt: skip
+                            (("a", "hold"), ("b", "landed"), ("c", "landed")))  # fmt: skip
+    fleet.hear("lab/c/state", b"offline", 0.1)
     late_s = SILENCE_S + 0.1
-    assert [one.word(late_s) for one in (silent, landed, away)] == ["NO DATA", "LANDED", "OFFLINE"]
-    assert [one.urgency(late_s) for one in (silent, landed, away)] == [0, 2, 3]
-    assert silent.urgency(0.0) == 1
+    assert [word(one, late_s) for one in (silent, landed, away)] == ["NO DATA", "LANDED", "OFFLINE"]
+    assert [fleet_row(one, late_s).urgency for one in (silent, landed, away)] == [0, 2, 3]
+    assert fleet_row(silent, 0.0).urgency == 1
 
 
 def test_a_vehicle_whose_snapshots_come_is_not_offline() -> None:
@@ -45,9 +55,9 @@ def test_a_vehicle_whose_snapshots_come_is_not_offline() -> None:
     fleet = FleetMonitor("lab")
     seen = heard(fleet, "mqx")
     fleet.hear("lab/mqx/state", b"offline", 0.5)
-    assert seen.word(0.5) == "OFFLINE"
+    assert word(seen, 0.5) == "OFFLINE"
     fleet.hear("lab/mqx/snapshot", msgspec.json.encode(sample(1.0)), 1.0)
-    assert seen.word(1.0) == "TRACKING"
+    assert word(seen, 1.0) == "TRACKING"
 
 
 @pytest.mark.parametrize(
@@ -67,13 +77,14 @@ def test_a_vehicle_whose_snapshots_come_is_not_offline() -> None:
 def test_what_is_not_understood_is_dropped(topic: str, payload: bytes) -> None:
     fleet = FleetMonitor("lab")
     fleet.hear(topic, payload, 0.0)
-    assert all(seen.snapshot is None and seen.events == [] and seen.state == "" for seen in fleet)
+    assert all(seen.snapshot is None and seen.events == [] and not seen.offline for seen in fleet)
 
 
 def test_what_needs_somebody_comes_first() -> None:
     fleet = FleetMonitor("lab")
-    for name, state in (("a", "offline"), ("b", "ready"), ("c", "tracking"), ("d", "aborted"), ("e", "hold")):
+    for name, state in (("a", "ready"), ("b", "ready"), ("c", "tracking"), ("d", "aborted"), ("e", "hold")):
         heard(fleet, name, state=state)
+    fleet.hear("lab/a/state", b"offline", 0.0)
     shown = fleet_rows(fleet, 0.0)
     assert [one.name for one in shown] == ["d", "c", "e", "b", "a"]
     assert fleet_headline(shown, "").big == "1 ALARM"
