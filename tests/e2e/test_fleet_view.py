@@ -7,8 +7,8 @@ import msgspec
 import pytest
 from textual.widgets import DataTable, Static
 
-from groundstation.interfaces.mqtt import FleetMonitor, MqttBroker, from_url
-from groundstation.interfaces.tui.fleet import FleetScreen
+from groundstation.interfaces.mqtt import MqttBroker, from_url
+from groundstation.interfaces.tui.fleet import FleetMonitor, FleetScreen
 from groundstation.interfaces.tui.widgets import Banner
 from tests.e2e.lab_broker import LabBroker, lab
 from tests.loops import in_real_time
