@@ -26,12 +26,7 @@ from groundstation.core.estimation import (
 )
 from groundstation.core.estimation.estimator import KalmanGain
 from groundstation.core.geometry import FLOATS, Vec3, so3
-from groundstation.core.messages import (
-    Tick,
-)
 from groundstation.core.trajectory import LemniscateConfig
-from sim.runs import fly
-from sim.scenarios import SCENARIOS, prepare
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Reference: TypeAlias = Callable[[float], tuple[Vec3, Vec3]]
@@ -437,16 +432,3 @@ def test_a_whole_flight_on_the_ideal_plant_keeps_the_inequality_and_finds_the_di
     assert math.hypot(*end.z1) < 1e-4
     assert float(np.linalg.norm(loop.b_tilde(end))) < 1e-3
     assert values[-1] < 1e-6 * values[0]
-
-
-def test_in_the_code_that_flies_b_hat_finds_the_disturbance_and_stays_in_its_ball() -> None:
-    world, config = prepare(SCENARIOS["ideal"], [])
-    rows: list[Vec3] = []
-
-    def on_tick(tick: Tick) -> None:
-        rows.append(tick.decision.diagnostics.b_hat)
-
-    assert fly(world, config, seed=0, duration_s=8.0, on_tick=on_tick).completed
-    assert all(math.hypot(*b_hat) <= 5.5 * (1.0 + 1e-12) for b_hat in rows)
-    assert math.dist(rows[0], world.wind_mean) > 0.5
-    assert all(math.dist(b_hat, world.wind_mean) < 1e-3 for b_hat in rows[-500:])

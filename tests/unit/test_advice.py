@@ -1,42 +1,14 @@
 """What tutorials, examples and the Makefile advise: that it does what it says."""
 
 import os
-import re
-import shlex
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from groundstation.config import from_dict, parse_toml
-from groundstation.settings import Config
-from sim.scenarios import SCENARIOS
-
 ROOT = Path(__file__).parents[2]
 SET_UP = ROOT / "examples" / "broker" / "set-up.sh"
-
-
-def test_the_radio_tutorial_leaves_no_setting_of_the_simulated_vehicle() -> None:
-    page = (ROOT / "docs/tutorial/rf-toy.md").read_text("utf-8")
-    (sentence,) = re.findall(r"There,\s+take\s+out\s+(.*?),\s+which", page, re.S)
-    text = (ROOT / "examples/rf-dsm.toml").read_text("utf-8")
-    for key in re.findall(r"`(\w+)`", sentence):
-        text, count = re.subn(rf"^{key} = .*\n", "", text, flags=re.M)
-        assert count == 1, key
-    (added,) = re.findall(r"```toml\n(.*?)```", page, re.S)
-    config = from_dict(parse_toml(text + added), Config)
-    assert (config.flight.floor_z_m, config.flight.start) == (0.0, "floor")
-
-
-def test_what_adaptation_buys_is_one_controller_with_and_without_it_through_the_whole_gust() -> None:
-    page = (ROOT / "docs/tutorial/first-flight.md").read_text("utf-8")
-    (block,) = re.findall(r"## 2\. What adaptation buys\n\n```sh\n(.*?)```", page, re.S)
-    without, adapting = (shlex.split(line) for line in block.strip().splitlines())
-    assert without == [*adapting, "--set", "controller.kb=0"]
-    world = SCENARIOS[adapting[2]].world
-    assert any(world.wind_step)
-    assert float(adapting[adapting.index("--duration") + 1]) >= world.wind_step_time_s + 10.0
 
 
 @pytest.mark.parametrize("name", ["tablet.key", "signing.key", "lab/bridge.key"])

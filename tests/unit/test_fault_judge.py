@@ -24,8 +24,7 @@ from tests.proving.faults import (
     is_within,
 )
 from tests.proving.faults.faults import FAMILIES, FROM_START, OBEYING, dropout
-from tests.proving.faults.judge import LIMITS, Answer, Thrust, Truth, judge, judge_honest
-from tests.proving.faults.table import page
+from tests.proving.faults.judge import Answer, Thrust, Truth, judge, judge_honest
 
 FALSE = Fault("made up", dropout, poses=Poses.FALSE)
 TRUE = Fault("made up", dropout)
@@ -121,10 +120,6 @@ def test_a_motion_has_its_limit_but_for_whom_it_is_lifted(
     for exemption in Exemption:
         row = verdict(TRUE, beyond, exemption=exemption)
         assert (row.safe, says in row.why) == ((True, False) if exemption in exempt else (False, True)), exemption
-
-
-def test_a_row_has_how_high_it_rose() -> None:
-    assert verdict(TRUE, moved(along(rise_m=0.99))).highest_m == pytest.approx(0.99, abs=1e-3)
 
 
 def test_where_no_lift_off_is_seen_it_may_rise_less_and_fall_from_there() -> None:
@@ -288,20 +283,3 @@ def test_an_honest_flight_is_held_against_the_same_one_without_guards() -> None:
     assert "does not fly on" in judged(replace(flown, ended="lands"))
     assert judge_honest(replace(flown, ended="lands"), unguarded, must_fly_on=False).safe
     assert "open loop" in judged(replace(flown, ended="open loop"), must=False)
-
-
-def test_the_page_is_short_and_says_every_limit_and_exemption_and_what_is_unsafe() -> None:
-    good, bad = verdict(), verdict(thrust=told((1.1, 1.3)))
-    rows = [
-        replace(row, fault="gust", family=family, kind=str(kind)) for row in (good, bad) for family, kind, _ in FAMILIES
-    ]
-    text = page(rows, "groundstation-sim dev faults")
-    for what, most in LIMITS:
-        assert f"{what}: {most}" in text
-    for word, why in REASONS.items():
-        assert f"*{word}*: {why}" in text
-    assert "| frozen | 2 | 1 |" in text
-    assert len(text.splitlines()) <= 60
-    heads = [line for line in text.splitlines() if line.startswith("| family |")]
-    lines = [line for line in text.splitlines() if line.startswith("|")]
-    assert {line.count("|") for line in lines} == {heads[0].count("|")}

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from types import ModuleType
 
 import pytest
 
@@ -12,23 +11,10 @@ import sim
 from tests.unit.test_project import bare_pythons
 
 
-@pytest.mark.parametrize("face", [groundstation, links, sim])
-def test_every_public_name_is_told_of(face: ModuleType) -> None:
-    told = face.__doc__ or ""
-    assert [name for name in face._MODULES if name not in told] == []
-
-
 def test_a_name_that_is_not_handed_on_is_named() -> None:
     for face in (groundstation, links, sim):
         with pytest.raises(AttributeError, match=f"module '{face.__name__}' has no attribute 'simulat'"):
             face.simulat  # noqa: B018
-
-
-def test_the_two_lines_of_the_face_fly() -> None:
-    world, config = sim.prepare(sim.SCENARIOS["paper"], ["vehicle.mass_kg=0.09"])
-    assert config.vehicle.mass_kg == 0.09
-    result = sim.fly(world, config, seed=0, duration_s=2.0)
-    assert result.completed and result.datagrams > 0
 
 
 def test_without_the_simulator_what_flies_in_it_says_so_in_a_sentence() -> None:

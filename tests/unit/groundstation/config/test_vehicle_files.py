@@ -32,10 +32,6 @@ def vehicle(folder: Path, text: str, *overrides: str, section: str = 'file = "mi
     return load(folder / "lab.toml", Config, overrides).vehicle
 
 
-def test_the_presets_are_those_that_the_documents_name() -> None:
-    assert list(PRESETS) == ["crazyflie", "mqx", "quad1kg", "x500"]
-
-
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_says_all_of_its_vehicle_with_the_source_of_each_figure(name: str) -> None:
     told = from_dict({"vehicle": {"preset": name}}, Config).vehicle

@@ -15,7 +15,6 @@ from groundstation.core.vehicle import Motion, Vehicle
 
 G, PERIOD_S = 9.81, 0.01
 VEHICLE = Vehicle()
-LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
 def leaning(degrees: float, azimuth_deg: float) -> Quat:

@@ -14,11 +14,10 @@ from pymavlink.dialects.v20 import common
 from groundstation.config import ConfigError, from_dict
 from groundstation.core.mission import HoldToRun, InputLost
 from groundstation.core.mission.operator import DEBOUNCE_S
-from groundstation.flight import HoldWatch
 from groundstation.flight.hold_to_run import LOOK_S, OLD_S, RATE_HZ, ChannelInput, open_device
 from groundstation.interfaces.service import require_flyable
 from groundstation.settings import Config, OperatorConfig
-from tests.hold_double import DeviceDouble, Hand, pad
+from tests.hold_double import DeviceDouble, pad
 from tests.loops import in_virtual_time
 
 
@@ -193,24 +192,3 @@ async def test_a_channel_is_held_while_the_autopilot_tells_it_high() -> None:
     wire.hear(rc_channels(1500, 1500), 1.0 + OLD_S)
     with pytest.raises(InputLost, match="no such channel"):
         channel.share()
-
-
-@pytest.mark.parametrize("trouble", [InputLost("No such device"), RuntimeError("the reader is broken")])
-@in_virtual_time
-async def test_what_goes_wrong_with_the_reader_is_a_loss_and_goes_on_being_told(trouble: Exception) -> None:
-    hand, obstacles = Hand(), list[str]()
-    watch = HoldWatch("pedal", 0.75, lambda: hand)
-    running = asyncio.ensure_future(watch.run(lambda: obstacles.append(str(watch.hold.obstacle or ""))))
-    await asyncio.sleep(0.1)
-    hand.held = True
-    await asyncio.sleep(0.1)
-    assert obstacles[-1] == ""
-    hand.trouble = trouble
-    await asyncio.sleep(LOOK_S + 0.001)
-    assert obstacles[-1] == f"the pedal is lost: {trouble}"
-    count = len(obstacles)
-    await asyncio.sleep(0.1)
-    assert len(obstacles) > count
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
-    assert hand.closed

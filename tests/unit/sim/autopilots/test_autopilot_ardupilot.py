@@ -78,14 +78,6 @@ def test_it_arms_in_guided_without_a_stream_and_nowhere_else() -> None:
     flight.arm()
 
 
-def test_thrust_and_rates_are_followed_where_thrust_means_thrust() -> None:
-    flight = Flight().arm()
-    flight.stream(PERIOD_S, 0.6, (0.1, -0.2, 0.3))
-    _, thrust, rates = flight.airframe.acts[-1]
-    assert thrust == pytest.approx(0.6)
-    assert rates == pytest.approx((0.1, -0.2, 0.3))
-
-
 @pytest.mark.parametrize(("thrust", "climb_m_s"), [(0.5, 0.0), (0.7, 1.0), (0.3, -1.0)])
 def test_without_the_option_thrust_is_a_climb_rate(thrust: float, climb_m_s: float) -> None:
     flight = Flight(Brick(20.0, held=True), GUID_OPTIONS=0.0).arm()
@@ -165,24 +157,3 @@ def test_it_has_no_odometry_and_sends_nothing_faster_than_250_hz() -> None:
     flight.heard.clear()
     flight.wait(1.0)
     assert sum(m.get_type() == "ATTITUDE_QUATERNION" for m in flight.heard) == pytest.approx(250, abs=1)
-
-
-def test_its_parameters_are_told_by_name_by_number_and_all() -> None:
-    flight = Flight(GUID_OPTIONS=9.0)
-    d = flight.codec.dialect
-    for frame, name in (
-        (flight.codec.parameter_request(1, 1, "GUID_OPTIONS"), "GUID_OPTIONS"),
-        (flight.codec.pack(d.MAVLink_param_request_read_message(1, 1, b"", 0)), "ATC_ACCEL_P_MAX"),
-    ):
-        flight.heard.clear()
-        flight.send(frame)
-        (told,) = flight.heard
-        assert told.param_id == name
-    flight.heard.clear()
-    flight.send(flight.codec.pack(d.MAVLink_param_request_list_message(1, 1)))
-    told = {m.param_id: m for m in flight.heard}
-    assert told["GUID_OPTIONS"].param_value == 9.0
-    assert len(told) == told["GUID_OPTIONS"].param_count
-    flight.heard.clear()
-    flight.send(flight.codec.parameter_request(1, 1, "NO_SUCH"))
-    assert flight.heard == []

@@ -17,19 +17,11 @@ from groundstation.interfaces.cli import commands as flying
 from groundstation.recording.records import MAGIC
 from groundstation.runtime import Groups, build_parser
 from groundstation.settings import Config
-from links.bridge import BridgeConfig
 from sim.__main__ import COMMANDS as SIMULATING
 from sim.__main__ import MOVED as SIM_MOVED
 from sim.__main__ import main as simulating_main
 from sim.__main__ import parser as simulating_parser
 from sim.cli import commands as simulating
-
-BRIDGE = """
-listen = "127.0.0.1:14600"
-[link]
-kind = "dsm"
-port = "/dev/ttyUSB0"
-"""
 
 
 @pytest.mark.parametrize(("groups", "names", "most"), [(FLYING, 4, 20), (SIMULATING, 1, 10)])
@@ -117,6 +109,8 @@ def test_a_word_too_many_or_too_few_is_told_beside_the_usage_of_its_command(
         (SIM, "compare --controllers bogus", r"^--controllers: expected one of \['adaptive', .* got 'bogus'$"),
         (SIM, "compare --table found.csv", "^--table: is for --equal-margins$"),
         (SIM, "compare --trials 3", "^--trials: is for --equal-margins$"),
+        (SIM, "compare --equal-margins --scenarios paper", "^--scenarios: is told by --equal-margins itself"),
+        (SIM, "compare --equal-margins --controllers mine:make", "^--controllers: expected some of"),
         (SIM, "serve --param FOO", "^--param: expected NAME=VALUE, got 'FOO'"),
         (SIM, "serve --param FOO=1", "^--param: expected one of "),
         (SIM, "serve --param COM_OBL_RC_ACT=much", "^--param: COM_OBL_RC_ACT=much: "),
@@ -162,16 +156,6 @@ def test_a_controller_that_there_is_not_is_blamed_on_the_option_that_named_it() 
 def test_an_address_that_is_none_is_blamed_by_its_dotted_key(overrides: list[str], key: str) -> None:
     with pytest.raises(ConfigError, match=f"^--set: {key}: 'foo' is not an address: it has no port"):
         load(None, Config, overrides)
-
-
-def test_an_address_that_is_none_is_blamed_by_its_key_in_the_bridges_file_too(tmp_path: Path) -> None:
-    file = tmp_path / "bridge.toml"
-    file.write_text(BRIDGE, "utf-8")
-    with pytest.raises(ConfigError, match=r"^--set: listen: 'foo' is not an address: it has no port"):
-        load(file, BridgeConfig, ["listen=foo"])
-    file.write_text(BRIDGE.replace("127.0.0.1:14600", "bar"), "utf-8")
-    with pytest.raises(ConfigError, match=r"bridge\.toml: listen: 'bar' is not an address"):
-        load(file, BridgeConfig)
 
 
 def test_a_recording_of_a_few_bytes_is_listed_as_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

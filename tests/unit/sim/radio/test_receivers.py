@@ -36,13 +36,6 @@ def test_counts_of_crsf_are_the_pulses_of_its_document() -> None:
     assert pulses.given[-1] == pytest.approx([(count - 992) * 5 / 8 + 1500 for count in told], abs=0.7)
 
 
-def test_a_centred_frame_is_1500_everywhere() -> None:
-    assert crsf_of([992] * 16) == CRSF_CENTRE
-    pulses = Pulses(CrsfLinkConfig())
-    pulses.receiver.receive(CRSF_CENTRE, 0.0)
-    assert pulses.given[-1] == pytest.approx([1500.0] * 16, abs=0.5)
-
-
 def test_counts_of_dsm_are_988_and_the_count() -> None:
     """Betaflight's spektrum.c in the 22 ms mode of 1024 steps: a count of 512 is 1500 µs."""
     pulses = Pulses(DsmLinkConfig())

@@ -1,13 +1,11 @@
 """The virtual event loop: time jumps, datagrams in memory, deadlocks found."""
 
 import asyncio
-import time
 from contextvars import ContextVar, copy_context
 from typing import Any
 
 import pytest
 
-from groundstation.machine import sleep_until
 from sim.time import VirtualTimeLoop
 from sim.time.virtual_time import SimulationStuck
 
@@ -23,30 +21,6 @@ class Inbox(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         self.got.append((asyncio.get_running_loop().time(), data, addr))
-
-
-def test_an_hour_passes_at_once() -> None:
-    async def work() -> float:
-        await asyncio.sleep(3600.0)
-        return asyncio.get_running_loop().time()
-
-    start = time.perf_counter()
-    assert run(work()) == pytest.approx(3600.0)
-    assert time.perf_counter() - start < 5.0
-
-
-def test_sleepers_wake_in_the_order_of_their_instants() -> None:
-    async def work() -> list[float]:
-        woken: list[float] = []
-
-        async def sleeper(when: float) -> None:
-            await sleep_until(when)
-            woken.append(round(asyncio.get_running_loop().time(), 9))
-
-        await asyncio.gather(*(sleeper(w) for w in (0.3, 0.1, 0.2, 0.05)))
-        return woken
-
-    assert run(work()) == [0.05, 0.1, 0.2, 0.3]
 
 
 def test_waiting_for_nothing_is_an_error_and_not_a_hang() -> None:

@@ -25,25 +25,6 @@ def test_it_is_held_until_released() -> None:
     assert plant.truth(3.0).thrust_n == pytest.approx(0.6 * 0.08 * 9.81)
 
 
-def test_without_thrust_it_falls_as_a_stone() -> None:
-    plant = vehicle(msgspec.structs.replace(CALM, thrust_lag_s=0.0))
-    plant.release(2.0)
-    state = plant.truth(4.0)
-    assert state.velocity_ned[2] == pytest.approx(9.81 * 2.0)
-    assert state.position_ned[2] == pytest.approx(0.5 * 9.81 * 4.0)
-
-
-def test_thrust_and_rates_follow_their_commands_as_first_order_lags() -> None:
-    plant = vehicle(CALM)
-    plant.release(0.0)
-    plant.command(0.0, 1.0, (0.5, -0.4, 0.3))
-    start = 0.6 * 0.08 * 9.81
-    state = plant.truth(0.15)
-    keep = math.exp(-0.15 / CALM.thrust_lag_s)
-    assert state.thrust_n == pytest.approx(1.0 + (start - 1.0) * keep)
-    assert state.rates_rad_s == pytest.approx(tuple(r * (1 - keep) for r in (0.5, -0.4, 0.3)))
-
-
 def test_a_look_that_comes_late_after_a_command_shows_where_the_vehicle_was_and_changes_nothing() -> None:
     late_s = 0.004
     in_time, late = vehicle(CALM), vehicle(CALM)

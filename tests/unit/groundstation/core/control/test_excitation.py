@@ -10,7 +10,6 @@ from groundstation.core.messages import Estimate
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate
 
 G = 9.81
-STEP_S = 0.0225
 VEHICLES = [
     Vehicle(),
     Vehicle(mass_kg=1.0, thrust_max_n=20.0, thrust_lag_s=0.03, rate_lag_s=0.02, frame_period_s=0.01),

@@ -27,10 +27,7 @@ def test_each_half_of_the_command_is_of_its_own_instant() -> None:
     assert drive.thrust == later.decide(SPINS, HERE, PERIOD_S).drive.thrust
 
 
-def test_a_half_that_is_not_sent_clamps_nothing() -> None:
+def test_a_half_that_is_clamped_is_told_where_it_is_sent() -> None:
     assert Adaptive(VEHICLE, Gains()).decide(SPINS, HERE, PERIOD_S).saturated
     assert not Adaptive(VEHICLE, Gains()).decide_apart(estimate(), SPINS, HERE, PERIOD_S).saturated
-
-
-def test_a_half_that_is_sent_and_clamped_is_told() -> None:
     assert Adaptive(VEHICLE, Gains()).decide_apart(SPINS, estimate(), HERE, PERIOD_S).saturated

@@ -93,19 +93,3 @@ def test_a_thrust_that_stays_at_its_limit_is_told_under_every_controller(thrust:
     for config in (Gains(), Pid()):
         (warning,) = flown(CertificateMonitor(VEHICLE, config), decided(said(), saturated=True, thrust=thrust), 2.0)
         assert f"at its {which} limit" in warning
-
-
-@pytest.mark.parametrize(
-    ("gains", "why"),
-    [
-        (Gains(kb=2.0), "the proof needs kb² κ < 4 k3"),
-        (Gains(composite="raw"), "the raw form"),
-        (Gains(kb=0.0), "adaptation is off"),
-    ],
-)
-def test_gains_without_a_proof_are_told_at_the_first_command_and_promise_nothing(gains: Gains, why: str) -> None:
-    watch = CertificateMonitor(VEHICLE, gains)
-    first = watch.look(0.0, HOVER, decided(said(v=0.1, w=100.0)))
-    assert why in first.warnings[0].text
-    assert flown(watch, decided(said(v=0.1, w=100.0)), 3.0, PERIOD_S) == []
-    assert watch.look(3.1, HOVER, decided(said())).state == "none"

@@ -43,18 +43,6 @@ def assert_axes(turn: Quat, forward: Vec3, right: Vec3) -> None:
     assert so3.to_world(turn, Y) == pytest.approx(right, abs=1e-15)
 
 
-@pytest.mark.parametrize(("ned", "world", "given"), [
-    # Two metres east of the origin and one up.
-    ((0.0, 2.0, -1.0), "ned", (0.0, 2.0, -1.0)), ((0.0, 2.0, -1.0), "enu", (2.0, 0.0, 1.0)),
-    ((0.0, 2.0, -1.0), "nwu", (0.0, -2.0, 1.0)), ((0.0, 2.0, -1.0), "nue", (0.0, 1.0, 2.0)),
-    # Three metres north and half a metre below.
-    ((3.0, 0.0, 0.5), "ned", (3.0, 0.0, 0.5)), ((3.0, 0.0, 0.5), "enu", (0.0, 3.0, -0.5)),
-    ((3.0, 0.0, 0.5), "nwu", (3.0, 0.0, -0.5)), ((3.0, 0.0, 0.5), "nue", (3.0, -0.5, 0.0)),
-])  # fmt: skip
-def test_a_place_is_the_same_in_all_axes(ned: Vec3, world: World, given: Vec3) -> None:
-    assert position(given, world) == ned
-
-
 # What the vehicle does: where its nose and its right side point, NED. Up is -z.
 NORTH = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 EAST = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
@@ -85,13 +73,6 @@ def test_an_attitude_points_the_same_way_in_all_axes(
     points: tuple[Vec3, Vec3], world: World, body: Body, given: Quat
 ) -> None:
     assert_axes(attitude(given, world, body), forward=points[0], right=points[1])
-
-
-def test_thrust_of_a_level_vehicle_points_up_whatever_the_frames() -> None:
-    # The body axis that points up is -z in frd, +z in flu; in NED it must be (0, 0, -1): R e3 = +e3.
-    cases: list[tuple[World, Quat]] = [("nwu", so3.IDENTITY), ("enu", about(Z, 30.0))]
-    for world, level in cases:
-        assert so3.third_column(attitude(level, world, "flu")) == pytest.approx((0.0, 0.0, 1.0), abs=1e-15)
 
 
 def test_every_right_handed_name_is_known_and_no_other() -> None:

@@ -1,6 +1,5 @@
 """The mission table: total where it must be, every state reached, and a way out of each."""
 
-import argparse
 from pathlib import Path
 
 import pytest
@@ -9,8 +8,6 @@ from groundstation.core.messages import Ask, Request, notice
 from groundstation.core.messages.snapshot import decode
 from groundstation.core.mission import EVENT_OF, FINAL, IN_AIR, ON_GROUND, TABLE, Event, Mission, State
 from groundstation.core.mission.mission import IllegalMove
-from sim.cli.commands import dev_states
-from tests.proving.reference import mermaid
 from tests.proving.reference import states_page as markdown
 
 BEGIN, END = "<!-- states:begin -->", "<!-- states:end -->"
@@ -87,18 +84,7 @@ def test_a_request_is_read_from_json_and_anything_else_is_none() -> None:
         assert decode(bad) is None
 
 
-def test_the_diagram_has_every_state() -> None:
-    assert all(f"    {state} --> " in mermaid() for state in State)
-
-
 def test_the_page_shows_the_table_that_flies() -> None:
     """If this fails: groundstation-sim dev states --write docs/explanation/safety.md."""
     text = PAGE.read_text("utf-8")
     assert text[text.index(BEGIN) + len(BEGIN) : text.index(END)].strip() == markdown()
-
-
-def test_writing_the_diagram_leaves_the_rest_of_the_page(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", "utf-8")
-    dev_states(argparse.Namespace(write=page))
-    assert page.read_text("utf-8") == f"before\n{BEGIN}\n{markdown()}\n{END}\nafter\n"

@@ -121,18 +121,18 @@ def lie(options: dict[str, Any]) -> Curve:
 
 
 @pytest.mark.parametrize(
-    ("trajectory", "span_s"),
+    "trajectory",
     [
-        ({"kind": "lemniscate"}, None),
-        ({"kind": "lemniscate", "ramp_s": 2.0, "laps": 3}, None),
-        ({"kind": "circle"}, None),
-        ({"kind": "hold"}, None),
-        ({"kind": "excitation"}, None),
-        ({"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1], [1, 1, -1.5], [0, 0, -1]]}, None),
-        ({"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1]], "times_s": [0, 4]}, None),
+        {"kind": "lemniscate"},
+        {"kind": "lemniscate", "ramp_s": 2.0, "laps": 3},
+        {"kind": "circle"},
+        {"kind": "hold"},
+        {"kind": "excitation"},
+        {"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1], [1, 1, -1.5], [0, 0, -1]]},
+        {"kind": "waypoints", "points_ned": [[0, 0, -1], [1, 0, -1]], "times_s": [0, 4]},
     ],
 )
-def test_every_kind_that_comes_along_is_what_it_declares(trajectory: dict[str, Any], span_s: None) -> None:
+def test_every_kind_that_comes_along_is_what_it_declares(trajectory: dict[str, Any]) -> None:
     config = from_dict({"trajectory": trajectory}, Config)
     assert examine_trajectory(config).inconsistency is None
 

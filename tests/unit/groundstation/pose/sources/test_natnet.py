@@ -1,15 +1,17 @@
 """The NatNet source beside its contract: who is heard, what is refused, a server that restarts."""
 
 import asyncio
+import math
 from typing import Any
 
-import msgspec
 import pytest
 
+from groundstation.config import ConfigError, from_dict
 from groundstation.core.geometry import so3
 from groundstation.core.messages import Pose, Sentence
 from groundstation.flight.prearm import explain_drops
 from groundstation.pose.sources import GateConfig, GatedSource, NatNetConfig, natnet_codec
+from groundstation.settings import Config
 from links.io import parse_address
 from sim.trackers import NatNetServer, TrackedBody
 from tests.loops import free_address, in_real_time, in_virtual_time
@@ -129,10 +131,12 @@ async def test_a_group_on_an_interface_that_is_not_ours_is_refused_in_words() ->
         ({"interface": "eth0"}, "interface: expected a numeric IPv4 address, got 'eth0'"),
         ({"group": "192.168.1.5"}, "group: expected a multicast address, such as 239.255.42.99, got '192.168.1.5'"),
         ({"server": "127.0.0.1"}, "it has no port"),
-        ({"name": ""}, "length >= 1"),
+        ({"name": ""}, "name: expected a string of 1 to 256 characters"),
         ({"world": "zup"}, "zup"),
+        ({"kind": "vicon", "object": ""}, "1 to 24 bytes"),
+        ({"kind": "vicon", "latency_s": math.nan}, "latency_s: expected a number >= 0"),
     ],
 )
 def test_a_bad_setting_is_refused_in_words(settings: dict[str, Any], words: str) -> None:
-    with pytest.raises(msgspec.ValidationError, match=words):
-        msgspec.convert({"kind": "natnet", **settings}, NatNetConfig)
+    with pytest.raises(ConfigError, match=words):
+        from_dict({"pose": {"kind": "natnet", **settings}}, Config)

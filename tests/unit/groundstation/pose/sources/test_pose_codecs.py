@@ -236,17 +236,14 @@ def test_visions_writer_gives_the_golden_frame_byte_for_byte() -> None:
     assert mavlink_codec.encode_vision(MavlinkCodec(1, 197), vision) == TABLES["vision"].rows[0].datagram
 
 
-def test_another_system_is_not_believed_where_one_is_named() -> None:
-    reader = VisionReader(Intake(0.0), system_id=2)
-    assert not reader.read(TABLES["vision"].rows[0].datagram, 1.0)
-    assert reader.status.dropped == {"other_system": 1}
-
-
-def test_another_component_is_not_believed_where_one_is_named() -> None:
+def test_another_system_or_component_is_not_believed_where_one_is_named() -> None:
     datagram = TABLES["vision"].rows[0].datagram
     (message,) = MavlinkCodec(255, 190).feed(datagram)
     own = message.get_srcComponent()
     assert len(VisionReader(Intake(0.0), component_id=own).read(datagram, 1.0)) == 1
-    reader = VisionReader(Intake(0.0), component_id=own % 255 + 1)
-    assert not reader.read(datagram, 1.0)
-    assert reader.status.dropped == {"other_component": 1}
+    for reader, reason in (
+        (VisionReader(Intake(0.0), system_id=2), "other_system"),
+        (VisionReader(Intake(0.0), component_id=own % 255 + 1), "other_component"),
+    ):
+        assert not reader.read(datagram, 1.0)
+        assert reader.status.dropped == {reason: 1}

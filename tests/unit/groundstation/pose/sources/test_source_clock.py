@@ -25,32 +25,6 @@ def test_frames_that_waited_in_the_kernel_are_as_old_as_their_numbers_say() -> N
     assert got == pytest.approx([51.0 + 0.01 * n for n in range(20)], abs=0.003)
 
 
-def test_a_queue_that_stays_for_a_second_does_not_make_old_poses_look_young() -> None:
-    clock = SourceClock(0.01)
-    messages = [(n, 0.01 * n + (0.2 if 500 <= n < 600 else 0.0)) for n in range(800)]
-    assert times(clock, messages) == pytest.approx([0.01 * n for n in range(800)], abs=1e-9)
-
-
-@pytest.mark.tried(2)  # lengths of the queue
-@pytest.mark.parametrize("late_s", [0.1, 0.2, 0.4])
-@pytest.mark.parametrize("frame_s", [None, 0.01])
-def test_a_queue_that_stays_for_good_is_never_forgotten(frame_s: float | None, late_s: float) -> None:
-    clock = SourceClock(frame_s)
-    stamps = [n if frame_s else 0.01 * n for n in range(60_000)]  # ten minutes
-    got = times(clock, ((s, 0.01 * n + (late_s if n >= 2000 else 0.0)) for n, s in enumerate(stamps)))
-    assert got == pytest.approx([0.01 * n for n in range(60_000)], abs=1e-6)
-    assert clock.late_s == pytest.approx(late_s, abs=1e-6)
-
-
-@pytest.mark.parametrize("frame_s", [None, 0.01])
-def test_a_queue_that_fills_is_not_taken_for_a_slow_clock(frame_s: float | None) -> None:
-    clock = SourceClock(frame_s)
-    stamps = [n if frame_s else 0.01 * n for n in range(5000)]
-    got = times(clock, ((s, 0.01 * n + 0.05 * 0.01 * max(0, n - 3000)) for n, s in enumerate(stamps)))  # 50 ms a second
-    assert max(got[n] - 0.01 * n for n in range(5000)) < 0.01
-    assert clock.late_s == pytest.approx(1.0, abs=0.08), "as of two blocks ago"
-
-
 def test_after_a_long_silence_it_begins_anew_and_after_a_hidden_body_it_does_not() -> None:
     for hears in (False, True):
         clock = SourceClock()

@@ -1,10 +1,15 @@
+"""Vicon's bytes: the golden table, what of a stream is new, and what is told of a port in use."""
+
 import math
+import os
 
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
+from groundstation.pose.sources import ViconConfig
 from groundstation.pose.sources.intake import Intake
 from groundstation.pose.sources.vicon_codec import (
+    ViconObject,
     ViconReader,
     decode,
     encode,
@@ -12,6 +17,7 @@ from groundstation.pose.sources.vicon_codec import (
     pose_of,
     quaternion_from_euler_xyz,
 )
+from tests.loops import free_address, in_real_time
 from tests.vicon_table import OURS, TABLE, Dropped, Readable
 
 readable = pytest.mark.parametrize("row", TABLE.readable, ids=lambda row: row.about)
@@ -41,6 +47,46 @@ def test_a_datagram_of_no_use_is_counted_by_reason_and_dropped(row: Dropped) -> 
     for count in (1, 2):
         assert reader.read(row.datagram, 0.0) == ()
         assert reader.status.dropped == {row.reason: count}
+
+
+def frame(number: int, north_mm: float = 0.0) -> bytes:
+    return encode(number, [ViconObject(OURS, (north_mm, -2000.0, 1000.0), (0.0, 0.0, -math.pi / 2.0))])
+
+
+@pytest.mark.parametrize(
+    ("frames", "ids", "dropped"),
+    [
+        (((10, 0.0), (11, 1.0), (11, 1.0), (10, 0.0), (13, 3.0), (12, 2.0)), [10, 11, 13],
+         {"duplicate": 1, "out_of_order": 2}),
+        (((5000, 0.0), (100, 9.0), (5001, 1.0), (101, 8.0)), [5000, 5001], {"out_of_order": 2}),  # two trackers at once
+        (((1, 1.0), (2, 1.0), (3, 1.0), (4, math.nextafter(1.0, 2.0))), [1, 4], {"frozen": 2}),
+    ],
+    ids=["each frame counts once and never backwards", "only the one ahead", "the same to the last bit"],
+)  # fmt: skip
+def test_of_frames_only_new_measurements_make_poses(
+    frames: tuple[tuple[int, float], ...], ids: list[int], dropped: dict[str, int]
+) -> None:
+    reader = ViconReader(OURS, Intake(0.0, frame_s=0.02))
+    taken: list[int] = []
+    for n, (number, north_mm) in enumerate(frames):
+        for pose in reader.read(frame(number, north_mm), 0.5 * n):
+            assert pose.id == len(taken)
+            assert pose.position_ned[0] == pytest.approx(1e-3 * north_mm)
+            taken.append(number)
+    assert taken == ids
+    assert reader.status.dropped == dropped
+
+
+@pytest.mark.real_time
+@in_real_time
+async def test_a_port_in_use_is_named_with_what_to_do() -> None:
+    config = ViconConfig(object=OURS, listen=await free_address())
+    first, second = config.build(), config.build()
+    await first.start(lambda pose: None)
+    with pytest.raises(OSError, match=r"cannot listen for Vicon poses on 127\.0\.0\.1:") as refused:
+        await second.start(lambda pose: None)
+    assert f"(process {os.getpid()}) holds this port: end it" in str(refused.value)
+    await first.close()
 
 
 def test_a_misspelt_name_shows_the_names_that_are_there() -> None:
