@@ -66,21 +66,11 @@ def test_every_law_is_thrown_and_pushed_in_a_batch_as_in_a_whole_flight(kind: st
     assert batch.lowest_m[0] > world.start_ned[2], "it sinks at first"
 
 
-def test_a_vehicle_that_no_wind_pushes_has_no_peak() -> None:
-    world, config = prepare(SCENARIOS["paper"], [])
-    calm = fly_batch([world], config, [0], duration_s=2.0)
-    assert math.isnan(calm.gust_peak_m[0])
-    assert math.isnan(calm.gust_back_s[0])
-
-
 def test_a_last_frame_whose_every_step_ends_after_the_flight_adds_nothing() -> None:
     world, config = prepare(SCENARIOS["adverse"], ["sim.frame_period_s=0.011"])
     shorter, longer = (fly_batch([world], config, [0], duration_s=s) for s in (0.011, 0.0111))
     assert longer.survived.all()
     assert longer.settle_s.tobytes() == shorter.settle_s.tobytes()
-
-
-LAG_2X = f"sim.thrust_lag_s={2.0 * SCENARIOS['paper'].world.thrust_lag_s}"
 
 
 def test_worlds_that_cannot_share_a_batch_are_refused() -> None:

@@ -166,17 +166,6 @@ def asked(**changes: Any) -> argparse.Namespace:
         ({"plot": Path()}, r"--plot: cannot write \.: it is a folder"),
         ({"overrides": ["sim.masss=1"]}, r"sim\.masss: unknown key"),
     ],
-    ids=[
-        "scenario",
-        "controller",
-        "factory",
-        "duration",
-        "document",
-        "no_folder",
-        "no_picture",
-        "a_folder",
-        "override",
-    ],
 )
 def test_what_cannot_be_flown_or_written_is_said_before_anything_flies(changes: dict[str, Any], line: str) -> None:
     with pytest.raises(ConfigError, match=line):

@@ -1,6 +1,5 @@
 """``compare --equal-margins``: who may win a search, what is kept of it, and what the table and the picture say."""
 
-import argparse
 import math
 from pathlib import Path
 
@@ -8,8 +7,6 @@ import pytest
 
 from groundstation.config import ConfigError
 from groundstation.core.control.controllers import Pid
-from sim.__main__ import parser
-from sim.cli import commands
 from sim.studies import (
     SEARCHED_LAWS,
     compare_at_equal_margins,
@@ -19,7 +16,6 @@ from sim.studies import (
 from sim.studies import comparison as module
 from sim.studies.comparison import (
     FLOORS,
-    EqualMarginsRow,
     EqualTerms,
     SearchedLaw,
     make_wrong,
@@ -106,30 +102,7 @@ def test_a_search_is_kept_as_a_table_and_not_flown_again(tmp_path: Path) -> None
         read_trials(path)
 
 
-def row(law: str, rms_cm: float, effort: float, delay_s: float, *, keeps: bool = True) -> EqualMarginsRow:
-    both = ("paper", "adverse")
-    return EqualMarginsRow(
-        law=law,
-        gains={"k": 1.0},
-        evaluations=3,
-        keeps=keeps,
-        rms_cm={**dict.fromkeys(module.REFLOWN, None), **dict.fromkeys(both, rms_cm)},
-        effort_rad_s=dict.fromkeys(both, effort),
-        delay_s=dict.fromkeys(both, delay_s),
-    )
-
-
 @pytest.mark.matrix  # twelve flights of a page of figures, which `make margins` makes
 def test_ours_as_shipped_keeps_the_floors() -> None:
     shipped = next(law for law in SEARCHED_LAWS if not law.start)
     assert EqualTerms()(module._search(shipped), {}, Flyers(1), 0).broken == []
-
-
-def test_the_command_refuses_what_equal_margins_tell_themselves() -> None:
-    def told(*words: str) -> argparse.Namespace:
-        return parser().parse_args(["compare", "--equal-margins", *words])
-
-    with pytest.raises(ConfigError, match="--scenarios: is told by --equal-margins itself"):
-        commands.compare(told("--scenarios", "paper"))
-    with pytest.raises(ConfigError, match="--controllers: expected some of"):
-        commands.compare(told("--controllers", "mine:make"))

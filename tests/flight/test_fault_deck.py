@@ -4,24 +4,17 @@ The whole of it is `groundstation-sim dev faults`, and `groundstation-sim dev ho
 """
 
 import asyncio
-import csv
-import json
 import math
 import struct
-from itertools import repeat
-from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
 
-from groundstation.core.geometry import euler_zyx
 from groundstation.core.messages import IdleRecord
 from links.core import Command, Segment
 from links.mavlink.protocol import MavlinkCodec
-from sim.__main__ import main
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
-from sim.world import Quadrotor, SimulatedVehicle, Wind, World
 from tests.proving.faults import (
     Cell,
     Fault,
@@ -135,21 +128,6 @@ def test_no_doubt_is_worse_than_what_it_doubts(doubt: str, ended: str) -> None:
     assert (row.forced, row.ended) == (doubt, ended)
 
 
-def test_an_estimator_that_resets_its_heading_has_the_true_one_again_and_says_so() -> None:
-    world = World(attitude_noise_rad=0.0)
-    vehicle = SimulatedVehicle(Quadrotor(world, Wind(world, iter(()))), world, repeat((0.0,) * 6), iter(()))
-
-    def seen() -> tuple[int, int]:
-        truth = vehicle.measure(0.0)
-        return round(math.degrees(euler_zyx(truth.attitude)[2])), truth.resets
-
-    assert seen() == (0, 0)
-    vehicle.lead_heading_astray(19.0)
-    assert seen() == (19, 0)
-    vehicle.reset_heading()
-    assert seen() == (0, 1)
-
-
 @pytest.mark.tried(2)  # states
 @pytest.mark.parametrize("state", ["take-off", "tracking", "landing", "descent"])
 def test_where_only_answers_get_lost_the_descent_is_no_fall(state: str) -> None:
@@ -230,54 +208,6 @@ def test_the_judge_lets_pass_what_is_due_and_finds_what_is_not(
 ) -> None:
     wrong = judged(time_s, thrust, rates)
     assert says in wrong if says else not wrong
-
-
-def told_rows(capsys: pytest.CaptureFixture[str]) -> list[dict[str, object]]:
-    found: list[dict[str, object]] = json.loads(capsys.readouterr().out)["rows"]
-    return found
-
-
-FIELDS = {
-    "fault", "state", "link", "scenario", "struck_s", "reaction", "answer_ms", "highest_m", "sideways_m",
-    "fastest_m_s", "peak_error_m", "touchdown_m_s", "drift_m", "tilt_deg", "over_hover_s", "exemption", "safe", "why",
-}  # fmt: skip
-"""Fields of a row that programs of others may read."""
-
-
-def test_a_row_of_the_json_says_where_when_and_how_far(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = "groundstation-sim dev faults --fault dropout --state hold --link mavlink --json"
-    monkeypatch.setattr("sys.argv", words.split())
-    assert main() == 0
-    (row,) = told_rows(capsys)
-    assert set(row) >= FIELDS
-    assert (row["fault"], row["state"]) == ("dropout", "hold")
-    assert (row["link"], row["scenario"]) == ("mavlink", "paper")
-    assert isinstance(row["struck_s"], float)
-    assert 5.0 < row["struck_s"] < 20.0
-    assert isinstance(row["answer_ms"], float)
-    assert 200.0 < row["answer_ms"] < 300.0
-    assert (row["exemption"], row["safe"]) == ("", True)
-
-
-def test_honest_flights_are_told_with_the_same_flight_without_guards(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    out = tmp_path / "honest.csv"
-    asked = ["--scenarios", "quad1kg", "--links", "mavlink", "--states", "hold", "--seeds", "2"]
-    words = ["dev", "honest", *asked, "--only", "push: 6 for 1 s", "--workers", "1", "--csv", str(out)]
-    monkeypatch.setattr("sys.argv", ["groundstation-sim", *words, "--json"])
-    assert main() == 0
-    rows = told_rows(capsys)
-    assert [(row["scenario"], row["seed"], row["variant"]) for row in rows] == [
-        ("quad1kg", 0, "6 for 1 s"),
-        ("quad1kg", 1, "6 for 1 s"),
-    ]
-    with out.open() as file:
-        assert [line["ended"] for line in csv.DictReader(file)] == ["flies on"] * 2
-    one, other = rows
-    assert one["far_m"] != other["far_m"], "each seed has a direction of its own"
 
 
 @pytest.mark.matrix  # of the tool that flies the table of faults

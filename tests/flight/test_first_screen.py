@@ -4,7 +4,6 @@ import math
 import re
 import sys
 from functools import cache
-from pathlib import Path
 
 import pytest
 
@@ -69,14 +68,3 @@ def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(scenario: str, la
     word = "later" if late_ms > 0 else "earlier"
     assert bool(warnings) is told
     assert all(re.search(rf"poses seem \d+ ms {word} than told, or the vehicle turns so", one) for one in warnings)
-
-
-def test_the_tutorial_tells_what_adaptation_buys() -> None:
-    page = (Path(__file__).parents[2] / "docs/tutorial/first-flight.md").read_text("utf-8")
-    told = re.search(r"pushed (\d+) cm aside.*?largest\s+error is (\d+) cm", page, re.DOTALL)
-    assert told is not None
-    flown = [
-        simulate("gust_front", duration=40.0, overrides=overrides, record=False).facts["gust_peak_cm"]
-        for overrides in (("controller.kb=0",), ())
-    ]
-    assert flown == pytest.approx([float(number) for number in told.groups()], abs=0.5)

@@ -4,20 +4,16 @@ import asyncio
 import itertools
 import math
 from collections.abc import Awaitable, Callable
-from types import SimpleNamespace
 from typing import Any
 
-import msgspec
 import pytest
 
 from groundstation.core.geometry import Vec3, so3
-from groundstation.core.messages import Ask, Pose, PoseStatus, Reply, Request
+from groundstation.core.messages import Ask, Pose, Reply, Request
 from groundstation.core.mission import State
 from groundstation.core.safety.pose_gate import PoseGate
 from groundstation.flight import Flight, make_flight
-from groundstation.pose import ForwardingSource
 from groundstation.pose.forward import Forward
-from links.mavlink import MavlinkLink, MavlinkLinkConfig
 from links.mavlink.protocol import ARDUPILOT, PX4, ForwardConfig, MavlinkCodec, Odometry, odometry
 from sim.autopilots import Px4Autopilot
 from sim.autopilots.autopilot import ExternalPoses, Fused
@@ -170,49 +166,6 @@ def test_poses_that_the_flight_rejects_do_not_reach_the_autopilot(monkeypatch: p
     assert all(one.arrival_s <= rejected_s[0] + 0.001 for one in external.fused), "those of before alone"
     assert "aborted: no pose for" in told
     assert "poses go on" not in told, "nor after the last command"
-
-
-@in_virtual_time
-async def test_a_pose_that_is_under_way_to_the_autopilot_does_not_leave_either() -> None:
-    left: list[bytes] = []
-
-    class Source:
-        status = PoseStatus(0, {})
-
-        async def start(self, deliver: Callable[[Pose], None]) -> None:
-            self.deliver = deliver
-
-        async def close(self) -> None:
-            pass
-
-    source = Source()
-    believed = True
-    forwarding = ForwardingSource(
-        source,
-        MavlinkLink(MavlinkLinkConfig(), thrust_max_n=2.0),
-        ForwardConfig(rate_hz=200.0),
-        floor_z_m=0.0,
-        believes=lambda: believed,
-    )
-    forwarding._connection = SimpleNamespace(  # type: ignore[assignment]  # what it needs of one
-        kind=PX4, state="armed", codec=MavlinkCodec(245, 190), leave=left.append
-    )
-    await forwarding.start(lambda pose: None)
-    now = asyncio.get_running_loop().time()
-    for n in range(10):
-        source.deliver(msgspec.structs.replace(pose(n), time_s=now + 0.01 * n))
-    await asyncio.sleep(0)
-    before = len(left)
-    assert before > 0
-    believed = False
-    source.deliver(msgspec.structs.replace(pose(10), time_s=now + 0.1))
-    await asyncio.sleep(0)
-    assert len(left) == before, "the flight does not go by it"
-    believed = True
-    source.deliver(msgspec.structs.replace(pose(11), time_s=now + 0.11))
-    forwarding.distrust()
-    await asyncio.sleep(0.01)
-    assert len(left) == before
 
 
 def taken_over(

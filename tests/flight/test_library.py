@@ -23,7 +23,6 @@ from tests.recordings import recorded
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/reference/python.md").read_text("utf-8")
-HOW_TO = (ROOT / "docs/how-to/own-controller.md").read_text("utf-8")
 SHORT_S = 1.5
 
 
@@ -288,15 +287,3 @@ def test_the_examples_of_the_page_run(tmp_path: Path, monkeypatch: pytest.Monkey
     for block in blocks:
         exec(compile(block, "python.md", "exec"), {"__name__": "__main__"})
     assert gs.load("pd.mcap").rms_cm is not None
-
-
-def test_all_that_is_handed_on_is_offered_at_the_tab_key_and_stands_on_the_page() -> None:
-    names = set(gs._MODULES)
-    assert {"simulate", "compare", "load", "ask_station"} <= names <= set(dir(gs))
-    assert [name for name in names if f"`{name}`" not in PAGE] == []
-
-
-def test_the_how_to_names_every_field_that_a_controller_is_given() -> None:
-    for name, kind in (("estimate", gs.Estimate), ("estimate.motion", gs.Motion), ("reference", gs.Reference)):
-        for field in kind.__annotations__:
-            assert f"| `{name}.{field}` |" in HOW_TO or (name, field) == ("estimate", "motion")

@@ -11,7 +11,6 @@ from sim.__main__ import main
 from sim.studies.tune import Flyers, SortieOutcome, sorties, stage_scenarios
 from sim.studies.tune.tune import Sortie
 
-DURATION_S = 18.0
 BAD = """
 [controller]
 k2 = 0.6

@@ -29,20 +29,6 @@ ONE = "step 5"
 """An upset of eight directions."""
 
 
-def test_every_upset_comes_from_all_its_directions() -> None:
-    found = {upset: len(directions) for upset, directions in list_upsets().items()}
-    assert found == {
-        "step 3": 8,
-        "step 5": 8,
-        "step ±5 vertical": 2,
-        "step 8": 8,
-        "push 6, 0.4 s": 8,
-        "push 6, 1 s": 8,
-        "push 10, 0.4 s": 8,
-        "push 10, 1 s": 8,
-    }
-
-
 def test_a_step_of_five_is_held_closer_on_the_figure_than_in_a_calm_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(upsets, "list_upsets", lambda: {ONE: list_upsets()[ONE][:2]})
     done: list[None] = []
