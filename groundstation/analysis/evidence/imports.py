@@ -17,7 +17,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from fnmatch import fnmatch
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -349,19 +348,8 @@ FARTHEST_M = 1e5
 """Largest believable distance from the source's origin [m]."""
 LATEST_S = 1e10
 """Largest believable time [s]."""
-MIXED = 2.0
-"""Loggers mix up rows that are so many intervals apart; where time goes back by more, its clock was set back."""
-OF_ANOTHER_CLOCK = " but with a clock that is set back at other times than that of the poses"
-
-
 MOST_BACKS = 0.3
 """Share of poses that may be older than the one before [-]: of rows in no order every second one is."""
-
-
-def split_at_set_backs(time: Column) -> list[slice]:
-    """The rows from one set-back of their clock to the next; ``time`` (N,) [s] is theirs."""
-    backs = np.flatnonzero(np.diff(time) < -MIXED * find_usual(time)) + 1
-    return [slice(a, b) for a, b in pairwise([0, *backs.tolist(), len(time)])]
 
 
 def find_usual(time: Column) -> float:
@@ -370,36 +358,15 @@ def find_usual(time: Column) -> float:
     return float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
 
 
-BEYOND = 1.5
-"""Change beyond rounding, in steps of the numbers [-]."""
-AFTER_REPEATS = 0.25
-"""Where so many of the longer steps come after a repetition, the log is faster than its source."""
-
-
-def find_resolution(place: Column) -> Column:
-    """The least step between neighbours of positions (N, 3) along each axis, (3,) [m]; infinite where there is none."""
-    steps = np.abs(np.diff(place, axis=0))
-    least: Column = np.where(steps > 0.0, steps, np.inf).min(axis=0, initial=np.inf)
-    return least
+def find_rising(time: Column) -> NDArray[np.bool_]:
+    """Which rows at ``time`` (N,) [s] are newer than all before: not those after their clock was set back."""
+    newest = np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
+    return np.asarray(time > newest)
 
 
 def find_repeats(place: Column) -> NDArray[np.bool_]:
-    """Which positions (N, 3) [m] repeat the one before to the last bit, and are no new ones, (N,).
-
-    A log does that which is faster than its source, and a tracker that stands still while the vehicle flies on.
-    Where positions are rounded, two that were seen may be the same, too: these do not count. The next other one is a
-    step of the numbers away then, and no farther. What is the same to the end counts, as none follows.
-    """
-    steps = np.diff(place, axis=0, prepend=place[:1] - 1.0)
-    same: NDArray[np.bool_] = np.all(steps == 0.0, axis=1)
-    far: NDArray[np.bool_] = np.any(np.abs(steps) > BEYOND * find_resolution(place), axis=1)
-    after = np.concatenate([[False], same[:-1]])
-    if np.count_nonzero(far & after) > AFTER_REPEATS * np.count_nonzero(far[1:]):
-        return same
-    others = np.flatnonzero(~same)
-    following = np.searchsorted(others, np.arange(len(place)), side="right")
-    ends: NDArray[np.bool_] = np.append(far[others], True)[following]
-    return same & ends
+    """Which positions (N, 3) [m] repeat the one before to the last bit: the log is faster than its source."""
+    return np.asarray(np.all(np.diff(place, axis=0, prepend=place[:1] - 1.0) == 0.0, axis=1))
 
 
 def find_leaps(time: Column, place: Column) -> tuple[NDArray[np.bool_], list[int]]:
@@ -407,39 +374,25 @@ def find_leaps(time: Column, place: Column) -> tuple[NDArray[np.bool_], list[int
     gone, moved = np.zeros(len(time), dtype=bool), list[int]()
     if len(time) < 3:
         return gone, moved
-    usual, at, where = find_usual(time), time.tolist(), place.tolist()
-    start = np.median(np.diff(place[:6], axis=0) / np.maximum(np.diff(time[:6]), usual)[:, None], axis=0)
-
-    def away(last: int, velocity: list[float], k: int) -> tuple[float, bool]:
-        """Return the distance of pose ``k`` from the extrapolated place [m], and whether it leaps."""
-        h = max(at[k] - at[last], usual)
-        away_m = math.dist(where[k], [x + h * v for x, v in zip(where[last], velocity, strict=True)])
-        return away_m, away_m > LEAPS_M + 0.5 * LEAPS_M_S2 * h * h
-
-    def between(last: int, k: int) -> list[float]:
-        return [(b - a) / max(at[k] - at[last], usual) for a, b in zip(where[last], where[k], strict=True)]
-
-    last, velocity, k = 0, start.tolist(), 1
+    usual_s, at = find_usual(time), time.tolist()
+    velocity = np.median(np.diff(place[:6], axis=0) / np.diff(time[:6])[:, None], axis=0)
+    last, k = 0, 1
     while k < len(at):
-        if not away(last, velocity, k)[1]:
-            last, velocity, k = k, between(last, k), k + 1
-            continue
-        other, its_velocity, j = k, velocity, k + 1
-        while j < len(at) and at[j] - at[k] <= BACK_S:
-            (back_m, leaps), (on_m, leaps_on) = away(last, velocity, j), away(other, its_velocity, j)
-            if not leaps and back_m < on_m:
-                break
-            its_velocity = velocity if leaps_on else between(other, j)
-            other, j = j, j + 1
-        if j == len(at) or at[j] - at[k] <= BACK_S:
-            gone[k:j] = True
-            k = j
-            continue
-        if at[k] - at[0] <= BACK_S:
-            gone[:k] = True
-        else:
-            moved.append(k)
-        last, k = k, k + 1
+        h = max(at[k] - at[last], usual_s)
+        off_m = math.dist(place[k], place[last] + velocity * h)
+        elsewhere = np.linalg.norm(place[last + 1 : k] - place[k], axis=1)
+        goes_on = off_m >= elsewhere.min(initial=math.inf)  # where it had leapt to
+        if off_m <= LEAPS_M + 0.5 * LEAPS_M_S2 * h * h and not goes_on:
+            gone[last + 1 : k] = True
+            last, velocity = k, (place[k] - place[last]) / h
+        elif at[k] - at[last + 1] > BACK_S:
+            last = k = last + 1
+            if at[last] - at[0] <= BACK_S:
+                gone[:last] = True
+            else:
+                moved.append(last)
+        k += 1
+    gone[last + 1 :] = True
     if len(moved) + np.count_nonzero(gone) > ALL_LEAP * len(at):
         return np.zeros(len(time), dtype=bool), []
     return gone, moved
@@ -493,7 +446,7 @@ def read_flight(mapping: FlightMapping, paths: Sequence[Path], body: str = "") -
 
 
 def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) -> "Motion":
-    """The poses between two set-backs of their clock, where there are most.
+    """The poses, in the order of the file.
 
     Raises:
         ConfigError: there are none, or by their stamps they come at a rate that no tracker has.
@@ -507,26 +460,18 @@ def _read_poses(reader: "_MappingReader", mapping: FlightMapping, file: Path) ->
         says = f"by {mapping.time_unit!r} a pose comes every {apart_s:.3g} s: its stamps are of another unit"
         says = says if apart_s else "all poses have the same stamp"
         raise ConfigError("--map: time_unit", says, str(file))
-    rows = split_at_set_backs(time)
     backs = int(np.count_nonzero(np.diff(time) < 0.0))
     if backs > MOST_BACKS * len(time):
         raise ConfigError(
             "FILE", notice("import.no_order", backs=backs, poses=len(time), limit=MOST_BACKS * len(time)), str(file)
         )
-    part = max(range(len(rows)), key=lambda k: rows[k].stop - rows[k].start)
-    reader.part = part, len(rows)
-    if len(rows) > 1:
-        # How long it had been going on by then nobody can tell: what comes before and after does not fit together.
-        reader.notes["poses left out, before or after a set-back of their clock"] = len(time) - len(time[rows[part]])
-        poses = reader.cut(poses) or poses
     return poses
 
 
 def _add_poses(flight: ImportedFlight, poses: "Motion") -> NDArray[np.intp]:
     """Add the poses that are new and do not leap away; returns their rows."""
     time, place, attitude, velocity, resets = poses
-    late = np.zeros(len(time), dtype=bool)
-    late[1:] = time[1:] <= np.maximum.accumulate(time)[:-1]
+    late = ~find_rising(time)
     repeats = find_repeats(place)
     flight.notes["poses not newer than the one before"] += int(np.count_nonzero(late))
     flight.notes["poses that repeat the one before"] += int(np.count_nonzero(repeats & ~late))
@@ -548,7 +493,7 @@ def _add_poses(flight: ImportedFlight, poses: "Motion") -> NDArray[np.intp]:
 
 def _add_states(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
     """Add when it may fly and when not."""
-    times, flies = reader.cut(reader.first(mapping.state, reader.state)) or ((), ())
+    times, flies = reader.first(mapping.state, reader.state) or ((), ())
     since = [max(0.0, float(at) - flight.begun_s) for at in times]
     since[:1] = [0.0] * len(since[:1])  # the first tells of what was before, too
     states = [(at, STATE, ImportedState(at, bool(may))) for at, may in zip(since, flies, strict=True)]
@@ -569,14 +514,13 @@ def _add_motion(
     topic, what = kind
     reader.unclear.clear()
     found = reader.first(parts, reader.motion)
-    known = reader.cut(found)
-    if known is None:
-        why = f": {reader.unclear[-1]}" if reader.unclear and not found else OF_ANOTHER_CLOCK if found else ""
-        return why
-    time, place, _, velocity, _ = known
+    if found is None:
+        return f": {reader.unclear[-1]}" if reader.unclear else ""
+    time, place, _, velocity, _ = found
     if any(part.stated for part in parts) and is_upside_down(*heights, time, place[:, 2]):
         return f": {notice('import.upside_down', what=what)}"
-    for k, at in enumerate((time - flight.begun_s).tolist()):
+    for k in np.flatnonzero(find_rising(time)).tolist():
+        at = float(time[k]) - flight.begun_s
         moving = msgspec.UNSET if velocity is None else Vector3(*_three(velocity[k]))
         flight.messages.append((at, topic, ImportedMotion(at, Vector3(*_three(place[k])), moving)))
     return None
@@ -597,18 +541,18 @@ def is_upside_down(known_s: Column, known_down: Column, time_s: Column, down: Co
 
 def _add_commands(flight: ImportedFlight, reader: "_MappingReader", mapping: FlightMapping) -> None:
     commands = reader.first(mapping.command, reader.command)
-    known = reader.cut(None if commands is None else commands[:4])
-    if commands is None or known is None:
-        but = OF_ANOTHER_CLOCK if commands else ", or none whose thrust changes"
-        flight.missing.append(f"no commands in it{but}: nothing is identified, prediction knows no thrust")
+    if commands is None:
+        no_thrust = "nothing is identified, prediction knows no thrust"
+        flight.missing.append(f"no commands in it, or none whose thrust changes: {no_thrust}")
         return
-    (time, signal, rates, attitude), flight.hover = known, commands[4]
+    time, signal, rates, attitude, flight.hover = commands
     beyond = int(np.count_nonzero((signal < 0.0) | (signal > 1.0)))
     if beyond:
         flight.notes["thrust beyond 0 or full, cut off there"] += beyond
     if rates is None and attitude is None:
         flight.missing.append("neither body rates nor an attitude were commanded in it: only thrust is known")
-    for k, at in enumerate((time - flight.begun_s).tolist()):
+    for k in np.flatnonzero(find_rising(time)).tolist():
+        at = float(time[k]) - flight.begun_s
         turn = msgspec.UNSET if rates is None else Vector3(*_three(rates[k]))
         lean = msgspec.UNSET if attitude is None else quaternion(_four(attitude[k]))
         thrust = float(np.clip(signal[k], 0.0, 1.0))
@@ -683,14 +627,6 @@ class _MappingReader:
         self.notes = notes
         self.unclear: list[str] = []
         """Columns left out for an unclear unit, as sentences."""
-        self.part = 0, 1
-        """Which of how many parts is read, where the poses' clock is set back."""
-
-    def cut(self, columns: tuple[Any, ...] | None) -> tuple[Any, ...] | None:
-        """That part of ``columns``, whose first is time; None where their clock is set back at other times."""
-        if columns is None or len(rows := split_at_set_backs(columns[0])) != self.part[1]:
-            return None
-        return tuple(None if column is None else column[rows[self.part[0]]] for column in columns)
 
     def first(self, parts: Sequence[Any], read: Callable[[Any], Any]) -> Any:
         """Read the first of ``parts`` that the tables hold; None where they hold none."""
