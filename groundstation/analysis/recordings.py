@@ -87,7 +87,7 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
             from groundstation.analysis.viewers import FoxgloveScene
 
             count = rewrite(recording, target, wanted, FoxgloveScene("--format"))
-            print(f"{target}: {count} messages{_short_of(recording)}; Foxglove and Rerun open it")
+            print(f"{target}: {count} messages{_short_of(recording)}; Foxglove opens it")
         elif form == "poses":
             count = write_poses(recording, target)
             print(f"{target}: {count} poses; pose.kind = 'csv' plays them{_short_of(recording)}")

@@ -39,8 +39,6 @@ ROTORS = tuple((x * ARM_M, y * ARM_M, 0.0) for x in (1.0, -1.0) for y in (1.0, -
 COLOURS = {"estimate": (0.0, 0.45, 0.7), "reference": (0.5, 0.5, 0.5), "truth": (0.84, 0.37, 0.0)}
 """Red, green, blue; told apart by everybody."""
 DISPLAY, WORLD, VEHICLE = "world", "world_ned", "vehicle"
-OVER: Quat = (0.0, 1.0, 0.0, 0.0)
-"""Rotation from a world with z up to north, east, down."""
 
 
 class Placement(NamedTuple):
@@ -105,18 +103,15 @@ class RoomScene:
 
 
 class FoxgloveScene:
-    """A recording's messages, and its scene, in Foxglove's schemas as protobuf: what Foxglove and Rerun both read."""
+    """A recording's messages as they are, and its scene in Foxglove's schemas."""
 
     kinds: ClassVar = {
-        "/tf": "FrameTransform",
         "/tf_static": "FrameTransform",
-        "/pose": "PoseInFrame",
-        "/log": "Log",
         "/scene/vehicle": "SceneUpdate",
         **{f"/scene/{name}": "PosesInFrame" for name in COLOURS},
         **{f"/scene/wind_{name}": "SceneUpdate" for name in ("estimate", "truth")},
     }
-    """Topic → message; ``/tf``, ``/pose`` and ``/log`` stand in the place of the recording's own JSON."""
+    """Topic → message of what is drawn beside the recording's own messages, which are Foxglove's JSON."""
 
     def __init__(self, option: str) -> None:
         """For ``option`` of the command line.
@@ -136,36 +131,16 @@ class FoxgloveScene:
         for topic, kind in self.kinds.items():
             told = getattr(self._messages, kind).get_schema()
             yield topic, told.name, told.data, told.encoding, "protobuf"
-        yield from describe_channels(topic for topic in wanted if topic not in self.kinds)
+        yield from describe_channels(wanted)
 
     def messages(self, entry: Entry) -> Iterator[tuple[str, bytes]]:
         """Topic and bytes of what one message of the recording becomes; most stay as they are."""
         m, stamp_ns = self._messages, entry.stamp_ns
-        if entry.topic not in self.kinds:
-            yield entry.topic, entry.data
+        yield entry.topic, entry.data
         if 1e-9 * stamp_ns - self._drawn_s >= DRAW_S:  # again and again, for whoever begins to look in between
             self._drawn_s = 1e-9 * stamp_ns
-            yield "/tf_static", self._transform(self._stamp(stamp_ns), DISPLAY, WORLD, (0.0, 0.0, 0.0), OVER).encode()
+            yield "/tf_static", self._transform(stamp_ns).encode()
             yield "/scene/vehicle", self._body(stamp_ns).encode()
-        match entry.topic:
-            case "/tf":
-                told = entry.value()
-                q = told["rotation"]
-                names, at = (told["parent_frame_id"], told["child_frame_id"]), _vector(told["translation"])
-                attitude = (q["w"], q["x"], q["y"], q["z"])
-                yield "/tf", self._transform(self._time(told["timestamp"]), *names, at, attitude).encode()
-            case "/pose":
-                told = entry.value()
-                pose = told["pose"]
-                made = m.Pose(position=m.Vector3(**pose["position"]), orientation=m.Quaternion(**pose["orientation"]))
-                stamp = self._time(told["timestamp"])
-                yield "/pose", m.PoseInFrame(timestamp=stamp, frame_id=told["frame_id"], pose=made).encode()
-            case "/log":
-                told = entry.value()
-                level = m.LogLevel.Warning if told["level"] > 2 else m.LogLevel.Info
-                stamp = self._time(told["timestamp"])
-                said = m.Log(timestamp=stamp, level=level, message=told["message"], name=told["name"])
-                yield "/log", said.encode()
         for shape in self._scene.shapes(entry):
             match shape:
                 case Trail(name, points):
@@ -207,14 +182,15 @@ class FoxgloveScene:
             entities=[m.SceneEntity(timestamp=self._stamp(stamp_ns), frame_id=frame, id=name, **parts)]
         )
 
-    def _transform(self, stamp: Any, parent: str, child: str, at: Vec3, turned: Quat) -> Any:
-        m, (w, x, y, z) = self._messages, turned
+    def _transform(self, stamp_ns: int) -> Any:
+        """Turn the world, whose z is down, over in a world with z up."""
+        m = self._messages
         return m.FrameTransform(
-            timestamp=stamp,
-            parent_frame_id=parent,
-            child_frame_id=child,
-            translation=m.Vector3(x=at[0], y=at[1], z=at[2]),
-            rotation=m.Quaternion(w=w, x=x, y=y, z=z),
+            timestamp=self._stamp(stamp_ns),
+            parent_frame_id=DISPLAY,
+            child_frame_id=WORLD,
+            translation=m.Vector3(x=0.0, y=0.0, z=0.0),
+            rotation=m.Quaternion(w=0.0, x=1.0, y=0.0, z=0.0),
         )
 
     def _pose(self, at: Vec3, turned: Quat) -> Any:
@@ -229,9 +205,6 @@ class FoxgloveScene:
     def _stamp(self, stamp_ns: int) -> Any:
         sec, nsec = divmod(stamp_ns, 1_000_000_000)
         return self._messages.Timestamp(sec=sec, nsec=nsec)
-
-    def _time(self, told: dict[str, int]) -> Any:
-        return self._messages.Timestamp(sec=told["sec"], nsec=told["nsec"])
 
 
 CURVES = {

@@ -42,9 +42,9 @@ from groundstation.analysis.report import (
     ORANGE,
     ReportFigure,
     document,
-    draw_columns,
     finish_panels,
     frame_picture,
+    save_figures,
 )
 from groundstation.config import ConfigError, from_dict, refuse_io
 from groundstation.core.geometry import so3
@@ -693,7 +693,7 @@ def identify_command(path: Path, out: Path | None, page: Path | None, *, as_json
     if page is not None:
         try:
             page.mkdir(parents=True, exist_ok=True)
-            shown = write_page(page, found, draw_columns(page, FIGURES, found))
+            shown = write_page(page, found, save_figures(page, FIGURES, [found]))
         except OSError as error:
             raise ConfigError("--page", f"cannot write {error.filename or page}: {error.strerror}") from None
     if as_json:

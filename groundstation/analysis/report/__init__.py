@@ -6,11 +6,11 @@ from groundstation.analysis.report.figures import (
     GREY,
     ORANGE,
     ReportFigure,
-    draw_columns,
     draw_figure,
     figure_class,
     find_figure,
     finish_panels,
+    save_figures,
 )
 from groundstation.analysis.report.flight import FlightColumns, NoCommand, read_columns
 from groundstation.analysis.report.page import document, frame_picture, report_command

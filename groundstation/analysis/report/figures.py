@@ -10,7 +10,7 @@ from functools import cache
 from io import BytesIO
 from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -67,30 +67,20 @@ def disturbance(panels: Sequence[Any], flown: FlightColumns) -> None:
 
     b̂ and d̂ differ from the wind by what thrust scale, mass and drag are off.
     """
-    from matplotlib.lines import Line2D
-
-    for i, (panel, (name, colour, _)) in enumerate(zip(panels, AXES, strict=True)):
-        for key, look, _ in _disturbance_curves(flown, colour):
-            panel.plot(flown.t, flown.vectors[key][:, i], **look)
+    # They lie upon each other, so each is narrower than the one below, or dashed.
+    curves: list[tuple[str, str, dict[str, Any]]] = [
+        ("d_hat_m_s2", "d̂ (observer)", {"color": "0.72", "linewidth": 2.6}),
+        ("b_hat_m_s2", "b̂", {"color": BLUE, "linewidth": 0.8}),
+    ]
+    if flown.knows_truth:
+        dashes = {"color": "black", "linewidth": 1.5, "linestyle": (0, (6, 3))}
+        curves.append(("true_wind_m_s2", "true wind", dashes))
+    for i, (panel, (name, _, _)) in enumerate(zip(panels, AXES, strict=True)):
+        for key, label, look in curves:
+            panel.plot(flown.t, flown.vectors[key][:, i], label=label, **look)
         panel.set_ylabel(f"{name} [m/s²]")
         _at_least(panel, 0.1)
     finish_panels(panels)
-    handles = []
-    for key, look, label in _disturbance_curves(flown, AXES[0][1]):
-        if key != "b_hat_m_s2":
-            handles.append(Line2D([], [], label=label, **look))
-            continue
-        for name, colour, _ in AXES:
-            handles.append(Line2D([], [], label=f"{label} {name}", **{**look, "color": colour, "linewidth": 1.6}))
-    _legend_above(panels[0], len(handles), handles=handles)
-
-
-def _disturbance_curves(flown: FlightColumns, colour: str) -> list[tuple[str, dict[str, Any], str]]:
-    """Column, look and label of each line, lowest first: they lie upon each other, so each is narrower or dashed."""
-    observed = ("d_hat_m_s2", {"color": "0.72", "linewidth": 2.6}, "d̂ (observer)")
-    adapted = ("b_hat_m_s2", {"color": colour, "linewidth": 0.8}, "b̂")
-    truth = ("true_wind_m_s2", {"color": "black", "linewidth": 1.5, "linestyle": (0, (6, 3))}, "true wind")
-    return [observed, adapted, truth] if flown.knows_truth else [observed, adapted]
 
 
 def actuation(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -166,18 +156,11 @@ def finish_panels(panels: Sequence[Any], columns: int = 3, below: str = TIME) ->
         panel.margins(x=0.01)
 
 
-def _legend_above(panel: Any, columns: int, handles: Sequence[Any] = ()) -> None:
-    """The legend above a panel, in a column of a journal with two entries a line at most where they are long.
-
-    It shows ``handles``, or the panel's own lines.
-    """
-    handles = handles or panel.get_legend_handles_labels()[0]
-    entries = [handle.get_label() for handle in handles]
-    if not entries:
-        return
-    letters = max(sum(map(len, entries[i : i + columns])) for i in range(0, len(entries), columns))
-    narrow = panel.figure.get_figwidth() <= COLUMN_IN and letters > 40
-    panel.legend(handles=handles, ncols=2 if narrow else columns, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+def _legend_above(panel: Any, columns: int) -> None:
+    """The legend above a panel; in a column of a journal two entries a line at most."""
+    if panel.get_legend_handles_labels()[0]:
+        columns = min(columns, 2) if panel.figure.get_figwidth() <= COLUMN_IN else columns
+        panel.legend(ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 0.98))
 
 
 def _at_least(panel: Any, span: float) -> None:
@@ -228,8 +211,8 @@ FLOOR_CM = 0.01
 """Smaller errors are drawn as this [cm]."""
 LETTER_PT = 7.5
 """Size of the letters beside the events."""
-MIN_LETTERS = 8
-"""No line beside an event is broken shorter than this."""
+LETTERS_IN = 18.0
+"""Number of such letters in an inch [1/in]; what has no room stands in the table below."""
 LABELS = 14
 """Number of labels with room beside the events [-]; the table below has all events."""
 
@@ -392,43 +375,20 @@ def events(panels: Sequence[Any], flown: FlightColumns) -> None:
     times = [time_s for time_s, _, _ in shown]
     begin, end = panel.get_xlim()
     panel.set_xlim(min((begin, *times)), max((end, *times)))
-    panel.figure.draw_without_rendering()  # what is laid out knows how wide it is
-    inside = panel.get_window_extent()
-    point = panel.figure.dpi / 72.0
-    lines = max(1, int(inside.height / (point * 1.3 * LETTER_PT * (len(shown) + 1.4))))
-    for i, (time_s, kind, text) in enumerate(shown):
-        row = 1.0 + i
-        place = panel.transData.transform((time_s, row))[0]
-        late = place - inside.x0 > 0.5 * inside.width
-        room = (place - inside.x0 if late else inside.x1 - place) / point - 6.0
-        words = _fit(f"{time_s:.1f} s  {kind}: {text}", room, lines)
+    begin, end = panel.get_xlim()
+    letters = LETTERS_IN * panel.get_position().width * panel.figure.get_figwidth()
+    for row, (time_s, kind, text) in enumerate(shown, 1):
+        share = (time_s - begin) / (end - begin)
+        late = share > 0.5
         alert = kind in ("request", "lost", "descent", "aborted", "killed")
         panel.plot([time_s, time_s], [-0.4, row], color="0.6", linewidth=0.6)
         panel.plot(time_s, row, "D" if alert else "o", color=RED if alert else GREY, markersize=4, clip_on=False)
+        room = int(letters * max(share, 1.0 - share))
+        words = textwrap.shorten(f"{time_s:.1f} s  {kind}: {text}", room, placeholder="…")
         panel.annotate(
             words, (time_s, row), (-6 if late else 6, 0), textcoords="offset points", va="center",
             ha="right" if late else "left", fontsize=LETTER_PT, in_layout=False,
         )  # fmt: skip
-
-
-def _fit(words: str, room_pt: float, lines: int) -> str:
-    """``words`` on at most so many ``lines`` of the events' letters, each ``room_pt`` long at most [pt]."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import TextToPath
-
-    letters = FontProperties(size=LETTER_PT)
-
-    def is_wide(text: str) -> bool:
-        return bool(TextToPath().get_text_width_height_descent(text, letters, False)[0] > room_pt)
-
-    width = len(words)
-    while width > MIN_LETTERS and any(map(is_wide, _wrap(words, width, lines))):
-        width -= 1
-    return "\n".join(_wrap(words, width, lines))
-
-
-def _wrap(words: str, width: int, lines: int) -> list[str]:
-    return textwrap.wrap(words, width, max_lines=lines, placeholder="…")
 
 
 def saturation(panels: Sequence[Any], flown: FlightColumns) -> None:
@@ -459,10 +419,6 @@ def saturation(panels: Sequence[Any], flown: FlightColumns) -> None:
 
 DPI = 140
 """Resolution of pictures for the screen [dots per inch]."""
-LONG_S = 120.0
-"""Length of a flight from which curves hide each other [s]."""
-CLOSE_S = 20.0
-"""Time at the end of a flight that is shown enlarged [s]."""
 PLOT_STYLE: Any = {
     "font.size": 9.0,
     "axes.grid": True,
@@ -505,7 +461,7 @@ class ReportFigure(NamedTuple):
     """Draws one flight (:class:`FlightColumns`; of an identification, its vehicle) into its panels."""
     is_3d: bool = False
     in_time: bool = True
-    """Time is below every panel: a long flight's last seconds are shown beside it."""
+    """Time is below every panel."""
 
     @property
     def caption(self) -> str:
@@ -560,20 +516,12 @@ def flight_letters(count: int) -> list[str]:
 
 
 def _overlaid(flights: Sequence[FlightColumns]) -> list[tuple[FlightColumns, dict[str, Any]]]:
-    """Each flight with its line, and its name in the legend: with its letter, where two would have the same name."""
-    alike = len({flown.name for flown in flights}) < len(flights)
+    """Each flight with its line, and its letter and name in the legend."""
     named = zip(flights, flight_letters(len(flights)), cycle(OVERLAID), strict=False)
     return [
-        (flown, {"linestyle": dash, "color": colour, "label": _label(flown.name, letter if alike else "")})
+        (flown, {"linestyle": dash, "color": colour, "label": f"{letter}: {flown.name}"})
         for flown, letter, (dash, colour) in named
     ]
-
-
-def _label(name: str, letter: str) -> str:
-    """Label of a flight in a legend; a space before "_", as matplotlib leaves out what begins with that."""
-    if letter:
-        return f"{letter}: {name}"
-    return f" {name}" if name.startswith("_") else name
 
 
 def overlay_position(panels: Sequence[Any], flights: Sequence[FlightColumns]) -> None:
@@ -609,52 +557,19 @@ OVERLAYS = (
 """Drawn of all flights at once."""
 
 
-def draw_columns(
-    folder: Path, figures: Iterable[ReportFigure], shown: Any, form: str = ""
+def save_figures(
+    folder: Path, figures: Iterable[ReportFigure], shown: Sequence[Any], form: str = ""
 ) -> list[tuple[ReportFigure, Path]]:
-    """Draw ``figures`` of what is ``shown`` into ``folder``; with a ``form`` (pdf, svg, png) a column wide, for print.
-
-    Returns:
-        Each with its file.
+    """Draw ``figures`` of all that is ``shown`` into ``folder``; see :func:`draw_figure`. Returns each with its file.
 
     Raises:
         OSError: a file can't be written.
     """
-    from matplotlib import rc_context
-
     made = []
-    with rc_context(PRINT_STYLE if form else PLOT_STYLE):
-        for one in figures:
-            size = (COLUMN_IN, 0.62 * one.height_in) if form else (7.4, one.height_in)
-            canvas = figure_class()(figsize=size, layout="constrained")
-            subplot: dict[str, Any] = {"projection": "3d"} if one.is_3d else {}
-            panels: Any = canvas.subplots(one.rows, 1, squeeze=False, sharex=one.in_time, subplot_kw=subplot)[:, 0]
-            one.draw(panels, shown)
-            name = f"{one.name}-column" if form == "png" else one.name  # the page's own are PNGs, too
-            made.append((one, folder / f"{name}.{form or 'png'}"))
-            canvas.savefig(made[-1][1], dpi=PRINT_DPI if form else DPI)
-    return made
-
-
-def print_figures(folder: Path, flights: Sequence[FlightColumns], form: str) -> list[Path]:
-    """Draw every figure a column wide: of one flight all, of several overlaid; see :func:`draw_columns`."""
-    alone = len(flights) == 1
-    shown = flights[0] if alone else flights
-    return [path for _, path in draw_columns(folder, choose_figures(flights) if alone else OVERLAYS, shown, form)]
-
-
-def draw_figures(folder: Path, flights: Sequence[FlightColumns]) -> list[tuple[ReportFigure, Path]]:
-    """Draw every figure of ``flights`` into ``folder``; returns each with its file.
-
-    Raises:
-        OSError: a file can't be written.
-    """
-    from matplotlib import rc_context
-
-    made = [(one, folder / f"{one.name}.png") for one in choose_figures(flights)]
-    with rc_context(PLOT_STYLE):
-        for one, path in made:
-            draw_figure(one, flights).savefig(path, dpi=DPI)
+    for one in figures:
+        name = f"{one.name}-column" if form == "png" else one.name  # the page's own are PNGs, too
+        made.append((one, folder / f"{name}.{form or 'png'}"))
+        draw_figure(one, shown, form).savefig(made[-1][1], dpi=PRINT_DPI if form else DPI)
     return made
 
 
@@ -684,57 +599,34 @@ def find_figure(name: str) -> ReportFigure:
     return found
 
 
-def draw_figure(one: ReportFigure, flights: Sequence[FlightColumns]) -> "Figure":
-    """Draw one figure of ``flights``, side by side on the same scales."""
+def draw_figure(one: ReportFigure, shown: Sequence[Any], form: str = "") -> "Figure":
+    """Draw one figure of all that is ``shown``, side by side on the same scales.
+
+    Of a printed ``form`` (pdf, svg, png) it is as wide as a column of a journal.
+    """
     from matplotlib import rc_context
 
-    with rc_context(PLOT_STYLE):
-        close_up = one.in_time and len(flights) == 1 and flights[0].t[-1] > LONG_S
-        columns = [flights[0]] * 2 if close_up else flights
-        canvas = figure_class()(figsize=(7.4 if len(columns) == 1 else 11.0, one.height_in), layout="constrained")
-        panels: Any = canvas.subplots(
-            one.rows,
-            len(columns),
-            squeeze=False,
-            sharex=False if one.is_3d else _share_axis(one, close_up=close_up),
-            sharey=False if one.is_3d else "row",
-            subplot_kw={"projection": "3d"} if one.is_3d else {},
-        )
-        for i, flown in enumerate(columns):
-            shared = panels[:, i] if i and not one.is_3d else ()
-            before = [(panel.get_xlim(), panel.get_ylim()) for panel in shared]
-            for panel in shared:
-                panel.set_autoscale_on(True)
+    with rc_context(PRINT_STYLE if form else PLOT_STYLE):
+        size = (COLUMN_IN, 0.62 * one.height_in) if form else (7.4 if len(shown) == 1 else 11.0, one.height_in)
+        canvas = figure_class()(figsize=size, layout="constrained")
+        subplot: dict[str, Any] = {"projection": "3d"} if one.is_3d else {}
+        share: Any = "col" if one.in_time else "none"
+        panels: Any = canvas.subplots(one.rows, len(shown), squeeze=False, sharex=share, subplot_kw=subplot)
+        for i, flown in enumerate(shown):
             one.draw(panels[:, i], flown)
-            for panel, (across, up) in zip(shared, before, strict=True):
-                panel.set_xlim(_hull(across, panel.get_xlim()))
-                panel.set_ylim(_hull(up, panel.get_ylim()))
-            if close_up:
-                _set_title(panels[0, i], ("the whole flight", f"its last {CLOSE_S:g} s")[i])
-            elif len(flights) > 1:
-                _set_title(panels[0, i], f"{flight_letters(2)[i]}: {flown.path.parent.name}/{flown.path.name}")
-        for panel in panels[:, 1:].flat:
-            panel.set_ylabel("" if not one.is_3d else panel.get_ylabel())
-        if close_up:
-            panels[0, 1].set_xlim(columns[1].t[-1] - CLOSE_S, columns[1].t[-1])
-            if panels[0, 0].get_legend() is not None and (legend := panels[0, 1].get_legend()) is not None:
-                legend.remove()
+            if len(shown) > 1:  # above where a legend may be on the right
+                title = f"{flight_letters(2)[i]}: {flown.path.parent.name}/{flown.path.name}"
+                panels[0, i].set_title(title, loc="left", pad=32.0, fontweight="bold")
+        if not one.is_3d:
+            for row in panels:
+                _join_limits(row)
         return canvas
 
 
-def _hull(before: tuple[float, float], now: tuple[float, float]) -> tuple[float, float]:
-    """The limits that hold both, in the direction of ``now``: a later flight must not cut off an earlier one."""
-    low, high = min(*before, *now), max(*before, *now)
-    return (high, low) if now[0] > now[1] else (low, high)
-
-
-def _share_axis(one: ReportFigure, *, close_up: bool) -> Literal["all", "col", "row"]:
-    """Which panels have the same horizontal axis."""
-    if one.in_time:
-        return "col" if close_up else "all"
-    return "row"
-
-
-def _set_title(panel: Any, text: str) -> None:
-    """On the left, above where a legend may be on the right."""
-    panel.set_title(text, loc="left", pad=20.0, fontweight="bold")
+def _join_limits(row: Sequence[Any]) -> None:
+    """Give all panels of a row the limits that hold what each of them shows."""
+    for axis in "xy":
+        limits = np.array([getattr(panel, f"get_{axis}lim")() for panel in row])
+        low, high = limits.min(), limits.max()
+        for panel, (first, last) in zip(row, limits, strict=True):
+            getattr(panel, f"set_{axis}lim")((low, high) if first < last else (high, low))

@@ -396,14 +396,14 @@ def _write(form: str, folder: Path, flights: "Sequence[FlightColumns]", facts: S
             else:
                 file.write(latex_table(rows))
         return [path]
-    from groundstation.analysis.report.figures import OVERLAYS, draw_columns, draw_figures, print_figures
+    from groundstation.analysis.report.figures import OVERLAYS, choose_figures, save_figures
 
+    overlaid = save_figures(folder, OVERLAYS, [flights], "" if form == "html" else form) if len(flights) > 1 else []
     if form != "html":
-        return print_figures(folder, flights, form)
-    overlaid = draw_columns(folder, OVERLAYS, flights) if len(flights) > 1 else []
-    return [
-        write_page(folder, [*overlaid, *(draw_figures(folder, flights) if len(flights) <= SIDE_BY_SIDE else [])], facts)
-    ]
+        alone = save_figures(folder, choose_figures(flights), flights, form) if len(flights) == 1 else []
+        return [path for _, path in (*overlaid, *alone)]
+    beside = save_figures(folder, choose_figures(flights), flights) if len(flights) <= SIDE_BY_SIDE else []
+    return [write_page(folder, [*overlaid, *beside], facts)]
 
 
 def _short_names(facts: Sequence[dict[str, Any]]) -> list[str]:
