@@ -53,7 +53,7 @@ HELLO = FlightIdentity("mqx", "process 7, groundstation 0.1.0", dump(Config()))
 CHECKS = (
     Check("pose rate", Verdict.PASS, "50 poses a second"),
     Check("battery", Verdict.WARN, "it is at 7.41 V, 35 %"),
-    Check("floor", Verdict.FAIL, "it stands at +1.00 m, flight.floor_z_m says +0.00 m: correct it"),
+    Check("floor", Verdict.FAIL, "position +1.00 m (down) at rest, flight.floor_z_m is +0.00 m: correct it"),
     Check("fence", Verdict.OFF, "there is none"),
 )
 
@@ -74,7 +74,7 @@ def standing(**more: Any) -> Snapshot:
     still = msgspec.structs.replace(
         sample(0.0),
         state="ready",
-        reason="link and poses are there",
+        reason="link and poses are available",
         diagnostics=None,
         certificate=None,
         thrust_n=0.0,

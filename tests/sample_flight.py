@@ -117,7 +117,7 @@ def sample(time_s: float, *, vehicle: str = "mqx", state: str = "tracking", text
         ),
         gains={"controller.k2": 2.0, "controller.k3": 4.0, "controller.kb": 1.0},
         events=(
-            Notice(99.0, "ready", "link and poses are there", "state"),
+            Notice(99.0, "ready", "link and poses are available", "state"),
             Notice(100.0, "tracking", "following the trajectory", "state"),
         ),
     )

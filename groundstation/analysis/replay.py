@@ -543,7 +543,7 @@ class _Replay:
             pose = recorded
         else:
             self._comparison.compare("pose", seen.arrival_s, recorded, pose)
-        self._pilot.pose(pose)
+        self._pilot.add_pose(pose)
 
     def _idle(self, idle: ch.IdleMessage) -> None:
         end, self._end = self._end, None
@@ -554,7 +554,7 @@ class _Replay:
         pilot, values = self._pilot, switch.values
         match switch.what, len(values):
             case "stand", 0:
-                pilot.stand()
+                pilot.set_on_floor()
             case "pause", 1:
                 pilot.pause_response(bool(values[0]))
             case "agreement", 1:
@@ -562,21 +562,21 @@ class _Replay:
             case "autopilot_attitude", 5:
                 pilot.take_autopilot_attitude(values[0], (values[1], values[2], values[3], values[4]))
             case "touch", 1:
-                pilot.touch(bool(values[0]))
+                pilot.set_ground_contact(bool(values[0]))
             case "listen", 1:
-                pilot.listen(bool(values[0]))
+                pilot.set_uplink_lost(bool(values[0]))
             case "lift", 3:
-                pilot.lift(*values)
+                pilot.lift_off(*values)
             case "descend", 3:
                 pilot.descend(values[0], blind=bool(values[1]), rest_s=values[2])
             case "ease", 2 | 3 | 4:  # the second is the first; of 2 no transit had limits, of 4 one each
-                pilot.ease(bool(values[0]), is_limited=any(values[2:3]))
+                pilot.use_hold_gains(bool(values[0]), is_limited=any(values[2:3]))
             case "surrender", 1:
                 self._end = partial(pilot.surrender, hold_s=values[0])
             case "let_go", 1:
-                self._end = partial(pilot.let_go, hold_s=values[0])
+                self._end = partial(pilot.last_command, hold_s=values[0])
             case what, 1 if what.startswith(GAIN):
-                pilot.gain(what.removeprefix(GAIN), values[0])
+                pilot.set_gain(what.removeprefix(GAIN), values[0])
 
     def _tick(self, reference: ch.ReferenceMessage) -> None:
         recorded = self._command

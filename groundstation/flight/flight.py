@@ -190,7 +190,7 @@ class CommandLoop:
         """Take a pose; return False if it may have waited during a stall and must not be used."""
         if self._stalls.may_be_stale(pose.arrival_s):
             return False
-        self._pilot.pose(pose)
+        self._pilot.add_pose(pose)
         self._progress.pose(pose)
         self._pacing.pose(pose.arrival_s)
         return True
@@ -639,15 +639,15 @@ class AttitudeComparison:
         """Compare all poses so far."""
         unseen, self._unseen = self._unseen, []
         for pose in unseen:
-            self.witness.pose(pose)
-            self.latency.pose(pose)
+            self.witness.add_pose(pose)
+            self.latency.add_pose(pose)
         return self.witness
 
     def attitude(self, attitude: Attitude) -> Witness:
         """Compare all poses so far, then take the vehicle's own attitude."""
         self.compare()
-        self.witness.attitude(attitude)
-        self.latency.attitude(attitude)
+        self.witness.add_attitude(attitude)
+        self.latency.add_attitude(attitude)
         return self.witness
 
 
@@ -953,7 +953,7 @@ class Flight:
 
     def _on_command(self, tick: Tick) -> None:
         state = self.state
-        for warning in tick.seen.warnings:
+        for warning in tick.certificate.warnings:
             self.say(warning.as_warning(), "certificate")
         suspicious, self._suspicious = self._suspicious, self._pilot.is_suspicious
         if self._suspicious and not suspicious and self._link.autopilot is not None:
@@ -966,7 +966,7 @@ class Flight:
             counts=state in (State.HOLD, State.TRACKING),
         )
         if step is not None:
-            self._pilot.gain(*step)
+            self._pilot.set_gain(*step)
         if news is not None:
             self.say(news)
         self._tell(CommandSent(tick))

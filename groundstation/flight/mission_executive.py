@@ -243,7 +243,7 @@ class Course:
         if state is State.DESCENT:
             behind = math.inf
         pose_m, sinks_m_s = self._config.flight.floor_z_m - tick.pose.position_ned[2], tick.reference.velocity_ned[2]
-        at_rest = self.touchdown.stands(tick.pose, pose_m, sinks_m_s)
+        at_rest = self.touchdown.is_at_rest_by_poses(tick.pose, pose_m, sinks_m_s)
         thrust_n, sinking_m_s = tick.command.thrust_n, motion.velocity[2]
         lift_n = motion.thrust * third_column(motion.attitude)[2]
         landed = self.touchdown.update(tick.time_s, thrust_n, lift_n, sinking_m_s, height, behind, sinks_m_s)
@@ -253,7 +253,7 @@ class Course:
         """After the climb: on to the trajectory, or land if the hover thrust does not fit the vehicle."""
         hold_s, weight = self._config.takeoff.hold_s, self._config.weight_n
         if tick.flight_time_s > 0.5 * hold_s:  # the climb has died away
-            self._hover.see(tick.command.thrust_n)
+            self._hover.add(tick.command.thrust_n)
         hover = self._hover.thrust_n
         if not self._weighs or tick.flight_time_s < hold_s or hover is None:
             return None
@@ -464,7 +464,7 @@ class MissionExecutive:
         self._course.down_by_s = now_s + self._way_down_s() if state in (State.LANDING, State.DESCENT) else math.inf
         if state in FINAL or state not in IN_AIR:
             return
-        if self._spooling is not None and self._spooling.flies is None:  # still on the floor: nothing to fly
+        if self._spooling is not None and self._spooling.lift_off is None:  # still on the floor: nothing to fly
             self.go(Event.TOUCHDOWN, notice("mission.still_on_floor"), now_s)
         elif state is State.DESCENT:
             if self._spooling is not None:  # it has left the floor since the newest pose
@@ -514,12 +514,12 @@ class MissionExecutive:
     def command(self, now_s: float) -> tuple[Command, Tick | None]:
         """Return the command of this frame, and the tick of the controller; None without one, as on the floor."""
         spooling, pose = self._spooling, self._pilot.newest_pose
-        if spooling is not None and spooling.flies is not None:
+        if spooling is not None and spooling.lift_off is not None:
             self._climb_away(now_s)
             spooling = None
         if spooling is None:
             if self._is_too_late(now_s):
-                return self._pilot.let_go(now_s, LAST_PERIODS * self._link.period_s), None
+                return self._pilot.last_command(now_s, LAST_PERIODS * self._link.period_s), None
             if self._answer_failure(now_s):
                 if self._means.chosen is Means.FLOOR:
                     return self._pilot.idle(now_s, 0.0), None
@@ -543,7 +543,7 @@ class MissionExecutive:
     def _is_too_late(self, now_s: float) -> bool:
         """Whether commands end as they arrive too late; while none arrive, gains are calm and adaptation is frozen."""
         why = self._uplink.update(now_s)
-        self._pilot.listen(self._uplink.is_down)
+        self._pilot.set_uplink_lost(self._uplink.is_down)
         if not self._uplink.is_down:
             return False
         if why and self._uplink.is_late:
@@ -596,7 +596,7 @@ class MissionExecutive:
     def observe(self, tick: Tick) -> None:
         """Take a command of the controller that has left: apply the guards, and end the state if it is over."""
         self.tick = tick
-        finding = None if self._guards is None else self._guards.see(tick, self.state)
+        finding = None if self._guards is None else self._guards.check_command(tick, self.state)
         if finding is None or finding.step is GuardAction.WARN:
             warning = None if finding is None else finding.reason.as_warning()
             if warning is not None and warning.text != self._warned:
@@ -605,7 +605,7 @@ class MissionExecutive:
         else:
             self._answer(finding, tick.time_s)
         move = self._course.over(self.state, tick, uplink_ok=not self._uplink.is_down) or self._find_overtime(tick)
-        self._pilot.touch(self.state is State.LANDING and self._course.touchdown.touches)
+        self._pilot.set_ground_contact(self.state is State.LANDING and self._course.touchdown.may_have_contact)
         if move is not None and move.event is Event.ARRIVED:
             self._go_on(move, tick.time_s)
         elif move is not None:
@@ -626,7 +626,7 @@ class MissionExecutive:
         if status.taken and self.mission.allows(Event.TAKEN_OVER):
             self.go(Event.TAKEN_OVER, notice("fault.taken", mode=status.taken), now_s, fault=True)
         elif self._guards is not None and self.state in IN_AIR:
-            self._answer(self._guards.link(status, now_s), now_s)
+            self._answer(self._guards.check_link(status, now_s), now_s)
 
     def _ensure_pose(self, now_s: float) -> None:
         """If no frame is left before the newest pose is too old for a command, descend on the model."""
@@ -638,7 +638,7 @@ class MissionExecutive:
 
     def _answer(self, finding: GuardFinding | None, now_s: float) -> None:
         """Take the step that a guard requests, or the next possible one after it."""
-        answer = None if finding is None else self._escalation.answer(finding, now_s)
+        answer = None if finding is None else self._escalation.escalate(finding, now_s)
         if answer is None:
             return
         for step, event in (
@@ -657,9 +657,9 @@ class MissionExecutive:
     def pose(self, pose: Pose) -> None:
         """Take a pose."""
         if self._spooling is not None:
-            self._spooling.pose(pose)
+            self._spooling.add_pose(pose)
         elif self.tick is None:
-            self.standing.stands(pose)
+            self.standing.add(pose)
 
     def attitude(self, attitude: Attitude, in_poses: Quat | None, now_s: float) -> None:
         """Take the autopilot's attitude; ``in_poses`` is the same in the axes of the poses, if known."""
@@ -686,9 +686,9 @@ class MissionExecutive:
     def _motion(self, now_s: float) -> tuple[Reference, float]:
         """Return the motion that the next leg begins with, and its time [s]."""
         spooling, self._spooling = self._spooling, None
-        climb = None if spooling is None else spooling.flies
+        climb = None if spooling is None else spooling.lift_off
         if climb is not None:  # it has just left the floor
-            motion = self._pilot.lift(now_s, climb.hover_share, climb.climb_m_s)
+            motion = self._pilot.lift_off(now_s, climb.hover_share, climb.climb_m_s)
             return motion, now_s + self._config.vehicle.acting_delay_s
         assert self.tick is not None, "it flies"
         reference, here = self.tick.reference, self.tick.estimate.motion
@@ -698,7 +698,7 @@ class MissionExecutive:
 
     def _follow(self, leg: Leg) -> None:
         is_limited = self.state not in (State.HOLD, State.TRACKING)
-        self._pilot.ease(self.state is not State.TRACKING, is_limited=is_limited)
+        self._pilot.use_hold_gains(self.state is not State.TRACKING, is_limited=is_limited)
         self._pilot.follow(leg.trajectory, leg.start_s)
         if self.state is State.TRACKING:
             self.started_s = leg.start_s

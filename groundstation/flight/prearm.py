@@ -39,7 +39,7 @@ from groundstation.core.messages import (
 from groundstation.core.mission import Event
 from groundstation.core.pilot import Pilot
 from groundstation.core.safety import (
-    ASKEW_DEG,
+    MOUNTING_DEG,
     Agreement,
     Fence,
     GuardsConfig,
@@ -586,12 +586,12 @@ class Checks:
         if found.unlike:
             sign = "; or correct link.attitude_pitch" if by_radio and found.unlike == ("pitch",) else ""
             return report(name, Verdict.FAIL, "check.witness_unlike", axes=" and ".join(found.unlike), sign=sign)
-        if found.askew_deg > ASKEW_DEG:
-            return report(name, Verdict.FAIL, "check.witness_askew", askew_deg=found.askew_deg)
-        if found.doubts_s is not None:
+        if found.mounting_deg > MOUNTING_DEG:
+            return report(name, Verdict.FAIL, "check.witness_askew", askew_deg=found.mounting_deg)
+        if found.disagrees_since_s is not None:
             return report(name, Verdict.WARN, "check.witness_carried")
         alike = f"; {', '.join(found.alike)} went the same way as it was moved" if found.alike else ""
-        return report(name, Verdict.PASS, "check.witness", askew_deg=found.askew_deg, alike=alike)
+        return report(name, Verdict.PASS, "check.witness", askew_deg=found.mounting_deg, alike=alike)
 
     def _floor(self, pose: Pose, place: Vec3) -> Check:
         if self._config.flight.start == "air":
@@ -921,7 +921,7 @@ class PrearmSequence:
         loop, progress = asyncio.get_running_loop(), self._progress
         from_floor = self._config.flight.start == "floor"
         if from_floor:
-            self._pilot.stand()
+            self._pilot.set_on_floor()
         progress.go(Event.START, notice("mission.waiting"), loop.time())
         await self._connect(deliver)
         if from_floor:

@@ -50,7 +50,7 @@ async def hold(config: Config, link: CommandLink, source: PoseSource, ordered: A
     come = asyncio.Event()
 
     def take(pose: Pose) -> None:
-        pilot.pose(pose)
+        pilot.add_pose(pose)
         come.set()
 
     async def let_go() -> None:
@@ -92,7 +92,7 @@ async def _hold_armed(
     tell: Tell,
 ) -> None:
     loop, thrust_n = asyncio.get_running_loop(), idle_n(config)
-    pilot.stand()
+    pilot.set_on_floor()
     await source.start(take)
     await link.connect()
     await asyncio.wait_for(come.wait(), config.flight.pose_wait_s)

@@ -509,7 +509,7 @@ class MessageMaker:
             estimate.effectiveness,
             estimate.effectiveness_deviation,
         )
-        lyapunov = LyapunovMessage(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.seen[:2])
+        lyapunov = LyapunovMessage(t, d.v_known, *d.v_terms, d.w, *d.w_terms, d.certificate, *tick.certificate[:2])
         return (
             ("/command", t, commanded),
             ("/reference", t, refer),

@@ -222,8 +222,8 @@ class Referee:
         push, drag = estimate.motion.thrust / self._told.mass_kg, self._told.drag_per_s
         x, y, z = (-push * r - drag * v for r, v in zip(third_column(estimate.motion.attitude), velocity, strict=True))
         self._moves.append((tick.time_s, velocity, (x, y, self._world.gravity + z)))
-        self._states.append(tick.seen.state)
-        self._warnings += [f"{tick.flight_time_s:.2f} {warning}" for warning in tick.seen.warnings]
+        self._states.append(tick.certificate.state)
+        self._warnings += [f"{tick.flight_time_s:.2f} {warning}" for warning in tick.certificate.warnings]
 
     def find_crash(self, position: Vec3, *, lands: bool = False) -> bool:
         """Whether the vehicle hit the floor, unless it ``lands``, or left every room; says why in ``crash``."""

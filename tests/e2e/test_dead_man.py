@@ -117,7 +117,7 @@ async def ready(here: Lab) -> None:
 
 
 async def arming(here: Lab) -> None:
-    await here.says("asking the autopilot")
+    await here.says("requesting offboard control")
     await asyncio.sleep(0.5)
 
 
@@ -226,5 +226,5 @@ def test_told_twice_it_descends_told_three_times_or_told_by_sigquit_it_stops_the
         assert any("landed and disarmed" in line for line in here.log), here.log
         assert here.set_points(0.0)[-1][1] == 0.0
     else:
-        assert any("acknowledged: motors off" in line for line in here.log), here.log
+        assert any("motors off, acknowledged" in line for line in here.log), here.log
         assert not here.stage.autopilot.armed

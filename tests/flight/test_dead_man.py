@@ -195,7 +195,7 @@ def test_a_flight_ends_when_its_computer_wakes_from_sleep(monkeypatch: pytest.Mo
 
     wire = fly(script)
     assert wire.state is State.ABORTED
-    assert wire.reason == "the computer that sends slept for 600.0 s: arm anew to fly"
+    assert wire.reason == "the sending computer slept for 600.0 s: arm again to fly"
     assert wire.frames[-1][0] <= woken[0]
 
 

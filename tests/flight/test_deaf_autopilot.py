@@ -49,7 +49,7 @@ def test_an_autopilot_that_is_heard_and_does_not_hear_is_told_as_that_and_nothin
         stage.peer.cut(False)
 
     flown = fly_mission(world, config, seed=0, script=script, autopilot=autopilot)
-    assert "commands do not reach the autopilot: it is heard" in flown.fault
+    assert "commands do not reach the autopilot: it sends" in flown.fault
     assert max(pushed) < 1.02  # what hovers is known to two percent; where it sinks, all of that is told
     assert (flown.touchdown_m_s or 0.0) < 0.6  # it sinks at 0.5; PX4 comes down by itself, after the flight's end
 

@@ -150,7 +150,7 @@ def test_an_autopilot_that_is_heard_and_knows_no_position_yet_is_told_as_that() 
 
     scene = play(script, {}, "pose.kind=mavlink")
     assert scene.outcome.state is State.ABORTED
-    assert "the autopilot is heard but has no estimate of its position yet" in scene.outcome.reason
+    assert "the autopilot sends but has no estimate of its position yet" in scene.outcome.reason
     assert "Config(" not in scene.outcome.reason
 
 
@@ -182,7 +182,7 @@ def test_an_autopilot_that_somebody_else_disarms_ends_the_commands() -> None:
 
     scene = play(script, {})
     assert scene.outcome.state is State.ABORTED
-    assert "the vehicle armed no longer" in scene.outcome.reason
+    assert "the vehicle is disarmed" in scene.outcome.reason
     last = max(t for t, data in scene.sent if data[7:10] == b"\x52\x00\x00")
     assert last < when[0] + 1.0 + 0.5 + 0.1  # its next heartbeat, our next look
 

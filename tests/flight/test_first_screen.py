@@ -47,7 +47,7 @@ LATE = ("sim.telemetry_hz=50", "sim.pose_latency_s=0.04")
 def test_what_the_operator_was_warned_of_stands_on_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    late = r"warning: poses seem [12]\d ms later than told"
+    late = r"warning: poses are [12]\d ms later than configured"
     assert re.search(rf"^told in flight, at \[s\] +\d+\.\d\d {late}", screen("adaptive", *LATE), re.MULTILINE)
     assert "told in flight" not in screen()
     words = [word for one in LATE for word in ("--set", one)]
@@ -67,4 +67,4 @@ def test_a_latency_told_wrong_is_said_in_flight_by_poses_alone(scenario: str, la
     warnings = fly(world, config, seed=0, duration_s=15.0).warnings
     word = "later" if late_ms > 0 else "earlier"
     assert bool(warnings) is told
-    assert all(re.search(rf"poses seem \d+ ms {word} than told, or the vehicle turns so", one) for one in warnings)
+    assert all(re.search(rf"poses or the vehicle's turns are \d+ ms {word} than configured", one) for one in warnings)

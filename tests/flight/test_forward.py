@@ -110,8 +110,8 @@ def test_poses_after_a_flight_end_when_asked_twice_and_not_by_a_request_to_land(
     external, lines = taken_over(asked)
     taken_s = next(time_s for time_s, line in lines if line.startswith("handed_over"))
     assert [reply.done for reply in replies] == [False, True]
-    assert "the autopilot brings it down" in replies[0].says
-    end_s = next(time_s for time_s, line in lines if line.startswith("nothing goes to the vehicle any more: as asked"))
+    assert "the autopilot brings the vehicle down" in replies[0].says
+    end_s = next(time_s for time_s, line in lines if line.startswith("nothing is sent to the vehicle any more, as"))
     assert end_s == pytest.approx(taken_s + 1.0, abs=0.2)
     assert external.fused[-1].arrival_s == pytest.approx(end_s, abs=0.15)
 

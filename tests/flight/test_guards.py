@@ -221,7 +221,7 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
 @pytest.mark.parametrize(
     ("overrides", "says"),
     [
-        (("flight.floor_z_m=0.5",), "floor: it stands at +1.00 m (down), flight.floor_z_m says +0.50 m"),
+        (("flight.floor_z_m=0.5",), "floor: position +1.00 m (down) at rest, flight.floor_z_m is +0.50 m"),
         (("sim.pose_rate_hz=10", "pose.drop_frozen=false"), "pose rate: 10 poses a second"),
         (("sim.pose_noise_m=0.009",), "noise of"),
         (("sim.attitude_noise_rad=0.025",), "noise of"),
@@ -229,7 +229,7 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
             (
                 "fence.kind=box", "fence.north_m=[-0.5, 1.0]", "fence.east_m=[-1.0, 0.5]", "fence.height_m=3.0",
             ),
-            "could not be braked within the fence",
+            "could not brake within the fence",
         ),
         (
             ("fence.kind=box", "fence.north_m=[-3, 0]", "fence.east_m=[-3, 3]", "fence.height_m=3.0"),

@@ -189,7 +189,7 @@ def test_a_descent_asked_for_between_lift_off_and_the_next_command_comes_down(li
 
     async def script(flight: Flight, _: Stage) -> None:
         executive = flight._progress
-        while executive._spooling is None or executive._spooling.flies is None:
+        while executive._spooling is None or executive._spooling.lift_off is None:
             await asyncio.sleep(0.0005)
         asked.append(flight.ask(Request(Ask.DESCEND, "the test")).done)
 
@@ -267,7 +267,7 @@ def test_a_way_down_that_does_not_end_is_ended() -> None:
     flown = mission("paper", *SHORT, script=script)
     states = [one.state for one in flown.states]
     assert states[-3:] == [State.LANDING, State.DESCENT, State.ABORTED]
-    assert "should long have come down" in flown.states[-1].reason
+    assert "the descent takes too long" in flown.states[-1].reason
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

@@ -106,10 +106,10 @@ def test_points_are_flown_one_after_the_other() -> None:
 
 
 CAN_NOT_BE_HELD_AT = (
-    ([Waypoint(3.0, 0.0, 0.0)], "point 1 of 1, [3.0, 0.0, 0.0], lies on the fence itself"),
+    ([Waypoint(3.0, 0.0, 0.0)], "point 1 of 1, [3.0, 0.0, 0.0], is on the fence itself"),
     ([Waypoint(3.5, 0.0, 0.0)], "point 1 of 1, [3.5, 0.0, 0.0], is 0.50 m outside the fence"),
     ([NEAR, Waypoint(0.0, 0.0, 0.9)], "point 2 of 2, [0.0, 0.0, 0.9], is 0.10 m above the floor"),
-    ([Waypoint(0.0, 0.0, 2.0)], "is 1.00 m below the floor: it must lie at least 0.3 m above it"),
+    ([Waypoint(0.0, 0.0, 2.0)], "is 1.00 m below the floor: it must be at least 0.3 m above it"),
     ([Waypoint(0.0, 0.0, -2.0)], "0.50 m outside the fence"),
 )
 
@@ -130,7 +130,7 @@ def test_a_leg_that_is_too_fast_for_the_fence_s_braking_or_the_limit_is_refused(
     async def script(flight: Flight, _: Stage) -> None:
         await hold_first(flight)
         said = goto(flight, Waypoint(2.9, 0.0, 0.0))
-        assert not said.done and "could not be braked within the fence" in said.says
+        assert not said.done and "could not brake within the fence" in said.says
         flight.land("the test")
 
     flown(script, "takeoff.transit_m_s=1.9", "takeoff.transit_m_s2=2.0")

@@ -142,10 +142,10 @@ def leaping(ours: TrackedBody, at_s: float) -> TrackedBody:
 @pytest.mark.parametrize(
     ("picture", "says"),
     [
-        (tipping, "it tips"),
-        (sliding, "it moves sideways on the floor"),
+        (tipping, "the vehicle tips"),
+        (sliding, "the vehicle slides on the floor"),
         (lost, "while the motors spool up"),
-        (leaping, "its height jumps"),
+        (leaping, "the height jumps"),
     ],
 )
 def test_guards_run_on_the_floor_and_stop_the_motors(picture: Picture, says: str) -> None:
@@ -253,7 +253,7 @@ def test_in_calm_air_a_larger_bound_of_adaptation_changes_nothing_of_a_take_off(
 
 def test_where_wind_blows_a_vehicle_along_the_floor_it_does_not_take_off() -> None:
     _, fault = start_of("quad1kg", "sim.wind_mean=[7.5, 0, 0]")
-    assert "it moves sideways on the floor" in fault
+    assert "the vehicle slides on the floor" in fault
 
 
 def test_a_vehicle_that_is_too_weak_for_its_told_weight_refuses() -> None:

@@ -69,7 +69,7 @@ def flown(
                 told.silent_s += LOOK_S if flight.state in IN_AIR else 0.0
             else:
                 told.share = max(told.share, evidence.alarm)
-                if evidence.doubts_s is not None:
+                if evidence.disagrees_since_s is not None:
                     told.doubted_s = min(told.doubted_s, now)
             upright = so3.third_column(stage.plant.truth(now).attitude)[2]
             if now > told.struck_s and upright < math.cos(math.radians(SEEN_LEAN_DEG)):

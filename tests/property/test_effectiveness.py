@@ -90,7 +90,7 @@ def compare_with_thirteen_states(poses: list[tuple[float, Vec3, bool]], seed: in
         big[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] = dense(small)
     big[12, 12] = 0.15**2
     # What the chains believe; λ's estimate is x[12] = e.value - 1. Thrust accelerates by a per unit of λ.
-    e, state, clipped = initial_effectiveness(0.15)._replace(noise=1.0, rest_s=-1.0), np.zeros((3, 4)), False
+    e, state, clipped = initial_effectiveness(0.15)._replace(noise=1.0, frozen_s=-1.0), np.zeros((3, 4)), False
     for h, a, with_velocity in poses:
         f = transition(h)
         push = ([0.5 * h * h * k for k in a], [h * k for k in a])

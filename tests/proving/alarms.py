@@ -114,9 +114,9 @@ class WatchedHealth(PoseHealth):
         self.doubts = 0
         """Number of times that the poses became suspect."""
 
-    def see(self, pose: Pose, *args: Any, **kwargs: Any) -> None:
+    def add_pose(self, pose: Pose, *args: Any, **kwargs: Any) -> None:
         """Take one pose, as the real one does."""
-        super().see(pose, *args, **kwargs)
+        super().add_pose(pose, *args, **kwargs)
         self.largest = max(self.largest, self.alarm)
 
     def suspect(self, now_s: float) -> None:
@@ -322,7 +322,7 @@ def _fly_capture(driven: DrivenFlight) -> WatchedFlight:
     health = pilot.health
     assert isinstance(health, WatchedHealth), "made by this"
     ended, lifted, last_s = "", False, from_s
-    pilot.stand()
+    pilot.set_on_floor()
     events = [(pose.arrival_s, 0, i) for i, pose in enumerate(poses)]
     events += [(time_s, 1, i) for i, (time_s, _) in enumerate(driven.commands)]
     for time_s, is_sent, index in sorted(e for e in events if from_s <= e[0] <= ends_s):
@@ -332,10 +332,10 @@ def _fly_capture(driven: DrivenFlight) -> WatchedFlight:
         if is_sent:
             continue
         pose = poses[index]
-        pilot.pose(pose)
+        pilot.add_pose(pose)
         if not lifted and index >= begin and floor_z_m - pose.position_ned[2] > WANDERING_M:
             lifted = True
-            pilot.lift(time_s, 1.0, -(pose.velocity_ned or (0.0, 0.0, 0.0))[2])
+            pilot.lift_off(time_s, 1.0, -(pose.velocity_ned or (0.0, 0.0, 0.0))[2])
         if health.has_failed:
             ended = health.reason_id
             break

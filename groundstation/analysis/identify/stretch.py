@@ -93,7 +93,7 @@ def read_stretch(path: Path) -> FlightStretch:
                 p, q = value["position_ned"], value["attitude"]
                 place = (p["x"], p["y"], p["z"], q["w"], q["x"], q["y"], q["z"])
                 poses.append((value["time_s"], value["reset_count"], on, *place))
-                vehicle.latency.pose(Pose(0, value["time_s"], value["arrival_s"], place[:3], place[3:]))
+                vehicle.latency.add_pose(Pose(0, value["time_s"], value["arrival_s"], place[:3], place[3:]))
             case "/raw/received":
                 vehicle.receive(value["time_s"], value["wire"], value["peer"] or None, b64decode(value["data"]))
             case _:
@@ -148,7 +148,7 @@ class _OwnAttitude:
                 continue
             told = attitude_of(message, time_s, min(self._trips, default=None))
             if told is not None:
-                self.latency.attitude(told)
+                self.latency.add_attitude(told)
 
 
 def find_stretch(sent_s: Column, poses: Column) -> slice:

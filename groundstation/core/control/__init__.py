@@ -33,5 +33,5 @@ from groundstation.core.control.controllers import ControllerConfig, Custom, mak
 from groundstation.core.control.demand_limits import DemandLimits
 from groundstation.core.control.descent import Descent, level
 from groundstation.core.control.envelope import Envelope
-from groundstation.core.control.excitation import QUESTION_LEVEL, ExcitationTones
+from groundstation.core.control.excitation import SUSPECT_LEVEL, ExcitationTones
 from groundstation.core.control.model_descent import plan_model_descent

@@ -53,8 +53,8 @@ class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_fiel
     k_omega: Annotated[
         Positive,
         msgspec.Meta(
-            description="How fast a body-rate error shall decay [1/s]. Left so, it is as fast as the "
-            "vehicle answers by itself, delay included, where that is more."
+            description="Decay rate of a body-rate error [1/s]. By default it is the vehicle's own rate response, "
+            "delay included, where that is faster."
         ),
     ] = 14.0
 
@@ -91,8 +91,8 @@ CALM = {
     "sigma_bound": 3.0,
     "rho_bound": 2.0,
 }
-"""Up and down, and off the figure where poses are doubted, these gains are so large at most: more is not needed there,
-and what poses that lie or come late make of a vehicle grows with them."""
+"""Largest gains in climb and landing, and off the figure while poses are suspect: more is not needed there, and the
+effect of false or late poses grows with them."""
 HOLD = {
     "k3_down": 10.0,
     "rho_slope": 2.0,
@@ -118,13 +118,13 @@ def _limit(gains: Gains, most: dict[str, float]) -> Gains:
 
 
 AHEAD_S = 0.002
-"""How far along the model the law is evaluated a second time, for the derivative of the rates that it wants [s]."""
+"""Time along the model after which the law is evaluated again, for the derivative of its rates [s]."""
 
 
 class Adaptive:
     """Adaptive backstepping with actuator compensation. State: b̂, and what came before: d̂, the reference's jerk.
 
-    With ``ARRAYS`` for ``ops`` one object flies N vehicles that are told the same: all numbers have shape (N,).
+    With ``ARRAYS`` for ``ops`` one object flies N vehicles of one configuration: all numbers have shape (N,).
     """
 
     def __init__(self, vehicle: Vehicle, gains: Gains, ops: Ops = FLOATS) -> None:
@@ -151,17 +151,17 @@ class Adaptive:
         return self._gains
 
     def regain(self, gains: Gains) -> None:
-        """Fly with other gains from now on; b̂ and all that it remembers stay."""
+        """Use other gains from now on; b̂ and the memory stay."""
         self._gains = gains
         self._certificate = bound_decrease(gains)
 
     def begin(self, disturbance: Vec3) -> None:
-        """Let b̂ begin at ``disturbance`` [m/s², NED]: what was found out before the first command."""
+        """Let b̂ begin at ``disturbance`` [m/s², NED], estimated before the first command."""
         self.b_hat = within(self._ops, disturbance, self._gains.b_bound)
 
     @property
     def memory(self) -> tuple[Any, ...]:
-        """All that one command leaves for the next, as nested tuples; to be given back as it was taken."""
+        """State from one command to the next, as nested tuples; to be set as it was read."""
         return self.b_hat, self._witnessed, self._jerk, self._slope, self._thrust_sent, self._saturated
 
     @memory.setter
@@ -169,10 +169,10 @@ class Adaptive:
         self.b_hat, self._witnessed, self._jerk, self._slope, self._thrust_sent, self._saturated = memory
 
     def decide_apart(self, sooner: Estimate, later: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """One command where thrust and rates begin to act at two instants: each is the law's for its own.
+        """Compute one command where thrust and rates begin to act at two instants: each by the law at its own.
 
-        A state that is predicted beyond it has rates (or thrust) in it that are still to be decided: the law would
-        take its own answer for the vehicle's, and swing. ``reference`` is that of the ``later`` instant; the other
+        A state predicted beyond that instant contains rates (or thrust) that are still to be computed: the law would
+        take its own output for the vehicle's, and oscillate. ``reference`` is that of the ``later`` instant; the other
         follows from its derivatives.
         """
         memory, vehicle = self.memory, self._vehicle
@@ -180,17 +180,17 @@ class Adaptive:
         first = self.decide(sooner, before, interval_s).drive
         tilt_limited = self._tilt_limited
         self.memory = memory
-        last, _, seen = self.decide(later, reference, interval_s)
+        last, _, diagnostics = self.decide(later, reference, interval_s)
         if vehicle.thrust_delay_s < vehicle.rate_delay_s:
             drive, tilt_limited = ActuatorCommand(first.thrust, last.rates), self._tilt_limited
         else:
             drive = ActuatorCommand(last.thrust, first.rates)
-        # Halves that are not sent swing, and clamp nothing.
+        # The two unsent halves oscillate; their clamping does not count.
         self._saturated = self._limits.is_at_limit(drive) | tilt_limited
-        return Decision(drive, self._saturated, seen)
+        return Decision(drive, self._saturated, diagnostics)
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """One command for the instant of ``estimate``."""
+        """Compute one command for the instant of ``estimate``."""
         ops, gains, vehicle, limits = self._ops, self._gains, self._vehicle, self._limits
         motion = estimate.motion
         b_hat, witness = self._include_witness(estimate)
@@ -236,8 +236,8 @@ class Adaptive:
         self._thrust_sent = drive.thrust
         dot = step.b_hat_dot
         self.b_hat = within(ops, add_scaled(b_hat, interval_s, dot), gains.b_bound + gains.epsilon)
-        # In the order of the fields: by name it would take three times as long.
-        seen = Diagnostics(
+        # By position: by name it would take three times as long.
+        diagnostics = Diagnostics(
             step.z1,
             step.z2,
             step.z3,
@@ -253,7 +253,7 @@ class Adaptive:
             step.thrust_rate,
             wanted,
         )
-        return Decision(drive, self._saturated, seen)
+        return Decision(drive, self._saturated, diagnostics)
 
     def _include_witness(self, estimate: Estimate) -> tuple[Vec3, Vec3 | None]:
         """b̂ with what the observer has learnt since the last command, and the witness κ (d̂ - b̂), if any.

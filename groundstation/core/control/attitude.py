@@ -14,7 +14,7 @@ from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
 LEAST_PUSH = 1.0
-"""F is kept at least so far downwards [m/s²]: no controller here asks the vehicle to fly on its back."""
+"""Least downward part of F [m/s²]: no controller here commands inverted flight."""
 
 
 def push(wanted: Vec3, disturbance: Vec3, gravity: float, tilt_limit: float = math.radians(45.0)) -> tuple[Vec3, bool]:
@@ -34,7 +34,7 @@ def length(v: Vec3) -> float:
 
 
 def acceleration(motion: Motion, disturbance: Vec3, mass: float, gravity: float, drag: float = 0.0) -> Vec3:
-    """What the model says that the vehicle does now [m/s², NED], ``disturbance`` and linear ``drag`` [1/s] included."""
+    """Return the present acceleration by the model [m/s², NED], ``disturbance`` and linear ``drag`` [1/s] included."""
     x, y, z = disturbance
     pushed = add_scaled((x, y, gravity + z), -motion.thrust / mass, third_column(motion.attitude))
     return add_scaled(pushed, -drag, motion.velocity)
@@ -90,9 +90,9 @@ def make_decision(
     """A decision for this command, which is brought within the vehicle's limits.
 
     Args:
-        vehicle: the vehicle as told; its limits apply.
-        estimate: what the controller went by.
-        reference: what it followed.
+        vehicle: as configured; its limits apply.
+        estimate: input of the controller.
+        reference: the followed reference.
         thrust_n: wanted thrust [N].
         rates_rad_s: wanted body rates [rad/s, FRD].
         wanted: the acceleration behind them [m/s², NED], for records.

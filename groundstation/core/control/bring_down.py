@@ -7,7 +7,7 @@ repeated any longer. The link plays it open loop, so it can't use poses. Four id
   into τ ω more. So the turn to level is a pulse whose area is the angle that remains after τ ω.
 - Level means the attitude in which thrust cancels the estimated disturbance, leaning by ``WIND_TILT`` at most.
 - The lagged vehicle is a double integrator: with x down, acceleration A, τ A˙ + A = a, the variables w = v + τ A and
-  ζ = x + τ v obey ζ˙ = w, w˙ = a. It falls at a = +pull, sinks at constant speed, and brakes at a = -brake. Braking is
+  ζ = x + τ v have ζ˙ = w, w˙ = a. It falls at a = +pull, sinks at constant speed, and brakes at a = -brake. Braking is
   weak and short, as no pose shows its effect. From a room's height the floor is met at ``TOUCHDOWN_M_S``.
 - An autopilot repeats its last command for 1 to 3 s after the link falls silent: so the last part is zero thrust.
 """

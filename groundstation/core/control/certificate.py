@@ -1,12 +1,12 @@
-"""Lyapunov certificate: what the theory promises before a flight, and a monitor of V against it in flight.
+"""Lyapunov certificate: the bound of the theory before a flight, and a monitor of V against it in flight.
 
 Before: The paper's bound in consistent units: T/m >= g - (B + ε) - sup|p¨d| - sup|u*| - √(2 V(0)), each sup over time
 of a Euclidean norm. It is conservative (with the paper's own gains it is negative), so it is reported, not refused on:
 in flight the commanded thrust is clamped above ``vehicle.thrust_min_n``.
 
-In flight, floats only: The wind is unknown, so b̃ is too; what the observer knows of it takes its place: w = d̂ - b̂.
+In flight, floats only: The wind is unknown, so b̃ is too; the observer's estimate replaces it: w = d̂ - b̂.
 With V_m = V_known + |w|²/(2 kb), docs/explanation/law-proof.md (5.9) has V_m˙ = -(W + κ|w|²) + terms, each a gradient
-at mid-frame times what moved within the frame; and, for the noise and the gusts that it covers,
+at mid-frame times the change within the frame; and, for the noise and the gusts that it covers,
 
     V_m˙ <= -s (W + κ|w|²) + D
 
@@ -83,7 +83,7 @@ def thrust_bound(law: Law, *, acceleration_sup: float, v_start: float) -> Thrust
 
 
 COVERED_RATE_M_S3 = 8.0
-"""β: how fast b̂ and û may be moved by wind and actuators, and the bound still hold [m/s³]. The sine gusts of `adverse`
+"""β: largest change of b̂ and û by wind and actuators that the bound covers [m/s³]. The sine gusts of `adverse`
 have 0.9; a tilt rate that is off by 0.8 rad/s, as behind the front of `gust_front`, has 8."""
 
 
@@ -91,30 +91,30 @@ class Decrease(NamedTuple):
     """The bound V_m˙ <= -s (W + κ|w|²) + D for one set of gains (docs/explanation/law-proof.md, section 5.9)."""
 
     name: str
-    """Which bound holds, or why none does."""
+    """Name of the bound, or the reason why there is none."""
     share: float
     """s [-]; 0 where nothing is proved."""
     power: float
     """Part of D for wind and actuators; :func:`noise_power` comes on top [m²/s³]."""
     spare: float
-    """Excess of V_m over its bound that what is not measured explains [m²/s²]."""
+    """Excess of V_m over its bound that unmeasured terms explain [m²/s²]."""
 
 
 def decrease(law: Law) -> Decrease:
-    """The bound that these gains have in flight."""
+    """Return the bound of these gains in flight."""
     name = bound_decrease(law) if isinstance(law, Gains) else "none: the gains of the law alone"
     left = 1.0
     if name.startswith("composite") and isinstance(law, Gains):
         beyond = max(1.0, ((law.b_bound + law.epsilon) / law.b_bound) ** 2 - 1.0)
         left = 1.0 - 0.5 * law.kb * beyond * math.sqrt(law.kappa / min(law.k3, law.k3_down))
-    # Without a d̂ of its own nothing stands for b̃: V_known may rise by what the last term of V can give.
+    # Without a d̂ of its own b̃ has no estimate: V_known may rise by the range of V's last term.
     spare = 0.5 * (2.0 * law.b_bound + law.epsilon) ** 2 / law.kb if name.startswith("paper") else 0.0
     share = 0.0 if name.startswith("none") else 0.5 * left
     return Decrease(name, share, COVERED_RATE_M_S3**2 / (2.0 * left * min(law.k3, law.k3_down)), spare)
 
 
 class LyapunovMeasure(NamedTuple):
-    """V_m = V_known + |w|²/(2 kb) with w = d̂ - b̂, and what it must fall by, for one set of gains. Elementwise."""
+    """V_m = V_known + |w|²/(2 kb) with w = d̂ - b̂, and its least decrease, for one set of gains. Elementwise."""
 
     law: Law | None
     """The gains; None for a controller without a Lyapunov function."""
@@ -125,7 +125,7 @@ class LyapunovMeasure(NamedTuple):
     kappa: float
     """κ [1/s]; 0 likewise."""
     b_bound2: float
-    """B², what the law keeps |b̂|² about [m²/s⁴]; without adaptation inf."""
+    """B², the law's limit of |b̂|² [m²/s⁴]; without adaptation inf."""
 
     @property
     def pull(self) -> float:
@@ -133,7 +133,7 @@ class LyapunovMeasure(NamedTuple):
         return 0.0 if self.law is None else self.law.kb * self.kappa
 
     def of(self, d: Diagnostics) -> tuple[Real, Real]:
-        """V_m [m²/s²], and W + κ|w|² [m²/s³], where the law says ``d``."""
+        """Return V_m [m²/s²], and W + κ|w|² [m²/s³], by the law's values ``d``."""
         bx, by, bz = d.b_hat
         wx, wy, wz = d.disturbance
         wx, wy, wz = wx - bx, wy - by, wz - bz
@@ -142,7 +142,7 @@ class LyapunovMeasure(NamedTuple):
 
 
 def measure(config: Estimation) -> LyapunovMeasure:
-    """Return what is measured of V under these gains: nothing for a controller without a Lyapunov function."""
+    """Return the measure of V under these gains: none for a controller without a Lyapunov function."""
     law = config if isinstance(config, Law) else None
     known = Decrease(NO_FUNCTION, 0.0, 0.0, 0.0) if law is None else decrease(law)
     bound2 = law.b_bound**2 if law is not None and law.kb > 0.0 else math.inf
@@ -173,14 +173,14 @@ RATES = "rate error of the actuators"
 THRUST = "thrust error of the actuators"
 LIMITS = "commands at their limit"
 WITNESSES = "observer and tracking disagree about the wind (kb² κ against 4 k3)"
-SIDEWAYS = "the disturbance moves sideways (gusts; or rate lag, delay or attitude not as told)"
-VERTICAL = "the disturbance moves vertically (gusts; or thrust, its lag or delay not as told)"
-POSES = "poses contradict the model (noise, or lags or delay not as told)"
+SIDEWAYS = "the disturbance moves sideways (gusts; or rate lag, delay or attitude not as configured)"
+VERTICAL = "the disturbance moves vertically (gusts; or thrust, its lag or delay not as configured)"
+POSES = "poses contradict the model (noise, or lags or delay not as configured)"
 
 
 def terms(
     before: Motion,
-    told: Diagnostics,
+    then: Diagnostics,
     saturated: bool,
     after: Motion,
     now: Diagnostics,
@@ -193,28 +193,28 @@ def terms(
     """Return the gain of V_m from each source within one frame [m²/s²].
 
     Args:
-        before: the vehicle at the last command.
-        told: what the law said there.
-        saturated: whether that command was clamped; the law then adapts nothing at the present one.
-        after: the vehicle at the present command.
-        now: what the law says there.
+        before: motion at the last command.
+        then: the law's values there.
+        saturated: whether that command was clamped; the law then does not adapt at the present one.
+        after: motion at the present command.
+        now: the law's values there.
         dt: between the two [s].
         total: V_m's rise plus the decrease W + κ|w|² over the frame [m²/s²].
         mass: [kg].
         pull: kb κ [1/s].
     """
     z3: Vec3 = (
-        0.5 * (told.z3[0] + now.z3[0]),
-        0.5 * (told.z3[1] + now.z3[1]),
-        0.5 * (told.z3[2] + now.z3[2]),
+        0.5 * (then.z3[0] + now.z3[0]),
+        0.5 * (then.z3[1] + now.z3[1]),
+        0.5 * (then.z3[2] + now.z3[2]),
     )
     zx, zy, zz = to_body(before.attitude, z3)
-    x, y = (0.5 * (before.rates[i] + after.rates[i]) - told.rates_wanted[i] for i in (0, 1))
+    x, y = (0.5 * (before.rates[i] + after.rates[i]) - then.rates_wanted[i] for i in (0, 1))
     turning = before.thrust / mass * (zy * x - zx * y) * dt
-    pushing = (told.thrust_rate * dt - (after.thrust - before.thrust)) / mass * zz
-    d, e = told.disturbance, now.disturbance
+    pushing = (then.thrust_rate * dt - (after.thrust - before.thrust)) / mass * zz
+    d, e = then.disturbance, now.disturbance
     moved = (z3[0] * (e[0] - d[0]), z3[1] * (e[1] - d[1]), z3[2] * (e[2] - d[2]))
-    w = (d[0] - told.b_hat[0], d[1] - told.b_hat[1], d[2] - told.b_hat[2])
+    w = (d[0] - then.b_hat[0], d[1] - then.b_hat[1], d[2] - then.b_hat[2])
     found = {
         LIMITS if saturated else RATES: turning,
         WITNESSES: 0.0 if saturated else pull * dt * (z3[0] * w[0] + z3[1] * w[1] + z3[2] * w[2]),
@@ -230,13 +230,13 @@ def terms(
 
 
 LASTING_S = 0.5
-"""Time for which a condition must last to be told [s]: an outage of the poses, or a gust's front, is over by then."""
+"""Duration of a condition that is reported [s]: an outage of the poses, or a gust's front, is shorter."""
 PINNED_S = 1.0
-"""Commands at their limit for so long are told [s]: a climb of 1 m takes less."""
+"""Duration of commands at their limit that is reported [s]: a climb of 1 m takes less."""
 SUSPENDED_MEAN_S = 1.0
-"""Time constant of the share of commands at which the bound is suspended [s]; above one half it is told."""
+"""Time constant of the share of commands at which the bound is suspended [s]; above one half it is reported."""
 REST_S = 5.0
-"""Time after its end within which a condition that comes again is not told again [s]."""
+"""Time after its end within which a condition is not reported again [s]."""
 
 HOLDS = "holds"
 VIOLATED = "violated"
@@ -245,34 +245,34 @@ NONE = "none"
 
 
 class Lasting:
-    """A condition that is told once when it has lasted, and again only after a rest."""
+    """A condition that is reported once when it has lasted, and again only ``REST_S`` after its end."""
 
-    __slots__ = ("_ended_s", "_least_s", "_told", "for_s")
+    __slots__ = ("_ended_s", "_is_reported", "_least_s", "for_s")
 
     def __init__(self, least_s: float = LASTING_S) -> None:
         self.for_s, self._least_s = 0.0, least_s
-        self._told = False
+        self._is_reported = False
         self._ended_s = -math.inf
 
     def extend(self, time_s: float, dt: float) -> bool:
-        """Count another ``dt`` [s] of it; return True when the operator is to be told."""
+        """Add ``dt`` [s] of it; return whether it is to be reported now."""
         if self.for_s == 0.0 and time_s - self._ended_s > REST_S:
-            self._told = False
+            self._is_reported = False
         self.for_s += dt
-        if self._told or self.for_s < self._least_s:
+        if self._is_reported or self.for_s < self._least_s:
             return False
-        self._told = True
+        self._is_reported = True
         return True
 
     def end(self, time_s: float) -> None:
-        """Note that it is over."""
+        """End the condition."""
         if self.for_s > 0.0:
             self.for_s = 0.0
             self._ended_s = time_s
 
 
 class Look(NamedTuple):
-    """One command as the monitor has seen it."""
+    """Values of the monitor at one command."""
 
     time_s: float
     v: float
@@ -284,7 +284,7 @@ class Look(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Time from one command to the next, and what V_m gained in it."""
+    """Time from one command to the next, and the gain of V_m in it."""
 
     last: Look
     now: Look
@@ -298,7 +298,7 @@ class Frame(NamedTuple):
 
 
 class EnergySources:
-    """Sums of what V_m gained from each source."""
+    """Sums of the gain of V_m from each source."""
 
     def __init__(self, mass_kg: float) -> None:
         """Begin with nothing; ``mass_kg`` is the vehicle's [kg]."""
@@ -312,19 +312,18 @@ class EnergySources:
         self._sums, self.for_s = {}, 0.0
 
     def drop(self, name: str) -> None:
-        """Leave out what one source gave so far."""
+        """Remove the sum of one source."""
         self._sums.pop(name, None)
 
     def add(self, frame: Frame, pull: float) -> None:
         """Add one frame; ``pull`` is kb κ [1/s]."""
         last, now = frame.last, frame.now
-        told, seen = last.decision, now.decision
         for name, energy in terms(
             last.motion,
-            told.diagnostics,
-            told.saturated,
+            last.decision.diagnostics,
+            last.decision.saturated,
             now.motion,
-            seen.diagnostics,
+            now.decision.diagnostics,
             frame.dt,
             total=frame.gained,
             mass=self._mass_kg,
@@ -351,15 +350,15 @@ class ExcessWatch:
 
     @property
     def for_s(self) -> float:
-        """For how long V_m has been above its bound and what it may borrow [s]."""
+        """Time for which V_m has been above its bound and its spare [s]."""
         return self._rising.for_s
 
     def update(self, excess: float, frame: Frame, measure: LyapunovMeasure) -> Sentence | None:
-        """Take the excess as computed; V_m is above its bound, or was until now: what has fed it since?"""
+        """Take the computed excess of one frame; return a sentence once it has lasted."""
         if self.excess == 0.0:
             self._sources.clear()
             self._peak = 0.0
-        # The bound is not let fall below zero by more than V has been above it, so that what is over is over.
+        # The bound is not below zero by more than V has been above it: an old excess does not last.
         self._peak = max(self._peak, frame.now.v)
         spare, last = measure.decrease.spare, frame.last
         self.excess = excess = min(max(excess, 0.0), self._peak + spare)
@@ -368,7 +367,7 @@ class ExcessWatch:
         if excess <= 0.0:
             return None
         self._sources.add(frame, measure.pull)
-        # While adaptation is suspended nothing is promised, so that time does not count.
+        # While adaptation is suspended there is no bound, so that time does not count.
         if excess <= spare or last.decision.saturated or not self._rising.extend(last.time_s, frame.dt):
             return None
         for_s = self._sources.for_s
@@ -384,7 +383,7 @@ class SuspensionWatch:
         self._sources, self._limited = EnergySources(mass_kg), Lasting(PINNED_S)
 
     def update(self, frame: Frame, measure: LyapunovMeasure, *, pinned: bool) -> Sentence | None:
-        """The bound is suspended, or was; ``pinned`` says that the thrust at its limit is being told already."""
+        """Take one frame; ``pinned``: the thrust at its limit is reported already."""
         last, dt = frame.last, frame.dt
         share = self.share
         share += dt / (dt + SUSPENDED_MEAN_S) * (float(last.decision.saturated) - share)
@@ -394,10 +393,10 @@ class SuspensionWatch:
             self._sources.clear()
             return None
         self._sources.add(frame, measure.pull)
-        told = self._limited.extend(last.time_s, dt)
-        # Commands at a limit are the consequence; what else feeds V is the cause.
+        is_new = self._limited.extend(last.time_s, dt)
+        # Commands at a limit are the consequence; the other sources are the cause.
         self._sources.drop(LIMITS)
-        if not told or pinned:
+        if not is_new or pinned:
             return None
         return notice("certificate.suspended", largest=self._sources.name_largest(self._limited.for_s))
 
@@ -410,11 +409,11 @@ class DisturbanceWatch:
 
     @property
     def for_s(self) -> float:
-        """For how long |b̂| has been above B [s]."""
+        """Time for which |b̂| has been above B [s]."""
         return self._outside.for_s
 
     def update(self, length: float, last_s: float, dt: float, law: Law | None) -> Sentence | None:
-        """|b̂| = ``length`` [m/s²] is above B, or was until now."""
+        """Take |b̂| = ``length`` [m/s²]."""
         if law is None or length <= law.b_bound:
             self._outside.end(last_s)
             return None
@@ -481,7 +480,7 @@ class CertificateMonitor:
             self._power = self._measure.decrease.power + noise_power(self._measure.law, noise_m, interval_s)
 
     def look(self, time_s: float, motion: Motion, decision: Decision) -> CertificateReading:
-        """One command, and the motion that it rests on."""
+        """Take one command, and the motion that it was computed from."""
         now = Look(time_s, *self._measure.of(decision.diagnostics), motion, decision)
         last, self._last = self._last, now
         warnings, self._opening, state = self._opening, (), NONE

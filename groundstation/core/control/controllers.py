@@ -56,7 +56,7 @@ class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True
     k_yaw: Annotated[NonNegative, msgspec.Meta(description="Heading gain [1/s], as ours.")] = 1.0
     tilt_limit_deg: Annotated[
         float,
-        msgspec.Meta(gt=0.0, le=80.0, description="Largest tilt to ask for [deg]; PX4's default (MPC_TILTMAX_AIR)."),
+        msgspec.Meta(gt=0.0, le=80.0, description="Largest commanded tilt [deg]; PX4's default (MPC_TILTMAX_AIR)."),
     ] = 45.0
     actuator_compensation: Annotated[
         bool,
@@ -346,7 +346,7 @@ class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
         NonNegative, msgspec.Meta(description="Acceleration against acceleration [-] (MPC_XY_VEL_D_ACC).")
     ] = 0.0164
     speed_limit_m_s: Annotated[
-        Positive, msgspec.Meta(description="Largest speed to ask for [m/s] (MPC_XY_VEL_MAX).")
+        Positive, msgspec.Meta(description="Largest commanded speed [m/s] (MPC_XY_VEL_MAX).")
     ] = 12.0
     integral_bound: Annotated[
         Positive,
@@ -526,7 +526,7 @@ class Custom(
 
 
 class Guarded:
-    """A user's own controller whose commands are clamped to the vehicle's limits; an invalid answer ends the flight."""
+    """A user's own controller whose commands are clamped to the vehicle's limits; an invalid one ends the flight."""
 
     def __init__(self, controller: Controller, vehicle: Vehicle, name: str) -> None:
         """``name`` is for the operator."""
@@ -560,12 +560,12 @@ class Guarded:
         except (AttributeError, OverflowError, TypeError, ValueError):
             raise UserCodeFault(f"{who} returned no thrust and three rates") from None
         if not is_finite:
-            raise UserCodeFault(f"{who} asked for thrust {thrust} N, rates {(x, y, z)} rad/s")
+            raise UserCodeFault(f"{who} commanded thrust {thrust} N, rates {(x, y, z)} rad/s")
         drive, clamped = clamp_command(self._vehicle, thrust, (x, y, z))
         return decision._replace(drive=drive, saturated=bool(decision.saturated) or clamped)
 
     def _make_whole(self, drive: ActuatorCommand, estimate: Estimate, reference: Reference) -> Any:
-        """Make a decision with ``drive``, which is checked later, with all answers."""
+        """Make a decision with ``drive``, which is checked later."""
         still = make_decision(self._vehicle, estimate, reference, 0.0, (0.0, 0.0, 0.0))
         return still._replace(drive=drive, saturated=False)
 

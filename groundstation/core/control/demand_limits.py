@@ -2,17 +2,15 @@
 
 The law knows no limits of the vehicle. A demand beyond them is cut in this order:
 
-1. Tilt. With c the cosine of the tilt, full thrust has the vertical part T_max c. It must carry
-   what the vertical axis needs, so c stays above c_min (:meth:`DemandLimits.find_least_cosine`).
-   Rates turn c by c˙ = r31 ω2 - r32 ω1. They are changed as little as possible so that c, where it
-   will be once the present rates have died down, approaches c_min and does not pass it
-   (:meth:`DemandLimits.limit_tilt`), no faster than rates follow commands that are held for a frame.
-2. Thrust, clamped to the vehicle's limits. The law is evaluated a moment on with the rate at which
-   thrust can still change (:meth:`DemandLimits.limit_thrust_rate`): a thrust that cannot rise must
-   not be counted on.
+1. Tilt. With c the cosine of the tilt, full thrust has the vertical part T_max c. It must suffice for the vertical
+   axis, so c stays above c_min (:meth:`DemandLimits.find_least_cosine`). Rates change c by c˙ = r31 ω2 - r32 ω1. They
+   are changed as little as possible so that c, predicted until the present rates have decayed, approaches c_min and
+   does not pass it (:meth:`DemandLimits.limit_tilt`), no faster than rates follow commands that are held for a frame.
+2. Thrust, clamped to the vehicle's limits. The law is evaluated a moment later with the rate at which thrust can still
+   change (:meth:`DemandLimits.limit_thrust_rate`).
 3. Body rates, clamped per axis; the yaw rate also changes slowly (:meth:`DemandLimits.limit_yaw`).
 
-A demand inside the limits leaves as it came, to the bit. Derivation: docs/explanation/law.md,
+A demand inside the limits is unchanged, to the bit. Derivation: docs/explanation/law.md,
 section 6.4. Elementwise: floats, or arrays of shape (N,). Sans-IO.
 """
 
@@ -23,22 +21,22 @@ from groundstation.core.geometry import Ops, Quat, Real, Vec3, third_column
 from groundstation.core.vehicle import ActuatorCommand, Vehicle
 
 RESERVE = 1.03
-"""Vertical part of the full thrust at the tilt limit, over the thrust that hovers, at rest [-]: true
-thrust may be as low as 0.62 of told on a vehicle that has 1.08 times its weight then."""
+"""Vertical part of the full thrust at the tilt limit, over the hover thrust, at rest [-]: true thrust may be as low as
+0.62 of the configured one on a vehicle that then has 1.08 times its weight."""
 LEAST_COSINE = math.cos(math.radians(80.0))
 """Cosine of the largest tilt of any vehicle [-]: beyond it the heading loop loses its axis."""
 LEAST_SINE_SQUARED = 0.04
-"""Squared sine of the tilt below which a rate turns c too little to be divided by [-]: near level,
-where nothing is limited, and upside down, where the rate limits act."""
+"""Squared sine of the tilt below which a rate changes c too little to divide by it [-]: near level, where nothing is
+limited, and upside down, where the rate limits act."""
 
 
 YAW_RAD_S2 = 2.5
-"""How fast the told yaw rate changes at most [rad/s²]: on `rotors_quad1kg` that takes a fifth of the rotors' thrust in
+"""Largest change of the commanded yaw rate [rad/s²]: on `rotors_quad1kg` that takes a fifth of the rotors' thrust in
 hover. Rotors turn a vehicle about z by their drag, ten times weaker than by their arms."""
 
 
 class DemandLimits:
-    """The limits of one vehicle as told, or of N that are told the same."""
+    """Limits of one configured vehicle, or of N with the same configuration."""
 
     def __init__(self, ops: Ops, vehicle: Vehicle) -> None:
         self._ops, self._vehicle = ops, vehicle
@@ -49,29 +47,29 @@ class DemandLimits:
     def find_least_cosine(
         self, attitude: Quat, thrust: Real, effectiveness: Real, weight: Real, vertical: Real
     ) -> Real:
-        """c_min, the cosine of the largest tilt that leaves the vertical axis what it needs.
+        """Return c_min, the cosine of the largest tilt at which thrust suffices for the vertical axis.
 
         Args:
             attitude: body to world.
-            thrust: T, what the rotors give now [N].
+            thrust: T, present thrust [N].
             effectiveness: λ̂ [-].
-            weight: g + d̂_z, what pulls down where λ̂ scales the thrust [m/s²].
+            weight: g + d̂_z, downward acceleration beside the thrust scaled by λ̂ [m/s²].
             vertical: further acceleration demanded downwards, p¨d + u* + c v [m/s²].
         """
         clamp, vehicle = self._ops.clamp, self._vehicle
         up = third_column(attitude)[2] * thrust / vehicle.mass_kg
-        # Only the sum is observable: what thrust as told lacks counts as weight.
+        # Only the sum is observable: missing thrust counts as weight.
         hover = RESERVE * (weight + (1.0 - effectiveness) * up)
         most = vehicle.thrust_max_n / vehicle.mass_kg
         level = clamp(hover / most, LEAST_COSINE, 1.0)
-        # Climbing and falling move the limit by half of what is left to either side.
+        # Climbing and falling move the limit by half of the range on either side.
         low, high = clamp(0.5 * level, LEAST_COSINE, 1.0), 0.5 * (level + 1.0)
         return clamp((hover - vertical) / most, low, high)
 
     def limit_tilt(
         self, attitude: Quat, rates: Vec3, wanted: tuple[Real, Real], least_cosine: Real, k_omega: float
     ) -> tuple[Real, Real, Any]:
-        """Roll and pitch rate [rad/s] that keep c above ``least_cosine``, and whether it cut them.
+        """Return roll and pitch rate [rad/s] that keep c above ``least_cosine``, and whether they were limited.
 
         ``rates`` are the body rates now [rad/s]; an error of them decays with ``k_omega`` [1/s].
         """
@@ -87,22 +85,22 @@ class DemandLimits:
         return ops.where(limited, x, rate_x), ops.where(limited, y, rate_y), limited
 
     def limit_yaw(self, rate: Real, wanted: Real) -> Real:
-        """Yaw rate [rad/s] towards ``wanted`` that the rotors have torque for beside the tilt's, from ``rate`` now.
+        """Return the yaw rate [rad/s] towards ``wanted`` for which the rotors have torque, from the present ``rate``.
 
-        At their limits they would take it from the tilt.
+        At the rotors' limits, more would reduce the torque for roll and pitch.
         """
         reach = YAW_RAD_S2 * max(self._vehicle.rate_lag_s, self._vehicle.frame_period_s)
         return self._ops.clamp(wanted, rate - reach, rate + reach)
 
     def limit_thrust_rate(self, thrust: Real, thrust_rate: Real, lead_s: float) -> Real:
-        """Ṫ [N/s] as the thrust limits leave it, where T_cmd = T + ``lead_s`` Ṫ (law.md, 6.4)."""
+        """Return Ṫ [N/s] within the thrust limits, where T_cmd = T + ``lead_s`` Ṫ (law.md, 6.4)."""
         ops, vehicle = self._ops, self._vehicle
         wanted = thrust + lead_s * thrust_rate
         inside = ops.clamp(wanted, vehicle.thrust_min_n, vehicle.thrust_max_n)
         return ops.where(inside == wanted, thrust_rate, (inside - thrust) / lead_s)
 
     def clamp(self, thrust: Real, rates: Vec3) -> tuple[ActuatorCommand, Any]:
-        """A command within the vehicle's limits, and whether any of the four had to be clamped."""
+        """Return a command within the vehicle's limits, and whether any of the four was clamped."""
         vehicle, clamp, (x, y, z), (a, b, c) = self._vehicle, self._ops.clamp, rates, self.rates
         inside = clamp(thrust, vehicle.thrust_min_n, vehicle.thrust_max_n)
         p, q, r = clamp(x, -a, a), clamp(y, -b, b), clamp(z, -c, c)

@@ -1,10 +1,9 @@
 """Failsafe descent: level and down by attitude and speed alone. No position, no adaptation, no reference. Sans-IO.
 
-The push that takes the velocity to (0, 0, sink), tilted a little at most; the attitude follows it
-by its sine error. It holds no place: it drifts with the error of the wind's estimate. An estimate
-that is wrong must not make it climb: an integral of the sinking speed's error outweighs it. Blind,
-the speed is the model's, leaning into the wind that was known; down it pushes a little less than
-what hovers, and with time ever less.
+The commanded acceleration takes the velocity to (0, 0, sink), with limited tilt; the attitude follows it by its sine
+error. Position is not held: the vehicle drifts with the error of the wind estimate. A wrong estimate must not make it
+climb: an integral of the sink rate's error outweighs it. A blind descent takes the velocity from the model, leaning
+into the wind known before; thrust is slightly less than hover thrust, and decreases with time.
 """
 
 import math
@@ -23,91 +22,98 @@ BLIND_SPEED_GAIN = 2.5
 ATTITUDE_GAIN = 4.0
 """Body rate per sine of the attitude error [1/s]; the rate lag of the smallest vehicle allows no more."""
 BLIND_ATTITUDE_GAIN = 8.0
-"""Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a vehicle that
-leans the way it goes is turned within .4 s."""
+"""Body rate per sine of the attitude error in a blind descent, whose attitude is not late [1/s]: a vehicle that leans
+along its velocity is turned within .4 s."""
 LEAN = math.radians(45.0)
-"""Largest tilt that it asks for [rad]: a wind of 8 m/s² is leant into, and braked."""
+"""Largest commanded tilt [rad]: enough to hold and brake against a wind of 8 m/s²."""
 WIND_LIMIT_M_S2 = 8.0
-"""Largest disturbance across that is believed, on each axis [m/s²]: a gust front of 8."""
+"""Largest horizontal disturbance that is compensated, on each axis [m/s²]: a gust front of 8."""
 WIND_DOWN_M_S2 = 4.0
-"""Largest disturbance down that is believed [m/s²]: rotors that give seven tenths look like 4.2."""
+"""Largest downward disturbance that is compensated [m/s²]: rotors at 0.7 of their thrust have the effect of 4.2."""
 MOST = 0.24
-"""Largest acceleration upwards that it asks for, as a share of gravity: poses that are late or wrong ask for more."""
+"""Largest commanded upward acceleration, as a share of gravity [-]: late or false poses lead to more."""
 INTEGRAL_GAIN = 1.0
 """Acceleration per integral of the sink rate's error [1/s²]."""
 INTEGRAL_LIMIT_M_S2 = 6.0
-"""Largest acceleration of that integral [m/s²]: more than any disturbance that is believed."""
+"""Largest acceleration of that integral [m/s²]: more than any disturbance that is compensated."""
 HEAVIER_M_S2 = 3.0
-"""The largest downward disturbance that it lifts against where nothing speaks against the poses: rotors that give seven
-tenths look like 4.2."""
+"""Largest downward disturbance that is lifted against with valid poses [m/s²]: rotors at 0.7 of their thrust have the
+effect of 4.2."""
 WIND_S = 0.3
-"""Time constant of the mean disturbance across that is leant into [s]: late or false poses make it swing."""
+"""Time constant of the mean horizontal disturbance [s]: late or false poses make the estimate oscillate."""
 HEAVIER_S = 1.0
-"""Time constant of the mean disturbance down that is lifted against [s]; as above."""
+"""Time constant of the mean downward disturbance [s]; as above."""
 LIGHTER_M_S2 = 1.5
-"""Drop of the disturbance down below its mean that is not believed at once [m/s²]: a frozen height looks like that."""
+"""Drop of the downward disturbance below its mean that is not compensated at once [m/s²]: a frozen height makes one."""
 BLIND_PULL_M_S2 = 0.5
 """Downward acceleration of a blind descent [m/s²]: 1.4 m/s after 2 m."""
 BLIND_S = 3.0
-"""Time after which a blind descent should be over [s]: from then on the pull grows."""
+"""Time after which a blind descent should be over [s]: then its downward acceleration grows."""
 BLIND_MORE_M_S3 = 0.3
-"""Growth of the pull after that [m/s³]: the hover thrust was told too large."""
+"""Growth of that acceleration afterwards [m/s³]: the configured hover thrust is too large."""
 BLIND_BRAKE_GAIN = 2.0
 """Acceleration down per climb rate of the model [1/s]."""
 BLIND_BRAKE_M_S2 = 2.0
 """Largest acceleration down that brakes a climb in a blind descent [m/s²]."""
 BLIND_LIFT_GAIN = 4.0
-"""Acceleration up per sink rate of the model beyond what the pull alone gives [1/s]: leaning hard costs height."""
+"""Upward acceleration per sink rate of the model beyond the planned one [1/s]: a large tilt costs height."""
 BLIND_BRAKES_M_S = 0.7
-"""Most that a blind descent brakes by the model in all [m/s]: the model does not feel the floor and falls on."""
+"""Largest total braking of a blind descent [m/s]: the model has no floor and falls on."""
 BLIND_LIFT_M_S2 = 1.8
-"""Largest acceleration up that brakes it [m/s²]."""
+"""Largest upward acceleration of that braking [m/s²]."""
 BLIND_WIND_M_S2 = 1.5
-"""Largest disturbance down that is believed when blind [m/s²]."""
+"""Largest downward disturbance that is compensated in a blind descent [m/s²]."""
 
 
 def level(attitude: Quat, wind: Vec3, gravity: float) -> Vec3:
-    """Body rates [rad/s] that level the vehicle into ``wind`` [m/s², NED]; ``gravity`` is g [m/s²]."""
+    """Return the body rates [rad/s] that level the vehicle into ``wind`` [m/s², NED]; ``gravity`` is g [m/s²]."""
     return *_lean(attitude, push((0.0, 0.0, 0.0), wind, gravity, LEAN)[0]), 0.0
 
 
 def _lean(attitude: Quat, along: Vec3, gain: float = ATTITUDE_GAIN) -> tuple[float, float]:
-    """Roll and pitch rate [rad/s] that bring the push ``along`` [m/s², NED]."""
+    """Return roll and pitch rate [rad/s] that turn the thrust ``along`` [m/s², NED]."""
     roll, pitch = sine_error(attitude, along)
-    if third_column(attitude)[2] < 0.0:  # beyond 90° the sine falls again: turn as hard as at 90°
+    if third_column(attitude)[2] < 0.0:  # beyond 90° the sine decreases: turn as fast as at 90°
         n = 1.0 / max(math.hypot(roll, pitch), 1e-6)
         roll, pitch = (roll * n, pitch * n) if n < 1e6 else (1.0, 0.0)
     return gain * roll, gain * pitch
 
 
 class Descent:
-    """Implements :class:`groundstation.core.messages.Controller`; of the reference speed and heading count."""
+    """Controller of a failsafe descent (:class:`groundstation.core.messages.Controller`).
+
+    Only velocity and heading of the reference are used.
+    """
 
     def __init__(
         self, vehicle: Vehicle, gravity: float, wind: Vec3, effectiveness: float, sink_m_s: float = 0.0,
         sinks_m_s: float = 0.0,
     ) -> None:  # fmt: skip
-        """Take the vehicle as told and g [m/s²].
+        """Take the configured vehicle and g [m/s²].
 
-        ``wind`` is the mean disturbance of the last time [m/s², NED], ``effectiveness`` what the thrust gave of what
-        was told, before anything spoke against the poses [-], ``sink_m_s`` the speed at which it shall sink and
-        ``sinks_m_s`` the one at which it does as this begins, by the model [m/s].
+        Args:
+            vehicle: as configured.
+            gravity: g [m/s²].
+            wind: recent mean disturbance [m/s², NED].
+            effectiveness: thrust scale before the poses were suspect [-].
+            sink_m_s: commanded sink rate [m/s].
+            sinks_m_s: present sink rate by the model [m/s].
         """
         self._vehicle = vehicle
         self._gravity = gravity
         self._effectiveness = effectiveness
         self.wind = wind
-        """What it is pushed by on average [m/s², NED]; blind, what it was as this began."""
+        """Mean disturbance [m/s², NED]; in a blind descent that at its beginning."""
         self.sink_m_s = sink_m_s
-        """Speed at which it sinks where it is not blind [m/s]."""
+        """Commanded sink rate of a descent that is not blind [m/s]."""
         self.blind = False
-        """True where speed is not to be believed."""
+        """Whether the velocity of the poses is not believed."""
         self._integral = self._blind_s = 0.0
         self._planned_m_s = max(0.0, min(sinks_m_s, sink_m_s))
         self._brakes_m_s = BLIND_BRAKES_M_S
 
     def decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """One command."""
+        """Compute one command."""
         motion, g = estimate.motion, self._gravity
         (a, b, c), k, m = self.wind, interval_s / (interval_s + WIND_S), interval_s / (interval_s + HEAVIER_S)
         x, y, z = estimate.disturbance
@@ -135,9 +141,9 @@ class Descent:
         along, _ = push(wanted, (x, y, z), g, LEAN)
         roll, pitch = _lean(motion.attitude, along, BLIND_ATTITUDE_GAIN if self.blind else ATTITUDE_GAIN)
         mass = self._vehicle.mass_kg / (self._effectiveness if self.blind else estimate.effectiveness)
-        believed = BLIND_WIND_M_S2 if self.blind else HEAVIER_M_S2
-        heavier = max(-believed, min(self.wind[2], believed))
-        # The share of the push along the body's axis: one that still leans the other way is not made faster.
+        limit = BLIND_WIND_M_S2 if self.blind else HEAVIER_M_S2
+        heavier = max(-limit, min(self.wind[2], limit))
+        # The part of the acceleration along the body's axis: no thrust while the vehicle leans the other way.
         lift = max(0.0, sum(map(mul, along, third_column(motion.attitude))))
         lift = min(lift, (1.0 + MOST) * (g + heavier))
         return make_decision(

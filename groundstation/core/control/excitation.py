@@ -1,18 +1,18 @@
-"""Excitation tones: small known motions beside the law, by which the poses show that they answer. Sans-IO.
+"""Excitation tones: small known motions beside the law's, to which true poses respond. Sans-IO.
 
-In a hold and in a landing the law moves the vehicle so little that a frozen pose looks like a good
-hold. The tones move it by known amounts: roll and pitch rate circle at three frequencies, thrust
-swings at a fourth. They are above the loop's bandwidth (4 to 6 rad/s), so that wind and law leave
-them alone, and they are scaled by the vehicle's lag, so that every vehicle makes the same tilt.
-Their motion follows from the commands through lag and delay in closed form. It is taken out of the
-state that the law sees: otherwise the law would brake it, and the answer would mix with the wind's.
+In a hold and in a landing the law moves the vehicle so little that a frozen pose looks like a good hold. The tones move
+it by known amounts: roll and pitch rate circle at three frequencies, thrust oscillates at a fourth. They are above the
+loop's bandwidth (4 to 6 rad/s), so that wind and law hardly change them, and they are scaled by the vehicle's lag, so
+that every vehicle makes the same tilt. Their motion follows from the commands through lag and delay in closed form. It
+is subtracted from the state for the law: otherwise the law would brake it, and the response would mix with that to
+wind.
 """
 
 import cmath
 import math
 from typing import NamedTuple
 
-from groundstation.core.geometry import Quat, Vec3, rotate
+from groundstation.core.geometry import ZERO, Vec3, rotate, subtract
 from groundstation.core.messages import Estimate
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 
@@ -20,20 +20,20 @@ TILT_TONES_RAD_S = (10.5, 14.0, 18.5)
 """Frequencies of the tones in roll and pitch [rad/s]: between the loop (6) and the lag of the smallest vehicle. No two
 are multiples of one another, so that no latency below 1 s hides all of them."""
 TILT_RATE_RAD_S = 0.19
-"""Body rate of each tone, after the lag [rad/s]: 1.0, .8 and .6 degrees of tilt, 1.8 mm RMS of way, from the limit of
-3 mm RMS in a hold."""
+"""Body rate of each tone, after the lag [rad/s]: 1.0, .8 and .6 degrees of tilt, 1.8 mm RMS of motion, by the limit
+of 3 mm RMS in a hold."""
 THRUST_TONE_RAD_S = 12.0
 """Frequency of the tone in thrust [rad/s]; as for the tilt."""
 THRUST_SHARE = 0.03
 """Amplitude of the tone in thrust, after the lag, as a share of the thrust [-]: 2 mm of height."""
 FADE_IN_S = 0.3
-"""Time in which the tones come and go [s]: a step would be a jerk."""
-QUESTION_LEVEL = 3.0
-"""Level of the tones while the poses are suspect [-]: their answer is known after .6 s instead of 1.2, for 5 mm RMS."""
+"""Time in which the tones fade in and out [s]: a step would be a jerk."""
+SUSPECT_LEVEL = 3.0
+"""Level of the tones while the poses are suspect [-]: the response is known after .6 s instead of 1.2, for 5 mm RMS."""
 
 
 class ToneMotion(NamedTuple):
-    """Motion that the tones make of the vehicle at one instant."""
+    """Motion of the vehicle by the tones at one instant."""
 
     position: Vec3
     """[m, NED]."""
@@ -47,15 +47,15 @@ class ToneMotion(NamedTuple):
     """Thrust of the tone as a share of the thrust without [-]."""
 
 
-NO_MOTION = ToneMotion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 0.0)
-"""The motion without tones."""
+NO_MOTION = ToneMotion(ZERO, ZERO, (0.0, 0.0), (0.0, 0.0), 0.0)
+"""Motion without tones."""
 
 
 class ExcitationTones:
     """Tones of one flight. Times are on the event loop's clock [s]."""
 
     def __init__(self, vehicle: Vehicle, gravity: float) -> None:
-        """Scale the tones for ``vehicle`` as configured; ``gravity`` is g [m/s²]."""
+        """Scale the tones for the configured ``vehicle``; ``gravity`` is g [m/s²]."""
         self._gravity = gravity
         self._rate_delay = vehicle.command_delay_s + vehicle.rate_delay_s + 0.5 * vehicle.frame_period_s
         self._thrust_delay = vehicle.command_delay_s + vehicle.thrust_delay_s + 0.5 * vehicle.frame_period_s
@@ -82,7 +82,7 @@ class ExcitationTones:
         return self._level + (self._target - self._level) * done
 
     def add_to(self, drive: ActuatorCommand, time_s: float) -> ActuatorCommand:
-        """Return ``drive`` with the tones of a command that leaves at ``time_s``; limits are not applied."""
+        """Return ``drive`` with the tones of a command that is sent at ``time_s``; limits are not applied."""
         share = self.share(time_s)
         if share == 0.0:
             return drive
@@ -94,7 +94,7 @@ class ExcitationTones:
         return ActuatorCommand(thrust * (1.0 + swing), rates)
 
     def motion(self, time_s: float, yaw_rad: float) -> ToneMotion:
-        """Motion that the tones make at ``time_s`` of a vehicle that heads along ``yaw_rad``, once they have settled.
+        """Return the settled motion by the tones at ``time_s`` of a vehicle with heading ``yaw_rad``.
 
         Roll is the real part and pitch the imaginary part of one rotating number: north + i east =
         i g (roll + i pitch).
@@ -102,10 +102,10 @@ class ExcitationTones:
         share = self.share(time_s)
         if share == 0.0:
             return NO_MOTION
-        g, seen_s = self._gravity, time_s - self._rate_delay
+        g, commanded_s = self._gravity, time_s - self._rate_delay
         place = speed = tilt = rate = 0j
         for w, turning, amplitude in self._tilts:
-            now = amplitude * cmath.exp(turning * seen_s)
+            now = amplitude * cmath.exp(turning * commanded_s)
             tilt, rate = tilt + now, rate + turning * now
             place, speed = place - 1j * g * now / (w * w), speed + g * now / w
         heading, w = share * cmath.exp(1j * yaw_rad), THRUST_TONE_RAD_S
@@ -120,31 +120,22 @@ class ExcitationTones:
         )
 
     def advance(self, time_s: float, yaw_rad: float) -> tuple[Vec3, tuple[float, float]]:
-        """Return way [m, NED] and turn [rad] that the tones have made since the last call, by ``time_s``."""
+        """Return displacement [m, NED] and turn [rad] by the tones from the last call to ``time_s``."""
         last, self._last = self._last, self.motion(time_s, yaw_rad)
         (a, b), (c, d) = self._last.tilt, last.tilt
-        return _less(self._last.position, last.position), (a - c, b - d)
+        return subtract(self._last.position, last.position), (a - c, b - d)
 
     def take_out(self, estimate: Estimate, yaw_rad: float) -> Estimate:
-        """Return ``estimate`` as it would be without the tones."""
+        """Return ``estimate`` without the motion by the tones."""
         tone, motion = self.motion(estimate.time_s, yaw_rad), estimate.motion
         if tone is NO_MOTION:
             return estimate
+        (roll, pitch), (roll_rate, pitch_rate) = tone.tilt, tone.rates
         without = Motion(
-            _less(motion.position, tone.position),
-            _less(motion.velocity, tone.velocity),
-            _turned_back(motion.attitude, tone.tilt),
+            subtract(motion.position, tone.position),
+            subtract(motion.velocity, tone.velocity),
+            rotate(motion.attitude, (-roll, -pitch, 0.0)),  # exact for small angles
             motion.thrust / (1.0 + tone.thrust_share),
-            _less(motion.rates, (*tone.rates, 0.0)),
+            subtract(motion.rates, (roll_rate, pitch_rate, 0.0)),
         )
         return estimate._replace(motion=without)
-
-
-def _less(a: Vec3, b: Vec3) -> Vec3:
-    """Return a - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _turned_back(attitude: Quat, tilt: tuple[float, float]) -> Quat:
-    """Return ``attitude`` less a small tilt about the body's axes [rad]."""
-    return rotate(attitude, (-tilt[0], -tilt[1], 0.0))

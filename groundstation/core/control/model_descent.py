@@ -1,9 +1,9 @@
-"""Descent on the model alone, where poses are no longer believed: flown ahead at once, played open loop. Sans-IO.
+"""Descent on the model alone, after the poses have failed: simulated at once, played open loop. Sans-IO.
 
-From the motion that the model has now the vehicle is flown down in the model: it levels, takes away the speed that it
-has sideways, sinks, and brakes before the floor. The commands of that flight are the bring-down. Unlike bring_down.py,
-which is made with every command, this is made once, for a state that may be anything, and it is sparing with thrust:
-what was believed wrongly so far may be wrong still. Above what hovers it only brakes what it sank itself.
+From the model's present motion the descent is simulated: the vehicle levels, brakes its horizontal speed, sinks, and
+brakes before the floor. The commands of that simulation are the bring-down. Unlike bring_down.py, which is planned with
+every command, this is planned once, from any state, and with little thrust, as the state may be wrong: thrust above
+hover only brakes the plan's own sink rate.
 """
 
 import math
@@ -17,50 +17,50 @@ from links.core import Segment
 STEP_S = 0.05
 """Length of one part [s]."""
 LASTS_S = 1.85
-"""Longest descent [s]; with ``OFF`` after it it is what a link plays at most."""
+"""Longest descent [s]; with ``OFF`` after it, the longest that a link plays."""
 MOST = 1.15
 """Largest thrust, as a share of the hover thrust [-]."""
 BRAKE_S = 0.35
 """Longest time in all with more than the hover thrust [s]."""
 LEAST = 0.4
-"""Smallest thrust before the floor, as a share of what hovers: with less, rates are hard to hold [-]."""
+"""Least thrust before the floor, as a share of the hover thrust [-]: with less, rates are hard to hold."""
 LEANS = math.cos(math.radians(12.0))
-"""Cosine of a lean from which on thrust is held back where it makes the vehicle faster [-]."""
+"""Cosine of a tilt from which thrust is reduced where it would accelerate the vehicle [-]."""
 HIGH_M = 1.0
-"""From this height on half of the smallest thrust is enough for that [m]: it sinks meanwhile."""
+"""Height from which half of the least thrust is used for that [m]: the vehicle sinks meanwhile."""
 BIAS = 0.97
-"""Of the hover thrust: to meet the floor early is better than to stop above it."""
+"""Factor on the thrust [-]: to meet the floor early is better than to stop above it."""
 BRAKES_M_S2 = 1.3
-"""How hard it counts on braking [m/s²]."""
+"""Planned deceleration before the floor [m/s²]."""
 TOUCHDOWN_M_S = 0.6
 """Sink rate at the floor [m/s]."""
 FASTEST_M_S = 1.6
 """Largest sink rate [m/s]."""
 FLOOR_M = 0.05
-"""Height below which the motors only stop [m]."""
+"""Height below which the motors stop [m]."""
 LEAST_M = 0.2
-"""Least height that a descent begins with [m]: what is reckoned is known no better, and a fall is worse."""
+"""Least height of the plan [m]: dead reckoning is no more accurate, and a fall is worse."""
 SINK_GAIN = 4.0
 """Acceleration per error of the sink rate [1/s]."""
 SPEED_GAIN = 2.0
-"""Acceleration per error of the speed across [1/s]."""
+"""Acceleration per error of the horizontal speed [1/s]."""
 ATTITUDE_GAIN = 6.0
 """Body rate per sine of the tilt's error [1/s]."""
 LEAN = math.radians(20.0)
-"""Largest tilt that it asks for [rad]."""
+"""Largest commanded tilt [rad]."""
 
 
 def plan_model_descent(
     motion: Motion, vehicle: Vehicle, *, mass_kg: float, gravity: float, disturbance: Vec3, height_m: float
 ) -> tuple[Segment, ...]:
-    """The parts that begin at the state ``motion``, ``height_m`` above the floor; some 0.5 ms of work.
+    """Plan the descent from ``motion``, ``height_m`` above the floor; takes about 0.5 ms.
 
     Args:
-        motion: as the model has it; its height above the floor is told apart.
-        vehicle: as told; its limits and lags apply.
-        mass_kg: the mass that thrust seems to lift, m/λ̂ [kg].
+        motion: motion by the model; its height above the floor is ``height_m``.
+        vehicle: as configured; its limits and lags apply.
+        mass_kg: effective mass m/λ̂ [kg].
         gravity: g [m/s²].
-        disturbance: the mean wind that is believed [m/s², NED].
+        disturbance: mean wind [m/s², NED].
         height_m: above the floor [m].
     """
     hover = mass_kg * min(max(gravity + disturbance[2], 0.7 * gravity), 1.3 * gravity)
@@ -77,16 +77,16 @@ def plan_model_descent(
         along, _ = push(wanted, disturbance, gravity, LEAN)
         roll, pitch = sine_error(motion.attitude, along)
         lean_x, lean_y, upright = third_column(motion.attitude)
-        # Far over, thrust lifts nothing that helps.
-        ask = mass_kg * length(along) / max(upright, 0.7) if upright > 0.3 else 0.0
-        ask = BIAS * min(motion.thrust + thrust_lead * (ask - motion.thrust) / STEP_S, MOST * hover)
-        # It may only brake what it sank itself, and nothing where it may lie on the floor.
+        # At a large tilt, thrust does not lift.
+        thrust = mass_kg * length(along) / max(upright, 0.7) if upright > 0.3 else 0.0
+        thrust = BIAS * min(motion.thrust + thrust_lead * (thrust - motion.thrust) / STEP_S, MOST * hover)
+        # Only the plan's own sink rate is braked, and nothing where the vehicle may be on the floor.
         may_brake = height_m >= LEAST_M and sinking > TOUCHDOWN_M_S and braked < BRAKE_S - 1e-9
         least = LEAST * hover if upright > 0.3 else 0.0
         if upright < LEANS and lean_x * north + lean_y * east < 0.0:
-            # It leans into where it goes: thrust would only make it faster.
-            ask, least = 0.0, least if height < HIGH_M else 0.5 * least
-        thrust = max(min(ask, MOST * hover if may_brake else hover), least)
+            # The vehicle leans along its velocity: thrust would accelerate it.
+            thrust, least = 0.0, least if height < HIGH_M else 0.5 * least
+        thrust = max(min(thrust, MOST * hover if may_brake else hover), least)
         braked += STEP_S if thrust > hover else 0.0
         k = ATTITUDE_GAIN
         rates = [

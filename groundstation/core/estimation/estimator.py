@@ -1,36 +1,36 @@
 """Estimator: a model-based observer at the newest pose's instant, rolled forward through sent commands.
 
-What it is told, under every controller the same, is part of the config section ``[controller]``. With composite
+Its settings, the same under every controller, are part of the config section ``[controller]``. With composite
 adaptation in its provable form the observer is autonomous: it is driven by its own d̂ and ĉ, never by b̂. Otherwise b̂
 drives it (see :meth:`ModelEstimator.follow`).
 
-Observer: a Kalman filter of a chain of integrators, and the thrust effectiveness told apart from the wind.
+Observer: a Kalman filter of a chain of integrators, and the thrust effectiveness separated from the wind.
 
-How far one pose moves position, velocity, disturbance and its rate: the model's acceleration drives the chain, so the
-filter only has to follow what the model does not know:
+The chain is position, velocity, disturbance and its rate. The model's acceleration drives it, so the filter only has to
+follow the rest:
 
     p˙ = v + n_p,   v˙ = a_model + d + n_a,   d˙ = c + n_d,   c˙ = n_c,   measured p + noise of variance r
 
-The three axes share one covariance, as the noise is taken as isotropic. n_p, n_a, n_d, n_c are white. n_p is zero
-but for a source whose errors last longer than from pose to pose, if that is told, and for one that measures velocity
-too, an autopilot: its position wanders against its velocity (GPS). Neither must be taken for motion. The gain follows
-the interval between poses, so a gap needs no special case, and it follows r, which is measured (see
-:func:`fourth_difference`).
+The three axes share one covariance, as the noise is assumed isotropic. n_p, n_a, n_d, n_c are white. n_p is zero
+except for a source whose errors are configured to last longer than from pose to pose, and for an autopilot, which
+measures velocity too: its position wanders against its velocity (GPS). Neither is motion. The gain follows from the
+interval between poses, so a gap needs no special case, and from r, which is measured (see :func:`fourth_difference`).
 
-Stamps that are off by chance, by s, are noise along the velocity: R = r I + s² v vᵀ. Then there are two covariances,
-along the motion and across it. Where the motion turns, both are projected onto the new direction, and what correlates
-along with across is left out.
+Jitter s of the stamps is noise along the velocity: R = r I + s² v vᵀ. Then there are two covariances, along the motion
+and across it. Where the motion turns, both are projected onto the new direction; the correlation of along with across
+is left out.
 
-Effectiveness is a second stage beside that filter. The chain is driven by the model's acceleration, in which thrust
-counts λ times what the vehicle was told to have: -λ (T/m) R e3 + g e3 + d. λ is a constant, or nearly (batteries sag).
-What an error of λ̂ does to the chain is linear and known, so it needs no state in the filter: the filter's error is
-x̃ + V (λ - λ̂), where x̃ is its error if λ were known and V follows the filter's own recursion. So λ is estimated from
-the innovations that V explains (B. Friedland, "Treatment of bias in recursive filtering", IEEE TAC 14, 1969).
+Effectiveness is a second stage beside that filter. The chain is driven by the model's acceleration, in which thrust is
+λ times the configured one: -λ (T/m) R e3 + g e3 + d. λ is a constant, or nearly (batteries sag). The effect of an error
+of λ̂ on the chain is linear and known, so it needs no state in the filter: the filter's error is x̃ + V (λ - λ̂), where x̃
+is its error if λ were known and V follows the filter's own recursion. So λ is estimated from the innovations that V
+explains (B. Friedland, "Treatment of bias in recursive filtering", IEEE TAC 14, 1969).
 
-Weak thrust and wind look the same while thrust stays as it is: only their sum is observable then. Commands that answer
-pose noise are correlated with the innovations, and would move λ̂ for minutes. So λ̂ moves only while its innovations are
-excited: while the last second alone tells it well, and adds a share to what is known (:func:`is_excited`). Its variance
-follows from the noise that the score of λ̂ shows in flight, as the chain takes wind for rougher, or calmer, than it is.
+Weak thrust and wind have the same effect while thrust is constant: only their sum is observable then. Commands that
+react to pose noise are correlated with the innovations, and would move λ̂ for minutes. So λ̂ moves only while its
+innovations are excited: while the last second alone determines it well, and adds a share to the information so far
+(:func:`is_excited`). Its variance follows from the noise of its score as measured in flight, as the wind assumed by the
+chain is rougher, or calmer, than the true one.
 Elementwise: floats, or arrays of shape (N,).
 """
 
@@ -88,27 +88,27 @@ class Densities(NamedTuple):
 
 
 class Ahead(NamedTuple):
-    """The vehicle at an instant to come, by the model."""
+    """State of the vehicle at a later instant, by the model."""
 
     time_s: float
-    given: ActuatorResponse
-    """Motion that the commands make of the newest pose's by then."""
+    response: ActuatorResponse
+    """Response of the actuators to the commands since the newest pose."""
     motion: Motion
 
 
 KalmanGain: TypeAlias = tuple[Real, Real, Real, Real]
-"""What one metre of innovation changes: position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
+"""Change by one metre of innovation: of position [-], velocity [1/s], disturbance [1/s²], its rate [1/s³]."""
 
 
 def initial_covariance(noise: Real, speed2: float = 1.0, disturbance2: float = 1.0) -> Covariance:
-    """The covariance at the first pose: it is at rest to 1 m/s, the disturbance is known to 1 m/s² and constant."""
+    """Covariance at the first pose: speed 0 to 1 m/s, disturbance 0 to 1 m/s², and constant."""
     return (noise, 0.0, 0.0, 0.0, speed2, 0.0, 0.0, disturbance2, 0.0, 0.01)
 
 
 def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
-    """``s`` after ``h`` [s] without a pose: F S Fᵀ + Q, F the chain's exact transition.
+    """Predict ``s`` by ``h`` [s] without a pose: F S Fᵀ + Q, F the chain's exact transition.
 
-    Q is diagonal, q h: what it leaves out is of second order in h and grows back through F at the next step.
+    Q is diagonal, q h: the omitted terms are of second order in h and follow through F at the next step.
     """
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     a, b = 0.5 * h * h, h * h * h / 6.0
@@ -134,17 +134,18 @@ def predict_covariance(s: Covariance, h: Real, q: Densities) -> Covariance:
 
 
 UNEXPECTED = 3.0
-"""An innovation of more than so many times its expected square widens the covariance [-]: 3 % of those of a consistent
-filter (χ² of three axes). With 4 `adverse` has 2 % more error, with 2.5 the effort there is beyond its limit."""
+"""Ratio of an innovation's square to its expected square above which the covariance is widened [-]: 3 % of those of a
+consistent filter (χ² of three axes). With 4 `adverse` has 2 % more error, with 2.5 the effort there is beyond its
+limit."""
 WIDEST = 5.0
 """Largest factor of that widening [-]; 20 changes no scenario by 1 %."""
 
 
 def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance:
-    """``s`` as it must have been for the innovation ``step`` [m] to be no surprise, with position noise ``r`` [m²].
+    """Widen ``s`` until it explains the innovation ``step`` [m], with position noise ``r`` [m²].
 
-    A front of wind is a jump that the chain's noise does not have. Σ then grows as a whole, so that what the chain
-    does in its next poses is believed sooner; it may exceed FΣFᵀ at any time (docs/explanation/law-proof.md, 5.5).
+    A front of wind is a jump that the chain's noise does not contain. Σ then grows as a whole, so that the chain
+    follows the next poses faster; it may exceed FΣFᵀ at any time (docs/explanation/law-proof.md, 5.5).
     """
     x, y, z = step
     share = (x * x + y * y + z * z) / (3.0 * UNEXPECTED * (s[PP] + r))
@@ -154,7 +155,7 @@ def widen_covariance(ops: Ops, s: Covariance, r: Real, step: Vec3) -> Covariance
 
 
 def update_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
-    """The gain for a pose of position noise ``r`` [m²], and the covariance after it."""
+    """Return the gain for a pose of position noise ``r`` [m²], and the covariance after it."""
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     w = 1.0 / (pp + r)
     kp, kv, kd, kc = pp * w, pv * w, pd * w, pc * w
@@ -174,7 +175,7 @@ def update_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
 
 
 def update_moving_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covariance]:
-    """As :func:`update_covariance`, for a velocity of noise ``r`` [m²/s²]: what one m/s of innovation changes."""
+    """Do the same as :func:`update_covariance` for a velocity of noise ``r`` [m²/s²]; the gain is for 1 m/s."""
     pp, pv, pd, pc, vv, vd, vc, dd, dc, cc = s
     w = 1.0 / (vv + r)
     kp, kv, kd, kc = pv * w, vv * w, vd * w, vc * w
@@ -194,9 +195,9 @@ def update_moving_covariance(s: Covariance, r: Real) -> tuple[KalmanGain, Covari
 
 
 def fourth_difference(times: Sequence[Real], places: Sequence[Vec3]) -> tuple[Real, Real, Real]:
-    """The noise that five positions at five ``times`` [s] show, motion all but cancelled.
+    """Measure the noise of five positions at five ``times`` [s], with their motion almost cancelled.
 
-    The fourth divided difference of a cubic motion is nought, and that of independent noise has the sum of its squared
+    The fourth divided difference of a cubic motion is 0, and that of independent noise has the sum of its squared
     weights times its variance. At equal intervals h a smooth motion leaves snap · h⁴/√70 (0.02 mm for 100 m/s⁴ at
     50 Hz).
 
@@ -219,40 +220,41 @@ def fourth_difference(times: Sequence[Real], places: Sequence[Vec3]) -> tuple[Re
 
 
 NO_WAY_M2 = 1e-20
-"""Keeps a quotient by a way that may be nought finite [m²]."""
+"""Added to a squared distance that may be 0 and divides [m²]."""
 
 
 StampNoise: TypeAlias = tuple[Real, Real]
-"""What fourth differences show along the motion, averaged as the noise of all axes is: variance along it [m²], and the
-square of the speed [m²/s²]. Elementwise."""
+"""Mean fourth differences along the motion: variance along it [m²], and square of the speed [m²/s²]. Elementwise."""
 
-JITTER_SHOWS = 2.0
-"""Stamps are off where noise along the motion has so many times the variance of that across it: by chance, with memory
-of 100 poses, it has 1.2 times (1σ)."""
+JITTER_RATIO = 2.0
+"""Ratio of the noise variances along and across the motion above which the stamps have jitter [-]: by chance, with
+memory of 100 poses, it is 1.2 (1σ)."""
 
 
-def split_noise(ops: Ops, noise: Real, seen: StampNoise, least: float, told_s: float | None) -> tuple[Real, Real]:
-    """Noise across the motion, per axis [m²], and how far stamps are off, squared [s²].
+def split_noise(
+    ops: Ops, noise: Real, measured: StampNoise, least: float, configured_s: float | None
+) -> tuple[Real, Real]:
+    """Split the noise into that across the motion, per axis [m²], and the squared jitter of the stamps [s²].
 
     Args:
         ops: elementary functions.
         noise: mean of the three axes [m²].
-        seen: along the motion.
-        least: the first result is never less [m²].
-        told_s: how far stamps are off [s]; None for what is seen, which is nought where it does not show.
+        measured: noise along the motion.
+        least: least noise across the motion [m²].
+        configured_s: configured jitter [s]; None for the measured one, which is 0 where it is not significant.
     """
-    if told_s == 0.0:
+    if configured_s == 0.0:
         return noise, 0.0
-    along, speed2 = seen
+    along, speed2 = measured
     across = ops.clamp(1.5 * noise - 0.5 * along, least, math.inf)
-    if told_s is not None:
-        return across, told_s * told_s + 0.0 * across
-    shows = along > JITTER_SHOWS * across
-    return ops.where(shows, across, noise), ops.where(shows, (along - across) / (speed2 + NO_WAY_M2), 0.0)
+    if configured_s is not None:
+        return across, configured_s * configured_s + 0.0 * across
+    has_jitter = along > JITTER_RATIO * across
+    return ops.where(has_jitter, across, noise), ops.where(has_jitter, (along - across) / (speed2 + NO_WAY_M2), 0.0)
 
 
 class AlongTrack(NamedTuple):
-    """The filter along the motion, where stamps are off: its own covariance, in the direction that it had."""
+    """Filter along the motion, where stamps have jitter: its own covariance, and direction."""
 
     axis: Vec3
     """Unit vector, NED."""
@@ -260,17 +262,17 @@ class AlongTrack(NamedTuple):
 
 
 class AlongGain(NamedTuple):
-    """What an innovation changes along the motion beside what it changes in every direction."""
+    """Difference of the gain along the motion from that in every direction."""
 
     axis: Vec3
     more: KalmanGain
-    """To be added along it; below 0, as poses tell less there."""
+    """Gain to be added along it; below 0, as poses are noisier there."""
     weight: Real
-    """Deviation of the innovation across the motion over that along it, less 1 [-]."""
+    """Ratio of the innovation's deviation across the motion to that along it, less 1 [-]."""
 
 
 def find_direction(ops: Ops, velocity: Vec3) -> tuple[Vec3, Real]:
-    """Unit vector along ``velocity`` [m/s], nought where that is, and the speed squared [m²/s²]."""
+    """Unit vector along ``velocity`` [m/s], 0 for 0, and the speed squared [m²/s²]."""
     x, y, z = velocity
     speed2 = x * x + y * y + z * z
     k = 1.0 / ops.sqrt(speed2 + NO_WAY_M2)
@@ -278,9 +280,9 @@ def find_direction(ops: Ops, velocity: Vec3) -> tuple[Vec3, Real]:
 
 
 def turn_track(across: Covariance, track: AlongTrack, axis: Vec3) -> tuple[Covariance, Covariance]:
-    """Covariances across and along the motion, which now goes along ``axis``: the mean over all directions across.
+    """Return the covariances across and along the motion, turned to ``axis``: the mean over all directions across.
 
-    Both stay exactly as they are where they are the same.
+    Equal covariances stay exactly the same.
     """
     a, b, c = track.axis
     x, y, z = axis
@@ -296,37 +298,37 @@ def turn_track(across: Covariance, track: AlongTrack, axis: Vec3) -> tuple[Covar
 def weigh_along(
     ops: Ops, axis: Vec3, gain: KalmanGain, along: tuple[KalmanGain, Covariance], across2: Real, along2: Real
 ) -> tuple[AlongGain, AlongTrack]:
-    """Beside ``gain`` in every direction, what comes ``along`` the motion; the innovation has the variances given."""
+    """Return the difference of the gain ``along`` the motion from ``gain``, for the innovation's two variances."""
     (kp, kv, kd, kc), ((p, v, d, c), covariance) = gain, along
     more = (p - kp, v - kv, d - kd, c - kc)
     return AlongGain(axis, more, ops.sqrt(across2 / along2) - 1.0), AlongTrack(axis, covariance)
 
 
 def part_along(axis: Vec3, of: Vec3) -> Vec3:
-    """The part of a vector along the unit vector ``axis``."""
+    """Return the part of the vector ``of`` along the unit vector ``axis``."""
     (x, y, z), (a, b, c) = axis, of
     k = x * a + y * b + z * c
     return (k * x, k * y, k * z)
 
 
 Chain: TypeAlias = tuple[Vec3, Vec3, Vec3, Vec3]
-"""Position [m], velocity [m/s], disturbance [m/s²] and its rate [m/s³], or the answer of each; NED."""
+"""Position [m], velocity [m/s], disturbance [m/s²] and its rate [m/s³], or their derivatives by λ; NED."""
 
 
 def correct_chain(chain: Chain, gain: KalmanGain, step: Vec3) -> Chain:
-    """Each of ``chain`` moved by its gain times ``step``."""
+    """Correct each of ``chain`` by its gain times ``step``."""
     (p, v, d, c), (kp, kv, kd, kc) = chain, gain
     return add_scaled(p, kp, step), add_scaled(v, kv, step), add_scaled(d, kd, step), add_scaled(c, kc, step)
 
 
 def apply_effectiveness(chain: Chain, moved: Real, e: "Effectiveness") -> Chain:
-    """``chain`` after λ̂ has ``moved`` [-], to which it answers by V."""
+    """Correct ``chain`` for the change ``moved`` of λ̂ [-], by V."""
     p, v, d, c = chain
     return add_scaled(p, moved, e.p), add_scaled(v, moved, e.v), add_scaled(d, moved, e.d), add_scaled(c, moved, e.c)
 
 
 def correct_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> Quat:
-    """The predicted attitude turned by ``gain`` (0..1) of the way to the measured one; 1 takes the measurement."""
+    """Turn the predicted attitude by ``gain`` (0..1) of the angle to the measured one; 1 takes the measurement."""
     if gain >= 1.0:
         return measured
     x, y, z = rotation_vector(multiply(conjugate(predicted), measured), ops)
@@ -334,30 +336,32 @@ def correct_attitude(ops: Ops, predicted: Quat, measured: Quat, gain: float) -> 
 
 
 EFFECTIVENESS_LIMITS = (0.6, 1.4)
-"""λ̂ stays within these [-]: beyond them something is broken, not worn."""
+"""Limits of λ̂ [-]: beyond them something is broken, not worn."""
 EXCITED_INFORMATION = 100.0
-"""λ̂ moves only where the last second alone tells it to 1/√100 = 0.1 (1σ) [-]. Commands that answer noise alone gain 18
-(`quad1kg`) to 78 (`rotors_mqx`) a second; the tones of a hold and the start of a flight gain 200 to 5,000."""
+"""Information of the last second below which λ̂ is frozen [-]: 100 determines it to 1/√100 = 0.1 (1σ). Commands that
+react to noise alone gain 18 (`quad1kg`) to 78 (`rotors_mqx`) a second; the tones of a hold and the start of a flight
+gain 200 to 5,000."""
 SHARE_OF_KNOWN = 0.1
-"""λ̂ moves only where the last second adds such a share to what is known [-]: noise then never moves it for minutes."""
+"""Share of the information so far that the last second must add, else λ̂ is frozen [-]: noise then never moves it for
+minutes."""
 CALMEST_NOISE = 0.05
-"""Least noise of λ̂'s score, as a share of what the chain's noises give [-]: a room with constant wind, `paper` and
-`quad1kg`, measured in simulated holds and figures of 300 s. The chain is tuned to follow gusts, so it takes wind for
-rougher."""
+"""Least noise of λ̂'s score, as a share of that by the chain's noises [-]: a room with constant wind, `paper` and
+`quad1kg`, measured in simulated holds and figures of 300 s. The chain is tuned to follow gusts, so it assumes rougher
+wind."""
 NOISE_MEMORY_S = 10.0
 """Time of excitation over which that noise is averaged [s]: in less, the first seconds of a calm flight raise it."""
 THRUST_KNOWN_S = 0.45
-"""λ̂ rests for so long after a release in the air [s]: thrust and speed of that instant are not known, and take four
-lags of the slowest vehicle (0.11 s) to be forgotten. In `paper` the error is 0.037 without, 0.006 with it."""
+"""Time for which λ̂ is frozen after a release in the air [s]: thrust and speed of that instant are not known, and take
+four lags of the slowest vehicle (0.11 s) to be forgotten. In `paper` the error is 0.037 without, 0.006 with it."""
 
 
 class Effectiveness(NamedTuple):
-    """λ̂, how well it is known, and V: how the observer answers to it, NED per unit of λ."""
+    """λ̂, its variances, and V: the derivative of the observer's chain by λ, NED."""
 
     value: Real
-    """λ̂: true thrust over told thrust [-]."""
+    """λ̂: true thrust over configured thrust [-]."""
     variance: Real
-    """Variance of λ̂ by the noise that shows in flight [-]."""
+    """Variance of λ̂ by the noise measured in flight [-]."""
     assumed: Real
     """Variance of λ̂ by the chain's noises [-]: the gain follows from it."""
     p: Vec3
@@ -373,38 +377,38 @@ class Effectiveness(NamedTuple):
     score: Real
     """Sum of V i/S over that second, i the innovations at this λ̂ [-]: zero on average."""
     noise: Real
-    """Mean square of the score, as a share of what S gives [-]."""
-    rest_s: Real
-    """λ̂ rests for so much longer [s]; below 0 it may move."""
+    """Mean square of the score, as a share of that by S [-]."""
+    frozen_s: Real
+    """Time until λ̂ may move [s]; below 0 it may."""
 
 
 def initial_effectiveness(deviation: float) -> Effectiveness:
-    """Before the flight: λ̂ = 1, known to ``deviation`` (1σ); it rests until the thrust is known."""
+    """Return λ̂ = 1 with standard deviation ``deviation``, frozen until the thrust is known: before the flight."""
     variance = deviation * deviation
     return Effectiveness(1.0, variance, variance, ZERO, ZERO, ZERO, ZERO, 0.0, 0.0, CALMEST_NOISE, THRUST_KNOWN_S)
 
 
 def is_excited(e: Effectiveness) -> Real:
-    """Whether λ̂'s innovations are excited: the last second tells it well, and adds to what is known."""
+    """Whether λ̂'s innovations are excited: the last second determines it well, and adds to the information so far."""
     enough = e.gained > EXCITED_INFORMATION
-    return enough & (e.gained * e.assumed > SHARE_OF_KNOWN) & (e.rest_s < 0.0)
+    return enough & (e.gained * e.assumed > SHARE_OF_KNOWN) & (e.frozen_s < 0.0)
 
 
 def predict_effectiveness(
-    ops: Ops, e: Effectiveness, h: Real, given: ActuatorResponse, mass: float, walk: float
+    ops: Ops, e: Effectiveness, h: Real, response: ActuatorResponse, mass: float, walk: float
 ) -> Effectiveness:
-    """``e`` after ``h`` [s] in which commands did what ``given`` says.
+    """Predict ``e`` by ``h`` [s], in which the actuators gave ``response``.
 
-    The chain's exact transition, and what a unit of λ gives to a vehicle told to have ``mass`` [kg]. While λ̂ is
-    excited λ wanders ``walk`` [1/√s]; at rest, a change of it shows in the disturbance, and is part of that.
+    V follows the chain's exact transition, driven by the thrust of λ = 1 on the configured ``mass`` [kg]. While λ̂ is
+    excited, λ wanders by ``walk`` [1/√s]; else a change of λ is part of the disturbance.
     """
-    value, variance, assumed, (px, py, pz), (vx, vy, vz), (dx, dy, dz), c, gained, score, noise, rest = e
+    value, variance, assumed, (px, py, pz), (vx, vy, vz), (dx, dy, dz), c, gained, score, noise, frozen = e
     moves = is_excited(e)
     wanders = ops.where(moves, walk * walk * h, 0.0)
-    shown = 2.0 * score * score / (gained + NO_INFORMATION)  # the score's memory is half that of the information
-    noise = ops.where(moves, ops.clamp(noise + h / NOISE_MEMORY_S * (shown - noise), CALMEST_NOISE, math.inf), noise)
-    keep = ops.where(rest < 0.0, 1.0 / (1.0 + h), 0.0)
-    _, _, _, (ix, iy, iz), (sx, sy, sz) = given
+    measured = 2.0 * score * score / (gained + NO_INFORMATION)  # the score's memory is half that of the information
+    noise = ops.where(moves, ops.clamp(noise + h / NOISE_MEMORY_S * (measured - noise), CALMEST_NOISE, math.inf), noise)
+    keep = ops.where(frozen < 0.0, 1.0 / (1.0 + h), 0.0)
+    _, _, _, (ix, iy, iz), (sx, sy, sz) = response
     k = -1.0 / mass
     x, y, z = h * c[0], h * c[1], h * c[2]
     half, third = 0.5 * h, 1.0 / 3.0
@@ -427,12 +431,12 @@ def predict_effectiveness(
         keep * gained,
         keep * score,
         noise,
-        rest - h,
+        frozen - h,
     )
 
 
 NO_INFORMATION = 1e-9
-"""Keeps a quotient by an information that may be nought finite [-]."""
+"""Added to an information that may be 0 and divides [-]."""
 
 
 def update_effectiveness(
@@ -444,50 +448,50 @@ def update_effectiveness(
     of: int = 0,
     along: AlongGain | None = None,
 ) -> tuple[Effectiveness, Real]:
-    """``e`` after an innovation, and by how much λ̂ moved: the observer moves along by that times V.
+    """Update ``e`` by an innovation; return it, and the change of λ̂, by which times V the observer changes, too.
 
     Args:
         ops: elementary functions.
-        e: at the instant of the measurement.
+        e: λ̂ at the instant of the measurement.
         step: innovation of position [m] (``of`` = 0) or of velocity [m/s] (``of`` = 1), NED.
-        gain: what the observer makes of it.
-        innovation2: variance of the innovation, as the observer's filter has it [m² or m²/s²].
-        of: which of the chain was measured.
-        along: where it has another variance along the motion.
+        gain: the observer's gain for it.
+        innovation2: variance of the innovation in the observer's filter [m² or m²/s²].
+        of: index of the measured part of the chain.
+        along: difference along the motion, where that has another variance.
     """
-    value, variance, assumed, p, v, d, c, gained, score, noise, rest = e
-    shown = seen = v if of else p
-    if along is not None:  # as if it had the same in every direction
+    value, variance, assumed, p, v, d, c, gained, score, noise, frozen = e
+    derivative = whitened = v if of else p
+    if along is not None:  # scaled to the same variance in every direction
         step = add_scaled(step, along.weight, part_along(along.axis, step))
-        seen = add_scaled(seen, along.weight, part_along(along.axis, seen))
-    (north, east, down), (x, y, z) = step, seen
+        whitened = add_scaled(whitened, along.weight, part_along(along.axis, whitened))
+    (north, east, down), (x, y, z) = step, whitened
     gained = gained + (x * x + y * y + z * z) / innovation2
     score = score + (x * north + y * east + z * down) / innovation2
     moves = is_excited(e)
     moved: Real = 0.0
     # One axis after the other. The gain follows from the assumed variance; that of λ̂, in Joseph's form, from the
-    # noise that shows.
+    # measured noise.
     w, known = assumed, variance
-    s, shows = innovation2, innovation2 * noise
+    s, measured2 = innovation2, innovation2 * noise
     for i, of_lambda in ((north, x), (east, y), (down, z)):
         k = w * of_lambda / (s + of_lambda * of_lambda * w)
         left = 1.0 - k * of_lambda
         moved = moved + k * (i - of_lambda * moved)
-        w, known = left * w, left * left * known + k * k * shows
+        w, known = left * w, left * left * known + k * k * measured2
     now = ops.clamp(value + ops.where(moves, moved, 0.0), *EFFECTIVENESS_LIMITS)
     moved = now - value
     value, score = now, score - gained * moved
     assumed, variance = ops.where(moves, w, assumed), ops.where(moves, known, variance)
-    answer = correct_chain((p, v, d, c), gain, scale(-1.0, shown))
+    chain = correct_chain((p, v, d, c), gain, scale(-1.0, derivative))
     if along is not None:
-        answer = correct_chain(answer, along.more, scale(-1.0, part_along(along.axis, shown)))
-    return Effectiveness(value, variance, assumed, *answer, gained, score, noise, rest), moved
+        chain = correct_chain(chain, along.more, scale(-1.0, part_along(along.axis, derivative)))
+    return Effectiveness(value, variance, assumed, *chain, gained, score, noise, frozen), moved
 
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
 """A gain, a bound or a noise in SI units; more is a slip of the decimal point."""
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
-"""The same, or zero."""
+"""A gain, a bound or a noise in SI units, or 0."""
 Gravity = Annotated[float, msgspec.Meta(gt=0.0, le=30.0)]
 """An acceleration of free fall [m/s²]; Jupiter has 25."""
 PoseNoise = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
@@ -496,7 +500,7 @@ Jitter = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 """A noise of stamps [s]; more is in milliseconds."""
 
 Composite: TypeAlias = Literal["provable", "raw", "off"]
-"""What innovations correct beside the motion: the observer's own d̂, a controller's b̂, or nothing."""
+"""Target of the innovations beside the motion: the observer's own d̂, a controller's b̂, or none."""
 
 
 class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -520,18 +524,17 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         msgspec.Meta(
             gt=0.0,
             le=1.0,
-            description="How much of a pose's attitude is believed against the model's [-]; 1 takes the measurement.",
+            description="Weight of a pose's attitude against the model's [-]; 1 takes the measurement.",
         ),
     ] = 1.0
     pose_noise_m: Annotated[
-        PoseNoise, msgspec.Meta(description="Position noise to begin with, 1σ per axis [m]; then measured in flight.")
+        PoseNoise, msgspec.Meta(description="Initial position noise, 1σ per axis [m]; then measured in flight.")
     ] = 0.0003
     pose_jitter_s: Annotated[
         Jitter | None,
         msgspec.Meta(
-            description="How far the stamps of poses are off by chance, 1σ: noise along the "
-            "velocity [s]. Not told, it is measured in flight; 0 takes them as they "
-            "are."
+            description="Jitter of the poses' stamps, 1σ: noise along the velocity [s]. Without it, it is measured in "
+            "flight; 0: no jitter."
         ),
     ] = None
     velocity_noise_m_s: Annotated[
@@ -543,67 +546,65 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     velocity_bias_m_s: Annotated[
         NonNegative,
         msgspec.Meta(
-            description="How far on average such a velocity may be off that of its own positions, "
-            "which is then believed, at most and per axis [m/s]; ArduCopter's, with a "
-            "simulated GPS, is off by 0.016. 0 takes it as it is."
+            description="Largest mean difference of such a velocity from that of its own positions, which is then "
+            "corrected, per axis [m/s]; ArduCopter's, with a simulated GPS, is 0.016. 0: no correction."
         ),
     ] = 0.05
     position_wander: Annotated[
         NonNegative,
         msgspec.Meta(
-            description="How the position of such a source wanders against its velocity [m/√s]; PX4 "
+            description="Random walk of the position of such a source against its velocity [m/√s]; PX4 "
             "on simulated GPS: 0.18."
         ),
     ] = 0.2
     pose_wander: Annotated[
         NonNegative,
         msgspec.Meta(
-            description="How the positions of a source without velocity wander beside their white "
-            "noise [m/√s]; 0: neighbours err apart. `groundstation replay evidence` finds "
-            "0.0005 and 0.0006 of a Vicon whose errors last some 20 ms."
+            description="Random walk of the positions of a source without velocity, beside their white noise [m/√s]; "
+            "0: errors of neighbours are independent. `groundstation replay evidence` finds 0.0005 and 0.0006 of a "
+            "Vicon whose errors last some 20 ms."
         ),
     ] = 0.0
     acceleration_noise: Annotated[
         Positive,
-        msgspec.Meta(description="What the model's acceleration may do from one instant to the next [m/s² per √Hz]."),
+        msgspec.Meta(description="White noise of the model's acceleration [m/s² per √Hz]."),
     ] = 0.01
     wind_noise: Annotated[
         Positive,
         msgspec.Meta(
-            description="How the disturbance may jump [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s has 0.18."
+            description="White noise of the disturbance's rate [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s "
+            "has 0.18."
         ),
     ] = 0.1
     wind_rate_noise: Annotated[
         Positive,
         msgspec.Meta(
-            description="How its rate may jump [m/s⁴ per √Hz]: larger follows gusts faster and "
-            "takes more noise for wind."
+            description="White noise of that rate's derivative [m/s⁴ per √Hz]: a larger one follows gusts faster, and "
+            "more noise."
         ),
     ] = 1.2
 
     effectiveness_deviation: Annotated[
         NonNegative,
-        msgspec.Meta(
-            description="How well thrust over mass is known before the flight, 1σ [-]; 0 leaves all to the disturbance."
-        ),
+        msgspec.Meta(description="Error of thrust over mass before the flight, 1σ [-]; 0: all error is disturbance."),
     ] = 0.15
     effectiveness_walk: Annotated[
-        NonNegative, msgspec.Meta(description="How it may wander in flight while its innovations are excited [1/√s].")
+        NonNegative, msgspec.Meta(description="Its random walk in flight while its innovations are excited [1/√s].")
     ] = 0.005
 
     @property
     def kind(self) -> str:
-        """The controller's name, as ``controller.kind`` has it."""
+        """Name of the controller in ``controller.kind``."""
         return str(self.__struct_config__.tag)
 
     @property
     def composite(self) -> Composite:
-        """The observer finds the disturbance by itself, unless the controller's config says otherwise."""
+        """Use of the innovations: for the observer's own d̂, unless the controller's config overrides it."""
         return "provable"
 
     @property
     def kb(self) -> float:
-        """Weight of adaptation in V [1/s² per m/s²]: none, unless the controller adapts."""
+        """Weight of adaptation in V [1/s² per m/s²]: 0 unless the controller adapts."""
         return 0.0
 
 
@@ -612,11 +613,11 @@ STEP_LIMIT = 0.025
 NOISE_MEMORY = 100
 """Poses over which the position noise is averaged."""
 NOISE_SPAN_S = 0.5
-"""Over five poses that take longer than this, motion would be taken for noise [s]."""
+"""Longest time of five poses whose noise is measured [s]: over a longer one motion would count as noise."""
 NOISE_FLOOR_M2 = 1e-12
-"""Even a perfect source is not believed beyond a micrometre: float noise would do the rest [m²]."""
+"""Least noise variance of a source [m²]: a micrometre, above float rounding."""
 BIAS_MEMORY_S = 10.0
-"""Over which the mean of a measured velocity is that of its positions [s]."""
+"""Time constant of the mean difference of measured velocities from positions [s]."""
 LIFTED_M_S = 0.1
 """Error of the speed at lift-off, 1σ per axis [m/s]."""
 LIFTED_M_S2 = 0.5
@@ -624,7 +625,7 @@ LIFTED_M_S2 = 0.5
 
 
 class ModelEstimator:
-    """State at the newest pose's time stamp, and the commands that act from then on.
+    """Estimator of the state at the newest pose's stamp, and of its prediction by the commands since.
 
     The state before the first pose is unknown; :meth:`predict` must not be called then.
     """
@@ -635,12 +636,12 @@ class ModelEstimator:
         self._provable = gains.composite == "provable"
         self._separates = self._provable and gains.effectiveness_deviation > 0.0
         self.frozen = False
-        """True on the floor, whose push must not be learnt as an error of the thrust: λ̂ then rests."""
+        """Whether λ̂ is frozen, as on the floor, whose force is no error of the thrust."""
         self.lands = False
-        """True while it lands: ground effect must not be learnt as an error of the thrust."""
+        """Whether λ̂ is frozen in a landing, as ground effect is no error of the thrust."""
         self._held: Vec3 | None = None
-        self.given: ActuatorResponse | None = None
-        """What the commands made of the motion from the pose before to the newest; None at first and after a reset."""
+        self.actuator_response: ActuatorResponse | None = None
+        """Response of the actuators between the last two poses; None at first and after a reset."""
         self._thrust_lag = vehicle.thrust_lag_s
         self._rate_lag = vehicle.rate_lag_s
         white = (gains.acceleration_noise**2, gains.wind_noise**2, gains.wind_rate_noise**2)
@@ -665,7 +666,7 @@ class ModelEstimator:
 
     @property
     def ready(self) -> bool:
-        """True from the first pose on."""
+        """Whether there was a pose."""
         return self._motion is not None
 
     @property
@@ -675,7 +676,7 @@ class ModelEstimator:
 
     @property
     def motion(self) -> Motion | None:
-        """The vehicle at the newest pose; None before the first."""
+        """Motion at the newest pose; None before the first."""
         return self._motion
 
     @property
@@ -685,7 +686,7 @@ class ModelEstimator:
 
     @property
     def effectiveness(self) -> float:
-        """λ̂, true thrust over told thrust [-]."""
+        """λ̂, true thrust over configured thrust [-]."""
         return float(self._effectiveness.value)
 
     @property
@@ -698,30 +699,29 @@ class ModelEstimator:
         return self._separates and not self.frozen and not self.lands and self._held is None
 
     def add_command(self, time_s: float, drive: ActuatorCommand) -> None:
-        """The actuators see a command at ``time_s``; one for the same instant or later replaces it."""
+        """Take a command that reaches the actuators at ``time_s`` [s]; it replaces any for that instant or later."""
         since_s, path = schedule(self._drives, self._vehicle, time_s, drive), self._path
         while len(path) > 1 and path[-1][0] > since_s:
             path.pop()
 
     def release(self) -> None:
-        """The vehicle begins to fly: forget the disturbance that its stand, or a hand, seemed to be."""
+        """Forget the disturbance before the flight: it was the force of a stand, or a hand."""
         self._covariance, self._track = initial_covariance(self._noise), None
         self._effectiveness = initial_effectiveness(self._gains.effectiveness_deviation)
         self._disturbance = self._disturbance_rate = self._disturbance_step = ZERO
 
     def lift_off(self, climb_m_s: float, hover_share: float) -> Vec3:
-        """The vehicle has left the floor, climbs, and seems to hover at this share of its told weight.
+        """Begin to fly from the floor: take the climb speed [m/s], and the hover thrust over the configured weight [-].
 
-        What the observer has made of the floor's push and friction is forgotten, and so is the speed that it took
-        the vehicle to have on the floor. What the hover thrust is off by is divided between λ̂ and the disturbance as
-        both are uncertain; which of them it is does not show while thrust stays as it is. Sideways the floor has let
-        go some time ago, of a vehicle that wind has moved since: so much of that as is beyond doubt stays.
-        Returns the disturbance that is left [m/s², NED].
+        The disturbance by the floor's force and friction is forgotten, and so is the estimated speed on the floor. The
+        error of the hover thrust is divided between λ̂ and the disturbance by their variances; which of them it is can't
+        be observed while thrust is constant. Friction ended some time ago, and wind has moved the vehicle since: the
+        significant part of that disturbance stays. Return the disturbance that is left [m/s², NED].
         """
         self.frozen = self.lands = False
         north, east, _ = self._disturbance
-        blows = math.hypot(north, east)
-        shown = max(blows - LIFTED_M_S2, 0.0) / blows if self._provable and blows else 0.0
+        wind = math.hypot(north, east)
+        kept = max(wind - LIFTED_M_S2, 0.0) / wind if self._provable and wind else 0.0
         self.release()
         self._covariance = initial_covariance(self._noise, LIFTED_M_S**2, LIFTED_M_S2**2)
         if self._motion is not None:
@@ -729,19 +729,19 @@ class ModelEstimator:
         value = 1.0
         if self._separates:
             by_thrust = (self._gains.effectiveness_deviation * self._gains.gravity) ** 2
-            weight = by_thrust / (by_thrust + 1.0)  # initial_covariance() has the disturbance at 1 m/s²
+            weight = by_thrust / (by_thrust + 1.0)  # the disturbance has 1 m/s² by initial_covariance()
             value = 1.0 / (1.0 + weight * (hover_share - 1.0))
             e = self._effectiveness
             moved = (0.0, 0.0, hover_share * self._gains.gravity)
             variance = (1.0 - weight) * e.variance
-            self._effectiveness = e._replace(value=value, variance=variance, assumed=variance, d=moved, rest_s=-1.0)
-        self._disturbance = (shown * north, shown * east, (value * hover_share - 1.0) * self._gains.gravity)
+            self._effectiveness = e._replace(value=value, variance=variance, assumed=variance, d=moved, frozen_s=-1.0)
+        self._disturbance = (kept * north, kept * east, (value * hover_share - 1.0) * self._gains.gravity)
         return self._disturbance
 
     def hold(self, disturbance: Vec3, effectiveness: float, *, at_once: bool = False) -> None:
-        """The poses are suspect: learn nothing; ``disturbance`` [m/s², NED] and λ̂ stay so until :meth:`resume`.
+        """Hold ``disturbance`` [m/s², NED] and λ̂ until :meth:`resume`, as the poses are suspect.
 
-        The disturbance is so from the next pose on, or ``at_once``, where none may come.
+        The disturbance is held from the next pose on, or ``at_once``, where none may arrive.
         """
         self._held = disturbance
         if at_once:
@@ -749,24 +749,24 @@ class ModelEstimator:
         self._effectiveness = self._effectiveness._replace(value=effectiveness)
 
     def believe(self, motion: Motion, disturbance: Vec3, effectiveness: float) -> None:
-        """The vehicle was at ``motion`` at the newest pose's time stamp, whatever that pose says; hold the rest."""
+        """Set the motion at the newest pose's stamp, regardless of that pose; hold disturbance and λ̂."""
         self.hold(disturbance, effectiveness, at_once=True)
         self._motion = motion
         self._path = [(self._stamp, begin_response(motion), 0)]
 
-    def see_again(self, motion: Motion) -> None:
-        """Believe ``motion`` at the newest pose's time stamp, and learn again what disturbs it, from nothing known."""
+    def reset_motion(self, motion: Motion) -> None:
+        """Set the motion at the newest pose's stamp, and estimate the disturbance anew."""
         self.believe(motion, self._disturbance, float(self._effectiveness.value))
         self._covariance, self._track = initial_covariance(self._noise), None
         self.resume()
 
     def resume(self) -> None:
-        """The poses are believed again."""
+        """End :meth:`hold`: the poses are believed again."""
         self._held = None
 
     @property
     def holds(self) -> bool:
-        """Whether nothing is learnt."""
+        """Whether disturbance and λ̂ are held."""
         return self._held is not None
 
     def follow(self, disturbance: Vec3) -> None:
@@ -775,20 +775,20 @@ class ModelEstimator:
 
     @property
     def noise_m(self) -> float:
-        """Position noise of the poses as measured, 1σ per axis [m]."""
+        """Measured position noise of the poses, 1σ per axis [m]."""
         return math.sqrt(self._noise)
 
     def look_ahead(self, time_s: float) -> Ahead | None:
-        """The vehicle at ``time_s``, whether delays are predicted or not; None before the first pose."""
+        """Predict the state at ``time_s``, whether delays are predicted or not; None before the first pose."""
         motion = self._motion
         if motion is None:
             return None
-        given = self._integrate_commands(time_s)
-        return Ahead(time_s, given, self._at(motion, given, time_s - self._stamp))
+        response = self._integrate_commands(time_s)
+        return Ahead(time_s, response, self._at(motion, response, time_s - self._stamp))
 
     def update(self, pose: Pose, ahead: Ahead | None = None) -> None:
-        """Correct the model by one pose; ``ahead``: what :meth:`look_ahead` has found of its instant since the last."""
-        self.given = None
+        """Correct the model by one pose; ``ahead``: result of :meth:`look_ahead` for its instant."""
+        self.actuator_response = None
         previous = self._motion
         if previous is None:
             self._begin(self._first(pose), pose)
@@ -797,7 +797,7 @@ class ModelEstimator:
         if dt <= 0.0:
             return
         if pose.reset_count != self._reset_count:
-            # The source moved its origin, not the vehicle: take the new place, keep velocity and disturbance.
+            # The source moved its origin, not the vehicle: take the new position, keep velocity and disturbance.
             moved = self._at(previous, self._integrate_commands(pose.time_s), dt)
             self._disturbance = add_scaled(self._disturbance, dt, self._disturbance_rate)
             self._begin(moved._replace(position=pose.position_ned, attitude=pose.attitude), pose)
@@ -805,11 +805,11 @@ class ModelEstimator:
             return
         self._measure_noise(pose)
         gains = self._gains
-        _, given, model = self._ahead_to(pose, ahead)
-        self.given = given
+        _, response, model = self._ahead_to(pose, ahead)
+        self.actuator_response = response
         if self._learns_thrust:
             self._effectiveness = predict_effectiveness(
-                FLOATS, self._effectiveness, dt, given, self._vehicle.mass_kg, gains.effectiveness_walk
+                FLOATS, self._effectiveness, dt, response, self._vehicle.mass_kg, gains.effectiveness_walk
             )
         step = subtract(pose.position_ned, model.position)
         disturbance = add_scaled(self._disturbance, dt, self._disturbance_rate)
@@ -844,19 +844,19 @@ class ModelEstimator:
         self._begin(Motion(position, velocity, attitude, model.thrust, model.rates), pose)
 
     def update_attitude(self, pose: Pose, ahead: Ahead | None = None) -> None:
-        """Take the attitude of one pose, as :meth:`update`; the rest stays the model's, and nothing is learnt."""
+        """Take the attitude of one pose alone; all else is the model's."""
         if self._motion is None or pose.time_s <= self._stamp:
             return
-        _, self.given, model = self._ahead_to(pose, ahead)
+        _, self.actuator_response, model = self._ahead_to(pose, ahead)
         self._begin(model._replace(attitude=pose.attitude), pose)
 
     def _ahead_to(self, pose: Pose, ahead: Ahead | None) -> Ahead:
         ahead = ahead or self.look_ahead(pose.time_s)
-        assert ahead is not None and ahead.time_s == pose.time_s, "there was a pose, and it is looked ahead to this one"
+        assert ahead is not None and ahead.time_s == pose.time_s, "there was a pose, and the prediction is for this one"
         return ahead
 
     def _begin(self, motion: Motion, pose: Pose) -> None:
-        """From here on: ``motion`` at the time stamp of ``pose``; commands that no longer act are dropped."""
+        """Set ``motion`` at the stamp of ``pose``; drop commands that no longer act."""
         stamp, drives = pose.time_s, self._drives
         while len(drives) > 1 and drives[1][0] <= stamp:
             drives.popleft()
@@ -864,14 +864,14 @@ class ModelEstimator:
         self._path = [(stamp, begin_response(motion), 0)]
 
     def _expect(self, pose: Pose, dt: float, velocity: Vec3) -> tuple[Covariance, AlongTrack | None, float, float]:
-        """Before ``pose``: covariance across the motion, that along it, and the noise of the two [m²].
+        """Predict the covariances across and along the motion at ``pose``, and the noise of both [m²].
 
-        The second noise is what comes on top along the motion; without it there is but one covariance.
+        The second noise is added along the motion; without it there is one covariance.
         """
         densities = self._still if pose.velocity_ned is None else self._moving
         expected = predict_covariance(self._covariance, dt, densities)
-        told_s = self._gains.pose_jitter_s
-        noise, jitter2 = split_noise(FLOATS, self._noise, self._stamp_noise, NOISE_FLOOR_M2, told_s)
+        jitter_s = self._gains.pose_jitter_s
+        noise, jitter2 = split_noise(FLOATS, self._noise, self._stamp_noise, NOISE_FLOOR_M2, jitter_s)
         if jitter2 == 0.0:
             return expected, None, noise, 0.0
         axis, speed2 = find_direction(FLOATS, velocity)
@@ -882,7 +882,7 @@ class ModelEstimator:
         return expected, AlongTrack(axis, along), noise, jitter2 * speed2
 
     def consistency(self, pose: Pose) -> float:
-        """Normalized innovation squared of ``pose``, which comes next: 3 on average where the filter is consistent."""
+        """Normalized innovation squared of the next ``pose``: 3 on average where the filter is consistent."""
         ahead = self.predict(pose.time_s).motion
         expected, track, noise, late2 = self._expect(pose, pose.time_s - self._stamp, ahead.velocity)
         x, y, z = step = subtract(pose.position_ned, ahead.position)
@@ -904,7 +904,7 @@ class ModelEstimator:
         of: int,
         along: AlongGain | None,
     ) -> tuple[Vec3, Vec3, Vec3]:
-        """Position, velocity and disturbance, corrected by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
+        """Correct position, velocity and disturbance by the innovation ``step``; ĉ, λ̂ and b̂'s step in place."""
         chain: Chain = (position, velocity, disturbance, self._disturbance_rate)
         parts = [] if along is None else [(along.more, part_along(along.axis, step))]
         for by, part in (*parts, (gain, step)):
@@ -912,7 +912,7 @@ class ModelEstimator:
             if self._gains.composite == "raw":
                 self._disturbance_step = add_scaled(self._disturbance_step, by[2], part)
         if self._learns_thrust:
-            # What the innovation says of the thrust moves the chain, too.
+            # A change of λ̂ changes the chain, too.
             e, moved = update_effectiveness(FLOATS, self._effectiveness, step, gain, variance, of, along)
             self._effectiveness, chain = e, apply_effectiveness(chain, moved, e)
         if self._provable:
@@ -920,7 +920,7 @@ class ModelEstimator:
         return chain[0], chain[1], disturbance
 
     def predict(self, time_s: float) -> Estimate:
-        """The vehicle at ``time_s``; with delay prediction off, as it was at the newest pose."""
+        """Predict the state at ``time_s``; without delay prediction it is that of the newest pose."""
         motion = self._motion
         assert motion is not None, "predict() before the first pose"
         h = time_s - self._stamp
@@ -951,7 +951,7 @@ class ModelEstimator:
         self._stamp_noise = (before + (along - before) / NOISE_MEMORY, speed2)
 
     def _learn_bias(self, pose: Pose, measured: Vec3, dt: float) -> None:
-        """Have the mean of the velocities be what positions moved by; ``measured`` [m/s] is without the bias so far."""
+        """Correct the bias by the positions' displacement; ``measured`` [m/s] is without the bias so far."""
         (_, before), (_, now) = self._recent[-2], self._recent[-1]
         most, k = self._gains.velocity_bias_m_s, 1.0 / BIAS_MEMORY_S
         x, y, z = add_scaled(self._bias, k, subtract(add_scaled(ZERO, dt, measured), subtract(now, before)))
@@ -963,7 +963,7 @@ class ModelEstimator:
         return Motion(pose.position_ned, velocity, pose.attitude, drive.thrust, drive.rates)
 
     def _integrate_commands(self, end: float) -> ActuatorResponse:
-        """What the commands sent make of the newest pose's state by ``end`` [s]; steps are kept for the next call."""
+        """Integrate the actuators from the newest pose to ``end`` [s]; steps are kept for the next call."""
         drives, path = self._drives, self._path
         while len(path) > 1 and path[-1][0] > end:
             path.pop()
@@ -984,8 +984,8 @@ class ModelEstimator:
             path.append((time, state, index))
         return state
 
-    def _at(self, motion: Motion, given: ActuatorResponse, h: float) -> Motion:
-        """``motion`` of the newest pose ``h`` [s] later, after commands that did what ``given`` says."""
+    def _at(self, motion: Motion, response: ActuatorResponse, h: float) -> Motion:
+        """Integrate ``motion`` of the newest pose by ``h`` [s], in which the actuators gave ``response``."""
         vehicle, (x, y, z) = self._vehicle, self._disturbance
         mass, other = vehicle.mass_kg / self._effectiveness.value, (x, y, z + self._gains.gravity)
-        return integrate_motion(motion, given, h, mass, other, self._disturbance_rate, vehicle.drag_per_s)
+        return integrate_motion(motion, response, h, mass, other, self._disturbance_rate, vehicle.drag_per_s)

@@ -1,4 +1,4 @@
-"""Dead reckoning: where the commands sent have taken a vehicle since its poses were above suspicion. Sans-IO."""
+"""Dead reckoning: motion by the commands since the poses were above suspicion. Sans-IO."""
 
 from collections import deque
 from typing import NamedTuple
@@ -7,13 +7,13 @@ from groundstation.core.geometry import FLOATS, Vec3
 from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle, integrate, schedule
 
 REMEMBER_S = 5.0
-"""Time for which estimates and commands are kept [s]: the longest window of the response and a question."""
+"""Time for which estimates and commands are kept [s]: the longest window of the response, and of ``SUSPECT``."""
 STEP_S = 0.08
 """Longest single step of the model [s]."""
 
 
 class Trusted(NamedTuple):
-    """The vehicle at one pose that was above suspicion."""
+    """State of the vehicle at one pose that was above suspicion."""
 
     time_s: float
     motion: Motion
@@ -31,7 +31,7 @@ class Reckoning:
         self._drives: deque[tuple[float, ActuatorCommand]] = deque()
 
     def begin(self, first: Trusted) -> None:
-        """Trust ``first``, and forget what was before."""
+        """Keep ``first`` alone."""
         self._trusted.clear()
         self._trusted.append(first)
 
@@ -45,15 +45,15 @@ class Reckoning:
         """Return the newest estimate trusted up to ``until_s``, or the oldest kept."""
         return next((one for one in reversed(self._trusted) if one.time_s <= until_s), self._trusted[0])
 
-    def add_command(self, seen_s: float, drive: ActuatorCommand) -> None:
-        """Note a command that shows in poses stamped from ``seen_s`` [s] on."""
+    def add_command(self, arrival_s: float, drive: ActuatorCommand) -> None:
+        """Take a command that affects poses stamped from ``arrival_s`` [s] on."""
         drives = self._drives
-        schedule(drives, self._vehicle, seen_s, drive)
-        while drives[0][0] < seen_s - REMEMBER_S:
+        schedule(drives, self._vehicle, arrival_s, drive)
+        while drives[0][0] < arrival_s - REMEMBER_S:
             drives.popleft()
 
     def reckon(self, before: Trusted, until_s: float) -> Motion:
-        """Return the motion to which the commands have taken the vehicle since ``before``, by ``until_s`` [s]."""
+        """Return the motion at ``until_s`` [s] by the commands since ``before``."""
         motion, now, mass = before.motion, before.time_s, self._vehicle.mass_kg / before.effectiveness
         drives = list(self._drives)
         for i, (begins, drive) in enumerate(drives):
@@ -66,7 +66,7 @@ class Reckoning:
     def roll(
         self, motion: Motion, drive: ActuatorCommand, duration_s: float, mass_kg: float, disturbance: Vec3
     ) -> Motion:
-        """Return ``motion`` after ``duration_s`` [s] of one ``drive``, in steps that the model can take."""
+        """Return ``motion`` after ``duration_s`` [s] of one ``drive``, in steps short enough for the model."""
         vehicle = self._vehicle
         steps = int(duration_s / STEP_S) + 1
         for _ in range(steps):

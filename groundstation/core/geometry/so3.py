@@ -14,7 +14,7 @@ west, up: ``ned`` is ours, ``enu`` ROS', ``nwu`` (x ahead, y left, z up) the usu
 ``nue`` (y up) what OptiTrack sends by default. Body: forward, right, down and backward, left, up: ``frd`` is ours.
 There are 24 of each. The other 24 would be left-handed: mirror images, which no turn can mend, so they have no name.
 
-"North" and "forward" are what these names call so; where that is not ours, an :class:`Alignment` tells how it lies.
+An :class:`Alignment` is the rotation and shift of a source's "north" and "forward" from ours.
 Quaternions are w, x, y, z, body to world; their sign follows the input continuously.
 """
 
@@ -293,7 +293,7 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         tuple[_Degrees, _Degrees, _Degrees],
         msgspec.Meta(
             description="Roll, pitch and yaw of the lab's axes against our world [deg]. Yaw alone: "
-            "how far the lab's north lies east of ours. Turned as a vehicle is: yaw "
+            "angle of the lab's north east of ours. Turned as a vehicle is: yaw "
             "first, then pitch, then roll, about north, east and down as `world` has "
             "them."
         ),
@@ -306,7 +306,7 @@ class Alignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         tuple[_Degrees, _Degrees, _Degrees],
         msgspec.Meta(
             description="Roll, pitch and yaw of the tracked body's axes on the vehicle [deg]. Yaw "
-            "alone: how far the body's forward lies to the right of the nose."
+            "alone: angle of the body's forward to the right of the nose."
         ),
     ] = (0.0, 0.0, 0.0)
     centre_of_mass_m: Annotated[

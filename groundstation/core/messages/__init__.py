@@ -4,6 +4,7 @@ from groundstation.core.messages.disturbance import FLOWN, MEAN_S, DisturbanceMe
 from groundstation.core.messages.drops import USUAL_POSE_DROPS, LinkDropWatch, find_link_drops, find_pose_drops
 from groundstation.core.messages.notices import NOTICES, notice, notice_fact
 from groundstation.core.messages.pose import (
+    BODIES_MAX,
     FAR_M,
     Distrusts,
     Others,

@@ -57,7 +57,7 @@ class DisturbanceMeter:
         if not rows:
             return None
         share = 1.0 / len(rows)
-        north, east, down = (share * sum(total[i] for _, total, _ in rows) for i in range(3))
+        north, east, down = (share * sum(axis) for axis in zip(*(total for _, total, _ in rows), strict=True))
         half = QUANTILE_95 * self._deviation
         known = math.isfinite(half)
         return DisturbanceReading(

@@ -5,16 +5,18 @@ from links.text import NoticeTemplate, as_warnings
 FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     # States of the mission.
     NoticeTemplate("mission.waiting", "waiting for the link and for poses"),
-    NoticeTemplate("mission.ready", "link and poses are there; poses at {rate_hz:.0f} Hz, {latency_ms:.0f} ms late"),
-    NoticeTemplate("mission.arming", "asking the autopilot to obey and to arm"),
-    NoticeTemplate("mission.spooling", "spooling up, until the floor is left"),
+    NoticeTemplate(
+        "mission.ready", "link and poses are available; poses at {rate_hz:.0f} Hz, latency {latency_ms:.0f} ms"
+    ),
+    NoticeTemplate("mission.arming", "requesting offboard control and arming from the autopilot"),
+    NoticeTemplate("mission.spooling", "spooling up until lift-off"),
     NoticeTemplate("mission.following", "following the trajectory"),
     NoticeTemplate("mission.off_floor", "off the floor: climbing"),
     NoticeTemplate("mission.at_height", "at height: holding"),
     NoticeTemplate(
         "mission.hovers", "it hovers at {hover_n:.4g} N, {percent:.0f} % of its weight: onto the trajectory"
     ),
-    NoticeTemplate("mission.flown", "{duration_s:g} s of the trajectory are flown"),
+    NoticeTemplate("mission.flown", "trajectory flown for {duration_s:g} s"),
     NoticeTemplate("mission.to_point", "to {target}"),
     NoticeTemplate("mission.goto", "to {target}: {why}"),
     NoticeTemplate("mission.not_to_point", "not to {target}: {why}"),
@@ -26,31 +28,31 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "mission.forced_off", "landed; the autopilot refused to disarm, so its motors were stopped by force"
     ),
-    NoticeTemplate("mission.felt_floor", "the autopilot has felt the floor and disarmed"),
+    NoticeTemplate("mission.felt_floor", "the autopilot has detected touchdown and disarmed"),
     NoticeTemplate("mission.asked", "{why}"),
     NoticeTemplate("mission.ended_before", "ended before take-off: {why}"),
     NoticeTemplate("mission.killed", "motors off: {why}"),
     NoticeTemplate("mission.not_possible", "{ask} is not possible while {state}"),
-    NoticeTemplate("mission.hold_first", "{ask} is not possible while {state}", "ask for a hold first"),
+    NoticeTemplate("mission.hold_first", "{ask} is not possible while {state}", "request hold first"),
     NoticeTemplate("mission.refused_asker", "{refusal} ({why})"),
     NoticeTemplate("mission.goto_refused", "goto is refused: {why}"),
     # Points and ways that are refused.
     NoticeTemplate("goto.target", "north {north_m:.2f}, east {east_m:.2f}, {height_m:.2f} m above the floor{which}"),
     NoticeTemplate("goto.point", "point {number} of {count}, {place}, {why}"),
     NoticeTemplate("goto.way", "to {target}: {why}"),
-    NoticeTemplate("goto.height", "is {height_m:.2f} m {side} the floor: it must lie at least {limit_m:g} m above it"),
-    NoticeTemplate("goto.on_fence", "lies on the fence itself"),
+    NoticeTemplate("goto.height", "is {height_m:.2f} m {side} the floor: it must be at least {limit_m:g} m above it"),
+    NoticeTemplate("goto.on_fence", "is on the fence itself"),
     NoticeTemplate("goto.outside", "is {outside_m:.2f} m outside the fence"),
-    NoticeTemplate("goto.unseen", "nobody sees {names}"),
-    NoticeTemplate("goto.braking", "on the way it could not be braked within the fence"),
+    NoticeTemplate("goto.unseen", "no sighting of {names}"),
+    NoticeTemplate("goto.braking", "on the way the vehicle could not brake within the fence"),
     NoticeTemplate("goto.speed", "faster than limits.max_speed_m_s ({limit_m_s:g})", "lower takeoff.transit_m_s"),
-    NoticeTemplate("goto.near", "on the way it would come too near to {name}"),
+    NoticeTemplate("goto.near", "on the way the vehicle would come too near to {name}"),
     # Why a flight ends early.
     NoticeTemplate("fault.not_confirmed", "not armed: the operator did not confirm"),
-    # What is told beside the states.
-    NoticeTemplate("flight.taken", "the autopilot is in {mode}, and not by us: nothing leaves any more"),
-    NoticeTemplate("flight.bring_down_over", "the bring-down is over: nothing leaves any more"),
-    NoticeTemplate("flight.motors_off", "the vehicle has acknowledged: motors off"),
+    # Reports beside the states.
+    NoticeTemplate("flight.taken", "the autopilot is in {mode}, not set by us: nothing is sent any more"),
+    NoticeTemplate("flight.bring_down_over", "the bring-down is over: nothing is sent any more"),
+    NoticeTemplate("flight.motors_off", "motors off, acknowledged by the vehicle"),
     NoticeTemplate(
         "flight.poses_go_on",
         "poses go on to the autopilot, and it can be killed from here until its motors stop; a second Ctrl-C ends "
@@ -58,17 +60,16 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate(
         "flight.still_heard",
-        "the vehicle is still heard, and it can be killed from here until its motors stop; a second Ctrl-C ends "
-        "that too",
+        "the vehicle still sends, and it can be killed from here until its motors stop; a second Ctrl-C ends that too",
     ),
-    NoticeTemplate("flight.left_as_asked", "nothing goes to the vehicle any more: as asked"),
+    NoticeTemplate("flight.left_as_asked", "nothing is sent to the vehicle any more, as requested"),
     NoticeTemplate(
         "flight.left_stopped",
-        "nothing goes to the vehicle any more: its motors have stopped, or it is heard no more",
+        "nothing is sent to the vehicle any more: its motors have stopped, or it sends no more",
     ),
-    NoticeTemplate("flight.over", "{state}: the flight is over, and nothing leaves any more"),
+    NoticeTemplate("flight.over", "{state}: the flight is over, and nothing is sent any more"),
     NoticeTemplate(
-        "flight.autopilot_lands", "the autopilot brings it down: kill it, or ask to descend to leave it alone"
+        "flight.autopilot_lands", "the autopilot brings the vehicle down: request kill, or descend to leave it alone"
     ),
     NoticeTemplate("flight.state", "{state}: {reason}"),
     NoticeTemplate("flight.arms", "arming"),
@@ -80,14 +81,15 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         "gain.step", "{key} is {now:g}: one change goes to {low:g} at least and {high:g} at most, got {value:g}"
     ),
     NoticeTemplate("gain.back", "{key} goes back to {value:g}"),
-    NoticeTemplate("gain.busy", "{key}: the last change is still being judged; only that one can be taken back now"),
+    NoticeTemplate("gain.busy", "{key}: the last change is still being compared; only that one can be reverted now"),
     NoticeTemplate(
-        "gain.too_early", "{key}: a change is held against the {before_s:g} s before it: hold or track for so long"
+        "gain.too_early",
+        "{key}: a change is compared with the {before_s:g} s before it: hold or track for that long first",
     ),
     NoticeTemplate("gain.moves", "{key} goes from {now:g} to {value:g} within {ramp_s:g} s"),
     NoticeTemplate(
         "gain.unproven",
-        "{key} goes back to {value:g}: the flight goes on to something else, and it is not proven",
+        "{key} goes back to {value:g}: the phase ended before the change was proven",
     ),
     NoticeTemplate("gain.several", "{says}"),
     NoticeTemplate("gain.stays", "{key} stays at {value:g}: the flight is as good as before"),
@@ -115,68 +117,66 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate("fault.no_pose", "no pose for {age_ms:.0f} ms: the link plays its bring-down"),
         NoticeTemplate("fault.pose_gap", "no pose for {age_ms:.0f} ms"),
-        NoticeTemplate("fault.slept", "the computer that sends slept for {slept_s:.1f} s: arm anew to fly"),
+        NoticeTemplate("fault.slept", "the sending computer slept for {slept_s:.1f} s: arm again to fly"),
         NoticeTemplate("fault.link_lost", "the link is lost: commands have stopped{last}. {text}"),
-        NoticeTemplate("fault.link_lost_land", "the link is lost{last}: landing, as it may hear us still"),
+        NoticeTemplate("fault.link_lost_land", "the link is lost{last}: landing, as commands may still arrive"),
         NoticeTemplate(
-            "fault.disarmed", "the link is {state}, the vehicle armed no longer: commands have stopped. {text}"
+            "fault.disarmed", "the link is {state}, and the vehicle is disarmed: commands have stopped. {text}"
         ),
-        NoticeTemplate("fault.will_not_disarm", "landed at zero thrust, but the autopilot will not disarm: {why}"),
-        NoticeTemplate(
-            "fault.motors_unknown", "landed at zero thrust, but nobody has told whether the motors are off: {why}"
-        ),
-        NoticeTemplate("fault.poses_land", "{reason}: landing, as they still answer"),
+        NoticeTemplate("fault.will_not_disarm", "landed at zero thrust, but the autopilot refuses to disarm: {why}"),
+        NoticeTemplate("fault.motors_unknown", "landed at zero thrust, but the state of the motors is unknown: {why}"),
+        NoticeTemplate("fault.poses_land", "{reason}: landing, as they still respond"),
         NoticeTemplate("fault.poses_descend", "{reason}: down by {whose}"),
         NoticeTemplate("fault.poses_model", "{reason}: down on the model"),
         NoticeTemplate(
-            "fault.no_floor", "it should long have come down, and the floor was not felt (check flight.floor_z_m)"
+            "fault.no_floor", "the descent takes too long, and no touchdown was detected (check flight.floor_z_m)"
         ),
         NoticeTemplate("fault.no_floor_end", "{why}: commands end"),
-        NoticeTemplate("fault.taken", "the autopilot is in {mode}, and not by us: nothing leaves from here any more"),
+        NoticeTemplate("fault.taken", "the autopilot is in {mode}, not set by us: nothing is sent from here any more"),
         NoticeTemplate(
             "fault.late_commands",
-            "commands reach the autopilot {late_ms:.0f} ms too late: nobody could fly by such ones",
+            "commands reach the autopilot {late_ms:.0f} ms too late to fly by",
         ),
         NoticeTemplate("fault.late_commands_end", "{why}, so they end"),
         NoticeTemplate(
             "fault.unanswered",
-            "commands do not reach the autopilot: it is heard, but has not answered for {overdue_ms:.0f} ms. It acts "
-            "by its own failsafe for set-points that stop; should it hear again, it is brought down",
+            "commands do not reach the autopilot: it sends, but has not acknowledged for {overdue_ms:.0f} ms. It acts "
+            "by its own failsafe for set-points that stop; if commands arrive again, it is brought down",
         ),
         # On the floor, as the motors spool up.
         NoticeTemplate("takeoff.no_pose", "no pose for {age_ms:.0f} ms while the motors spool up"),
         NoticeTemplate("takeoff.fence", "{outside_m:.2f} m outside the fence while the motors spool up"),
         NoticeTemplate(
             "takeoff.leaps",
-            "it is seen {step_m:.2f} m aside from one pose to the next",
+            "position jumps sideways by {step_m:.2f} m from one pose to the next",
             "look at what holds or pushes it, and at its poses",
         ),
         NoticeTemplate(
             "takeoff.tips",
-            "it tips: {tilt_deg:.0f}° from how it stood, limit {limit_deg:g}°",
+            "the vehicle tips: {tilt_deg:.0f}° from its attitude at rest, limit {limit_deg:g}°",
             "look at what holds or pushes it, and at its poses",
         ),
         NoticeTemplate(
             "takeoff.slides",
-            "it moves sideways on the floor: {aside_m:.2f} m, limit {limit_m:.2f} m",
+            "the vehicle slides on the floor: {aside_m:.2f} m, limit {limit_m:.2f} m",
             "look at what holds or pushes it, and at its poses",
         ),
         NoticeTemplate(
-            "takeoff.jumps", "its height jumps as no thrust makes it", "look at its poses, and at what lifts it"
+            "takeoff.jumps", "the height jumps as no thrust explains", "look at its poses, and at what lifts it"
         ),
         NoticeTemplate(
             "takeoff.no_motion",
             "no lift-off: is this the right body, is the mass right? Thrust went to {thrust_n:.3g} N, {percent:.0f} % "
-            "of the told weight, and the poses did not move",
+            "of the configured weight, and the poses did not move",
             "check the object's name, vehicle.mass_kg, battery and propellers, and that nothing holds the vehicle; one "
             "that needs more thrust needs a larger takeoff.thrust_limit",
         ),
         NoticeTemplate(
             "takeoff.stuck",
-            "no lift-off: it began to move and did not leave the floor",
+            "no lift-off: the vehicle began to move and did not leave the floor",
             "check that nothing holds the vehicle",
         ),
-        # What is told beside the states.
+        # Reports beside the states.
         NoticeTemplate("flight.preflight", "pre-flight {verdict}: {check}: {says}"),
         NoticeTemplate("flight.bringing_down", "bringing down: the link levels, sinks and stops by itself"),
         NoticeTemplate("flight.not_brought_down", "NOT brought down from here: {why}"),
@@ -188,7 +188,7 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate("link.warns", "{says}"),
         # V against its bound, and the thrust against its limits.
-        NoticeTemplate("certificate.no_proof", "Lyapunov: {bound}; only a lasting rise of V will be told"),
+        NoticeTemplate("certificate.no_proof", "Lyapunov: {bound}; only a lasting rise of V is reported"),
         NoticeTemplate(
             "certificate.above", "Lyapunov: V has been above its bound for {for_s:.1f} s; largest term: {largest}"
         ),
@@ -201,7 +201,7 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
             "certificate.disturbance",
             "Lyapunov: the disturbance estimate has been above controller.b_bound for {for_s:.1f} s: "
             "{found_m_s2:.1f} m/s², limit {limit_m_s2:g} m/s²",
-            "check mass, thrust and wind: they are off by more than it covers",
+            "check mass, thrust and wind: they differ from the configuration by more than the bound covers",
         ),
         NoticeTemplate(
             "certificate.thrust_margin",
@@ -211,16 +211,16 @@ FLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         # Total latency, by the vehicle's own answer and attitude.
         NoticeTemplate(
             "latency.total",
-            "poses seem {late} than told, or the vehicle turns so, by how it answers its commands",
+            "poses or the vehicle's turns are {late} than configured, by the response to the commands",
             "measure both (groundstation identify)",
         ),
         NoticeTemplate(
             "latency.vehicle",
-            "the vehicle turns {late} than told",
+            "the vehicle turns {late} than configured",
             "measure the lag and delay of its rates (groundstation identify)",
         ),
         NoticeTemplate(
-            "latency.poses", "poses seem {late} than told, by the vehicle's own attitude", "measure their latency"
+            "latency.poses", "poses are {late} than configured, by the vehicle's own attitude", "measure their latency"
         ),
         # Gains that are changed in flight.
         NoticeTemplate(

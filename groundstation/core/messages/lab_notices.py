@@ -18,24 +18,24 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("carry.begin", "Propellers off. Nothing is commanded."),
     NoticeTemplate(
         "carry.begin_unseen",
-        "Propellers off. This link does not tell whether the vehicle is armed: see that it is not.",
+        "Propellers off. This link does not report whether the vehicle is armed: see that it is not.",
     ),
     NoticeTemplate("carry.move", "{number} of {count}: {move}"),
     NoticeTemplate("carry.axes", "the lab's axes are '{world}', the body's are '{body}'"),
-    NoticeTemplate("carry.north", "the lab's north lies {yaw_deg:+.1f}° to the right of where the nose was"),
+    NoticeTemplate("carry.north", "the lab's north is {yaw_deg:+.1f}° to the right of where the nose was"),
     NoticeTemplate(
         "carry.body_turned",
-        "the tracked body lies askew on the vehicle: roll {roll_deg:+.1f}, pitch {pitch_deg:+.1f}, yaw {yaw_deg:+.1f}°",
+        "mounting offset of the tracked body: roll {roll_deg:+.1f}, pitch {pitch_deg:+.1f}, yaw {yaw_deg:+.1f}°",
     ),
-    NoticeTemplate("carry.autopilot_north", "the autopilot's north lies {north_deg:.0f}° to the {side} of ours"),
+    NoticeTemplate("carry.autopilot_north", "the autopilot's north is {north_deg:.0f}° to the {side} of ours"),
     NoticeTemplate("carry.latency", "by the autopilot poses are {late_ms:.0f} ms {way} than they are stamped"),
     NoticeTemplate(
         "carry.latency_unsynchronised",
         "by the autopilot poses are {late_ms:.0f} ms {way} than they are stamped, "
-        "not counting the way of its messages to here, as it does not tell its time",
+        "without the delay of its messages, as it does not send its time",
     ),
     NoticeTemplate(
-        "carry.no_latency", "tracker and autopilot turn too differently to tell the latency (match {match:.2f})"
+        "carry.no_latency", "tracker and autopilot turn too differently to measure the latency (match {match:.2f})"
     ),
     NoticeTemplate("carry.written", "written into {path}; as it was before: {kept}"),
     NoticeTemplate("carry.interrupted", "interrupted, nothing is written"),
@@ -88,8 +88,7 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("props.silent", "nothing left {after_ms:.0f} ms after the last pose"),
     NoticeTemplate(
         "props.silent_disarmed",
-        "nothing left {after_ms:.0f} ms after the last pose, the vehicle told {disarmed_s:.1f} s after it that it is "
-        "disarmed",
+        "nothing left {after_ms:.0f} ms after the last pose, the vehicle reported disarmed {disarmed_s:.1f} s after it",
     ),
     NoticeTemplate("props.after_kill", "the motors stopped {after_s:.1f} s after it, by the operator's eye"),
     NoticeTemplate(
@@ -107,7 +106,7 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
         "nothing has come",
         "check the address in [pose], that the tracker streams to this machine, and the firewall",
     ),
-    NoticeTemplate("watch.moving", "moves", "let it stand to measure"),
+    NoticeTemplate("watch.moving", "moves", "keep it at rest to measure"),
     NoticeTemplate("watch.recorded", "they are recorded"),
     NoticeTemplate("watch.no_pose", "no pose yet"),
     NoticeTemplate("watch.age", "{age_ms:.0f} ms"),
@@ -130,13 +129,15 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "doctor.no_parameters",
-            "the autopilot is heard but tells none of its parameters",
-            "check that it hears us",
+            "the autopilot sends but reports none of its parameters",
+            "check that our messages arrive",
         ),
         NoticeTemplate("doctor.armed", "the vehicle is armed: parameters are changed only while its motors are off"),
         NoticeTemplate("doctor.not_read_back", "{name} was set but can't be read back", "read it again before you fly"),
         NoticeTemplate("doctor.reads_back", "{name} was set to {value} but reads back as {found}"),
-        NoticeTemplate("doctor.no_heartbeat", "no HEARTBEAT within {limit_s:g} s, so nobody knows whether it is armed"),
+        NoticeTemplate(
+            "doctor.no_heartbeat", "no HEARTBEAT within {limit_s:g} s, so it is unknown whether the autopilot is armed"
+        ),
         NoticeTemplate("doctor.no_file", "cannot read {path}: {why}"),
         NoticeTemplate("doctor.other_file", "{path} is no file that --fix has written: {why}"),
         NoticeTemplate("doctor.link_kind", "expected mavlink, dsm or crsf: by the map there its settings are judged"),
@@ -175,14 +176,14 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
             "with overrides nothing can be written into the file: add --dry-run, or leave them out",
         ),
         NoticeTemplate("carry.armed", "the vehicle is ARMED: disarm it, take its propellers off, and begin anew"),
-        NoticeTemplate("carry.unheard", "the autopilot is {state}, so nobody knows whether it is armed: {why}"),
+        NoticeTemplate("carry.unheard", "the autopilot is {state}, so it is unknown whether it is armed: {why}"),
         NoticeTemplate("carry.not_made", "'{move}' was not made within {limit_s:.0f} s{seen}. See check --watch"),
         NoticeTemplate(
-            "carry.lab_askew", "the lab lies {angle_deg:.0f}° askew: does the vehicle stand level on the floor?"
+            "carry.lab_askew", "the lab's axes are tilted by {angle_deg:.0f}°: is the vehicle level on the floor?"
         ),
         NoticeTemplate(
             "carry.body_askew",
-            "the tracked body lies {angle_deg:.0f}° askew on the vehicle",
+            "the tracked body has a mounting offset of {angle_deg:.0f}°",
             "turn its axes along the vehicle's in the tracker's program, or connect the autopilot, which can measure "
             "it",
         ),
@@ -196,10 +197,10 @@ LAB_NOTICES: tuple[NoticeTemplate, ...] = (
             "'{move}' does not fit the other turns, by {angle_deg:.0f}°",
             "make the moves as they are shown",
         ),
-        NoticeTemplate("carry.turned_otherwise", "'{move}': the autopilot felt it {way} instead"),
+        NoticeTemplate("carry.turned_otherwise", "'{move}': the autopilot measured it {way} instead"),
         NoticeTemplate(
             "carry.turned_apart",
-            "'{move}': the tracker saw a turn of {seen_deg:.0f}°, the autopilot felt {felt_deg:.0f}°",
+            "'{move}': the tracker measured a turn of {seen_deg:.0f}°, the autopilot {felt_deg:.0f}°",
             "does the tracker follow this vehicle, and does its body keep its markers?",
         ),
         NoticeTemplate(

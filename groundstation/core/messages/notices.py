@@ -51,7 +51,9 @@ _TABLE: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("pose.none", "no poses: {why}"),
     NoticeTemplate("pose.few_dropped", "fewer than 1 % were dropped, {total} accepted"),
     NoticeTemplate("pose.dropped", "{count} of {total} poses were dropped, limit 1 %: {why}"),
-    NoticeTemplate("link.few_dropped", "fewer than 1 % of {total} messages were lost, and none is a stranger's"),
+    NoticeTemplate(
+        "link.few_dropped", "fewer than 1 % of {total} messages were lost, and none came from an unknown sender"
+    ),
     NoticeTemplate(
         "qualisys.too_old",
         "QTM at {server} speaks no version of its real-time protocol from {newest} down to {oldest}",
@@ -63,9 +65,9 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "the largest difference is {thrust_n:.2g} N of thrust and {rate_rad_s:.2g} rad/s of body rate",
     ),
     NoticeTemplate("replay.settings", "settings of the recording that this version leaves out: {settings}"),
-    # Poses that do not answer what was commanded (docs/explanation/trust.md).
-    NoticeTemplate("pose.suspect", "the poses are asked by small motions whether they answer"),
-    NoticeTemplate("pose.answers", "the poses answer again"),
+    # Poses that do not respond to the commands (docs/explanation/trust.md).
+    NoticeTemplate("pose.suspect", "the poses are suspect: small motions test whether they respond"),
+    NoticeTemplate("pose.answers", "the poses respond again"),
     # Guards: one sentence for each row of core/safety/guards.py.
     NoticeTemplate(
         "tlog.no_message",
@@ -179,7 +181,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "trajectory.fence",
-            "at {at_s:.2f} s it could not be braked within the fence, by {short_m:.2f} m",
+            "at {at_s:.2f} s the vehicle could not brake within the fence, by {short_m:.2f} m",
             "move it, slow it down, or correct [fence]",
         ),
         NoticeTemplate(
@@ -189,7 +191,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "pose.other_server",
-            "the NatNet server answers from another address, {address}, and only the one asked is heard",
+            "the NatNet server replies from another address, {address}, and only the configured one is accepted",
             'write pose.server = "{address}:{port}"',
         ),
         NoticeTemplate(
@@ -280,10 +282,10 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             "{taker} takes some keys itself, as delivered Ctrl-A (screen) or Ctrl-B (tmux)",
             "where a key does nothing, press the second one, which the footer names",
         ),
-        # Poses that do not answer what was commanded (docs/explanation/trust.md).
+        # Poses that do not respond to the commands (docs/explanation/trust.md).
         NoticeTemplate(
             "pose.attitude_no_answer",
-            "the attitude of the poses does not answer the commanded turns",
+            "the attitude of the poses does not respond to the commanded turns",
             "check the object's name, its axes (`groundstation carry`) and the latency of the tracker",
         ),
         NoticeTemplate(
@@ -293,7 +295,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "pose.position_no_answer",
-            "the position of the poses does not answer the commanded motion, or something holds the vehicle",
+            "the position of the poses does not respond to the commanded motion, or something holds the vehicle",
             "check the object's name and markers",
         ),
         NoticeTemplate(
@@ -308,12 +310,12 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         ),
         NoticeTemplate(
             "pose.yaw_unasked",
-            "the poses turn about the vertical by more than 9 deg/s, and no command asks for that",
+            "the poses turn about the vertical by more than 9 deg/s beyond the commanded yaw rate",
             "check the object's markers",
         ),
         NoticeTemplate(
             "pose.height_behind",
-            "the height stays behind the thrust just off the floor",
+            "the height just off the floor is less than the thrust explains",
             "check the object's name and the floor's height",
         ),
         NoticeTemplate(
@@ -325,11 +327,13 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate("guard.tilt", "tilt {tilt_deg:.0f}°, limit {limit_deg:g}°"),
         NoticeTemplate(
             "guard.oscillation",
-            "tilt {off_deg:.0f}° beside the wanted one, again and again, limit {limit_deg:g}°",
+            "oscillation: tilt {off_deg:.0f}° from the required one, limit {limit_deg:g}°",
             "check lags, delays and the latency of the poses (`groundstation identify`)",
         ),
-        NoticeTemplate("guard.error", "{error_m:.2f} m from where it should be, limit {limit_m:g} m"),
-        NoticeTemplate("guard.speed", "{speed_m_s:.1f} m/s beside the wanted speed, limit {limit_m_s:g} m/s"),
+        NoticeTemplate("guard.error", "{error_m:.2f} m from the reference, limit {limit_m:g} m"),
+        NoticeTemplate(
+            "guard.speed", "{speed_m_s:.1f} m/s relative to the reference velocity, limit {limit_m_s:g} m/s"
+        ),
         NoticeTemplate(
             "guard.thrust", "thrust at its limit for {lasts_s:g} s", "check battery, load and vehicle.thrust_max_n"
         ),
@@ -342,8 +346,8 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         NoticeTemplate("guard.fence", "{outside_m:.2f} m outside the fence"),
         NoticeTemplate("guard.braking", "{room_m:.2f} m before the fence at {speed_m_s:.1f} m/s", "braking"),
         NoticeTemplate("guard.separation", "{distance_m:.2f} m from {name}, limit {limit_m:g} m"),
-        NoticeTemplate("guard.approach", "{distance_m:.2f} m from {name} and nearing", "braking"),
-        NoticeTemplate("guard.unseen", "the cameras have not seen {names} for more than {limit_s:g} s"),
+        NoticeTemplate("guard.approach", "{distance_m:.2f} m from {name} and approaching", "braking"),
+        NoticeTemplate("guard.unseen", "no sighting of {names} for more than {limit_s:g} s"),
         NoticeTemplate(
             "guard.pose_age",
             "pose age {age_ms:.0f} ms on arrival, limit {limit_ms:.0f} ms",
@@ -354,7 +358,7 @@ _TABLE: tuple[NoticeTemplate, ...] = (
             "{count} resets of the estimate behind the poses within 5 s, limit {limit}",
             "check the source of the poses",
         ),
-        NoticeTemplate("guard.under_floor", "the poses show it {depth_m:.2f} m under the floor, limit {limit_m:g} m"),
+        NoticeTemplate("guard.under_floor", "poses {depth_m:.2f} m under the floor, limit {limit_m:g} m"),
         NoticeTemplate(
             "guard.overruns", "{count} of the last 100 frames were late, limit {limit}", "this computer is too slow"
         ),

@@ -85,7 +85,7 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     body_key: ClassVar[str] = ""
     """Configuration key that names the vehicle's body; empty for a source with a single body."""
     address_key: ClassVar[str] = ""
-    """Configuration key of the address that is listened on or asked; empty for a source without a socket."""
+    """Configuration key of the address of listening or of the server; empty for a source without a socket."""
     stamp_field: ClassVar[str] = ""
     """The source's name for the field of its time stamp; empty where the sender can't set it wrong."""
     stamp_unit_s: ClassVar[float] = 1.0
@@ -110,7 +110,7 @@ class PoseKind(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def address(self) -> str:
-        """The address that is listened on or asked; empty for a source without a socket."""
+        """The address of listening or of the server; empty for a source without a socket."""
         return str(getattr(self, self.address_key)) if self.address_key else ""
 
     @property
@@ -170,10 +170,10 @@ class Distrusts(Protocol):
 class OverheardSource:
     """A source that gives each pose to a second receiver before it delivers it."""
 
-    def __init__(self, source: PoseSource, hear: Callable[[Pose], None]) -> None:
-        """``hear`` is the second receiver."""
+    def __init__(self, source: PoseSource, tap: Callable[[Pose], None]) -> None:
+        """``tap`` is the second receiver."""
         self._source = source
-        self._hear = hear
+        self._tap = tap
 
     @property
     def status(self) -> PoseStatus:
@@ -184,7 +184,7 @@ class OverheardSource:
         """Start the source."""
 
         def both(pose: Pose) -> None:
-            self._hear(pose)
+            self._tap(pose)
             deliver(pose)
 
         await self._source.start(both)
@@ -196,7 +196,7 @@ class OverheardSource:
 
 BASE_S = 0.1
 """Time over which a body's speed is measured [s]: longer is smoother and later. Chosen."""
-BASE_MIN_S = 0.05
+BASE_MIN_S = 0.5 * BASE_S
 """Least time between the first two sightings that gives a speed [s]; before that it is taken as 0. Chosen."""
 GAP_S = 0.5
 """Time between two sightings from which the older ones are forgotten [s]: a speed over it means nothing. Chosen."""
@@ -240,7 +240,7 @@ class Others:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names that are configured or were seen."""
+        """Names that are configured or were sighted."""
         return tuple(self._recent)
 
     def __contains__(self, name: str) -> bool:
@@ -268,7 +268,7 @@ class Others:
             recent.popleft()
 
     def unseen(self, since_s: float) -> tuple[str, ...]:
-        """Configured names that have not been seen since ``since_s`` [s]."""
+        """Configured names without a sighting since ``since_s`` [s]."""
         return tuple(name for name in self.names if not self._recent[name] or self._recent[name][-1][0] < since_s)
 
     def sighting(self, name: str) -> BodySighting | None:

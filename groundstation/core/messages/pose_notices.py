@@ -10,7 +10,7 @@ _DROPS = {
     "wrong_version": "the bit stream is too old: Motive's streaming settings, bit stream version, 3.0 or later",
     "wrong_layout": "a bit stream that is not known here: Motive's streaming settings, bit stream version, 4.1",
     "failed": "the sender says that its odometry has failed (ODOMETRY.quality below 0)",
-    "not_tracked": "the tracker does not see the body: markers hidden?",
+    "not_tracked": "the tracker does not find the body: markers hidden?",
     "frozen": "the same to the last bit: the body is hidden, or the tracker rounds (gate.drop_frozen)",
     "no_such_body": "the stream does not hold the vehicle's body: is its name right, has it been switched off?",
     "no_such_object": "the stream does not hold the vehicle's object: is its name right, has it been switched off?",
@@ -27,7 +27,7 @@ _DROPS = {
     "out_of_order": "older than one before: was the sender's clock set back, or is more than one on this address?",
     "duplicate": "sent twice: is more than one sender on this address?",
     "other_address": "somebody else sends to this address",
-    "late": "already older, when it came, than flight.coast_s lets a pose be",
+    "late": "older on arrival than flight.coast_s allows",
     "truncated": "its end is missing: a bridge or network cuts datagrams, or loses a part of one",
     "oversized": "longer than the protocol allows: does something else send to this port?",
     "garbage": "bytes that are not of this protocol: does something else send to this port?",
@@ -53,17 +53,17 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
     *(NoticeTemplate(f"drop.{reason}", f"{reason} ({meaning})") for reason, meaning in _DROPS.items()),
     NoticeTemplate("drop.other", "{reason}"),
     NoticeTemplate("pose.origin_moved", "the source has moved its origin"),
-    NoticeTemplate("pose.agreed", "for {settle_s:g} s all have agreed on it"),
+    NoticeTemplate("pose.agreed", "all poses have agreed on it for {settle_s:g} s"),
     NoticeTemplate("pose.elsewhere", "poses are {far_m:.2f} m and {turn_deg:.0f}° from before: {why}"),
     NoticeTemplate("pose.passed", "{reason} is over: {count} dropped within {lasted_s:.2f} s"),
     NoticeTemplate(
         "pose.later",
-        "poses come {late_ms:.0f} ms later than they did",
-        "they wait on their way (network, tracking computer); or the tracker's clock was set back, its frame counter "
-        "paused or its rate changed, which looks the same. Where they are not that old: on the ground, stop the "
+        "poses are {late_ms:.0f} ms later than before",
+        "they are delayed (network, tracking computer); or the tracker's clock was set back, its frame counter "
+        "paused or its rate changed, which looks the same. If they are not that old: on the ground, stop the "
         "tracker's stream for 5 s, or start this program anew",
     ),
-    NoticeTemplate("pose.punctual", "poses come as early as before, or their source has begun anew"),
+    NoticeTemplate("pose.punctual", "poses are as early as before, or their source has restarted"),
     NoticeTemplate("pose.cannot_listen", "cannot listen for {what} on {address} ({why})", "{advice}"),
     NoticeTemplate(
         "pose.port_held",
@@ -86,11 +86,11 @@ POSE_NOTICES: tuple[NoticeTemplate, ...] = (
         "check that it runs, the address, and that its RT output is on (little-endian port, mostly 22223)",
     ),
     NoticeTemplate("qualisys.no_version", "QTM did not speak version {version} of its protocol"),
-    NoticeTemplate("qualisys.silent_bodies", "QTM did not tell its 6DOF bodies"),
+    NoticeTemplate("qualisys.silent_bodies", "QTM did not report its 6DOF bodies"),
     NoticeTemplate("qualisys.silent_stream", "QTM did not stream", "is a measurement or a preview running?"),
-    NoticeTemplate("qualisys.refused_bodies", "QTM refused to tell its 6DOF bodies: {why}"),
+    NoticeTemplate("qualisys.refused_bodies", "QTM refused to report its 6DOF bodies: {why}"),
     NoticeTemplate("qualisys.refused_stream", "QTM refused to stream: {why}", "is a measurement or a preview running?"),
-    NoticeTemplate("qualisys.bodies", "QTM at {server} does not tell its bodies: {why}"),
+    NoticeTemplate("qualisys.bodies", "QTM at {server} does not report its bodies: {why}"),
     NoticeTemplate("pose.path_unreadable", "pose.path: cannot read {path}: {why}"),
     NoticeTemplate(
         "pose.path_of_flight",

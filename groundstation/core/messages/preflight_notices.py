@@ -14,28 +14,28 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("check.pose_age_why", "the newest pose is {age_ms:.0f} ms old; {why}"),
     NoticeTemplate(
         "check.deadline",
-        "commands rest on a pose for {coast_ms:.0f} ms (flight.coast_s), in a descent for {level_ms:.0f} ms more "
+        "a pose is used for {coast_ms:.0f} ms (flight.coast_s), in a descent for {level_ms:.0f} ms more "
         "(guards.level_s); then the bring-down",
     ),
     NoticeTemplate(
         "check.deadline_long",
-        "commands rest on a pose for {coast_ms:.0f} ms (flight.coast_s), in a descent for {level_ms:.0f} ms more "
-        "(guards.level_s); then the bring-down. Together they are {usual_ms:.0f} ms unless told otherwise",
+        "a pose is used for {coast_ms:.0f} ms (flight.coast_s), in a descent for {level_ms:.0f} ms more "
+        "(guards.level_s); then the bring-down. Together they are {usual_ms:.0f} ms by default",
     ),
     NoticeTemplate(
         "check.pose_noise",
         "noise of {noise_mm:.2f} mm on each axis, {noise_deg:.2f}° of roll and pitch",
         "calibrate the volume, and have more cameras see the body; with more of it flights end",
     ),
-    NoticeTemplate("check.at_rest", "poses lie within {spread_cm:.1f} cm", "the vehicle must stand still"),
+    NoticeTemplate("check.at_rest", "poses are within {spread_cm:.1f} cm", "the vehicle must be at rest"),
     NoticeTemplate(
         "check.tilt",
-        "it stands tilted by {tilt_deg:.1f}°",
+        "tilted by {tilt_deg:.1f}° at rest",
         "level the floor, or correct the object's axes in the capture system",
     ),
     NoticeTemplate(
         "check.floor",
-        "it stands at {down_m:+.2f} m (down), flight.floor_z_m says {floor_m:+.2f} m",
+        "position {down_m:+.2f} m (down) at rest, flight.floor_z_m is {floor_m:+.2f} m",
         "a wrong one makes a wrong bring-down; correct it",
     ),
     NoticeTemplate("check.floor_air", "a simulated vehicle is held in the air (flight.start)"),
@@ -46,21 +46,21 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("pose.nothing_of_use", "nothing of use from pose.kind = {kind} ({keys}); {why}"),
     NoticeTemplate(
         "pose.no_estimate",
-        "the autopilot is heard but has no estimate of its position yet (pose.kind = mavlink). After a start that "
+        "the autopilot sends but has no estimate of its position yet (pose.kind = mavlink). After a start that "
         "takes it some 40 s, and it needs GPS or an external pose: wait for it, then try again{said}",
     ),
     # The autopilot's attitude beside that of the poses.
     NoticeTemplate("check.witness_own", "there is none: the poses are the autopilot's own"),
     NoticeTemplate(
         "check.witness_radio",
-        "there is none: this radio does not tell how the vehicle lies, ten times a second, as CRSF's may",
+        "there is none: this radio does not report the vehicle's attitude 10 times a second, as CRSF's may",
     ),
     NoticeTemplate(
-        "check.witness_silent", "the autopilot does not send its attitude, so nothing holds against poses that lie"
+        "check.witness_silent", "the autopilot does not send its attitude, so nothing checks the poses' attitude"
     ),
     NoticeTemplate(
         "check.witness_unlike",
-        "moved by hand, {axes} went another way in the poses than in the autopilot",
+        "moved by hand, {axes} turned another way in the poses than in the autopilot",
         "is it the right body? `groundstation carry` finds the axes of its object{sign}",
     ),
     NoticeTemplate(
@@ -69,24 +69,24 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
         "is it the right body? `groundstation carry` finds the axes of its object, level the autopilot's "
         "accelerometers",
     ),
-    NoticeTemplate("check.witness_carried", "poses move otherwise than the autopilot feels", "does somebody carry it?"),
+    NoticeTemplate(
+        "check.witness_carried", "the motion of the poses differs from the autopilot's", "is the vehicle being carried?"
+    ),
     NoticeTemplate("check.witness", "tilt by the poses and by the autopilot is {askew_deg:.1f}° apart{alike}"),
     # Fence, other vehicles, trajectory.
     NoticeTemplate("check.fence_none", "there is none"),
-    NoticeTemplate("check.fence_outside", "it stands {outside_m:.2f} m outside the fence"),
-    NoticeTemplate("check.fence_inside", "it stands {inside_m:.2f} m inside the fence"),
+    NoticeTemplate("check.fence_outside", "{outside_m:.2f} m outside the fence"),
+    NoticeTemplate("check.fence_inside", "{inside_m:.2f} m inside the fence"),
     NoticeTemplate("check.others_none", "separation.others names none"),
-    NoticeTemplate(
-        "check.others_near", "it stands {distance_m:.2f} m from {name}, limit {limit_m:g} m", "move one of them"
-    ),
+    NoticeTemplate("check.others_near", "{distance_m:.2f} m from {name}, limit {limit_m:g} m", "move one of them"),
     NoticeTemplate(
         "check.others_unseen",
-        "the cameras do not see {names}",
+        "no sighting of {names}",
         "uncover them, or take them out of separation.others",
     ),
     NoticeTemplate("check.others", "{name} is nearest, {distance_m:.2f} m away"),
     NoticeTemplate("check.ways_none", "there is no fence"),
-    NoticeTemplate("check.ways_short", "the {where}, could not be braked within the fence"),
+    NoticeTemplate("check.ways_short", "the {where}: the vehicle could not brake within the fence"),
     NoticeTemplate("check.ways", "{room_m:.2f} m are left after braking from the {where}"),
     NoticeTemplate("check.trajectory", "within the limits of vehicle and configuration"),
     NoticeTemplate(
@@ -103,11 +103,11 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("trajectory.slow_down", "slow it down to about {percent} % of its speed"),
     NoticeTemplate("trajectory.slow_down_to", "slow it down to about {speed_m_s:g} m/s (trajectory.speed_m_s)"),
     # Vehicle, link and failsafes.
-    NoticeTemplate("check.battery_silent", "the vehicle does not tell"),
-    NoticeTemplate("check.battery_unjudged", "{voltage_v:.2f} V; set guards.battery_v to judge it"),
+    NoticeTemplate("check.battery_silent", "the vehicle does not report it"),
+    NoticeTemplate("check.battery_unjudged", "{voltage_v:.2f} V; set guards.battery_v to check it"),
     NoticeTemplate("check.battery", "it is at {charge}"),
     NoticeTemplate("check.battery_low", "it is at {charge}", "charge it"),
-    NoticeTemplate("check.rtt_unknown", "the link does not know"),
+    NoticeTemplate("check.rtt_unknown", "the link does not measure it"),
     NoticeTemplate("check.rtt", "{rtt_ms:.0f} ms to the vehicle and back, limit {limit_ms:.0f} ms"),
     NoticeTemplate("check.armed_already", "its motors are on already: somebody else has armed it"),
     NoticeTemplate("check.link_state", "the link is {state}"),
@@ -120,14 +120,14 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("check.ready", "connected, and disarmed{said}"),
     NoticeTemplate("check.conflict", "{why}"),
     NoticeTemplate("check.link_warns", "{why}"),
-    NoticeTemplate("check.frames_direct", "commands leave as this program sends them"),
+    NoticeTemplate("check.frames_direct", "commands are sent by this program directly"),
     NoticeTemplate("check.frames_paced", "the pacer and its stand-by have what they need"),
     NoticeTemplate("check.link_drops", "{drops}"),
     NoticeTemplate("check.failsafe_autopilot", "the autopilot's own: `groundstation doctor CONFIG` looks at it"),
     NoticeTemplate(
         "check.failsafe_receiver",
         "the receiver's failsafe must stop the motors, as nothing here can if the module loses its plug or its "
-        "computer; it does not tell, and is sold to hold the last frame: once, with the propellers off, "
+        "computer; it reports no failsafe setting, and many hold the last frame: once, with the propellers off, "
         "`groundstation fly CONFIG`, then pull the module's plug; the motors must stop",
     ),
     NoticeTemplate(
@@ -136,7 +136,7 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate(
         "check.thrust_limit_high",
         "thrust goes to {thrust_n:.3g} N before lift-off, {percent:.0f} % of the weight, by takeoff.thrust_limit: "
-        "with wrong poses or a wrong mass it jumps higher than by {usual_n:.3g} N",
+        "with wrong poses or a wrong mass the vehicle jumps higher than with {usual_n:.3g} N",
     ),
     NoticeTemplate(
         "check.simulated",
@@ -177,7 +177,7 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     ),
     NoticeTemplate("flights.same_name", "{who} has the same name: whoever arms or lands by name may mean the other"),
     NoticeTemplate("check.bodies_unknown", "the source shows no other bodies"),
-    NoticeTemplate("check.bodies_none", "no other body is seen"),
+    NoticeTemplate("check.bodies_none", "no other body in sight"),
     NoticeTemplate("check.bodies", "{body!r} is {distance_m:.2f} m from {own!r}, the nearest"),
     NoticeTemplate(
         "check.bodies_near",
@@ -193,11 +193,11 @@ PREFLIGHT_NOTICES: tuple[NoticeTemplate, ...] = (
     NoticeTemplate("hold.free", "{what} is not held", "hold it, and keep holding: let go, and it lands"),
     NoticeTemplate("hold.stuck", "{what} was held from the beginning", "let go once, then hold it"),
     NoticeTemplate("hold.held", "{what} is held: let go, and it lands"),
-    NoticeTemplate("hold.unseen", "nobody has looked yet"),
-    NoticeTemplate("hold.silent", "nothing was heard of it yet"),
+    NoticeTemplate("hold.unseen", "not read yet"),
+    NoticeTemplate("hold.silent", "no value received yet"),
     NoticeTemplate("hold.no_travel", "an axis from {least} to {most} has no travel"),
-    NoticeTemplate("hold.untold", "the autopilot has not told it for {age_s:.1f} s"),
-    NoticeTemplate("hold.no_receiver", "the autopilot's receiver does not hear the transmitter"),
+    NoticeTemplate("hold.untold", "not reported by the autopilot for {age_s:.1f} s"),
+    NoticeTemplate("hold.no_receiver", "the autopilot's receiver receives nothing from the transmitter"),
     NoticeTemplate("hold.no_channel", "the receiver has no such channel"),
     # Prompts and the operator's orders by the keyboard.
     NoticeTemplate("arm.prompt", "{vehicle} is ready. Its motors will start. Type its name to arm"),

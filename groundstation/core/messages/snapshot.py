@@ -1,7 +1,7 @@
 """Messages of a flight. Sans-IO.
 
 - :class:`Snapshot`: the state of a flight at each command, for screens, sockets and MQTT.
-- :class:`Request` and :class:`Reply`: an operator's request to a flight, and the answer.
+- :class:`Request` and :class:`Reply`: an operator's request to a flight, and the reply.
 - :class:`Estimate`, :class:`Decision`, :class:`Controller`: input, output and port of a controller.
 - Flight events, from :class:`Notice` to :class:`CommandSent`: recorders, statistics and screens subscribe to them.
   Events with a tag are also written to recordings as they are (groundstation/recording/records.py has the others).
@@ -19,7 +19,7 @@ from groundstation.core.messages.pose import Pose, PoseStatus
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import ActuatorCommand, Motion
 from links.core import Command, LinkStatus
-from links.text import Numbers, Sentence, Severity
+from links.text import Numbers, Sentence, Severity, to_percent
 
 SETTLED_M = 0.10
 """Error below which a flight has settled, if it stays there [m]. Chosen."""
@@ -169,7 +169,7 @@ class Diagnostics(msgspec.Struct, frozen=True, gc=False):
 
 
 class Certificate(msgspec.Struct, frozen=True):
-    """V against its bound since the first command (docs/explanation/law-proof.md, section 5.9)."""
+    """V and its bound since the first command (docs/explanation/law-proof.md, section 5.9)."""
 
     state: Annotated[
         str,
@@ -210,10 +210,10 @@ class DisturbanceReading(msgspec.Struct, frozen=True, kw_only=True):
 
     def describe_split(self) -> str:
         """Describe wind and thrust scale, each with its interval."""
-        wind, scale = f"wind down {self.wind_down_m_s2:+z.2f}", f"thrust {100.0 * self.thrust_scale:.1f}"
+        wind, scale = f"wind down {self.wind_down_m_s2:+z.2f}", f"thrust {to_percent(self.thrust_scale):.1f}"
         if self.wind_down_error_m_s2 is None or self.thrust_scale_error is None:
             return f"{wind} m/s², {scale} %, intervals not known"
-        return f"{wind} ± {self.wind_down_error_m_s2:.2f} m/s², {scale} ± {100.0 * self.thrust_scale_error:.1f} %"
+        return f"{wind} ± {self.wind_down_error_m_s2:.2f} m/s², {scale} ± {to_percent(self.thrust_scale_error):.1f} %"
 
 
 class Snapshot(msgspec.Struct, frozen=True):
@@ -399,7 +399,7 @@ class Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Reply(msgspec.Struct, frozen=True):
-    """Answer to a request."""
+    """Reply to a request."""
 
     done: bool
     says: str
@@ -411,7 +411,7 @@ class Reply(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, done: bool, sentence: Sentence) -> "Reply":
-        """Make the answer with ``sentence``."""
+        """Make the reply with ``sentence``."""
         return cls(done, sentence.text, sentence.id, sentence.numbers)
 
 
@@ -481,8 +481,8 @@ class Tick(NamedTuple):
     reference: Reference
     decision: Decision
     command: Command
-    seen: CertificateReading
-    """V against its bound."""
+    certificate: CertificateReading
+    """V and its bound."""
 
 
 class PoseRecord(msgspec.Struct, frozen=True, array_like=True, gc=False, tag=4):
@@ -582,8 +582,8 @@ def ignore(_: FlightEvent | Tick) -> None:
 def tell_lines(say: Callable[[str], None]) -> Subscriber:
     """Make a subscriber that calls ``say`` with each notice as a line."""
 
-    def hear(event: FlightEvent) -> None:
+    def call(event: FlightEvent) -> None:
         if isinstance(event, Notice):
             say(event.line)
 
-    return hear
+    return call

@@ -6,7 +6,7 @@ from groundstation.core.messages import Ask, Sentence
 
 
 class State(StrEnum):
-    """Where a flight stands."""
+    """States of a flight."""
 
     IDLE = "idle"
     CONNECTING = "connecting"
@@ -14,7 +14,7 @@ class State(StrEnum):
     READY = "ready"
     """On the ground, motors off; waiting for the operator."""
     ARMING = "arming"
-    """The autopilot is asked to obey and to start its motors."""
+    """Offboard control and arming are requested from the autopilot."""
     TAKEOFF = "takeoff"
     """Spooling up on the floor, then climbing."""
     HOLD = "hold"
@@ -22,7 +22,7 @@ class State(StrEnum):
     TRACKING = "tracking"
     """Flying onto the trajectory, and along it."""
     MOVING = "moving"
-    """Flying to a point that was asked for."""
+    """Flying to a requested point."""
     RETURNING = "returning"
     """Flying back over the place of take-off."""
     LANDING = "landing"
@@ -36,7 +36,7 @@ class State(StrEnum):
     ABORTED = "aborted"
     """Commands have stopped; where it flew, the link has brought the vehicle down."""
     HANDED_OVER = "handed_over"
-    """The autopilot obeys somebody else: nothing leaves any more."""
+    """The autopilot follows another controller: nothing is sent any more."""
     KILLED = "killed"
     """Motors off at once."""
 
@@ -67,11 +67,11 @@ class Event(StrEnum):
 
 
 FINAL = frozenset({State.LANDED, State.ABORTED, State.HANDED_OVER, State.KILLED})
-"""Nothing flies after these."""
+"""States that end a flight."""
 ALARMING = frozenset({State.DESCENT, State.ABORTED, State.HANDED_OVER, State.KILLED})
-"""Nobody wanted these."""
+"""States that are no regular end."""
 ON_GROUND = (State.IDLE, State.CONNECTING, State.READY, State.ARMING)
-"""The vehicle has not been told to lift yet."""
+"""No thrust that lifts the vehicle has been commanded yet."""
 IN_AIR = (State.TAKEOFF, State.HOLD, State.TRACKING, State.MOVING, State.RETURNING, State.LANDING, State.DESCENT)
 """Commands may lift the vehicle."""
 
@@ -85,7 +85,7 @@ def _everywhere() -> dict[tuple[State, Event], State]:
         table[state, Event.DESCEND] = state if over else State.DESCENT if state in IN_AIR else State.ABORTED
         table[state, Event.LAND] = state if over else State.LANDING if state in IN_AIR else State.ABORTED
         table[state, Event.KILL] = State.KILLED
-    # What is coming down already is not made to come down more gently, nor what stands to take off.
+    # A descent does not become a gentler landing, and a vehicle on the floor does not take off again.
     table[State.DESCENT, Event.LAND] = State.DESCENT
     for event in (Event.LAND, Event.DESCEND):
         table[State.DISARMING, event] = State.DISARMING
@@ -113,7 +113,7 @@ TABLE: dict[tuple[State, Event], State] = {
     (State.LANDING, Event.TOUCHDOWN): State.DISARMING,
     (State.DESCENT, Event.TOUCHDOWN): State.DISARMING,
     (State.DISARMING, Event.DISARMED): State.LANDED,
-    # The autopilot has felt the floor before we did.
+    # The autopilot detected touchdown first.
     (State.LANDING, Event.DISARMED): State.LANDED,
     (State.DESCENT, Event.DISARMED): State.LANDED,
     **{(state, Event.TAKEN_OVER): State.HANDED_OVER for state in (*IN_AIR, State.ARMING)},
@@ -129,7 +129,7 @@ class IllegalMove(Exception):
 
 
 class Mission:
-    """The present state, and why."""
+    """Present state of the mission, and its reason."""
 
     def __init__(self) -> None:
         self.state = State.IDLE
@@ -140,7 +140,7 @@ class Mission:
         return (self.state, event) in TABLE
 
     def on(self, event: Event, reason: Sentence | None = None) -> State:
-        """Move by ``event``; a move that stays where it is keeps the reason that was.
+        """Move by ``event``; a move to the same state keeps its reason.
 
         Raises:
             IllegalMove: the table has no such move.

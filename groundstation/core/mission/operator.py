@@ -1,14 +1,11 @@
-"""Operator: what pressing Ctrl-C asks for, and a control that must be held to fly. Sans-IO.
-
-Whether the operator holds what must be held to fly (a hold-to-run control, as ISO 12100 calls it). Sans-IO.
-"""
+"""Operator: requests by Ctrl-C, and a hold-to-run control (ISO 12100), which must be held to fly. Sans-IO."""
 
 from collections.abc import Callable
 
-from groundstation.core.messages import Ask, Request, Sentence, notice, notice_fact
+from groundstation.core.messages import ROUNDING_S, Ask, Request, Sentence, notice, notice_fact
 
 ONCE_S = 1.0
-"""Presses within this time count once [s]: a key that bounces, or a signal sent to a whole group, is no second one."""
+"""Time within which presses count once [s]: a bouncing key, or a signal to a whole group, is no second press."""
 STEPS = (
     (Ask.LAND, "landing", "once more: failsafe descent"),
     (Ask.DESCEND, "failsafe descent", "once more: motors off, AND IT FALLS"),
@@ -36,27 +33,27 @@ class Interrupts:
         ask, does, then = STEPS[self._count - 1]
         if again:
             return None, notice("key.bounce", key=name, once_s=ONCE_S, does=does, then=then)
-        return Request(ask, f"told by {name}"), notice("key.step", key=name, does=does, then=then)
+        return Request(ask, f"requested by {name}"), notice("key.step", key=name, does=does, then=then)
 
 
 DEBOUNCE_S = 0.03
-"""A contact that opens for less than this only bounces, or was shaken [s]."""
+"""Shortest opening of a contact that is a release [s]: it bounces, or is shaken."""
 HYSTERESIS = 0.1
-"""An axis is let go by this share of its travel below where it is held [-]."""
+"""Hysteresis of an axis between held and released, as a share of its travel [-]."""
 
 
 class InputLost(Exception):
-    """Input that can't be read any more; the text says why."""
+    """Loss of an input; the text gives the reason."""
 
 
 class HoldToRun:
     """One input, from free over held to free again. Times are on the event loop's clock [s].
 
-    It must have been seen free before it counts as held: what is stuck, tied down or turned round can't fly anything.
+    It counts as held only after it was free: a control that is stuck, tied down or reversed does not enable a flight.
     """
 
     def __init__(self, what: str, above: float) -> None:
-        """``what`` names it to the operator; it is held from the share ``above`` of its travel on [-]."""
+        """``what`` is its name for the operator; it is held from the share ``above`` of its travel [-]."""
         self._what = what
         self._above = above
         self._held = self._was_free = False
@@ -76,7 +73,7 @@ class HoldToRun:
             return
         if self._open_s is None:
             self._open_s = now_s
-        if not self._held or now_s - self._open_s >= DEBOUNCE_S - 1e-9:
+        if not self._held or now_s - self._open_s >= DEBOUNCE_S - ROUNDING_S:
             self._held = False
             self._was_free = self._was_free or share is not None
 
@@ -87,7 +84,7 @@ class HoldToRun:
 
     @property
     def lost(self) -> bool:
-        """Whether nobody knows how it stands."""
+        """Whether its position is unknown."""
         return bool(self._lost)
 
     @property
@@ -97,7 +94,7 @@ class HoldToRun:
 
     @property
     def advice(self) -> Sentence:
-        """The same, and what to do."""
+        """Obstacle or its absence, with the remedy."""
         return self._describe(notice)
 
     def _describe(self, make: Callable[..., Sentence]) -> Sentence:

@@ -1,3 +1,3 @@
-"""From a pose to a command: the estimator, what judges it, the controller and its limits, put together."""
+"""Pilot: estimator, monitors, controller and limits of one vehicle, from a pose to a command."""
 
 from groundstation.core.pilot.pilot import NOISE_POSES, Pilot

@@ -8,7 +8,7 @@ import msgspec
 
 from groundstation.core.control import (
     OFF,
-    QUESTION_LEVEL,
+    SUSPECT_LEVEL,
     Adaptive,
     CertificateMonitor,
     ControllerConfig,
@@ -25,7 +25,7 @@ from groundstation.core.control import (
     plan_model_descent,
 )
 from groundstation.core.estimation import Ahead, ModelEstimator, Reckoning, Trusted
-from groundstation.core.geometry import Quat, Vec3, add_scaled, heading, subtract
+from groundstation.core.geometry import Quat, Vec3, heading, interpolate
 from groundstation.core.messages import (
     GAIN,
     Certificate,
@@ -52,52 +52,52 @@ from groundstation.core.vehicle import ActuatorCommand, Motion, Vehicle
 from links.core import Command, Segment
 
 WIND_MEMORY_S = 3.0
-"""Time constant of the mean disturbance that descents lean into [s]: a gust of this moment is over by then, and false
-poses have not shown theirs for so long."""
+"""Time constant of the mean disturbance that descents lean into [s]: longer than a gust, and than false poses are
+believed."""
 EXCITATION_DELAY_S = 0.25
-"""Time after the first climb without tones [s]: the law settles first."""
+"""Time without tones after the first climb [s]: the law settles first."""
 SPARSE_S = 0.07
-"""Mean interval of poses above which calm gains are used [s]: between them errors grow unseen."""
+"""Mean interval of poses above which calm gains are used [s]: between poses errors grow without correction."""
 SPARSE_MEAN_S = 1.0
 """Time constant of that mean [s]."""
 GROUND_EFFECT_SHARE = 0.95
 """Below this share of the weight, ground effect carries the vehicle [-]."""
-UNHEARD_SHARE = 0.95
-"""Largest thrust while nothing shows that commands arrive, as a share of the hover thrust [-]."""
-UNHEARD_M_S2 = 1.5
-"""Largest vertical disturbance that is believed meanwhile [m/s²]."""
-UNHEARD_GAIN = 0.15
-"""Share of the law's rates meanwhile [-]: a loop of 4 1/s that is 1.5 s late is stable with it."""
-UNHEARD_SINK_M_S = 0.4
-"""Above this sink rate the full hover thrust is commanded meanwhile [m/s]."""
-LET_GO_S = 0.5
-"""Time for which the last command goes on where commands come too late [s]: the autopilot is asked
-to land meanwhile."""
+UPLINK_LOST_SHARE = 0.95
+"""Largest thrust while the uplink is lost, as a share of the hover thrust [-]."""
+UPLINK_LOST_M_S2 = 1.5
+"""Largest vertical disturbance that is compensated while the uplink is lost [m/s²]."""
+UPLINK_LOST_GAIN = 0.15
+"""Factor on the law's rates while the uplink is lost [-]: a loop of 4 1/s that is 1.5 s late is stable with it."""
+UPLINK_LOST_SINK_M_S = 0.4
+"""Sink rate above which the full hover thrust is commanded while the uplink is lost [m/s]."""
+LAST_COMMAND_S = 0.5
+"""Duration of the last command where commands are too late [s]: the autopilot is requested to land meanwhile."""
 NEAR_FLOOR_M = 0.12
-"""Height below which the floor may hold the vehicle, so that its poses need not answer [m]."""
-SEEN_POSES = 6
-"""Poses from which a speed is taken where they answer again [-]: .1 s at 50 Hz."""
+"""Height below which the floor may hold the vehicle, so that its poses need not respond [m]."""
+RECENT_POSES = 6
+"""Poses from which a velocity is taken where they respond again [-]: .1 s at 50 Hz."""
 NOISE_POSES = 50
-"""Number of poses after which the certificate is told their noise and interval again."""
+"""Number of poses after which the certificate takes their noise and interval again [-]."""
 
 
 class _MeanDisturbance:
-    """Mean of the disturbance since the beginning, and of the last seconds later on, for λ̂ as it is now."""
+    """Mean disturbance since the beginning, later of the last ``WIND_MEMORY_S``, for the present λ̂."""
 
     def __init__(self, gravity: float) -> None:
         self.value: Vec3 | None = None
         """[m/s², NED]; None before the first command."""
         self._over_s, self._effectiveness, self._gravity = 0.0, 1.0, gravity
-        self._asked: Vec3 | None = None
-        self._asked_s = 0.0
+        self._suspect: Vec3 | None = None
+        """Mean since the poses became suspect; None while they are not."""
+        self._suspect_s = 0.0
 
-    def add(self, estimate: Estimate, interval_s: float, *, asks: bool = False) -> Vec3:
+    def add(self, estimate: Estimate, interval_s: float, *, is_suspect: bool = False) -> Vec3:
         """Take the estimate of one command, ``interval_s`` [s] after the one before; return the mean.
 
-        ``asks``: whether the poses are asked.
+        ``is_suspect``: whether the poses are suspect.
         """
         now, scale = estimate.disturbance, estimate.effectiveness
-        if self.value is not None:  # only the sum with what thrust lacks is observable: that is what has been the same
+        if self.value is not None:  # only the sum of disturbance and thrust error is observable: that sum is kept
             north, east, down = self.value
             self.value = (north, east, down + (scale - self._effectiveness) * self._gravity)
         self._effectiveness = scale
@@ -106,24 +106,24 @@ class _MeanDisturbance:
         elif interval_s > 0.0:
             self._over_s = min(self._over_s + interval_s, WIND_MEMORY_S)
             share = interval_s / (interval_s + self._over_s)
-            self.value = add_scaled(self.value, share, subtract(now, self.value))
-        if not asks:
-            self._asked, self._asked_s = None, 0.0
-        elif self._asked is None:
-            self._asked = now
+            self.value = interpolate(self.value, now, share)
+        if not is_suspect:
+            self._suspect, self._suspect_s = None, 0.0
+        elif self._suspect is None:
+            self._suspect = now
         elif interval_s > 0.0:
-            self._asked_s += interval_s
-            share = interval_s / (interval_s + self._asked_s)
-            self._asked = add_scaled(self._asked, share, subtract(now, self._asked))
+            self._suspect_s += interval_s
+            share = interval_s / (interval_s + self._suspect_s)
+            self._suspect = interpolate(self._suspect, now, share)
         return self.value
 
     def confirm(self) -> None:
-        """The poses have answered: what is new since they were asked is true."""
-        self.value = self._asked or self.value
+        """Take the mean since the poses became suspect: they have responded, so that disturbance is true."""
+        self.value = self._suspect or self.value
 
 
 class Pilot:
-    """One vehicle's pose → command pipeline. The caller owns time, wires and the mission."""
+    """Pipeline of one vehicle from pose to command. The caller owns time, wires and the mission."""
 
     def __init__(
         self,
@@ -135,11 +135,11 @@ class Pilot:
         clock: Callable[[], float] = lambda: 0.0,
         health: Callable[[float, float], PoseHealth] = PoseHealth,
     ) -> None:
-        """Take the vehicle as configured, the controller's config, and how long commands may rest on one pose [s].
+        """Take the configured vehicle, the controller's config, and the longest use of one pose ``coast_s`` [s].
 
-        ``floor_z_m`` is the position of a vehicle that stands on the floor [m, NED]. ``tell`` hears
-        all that the pilot is given and makes, by the event loop's ``clock`` [s]. ``health`` makes the
-        monitor of the poses from mass and g.
+        ``floor_z_m`` is the position of a vehicle at rest on the floor [m, NED]. ``tell`` is called with each input and
+        output of the pilot, stamped by the event loop's ``clock`` [s]. ``health`` makes the monitor of the poses from
+        mass and g.
 
         Raises:
             ConfigError: a controller of the user's own can't be loaded.
@@ -149,7 +149,7 @@ class Pilot:
         self._coast, self._floor = coast_s, floor_z_m
         self._estimator = ModelEstimator(vehicle, config)
         self._controller = make_controller(config, vehicle)
-        # An observer that does not find the disturbance by itself is driven by b̂.
+        # An observer that does not estimate the disturbance by itself is driven by b̂.
         driven = config.composite != "provable"
         self._driver = self._controller if driven and isinstance(self._controller, Adaptive) else None
         self._watch = CertificateMonitor(vehicle, config)
@@ -157,7 +157,7 @@ class Pilot:
         self._envelope = Envelope(vehicle, config)
         self._gate = PoseGate()
         self._tones = ExcitationTones(vehicle, config.gravity)
-        self._meant_down = math.inf
+        self._reference_down = math.inf
         self.health = health(vehicle.mass_kg, config.gravity)
         """Health of the poses."""
         self.response = ResponseLatency()
@@ -177,12 +177,12 @@ class Pilot:
 
     @property
     def certificate(self) -> Certificate | None:
-        """V against its bound so far, for screens."""
+        """V and its bound so far, for screens."""
         return self._watch.reading()
 
     @property
     def noise_m(self) -> float:
-        """Position noise of the poses as measured, 1σ per axis [m]."""
+        """Measured position noise of the poses, 1σ per axis [m]."""
         return self._estimator.noise_m
 
     @property
@@ -192,21 +192,21 @@ class Pilot:
 
     @property
     def is_blind(self) -> bool:
-        """Whether a failsafe descent takes speed and place from the model."""
+        """Whether a failsafe descent takes position and velocity from the model."""
         return self._descent is not None and self._descent.blind
 
     @property
     def _reckons(self) -> bool:
-        """Whether only the poses' attitude is flown by: speed and place are the model's."""
-        return self.is_blind and not self.health.position_answers
+        """Whether only the attitude of the poses is used: position and velocity are the model's."""
+        return self.is_blind and not self.health.is_position_usable
 
     @property
     def speed_aside_m_s(self) -> float:
-        """Speed across the vertical at the newest pose [m/s]; of a blind descent the model's."""
+        """Horizontal speed at the newest pose [m/s]; in a blind descent the model's."""
         motion = self._estimator.motion
         return 0.0 if motion is None else math.hypot(*motion.velocity[:2])
 
-    def pose(self, pose: Pose) -> None:
+    def add_pose(self, pose: Pose) -> None:
         """Take one pose; one that is not newer than the last, or that the gate rejects, is ignored."""
         self._tell(PoseRecord(pose))
         received = self._received
@@ -216,7 +216,7 @@ class Pilot:
         if not self._accepts(pose, ahead):
             return
         health, reckons = self.health, self._reckons
-        if self.is_blind and not health.attitude_answers:
+        if self.is_blind and not health.is_attitude_usable:
             return
         before, last = self._estimator.motion, received.newest
         if reckons:
@@ -225,39 +225,39 @@ class Pilot:
             self._estimator.update(pose, ahead)
         if before is not None and last is not None and self._is_released:
             self._check_response(pose, before, pose.time_s - last.time_s)
-        if reckons and health.position_answers:
-            self._see_again(pose)
+        if reckons and health.is_position_usable:
+            self._reset_position(pose)
         if received.add(pose):
             self._watch.noise(self._estimator.noise_m, received.mean_s)
 
     def _accepts(self, pose: Pose, ahead: Ahead | None) -> bool:
-        """Whether the gate believes ``pose``.
+        """Whether ``pose`` is accepted: by the gate, or unchecked near the floor and where only attitude is used.
 
-        Near the floor it does not ask, as the floor stops a vehicle, nor where only the attitude is flown by.
+        The floor stops a vehicle as the gate does not expect.
         """
         now, is_low = self._estimator.motion, self._floor - pose.position_ned[2] < NEAR_FLOOR_M
-        is_unasked = not self._has_climbed or self._reckons or (is_low and not self._gate.is_shut)
-        if now is None or ahead is None or is_unasked:
+        is_unchecked = not self._has_climbed or self._reckons or (is_low and not self._gate.is_shut)
+        if now is None or ahead is None or is_unchecked:
             self._gate.restart()
             return True
         return self._gate.accepts(pose, now, ahead.motion, self.noise_m)
 
-    def _see_again(self, pose: Pose) -> None:
-        """Go on from the place of ``pose`` and the speed of the last poses, which answer again."""
+    def _reset_position(self, pose: Pose) -> None:
+        """Take the position of ``pose`` and the velocity of the last poses, which respond again."""
         motion, first = self._estimator.motion, self._received.recent[0]
-        assert motion is not None and self._descent is not None, "a descent flies by the model"
+        assert motion is not None and self._descent is not None, "a descent on the model has both"
         h = pose.time_s - first.time_s
         u, v, w = ((p - q) / h for p, q in zip(pose.position_ned, first.position_ned, strict=True))
-        seen, before = motion._replace(position=pose.position_ned, velocity=(u, v, w)), self._trusted_before()
-        self._estimator.see_again(seen)
-        # Should they fail once more, the model goes on from here: of what held the vehicle meanwhile it knows nothing.
-        self._reckoning.begin(Trusted(pose.time_s, seen, before.disturbance, before.effectiveness))
+        measured, before = motion._replace(position=pose.position_ned, velocity=(u, v, w)), self._trusted_before()
+        self._estimator.reset_motion(measured)
+        # If they fail once more, the model goes on from here: it does not know the forces since the first failure.
+        self._reckoning.begin(Trusted(pose.time_s, measured, before.disturbance, before.effectiveness))
         self._descent.blind = False
 
     def take_autopilot_attitude(self, time_s: float, attitude: Quat) -> None:
-        """Fly by the autopilot's own ``attitude`` of ``time_s``, in the axes of the poses, after theirs has failed."""
+        """Use the autopilot's own ``attitude`` of ``time_s``, in the axes of the poses, after theirs has failed."""
         last = self._received.newest
-        if last is None or time_s <= last.time_s or not self.is_blind or self.health.attitude_answers:
+        if last is None or time_s <= last.time_s or not self.is_blind or self.health.is_attitude_usable:
             return
         self._switch("autopilot_attitude", time_s, *attitude)
         self._received.newest = pose = msgspec.structs.replace(last, time_s=time_s, attitude=attitude)
@@ -274,25 +274,25 @@ class Pilot:
         self._leg = trajectory, start_s
         self._watch.restart()
 
-    def gain(self, name: str, value: float) -> None:
-        """Set one gain of our own controller to ``value``; the caller moves it in small steps."""
+    def set_gain(self, name: str, value: float) -> None:
+        """Set one gain of our own controller to ``value``; the caller changes it in small steps."""
         self._switch(f"{GAIN}{name}", value)
         if self._mode.set_gain(name, value):
             self._apply_gains()
 
-    def ease(self, calmly: bool, *, is_limited: bool = False) -> None:
-        """Use the gains of a hold, and fly excitation tones all the time, where ``calmly``.
+    def use_hold_gains(self, is_holding: bool, *, is_limited: bool = False) -> None:
+        """Use the gains of a hold, and fly excitation tones all the time, if ``is_holding``.
 
-        ``is_limited``: it flies up or down: with calm gains, limits of the tilt, and of how fast thrust lets it fall.
+        ``is_limited``: use calm gains, and limit tilt and loss of thrust, as in a climb and a landing.
         """
-        self._switch("ease", float(calmly), float(calmly), float(is_limited))
+        self._switch("ease", float(is_holding), float(is_holding), float(is_limited))
         mode = self._mode
-        mode.is_eased, mode.is_limited = calmly, is_limited
+        mode.is_holding, mode.is_limited = is_holding, is_limited
         mode.climbs_first = mode.climbs_first and is_limited
         self._estimator.lands = is_limited and not mode.climbs_first
 
     def _switch(self, what: str, *values: float) -> None:
-        """Record that it is to fly otherwise."""
+        """Record a request ``what`` with ``values`` (:class:`SwitchRecord`)."""
         self._tell(SwitchRecord(self._clock(), what, values))
 
     def _apply_gains(self) -> None:
@@ -301,19 +301,19 @@ class Pilot:
         self._controller.regain(gains)
         self._watch.regain(gains)
 
-    def touch(self, touches: bool) -> None:
-        """Keep the vehicle level while something may carry it already."""
-        if touches != self._mode.touches:
-            self._switch("touch", float(touches))
-            self._mode.touches = touches
+    def set_ground_contact(self, may_have_contact: bool) -> None:
+        """Keep the vehicle level while ground contact is possible."""
+        if may_have_contact != self._mode.may_have_contact:
+            self._switch("touch", float(may_have_contact))
+            self._mode.may_have_contact = may_have_contact
 
-    def listen(self, unheard: bool) -> None:
-        """Freeze adaptation and soften commands while nothing shows that they arrive."""
-        if unheard == self._mode.is_unheard:
+    def set_uplink_lost(self, is_lost: bool) -> None:
+        """Freeze adaptation and limit commands while the uplink is lost."""
+        if is_lost == self._mode.is_uplink_lost:
             return
-        self._switch("listen", float(unheard))
-        self._mode.is_unheard = unheard
-        if unheard:
+        self._switch("listen", float(is_lost))
+        self._mode.is_uplink_lost = is_lost
+        if is_lost:
             trusted = self._trusted_before()
             self._estimator.hold(trusted.disturbance, trusted.effectiveness)
             self.health.restart()
@@ -321,26 +321,26 @@ class Pilot:
             self._estimator.resume()
 
     def set_autopilot_agreement(self, agrees: bool | None) -> None:
-        """Tell whether the autopilot's own attitude agrees with the poses; None where it tells none."""
+        """Set whether the autopilot's own attitude agrees with the poses; None if that is not known."""
         if agrees != self.health.autopilot_agrees:
             self._switch("agreement", -1.0 if agrees is None else float(agrees))
             self.health.autopilot_agrees = agrees
 
     def pause_response(self, paused: bool) -> None:
-        """Compare no pose with the commands while the link stalls: who does not hear them can't answer."""
+        """Pause the comparison of poses with commands while the link stalls: lost commands have no effect."""
         if paused != self._mode.is_paused:
             self._switch("pause", float(paused))
             self._mode.is_paused = paused
 
-    def stand(self) -> None:
-        """The vehicle stands on the floor: its push is not to be learnt."""
+    def set_on_floor(self) -> None:
+        """Freeze the estimate of the thrust scale: the floor carries the vehicle."""
         self._switch("stand")
         self._estimator.frozen = True
 
-    def lift(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
-        """Begin to fly: the vehicle has left the floor. Return its motion when a command acts.
+    def lift_off(self, time_s: float, hover_share: float, climb_m_s: float) -> Reference:
+        """Begin to fly: the vehicle has left the floor. Return its motion at the instant at which a command acts.
 
-        ``hover_share`` is the thrust that seems to hover as a share of the weight, ``climb_m_s`` how fast it climbs.
+        ``hover_share`` is the estimated hover thrust as a share of the weight [-], ``climb_m_s`` the climb speed [m/s].
         """
         self._switch("lift", time_s, hover_share, climb_m_s)
         hovers = max(hover_share, GROUND_EFFECT_SHARE)
@@ -348,7 +348,7 @@ class Pilot:
         if isinstance(self._controller, Adaptive):
             self._controller.begin(disturbance)
         self._is_released = self._mode.climbs_first = True
-        north, east, _ = disturbance  # against which it leans, and so needs more thrust to hover
+        north, east, _ = disturbance  # the vehicle leans against it, and so needs more thrust to hover
         hover_n = hovers * self._vehicle.mass_kg * math.hypot(self._gravity, north, east)
         self._trust_from_here(disturbance)
         self.health.lift_off(hovers, climb_m_s)
@@ -357,18 +357,18 @@ class Pilot:
         return Reference(motion.position, motion.velocity, yaw_rad=heading(motion.attitude))
 
     def descend(self, sink_m_s: float, *, blind: bool = False, rest_s: float = 0.0) -> float:
-        """Only level out and sink from now on; ``blind`` takes speed and place from the model.
+        """Begin a failsafe descent, or change it; ``blind``: take position and velocity from the model.
 
-        ``rest_s`` is how much longer commands may rest on one pose then [s]. Return the largest height above the floor
-        that it may have, by the model or before the poses were suspect [m].
+        ``rest_s`` is the additional time for which one pose may be used [s]. Return the largest height above the floor
+        that the vehicle may have, by the model or before the poses were suspect [m].
         """
         self._switch("descend", sink_m_s, float(blind), rest_s)
         if self._descent is None:
             self._coast += rest_s
         if self._descent is None or (blind and not self._descent.blind):
-            self._estimator.frozen = True  # the thrust is not learnt from poses that may be at fault
+            self._estimator.frozen = True  # no thrust scale from poses that may be false
             before, wind = self._trusted_before(), self._wind.value
-            if blind and not self.health.position_answers:
+            if blind and not self.health.is_position_usable:
                 motion, wind = self._reckoning.reckon(before, self._newest_s), before.disturbance
                 self._estimator.believe(motion, wind, before.effectiveness)
             wind = wind or before.disturbance
@@ -381,7 +381,7 @@ class Pilot:
         return self._floor - min(motion.position[2], self._trusted_before().motion.position[2])
 
     def idle(self, time_s: float, thrust_n: float) -> Command:
-        """Return a command that holds the rates at zero and the thrust at ``thrust_n``, resting on the newest pose."""
+        """Return a command of ``thrust_n`` [N] and zero rates, stamped with the newest pose."""
         drive = ActuatorCommand(thrust_n, (0.0, 0.0, 0.0))
         self._send(time_s, drive)
         self._last_s = None
@@ -403,7 +403,7 @@ class Pilot:
         if descent is not None:
             reference = Reference(estimate.motion.position, (0.0, 0.0, descent.sink_m_s))
         without = self._tones.take_out(estimate, heading(estimate.motion.attitude))
-        interval = 0.0 if self._last_s is None or self._mode.is_unheard else time_s - self._last_s
+        interval = 0.0 if self._last_s is None or self._mode.is_uplink_lost else time_s - self._last_s
         self._last_s = time_s
         decide = self._decide if descent is None else descent.decide
         decision = decide(without, reference, interval)
@@ -412,28 +412,28 @@ class Pilot:
             if self._mode.is_limited:
                 down = (self._wind.value or (0.0, 0.0, 0.0))[2]
                 decision = self._envelope.limit_transit(time_s, decision, estimate, down)
-            if self._mode.touches:
-                decision = self._keep_level(decision, estimate)
-            self._ask_on_new_wind(time_s, estimate)
-        if self._mode.is_unheard:
-            decision = self._soften(decision, estimate)
+            if self._mode.may_have_contact:
+                decision = self._level(decision, estimate)
+            self._suspect_new_wind(time_s, estimate)
+        if self._mode.is_uplink_lost:
+            decision = self._limit_without_uplink(decision, estimate)
         decision = self._excite(time_s, decision)
-        self._meant_down = reference.position_ned[2]
+        self._reference_down = reference.position_ned[2]
         self._send(time_s, decision.drive)
         if self._driver is not None:
             self._estimator.follow(self._driver.b_hat)
-        wind = self._wind.add(estimate, interval, asks=self.health.asks)
+        wind = self._wind.add(estimate, interval, is_suspect=self.health.is_suspect)
         if descent is not None and descent.blind:
             wind = descent.wind
         parts = self._bring_down(estimate, decision.drive, pose.time_s + self._coast - time_s, wind)
-        seen = self._watch.look(time_s, without.motion, decision)
+        certificate = self._watch.look(time_s, without.motion, decision)
         command = self._command(decision.drive, parts)
-        tick = Tick(time_s, flight_time, pose, estimate, reference, decision, command, seen)
+        tick = Tick(time_s, flight_time, pose, estimate, reference, decision, command, certificate)
         self._tell(tick)
         return tick
 
     def _decide(self, estimate: Estimate, reference: Reference, interval_s: float) -> Decision:
-        """One command of the law."""
+        """Return the command of the law."""
         law, sooner_s = self._controller, self._vehicle.sooner_s
         if sooner_s == 0.0 or not isinstance(law, Adaptive):
             return law.decide(estimate, reference, interval_s)
@@ -441,10 +441,10 @@ class Pilot:
         sooner = self._tones.take_out(sooner, heading(sooner.motion.attitude))
         return law.decide_apart(sooner, estimate, reference, interval_s)
 
-    def _ask_on_new_wind(self, time_s: float, estimate: Estimate) -> None:
-        """Ask the poses where the disturbance is new: wind is that, and what false poses do not show.
+    def _suspect_new_wind(self, time_s: float, estimate: Estimate) -> None:
+        """Suspect the poses where the disturbance is new: it is wind, or motion that false poses do not measure.
 
-        Near the floor it is the floor.
+        Near the floor it is the floor's force.
         """
         height_m = self._floor - estimate.motion.position[2]
         known = self._wind.value if self._envelope.has_lifted_off and height_m > NEAR_FLOOR_M else None
@@ -452,56 +452,56 @@ class Pilot:
             self.health.suspect(time_s)
 
     def _excite(self, time_s: float, decision: Decision) -> Decision:
-        """Return ``decision`` with tones, where the poses are to be asked."""
+        """Return ``decision`` with excitation tones, where they are needed."""
         settled = self._envelope.has_climbed_for(time_s) > EXCITATION_DELAY_S
-        asks = self._descent is not None or self._mode.is_eased
-        level = QUESTION_LEVEL if self.health.asks or self.is_blind else float(asks)
-        self._tones.set_level(time_s, level if settled and not self._mode.is_unheard else 0.0)
+        is_calm = self._descent is not None or self._mode.is_holding
+        level = SUSPECT_LEVEL if self.health.is_suspect or self.is_blind else float(is_calm)
+        self._tones.set_level(time_s, level if settled and not self._mode.is_uplink_lost else 0.0)
         thrust, rates = self._tones.add_to(decision.drive, time_s)
         return decision._replace(drive=clamp_command(self._vehicle, thrust, rates)[0])
 
-    def _keep_level(self, decision: Decision, estimate: Estimate) -> Decision:
-        """Return ``decision`` with rates that only level: sideways control would tip what stands."""
+    def _level(self, decision: Decision, estimate: Estimate) -> Decision:
+        """Return ``decision`` with rates that only level: lateral control would tip a vehicle on the floor."""
         rates = level(estimate.motion.attitude, self._wind.value or (0.0, 0.0, 0.0), self._gravity)
         return decision._replace(drive=clamp_command(self._vehicle, decision.drive.thrust, rates)[0])
 
-    def let_go(self, time_s: float, hold_s: float) -> Command:
-        """Return the last command, where those that leave come too late: gently on, until the autopilot acts by itself.
+    def last_command(self, time_s: float, hold_s: float) -> Command:
+        """Return the last command where commands are too late: zero rates, slightly less than hover thrust.
 
-        Times are as in :meth:`surrender`. A bring-down that comes late would brake what does not fall.
+        Times are as in :meth:`surrender`. A late bring-down would brake a vehicle that does not fall.
         """
         self._switch("let_go", hold_s)
         pose = self._received.newest
-        assert pose is not None, "only what has flown by poses ceases to"
+        assert pose is not None, "a flight has poses"
         estimate = self._estimator.predict(time_s + self._vehicle.acting_delay_s)
-        thrust = UNHEARD_SHARE * self._unheard_hover_n(estimate)
+        thrust = UPLINK_LOST_SHARE * self._find_hover_n(estimate)
         still = (0.0, 0.0, 0.0)
-        parts = (Segment(LET_GO_S, thrust, still),)
+        parts = (Segment(LAST_COMMAND_S, thrust, still),)
         command = Command(thrust, still, pose.id, pose.time_s, time_s + hold_s, parts)
         self._tell(IdleRecord(time_s, thrust, command))
         return command
 
-    def _unheard_hover_n(self, estimate: Estimate) -> float:
-        """Thrust that hovers, as far as is believed while nothing shows that commands arrive [N]."""
-        down = max(-UNHEARD_M_S2, min(estimate.disturbance[2], UNHEARD_M_S2))
+    def _find_hover_n(self, estimate: Estimate) -> float:
+        """Hover thrust while the uplink is lost [N]."""
+        down = max(-UPLINK_LOST_M_S2, min(estimate.disturbance[2], UPLINK_LOST_M_S2))
         return self._vehicle.mass_kg / estimate.effectiveness * (self._gravity + down)
 
-    def _soften(self, decision: Decision, estimate: Estimate) -> Decision:
-        """Return ``decision`` as it does no harm where it comes too late, or to a vehicle that missed those before."""
+    def _limit_without_uplink(self, decision: Decision, estimate: Estimate) -> Decision:
+        """Return ``decision`` limited so that it does no harm if it is late, or if those before were lost."""
         thrust, (roll, pitch, yaw) = decision.drive
-        share = UNHEARD_SHARE if estimate.motion.velocity[2] < UNHEARD_SINK_M_S else 1.0
-        k, most = UNHEARD_GAIN, share * self._unheard_hover_n(estimate)
+        share = UPLINK_LOST_SHARE if estimate.motion.velocity[2] < UPLINK_LOST_SINK_M_S else 1.0
+        k, most = UPLINK_LOST_GAIN, share * self._find_hover_n(estimate)
         return decision._replace(drive=ActuatorCommand(min(thrust, most), (k * roll, k * pitch, k * yaw)))
 
     def surrender(self, time_s: float, hold_s: float) -> Command:
-        """Return the last command, where nothing answers any more: open loop down on the model.
+        """Return the last command where neither poses nor autopilot are usable: open loop down on the model.
 
-        It leaves at ``time_s`` and holds for ``hold_s`` [s], so that it reaches the link's next frame; the rest is its
-        bring-down.
+        It is sent at ``time_s`` and valid for ``hold_s`` [s], so that it reaches the link's next frame; the descent is
+        its bring-down.
         """
         self._switch("surrender", hold_s)
         pose, vehicle, before = self._received.newest, self._vehicle, self._trusted_before()
-        assert pose is not None, "only what has flown by poses ceases to"
+        assert pose is not None, "a flight has poses"
         motion = self._reckoning.reckon(before, time_s + vehicle.acting_delay_s)
         first, *rest = plan_model_descent(
             motion, vehicle, mass_kg=vehicle.mass_kg / before.effectiveness, gravity=self._gravity,
@@ -512,44 +512,44 @@ class Pilot:
         return command
 
     def _trust_from_here(self, disturbance: Vec3) -> None:
-        """Begin to fly: the estimate is believed as it is now."""
+        """Begin the dead reckoning at the present estimate."""
         motion = self._estimator.motion
-        assert motion is not None, "nothing flies without a pose"
+        assert motion is not None, "a flight has poses"
         self._reckoning.begin(Trusted(self._newest_s, motion, disturbance, self._estimator.effectiveness))
 
     def _check_response(self, pose: Pose, before: Motion, dt: float) -> None:
         """Compare one believed pose with the commands."""
         estimator, health = self._estimator, self.health
-        given, motion = estimator.given, estimator.motion
-        if given is None or motion is None:
+        response, motion = estimator.actuator_response, estimator.motion
+        if response is None or motion is None:
             return
-        height, meant = self._floor - pose.position_ned[2], self._floor - self._meant_down
-        is_high = height > NEAR_FLOOR_M or (self._descent is None and meant > 2.0 * NEAR_FLOOR_M)
+        height, reference_m = self._floor - pose.position_ned[2], self._floor - self._reference_down
+        is_high = height > NEAR_FLOOR_M or (self._descent is None and reference_m > 2.0 * NEAR_FLOOR_M)
         self._has_climbed = self._has_climbed or is_high
-        asked, tilted = self._tones.advance(pose.time_s, heading(pose.attitude))
-        asked_before = health.asks
-        health.see(
-            pose, before, given, asked, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
+        moved, tilted = self._tones.advance(pose.time_s, heading(pose.attitude))
+        was_suspect = health.is_suspect
+        health.add_pose(
+            pose, before, response, moved, tilted, estimator.disturbance, estimator.effectiveness, estimator.noise_m,
             counts=(is_high or not self._has_climbed) and not self._mode.is_paused,
             may_stop=height > NEAR_FLOOR_M, is_blind=self.is_blind,
         )  # fmt: skip
-        if asked_before and health.is_confirmed and not health.asks:
+        if was_suspect and health.is_confirmed and not health.is_suspect:
             self._wind.confirm()
         if is_high and self._descent is None:
-            self.response.pose(pose.attitude, health.turn, dt)
-        if health.calm_s == pose.time_s and not self._mode.is_unheard:
+            self.response.add_pose(pose.attitude, health.turn, dt)
+        if health.calm_s == pose.time_s and not self._mode.is_uplink_lost:
             wind = self._wind.value or (0.0, 0.0, 0.0)
             self._reckoning.trust(Trusted(pose.time_s, motion, wind, estimator.effectiveness))
 
     def _trusted_before(self) -> Trusted:
-        """Newest estimate of well before the poses were suspect."""
+        """Newest estimate from well before the poses were suspect."""
         return self._reckoning.find_trusted(self.health.believed_until_s)
 
     def _send(self, time_s: float, drive: ActuatorCommand) -> None:
-        """Note that a command leaves at ``time_s`` [s]."""
-        seen_s = time_s + self._vehicle.command_delay_s
-        self._estimator.add_command(seen_s, drive)
-        self._reckoning.add_command(seen_s, drive)
+        """Take a command that is sent at ``time_s`` [s]."""
+        arrival_s = time_s + self._vehicle.command_delay_s
+        self._estimator.add_command(arrival_s, drive)
+        self._reckoning.add_command(arrival_s, drive)
 
     @property
     def _newest_s(self) -> float:
@@ -564,7 +564,7 @@ class Pilot:
     def _bring_down(
         self, now: Estimate, drive: ActuatorCommand, held_s: float, disturbance: Vec3
     ) -> tuple[Segment, ...]:
-        """Return what follows ``drive`` after ``now``, where it is held for ``held_s`` [s] and no other comes."""
+        """Return the bring-down after ``drive``, which is held from ``now`` for ``held_s`` [s] if no other follows."""
         if held_s <= 0.0:
             return ()
         vehicle, motion = self._vehicle, now.motion
@@ -584,9 +584,9 @@ class _Mode:
     """Requests of the mission, and the gains that follow from them."""
 
     def __init__(self, config: ControllerConfig) -> None:
-        self.is_limited = self.is_eased = self.touches = self.is_unheard = self.is_paused = False
+        self.is_limited = self.is_holding = self.may_have_contact = self.is_uplink_lost = self.is_paused = False
         self.climbs_first = False
-        """Whether limits have held since lift-off: ground effect is left behind, not met."""
+        """Whether limits have applied since lift-off: the vehicle leaves ground effect, and does not enter it."""
         self._limit: Callable[[Gains], Gains] | None = None
         self._config = config if isinstance(config, Gains) else None
 
@@ -603,10 +603,10 @@ class _Mode:
         self._config = msgspec.structs.replace(self._config, **{name: value})
         return True
 
-    def update(self, apart_s: float, is_doubted: bool) -> bool:
-        """Take the mean interval of the poses [s], and whether they are doubted; return whether the gains change."""
-        is_calm = self.is_limited or apart_s > SPARSE_S or (self.is_eased and is_doubted)
-        limit = calm_gains if is_calm else hold_gains if self.is_eased else None
+    def update(self, apart_s: float, is_suspicious: bool) -> bool:
+        """Take the mean interval of the poses [s], and whether they are suspect; return whether the gains change."""
+        is_calm = self.is_limited or apart_s > SPARSE_S or (self.is_holding and is_suspicious)
+        limit = calm_gains if is_calm else hold_gains if self.is_holding else None
         if limit is self._limit or self._config is None:
             return False
         self._limit = limit
@@ -618,9 +618,9 @@ class _ReceivedPoses:
 
     def __init__(self) -> None:
         self.newest: Pose | None = None
-        """Newest one, or None."""
-        self.recent: deque[Pose] = deque(maxlen=SEEN_POSES)
-        """The newest of them."""
+        """Newest pose, or None."""
+        self.recent: deque[Pose] = deque(maxlen=RECENT_POSES)
+        """Newest poses."""
         self.apart_s = self.mean_s = 0.0
         """Mean interval of the last second, and of the last ``NOISE_POSES`` [s]."""
         self._count, self._counted_s = 0, 0.0

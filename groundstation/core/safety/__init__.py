@@ -1,4 +1,4 @@
-"""What refuses or ends a flight: guards, geofence, separation, health of the poses, take-off and touchdown."""
+"""Safety: guards, geofence, separation, health of the poses, take-off, touchdown, second witness."""
 
 from groundstation.core.safety.geofence import Fence, FenceConfig, Separation, SeparationConfig
 from groundstation.core.safety.guards import (
@@ -26,4 +26,4 @@ from groundstation.core.safety.takeoff import (
     usual_limit_n,
 )
 from groundstation.core.safety.touchdown import CERTAIN_S, Hover, LandingConfig, Touchdown
-from groundstation.core.safety.witness import ASKEW_DEG, Agreement, Witness
+from groundstation.core.safety.witness import MOUNTING_DEG, Agreement, Witness

@@ -6,30 +6,44 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 import msgspec
 
 from groundstation.core.geometry import Vec3
-from groundstation.core.messages import Others
+from groundstation.core.messages import BODIES_MAX, FARTHEST_M, MOST_POINTS, Others
 
-Metres = Annotated[float, msgspec.Meta(ge=-1000.0, le=1000.0)]
-Corner = tuple[Metres, Metres]
+TRIANGLE = 3
+"""Least number of corners [-]."""
+LEAST_TURN_M2 = 1e-9
+"""Least area, twice that of three corners in a row, of a convex polygon [m²]: rounding."""
+Coordinate = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
+Corner = tuple[Coordinate, Coordinate]
+Length = Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
 
 
-class _Fence(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
-    """What every fence has."""
+class _Braking(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Assumed braking."""
 
-    height_m: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1000.0, description="Greatest height above the floor, `flight.floor_z_m` [m].")
-    ]
     braking_m_s2: Annotated[
         float,
         msgspec.Meta(
             ge=0.1,
             le=20.0,
-            description="Deceleration that is counted on towards the fence [m/s²]; "
-            "`takeoff.transit_m_s2` is what a hold brakes with.",
+            description="Assumed deceleration, of others too [m/s²]; a hold brakes with `takeoff.transit_m_s2`.",
         ),
     ] = 1.0
-    reaction_s: Annotated[float, msgspec.Meta(ge=0.0, le=2.0, description="Time that passes before it brakes [s].")] = (
-        0.3
-    )
+    reaction_s: Annotated[
+        float, msgspec.Meta(ge=0.0, le=2.0, description="Assumed time before braking begins [s].")
+    ] = 0.3
+
+    def braking_m(self, speed_m_s: float) -> float:
+        """Return the distance from ``speed_m_s`` to rest [m]."""
+        return speed_m_s * self.reaction_s + 0.5 * speed_m_s * speed_m_s / self.braking_m_s2
+
+
+class _Fence(_Braking, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind"):
+    """Settings of every fence."""
+
+    height_m: Annotated[
+        float,
+        msgspec.Meta(gt=0.0, le=FARTHEST_M, description="Largest height above the floor, `flight.floor_z_m` [m]."),
+    ]
 
 
 class BoxFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True, tag="box"):
@@ -54,20 +68,20 @@ class ConvexFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True,
     corners_m: Annotated[
         tuple[Corner, ...],
         msgspec.Meta(
-            min_length=3,
-            max_length=64,
-            description="Its corners, north and east [m, NED], clockwise or not, one after the other.",
+            min_length=TRIANGLE,
+            max_length=MOST_POINTS,
+            description="Corners, north and east [m, NED], one after the other, in either direction.",
         ),
     ]
 
     def __post_init__(self) -> None:
         turns = [_turn(*three) for three in zip(self._from(0), self._from(1), self._from(2), strict=True)]
-        if not (all(t > 1e-9 for t in turns) or all(t < -1e-9 for t in turns)):
+        if not (all(t > LEAST_TURN_M2 for t in turns) or all(t < -LEAST_TURN_M2 for t in turns)):
             raise ValueError("corners_m: expected a convex polygon, its corners one after the other")
 
     def corners(self) -> tuple[Corner, ...]:
         """Clockwise from above."""
-        clockwise = _turn(*self.corners_m[:3]) > 0.0
+        clockwise = _turn(*self.corners_m[:TRIANGLE]) > 0.0
         return self.corners_m if clockwise else self.corners_m[::-1]
 
     def _from(self, first: int) -> tuple[Corner, ...]:
@@ -75,16 +89,16 @@ class ConvexFence(_Fence, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
 
 FenceConfig: TypeAlias = BoxFence | ConvexFence
-"""Any fence as the config section ``[fence]`` tells it, picked by its ``kind``. It has no default."""
+"""Any fence of the config section ``[fence]``, by its ``kind``. It has no default."""
 
 
 def _turn(a: Corner, b: Corner, c: Corner) -> float:
-    """Above 0 where the way from ``a`` over ``b`` to ``c`` turns right, seen from above."""
+    """Twice the area of a triangle [m²], above 0 where ``a``, ``b``, ``c`` are clockwise from above."""
     return (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
 
 
 class Plane(NamedTuple):
-    """Inside is n · p <= limit."""
+    """Half-space n · p <= limit."""
 
     n: Vec3
     """Unit vector outwards, NED."""
@@ -96,7 +110,7 @@ class Fence:
     """One fence above one floor."""
 
     def __init__(self, config: FenceConfig, floor_z_m: float) -> None:
-        """The floor itself is no side of it: a landing ends there."""
+        """Make the planes; the floor is none of them, as a landing ends there."""
         corners = config.corners()
         planes = [Plane((0.0, 0.0, -1.0), config.height_m - floor_z_m)]
         for (x, y), (u, v) in zip(corners, corners[1:] + corners[:1], strict=True):
@@ -104,8 +118,7 @@ class Fence:
             n = ((v - y) / length, -(u - x) / length, 0.0)
             planes.append(Plane(n, n[0] * x + n[1] * y))
         self._planes = planes
-        self._braking = config.braking_m_s2
-        self._reaction = config.reaction_s
+        self._config = config
 
     def room_m(self, position: Vec3) -> float:
         """Distance to the nearest side [m]; below 0 outside."""
@@ -113,67 +126,53 @@ class Fence:
         return min(limit - n[0] * x - n[1] * y - n[2] * z for n, limit in self._planes)
 
     def braking_room_m(self, position: Vec3, velocity: Vec3) -> float:
-        """What is left of that once it has braked [m], side by side; below 0 it must brake now."""
+        """Distance that is left to the nearest side after braking towards it [m]; below 0 it must brake now."""
         (x, y, z), (u, v, w) = position, velocity
         least = math.inf
         for n, limit in self._planes:
             speed = max(n[0] * u + n[1] * v + n[2] * w, 0.0)
-            way = speed * self._reaction + 0.5 * speed * speed / self._braking
-            least = min(least, limit - n[0] * x - n[1] * y - n[2] * z - way)
+            least = min(least, limit - n[0] * x - n[1] * y - n[2] * z - self._config.braking_m(speed))
         return least
 
 
 AHEAD_S = 0.5
-"""Longest time that the speed of another is believed to last [s]."""
+"""Longest time for which the velocity of another vehicle is assumed constant [s]."""
 
 
-class SeparationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SeparationConfig(_Braking, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Other vehicles in the same room. Config section ``[separation]``; a fleet file fills in ``others`` itself."""
 
     others: Annotated[
         tuple[str, ...],
         msgspec.Meta(
-            max_length=64, description="Names of their objects in the capture system. None: nobody is kept away from."
+            max_length=BODIES_MAX,
+            description="Names of their objects in the capture system. None: no separation from anybody.",
         ),
     ] = ()
-    distance_m: Annotated[
-        float, msgspec.Meta(gt=0.0, le=100.0, description="Least distance between the vehicles' centres [m].")
-    ] = 0.6
-    braking_m_s2: Annotated[
-        float,
-        msgspec.Meta(
-            ge=0.1,
-            le=20.0,
-            description="Deceleration that is counted on, of both [m/s²]; `takeoff.transit_m_s2` is "
-            "what a hold brakes with.",
-        ),
-    ] = 1.0
-    reaction_s: Annotated[
-        float, msgspec.Meta(ge=0.0, le=2.0, description="Time that passes before both brake [s].")
-    ] = 0.3
+    distance_m: Annotated[Length, msgspec.Meta(description="Least distance between the vehicles' centres [m].")] = 0.6
     stale_s: Annotated[
         float,
         msgspec.Meta(
             ge=0.05,
             le=5.0,
-            description="Where another has not been seen for so long, nobody knows where it is [s]: a warning.",
+            description="Time without a sighting after which another's position is unknown [s]: a warning.",
         ),
     ] = 0.3
-    unknown: Annotated[Literal["warn", "hold", "land"], msgspec.Meta(description="What follows where that lasts.")] = (
-        "hold"
-    )
-    unknown_s: Annotated[float, msgspec.Meta(ge=0.0, le=60.0, description="For how long [s].")] = 1.0
+    unknown: Annotated[
+        Literal["warn", "hold", "land"], msgspec.Meta(description="Step that follows where it stays unknown.")
+    ] = "hold"
+    unknown_s: Annotated[float, msgspec.Meta(ge=0.0, le=60.0, description="Time until that step [s].")] = 1.0
 
 
 class Near(NamedTuple):
-    """The other vehicle that leaves least room."""
+    """The other vehicle with the least distance left after braking."""
 
     name: str
     distance_m: float
     room_m: float
-    """What is left of the distance beyond ``distance_m`` once both have braked [m]; below 0 they must brake now."""
+    """Distance beyond ``separation.distance_m`` left after both have braked [m]; below 0 they must brake now."""
     beneath: bool
-    """Whether a landing would go down upon it."""
+    """Whether a landing would end on it."""
 
 
 class Separation:
@@ -185,14 +184,14 @@ class Separation:
         self._others = others
 
     def unknown(self, now_s: float) -> tuple[str, ...]:
-        """Those of whom nobody knows where they are."""
+        """Names of the vehicles whose position is unknown."""
         return self._others.unseen(now_s - self.config.stale_s)
 
     def nearest(self, position: Vec3, velocity: Vec3, now_s: float) -> Near | None:
-        """The one that leaves least room to a vehicle at ``position`` [m] with ``velocity`` [m/s], both NED.
+        """Find the one with the least room to a vehicle at ``position`` [m] with ``velocity`` [m/s], both NED.
 
-        One that is too near already comes before those that only might be.
-        One that is not seen for a moment goes on as it went; None where none was ever seen.
+        One that is too near already comes before those that only might become so. Between sightings its velocity is
+        assumed constant; None before the first sighting.
         """
         c, nearest, least = self.config, None, (True, math.inf)
         for name in self._others.names:
@@ -205,7 +204,7 @@ class Separation:
             room = distance - c.distance_m
             for speed in (-_along(away, distance, velocity), _along(away, distance, sight.velocity_ned)):
                 if not speed <= 0.0:
-                    room -= speed * c.reaction_s + 0.5 * speed * speed / c.braking_m_s2
+                    room -= c.braking_m(speed)
             rank = distance >= c.distance_m, room
             if not rank >= least:
                 beneath = math.hypot(away[0], away[1]) < c.distance_m and away[2] < 0.0
@@ -214,7 +213,7 @@ class Separation:
 
 
 def _along(away: Vec3, distance: float, velocity: Vec3) -> float:
-    """Speed along ``away`` [m/s]; all of it where two are at the same place."""
-    if distance < 1e-6:
+    """Speed along ``away`` [m/s]; all of it where both are at the same position."""
+    if distance == 0.0:
         return math.hypot(*velocity)
     return (away[0] * velocity[0] + away[1] * velocity[1] + away[2] * velocity[2]) / distance

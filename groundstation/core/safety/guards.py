@@ -1,7 +1,7 @@
-"""Guards: one table of limits that end a flight early, looked at with every command. Sans-IO.
+"""Guards: one table of limits that end a flight early, checked with every command. Sans-IO.
 
-Beyond a limit follows one step of hold → land → failsafe descent. What lasts on after its answer is
-answered by the next step, up to the last one of its row: no landing ends an empty battery.
+Beyond a limit follows one step of hold → land → failsafe descent. A limit that is still exceeded some time later is
+followed by the next step, up to the last one of its row: no landing ends an empty battery.
 ``GUARDS`` is the table; `groundstation check --limits` and docs/reference/guards.md are made from it.
 """
 
@@ -12,13 +12,15 @@ from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 
-from groundstation.core.geometry import angle_deg, third_column
-from groundstation.core.messages import NOTICES, Estimate, Pose, Sentence, notice
+from groundstation.core.geometry import add_scaled, angle_deg, subtract, third_column
+from groundstation.core.messages import NOTICES, ROUNDING_S, Estimate, Pose, Sentence, notice
 from groundstation.core.mission import State
-from groundstation.core.safety.geofence import Fence, Near, Separation
+from groundstation.core.safety.conditions import RecentTime, Since
+from groundstation.core.safety.geofence import Fence, Length, Near, Separation
 from groundstation.core.trajectory import Reference
 from groundstation.core.vehicle import GRAVITY, Vehicle
 from links.core import Command, LinkStatus
+from links.text import to_ms, to_percent
 
 
 class GuardAction(IntEnum):
@@ -31,77 +33,45 @@ class GuardAction(IntEnum):
 
 
 class GuardFinding(NamedTuple):
-    """A limit that is passed."""
+    """A limit that is exceeded."""
 
     step: GuardAction
     reason: Sentence
     blind: bool = False
-    """True where the estimate of the speed is not to be believed."""
+    """Whether the estimate of the speed is not believed."""
     most: GuardAction = GuardAction.DESCEND
-    """Last step that follows where it lasts on."""
-
-
-class Since:
-    """Time for which each of several conditions has held, by name. Times are on the event loop's clock [s]."""
-
-    def __init__(self) -> None:
-        self._since: dict[str, float] = {}
-
-    def lasts(self, name: str, so: bool, now_s: float, for_s: float) -> bool:
-        """Whether the condition holds and has held at every look for at least ``for_s`` [s]."""
-        if not so:
-            self._since.pop(name, None)
-            return False
-        return now_s - self._since.setdefault(name, now_s) >= for_s - 1e-9
-
-
-LONGEST_STEP_S = 0.1
-"""Longest time between two commands that counts for a share [s]: a pause is no oscillation."""
-
-
-class RecentTime:
-    """Time for which a condition held of late, breaks included: older time is forgotten exponentially."""
-
-    def __init__(self, memory_s: float) -> None:
-        """``memory_s``: time constant of forgetting [s]."""
-        self._memory_s = memory_s
-        self._at_s, self._held_s = -math.inf, 0.0
-
-    def add(self, so: bool, now_s: float) -> float:
-        """Take one look; return the time for which it held of late [s]."""
-        elapsed, self._at_s = now_s - self._at_s, now_s
-        self._held_s *= math.exp(-elapsed / self._memory_s)
-        if so:
-            self._held_s += min(elapsed, LONGEST_STEP_S)
-        return self._held_s
+    """Last step that follows while the limit stays exceeded."""
 
 
 class Escalation:
-    """Turns findings into steps: each no gentler than the last, the next one where its cause lasts on."""
+    """Conversion of findings to steps: each no gentler than the last, the next one while its cause lasts."""
 
     def __init__(self, lasting_s: float) -> None:
+        """``lasting_s``: duration of a cause after one step before the next [s]."""
         self._lasting = lasting_s
         self._step = GuardAction.WARN
         self._at_s = -math.inf
 
-    def answer(self, finding: GuardFinding, now_s: float) -> GuardFinding | None:
-        """Return what to do now about ``finding``; None where the last answer is still at work."""
+    def escalate(self, finding: GuardFinding, now_s: float) -> GuardFinding | None:
+        """Return the finding with the step to take now; None while the last step has its time."""
         if finding.step > self._step:
-            answer = finding
+            escalated = finding
         elif self._step < finding.most and now_s - self._at_s > self._lasting:
-            answer = finding._replace(step=GuardAction(self._step + 1), reason=finding.reason.as_lasting())
+            escalated = finding._replace(step=GuardAction(self._step + 1), reason=finding.reason.as_lasting())
         else:
             return None
-        self._step, self._at_s = answer.step, now_s
-        return answer
+        self._step, self._at_s = escalated.step, now_s
+        return escalated
 
     def reset(self) -> None:
-        """Begin anew: the operator has sent it on."""
+        """Begin anew: the operator has sent the flight on."""
         self._step, self._at_s = GuardAction.WARN, -math.inf
 
 
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
+Angle = Annotated[float, msgspec.Meta(gt=0.0, le=90.0)]
+Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 
 
 class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -112,134 +82,126 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         msgspec.Meta(
             ge=0.0,
             le=0.75,
-            description="How long it descends on the model after `flight.coast_s` without a pose; "
-            "then the link brings it down [s].",
+            description="Duration of the descent on the model after `flight.coast_s` without a pose; "
+            "then the link brings the vehicle down [s].",
         ),
     ] = 0.25
-    tilt_deg: Annotated[
-        float, msgspec.Meta(gt=0.0, le=90.0, description="Largest tilt [deg]; the law asks for 80 at most.")
-    ] = 80.0
-    tilt_s: Annotated[Seconds, msgspec.Meta(description="How long it may tilt farther [s].")] = 0.1
+    tilt_deg: Annotated[Angle, msgspec.Meta(description="Largest tilt [deg]; the law commands 80 at most.")] = 80.0
+    tilt_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `tilt_deg` [s].")] = 0.1
     oscillation_deg: Annotated[
-        float,
+        Angle,
         msgspec.Meta(
-            gt=0.0,
-            le=90.0,
-            description="Largest angle between the tilt and what reference and wind ask for [deg]; "
+            description="Largest angle between the tilt and that required by reference and wind [deg]; "
             "a push by 8 m/s² comes to 35.",
         ),
     ] = 40.0
     oscillation_s: Annotated[
-        Share, msgspec.Meta(description="How long of about the last second it may be farther off [s].")
+        Share, msgspec.Meta(description="Longest time beyond `oscillation_deg` within about the last second [s].")
     ] = 0.3
-    error_m: Annotated[
-        float, msgspec.Meta(gt=0.0, le=100.0, description="Largest distance from the reference [m].")
-    ] = 1.0
-    error_s: Annotated[Seconds, msgspec.Meta(description="How long it may be farther from it [s].")] = 0.3
+    error_m: Annotated[Length, msgspec.Meta(description="Largest distance from the reference [m].")] = 1.0
+    error_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `error_m` [s].")] = 0.3
     speed_m_s: Annotated[
-        float, msgspec.Meta(gt=0.0, le=50.0, description="Largest speed beside the reference's [m/s].")
+        float, msgspec.Meta(gt=0.0, le=50.0, description="Largest velocity relative to the reference's [m/s].")
     ] = 2.5
-    speed_s: Annotated[Seconds, msgspec.Meta(description="How long it may be faster [s].")] = 0.1
-    thrust_limit_s: Annotated[
-        Seconds, msgspec.Meta(description="How long the thrust may be at its upper limit [s].")
-    ] = 1.0
+    speed_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `speed_m_s` [s].")] = 0.1
+    thrust_limit_s: Annotated[Seconds, msgspec.Meta(description="Longest time with thrust at its upper limit [s].")] = (
+        1.0
+    )
     rate_limit_s: Annotated[
-        Seconds, msgspec.Meta(description="How long of about the last 2 s a body rate may be at its limit [s].")
+        Seconds, msgspec.Meta(description="Longest time with a body rate at its limit within about the last 2 s [s].")
     ] = 1.0
     effectiveness: Annotated[
-        Share, msgspec.Meta(description="Least thrust scale [-]: all that is known of a battery without telemetry.")
+        Share, msgspec.Meta(description="Least thrust scale [-]: the only measure of a battery without telemetry.")
     ] = 0.7
     pose_age: Annotated[
         Share,
         msgspec.Meta(
-            description="Largest age of poses on arrival, as a share of `flight.coast_s` [-]: by "
+            description="Largest age of poses on arrival, as a share of `flight.coast_s` [-]: with "
             "older ones no loop is stable."
         ),
     ] = 0.6
     pose_resets: Annotated[
-        int,
-        msgspec.Meta(
-            ge=1, le=1000, description="Largest number of resets of the estimate behind the poses within 5 s."
-        ),
+        Count, msgspec.Meta(description="Largest number of resets of the estimate behind the poses within 5 s.")
     ] = 4
     overruns: Annotated[
-        int,
+        Count,
         msgspec.Meta(
-            ge=1,
-            le=1000,
-            description="So many frames that were late by more than one and a half periods, within "
-            "the last 100, land it.",
+            description="Number of the last 100 frames, each late by more than one and a half periods, from which the "
+            "vehicle lands."
         ),
     ] = 5
     rtt_s: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0, le=5.0, description="Longest round trip to the vehicle and back, where the link knows it [s]."
+            gt=0.0, le=5.0, description="Longest round trip to the vehicle and back, where the link measures it [s]."
         ),
     ] = 0.2
     battery_share: Annotated[
-        float, msgspec.Meta(ge=0.0, le=1.0, description="Charge below which it lands, where the vehicle tells [-].")
+        float,
+        msgspec.Meta(ge=0.0, le=1.0, description="Charge below which the vehicle lands, where it reports that [-]."),
     ] = 0.2
     battery_v: Annotated[
         Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None,
-        msgspec.Meta(description="Voltage below which it lands, where the vehicle tells [V]."),
+        msgspec.Meta(description="Voltage below which the vehicle lands, where it reports that [V]."),
     ] = None
     lasting_s: Annotated[
-        Seconds, msgspec.Meta(description="What lasts so long after its answer is answered by the next step [s].")
+        Seconds, msgspec.Meta(description="Time from one step to the next while a limit stays exceeded [s].")
     ] = 2.0
 
 
 class GuardInput(Protocol):
-    """One command, as the guards look at it; see :class:`groundstation.core.messages.snapshot.Tick`."""
+    """Parts of a command that the guards check; see :class:`groundstation.core.messages.snapshot.Tick`."""
 
     @property
     def time_s(self) -> float:
-        """Instant at which it was computed."""
+        """Instant of its computation."""
         ...
 
     @property
     def pose(self) -> Pose:
-        """Newest pose that it rests on."""
+        """Newest pose that it was computed from."""
         ...
 
     @property
     def estimate(self) -> Estimate:
-        """Estimate that it rests on."""
+        """Estimate that it was computed from."""
         ...
 
     @property
     def reference(self) -> Reference:
-        """Motion that is wanted."""
+        """Reference motion."""
         ...
 
     @property
     def command(self) -> Command:
-        """Command that leaves."""
+        """Command to the link."""
         ...
 
 
 FRAMES = 100
 """Number of frames among which late ones are counted."""
 LATE_PERIODS = 2.5
-"""Periods after the last frame from which on a frame is late [-]."""
+"""Periods after the last frame from which a frame is late [-]."""
 RESETS_S = 5.0
 """Time within which resets of the estimate behind the poses are counted [s]."""
 UNDER_FLOOR_M = 0.5
-"""Depth under the floor that no pose shows [m]: PX4's own height was off by .65 m once in 40 landings."""
+"""Largest plausible depth of a pose under the floor [m]: PX4's own height was off by .65 m once in 40 landings."""
 AT_LIMIT = 0.999
-"""Share of a limit from which on a command is at it [-]: rounding."""
+"""Share of a limit from which a command is at it [-]: rounding."""
 SURE_S = 0.06
-"""Time that a distance to others must last [s]: a single pose may be another body's."""
+"""Time beyond a limit of a distance that counts [s]: a single pose may be another body's."""
 LONG_S = 1.0
-"""Time that slow quantities (battery, round trip, thrust scale) must last [s]: single readings jump."""
+"""Time beyond a limit of a slow quantity (battery, round trip, thrust scale) that counts [s]: single readings jump."""
+AGED_S = 0.3
+"""Time beyond ``guards.pose_age`` that counts [s]: single poses may be late."""
 RATE_MEMORY_S = 2.0
-"""Time constant by which time at a rate limit is forgotten [s]: a limit cycle has breaks."""
+"""Time constant of forgetting time at a rate limit [s]: a limit cycle has breaks."""
 OSCILLATION_MEMORY_S = 1.0
-"""Time constant by which time far off the wanted tilt is forgotten [s]."""
+"""Time constant of forgetting time beyond ``oscillation_deg`` [s]."""
 
 
 class GuardView:
-    """One flight as the guards see it: the newest command, and what is counted over several."""
+    """Input of the guards: the newest command, and counts over several."""
 
     def __init__(
         self, config: GuardsConfig, fence: Fence | None, separation: Separation | None, vehicle: Vehicle,
@@ -253,7 +215,7 @@ class GuardView:
         self.link: LinkStatus | None = None
         """Newest state of the link."""
         self.is_guided = True
-        """Whether a reference is followed: a failsafe descent has none."""
+        """Whether a reference is followed; a failsafe descent has none."""
         self.late_frames = 0
         """Late frames among the last ``FRAMES``."""
         self.resets = 0
@@ -279,15 +241,16 @@ class GuardView:
 
     @property
     def tilt_error_deg(self) -> float:
-        """Angle between the body's z axis and the push that reference, drag and disturbance ask for [deg]."""
+        """Angle between the body's z axis and the direction required by reference, drag and disturbance [deg]."""
         estimate, k = self.tick.estimate, self.vehicle.drag_per_s
         a, d, v = self.tick.reference.acceleration_ned, estimate.disturbance, estimate.motion.velocity
-        x, y, z = (d[i] - k * v[i] - a[i] + (self.gravity if i == 2 else 0.0) for i in range(3))
+        x, y, z = subtract(add_scaled(d, -k, v), a)
+        z += self.gravity
         p, q, r = third_column(estimate.motion.attitude)
-        return angle_deg((x * p + y * q + z * r) / max(math.sqrt(x * x + y * y + z * z), 1e-6))
+        return angle_deg((x * p + y * q + z * r) / (math.sqrt(x * x + y * y + z * z) or 1.0))
 
     def nearest(self) -> Near | None:
-        """Other vehicle that leaves least room; None where none is kept away from, or none was seen."""
+        """Other vehicle with the least braking distance left; None without ``separation.others``, or a sighting."""
         if self.separation is None:
             return None
         motion = self.tick.estimate.motion
@@ -332,7 +295,7 @@ def _rate(v: GuardView) -> Numbers | None:
 
 def _weak(v: GuardView) -> Numbers | None:
     found, limit = v.tick.estimate.effectiveness, v.config.effectiveness
-    return None if not v.is_guided or found >= limit else {"found": 100.0 * found, "limit": 100.0 * limit}
+    return None if not v.is_guided or found >= limit else {"found": to_percent(found), "limit": to_percent(limit)}
 
 
 def _fence(v: GuardView) -> Numbers | None:
@@ -368,7 +331,7 @@ def _unseen(v: GuardView) -> Numbers | None:
 
 def _pose_age(v: GuardView) -> Numbers | None:
     age, limit = v.tick.pose.arrival_s - v.tick.pose.time_s, v.config.pose_age * v.coast_s
-    return None if age <= limit else {"age_ms": 1e3 * age, "limit_ms": 1e3 * limit}
+    return None if age <= limit else {"age_ms": to_ms(age), "limit_ms": to_ms(limit)}
 
 
 def _pose_resets(v: GuardView) -> Numbers | None:
@@ -386,12 +349,13 @@ def _overruns(v: GuardView) -> Numbers | None:
 
 def _round_trip(v: GuardView) -> Numbers | None:
     rtt, limit = 0.0 if v.link is None else v.link.rtt_s or 0.0, v.config.rtt_s
-    return None if rtt <= limit else {"rtt_ms": 1e3 * rtt, "limit_ms": 1e3 * limit}
+    return None if rtt <= limit else {"rtt_ms": to_ms(rtt), "limit_ms": to_ms(limit)}
 
 
 def _charge(v: GuardView) -> Numbers | None:
     share, limit = None if v.link is None else v.link.battery_share, v.config.battery_share
-    return {"charge": 100.0 * share, "limit": 100.0 * limit} if share is not None and share < limit else None
+    low = share is not None and share < limit
+    return {"charge": to_percent(share), "limit": to_percent(limit)} if low and share is not None else None
 
 
 def _voltage(v: GuardView) -> Numbers | None:
@@ -410,36 +374,35 @@ class Guard(NamedTuple):
     key: str
     """Configuration key of the limit."""
     lasts: str | float
-    """Time that it must be passed for [s]: a key of ``[guards]``, or the time itself."""
+    """Time beyond the limit after which the step follows [s]: a key of ``[guards]``, or the time itself."""
     step: GuardAction
     """Step that follows."""
     most: GuardAction
-    """Last step that follows where it lasts on."""
+    """Last step that follows while the limit stays exceeded."""
     find: Callable[[GuardView], Numbers | None]
-    """Numbers of the sentence where the limit is passed, else None."""
+    """Numbers of the sentence where the limit is exceeded, else None."""
     memory_s: float = 0.0
-    """Where breaks count too: time constant by which passed time is forgotten [s]."""
+    """Where breaks count too: time constant of forgetting time beyond the limit [s]."""
 
 
 HOLD, LAND, DESCEND = GuardAction.HOLD, GuardAction.LAND, GuardAction.DESCEND
-OSC, RATE = OSCILLATION_MEMORY_S, RATE_MEMORY_S
 GUARDS: tuple[Guard, ...] = (
     Guard("guard.tilt", "largest tilt", "guards.tilt_deg", "tilt_s", DESCEND, DESCEND, _tilt),
-    Guard("guard.oscillation", "tilt beside the wanted one, again and again", "guards.oscillation_deg",
-          "oscillation_s", LAND, DESCEND, _oscillation, OSC),
+    Guard("guard.oscillation", "oscillation: angle between tilt and required tilt", "guards.oscillation_deg",
+          "oscillation_s", LAND, DESCEND, _oscillation, OSCILLATION_MEMORY_S),
     Guard("guard.error", "largest position error", "guards.error_m", "error_s", LAND, DESCEND, _error),
-    Guard("guard.speed", "largest speed beside the reference", "guards.speed_m_s", "speed_s", LAND, DESCEND, _speed),
+    Guard("guard.speed", "velocity relative to the reference", "guards.speed_m_s", "speed_s", LAND, DESCEND, _speed),
     Guard("guard.thrust", "thrust at its limit", "vehicle.thrust_max_n", "thrust_limit_s", LAND, DESCEND, _thrust),
     Guard("guard.rate", "a body rate at its limit", "vehicle.rate_limits_deg_s", "rate_limit_s", DESCEND, DESCEND,
-          _rate, RATE),
+          _rate, RATE_MEMORY_S),
     Guard("guard.weak", "least thrust scale", "guards.effectiveness", LONG_S, LAND, LAND, _weak),
     Guard("guard.fence", "outside the fence", "fence", 0.0, LAND, DESCEND, _fence),
     Guard("guard.braking", "too fast before the fence", "fence.braking_m_s2", 0.0, HOLD, DESCEND, _braking),
     Guard("guard.separation", "distance to another vehicle", "separation.distance_m", SURE_S, LAND, LAND, _separation),
     Guard("guard.approach", "too fast towards another vehicle", "separation.braking_m_s2", SURE_S, HOLD, LAND,
           _approach),
-    Guard("guard.unseen", "another vehicle unseen", "separation.stale_s", 0.0, HOLD, HOLD, _unseen),
-    Guard("guard.pose_age", "age of poses on arrival", "guards.pose_age", 0.3, LAND, LAND, _pose_age),
+    Guard("guard.unseen", "another vehicle not sighted", "separation.stale_s", 0.0, HOLD, HOLD, _unseen),
+    Guard("guard.pose_age", "age of poses on arrival", "guards.pose_age", AGED_S, LAND, LAND, _pose_age),
     Guard("guard.pose_resets", "resets behind the poses", "guards.pose_resets", 0.0, LAND, DESCEND, _pose_resets),
     Guard("guard.under_floor", "a pose under the floor", "flight.floor_z_m", SURE_S, DESCEND, DESCEND, _under_floor),
     Guard("guard.overruns", "late frames of the last 100", "guards.overruns", 0.0, LAND, DESCEND, _overruns),
@@ -460,17 +423,22 @@ class GuardLimit(NamedTuple):
     limit: object
     """Limit itself; None where there is none, or a section of its own."""
     lasts_s: float
-    """Time that it must be passed for [s]."""
+    """Time beyond the limit after which the step follows [s]."""
     step: str
     """Step that follows."""
     most: str
-    """Last step that follows where it lasts on."""
+    """Last step that follows while the limit stays exceeded."""
     remedy: str
     """Advice to the operator."""
 
 
 STEPS = {GuardAction.HOLD: "hold", GuardAction.LAND: "land", GuardAction.DESCEND: "failsafe descent"}
 """Steps in words."""
+
+
+def _lasts_s(guard: Guard, config: GuardsConfig) -> float:
+    """Time beyond the limit of ``guard`` after which its step follows [s]."""
+    return float(getattr(config, guard.lasts)) if isinstance(guard.lasts, str) else guard.lasts
 
 
 def list_limits(config: object, guards: GuardsConfig) -> list[GuardLimit]:
@@ -481,16 +449,19 @@ def list_limits(config: object, guards: GuardsConfig) -> list[GuardLimit]:
         for name in guard.key.split("."):
             limit = getattr(limit, name, None)
         plain = None if isinstance(limit, msgspec.Struct) else limit
-        lasts_s = float(getattr(guards, guard.lasts)) if isinstance(guard.lasts, str) else guard.lasts
         remedy = NOTICES[guard.id].remedy
-        rows.append(GuardLimit(guard.says, guard.key, plain, lasts_s, STEPS[guard.step], STEPS[guard.most], remedy))
+        rows.append(
+            GuardLimit(
+                guard.says, guard.key, plain, _lasts_s(guard, guards), STEPS[guard.step], STEPS[guard.most], remedy
+            )
+        )
     return rows
 
 
 UNSEEN_STEPS = {"warn": GuardAction.WARN, "hold": GuardAction.HOLD, "land": GuardAction.LAND}
-"""Step that ``separation.unknown`` asks for, after ``separation.unknown_s``; before that it is a warning."""
+"""Step by ``separation.unknown``, after ``separation.unknown_s``; before that it is a warning."""
 OF_LINK = ("guard.round_trip", "guard.charge", "guard.voltage")
-"""Rows that look at the link, not at the commands."""
+"""Rows that check the link, not the commands."""
 
 
 class Guards:
@@ -501,43 +472,42 @@ class Guards:
         separation: Separation | None = None, floor_z_m: float = 0.0, gravity: float = GRAVITY,
         coast_s: float = math.inf,
     ) -> None:  # fmt: skip
-        """Take the limits; ``period_s`` tells the link's time between two commands [s], asked with each command.
+        """Take the limits; ``period_s`` returns the link's time between two commands [s], called with each command.
 
         ``separation`` is from other vehicles; ``floor_z_m`` is the position of a vehicle on the floor [m, NED],
-        ``gravity`` the controller's [m/s²], ``coast_s`` how long commands may rest on one pose [s].
+        ``gravity`` the controller's [m/s²], ``coast_s`` the longest use of one pose [s].
         """
         self._view = GuardView(config, fence, separation, vehicle, period_s, floor_z_m, gravity, coast_s)
         self._since = Since()
         self._recent = {guard.id: RecentTime(guard.memory_s) for guard in GUARDS if guard.memory_s > 0.0}
 
-    def see(self, tick: GuardInput, state: State) -> GuardFinding | None:
-        """Gravest finding of one command."""
+    def check_command(self, tick: GuardInput, state: State) -> GuardFinding | None:
+        """Return the gravest finding of one command."""
         self._view.take(tick, is_guided=state is not State.DESCENT)
-        found = [self._look(guard, tick.time_s) for guard in GUARDS if guard.id not in OF_LINK]
+        found = [self._check(guard, tick.time_s) for guard in GUARDS if guard.id not in OF_LINK]
         return max((one for one in found if one is not None), key=lambda one: one.step, default=None)
 
-    def link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
-        """First finding of what the link tells."""
+    def check_link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
+        """Return the first finding of the link's status."""
         self._view.link = status
-        found = (self._look(guard, now_s) for guard in GUARDS if guard.id in OF_LINK)
+        found = (self._check(guard, now_s) for guard in GUARDS if guard.id in OF_LINK)
         return next((one for one in found if one is not None), None)
 
-    def _look(self, guard: Guard, now_s: float) -> GuardFinding | None:
-        numbers = guard.find(self._view)
-        for_s = float(getattr(self._view.config, guard.lasts)) if isinstance(guard.lasts, str) else guard.lasts
-        if guard.memory_s > 0.0:
-            held_s = self._recent[guard.id].add(numbers is not None, now_s)
-            # A condition without a break has then been forgotten in part.
-            is_over = held_s >= -guard.memory_s * math.expm1(-for_s / guard.memory_s) - 1e-9
+    def _check(self, guard: Guard, now_s: float) -> GuardFinding | None:
+        numbers, view = guard.find(self._view), self._view
+        is_beyond, for_s, memory_s = numbers is not None, _lasts_s(guard, view.config), guard.memory_s
+        if memory_s > 0.0:
+            # Of time beyond the limit without a break, a part has been forgotten by then.
+            held_s, for_s = self._recent[guard.id].add(is_beyond, now_s), -memory_s * math.expm1(-for_s / memory_s)
         else:
-            is_over = self._since.lasts(guard.id, numbers is not None, now_s, for_s)
+            held_s = self._since.held_s(guard.id, is_beyond, now_s)
         step, most = guard.step, guard.most
-        if guard.id == "guard.unseen" and self._view.separation is not None:
-            config = self._view.separation.config
-            lasts = self._since.lasts("unseen long", numbers is not None, now_s, config.unknown_s)
-            step = most = UNSEEN_STEPS[config.unknown] if lasts else GuardAction.WARN
-        if numbers is None:
+        if guard.id == "guard.unseen" and view.separation is not None:
+            config = view.separation.config
+            is_long = self._since.held_s("unseen long", is_beyond, now_s) >= config.unknown_s - ROUNDING_S
+            step = most = UNSEEN_STEPS[config.unknown] if is_long else GuardAction.WARN
+        if guard.id == "guard.separation" and (near := view.nearest()) is not None and near.beneath:
+            step = most = GuardAction.HOLD  # the lower one lands: down upon another would be worse
+        if numbers is None or held_s < for_s - ROUNDING_S:
             return None
-        if guard.id == "guard.separation" and (near := self._view.nearest()) is not None and near.beneath:
-            step = most = GuardAction.HOLD  # the one that is lower lands: down upon another would be worse
-        return GuardFinding(step, notice(guard.id, **numbers), most=most) if is_over else None
+        return GuardFinding(step, notice(guard.id, **numbers), most=most)

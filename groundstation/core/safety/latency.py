@@ -1,191 +1,186 @@
-"""Latency of the poses and of the vehicle's answer beyond what is configured, by least squares. Sans-IO.
+"""Latency of the poses and of the vehicle's response beyond the configured one, by least squares. Sans-IO.
 
-ω is what the model makes of the commands, or what the autopilot's gyros measure. Gravity lies where these rates have
-taken it; what the poses show comes δ later, so that gravity lies elsewhere in the body's axes by -δ ġ, ġ = -ω × g. δ is
-what explains most of the difference over the last seconds. What differs slowly (a body mounted askew, an estimate that
-leans) is taken out of both sides first; the heading takes no part.
+ω are the body rates of the model, or those measured by the autopilot's gyros. They turn the direction of gravity in
+the body's axes by ġ = -ω × g. Poses that are late by δ have this direction off by e = -δ ġ, and δ is the least-squares
+fit of that over the last seconds. Slow differences (a mounting offset, a leaning attitude estimate) are taken out of
+both sides first. The heading takes no part.
 
-Against the model δ is the latency of the poses and the lag and delay of the rates in one; against the autopilot's
-attitude it is the latency of the poses alone.
+Against the model, δ is the latency of the poses plus lag and delay of the body rates. Against the autopilot's attitude,
+δ is the latency of the poses alone.
 """
 
 import math
 from collections import deque
 from collections.abc import Callable
 
-from groundstation.core.geometry import Quat, Vec3, third_row
+from groundstation.core.geometry import Quat, Vec3, interpolate, third_row
 from groundstation.core.messages import Pose, Sentence, notice
+from groundstation.core.safety.pose_response import POSE_GAP_S
+from groundstation.core.safety.significance import SIGNIFICANT
 from links.core import Attitude
+from links.text import to_ms
 
-GAP_S = 0.26
-"""Interval of poses after which the fit begins anew [s]: flight.coast_s."""
 MEMORY_S = 20.0
-"""Time constant of the fit [s]: a minute of flight tells 1 ms."""
+"""Time constant of the fit [s]: a minute of flight resolves 1 ms."""
 SLOW_S = 0.5
 """Time constant above which a difference is no latency [s]."""
-SURE = 4.0
-"""Standard deviations of a latency that is told [-]: a flight has thousands of looks."""
-RESPONSE_LEAST_S = 0.010
-"""Least latency of the response that is told [s]: no first-order lag with a delay describes rates better."""
-AGAIN_S = 0.010
-"""Change of a latency after which it is told again [s]."""
-RESPONSE_LOOKS = 200
-"""Poses before a latency of the response is told [-]: 4 s at 50 Hz."""
-LOOK_S = 0.02
-"""Interval of poses below which neighbours show the same turn [s]: they count as one look per so long."""
-POSE_LEAST_S = 0.008
-"""Least latency against the autopilot's attitude that is told [s]: autopilots send what their last loop had."""
-POSE_LOOKS = 100
-"""Attitudes before a latency against the autopilot's is told [-]: 10 s at 10 Hz."""
-KEPT = 32
-"""Attitudes that wait for a pose of their instant [-]."""
+REPORT_S = 0.010
+"""Least latency of the response, and least change of any latency, that is reported [s]: no first-order lag with a delay
+describes rates better."""
+POSE_REPORT_S = 0.008
+"""Least latency against the autopilot's attitude that is reported [s]: autopilots send their last loop's."""
+RESPONSE_SAMPLES = 200
+"""Samples before a latency of the response is reported [-]: 4 s at 50 Hz."""
+SAMPLE_S = 0.02
+"""Time that makes one sample [s]: poses closer than this share their turn."""
+POSE_SAMPLES = 100
+"""Samples before a latency against the autopilot's attitude is reported [-]: 10 s at 10 Hz."""
+ATTITUDES_KEPT = 32
+"""Attitudes that are kept until a pose of their instant arrives [-]."""
 
-
-Sides = tuple[float, float, float, float]
+Signals = tuple[float, float, float, float]
+"""e and ġ, x and y of each."""
 
 
 class LatencyFit:
-    """The time by which one signal e comes later than another, by ġ of that: least squares of e = -δ ġ."""
+    """Least-squares fit of δ in e = -δ ġ."""
 
-    def __init__(self, memory_s: float, looks: float) -> None:
-        """Nothing seen; what is older than ``memory_s`` [s] counts less, and ``looks`` are needed to say anything."""
-        self._memory_s, self._looks = memory_s, looks
-        self._slow = (0.0, 0.0, 0.0, 0.0)
-        """Averages of e and of ġ, x and y of each."""
-        self._moved = self._both = self._off = 0.0
-        """Σ ġ², -Σ e ġ, Σ e² over the last seconds."""
-        self._count = 0.0
+    def __init__(self, memory_s: float, least_samples: float) -> None:
+        """``memory_s`` is the time constant of forgetting [s], ``least_samples`` are needed for an estimate."""
+        self._memory_s, self._least_samples = memory_s, least_samples
+        self._slow: Signals = (0.0, 0.0, 0.0, 0.0)
+        """Slow means of the signals."""
+        self._rate2 = self._product = self._error2 = 0.0
+        """Fading sums of ġ², -e ġ and e²."""
+        self._samples = 0.0
 
-    def begin(self, now: Sides) -> None:
-        """Begin again with what differs slowly: e and ġ, x and y of each."""
+    def begin(self, now: Signals) -> None:
+        """Restart the slow means at ``now``."""
         self._slow = now
 
-    def add(self, dt: float, looks: float, now: Sides) -> None:
-        """Take e and ġ, x and y of each, ``dt`` [s] after the last ones; they count as so many looks."""
-        gain = dt / SLOW_S
-        (a, b, c, d), (e, f, u, v) = self._slow, now
-        self._slow = a, b, c, d = a + gain * (e - a), b + gain * (f - b), c + gain * (u - c), d + gain * (v - d)
-        e, f, u, v = e - a, f - b, u - c, v - d
+    def add(self, dt: float, samples: float, now: Signals) -> None:
+        """Take signals, ``dt`` [s] after the last ones; they count as ``samples``."""
+        self._slow = slow = interpolate(self._slow, now, dt / SLOW_S)
+        e, f, u, v = (x - mean for x, mean in zip(now, slow, strict=True))
         keep = 1.0 - dt / self._memory_s
-        self._moved = keep * self._moved + u * u + v * v
-        self._both = keep * self._both - e * u - f * v
-        self._off = keep * self._off + e * e + f * f
-        self._count = keep * self._count + looks
+        self._rate2 = keep * self._rate2 + u * u + v * v
+        self._product = keep * self._product - e * u - f * v
+        self._error2 = keep * self._error2 + e * e + f * f
+        self._samples = keep * self._samples + samples
 
     @property
     def estimate(self) -> tuple[float, float] | None:
-        """The time, below 0 where it comes earlier, and one deviation of that [s]; None at first."""
-        if self._count < self._looks or self._moved <= 0.0:
+        """Latency and its standard deviation [s]; None at first."""
+        if self._samples < self._least_samples or self._rate2 <= 0.0:
             return None
-        late = self._both / self._moved
-        return late, math.sqrt(max(self._off / self._moved - late * late, 0.0) / self._count)
+        late = self._product / self._rate2
+        return late, math.sqrt(max(self._error2 / self._rate2 - late * late, 0.0) / self._samples)
 
     def late_s(self, least_s: float) -> float | None:
-        """The same [s]; None while that could be chance, or is not more than ``least_s``."""
-        late, spread = self.estimate or (0.0, math.inf)
-        return late if abs(late) > max(least_s, SURE * spread) else None
+        """Latency [s]; None if it may be chance, or is at most ``least_s`` [s]."""
+        late, deviation = self.estimate or (0.0, math.inf)
+        return late if abs(late) > max(least_s, SIGNIFICANT * deviation) else None
 
 
 class ResponseLatency:
-    """One vehicle's, while it flies. Times are on the event loop's clock [s]."""
+    """Latency of one vehicle's turns, measured by the poses, behind the modelled ones."""
 
     def __init__(self) -> None:
-        """Nothing seen."""
+        """Begin without a pose."""
         self._model: tuple[float, float] | None = None
-        self._slow = (0.0, 0.0)
-        self._fit = LatencyFit(MEMORY_S, RESPONSE_LOOKS)
-        self._said_s = 0.0
+        self._slow_rate = (0.0, 0.0)
+        self._fit = LatencyFit(MEMORY_S, RESPONSE_SAMPLES)
+        self._reported_s = 0.0
 
-    def pose(self, attitude: Quat, told_turn: Vec3, dt: float) -> None:
+    def add_pose(self, attitude: Quat, modelled_turn: Vec3, dt: float) -> None:
         """Take one pose.
 
         Args:
-            attitude: what it shows, body FRD to world NED.
-            told_turn: turn by the modelled rates since the pose before, body axes [rad].
+            attitude: measured attitude, body FRD to world NED.
+            modelled_turn: turn by the modelled rates since the pose before, body axes [rad].
             dt: time since the pose before [s].
         """
         a, b, c = third_row(attitude)
         model = self._model
-        if model is None or not 0.0 < dt <= GAP_S:
+        if model is None or not 0.0 < dt <= POSE_GAP_S:
             self._model = a, b
             self._fit.begin((0.0, 0.0, 0.0, 0.0))
-            self._slow = 0.0, 0.0
+            self._slow_rate = 0.0, 0.0
             return
-        p, q, r = told_turn
+        p, q, r = modelled_turn
         u, v = (r * b - q * c) / dt, (p * c - r * a) / dt
-        # Where these rates take it is drawn to what is seen as slowly as an average forgets: theirs is taken out, too.
+        # The integrated direction is pulled to the measured one with time constant SLOW_S, as a slow mean is; the slow
+        # mean of its rate is taken out, too.
         gain = dt / SLOW_S
         e, f = a - model[0] - dt * u, b - model[1] - dt * v
         self._model = a - (1.0 - gain) * e, b - (1.0 - gain) * f
-        s, t = self._slow
-        self._slow = s, t = s + gain * (u - s), t + gain * (v - t)
-        self._fit.add(dt, min(dt / LOOK_S, 1.0), (e, f, u - s, v - t))
+        self._slow_rate = s, t = interpolate(self._slow_rate, (u, v), gain)
+        self._fit.add(dt, min(dt / SAMPLE_S, 1.0), (e, f, u - s, v - t))
 
     @property
     def late_s(self) -> float | None:
-        """How much later it turns than told, below 0 earlier [s]; None while that could be chance, or little."""
-        return self._fit.late_s(RESPONSE_LEAST_S)
+        """Latency beyond the configured one [s]; None if it is too small to report, or may be chance."""
+        return self._fit.late_s(REPORT_S)
 
-    def describe_news(self, by_attitude: Callable[[], tuple[float, float] | None]) -> Sentence | None:
-        """A sentence for the operator, where there is something that was not told yet.
+    def describe_news(self, find_pose_latency: Callable[[], tuple[float, float] | None]) -> Sentence | None:
+        """Sentence for the operator about a latency that was not reported yet.
 
-        ``by_attitude`` tells how much later the poses alone are than told, and its deviation [s]; None where the
-        vehicle's own attitude does not show it.
+        ``find_pose_latency`` returns the latency of the poses alone beyond the configured one, and its standard
+        deviation [s]; None where the autopilot's attitude does not determine it.
         """
         late = self.late_s
         if late is None:
             return None
-        poses = by_attitude()
+        poses = find_pose_latency()
         rest = late - (poses[0] if poses else 0.0)
-        if abs(rest) < RESPONSE_LEAST_S or abs(rest - self._said_s) < AGAIN_S:
+        if abs(rest) < REPORT_S or abs(rest - self._reported_s) < REPORT_S:
             return None
-        self._said_s = rest
-        if poses is None:
-            return notice("latency.total", late=describe_latency(rest), late_ms=1e3 * rest)
-        return notice("latency.vehicle", late=describe_latency(rest), late_ms=1e3 * rest)
+        self._reported_s = rest
+        id = "latency.total" if poses is None else "latency.vehicle"
+        return notice(id, late=describe_latency(rest), late_ms=to_ms(rest))
 
 
 class PoseLatency:
-    """One vehicle's. Times are on the event loop's clock [s]."""
+    """Latency of one vehicle's poses behind its autopilot's attitude. Times are on the event loop's clock [s]."""
 
     def __init__(self, memory_s: float = MEMORY_S) -> None:
-        """Nothing heard; what is older than ``memory_s`` [s] counts less."""
-        self._told: deque[Attitude] = deque(maxlen=KEPT)
+        """Begin without a pose; ``memory_s`` is the time constant of forgetting [s]."""
+        self._attitudes: deque[Attitude] = deque(maxlen=ATTITUDES_KEPT)
         self._last: tuple[float, tuple[float, float]] | None = None
         self._at_s = -math.inf
-        self._fit = LatencyFit(memory_s, POSE_LOOKS)
-        self._said_s = 0.0
+        self._fit = LatencyFit(memory_s, POSE_SAMPLES)
+        self._reported_s = 0.0
 
-    def attitude(self, told: Attitude) -> None:
-        """What the vehicle tells of itself; nothing where it tells no rates, as nobody tells either when that was."""
-        if told.rates_rad_s is None:
+    def add_attitude(self, reported: Attitude) -> None:
+        """Take an attitude reported by the autopilot; one without body rates has no instant and is ignored."""
+        if reported.rates_rad_s is None:
             return
-        if not self._told or told.time_s > self._told[-1].time_s:
-            self._told.append(told)
-        elif told.time_s < self._told[-1].time_s - GAP_S:  # its clock is another one
-            self._told.clear()
+        if not self._attitudes or reported.time_s > self._attitudes[-1].time_s:
+            self._attitudes.append(reported)
+        elif reported.time_s < self._attitudes[-1].time_s - POSE_GAP_S:  # its clock was restarted
+            self._attitudes.clear()
 
-    def pose(self, pose: Pose) -> None:
-        """A pose has come: look at all that was told of the time since the one before."""
+    def add_pose(self, pose: Pose) -> None:
+        """Take one pose; compare it with all attitudes since the pose before."""
         time_s, (x, y, _) = pose.time_s, third_row(pose.attitude)
         last, self._last = self._last, (time_s, (x, y))
-        told = self._told
-        if last is None or not 0.0 < time_s - last[0] <= GAP_S:
+        attitudes = self._attitudes
+        if last is None or not 0.0 < time_s - last[0] <= POSE_GAP_S:
             return
-        since, (x0, y0) = last
-        while told and told[0].time_s <= time_s:
-            one = told.popleft()
-            share = (one.time_s - since) / (time_s - since)
+        since, before = last
+        while attitudes and attitudes[0].time_s <= time_s:
+            reported = attitudes.popleft()
+            share = (reported.time_s - since) / (time_s - since)
             if share > 0.0:
-                self._look(one, x0 + share * (x - x0), y0 + share * (y - y0))
+                self._compare(reported, *interpolate(before, (x, y), share))
 
-    def _look(self, told: Attitude, x: float, y: float) -> None:
-        """At one instant, at which the poses have gravity along ``x`` and ``y`` of the body."""
-        a, b, c = third_row(told.attitude)
-        assert told.rates_rad_s is not None, "others are not kept"
-        p, q, r = told.rates_rad_s
+    def _compare(self, reported: Attitude, x: float, y: float) -> None:
+        """Compare one attitude with the poses, which have gravity along ``x`` and ``y`` of the body at its instant."""
+        a, b, c = third_row(reported.attitude)
+        assert reported.rates_rad_s is not None, "others are not kept"
+        p, q, r = reported.rates_rad_s
         now = (x - a, y - b, r * b - q * c, p * c - r * a)
-        dt, self._at_s = told.time_s - self._at_s, told.time_s
+        dt, self._at_s = reported.time_s - self._at_s, reported.time_s
         if dt > SLOW_S:
             self._fit.begin(now)
         else:
@@ -193,26 +188,26 @@ class PoseLatency:
 
     @property
     def estimate(self) -> tuple[float, float] | None:
-        """How much later poses are than told, below 0 earlier, and one deviation of that [s]; None at first."""
+        """Latency beyond the configured one and its standard deviation [s]; None at first."""
         return self._fit.estimate
 
     @property
     def late_s(self) -> float | None:
-        """The same [s]; None while that could be chance, or little."""
-        return self._fit.late_s(POSE_LEAST_S)
+        """Latency beyond the configured one [s]; None if it is too small to report, or may be chance."""
+        return self._fit.late_s(POSE_REPORT_S)
 
-    def describe_news(self, clock_off_s: Callable[[], float]) -> Sentence | None:
-        """A sentence for the operator, where there is something that was not told yet.
+    def describe_news(self, clock_error_s: Callable[[], float]) -> Sentence | None:
+        """Sentence for the operator about a latency that was not reported yet.
 
-        ``clock_off_s`` tells by how much the vehicle's clock may be taken wrong [s]: half of a round trip.
+        ``clock_error_s`` returns the largest error of the autopilot's clock [s]: half of a round trip.
         """
         late = self.late_s
-        if late is None or abs(late - self._said_s) < AGAIN_S or abs(late) < POSE_LEAST_S + clock_off_s():
+        if late is None or abs(late - self._reported_s) < REPORT_S or abs(late) < POSE_REPORT_S + clock_error_s():
             return None
-        self._said_s = late
-        return notice("latency.poses", late=describe_latency(late), late_ms=1e3 * late)
+        self._reported_s = late
+        return notice("latency.poses", late=describe_latency(late), late_ms=to_ms(late))
 
 
 def describe_latency(late_s: float) -> str:
-    """How much later than something else, or earlier where it is below 0 [s], in words."""
-    return f"{abs(late_s) * 1e3:.0f} ms {'later' if late_s > 0.0 else 'earlier'}"
+    """Latency in words; below 0 it is earlier [s]."""
+    return f"{to_ms(abs(late_s)):.0f} ms {'later' if late_s > 0.0 else 'earlier'}"

@@ -1,9 +1,9 @@
-"""Gains that are changed in flight: within bounds, slowly, and back by themselves where the flight gets worse. Sans-IO.
+"""Gains that are changed in flight: within bounds, slowly, and reverted where the flight gets worse. Sans-IO.
 
-A change moves linearly over two seconds. What follows is held against the ten seconds before it: where the mean square
-of the error, or the mean of V, has risen too far, the gain goes back. That is known as soon as the sum is larger than
-it may be at the end, so a bad change does not get its full time. Where the flight goes on to something else before it
-is over, be it that a guard lands it, the gain goes back, too.
+A change is a linear ramp of two seconds. The flight after it is compared with the ten seconds before it: where the mean
+square of the error, or the mean of V, has risen too far, the gain is reverted. That happens as soon as the integral
+exceeds its limit for the whole time, so a bad change does not last. A change is also reverted where the flight goes on
+to another phase, or lands, before the comparison is over.
 """
 
 import math
@@ -18,26 +18,26 @@ from groundstation.core.messages import Estimate, Reply, Sentence, notice
 from groundstation.core.trajectory import Reference
 
 RAMP_S = 2.0
-"""A gain takes so long to get to its new value [s]."""
+"""Duration of a change [s]."""
 BACK_S = 0.5
-"""... and so long to go back by itself [s]."""
+"""Duration of its reversal [s]."""
 JUDGED_S = 10.0
-"""So long before is held against so long after [s]."""
+"""Time that is compared, before and after a change [s]."""
 STALL_S = 0.5
-"""Commands that are farther apart are no flight that could be judged [s]."""
+"""Interval of commands above which the flight is interrupted [s]."""
 RMS_FACTOR = 1.5
-"""More than this times the RMS error of before: it goes back."""
+"""Factor on the RMS error above which a change is reverted [-]."""
 V_FACTOR = 4.0
-"""More than this times the mean V of before: it goes back."""
+"""Factor on the mean V above which a change is reverted [-]."""
 STEP_FACTOR = 2.0
-"""The farthest that one change may go, up or down, as a factor."""
+"""Largest factor of one change, up or down [-]."""
 LIVE = ("k2", "k3", "kb", "k_yaw", "kappa", "k_omega")
-"""What may be changed. The shapes of σ, ρ and Ω may not: with them V is another function."""
+"""Gains that may be changed. The shapes of σ, ρ and Ω may not: with them V is another function."""
 PREFIX = "controller."
 
 
 class GainStep(NamedTuple):
-    """A gain has moved."""
+    """New value of a gain during a change."""
 
     name: str
     value: float
@@ -56,13 +56,13 @@ class _GainRamp(NamedTuple):
 
 
 class _GainTrial(NamedTuple):
-    """What a change must not exceed."""
+    """Change that is being compared, and its limits."""
 
     move: _GainRamp
     squares: float
-    """∫ e² dt [m²s] at most."""
+    """Largest ∫ e² dt [m²s]."""
     v: float
-    """∫ V dt [m²/s] at most."""
+    """Largest ∫ V dt [m²/s]."""
 
 
 class LiveGains:
@@ -71,7 +71,7 @@ class LiveGains:
     def __init__(self, gains: object) -> None:
         """Take the controller's configuration; only our own law has gains that may be changed."""
         self.gains = gains if isinstance(gains, Gains) else None
-        """As they are now."""
+        """Present gains; None for a controller without gains that may be changed."""
         self._past: deque[tuple[float, float, float]] = deque()
         self._move: _GainRamp | None = None
         self._trial: _GainTrial | None = None
@@ -80,11 +80,11 @@ class LiveGains:
 
     @property
     def now(self) -> dict[str, float]:
-        """Those that may be changed, by their keys in the configuration, as they are now."""
+        """Present values of the gains that may be changed, by configuration key."""
         return {} if self.gains is None else {PREFIX + name: float(getattr(self.gains, name)) for name in LIVE}
 
     def set(self, key: str, value: float, now_s: float) -> Reply:
-        """Begin to move the gain ``key`` (``controller.k2``) to ``value``, or say why not."""
+        """Begin to change the gain ``key`` (``controller.k2``) to ``value``, or reply why not."""
         gains, name = self.gains, key.removeprefix(PREFIX)
         if gains is None:
             return Reply.of(False, notice("gain.none"))
@@ -96,11 +96,11 @@ class LiveGains:
         except msgspec.ValidationError as error:
             return Reply.of(False, notice("gain.invalid", key=key, why=locate(error)[1]))
         low, high = now / STEP_FACTOR, now * STEP_FACTOR
-        if not math.isfinite(value) or not low - 1e-12 <= value <= high + 1e-12:
+        if not low <= value <= high:
             return Reply.of(False, notice("gain.step", key=key, now=now, low=low, high=high, value=value))
         trial = self._trial
         if trial is not None and (name, value) == (trial.move.name, trial.move.old):
-            self._turn_back(trial, now_s)
+            self._revert(trial, now_s)
             return Reply.of(True, notice("gain.back", key=key, value=value))
         if trial is not None or self._move is not None:
             return Reply.of(False, notice("gain.busy", key=key))
@@ -116,9 +116,9 @@ class LiveGains:
     def update(
         self, time_s: float, estimate: Estimate, reference: Reference, v: float, *, counts: bool
     ) -> tuple[GainStep | None, Sentence | None]:
-        """One command has left: what to set now, and what to tell.
+        """Take one command; return the gain to set now, and the sentence for the operator.
 
-        ``counts`` where its error tells of the gains.
+        ``counts``: whether its error depends on the gains.
         """
         if self.gains is None:
             return None, None
@@ -141,13 +141,13 @@ class LiveGains:
     ) -> Sentence | None:
         key = PREFIX + trial.move.name
         if not counts:
-            self._turn_back(trial, time_s)
+            self._revert(trial, time_s)
             return notice("gain.unproven", key=key, value=trial.move.old)
         self._squares += squared * dt
         self._v += v * dt
         worse = "the RMS error" if not self._squares <= trial.squares else "" if self._v <= trial.v else "V"
         if worse:
-            self._turn_back(trial, time_s)
+            self._revert(trial, time_s)
             factor = RMS_FACTOR if worse != "V" else V_FACTOR
             return notice("gain.worse", key=key, value=trial.move.old, worse=worse, factor=factor).as_warning()
         if time_s - trial.move.start_s >= RAMP_S + JUDGED_S:
@@ -155,7 +155,7 @@ class LiveGains:
             return notice("gain.stays", key=key, value=trial.move.new)
         return None
 
-    def _turn_back(self, trial: _GainTrial, now_s: float) -> None:
+    def _revert(self, trial: _GainTrial, now_s: float) -> None:
         now = getattr(self.gains, trial.move.name)
         self._trial = None
         self._move = _GainRamp(trial.move.name, now, trial.move.old, now_s, BACK_S)
@@ -171,6 +171,6 @@ class LiveGains:
         return GainStep(move.name, value)
 
     def _means(self) -> tuple[float, float]:
-        """Mean e² [m²] and mean V [m²/s²] of the past."""
+        """Mean e² [m²] and mean V [m²/s²] of the time before the change."""
         count = len(self._past)
         return sum(one[1] for one in self._past) / count, sum(one[2] for one in self._past) / count

@@ -8,13 +8,13 @@ from groundstation.core.safety.health import PoseHealth
 
 
 class Monitors(NamedTuple):
-    """Factories of what may end a flight."""
+    """Factories of the monitors that may end a flight."""
 
     health: Callable[[float, float], PoseHealth] = PoseHealth
-    """Makes the monitor of the poses from mass [kg] and g [m/s²]."""
+    """Factory of the monitor of the poses, from mass [kg] and g [m/s²]."""
     guards: Callable[..., Guards] = Guards
-    """Makes the guards; for the arguments see :class:`groundstation.core.safety.guards.Guards`."""
+    """Factory of the guards; for the arguments see :class:`groundstation.core.safety.guards.Guards`."""
 
 
 MONITORS = Monitors()
-"""The monitors of every flight that is no study."""
+"""Monitors of every flight that is no study."""

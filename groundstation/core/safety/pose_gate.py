@@ -1,9 +1,9 @@
-"""Pose gate: can the vehicle have come from the last poses to this one? Sans-IO.
+"""Pose gate: rejects poses that the vehicle cannot have reached from the last ones. Sans-IO.
 
-Two believed poses give place and speed. From one pose to the next the model adds what the commands
-do, and no hand, gust or cable adds more than ``PUSH_M_S2``. After a rejected pose nothing is known
-but the model: poses are believed again where they fit its place and its speed. A rejected pose is
-no pose: after ``flight.coast_s`` the descent begins.
+Two believed poses give position and velocity. From one pose to the next the model adds the effect of the commands, and
+no hand, gust or cable adds more than ``PUSH_M_S2``. After a rejected pose only the model is known: poses are believed
+again where they fit its position and its velocity. A rejected pose is no pose: after ``flight.coast_s`` the descent
+begins.
 """
 
 import math
@@ -11,23 +11,22 @@ from collections import deque
 
 from groundstation.core.geometry import Vec3
 from groundstation.core.messages import Pose
+from groundstation.core.safety.significance import HIGHLY_SIGNIFICANT
 from groundstation.core.vehicle import Motion
 
 PUSH_M_S2 = 10.0
-"""Largest acceleration that no command explains [m/s²]: 1 g, more than any hand gives a vehicle that it lets fly."""
-NOISES = 5.0
-"""Standard deviations of the poses' noise that pass [-]: one in 2 million by chance."""
+"""Largest acceleration beside the commanded one [m/s²]: 1 g, more than any hand gives a vehicle in flight."""
 DRIFT_M_S2 = 1.0
 """Error of the model's acceleration while no pose is believed [m/s²]: gusts of `storm`, one sigma."""
 BASE_S = 0.018
-"""Least time over which a speed is taken from two poses [s]: at 50 Hz that is one interval; faster poses are too noisy
-one by one."""
+"""Least time over which a velocity is taken from two poses [s]: at 50 Hz that is one interval; faster poses are too
+noisy one by one."""
 REJOIN_BASE_S = 3.0 * BASE_S
-"""The same after a rejected pose [s]."""
+"""Least time after a rejected pose over which a velocity is taken from two poses [s]."""
 REJOIN_M = 0.003
-"""Distance from the model's place that is granted beside noise and drift [m]: the estimate's own error in `storm`."""
+"""Error of the model's position at a rejected pose [m]: the estimate's own error in `storm`."""
 REJOIN_M_S = 0.05
-"""Difference from the model's speed that is granted beside noise and drift [m/s]: as above. Its place drifts by it."""
+"""Error of the model's velocity at a rejected pose [m/s]: as above."""
 KEPT = 60
 """Poses that are kept [-]: .25 s at 240 Hz."""
 
@@ -39,7 +38,7 @@ class PoseGate:
         self.restart()
 
     def restart(self) -> None:
-        """Believe the next pose, whatever it shows."""
+        """Believe the next pose in any case."""
         self._believed: deque[Pose] = deque(maxlen=KEPT)
         self._rejected: deque[Pose] = deque(maxlen=KEPT)
 
@@ -77,6 +76,7 @@ class PoseGate:
         return False
 
     def _is_reachable(self, pose: Pose, now: Motion, ahead: Motion, noise_m: float) -> bool:
+        """Whether the vehicle can have reached ``pose`` from the last believed ones."""
         last = self._believed[-1]
         base = _newest_before(self._believed, last.time_s - BASE_S)
         if base is None:
@@ -87,10 +87,11 @@ class PoseGate:
             p + k * (p - q) + half * (u - v)
             for p, q, u, v in zip(last.position_ned, base.position_ned, ahead.velocity, now.velocity, strict=True)
         ]
-        noise = NOISES * noise_m * math.sqrt(1.0 + (1.0 + k) ** 2 + k * k)
+        noise = HIGHLY_SIGNIFICANT * noise_m * math.sqrt(1.0 + (1.0 + k) ** 2 + k * k)
         return math.dist(pose.position_ned, expected) <= noise + PUSH_M_S2 * dt * half
 
     def _rejoins(self, pose: Pose, ahead: Motion, noise_m: float) -> bool:
+        """Whether ``pose`` and the rejected ones before it fit the model; then they are believed."""
         base = _newest_before(self._rejected, pose.time_s - REJOIN_BASE_S)
         self._rejected.append(pose)
         if base is None:
@@ -99,7 +100,7 @@ class PoseGate:
         speed: Vec3 = tuple(  # type: ignore[assignment]  # of three
             (p - q) / h for p, q in zip(pose.position_ned, base.position_ned, strict=True)
         )
-        noise = NOISES * noise_m
+        noise = HIGHLY_SIGNIFICANT * noise_m
         place_m = 2.0 * noise + REJOIN_M + REJOIN_M_S * since_s + 0.5 * DRIFT_M_S2 * since_s * since_s
         speed_m_s = 1.5 * noise / h + REJOIN_M_S + DRIFT_M_S2 * since_s
         if math.dist(pose.position_ned, ahead.position) > place_m or math.dist(speed, ahead.velocity) > speed_m_s:

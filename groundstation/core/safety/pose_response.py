@@ -2,23 +2,22 @@
 
 Along each direction three signals go through the same high pass, which removes trims, steady wind and slow bias:
 
-- u, the motion that was asked for by the excitation tones;
-- v, the motion that the commands make beyond that: along the reference, and in answer to wind;
-- e, what the poses show less what the commands make of the vehicle, u + v.
+- u, the motion commanded by the excitation tones;
+- v, the motion commanded beyond that: along the reference, and against wind;
+- e, the measured motion less the commanded one, u + v.
 
 Over windows that end now, e is regressed on both, e = D_u u + D_v v + r. Wind moves the vehicle and the law follows, so
 v depends on the wind; u does not, and with v regressed out, the wind is left in r and only widens the error of D_u. So
-1 + D_u is the answer to what was asked: 1 for true poses, 0 for a pose that stands, -1 for a mirrored one. By chance v
-may look like u for a while; then D_v v counts for u. The instrument alone, D_u = (u e) / (u c), knows nothing of v: an
-answer accuses only by what both say.
+1 + D_u is the response to the tones: 1 for true poses, 0 for a frozen one, -1 for a mirrored one. By chance v may look
+like u for a while; then D_v v counts for u. The instrument alone, D_u = (u e) / (u c), knows nothing of v: a response
+is evidence only if both agree.
 
-1 + D_v is the answer to what the law does by itself. Under wind alone a true pose moves by -v/L, L
-the loop's gain, whose phase lies between -90 and -270 degrees: Re(-1/L) >= 0, so 1 + D_v is never
-negative. It is near 0 only where the law cancels the wind wholly, and that has a bound: the motion
-that the strongest steady swing of wind would have made.
+1 + D_v is the response to the law's own motion. Under wind alone a true pose moves by -v/L, L the loop's gain, whose
+phase is between -90 and -270 degrees: Re(-1/L) >= 0, so 1 + D_v is never negative. It is near 0 only where the law
+cancels the wind wholly, and that has a bound: the motion that the strongest steady swing of wind would have made.
 
-For the attitude the same is done with turns: rotors, gusts and a load turn a vehicle a little, too, and
-the law answers that. docs/explanation/trust.md has the derivation.
+For the attitude the same is done with turns: rotors, gusts and a load turn a vehicle a little, too, and the law reacts
+to that. docs/explanation/trust.md has the derivation.
 """
 
 import math
@@ -30,61 +29,60 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from groundstation.core.messages import ROUNDING_S
+from groundstation.core.safety.significance import HIGHLY_SIGNIFICANT, SIGNIFICANT
+
+POSE_GAP_S = 0.26
+"""Interval of poses after which comparisons with the model begin anew [s]: ``flight.coast_s``, after which the model is
+not believed."""
 PASS_RAD_S = 6.0
-"""Corner of the high pass [rad/s]: below the tones (10 to 18), above the loop (4 to 6) in which wind is answered."""
+"""Corner of the high pass [rad/s]: below the tones (10 to 18), above the loop (4 to 6) that rejects wind."""
 BLOCK_S = 0.05
 """Time between two evaluations [s]."""
 BLOCKS = (8, 12, 24, 48)
 """Windows of the regression in blocks, .4 to 2.4 s: an unstable image doubles in .2 s, tones over
 noise need seconds."""
-STANDARD_ERRORS = 5.0
-"""Standard errors by which an answer must lie beyond its limit to be accused [-]: one in 3 million a look."""
-LEAST_ANSWER = 0.5
-"""Least answer to what was asked that is accepted [-]: scales and lags configured wrong by half."""
-ANSWERS_ERRORS = 2.0
-"""Standard errors by which an answer must lie beyond the least one to speak for the poses [-]: one in 40."""
-MOST_ANSWER = 1.5
-"""Largest answer to what was asked that is accepted [-]; as above."""
-MOST_CROSS_ANSWER = math.sin(math.radians(35.0))
-"""Largest answer across the direction that was asked [-]: axes turned by 35 degrees."""
-OWN_STANDARD_ERRORS = 4.0
-"""The same of the answer to the law's own motion [-]: a mirrored pose doubles its speed within .1 s,
-and true ones are a wide way from the limit (`alarms`)."""
+LEAST_RESPONSE = 0.5
+"""Least response to the tones that is accepted [-]: scales and lags configured wrong by half."""
+MOST_RESPONSE = 2.0 - LEAST_RESPONSE
+"""Largest response to the tones that is accepted [-]; as above."""
+CONFIRMING_ERRORS = 2.0
+"""Standard errors by which a response must exceed the least one to confirm the poses [-]: one in 40."""
+MOST_CROSS_RESPONSE = math.sin(math.radians(35.0))
+"""Largest response across the direction of the tones [-]: axes turned by 35 degrees."""
 LEAST_OWN_M = 0.003
-"""Least RMS of the law's own motion that says anything [m]: below it gusts within the pass can mimic any
-answer by chance (`alarms storm`)."""
+"""Least RMS of the law's own motion that is evaluated [m]: below it gusts within the pass can mimic any
+response by chance (`alarms storm`)."""
 CANCELLED_RAD = 0.0125
 """Turn that rotors and gusts would have made, high-passed, had the law not cancelled it [rad]: twice that
 of ArduCopter's and PX4's own flights (`alarms --capture`)."""
 LEAST_OWN_RAD = 0.03
-"""Least RMS of the law's own turning that says anything [rad]."""
+"""Least RMS of the law's own turning that is evaluated [rad]."""
 MOST_OWN_ERROR = 0.2
-"""Largest standard error of that answer that says anything [-]."""
+"""Largest standard error of the response to the law's own motion that is evaluated [-]."""
 MOST_ERROR = 0.15
-"""Largest standard error of an answer that says anything [-]."""
+"""Largest standard error of the response to the tones that is evaluated [-]."""
 CANCELLED_M = 0.010
-"""Way that the strongest swing of wind would have made, high-passed [m]: 2.5 m/s² once in 5 s, wholly cancelled."""
-LEAST_OWN_ANSWER = -0.35
-"""Least answer to the law's own motion that noise and wind explain in any case [-]: 0 in theory, less with a delay."""
+"""Motion that the strongest swing of wind would have made, high-passed [m]: 2.5 m/s² once in 5 s, wholly cancelled."""
+LEAST_OWN_RESPONSE = -0.35
+"""Least response to the law's own motion that noise and wind explain in any case [-]: in theory 0, less with delay."""
 LEAST_WAY_M = 0.0002
-"""Residual that is granted at least, for positions [m]: a gust of .1 m/s² within the pass."""
+"""Least residual that is assumed for positions [m]: a gust of .1 m/s² within the pass."""
 LEAST_TURN_RAD = 0.0025
-"""The same for attitudes [rad]: attitude noise of a tracker at 1 m."""
-WAY_MEMORY_S = 0.1
-"""Correlation time of the residual that wind leaves in positions, at the tones [s].
+"""Least residual that is assumed for attitudes [rad]: attitude noise of a tracker at 1 m."""
+TONE_MEMORY_S = 0.1
+"""Correlation time of the residual at the tones, of positions and of attitudes [s].
 
 White acceleration through the pass leaves the power 16 a³ w² / (w² + a²)³ at w, as a share of the variance, a the
 corner: .12 s at the slowest tone, .02 s at the fastest."""
 OWN_WAY_MEMORY_S = 1.0 / PASS_RAD_S
-"""Correlation time of that residual at the law's own motion [s]: the high pass lets it through."""
-TURN_MEMORY_S = 0.1
-"""Correlation time of the residual of attitudes [s]."""
+"""Correlation time of the residual of positions at the law's own motion [s]: the high pass lets it through."""
 MODEL_ERROR = 0.025
 """Share of the law's own motion by which the model may be wrong [-]: half an interval of poses at 100 Hz, 5 ms of lag
 at the loop's 5 rad/s."""
 NOISE_MEMORY_S = 0.02
-"""Correlation time of the poses' own noise [s], at most."""
-LATENESSES_S = (0.1, 0.2, 0.3, 0.4)
+"""Longest correlation time of the poses' own noise [s]."""
+LATENESSES_S = tuple(0.1 * n for n in range(1, 5))
 """Latencies that are tried on the attitude [s]: half the first is a lag configured wrong; after the last,
 flight.coast_s ends a flight by itself."""
 LATE_MEMORY_S = 1.0
@@ -100,12 +98,14 @@ Array = NDArray[np.float64]
 class HighPass:
     """(s / (s + w))^n of signals given by their increments; exact for signals that move steadily between samples."""
 
-    def __init__(self, order: int, size: int) -> None:
-        """``order`` stages for ``size`` signals."""
-        self._stages = [[0.0] * size for _ in range(order)]
+    def __init__(self, order: int) -> None:
+        """Begin at 0 with ``order`` stages, for as many signals as the first step has."""
+        self._order = order
+        self._stages: list[list[float]] = []
 
     def step(self, increments: list[float], dt_s: float) -> list[float]:
         """Return the filtered signals after ``increments`` within ``dt_s``."""
+        self._stages = self._stages or [[0.0] * len(increments) for _ in range(self._order)]
         keep = math.exp(-PASS_RAD_S * dt_s)
         gain = (1.0 - keep) / (PASS_RAD_S * dt_s)
         for stage in self._stages:
@@ -116,23 +116,23 @@ class HighPass:
 
 
 FEWEST_SAMPLES = 3.5
-"""Independent samples below which a window says nothing [-]: two are spent on the two answers."""
+"""Independent samples below which a window is not evaluated [-]: two are spent on the two responses."""
 PRIOR_SAMPLES = 3.0
-"""Samples that the granted residual counts for [-]: as many as the shortest window has."""
-ASKED_LEAST = 2.0
-"""Least RMS of what was asked that says anything, as a multiple of the granted residual [-]."""
+"""Samples that the assumed residual counts for [-]: as many as the shortest window has."""
+TONES_LEAST = 2.0
+"""Least RMS of the tones that is evaluated, as a multiple of the assumed residual [-]."""
 RIDGE = 1e-10
 """Excitation below which nothing was excited [m² s or rad² s]."""
 DIAGONAL = math.sqrt(0.5)
 
 
 class OwnMotion(NamedTuple):
-    """Limits of the law's own motion, as wind and rotors ask for it."""
+    """Limits of the law's own motion, which wind and rotors cause."""
 
     cancelled: float
     """RMS that wind would have made, had the law not cancelled it [m or rad]."""
     least: float
-    """RMS below which it says nothing [m or rad]."""
+    """RMS below which it is not evaluated [m or rad]."""
     memory_s: float
     """Correlation time of the residual at it [s]."""
     burst_s: float = math.inf
@@ -140,52 +140,56 @@ class OwnMotion(NamedTuple):
 
 
 BURST_S = BLOCKS[2] * BLOCK_S
-"""Time that a burst of the law's own motion across counts for at least [s]: the tilt answers a step of the wind .15 s
-late, and a calm before must not make that short time certain; thrust and rates answer at once."""
+"""Least time that a burst of the law's own lateral motion counts for [s]: the tilt reacts to a step of the wind .15 s
+late, and a calm before must not make that short time certain; thrust and rates react at once."""
 OWN_HEIGHT = OwnMotion(CANCELLED_M, LEAST_OWN_M, OWN_WAY_MEMORY_S)
 OWN_WAY = OWN_HEIGHT._replace(burst_s=BURST_S)
-OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD, TURN_MEMORY_S)
+OWN_TURN = OwnMotion(CANCELLED_RAD, LEAST_OWN_RAD, TONE_MEMORY_S)
 
 
 class Alarm(NamedTuple):
-    """Largest excesses over all directions and windows, as shares of what convicts [-]."""
+    """Largest excesses over all directions and windows, as shares of what fails the poses [-]."""
 
-    asked: float
-    """By answers to what was asked."""
+    tones: float
+    """Excess of the responses to the tones."""
     own: float
-    """By answers to the law's own motion."""
+    """Excess of the responses to the law's own motion."""
     is_known: bool
-    """Whether the newest answers are known well enough to say that the poses answer."""
+    """Whether the newest responses are known well enough to confirm that the poses respond."""
 
 
 NO_ALARM = Alarm(0.0, 0.0, False)
-"""Windows that say nothing."""
+"""Result without evidence."""
+
+
+SIGNALS = ("u", "v", "e")
+"""Signals of each axis, in the order of the matrices."""
 
 
 def _directions(*along: Sequence[float]) -> Array:
-    """Matrices that take u, v and e of all axes to those along one direction, and to e across it in the last row.
+    """Make the matrices from u, v and e of all axes to those along one direction, and to e across it in the last row.
 
-    Shape (directions, 4, 3 axes).
+    Shape (directions, signals + 1, signals x axes).
     """
     axes = len(along[0])
-    matrices = np.zeros((len(along), 4, 3 * axes))
+    matrices = np.zeros((len(along), len(SIGNALS) + 1, len(SIGNALS) * axes))
     for matrix, direction in zip(matrices, along, strict=True):
-        for signal in range(3):
+        for signal in range(len(SIGNALS)):
             matrix[signal, signal * axes : (signal + 1) * axes] = direction
         if axes == 2:
-            matrix[3, 2 * axes :] = -direction[1], direction[0]
+            matrix[-1, -axes:] = -direction[1], direction[0]
     return matrices
 
 
 LINE = _directions((1.0,))
 PLANE = _directions((1.0, 0.0), (DIAGONAL, DIAGONAL), (0.0, 1.0), (-DIAGONAL, DIAGONAL))
-"""Directions of a plane that are looked at: no direction is farther than 22.5 degrees from one of them."""
+"""Directions of a plane that are evaluated: no direction is farther than 22.5 degrees from one of them."""
 
 
-def _beyond(answers: Array) -> Array:
+def _beyond(slopes: Array) -> Array:
     """Return the distance of D_u, along and across, from its limits [-]; negative within them. Shape (..., 2)."""
-    along, across = 1.0 + answers[..., 0], np.abs(answers[..., 1])
-    return np.stack([np.maximum(LEAST_ANSWER - along, along - MOST_ANSWER), across - MOST_CROSS_ANSWER], axis=-1)
+    along, across = 1.0 + slopes[..., 0], np.abs(slopes[..., 1])
+    return np.stack([np.maximum(LEAST_RESPONSE - along, along - MOST_RESPONSE), across - MOST_CROSS_RESPONSE], axis=-1)
 
 
 class Response:
@@ -196,13 +200,13 @@ class Response:
 
         Args:
             directions: ``LINE`` or ``PLANE``.
-            memory_s: correlation time of the residual at what is asked [s].
-            least: residual that is granted at least [m or rad].
+            memory_s: correlation time of the residual at the tones [s].
+            least: least residual that is assumed [m or rad].
             own_motion: limits of v.
         """
         self._directions, self._memory_s, self._least, self._own = directions, memory_s, least, own_motion
         size = directions.shape[2]
-        self._axes = size // 3
+        self._axes = size // len(SIGNALS)
         self._products, self._time_s = np.zeros((size, size)), 0.0
         self._bursts = np.zeros(len(directions))
         self._kept = deque([(0.0, self._products, self._bursts)], maxlen=BLOCKS[-1] + 1)
@@ -227,48 +231,48 @@ class Response:
             self._bursts = self._bursts + block[:, 1, 1] ** 2 / (self._time_s - closed_s)
         kept.append((self._time_s, self._products, self._bursts))
         times = [self._time_s - time_s for time_s, _, _ in begun]
-        long = [n for n, time_s in enumerate(times) if time_s >= FEWEST_SAMPLES * own.memory_s - 1e-9]
+        long = [n for n, time_s in enumerate(times) if time_s >= FEWEST_SAMPLES * own.memory_s - ROUNDING_S]
         if not long:
             return NO_ALARM
         time_s = np.array([times[n] for n in long])[:, None]
         products = self._products - np.array([begun[n][1] for n in long])
         powers = products.diagonal(axis1=1, axis2=2) / time_s
-        axes, granted = self._axes, ASKED_LEAST * self._least
-        asked2, own2 = powers[:, :axes].sum(axis=1), powers[:, axes : 2 * axes].sum(axis=1)
-        if asked2.max() < granted * granted and own2.max() < own.least * own.least:
+        axes, least = self._axes, TONES_LEAST * self._least
+        tones2, own2 = powers[:, :axes].sum(axis=1), powers[:, axes : 2 * axes].sum(axis=1)
+        if tones2.max() < least * least and own2.max() < own.least * own.least:
             return NO_ALARM
         along = self._directions @ products[:, None] @ self._directions.transpose(0, 2, 1)
         found = _regress(along)
         model2 = MODEL_ERROR * MODEL_ERROR * own2[:, None, None]
-        asked, is_known = self._judge_asked(along, found, time_s, noise, model2)
+        tones, is_known = self._judge_tones(along, found, time_s, noise, model2)
         moved_s = time_s
         if counts_bursts:
             moved_s = self._measure_moved(along, self._bursts - np.array([begun[n][2] for n in long]), time_s)
-        images = self._judge_own(along, found, time_s, moved_s, noise)
-        return Alarm(float(asked.max()), float(images.max()), bool(is_known.all(axis=1).any()))
+        own_excess = self._judge_own(along, found, time_s, moved_s, noise)
+        return Alarm(float(tones.max()), float(own_excess.max()), bool(is_known.all(axis=1).any()))
 
-    def _judge_asked(
+    def _judge_tones(
         self, along: Array, found: "_Regression", time_s: Array, noise: float, model2: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the excess of the answers to what was asked [-], and where the poses are known to answer.
+        """Return the excess of the responses to the tones [-], and where the poses are known to respond.
 
         ``along``: integrals of the products of u, v, e and e across, shape (windows, directions, 4, 4); ``model2``:
         mean square by which the model of v is wrong, shape (windows, 1, 1).
         """
         rms = np.sqrt(np.maximum(along[..., 0, 0], 0.0) / time_s)
-        is_asked = rms >= ASKED_LEAST * self._least
-        if not is_asked.any():
-            return np.zeros_like(rms), is_asked
+        is_excited = rms >= TONES_LEAST * self._least
+        if not is_excited.any():
+            return np.zeros_like(rms), is_excited
         errors = self._find_errors(found, 0, time_s, self._memory_s, noise, model2)
         commanded = along[..., 0, 0] + along[..., 0, 1]
         alone = along[..., 0, 2:] / np.maximum(commanded, RIDGE)[..., None]
         beyond = np.minimum(_beyond(found.slopes[..., 0, :]), _beyond(alone))
-        says = (errors <= MOST_ERROR) & (is_asked & (commanded > 0.0))[..., None]  # else v has undone what was asked
-        excess = np.where(says, np.maximum(beyond, 0.0) / (STANDARD_ERRORS * errors), 0.0).max(axis=-1)
-        return excess, says[..., 0] & (beyond[..., 0] <= 0.0)
+        counts = (errors <= MOST_ERROR) & (is_excited & (commanded > 0.0))[..., None]  # else v has undone the tones
+        excess = np.where(counts, np.maximum(beyond, 0.0) / (HIGHLY_SIGNIFICANT * errors), 0.0).max(axis=-1)
+        return excess, counts[..., 0] & (beyond[..., 0] <= 0.0)
 
     def _measure_moved(self, along: Array, bursts: Array, time_s: Array) -> Array:
-        """Return for how long of each window the law moved by itself [s]: (∫v²)²/∫v⁴ by means over blocks.
+        """Return the time in each window in which the law moved by itself [s]: (∫v²)²/∫v⁴ by means over blocks.
 
         A gust at the end of a calm window is few samples. ``bursts``: ∫v⁴, shape (windows, directions).
         """
@@ -276,22 +280,23 @@ class Response:
         return np.minimum(np.maximum(moved_s, self._own.burst_s), time_s)
 
     def _judge_own(self, along: Array, found: "_Regression", time_s: Array, moved_s: Array, noise: float) -> Array:
-        """Return the excess of the answers to the law's own motion [-]; wind makes none below 0 but by noise.
+        """Return the excess of the responses to the law's own motion [-].
 
-        Poses that answer to what was asked are none that stand or are mirrored: something else cancels the motion.
+        Wind makes no response below 0, except by noise. Poses that respond to the tones are neither frozen nor
+        mirrored: something else cancels the motion.
         """
         own = self._own
         rms = np.sqrt(np.maximum(along[..., 1, 1], RIDGE) / time_s)
-        least = np.maximum(LEAST_ANSWER - own.cancelled / rms, LEAST_OWN_ANSWER)
+        least = np.maximum(LEAST_RESPONSE - own.cancelled / rms, LEAST_OWN_RESPONSE)
         below = least - 1.0 - found.slopes[..., 1, 0]
-        says = (rms >= own.least) & (below > 0.0)
-        if not says.any():
+        counts = (rms >= own.least) & (below > 0.0)
+        if not counts.any():
             return np.zeros_like(rms)
         errors = self._find_errors(found, 1, moved_s, own.memory_s, noise)[..., 0]
-        asked_errors = self._find_errors(found, 0, time_s, self._memory_s, noise)[..., 0]
-        is_answered = 1.0 + found.slopes[..., 0, 0] >= LEAST_ANSWER + ANSWERS_ERRORS * asked_errors
-        says &= (errors <= MOST_OWN_ERROR) & ~is_answered
-        return np.where(says, below / (OWN_STANDARD_ERRORS * errors), 0.0)
+        tone_errors = self._find_errors(found, 0, time_s, self._memory_s, noise)[..., 0]
+        responds = 1.0 + found.slopes[..., 0, 0] >= LEAST_RESPONSE + CONFIRMING_ERRORS * tone_errors
+        counts &= (errors <= MOST_OWN_ERROR) & ~responds
+        return np.where(counts, below / (SIGNIFICANT * errors), 0.0)
 
     def _find_errors(
         self,
@@ -302,12 +307,12 @@ class Response:
         noise: float,
         model2: Array | float = 0.0,
     ) -> Array:
-        """Return the standard errors of the answers to u (``signal`` 0) or v (1); shape (windows, directions, 2).
+        """Return the standard errors of the responses to u (``signal`` 0) or v (1); shape (windows, directions, 2).
 
         ``model2``: mean square by which the model of the other signal is wrong.
         """
-        # Few samples know little of their own scatter: some samples' worth of the granted residual as a prior, and a
-        # wider interval, as Student's distribution has it.
+        # Few samples know little of their own scatter: the assumed residual is a prior worth some samples, and the
+        # interval is wider, as by Student's distribution.
         window_s, noise2 = time_s[..., None], noise * noise
         prior = PRIOR_SAMPLES * memory_s * self._least * self._least + window_s * model2
         freedom = window_s / memory_s - 2.0
@@ -328,18 +333,18 @@ class _Regression(NamedTuple):
 
 
 def _regress(along: Array) -> _Regression:
-    """Regress e and e across on u and v; ``along`` as in :meth:`Response._judge_asked`."""
+    """Regress e and e across on u and v; ``along`` as in :meth:`Response._judge_tones`."""
     uu, uv, vv = along[..., 0, 0] + RIDGE, along[..., 0, 1], along[..., 1, 1] + RIDGE
     determinant = uu * vv - uv * uv
     inverse = np.stack([np.stack([vv, -uv], -1), np.stack([-uv, uu], -1)], -2) / determinant[..., None, None]
-    shown = along[..., :2, 2:]
-    slopes = inverse @ shown
-    residual = along.diagonal(axis1=-2, axis2=-1)[..., 2:] - (slopes * shown).sum(axis=-2)
+    products = along[..., :2, 2:]
+    slopes = inverse @ products
+    residual = along.diagonal(axis1=-2, axis2=-1)[..., 2:] - (slopes * products).sum(axis=-2)
     return _Regression(slopes, inverse, residual)
 
 
 class LatenessMonitor:
-    """Compares the turns as seen with the model's of some time ago: do they come late, whatever their stamps say?"""
+    """Latency of the measured turns behind the model's, whatever the stamps of the poses are."""
 
     def __init__(self) -> None:
         self._times = list[float]()
@@ -347,9 +352,9 @@ class LatenessMonitor:
         self._off = [0.0] * (1 + len(LATENESSES_S))
         self._time_s = 0.0
 
-    def add(self, time_s: float, seen: Pair, model: Pair, dt_s: float) -> None:
+    def add(self, time_s: float, measured: Pair, model: Pair, dt_s: float) -> None:
         """Take one sample of the filtered turns, roll and pitch of each [rad]."""
-        times, models, off, (x, y) = self._times, self._models, self._off, seen
+        times, models, off, (x, y) = self._times, self._models, self._off, measured
         times.append(time_s)
         models.append(model)
         oldest = bisect_left(times, time_s - LATENESSES_S[-1] - dt_s)

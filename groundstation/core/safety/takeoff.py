@@ -1,10 +1,10 @@
 """Take-off: thrust rises for a moment, and stays on only if the poses respond to it. Sans-IO.
 
 The control law does not run on the floor: there position does not respond to thrust, and adaptation would learn the
-floor's push as wind. Before the vehicle moves nobody knows whether the poses are its own, and whether its mass is
-right. So thrust rises quickly to a low limit, and goes off again soon if no pose shows a motion: a vehicle that flies
-unseen has no time to gain speed. :class:`LiftOff` computes the odds of a lift-off from the poses, :class:`Spool` the
-thrust over time, :class:`SpoolUp` combines both.
+floor's force as wind. Before the vehicle moves it is not known whether the poses are its own, and whether its mass is
+right. So thrust rises quickly to a low limit, and goes off again soon if no pose moves: a vehicle that flies without
+poses of its own has no time to gain speed. :class:`LiftOff` computes the odds of a lift-off from the poses,
+:class:`Spool` the thrust over time, :class:`SpoolUp` combines both.
 
 Constants without a named origin were chosen; tests/unit/groundstation/core/safety/test_liftoff.py flies them.
 """
@@ -16,10 +16,12 @@ from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 
-from groundstation.core.geometry import Vec3, angle_deg, third_column
-from groundstation.core.messages import Pose, Sentence, notice
+from groundstation.core.geometry import Vec3, angle_deg, subtract, third_column
+from groundstation.core.messages import ROUNDING_S, Pose, Sentence, notice
 from groundstation.core.safety.geofence import Fence
+from groundstation.core.safety.significance import SIGNIFICANT
 from groundstation.core.vehicle import Vehicle
+from links.text import to_ms, to_percent
 
 SHARES = tuple(0.5 + 0.05 * k for k in range(23))
 """Hover thrusts of the hypotheses, 0.5 to 1.6 of the configured weight [-]."""
@@ -31,19 +33,19 @@ MOVING_LOG_ODDS = math.log(20.0)
 """Log odds from which the vehicle counts as moving [-]: 20 to 1."""
 FLYING_LOG_ODDS = math.log(10_000.0)
 """Log odds from which the vehicle may count as flying [-]: 10,000 to 1."""
-FLYING_HEIGHT_M = 0.015
-"""Least height of a flying vehicle [m]: landing legs spring back by less."""
+LEG_TRAVEL_M = 0.015
+"""Largest travel of springing landing legs, and so the least height of a flying vehicle [m]."""
 WANDERING_M = 0.35
 """Least height of a flying vehicle whose poses have a velocity [m].
 
-An autopilot's own estimate rises before the vehicle does: its accelerometers measure the thrust while the floor still
-holds the vehicle.
+An autopilot's own estimate rises before the vehicle does: its accelerometers measure the thrust while the vehicle is
+still on the floor.
 """
 CLIMBING = 1.1
-"""Thrust from the first motion until the vehicle counts as flying, as a share of the estimated hover thrust [-]."""
+"""Thrust from the first motion until the vehicle counts as flying, as a share of the estimated hover thrust [-]; where
+the hover thrust was measured, it is also the limit of the thrust before."""
 RUSHES_M_S = 1.0
-"""Climb speed from which that thrust is the hover thrust only [m/s]: the floor released the vehicle late (ArduPilot's
-SITL does)."""
+"""Climb speed from which that thrust is the hover thrust only [m/s]: late release from the floor (ArduPilot's SITL)."""
 LEAST_NOISE_M = 0.0003
 """Least noise that a height is given, 1σ [m]: legs and floor yield as thrust relieves them."""
 LEAST_WANDER_M2_S = 1e-6
@@ -54,8 +56,6 @@ SPEED_NOISE_M_S = 0.05
 """Noise of a pose's velocity, 1σ [m/s]."""
 LEAST_SPEED_WANDER_M2_S3 = 1e-4
 """Least random walk of a pose's velocity [m²/s³]: 1 cm/s in 1 s."""
-SIGMAS = 4.0
-"""Standard deviations of noise and wander beyond which a deviation is no chance [-]: 6 in 100,000 normal draws."""
 FITS_M = 0.02
 """Largest distance of a flying vehicle's height from the height that thrust explains, noise apart [m]."""
 JUMP_M = 0.1
@@ -69,7 +69,7 @@ PATIENT_CLIMB = 0.25
 
 
 class StandingWander(NamedTuple):
-    """Random walks that the poses of a vehicle at rest show: growth of their variances."""
+    """Random walks of the poses of a vehicle at rest: growth of their variances."""
 
     aside_m2_s: float
     """Walk of the horizontal position, on the worse axis [m²/s]."""
@@ -110,19 +110,19 @@ class _Walks:
 class LiftOff:
     """Odds that the vehicle has left the floor: its poses compared with the motion that its thrust must cause.
 
-    One hypothesis says that the vehicle stands. The others say that it rises and hovers at 0.5, 0.55, ... 1.6 of the
-    configured weight: p¨ = g (T / (s W) - 1), never below the floor, where T follows the commands by its lag. Under
-    each hypothesis the residual of the height is a random walk (as large as was measured before arming) plus white
-    noise, and a Kalman filter gives its likelihood. So thrust near the weight, height above the wander and a matching
-    acceleration make one number: the log odds that it flies. The weighted hypotheses also give the hover thrust and
-    the climb speed with which the controller starts.
+    In one hypothesis the vehicle is at rest. In the others it rises and hovers at 0.5, 0.55, ... 1.6 of the configured
+    weight: p¨ = g (T / (s W) - 1), never below the floor, where T follows the commands by its lag. Under each
+    hypothesis the residual of the height is a random walk (as large as was measured before arming) plus white noise,
+    and a Kalman filter gives its likelihood. So thrust near the weight, height above the wander and a matching
+    acceleration make one number: the log odds of flight. The weighted hypotheses also give the hover thrust and the
+    climb speed with which the controller starts.
 
-    Times are on the event loop's clock [s], heights are above where it stood [m].
+    Times are on the event loop's clock [s], heights are above the place at rest [m].
     """
 
     def __init__(
         self,
-        stands: Pose,
+        at_rest: Pose,
         down_m: float,
         weight_n: float,
         lag_s: float,
@@ -133,7 +133,7 @@ class LiftOff:
         """Begin with the vehicle at rest.
 
         Args:
-            stands: its newest pose at rest.
+            at_rest: its newest pose at rest.
             down_m: mean of its position down at rest [m, NED].
             weight_n: configured weight [N].
             lag_s: time constant of the thrust [s].
@@ -142,32 +142,32 @@ class LiftOff:
             noise_m: white noise of its poses, 1σ [m].
         """
         self._floor, self._weight, self._lag, self._gravity = down_m, weight_n, lag_s, gravity
-        self.has_velocity = has_velocity = stands.velocity_ned is not None
+        self.has_velocity = has_velocity = at_rest.velocity_ned is not None
         """Whether the poses have a velocity, as an autopilot's own estimate does."""
         self._height_m = 0.0
         self._climb: float | None = None
-        self._least_m = WANDERING_M if has_velocity else FLYING_HEIGHT_M
-        self._resets = stands.reset_count
-        self._at = stands.time_s
+        self._least_m = WANDERING_M if has_velocity else LEG_TRAVEL_M
+        self._resets = at_rest.reset_count
+        self._at = at_rest.time_s
         self._thrust: float | None = None
-        self._told: deque[tuple[float, float]] = deque()
+        self._commands: deque[tuple[float, float]] = deque()
         n = len(SHARES)
         self._paths, self._speeds = [0.0] * n, [0.0] * n
-        # The last hypothesis is that it stands.
+        # The last hypothesis is that it is at rest.
         least_m2_s = LEAST_ESTIMATE_WANDER_M2_S if has_velocity else LEAST_WANDER_M2_S
         self._height = _Walks(n + 1, max(wander.height_m2_s, least_m2_s), max(noise_m, LEAST_NOISE_M) ** 2)
         self._speed = _Walks(n + 1, max(wander.climb_m2_s3, LEAST_SPEED_WANDER_M2_S3), SPEED_NOISE_M_S**2)
-        self._stood_m_s = 0.0 if stands.velocity_ned is None else -stands.velocity_ned[2]
+        self._rest_m_s = 0.0 if at_rest.velocity_ned is None else -at_rest.velocity_ned[2]
         prior = [math.exp(-0.5 * ((s - 1.0) / SPREAD) ** 2) for s in SHARES]
         self._logs = [math.log(p / sum(prior)) for p in prior] + [0.0]
         self._fits = False
         self._jumps = 0
 
     def add_command(self, acting_s: float, thrust_n: float) -> None:
-        """Note that ``thrust_n`` [N] is commanded from ``acting_s`` on."""
-        self._told.append((acting_s, thrust_n))
+        """Take the command ``thrust_n`` [N], which acts from ``acting_s`` on."""
+        self._commands.append((acting_s, thrust_n))
 
-    def pose(self, pose: Pose) -> None:
+    def add_pose(self, pose: Pose) -> None:
         """Take one more pose."""
         elapsed = pose.time_s - self._at
         if elapsed <= 0.0:
@@ -181,12 +181,12 @@ class LiftOff:
             return
         innovations, variance = self._height.update(elapsed, residuals)
         self._weigh(innovations, variance)
-        chance = SIGMAS * math.sqrt(variance)
+        chance = SIGNIFICANT * math.sqrt(variance)
         self._fits = abs(self._mean(innovations[:-1])) < FITS_M + chance
         self._jumps = self._jumps + 1 if min(map(abs, innovations)) > JUMP_M + chance else 0
         if pose.velocity_ned is not None:
             self._climb = -pose.velocity_ned[2]
-            gained = self._climb - self._stood_m_s
+            gained = self._climb - self._rest_m_s
             self._weigh(*self._speed.update(elapsed, [gained - speed for speed in (*self._speeds, 0.0)]))
 
     def _weigh(self, innovations: list[float], variance: float) -> None:
@@ -194,22 +194,22 @@ class LiftOff:
         self._logs = [log - 0.5 * step * step / variance for log, step in zip(self._logs, innovations, strict=True)]
 
     @property
-    def jumps(self) -> bool:
+    def has_jumped(self) -> bool:
         """Whether the height jumps as no thrust explains."""
         return self._jumps >= JUMPS
 
     @property
-    def moves(self) -> bool:
+    def is_moving(self) -> bool:
         """Whether the poses respond to the thrust."""
         return self._log_odds > MOVING_LOG_ODDS
 
     @property
-    def flies(self) -> bool:
+    def is_flying(self) -> bool:
         """Whether the vehicle has left the floor."""
         return self._log_odds > FLYING_LOG_ODDS and self._fits and self._mean(self._paths) > self._least_m
 
     @property
-    def climbs(self) -> bool:
+    def is_high(self) -> bool:
         """Whether the measured height is a flying vehicle's, though the height expected from thrust is not yet.
 
         True only for poses that have a velocity: their wander may have made the estimated hover thrust a little wrong.
@@ -218,7 +218,7 @@ class LiftOff:
 
     @property
     def patience_s(self) -> float:
-        """Longest time from the first motion until it must fly [s]."""
+        """Longest time from the first motion until flight [s]."""
         return PATIENCE_S + 2.0 * math.sqrt(2.0 * self._least_m / (PATIENT_CLIMB * self._gravity))
 
     @property
@@ -228,7 +228,7 @@ class LiftOff:
 
     @property
     def climbing_share(self) -> float:
-        """Thrust to climb with until it counts as flying, as a share of the configured weight [-]."""
+        """Climb thrust until the vehicle counts as flying, as a share of the configured weight [-]."""
         return self.hover_share * (1.0 if self.climb_m_s > RUSHES_M_S else CLIMBING)
 
     @property
@@ -243,7 +243,7 @@ class LiftOff:
 
     @property
     def _log_odds(self) -> float:
-        """Log odds that it rises, by any of the hypotheses, against that it stands."""
+        """Log odds that the vehicle rises, by any of the hypotheses, against rest."""
         best = max(self._logs[:-1])
         return best + math.log(sum(math.exp(log - best) for log in self._logs[:-1])) - self._logs[-1]
 
@@ -255,15 +255,14 @@ class LiftOff:
 
     def _advance(self, until_s: float) -> None:
         """Integrate all rising hypotheses until ``until_s``; a step ends where a command begins."""
-        told, g = self._told, self._gravity
-        # 1 ns and 1 µs are below any interval of poses or commands: they absorb rounding.
-        while self._at < until_s - 1e-9:
-            while len(told) > 1 and told[1][0] <= self._at + 1e-9:
-                told.popleft()
+        commands, g = self._commands, self._gravity
+        while self._at < until_s - ROUNDING_S:
+            while len(commands) > 1 and commands[1][0] <= self._at + ROUNDING_S:
+                commands.popleft()
             h = min(until_s - self._at, STEP_S)
-            if len(told) > 1:
-                h = min(h, max(told[1][0] - self._at, 1e-6))
-            target = told[0][1] if told and told[0][0] <= self._at + 1e-9 else 0.0
+            if len(commands) > 1:
+                h = min(h, commands[1][0] - self._at)
+            target = commands[0][1] if commands and commands[0][0] <= self._at + ROUNDING_S else 0.0
             before = target if self._thrust is None else self._thrust
             keep = math.exp(-h / self._lag) if self._lag > 0.0 else 0.0
             self._thrust = target + (before - target) * keep
@@ -271,8 +270,7 @@ class LiftOff:
             for k, share in enumerate(SHARES):
                 a, v = g * (lift / share - 1.0), self._speeds[k]
                 height = self._paths[k] + h * (v + 0.5 * h * a)
-                rests = height <= 0.0
-                self._paths[k], self._speeds[k] = (0.0, 0.0) if rests else (height, v + h * a)
+                self._paths[k], self._speeds[k] = (0.0, 0.0) if height <= 0.0 else (height, v + h * a)
             self._at += h
 
 
@@ -290,8 +288,6 @@ WATCHED_S = 0.3
 """Time after ``NEAR_SHARE`` within which the poses must show a motion [s]."""
 CONFIGURED_SHARE = 1.3
 """Limit of the thrust, as a share of the configured weight [-]."""
-MEASURED_SHARE = 1.1
-"""Limit of the thrust where the hover thrust was measured, as a share of it [-]."""
 LEAST_SHARE = 0.75
 """Least thrust command of a moving vehicle, as a share of the wanted thrust [-], while the rotors still give more."""
 REST_POSES = 50
@@ -310,56 +306,54 @@ STEP_M = 0.03
 Poses that change to another body's jump by at least the size of a vehicle.
 """
 WIND_M_S2 = 5.0
-"""Horizontal acceleration by wind that is granted while thrust relieves the floor [m/s²]."""
+"""Largest horizontal acceleration by wind while thrust relieves the floor [m/s²]."""
 LIGHT_S = 0.2
 """Time before ``SURE_SHARE`` at which that wind begins to count [s]."""
 
 
+Transit = Annotated[float, msgspec.Meta(gt=0.0, le=20.0)]
+
+
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the vehicle leaves the floor. Config section ``[takeoff]``."""
+    """Take-off, and speeds of the transits. Config section ``[takeoff]``."""
 
     height_m: Annotated[
         float,
         msgspec.Meta(
-            ge=0.2, le=20.0, description="Height above the floor at which it holds before and after the trajectory [m]."
+            ge=0.2, le=20.0, description="Height above the floor of the hold before and after the trajectory [m]."
         ),
     ] = 1.0
     spool_s: Annotated[
         float,
-        msgspec.Meta(ge=0.2, le=10.0, description="Time in which the rotors are brought up to 60 % of the weight [s]."),
+        msgspec.Meta(ge=0.2, le=10.0, description="Time in which thrust rises to 60 % of the weight [s]."),
     ] = 1.0
     thrust_limit: Annotated[
         Annotated[float, msgspec.Meta(ge=1.0, le=2.0)] | None,
         msgspec.Meta(
-            description="Largest thrust before it has left the floor, as a share of its weight [-]. "
-            "Without it: 1.3, or 1.1 of vehicle.hover_n where that was measured; a "
-            "larger one lets a vehicle that is not seen jump higher."
+            description="Largest thrust before lift-off, as a share of the weight [-]. Without it: 1.3, or 1.1 of "
+            "vehicle.hover_n where that was measured. The larger it is, the higher a vehicle without true poses jumps."
         ),
     ] = None
-    climb_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0, description="Fastest speed of the climb [m/s].")] = 0.5
+    climb_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0, description="Largest speed of the climb [m/s].")] = 0.5
     hold_s: Annotated[
         float,
         msgspec.Meta(
             ge=1.0,
             le=600.0,
-            description="How long it holds, measuring its hover thrust, before it goes on to the trajectory [s].",
+            description="Duration of the hold in which the hover thrust is measured, before the trajectory [s].",
         ),
     ] = 3.0
     transit_m_s: Annotated[
-        float,
+        Transit,
         msgspec.Meta(
-            gt=0.0,
-            le=20.0,
-            description="Fastest speed of the ways onto the trajectory and back [m/s]; where it "
-            "begins faster, it is met at its own.",
+            description="Largest speed of the transits onto the trajectory and back [m/s]; a trajectory that begins "
+            "faster is entered at its own speed.",
         ),
     ] = 0.5
     transit_m_s2: Annotated[
-        float,
+        Transit,
         msgspec.Meta(
-            gt=0.0,
-            le=20.0,
-            description="Largest acceleration of these ways and of stopping [m/s²]; of the climb, too, but there "
+            description="Largest acceleration of these transits and of stopping [m/s²]; of the climb, too, but there "
             "at most 2.",
         ),
     ] = 1.0
@@ -387,7 +381,7 @@ class ThrustLimitConfig(Protocol):
 def usual_limit_n(config: ThrustLimitConfig) -> float:
     """Largest thrust before lift-off without ``takeoff.thrust_limit`` [N]."""
     vehicle = config.vehicle
-    most = CONFIGURED_SHARE * config.weight_n if vehicle.hover_n is None else MEASURED_SHARE * vehicle.hover_n
+    most = CONFIGURED_SHARE * config.weight_n if vehicle.hover_n is None else CLIMBING * vehicle.hover_n
     return min(most, vehicle.thrust_max_n)
 
 
@@ -414,9 +408,9 @@ class Spool:
         self._near = min(max(NEAR_SHARE * weight_n, self._sure), most_n)
         self._start = start_s
         self.sure_s = start_s + spool_s
-        """End of the time in which thrust can't lift the vehicle."""
+        """Instant until which thrust can't lift the vehicle."""
         self.near_s = self.sure_s + NEAR_S
-        """Begin of the time in which the vehicle may lift."""
+        """Instant from which thrust may lift the vehicle."""
 
     def thrust_n(self, time_s: float) -> float:
         """Thrust to command at ``time_s`` [N]."""
@@ -437,7 +431,7 @@ class StandingPoses:
         self._spans: deque[Pose] = deque(maxlen=WANDERS + 1)
         """Poses ``WANDER_S`` apart."""
 
-    def stands(self, pose: Pose) -> None:
+    def add(self, pose: Pose) -> None:
         """Take a pose of the vehicle while its motors can't lift it."""
         moved = bool(self.poses) and self.poses[-1].reset_count != pose.reset_count  # the source has moved its origin
         if moved:
@@ -449,8 +443,8 @@ class StandingPoses:
     @property
     def place_ned(self) -> Vec3:
         """Mean position at rest [m]. There must be a pose."""
-        n = len(self.poses)
-        north, east, down = (sum(pose.position_ned[axis] for pose in self.poses) / n for axis in range(3))
+        axes = zip(*(pose.position_ned for pose in self.poses), strict=True)
+        north, east, down = (sum(coordinates) / len(self.poses) for coordinates in axes)
         return north, east, down
 
     @property
@@ -463,9 +457,8 @@ class StandingPoses:
         elapsed = spans[-1].time_s - spans[0].time_s
         if len(pairs) < len(spans) - 1:  # from one origin to another nothing has wandered
             elapsed = sum(b.time_s - a.time_s for a, b in pairs)
-        north, east, down = (
-            sum((b.position_ned[axis] - a.position_ned[axis]) ** 2 for a, b in pairs) / elapsed for axis in range(3)
-        )
+        axes = zip(*(subtract(b.position_ned, a.position_ned) for a, b in pairs), strict=True)
+        north, east, down = (sum(step**2 for step in steps) / elapsed for steps in axes)
         climbs = [b.velocity_ned[2] - a.velocity_ned[2] for a, b in pairs if a.velocity_ned and b.velocity_ned]
         return StandingWander(max(north, east), down, sum(climb * climb for climb in climbs) / elapsed)
 
@@ -478,29 +471,29 @@ class StandingPoses:
         if pose.reset_count != before.reset_count or elapsed <= 0.0:
             return None  # not comparable
         step = math.dist(pose.position_ned[:2], before.position_ned[:2])
-        chance = SIGMAS * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
+        chance = SIGNIFICANT * math.sqrt(2.0 * noise_m * noise_m + self.wander.aside_m2_s * elapsed)
         if step <= STEP_M + chance + WIND_M_S2 * light_s * elapsed:
             return None
         return notice("takeoff.leaps", step_m=step)
 
     def find_disturbance(self, pose: Pose, place_ned: Vec3, light_s: float) -> Sentence | None:
-        """Return the fault of a vehicle that tips over or slides on its floor; None without one.
+        """Return the fault of a vehicle that tips over or slides on the floor; None without one.
 
         Args:
             pose: its newest pose.
             place_ned: its place at rest [m].
             light_s: time since thrust relieves the floor so much that wind may move the vehicle [s].
         """
-        stood = self.poses[-1]
-        if pose.reset_count != stood.reset_count:
+        at_rest = self.poses[-1]
+        if pose.reset_count != at_rest.reset_count:
             return None  # not comparable
-        (x, y, z), (u, v, w) = third_column(stood.attitude), third_column(pose.attitude)
+        (x, y, z), (u, v, w) = third_column(at_rest.attitude), third_column(pose.attitude)
         tilt = angle_deg(x * u + y * v + z * w)
         if not tilt <= TIPPED_DEG:
             return notice("takeoff.tips", tilt_deg=tilt, limit_deg=TIPPED_DEG)
         aside = math.dist(pose.position_ned[:2], place_ned[:2])
         # The wander of 1 s: a spool-up takes about so long.
-        limit = SLIPPED_M + SIGMAS * math.sqrt(self.wander.aside_m2_s) + 0.5 * WIND_M_S2 * light_s * light_s
+        limit = SLIPPED_M + SIGNIFICANT * math.sqrt(self.wander.aside_m2_s) + 0.5 * WIND_M_S2 * light_s * light_s
         if not aside <= limit:
             return notice("takeoff.slides", aside_m=aside, limit_m=limit)
         return None
@@ -531,38 +524,37 @@ class SpoolUp:
         self._leap: Sentence | None = None
         """First fault of two successive poses."""
         self._lift: LiftOff | None = None
-        """Odds of the lift-off; None until a pose can show it."""
+        """Odds of the lift-off; None before thrust can lift the vehicle."""
         self._moved_s: float | None = None
-        """Time of the first command after a motion was seen [s]."""
-        self._climbs = False
+        """Time of the first command after a motion was measured [s]."""
+        self._is_high = False
         """Whether the vehicle was above the floor when its patience ended."""
-        self._told: list[tuple[float, float]] = []
+        self._commands: list[tuple[float, float]] = []
         """Commands before ``_lift``: acting from [s], thrust [N]."""
 
     @property
-    def flies(self) -> LiftOff | None:
+    def lift_off(self) -> LiftOff | None:
         """Estimated hover thrust and climb, once the vehicle has left the floor; None before."""
-        return self._lift if self._lift is not None and (self._lift.flies or self._climbs) else None
+        return self._lift if self._lift is not None and (self._lift.is_flying or self._is_high) else None
 
-    def pose(self, pose: Pose) -> None:
+    def add_pose(self, pose: Pose) -> None:
         """Take one more pose."""
         light_s = self._light_s(pose.time_s)
         self._leap = self._leap or self._standing.find_leap(self._newest, pose, light_s, self._noise)
         moved, self._newest = pose.reset_count != self._newest.reset_count, pose
-        if self._lift is not None:
-            self._lift.pose(pose)
-        elif pose.time_s < self._spool.sure_s:
-            self._standing.stands(pose)
+        standing = self._standing
+        if self._lift is None and pose.time_s < self._spool.sure_s:
+            standing.add(pose)
             if moved:
-                self.place_ned = self._standing.place_ned
-        else:
-            standing, vehicle = self._standing, self._vehicle
-            down, wander, stood = standing.place_ned[2], standing.wander, standing.poses[-1]
-            lag = vehicle.thrust_lag_s
-            self._lift = LiftOff(stood, down, self._weight, lag, self._gravity, wander, self._noise)
-            for acting_s, thrust_n in self._told:
+                self.place_ned = standing.place_ned
+            return
+        if self._lift is None:
+            down, lag_s = standing.place_ned[2], self._vehicle.thrust_lag_s
+            at_rest, wander = standing.poses[-1], standing.wander
+            self._lift = LiftOff(at_rest, down, self._weight, lag_s, self._gravity, wander, self._noise)
+            for acting_s, thrust_n in self._commands:
                 self._lift.add_command(acting_s, thrust_n)
-            self._lift.pose(pose)
+        self._lift.add_pose(pose)
 
     def _light_s(self, now_s: float) -> float:
         """Time since thrust relieves the floor so much that wind may move the vehicle [s]."""
@@ -572,49 +564,47 @@ class SpoolUp:
         """Thrust to command now [N]."""
         lift, spool = self._lift, self._spool
         thrust = spool.thrust_n(now_s)
-        if lift is not None and self._moves:
+        if lift is not None and self._is_moving:
             self._moved_s = now_s if self._moved_s is None else self._moved_s
             wanted = lift.climbing_share * self._weight
             # A lead by the rotors' present error: they reach ``wanted`` sooner.
             thrust = min(max(2.0 * wanted - lift.thrust_n, LEAST_SHARE * wanted), spool.most_n)
         acting_s = now_s + self._vehicle.command_delay_s + self._vehicle.thrust_delay_s
         if lift is None:
-            self._told.append((acting_s, thrust))
+            self._commands.append((acting_s, thrust))
         else:
             lift.add_command(acting_s, thrust)
         return thrust
 
     @property
-    def _moves(self) -> bool:
+    def _is_moving(self) -> bool:
         """Whether the vehicle moves.
 
-        An autopilot's own estimate that has moved once counts for good: it may level off while the floor still holds
-        the vehicle.
+        An autopilot's own estimate that has moved once counts for good: it may level off while the vehicle is still on
+        the floor.
         """
         lift = self._lift
-        return lift is not None and (lift.moves or (lift.has_velocity and self._moved_s is not None))
+        return lift is not None and (lift.is_moving or (lift.has_velocity and self._moved_s is not None))
 
     def fault(self, now_s: float, pose: Pose, coast_s: float, fence: Fence | None) -> Sentence | None:
         """Return why the motors must go off, by the newest pose; None if they may stay on.
 
-        It also notes a vehicle that has lifted by the end of its patience: from then on :attr:`flies` has it.
+        A vehicle that has lifted by the end of its patience has lifted off, too: see :attr:`lift_off`.
         """
         spool, lift = self._spool, self._lift
         if now_s - pose.time_s > coast_s:
-            return notice("takeoff.no_pose", age_ms=1e3 * (now_s - pose.time_s))
+            return notice("takeoff.no_pose", age_ms=to_ms(now_s - pose.time_s))
         if fence is not None and fence.room_m(pose.position_ned) < 0.0:
             return notice("takeoff.fence", outside_m=-fence.room_m(pose.position_ned))
         why = self._leap or self._standing.find_disturbance(pose, self.place_ned, self._light_s(now_s))
         if why is not None:
             return why
-        if lift is not None and lift.jumps:
+        if lift is not None and lift.has_jumped:
             return notice("takeoff.jumps")
-        if not self._moves and now_s >= spool.near_s + WATCHED_S:
-            percent = 100.0 * spool.most_n / self._weight
+        if not self._is_moving and now_s >= spool.near_s + WATCHED_S:
+            percent = to_percent(spool.most_n / self._weight)
             return notice("takeoff.no_motion", thrust_n=spool.most_n, percent=percent)
         if lift is not None and self._moved_s is not None and now_s - self._moved_s > lift.patience_s:
-            self._climbs = lift.climbs
-            if self._climbs:
-                return None  # it is in the air: motors off would drop it
-            return notice("takeoff.stuck")
+            self._is_high = lift.is_high
+            return None if self._is_high else notice("takeoff.stuck")  # in the air, motors off would drop it
         return None

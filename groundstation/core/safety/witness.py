@@ -1,12 +1,12 @@
 """Second witness: a comparison of the autopilot's own attitude with the poses. Sans-IO.
 
-A tracker and an autopilot on the same body see the same tilt and the same turning, even if their norths differ. At
+A tracker and an autopilot on the same body measure the same tilt and the same turning, even if their norths differ. At
 the instants of the autopilot's messages two things are compared:
 
 - *Turning*, in two ways: by the regression of :mod:`groundstation.core.safety.pose_response`, with the autopilot's
   turn in the place of the model's, and by the latency at which both fit best.
-- *Tilt*: the angle between both directions of gravity, less the same angle at rest before arming (a body mounted at
-  an angle to the autopilot). An autopilot without a velocity source takes a part of a lasting lean for level.
+- *Tilt*: the angle between both directions of gravity, less the same angle at rest before arming (the mounting
+  offset). An autopilot without a velocity source takes a part of a lasting lean for level.
 
 If the vehicle is moved by hand before arming, the same axes must turn the same way in both.
 
@@ -18,14 +18,28 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from groundstation.core.geometry import Quat, Vec3, conjugate, euler_zyx, multiply, rotate, rotation_vector, third_row
-from groundstation.core.messages import Pose, Sentence, notice
+from groundstation.core.geometry import (
+    ZERO,
+    Quat,
+    Vec3,
+    add,
+    add_scaled,
+    conjugate,
+    euler_zyx,
+    interpolate,
+    multiply,
+    rotate,
+    rotation_vector,
+    third_row,
+)
+from groundstation.core.messages import ROUNDING_S, Pose, Sentence, notice
+from groundstation.core.safety.latency import ATTITUDES_KEPT
 from groundstation.core.safety.pose_response import (
     BLOCK_S,
     LEAST_TURN_RAD,
     OWN_TURN,
     PLANE,
-    TURN_MEMORY_S,
+    TONE_MEMORY_S,
     HighPass,
     LatenessMonitor,
     Response,
@@ -37,25 +51,23 @@ GAP_S = 0.13
 
 At 10 Hz, the slowest usual attitude messages, it bridges their jitter, but no missing message.
 """
-KEPT = 32
-"""Attitudes that are kept until a pose of their instant arrives [-]."""
 KNOWN_S = 1.0
 """Time for which the finding that both turn alike stays valid [s]."""
 SILENT_S = 0.6
-"""Time without a comparison after which the witness says nothing [s]; poses that long are kept."""
+"""Time without a comparison after which there is no result [s]; poses of that long are kept."""
 LASTS_S = 2.0
-"""Duration of a disagreement before the operator is told [s]: a shorter one may be an outlier."""
+"""Duration of a disagreement before it is reported [s]: a shorter one may be an outlier."""
 TILT_DEG = 10.0
-"""Tilt between both, beyond that before arming, that is a disagreement [deg]: twice the largest effect of vibration."""
+"""Tilt between both beyond the mounting offset that is a disagreement [deg]: twice the largest effect of vibration."""
 LEAN_SHARE = 0.3
 """Share of the lean that is added to ``TILT_DEG`` [-]: the error of PX4 and ArduCopter in steady wind
 (`groundstation-sim dev autopilots`)."""
 TILT_MEMORY_S = 0.3
 """Time constant of the mean tilt between both [s]."""
 LEARN_S = 10.0
-"""Time constant of the mounting angle and the north that are learnt before arming [s]."""
-ASKEW_DEG = 8.0
-"""Largest tilt between both at rest that the pre-arm check accepts [deg]."""
+"""Time constant of mounting offset and north [s], which are averaged before arming."""
+MOUNTING_DEG = 8.0
+"""Largest mounting offset, tilt between both at rest, that the pre-arm check accepts [deg]."""
 MOVED_MEMORY_S = 3.0
 """Time constant of the turns by hand [s]."""
 MOVED_RAD = math.radians(8.0)
@@ -68,7 +80,7 @@ ALIKE_SHARE = 0.5
 """Share of squared turning that differs below which both turned the same way [-]: 0 for equal turns, 1 for unrelated,
 2 for opposite ones."""
 UNLIKE_SHARE = 0.8
-"""The same share above which they turned different ways [-]."""
+"""Share of squared turning that differs above which they turned different ways [-]."""
 KNOWN_ALARM = 0.5
 """Alarm of the turning below which both are found to turn alike [-]."""
 AXES = ("roll", "pitch", "yaw")
@@ -81,12 +93,12 @@ class Agreement(NamedTuple):
     alarm: float
     """Larger of the two statistics, tilt and turning, as a share of its limit [-]: from 1 on, both disagree."""
     tilt_deg: float
-    """Tilt between both, beyond that before arming [deg]."""
-    askew_deg: float
-    """Tilt between both before arming [deg]: the body's mounting angle, or another body."""
+    """Tilt between both, beyond the mounting offset [deg]."""
+    mounting_deg: float
+    """Mounting offset: tilt between both before arming [deg]. A large one may mean another body."""
     agrees: bool | None
-    """Whether both agree; None if the vehicle turned too little of late to tell."""
-    doubts_s: float | None
+    """Whether both agree; None if the vehicle turned too little of late to decide."""
+    disagrees_since_s: float | None
     """Begin of the present disagreement, on the event loop's clock [s]; None without one."""
     alike: tuple[str, ...]
     """Axes of roll, pitch and yaw that turned the same way when the vehicle was last moved by hand, before arming."""
@@ -98,7 +110,7 @@ class Witness:
     """The comparison for one vehicle. Times are on the event loop's clock [s]."""
 
     def __init__(self) -> None:
-        self._attitudes: deque[Attitude] = deque(maxlen=KEPT)
+        self._attitudes: deque[Attitude] = deque(maxlen=ATTITUDES_KEPT)
         """Attitudes of the autopilot that wait for poses."""
         self._poses: deque[Pose] = deque()
         self._pair: _Pair | None = None
@@ -107,12 +119,11 @@ class Witness:
         """Instant of the newest comparison."""
         self._known_s = -math.inf
         """Newest instant at which both were found to turn alike."""
-        self._doubts_s: float | None = None
-        """Begin of the present disagreement."""
+        self._disagrees_since_s: float | None = None
         self._is_reported = self._is_armed = False
         self._turning = 0.0
         """Alarm of the turning [-]."""
-        self._askew: tuple[float, float] | None = None
+        self._mounting: tuple[float, float] | None = None
         """Mean difference of both directions of gravity before arming, forward and right [rad, for small angles]."""
         self._tilt, self._lean = (0.0, 0.0), 0.0
         """Mean difference beyond that, and mean lean by the autopilot [rad]."""
@@ -122,17 +133,17 @@ class Witness:
         self._restart()
 
     def _restart(self) -> None:
-        """Forget the turning; the mounting angle and the north stay."""
-        self._response = Response(PLANE, TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
+        """Forget the turning; mounting offset and north stay."""
+        self._response = Response(PLANE, TONE_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
         self._lateness = LatenessMonitor()
-        self._pass = HighPass(2, 4)
+        self._pass = HighPass(2)
         self._block_s = 0.0
 
     def arm(self) -> None:
-        """Stop learning the mounting angle: the motors start."""
+        """Freeze the mounting offset: the motors start."""
         self._is_armed = True
 
-    def pose(self, pose: Pose) -> None:
+    def add_pose(self, pose: Pose) -> None:
         """Take one pose."""
         poses = self._poses
         last = poses[-1] if poses else None
@@ -144,53 +155,54 @@ class Witness:
             poses.popleft()
         self._pair_up()
 
-    def attitude(self, told: Attitude) -> None:
-        """Take one attitude of the autopilot. Over a radio it arrives after poses of later instants."""
-        if self._attitudes and told.time_s <= self._attitudes[-1].time_s:
-            if told.time_s < self._attitudes[-1].time_s - SILENT_S:  # the autopilot's clock has restarted
+    def add_attitude(self, reported: Attitude) -> None:
+        """Take one attitude reported by the autopilot. Over a radio it arrives after poses of later instants."""
+        if self._attitudes and reported.time_s <= self._attitudes[-1].time_s:
+            if reported.time_s < self._attitudes[-1].time_s - SILENT_S:  # the autopilot's clock has restarted
                 self._attitudes.clear()
             return
-        self._attitudes.append(told)
+        self._attitudes.append(reported)
         self._pair_up()
 
     def _pair_up(self) -> None:
-        """Compare each attitude that lies between two poses with the pose interpolated at its instant."""
+        """Compare each attitude whose instant is between two poses with the pose interpolated at it."""
         poses = self._poses
         while self._attitudes and poses and self._attitudes[0].time_s <= poses[-1].time_s:
-            told = self._attitudes.popleft()
-            while len(poses) > 1 and poses[1].time_s < told.time_s:
+            reported = self._attitudes.popleft()
+            while len(poses) > 1 and poses[1].time_s < reported.time_s:
                 poses.popleft()
-            if len(poses) < 2 or told.time_s <= poses[0].time_s:
+            if len(poses) < 2 or reported.time_s <= poses[0].time_s:
                 continue
             last, pose = poses[0], poses[1]
-            share = (told.time_s - last.time_s) / (pose.time_s - last.time_s)
+            share = (reported.time_s - last.time_s) / (pose.time_s - last.time_s)
             x, y, z = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
-            self._compare(_Pair(told.time_s, rotate(last.attitude, (share * x, share * y, share * z)), told.attitude))
+            measured = rotate(last.attitude, (share * x, share * y, share * z))
+            self._compare(_Pair(reported.time_s, measured, reported.attitude))
 
-    def in_poses(self, told: Attitude) -> Quat | None:
+    def in_poses(self, reported: Attitude) -> Quat | None:
         """Convert an attitude of the autopilot to the axes of the poses; None before the first comparison."""
-        if self._askew is None or self._north == 0j:
+        if self._mounting is None or self._north == 0j:
             return None
         half = 0.5 * cmath.phase(self._north)
-        x, y = self._askew
-        return rotate(multiply((math.cos(half), 0.0, 0.0, math.sin(half)), told.attitude), (y, -x, 0.0))
+        x, y = self._mounting
+        return rotate(multiply((math.cos(half), 0.0, 0.0, math.sin(half)), reported.attitude), (y, -x, 0.0))
 
     def verdict(self, now_s: float) -> Agreement | None:
         """Result at ``now_s``; None while the poses or the attitudes are missing."""
-        if self._askew is None or now_s - self._at_s > SILENT_S:
+        if self._mounting is None or now_s - self._at_s > SILENT_S:
             return None
         alike, unlike = self._moves.compare()
         agrees: bool | None = None
-        if self._doubts_s is not None:
+        if self._disagrees_since_s is not None:
             agrees = False
         elif self._at_s - self._known_s < KNOWN_S:
             agrees = True
         return Agreement(
             alarm=self._alarm,
             tilt_deg=math.degrees(math.hypot(*self._tilt)),
-            askew_deg=math.degrees(math.hypot(*self._askew)),
+            mounting_deg=math.degrees(math.hypot(*self._mounting)),
             agrees=agrees,
-            doubts_s=self._doubts_s,
+            disagrees_since_s=self._disagrees_since_s,
             alike=alike,
             unlike=unlike,
         )
@@ -203,10 +215,10 @@ class Witness:
 
     def describe_news(self) -> Sentence | None:
         """Sentence for the operator, once for each disagreement of ``LASTS_S``."""
-        if self._doubts_s is None:
+        if self._disagrees_since_s is None:
             self._is_reported = False
             return None
-        if self._is_reported or self._at_s - self._doubts_s < LASTS_S:
+        if self._is_reported or self._at_s - self._disagrees_since_s < LASTS_S:
             return None
         self._is_reported = True
         return notice("pose.autopilot_disagrees")
@@ -216,55 +228,55 @@ class Witness:
         last, self._pair = self._pair, pair
         dt = pair.time_s - self._at_s
         self._at_s = pair.time_s
-        (x, y, _), (a, b, c) = third_row(pair.seen), third_row(pair.told)  # gravity's direction in the body's axes
+        (x, y, _), (a, b, c) = third_row(pair.measured), third_row(pair.reported)  # gravity in the body's axes
         difference = (x - a, y - b)
-        if self._askew is None:
-            self._askew = difference
+        learn, gain = min(dt / LEARN_S, 1.0), min(dt / TILT_MEMORY_S, 1.0)
+        if self._mounting is None:
+            self._mounting = difference
         if not self._is_armed:
-            self._askew = _towards(self._askew, difference, min(dt / LEARN_S, 1.0))
-        gain = min(dt / TILT_MEMORY_S, 1.0)
-        beyond = (difference[0] - self._askew[0], difference[1] - self._askew[1])
-        self._tilt = _towards(self._tilt, beyond, gain)
+            self._mounting = interpolate(self._mounting, difference, learn)
+        beyond = (difference[0] - self._mounting[0], difference[1] - self._mounting[1])
+        self._tilt = interpolate(self._tilt, beyond, gain)
         self._lean += gain * (math.acos(max(-1.0, min(c, 1.0))) - self._lean)
-        if self._doubts_s is None:
-            turned = euler_zyx(pair.seen)[2] - euler_zyx(pair.told)[2]
-            self._north += min(dt / LEARN_S, 1.0) * (cmath.exp(1j * turned) - self._north)
+        if self._disagrees_since_s is None:
+            turned = euler_zyx(pair.measured)[2] - euler_zyx(pair.reported)[2]
+            self._north += learn * (cmath.exp(1j * turned) - self._north)
         if last is None or not 0.0 < dt <= GAP_S:
             self._restart()
             return
-        seen = rotation_vector(multiply(conjugate(last.seen), pair.seen))
-        told = rotation_vector(multiply(conjugate(last.told), pair.told))
-        self._take_turn(pair.time_s, seen, told, dt)
+        measured = rotation_vector(multiply(conjugate(last.measured), pair.measured))
+        reported = rotation_vector(multiply(conjugate(last.reported), pair.reported))
+        self._add_turn(pair.time_s, measured, reported, dt)
         if not self._is_armed:
-            self._moves.add(seen, told, dt)
+            self._moves.add(measured, reported, dt)
 
-    def _take_turn(self, now_s: float, seen: Vec3, told: Vec3, dt: float) -> None:
+    def _add_turn(self, now_s: float, measured: Vec3, reported: Vec3, dt: float) -> None:
         """Compare one turn about roll and pitch. Heading is left out: an autopilot may reset it."""
-        roll, pitch, told_roll, told_pitch = self._pass.step([*seen[:2], *told[:2]], dt)
-        difference = (roll - told_roll, pitch - told_pitch)
-        self._response.add(difference, (told_roll, told_pitch), (0.0, 0.0), dt)
-        self._lateness.add(now_s, (roll, pitch), (told_roll, told_pitch), dt)
+        roll, pitch, reported_roll, reported_pitch = self._pass.step([*measured[:2], *reported[:2]], dt)
+        difference = (roll - reported_roll, pitch - reported_pitch)
+        self._response.add(difference, (reported_roll, reported_pitch), (0.0, 0.0), dt)
+        self._lateness.add(now_s, (roll, pitch), (reported_roll, reported_pitch), dt)
         self._block_s += dt
-        if self._block_s < BLOCK_S - 1e-6:  # 1 µs for the rounding of sums
+        if self._block_s < BLOCK_S - ROUNDING_S:
             return
         self._block_s = min(self._block_s - BLOCK_S, BLOCK_S)
         alarm = self._response.look(LEAST_TURN_RAD)
-        self._turning = max(alarm.asked, 1.0 if self._lateness.late_s > 0.0 else 0.0)
+        self._turning = max(alarm.tones, 1.0 if self._lateness.late_s > 0.0 else 0.0)
         if alarm.is_known and self._turning < KNOWN_ALARM:
             self._known_s = now_s
-        if self._alarm >= 1.0:
-            self._doubts_s = now_s if self._doubts_s is None else self._doubts_s
-        else:
-            self._doubts_s = None
+        if self._alarm < 1.0:
+            self._disagrees_since_s = None
+        elif self._disagrees_since_s is None:
+            self._disagrees_since_s = now_s
 
 
 class _Pair(NamedTuple):
     """Both attitudes of one instant."""
 
     time_s: float
-    seen: Quat
+    measured: Quat
     """Attitude by the poses."""
-    told: Quat
+    reported: Quat
     """Attitude by the autopilot."""
 
 
@@ -272,40 +284,30 @@ class _HandMoves:
     """Turns about roll, pitch and yaw, by the poses and by the autopilot, while the vehicle is moved by hand."""
 
     def __init__(self) -> None:
-        self._step_s = 0.0
-        self._seen, self._told = [0.0] * 3, [0.0] * 3
-        self._sums = [[0.0] * 3 for _ in AXES]
+        self._step_s, self._measured, self._reported = 0.0, ZERO, ZERO
+        self._sums = [ZERO for _ in AXES]
         """For each axis, fading sums of squared turns in steps: of the difference, by the poses, by the autopilot."""
 
-    def add(self, seen: Vec3, told: Vec3, dt: float) -> None:
+    def add(self, measured: Vec3, reported: Vec3, dt: float) -> None:
         """Take one turn about each axis, by the poses and by the autopilot [rad]."""
         self._step_s += dt
-        for axis in range(3):
-            self._seen[axis] += seen[axis]
-            self._told[axis] += told[axis]
+        self._measured, self._reported = add(self._measured, measured), add(self._reported, reported)
         if self._step_s < STEP_S:
             return
         keep = math.exp(-self._step_s / MOVED_MEMORY_S)
-        for sums, x, y in zip(self._sums, self._seen, self._told, strict=True):
+        for axis, (x, y) in enumerate(zip(self._measured, self._reported, strict=True)):
             if math.hypot(x, y) > MOVED_STEP_RAD:
-                for i, square in enumerate(((x - y) ** 2, x * x, y * y)):
-                    sums[i] = keep * sums[i] + square
-        self._step_s, self._seen, self._told = 0.0, [0.0] * 3, [0.0] * 3
+                self._sums[axis] = add_scaled(((x - y) ** 2, x * x, y * y), keep, self._sums[axis])
+        self._step_s, self._measured, self._reported = 0.0, ZERO, ZERO
 
     def compare(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Axes that turned the same way in both, and axes that turned different ways; others turned too little."""
         alike, unlike = list[str](), list[str]()
-        for name, (different, seen, told) in zip(AXES, self._sums, strict=True):
-            if told > MOVED_RAD * MOVED_RAD:
-                share = different / (seen + told)
+        for name, (different, measured, reported) in zip(AXES, self._sums, strict=True):
+            if reported > MOVED_RAD * MOVED_RAD:
+                share = different / (measured + reported)
                 if share < ALIKE_SHARE:
                     alike.append(name)
                 elif share > UNLIKE_SHARE:
                     unlike.append(name)
         return tuple(alike), tuple(unlike)
-
-
-def _towards(start: tuple[float, float], end: tuple[float, float], share: float) -> tuple[float, float]:
-    """The point at ``share`` of the way from ``start`` to ``end`` [-]."""
-    (x, y), (a, b) = start, end
-    return x + share * (a - x), y + share * (b - y)

@@ -1,4 +1,4 @@
-"""Trajectories with exact derivatives, and what they ask of a vehicle."""
+"""Trajectories with exact derivatives, and their demands on a vehicle."""
 
 from groundstation.core.trajectory.feasibility import (
     Demand,

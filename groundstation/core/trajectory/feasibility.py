@@ -27,7 +27,7 @@ class Demand(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     """When [s after the start of the trajectory]."""
     limit: float | None = None
-    """None where nobody set one."""
+    """None where none is set."""
     least: bool = False
     """The limit is from below, and so is the extreme."""
     key: str = ""
@@ -254,10 +254,12 @@ def check_feasibility(
         count = min(max(math.ceil((end - start) / STEP_S), FEWEST), MOST)
         times += [start + n * ((end - start) / count) for n in range(count)]
     times.append(span)
-    seen = [trajectory.at(t) for t in times]
-    motions = [PathMotion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s) for r in seen]
+    references = [trajectory.at(t) for t in times]
+    motions = [
+        PathMotion(r.velocity_ned, r.acceleration_ned, r.jerk_ned, r.yaw_rad, r.yaw_rate_rad_s) for r in references
+    ]
     looks = [compute_demand(motion, gravity) for motion in motions]
-    places = list(zip(*(r.position_ned for r in seen), strict=True))
+    places = list(zip(*(r.position_ned for r in references), strict=True))
     lowest = largest(places[2])
     above = Demand(
         name="height above the floor",
@@ -276,19 +278,19 @@ def check_feasibility(
         length_m=sum(
             0.5 * (a.speed + b.speed) * (t - s) for a, b, s, t in zip(looks, looks[1:], times, times[1:], strict=False)
         ),
-        start_speed_m_s=math.hypot(*seen[0].velocity_ned),
+        start_speed_m_s=math.hypot(*references[0].velocity_ned),
         lowest_ned=(min(places[0]), min(places[1]), min(places[2])),
         highest_ned=(max(places[0]), max(places[1]), lowest),
         demands=(above, *wanted),
         share=1.0 if all(demand.ok for demand in wanted) else _share(times, motions, vehicle, limits, gravity),
-        inconsistency=find_inconsistency(trajectory, times, seen),
+        inconsistency=find_inconsistency(trajectory, times, references),
     )
 
 
 def find_inconsistency(
-    trajectory: Trajectory, times: Sequence[float], seen: Sequence[Reference]
+    trajectory: Trajectory, times: Sequence[float], references: Sequence[Reference]
 ) -> Inconsistency | None:
-    """Compare what ``trajectory`` declares with the differences of its positions, ``seen`` at ``times`` [s].
+    """Compare what ``trajectory`` declares with the differences of its positions, ``references`` at ``times`` [s].
 
     Each derivative is compared with the difference quotient of what it is the derivative of, over a
     few milliseconds after each instant. A single instant that differs may be one at which a formula
@@ -301,17 +303,17 @@ def find_inconsistency(
         span_s = 0.5 * min(end_s - start_s, 2.0 * DIFFERENCE_S)
         if span_s <= 0.0:
             continue
-        jump = _find_jump(start_s, end_s, seen[k], seen[k + 1])
+        jump = _find_jump(start_s, end_s, references[k], references[k + 1])
         if jump is not None:
             return jump
         is_stop = trajectory.duration_s is not None and end_s >= trajectory.duration_s
         if corner is None and not is_stop:
-            corner = _find_corner(start_s, end_s, seen[k], seen[k + 1])
-        found = _compare(start_s, span_s, seen[k], trajectory.at(start_s + span_s))
+            corner = _find_corner(start_s, end_s, references[k], references[k + 1])
+        found = _compare(start_s, span_s, references[k], trajectory.at(start_s + span_s))
         if found is not None and before is not None:
             return before
         before = found
-    return corner or _look_further(trajectory, times[-1], seen)
+    return corner or _look_further(trajectory, times[-1], references)
 
 
 def _find_jump(start_s: float, end_s: float, a: Reference, b: Reference) -> Inconsistency | None:
@@ -360,14 +362,14 @@ def _compare(time_s: float, span_s: float, a: Reference, b: Reference) -> Incons
     return Inconsistency(time_s=time_s, name="yaw rate", declared=rate, found=turned, unit="rad/s")
 
 
-def _look_further(trajectory: Trajectory, span_s: float, seen: Sequence[Reference]) -> Inconsistency | None:
+def _look_further(trajectory: Trajectory, span_s: float, references: Sequence[Reference]) -> Inconsistency | None:
     """Find a trajectory without end that later leaves the box of its first ``span_s`` [s], or is not what it declares.
 
     As before, two differences in a row count.
     """
     if trajectory.duration_s is not None or span_s <= 0.0:
         return None
-    places = list(zip(*(one.position_ned for one in seen), strict=True))
+    places = list(zip(*(one.position_ned for one in references), strict=True))
     for k in range(1, FURTHER_LOOKS + 1):
         time_s = span_s + k * FURTHER_S / FURTHER_LOOKS
         first, second, third = (trajectory.at(time_s + i * DIFFERENCE_S) for i in range(3))

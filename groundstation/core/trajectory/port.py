@@ -36,7 +36,7 @@ class Trajectory(Protocol):
 
     @property
     def duration_s(self) -> float | None:
-        """Time after which the reference rests at its last point [s]; None where it never ends."""
+        """Time after which the reference is at rest at its last point [s]; None where it never ends."""
 
     @property
     def joints_s(self) -> Sequence[float]:
@@ -85,7 +85,7 @@ Moment: TypeAlias = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 class Paced:
     """Any curve flown from rest and to rest. See :class:`Trajectory` for ``at`` and ``position_at``.
 
-    It is asked for another time, s(t), whose rate rises and falls smoothly.
+    It is evaluated at another time, s(t), whose rate rises and falls smoothly.
 
         s˙ = w(t / ramp) on the way in, 1 between, w((duration - t) / ramp) on the way out,    w = x³ (10 - 15x + 6x²)
 

@@ -88,23 +88,22 @@ class OwnTrajectoryConfig(
 
 
 class OwnTrajectory:
-    """Any curve; what it leaves out of :class:`Trajectory` is made up for, and what is no reference ends the flight."""
+    """A user's curve with the missing parts of :class:`Trajectory`; an invalid reference ends the flight."""
 
     def __init__(self, curve: Any, at: Any, name: str) -> None:
-        """``at`` is asked for references; ``curve`` may tell when it ends, and ``name`` is for the operator.
+        """``at`` returns references; ``curve`` may have times of its end and joints, ``name`` is for the operator.
 
         Raises:
-            ConfigError: it gives no reference for its beginning, or tells times that are none.
+            ConfigError: it returns no reference for its beginning, or has invalid times.
         """
         self._at, self._name = at, name
         self.duration_s = self._time_of(curve, "duration_s")
-        """Time at which it comes to rest at its last point [s]; None where it never ends, or does
-        not say."""
+        """Time at which it comes to rest at its last point [s]; None where it never ends, or that is not given."""
         end = self.duration_s or self._time_of(curve, "period_s") or LOOKED_AT_S
         self.joints_s: Sequence[float] = self._joints_of(curve, (0.0, end))
-        """Its own, or from its beginning to its end, to one turn, or to where nobody looks further [s]."""
+        """Its own joints, or its beginning and its end, one turn, or ``LOOKED_AT_S`` [s]."""
         try:
-            self._ask(0.0, MAKING_LIMIT_S)  # it may be compiled at its first call
+            self._reference(0.0, MAKING_LIMIT_S)  # it may be compiled at its first call
         except UserCodeFault as fault:
             raise ConfigError(KEY, str(fault)) from fault.__cause__
 
@@ -118,23 +117,23 @@ class OwnTrajectory:
             raise ConfigError(KEY, f"{self._name}.{name} failed: {describe_error(error)}") from error
 
     def _time_of(self, curve: Any, name: str) -> float | None:
-        told = self._read(curve, name)
-        if told is None:
+        value = self._read(curve, name)
+        if value is None:
             return None
-        if not isinstance(told, Real) or not 0.0 <= float(told) < math.inf:
-            raise ConfigError(KEY, f"{self._name} has {name} = {told!r}: expected seconds, 0 or more")
-        return float(told)
+        if not isinstance(value, Real) or not 0.0 <= float(value) < math.inf:
+            raise ConfigError(KEY, f"{self._name} has {name} = {value!r}: expected seconds, 0 or more")
+        return float(value)
 
     def _joints_of(self, curve: Any, ends: Sequence[float]) -> Sequence[float]:
-        told = self._read(curve, "joints_s")
-        if told is None:
+        value = self._read(curve, "joints_s")
+        if value is None:
             return ends
         with suppress(TypeError):
-            joints = [float(time_s) for time_s in told if math.isfinite(time_s)]
-            if len(joints) == len(told) >= len(ends) and all(a < b for a, b in pairwise(joints)):
+            joints = [float(time_s) for time_s in value if math.isfinite(time_s)]
+            if len(joints) == len(value) >= len(ends) and all(a < b for a, b in pairwise(joints)):
                 return joints
         raise ConfigError(
-            KEY, f"{self._name} has joints_s = {told!r}: expected rising times, its beginning and its end among them"
+            KEY, f"{self._name} has joints_s = {value!r}: expected rising times, its beginning and its end among them"
         )
 
     def position_at(self, time_s: float) -> Vec3:
@@ -147,15 +146,15 @@ class OwnTrajectory:
         Raises:
             UserCodeFault: the user's code failed, or this is no reference of finite numbers.
         """
-        return self._ask(time_s, STEP_LIMIT_S)
+        return self._reference(time_s, STEP_LIMIT_S)
 
-    def _ask(self, time_s: float, limit_s: float) -> Reference:
-        rests = self.duration_s is not None and time_s >= self.duration_s
+    def _reference(self, time_s: float, limit_s: float) -> Reference:
+        is_over = self.duration_s is not None and time_s >= self.duration_s
         what = f"trajectory {self._name}"
         try:
-            found = STEP_WATCH.get().run(what, limit_s, self._at, self.duration_s if rests else time_s)
+            found = STEP_WATCH.get().run(what, limit_s, self._at, self.duration_s if is_over else time_s)
         except KeyboardInterrupt:
-            raise  # somebody stops the program
+            raise  # Ctrl-C
         except BaseException as error:  # sys.exit is no end of a flight either
             raise UserCodeFault(what, error) from error
         if not isinstance(found, Reference):
@@ -170,8 +169,8 @@ class OwnTrajectory:
         except (OverflowError, TypeError, ValueError):
             raise UserCodeFault(f"trajectory {self._name}: expected vectors of three numbers in {found}") from None
         if not finite:
-            raise UserCodeFault(f"trajectory {self._name} asked for {found} at {time_s:g} s")
-        if rests:
+            raise UserCodeFault(f"trajectory {self._name} returned {found} at {time_s:g} s")
+        if is_over:
             return Reference(position, yaw_rad=yaw)
         velocity, acceleration, jerk = derivatives
         return Reference(position, velocity, acceleration, jerk, yaw, yaw_rate)
@@ -521,7 +520,7 @@ class ExcitationConfig(
     ] = 0.4
     highest_hz: Annotated[
         Frequency,
-        msgspec.Meta(description="Fastest sine [Hz]; lags are best seen at 1/(2 pi lag), where body rates allow it."),
+        msgspec.Meta(description="Fastest sine [Hz]; best for lags is 1/(2 pi lag), where body rates allow it."),
     ] = 1.6
     yaw_swing_deg: Annotated[
         float,
@@ -563,7 +562,7 @@ class Excitation:
     """The sines at full speed, for ever. See the port for ``at`` and ``position_at``.
 
     Each axis, and the heading, is a sum of sines at whole multiples of 1/period, no two of them at the same frequency,
-    so that what one axis does to another can be told apart. All sines of an axis have the same acceleration;
+    so that the effects of the axes can be separated. All sines of an axis have the same acceleration;
     Schroeder's phases (IEEE Trans. Inf. Theory 16, 1970) keep their sum flat. The whole is scaled to the acceleration
     that is asked for. It begins and ends at rest.
     """

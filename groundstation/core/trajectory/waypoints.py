@@ -12,7 +12,7 @@ A CSV file has one waypoint a line, in columns of any order that the first line 
 
     t_s, north_m, east_m, up_m [, yaw_deg] [, v_north_m_s, v_east_m_s, v_up_m_s]
 
-``down_m`` may stand for ``up_m``; ``t``, ``x``, ``y``, ``z``, ``vx``, ``vy``, ``vz`` are in world NED: z counts down.
+``down_m`` may replace ``up_m``; ``t``, ``x``, ``y``, ``z``, ``vx``, ``vy``, ``vz`` are in world NED: z counts down.
 
 The unknowns are the derivatives 1 to r-1 at the knots. A span has the polynomial p(x h) = Σ cᵢ xⁱ, c = A⁻¹ S d, and
 H = A⁻ᵀ Q A⁻¹, Q = ∫₀¹ of the products of the r-th derivatives of xⁱ. Setting the gradient to zero where a derivative is
@@ -151,7 +151,7 @@ class _Span(NamedTuple):
 class Spline:
     """Position and heading as polynomials in time, evaluated in plain floats. See the port for its methods.
 
-    Before its start and after its end it rests at its first and its last point.
+    Before its start and after its end it is at rest at its first and its last point.
     """
 
     __slots__ = ("_end", "_spans", "_start", "duration_s", "joints_s")
@@ -310,7 +310,7 @@ def _header(cells: list[str], line: int) -> list[str]:
         if name not in _KNOWN:
             raise ValueError(f"line {line}: expected names of columns, such as {EXAMPLE}, got {cell.strip()[:40]!r}")
         if names.count(name) > 1:
-            raise ValueError(f"line {line}: the column {name} stands there twice")
+            raise ValueError(f"line {line}: the column {name} is there twice")
     moving = any(name.startswith("v_") for name in names)
     for axis in (*_PLACE, *(_SPEED if moving else ())):
         there = [name for name in axis if name in names]
@@ -372,8 +372,8 @@ def allocate_times(known: "Array", order: int, max_speed: float, max_acceleratio
     step, last = np.full(len(legs), 0.2), np.zeros(len(legs))
     for number in range(SMOOTH_ROUNDS + LIMIT_ROUNDS):
         coefficients = smoothest(_times(legs), known, order)[:, :, :3]
-        asked = _find_demand(coefficients, legs, max_speed, max_acceleration)
-        slower = legs * (MARGIN * asked.max())
+        demand = _find_demand(coefficients, legs, max_speed, max_acceleration)
+        slower = legs * (MARGIN * demand.max())
         if slower.sum() < best.sum():
             best = slower
         if number < SMOOTH_ROUNDS:
@@ -383,7 +383,7 @@ def allocate_times(known: "Array", order: int, max_speed: float, max_acceleratio
             last = np.where(again < 0.0, 0.0, slope)
             legs = legs * np.exp(-np.sign(last) * step)
         else:
-            legs = slower * (asked / asked.max()).clip(0.2) ** 0.5
+            legs = slower * (demand / demand.max()).clip(0.2) ** 0.5
     return _times(best)
 
 
@@ -419,8 +419,8 @@ def _find_demand(coefficients: "Array", legs: "Array", max_speed: float, max_acc
     second = powers * (powers - 1) * x ** np.maximum(powers - 2, 0)
     speed = np.linalg.norm(first @ coefficients, axis=2).max(axis=1) / legs
     acceleration = np.linalg.norm(second @ coefficients, axis=2).max(axis=1) / (legs * legs)
-    asked: Array = np.maximum(speed / max_speed, np.sqrt(acceleration / max_acceleration))
-    return asked
+    demand: Array = np.maximum(speed / max_speed, np.sqrt(acceleration / max_acceleration))
+    return demand
 
 
 MAX_POINTS = 2000
@@ -433,7 +433,7 @@ class WaypointsConfig(
     """A course through points, from rest to rest."""
 
     file: Annotated[
-        str | None, msgspec.Meta(description="CSV of the waypoints, beside the configuration; they then stand here.")
+        str | None, msgspec.Meta(description="CSV of the waypoints, beside the configuration; they are then here.")
     ] = None
     points_ned: Annotated[
         tuple[Point, ...],
@@ -558,7 +558,7 @@ class SamplesConfig(
     """
 
     file: Annotated[
-        str | None, msgspec.Meta(description="CSV of the samples, beside the configuration; they then stand here.")
+        str | None, msgspec.Meta(description="CSV of the samples, beside the configuration; they are then here.")
     ] = None
     times_s: Annotated[
         tuple[Moment, ...],

@@ -1,4 +1,4 @@
-"""The vehicle as the controller is told it is: its figures, limits, model and actuators."""
+"""The configured vehicle: figures, limits, model and actuators."""
 
 from groundstation.core.vehicle.vehicle import (
     GRAVITY,

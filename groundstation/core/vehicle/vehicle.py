@@ -1,7 +1,7 @@
-"""Vehicle: what the controller is told of it, its limits, and the model by which it is integrated forward in time.
+"""Vehicle: its configuration, its limits, and the model by which it is integrated forward in time.
 
-What is told is the config section ``[vehicle]``, or a file of its own. The limits (section ``[limits]``) are what a
-flight may ask of it, beside what it can do. The model is (1), (2) of the paper with first-order lags on thrust and body
+The configuration is the section ``[vehicle]``, or a file of its own. The limits (section ``[limits]``) restrict a
+flight further. The model is (1), (2) of the paper with first-order lags on thrust and body
 rates, which are the actuators; lags and their inverse are exact for a command that is held. A step has two parts.
 Commands alone decide actuators and attitude, and so what thrust gives (:func:`integrate_actuators`, one call for each
 command that acts). All else is added once, at the end (:func:`integrate_motion`): position and velocity are linear in
@@ -61,7 +61,7 @@ Share = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 Inside = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 
 GRAVITY = 9.81
-"""g [m/s²] where nothing else is told: the paper's."""
+"""Default g [m/s²]: the paper's."""
 APART_S = 0.002
 """Delays of thrust and of rates that are closer are taken for one [s]."""
 
@@ -74,17 +74,17 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         str | None,
         msgspec.Meta(
             description="Vehicle that comes along to start from, see `groundstation config vehicles`; its "
-            "keys then stand here."
+            "keys are then here."
         ),
     ] = None
     file: Annotated[
         str | None,
-        msgspec.Meta(description="Vehicle file to start from, beside the configuration; its keys then stand here."),
+        msgspec.Meta(description="Vehicle file to start from, beside the configuration; its keys are then here."),
     ] = None
     name: Annotated[
         str,
         msgspec.Meta(
-            pattern=name_pattern(VEHICLE_LETTERS), description="What the operator calls it; asked for before arming."
+            pattern=name_pattern(VEHICLE_LETTERS), description="Name for the operator, who types it before arming."
         ),
     ] = "mqx"
     mass_kg: Annotated[Mass, msgspec.Meta(description="With battery and markers [kg].")] = 0.080
@@ -128,14 +128,14 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     thrust_delay_s: Annotated[
         Delay,
         msgspec.Meta(
-            description="From the actuators seeing a command to thrust beginning to follow it, with its lag [s]."
+            description="From the arrival of a command at the actuators to the beginning of the thrust's lag [s]."
         ),
     ] = 0.0
     rate_delay_s: Annotated[
         Delay,
         msgspec.Meta(
-            description="The same for body rates [s]: rotors and the autopilot's rate loop answer "
-            "like a lag behind a delay."
+            description="The same for body rates [s]: rotors and the autopilot's rate loop respond like a lag behind a "
+            "delay."
         ),
     ] = 0.0
     drag_per_s: Annotated[
@@ -220,22 +220,22 @@ class Vehicle(FromFile, msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
             ValueError: not TOML, a key that is unknown or missing, or a value outside its bounds.
         """
         try:
-            told = parse_toml(text)
-            base = told.pop("preset", None)
-            if "file" in told:
+            values = parse_toml(text)
+            base = values.pop("preset", None)
+            if "file" in values:
                 raise ValueError("file: a vehicle file can't name another; it may name a preset")
             if base is not None:
                 known = presets(cls)
                 if not isinstance(base, str) or base not in known:
                     raise ValueError(f"preset: expected one of {list(known)}, got {base!r}")
-                told = {**parse_toml(known[base]), **told}
-            convert(cls, told)
+                values = {**parse_toml(known[base]), **values}
+            convert(cls, values)
         except Problem as problem:
             raise ValueError(f"{dotted_key(problem.path)}: {problem.text}") from None
-        missing = [key for key in cls.__struct_fields__ if key not in {*told, *_OPTIONAL}]
+        missing = [key for key in cls.__struct_fields__ if key not in {*values, *_OPTIONAL}]
         if missing:
             raise ValueError(f"missing: {', '.join(missing)}; say all of it, or name a preset to start from")
-        return {**told, **table}
+        return {**values, **table}
 
 
 _OPTIONAL = (

@@ -53,7 +53,7 @@ LIMIT_US = 60.0
 
 CORE = ((ModelEstimator, "update"), (ModelEstimator, "predict"), (Adaptive, "decide"))
 """Law, observer and predictor."""
-WHOLE = ((Pilot, "pose"), (Pilot, "tick"))
+WHOLE = ((Pilot, "add_pose"), (Pilot, "tick"))
 """All that a command needs: the reference, the bring-down it carries, the watch and the monitor too."""
 
 
@@ -80,9 +80,9 @@ def time_calls(parts: Sequence[tuple[type, str]], clock: Callable[[], int]) -> I
         yield found
 
 
-UNWATCHED: dict[str, Any] = {"_accepts": True, "_check_response": None, "_ask_on_new_wind": None}
+UNWATCHED: dict[str, Any] = {"_accepts": True, "_check_response": None, "_suspect_new_wind": None}
 """Methods of the pilot that watch the poses, and their answers where every pose is believed unseen."""
-WITNESS = ((Witness, "attitude"), (Witness, "arm"), (Witness, "pose"))
+WITNESS = ((Witness, "add_attitude"), (Witness, "arm"), (Witness, "add_pose"))
 
 
 def monitor(scenario: str) -> dict[str, float]:

@@ -227,7 +227,7 @@ PLANNED = {
 }
 """Moves that a flight makes by itself, or as the deck asks; onto a landing it moves by itself for one reason only."""
 LANDS_BY_ITSELF = "over the place of take-off"
-FELT = "the autopilot has felt the floor and disarmed"
+FELT = "the autopilot has detected touchdown and disarmed"
 
 
 def is_planned(before: State, after: State, reason: str) -> bool:

@@ -62,9 +62,9 @@ class DeckHealth(PoseHealth):
         """Doubt the first pose after ``from_s`` [s] as ``doubt`` says."""
         self._doubt, self._doubt_s = doubt, from_s
 
-    def see(self, pose: Pose, *args: Any, **kwargs: Any) -> None:
+    def add_pose(self, pose: Pose, *args: Any, **kwargs: Any) -> None:
         """Take one pose, as the real one does."""
-        super().see(pose, *args, **kwargs)
+        super().add_pose(pose, *args, **kwargs)
         if self._is_off:
             self._believe()
         elif pose.time_s >= self._doubt_s:
@@ -83,7 +83,7 @@ class DeckHealth(PoseHealth):
     def _believe(self) -> None:
         self.state, self.reason_id = HealthState.OK, ""
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
-        self.attitude_answers = self.position_answers = True
+        self.is_attitude_usable = self.is_position_usable = True
 
 
 class DeckGuards(Guards):
@@ -91,13 +91,13 @@ class DeckGuards(Guards):
 
     is_off = False
 
-    def see(self, *args: Any, **kwargs: Any) -> GuardFinding | None:
+    def check_command(self, *args: Any, **kwargs: Any) -> GuardFinding | None:
         """Return what the real ones find."""
-        return None if self.is_off else super().see(*args, **kwargs)
+        return None if self.is_off else super().check_command(*args, **kwargs)
 
-    def link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
+    def check_link(self, status: LinkStatus, now_s: float) -> GuardFinding | None:
         """Return what the real ones find."""
-        return None if self.is_off else super().link(status, now_s)
+        return None if self.is_off else super().check_link(status, now_s)
 
 
 class OpenGate(PoseGate):

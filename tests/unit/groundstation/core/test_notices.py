@@ -24,7 +24,7 @@ def test_every_id_is_named_after_a_room_and_a_fact() -> None:
 def test_a_sentence_keeps_its_numbers_and_those_of_a_sentence_inside_it() -> None:
     reason = notice("guard.tilt", tilt_deg=50.0, limit_deg=40.0)
     told = notice("fault.poses_land", reason=reason)
-    assert told.text == "tilt 50°, limit 40°: landing, as they still answer"
+    assert told.text == "tilt 50°, limit 40°: landing, as they still respond"
     assert told.numbers == {"reason": reason.text, "reason_id": "guard.tilt", "tilt_deg": 50.0, "limit_deg": 40.0}
     assert (reason.as_warning().id, reason.as_warning().text) == ("guard.tilt", "warning: tilt 50°, limit 40°")
 

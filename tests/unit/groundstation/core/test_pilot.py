@@ -33,11 +33,11 @@ def test_what_may_stand_is_only_levelled_however_far_it_is_from_its_reference(
 ) -> None:
     told: list[Any] = []
     flies, place = Pilot(VEHICLE, Gains(), 0.25, 0.0, tell=told.append), (0.0, 0.0, -0.4)
-    flies.pose(Pose(0, 0.0, 0.0, place, leaning(degrees, azimuth_deg)))
+    flies.add_pose(Pose(0, 0.0, 0.0, place, leaning(degrees, azimuth_deg)))
     flies.follow(Hold((2.0, -2.0, -0.4), 0.0), 0.0)
     free = flies.tick(0.0).decision.drive
     for _ in range(3):
-        flies.touch(True)
+        flies.set_ground_contact(True)
     tick = flies.tick(0.0)
     roll, pitch = sine_error(tick.estimate.motion.attitude, push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), G)[0])
     thrust, (p, q, r) = tick.decision.drive
@@ -68,7 +68,7 @@ def test_the_mean_disturbance_is_that_since_the_beginning_and_later_that_of_late
 def test_once_the_poses_have_answered_the_disturbance_since_they_were_asked_is_the_mean() -> None:
     mean = _MeanDisturbance(G)
     for n in range(400):
-        mean.add(blown(0.2 if n < 300 else 3.0, 1.0), 0.01, asks=n >= 310)
+        mean.add(blown(0.2 if n < 300 else 3.0, 1.0), 0.01, is_suspect=n >= 310)
     assert mean.value is not None and mean.value[2] < 1.5
     mean.confirm()
     assert mean.value == pytest.approx((0.0, 0.0, 3.0))

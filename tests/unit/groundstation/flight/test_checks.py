@@ -40,7 +40,7 @@ def standing(
     for i in range(count):
         t = i / rate_hz
         roll, pitch = (math.radians(dice.gauss(mean, noise_deg)) for mean in (tilt_deg, 0.0))
-        stands.stands(Pose(i, t, t, (drift_m * t, 0.0, down), from_euler_zyx(roll, pitch, 0.0)))
+        stands.add(Pose(i, t, t, (drift_m * t, 0.0, down), from_euler_zyx(roll, pitch, 0.0)))
     return stands
 
 
@@ -158,16 +158,16 @@ def test_each_check_has_its_verdict_and_a_sentence(name: str, given: dict[str, A
     assert len(found.says) > 8
 
 
-AGREES = Agreement(alarm=0.2, tilt_deg=0.3, askew_deg=1.2, agrees=True, doubts_s=None, alike=(), unlike=())
+AGREES = Agreement(alarm=0.2, tilt_deg=0.3, mounting_deg=1.2, agrees=True, disagrees_since_s=None, alike=(), unlike=())
 WITNESSED: list[tuple[Agreement | None, Verdict, str]] = [
     (AGREES, Verdict.PASS, "1.2° apart"),
     (AGREES._replace(alike=("roll", "pitch")), Verdict.PASS, "roll, pitch went the same way"),
     (None, Verdict.WARN, "does not send its attitude"),
-    (AGREES._replace(doubts_s=0.5), Verdict.WARN, "does somebody carry it?"),
-    (AGREES._replace(askew_deg=7.9), Verdict.PASS, "7.9° apart"),
-    (AGREES._replace(askew_deg=8.1), Verdict.FAIL, "8.1° apart: is it the right body?"),
-    (AGREES._replace(unlike=("roll",)), Verdict.FAIL, "roll went another way in the poses"),
-    (AGREES._replace(unlike=("roll", "pitch")), Verdict.FAIL, "roll and pitch went another way"),
+    (AGREES._replace(disagrees_since_s=0.5), Verdict.WARN, "is the vehicle being carried?"),
+    (AGREES._replace(mounting_deg=7.9), Verdict.PASS, "7.9° apart"),
+    (AGREES._replace(mounting_deg=8.1), Verdict.FAIL, "8.1° apart: is it the right body?"),
+    (AGREES._replace(unlike=("roll",)), Verdict.FAIL, "roll turned another way in the poses"),
+    (AGREES._replace(unlike=("roll", "pitch")), Verdict.FAIL, "roll and pitch turned another way"),
 ]
 
 
@@ -182,7 +182,7 @@ def test_the_autopilots_attitude_is_a_second_witness(witness: Agreement | None, 
     ("config", "says"),
     [
         ({"pose": {"kind": "mavlink"}}, "the poses are the autopilot's own"),
-        ({"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}, "this radio does not tell"),
+        ({"link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}, "this radio does not report"),
     ],
 )
 def test_where_nobody_else_can_tell_the_second_witness_is_off(config: dict[str, Any], says: str) -> None:

@@ -74,10 +74,10 @@ def test_a_body_nearer_than_the_vehicles_size_fails_with_both_names_and_the_dist
 @pytest.mark.parametrize(
     ("places", "now_s", "says"),
     [
-        ({}, 1.0, "no other body is seen"),
-        ({"ant": (0.0, 0.0, 0.0)}, 1.0, "no other body is seen"),
+        ({}, 1.0, "no other body in sight"),
+        ({"ant": (0.0, 0.0, 0.0)}, 1.0, "no other body in sight"),
         ({"bee": (0.31, 0.0, 0.0)}, 1.0, "'bee' is 0.31 m from 'ant', the nearest"),
-        ({"bee": (0.0, 0.0, 0.0)}, 1.6, "no other body is seen"),
+        ({"bee": (0.0, 0.0, 0.0)}, 1.6, "no other body in sight"),
     ],
 )
 def test_bodies_that_are_far_or_not_seen_any_more_pass(

@@ -32,8 +32,8 @@ def seen(*shares: float | None, above: float = 0.75, step_s: float = LOOK_S) -> 
 @pytest.mark.parametrize(
     ("shares", "obstacle"),
     [
-        ([], "the pedal is lost: nobody has looked yet"),
-        ([None], "the pedal is lost: nothing was heard of it yet"),
+        ([], "the pedal is lost: not read yet"),
+        ([None], "the pedal is lost: no value received yet"),
         ([0.0], "the pedal is not held"),
         ([0.0, 1.0], ""),
         ([1.0] * 9, "the pedal was held from the beginning"),
@@ -182,12 +182,12 @@ async def test_a_channel_is_held_while_the_autopilot_tells_it_high() -> None:
     wire.hear(sys_status(0x10000, 0x10000), 1.0)
     assert channel.share() == pytest.approx(0.9)
     wire.hear(sys_status(0x10000, 0), 1.0)
-    with pytest.raises(InputLost, match="does not hear the transmitter"):
+    with pytest.raises(InputLost, match="receives nothing from the transmitter"):
         channel.share()
     wire.hear(sys_status(0, 0), 1.0)
     assert channel.share() == pytest.approx(0.9)
     await asyncio.sleep(OLD_S + 0.01)
-    with pytest.raises(InputLost, match=r"has not told it for 0\.5 s"):
+    with pytest.raises(InputLost, match=r"not reported by the autopilot for 0\.5 s"):
         channel.share()
     wire.hear(rc_channels(1500, 1500), 1.0 + OLD_S)
     with pytest.raises(InputLost, match="no such channel"):

@@ -42,8 +42,8 @@ def test_thrust_before_lift_off_is_bounded_by_the_told_weight_or_by_a_measured_h
 def test_a_source_that_moves_its_origin_on_the_floor_has_not_lifted_the_vehicle() -> None:
     standing = StandingPoses()
     for number in range(60):
-        standing.stands(pose(number, 1.0))
-    standing.stands(pose(60, 0.0, resets=1))
+        standing.add(pose(number, 1.0))
+    standing.add(pose(60, 0.0, resets=1))
     assert standing.place_ned[2] == 0.0
 
 
@@ -97,9 +97,9 @@ def test_what_does_not_sink_as_it_is_told_may_be_carried(
     touchdown = Touchdown(1.0)
     for i in range(6):
         touchdown.update(0.01 * i, thrust_n, 1.0, sinking_m_s, height_m, 0.0, sinks_m_s)
-        assert touchdown.touches == (touches and i >= 3)
+        assert touchdown.may_have_contact == (touches and i >= 3)
     touchdown.update(0.06, thrust_n, 1.0, 0.3, height_m, 0.0, sinks_m_s)
-    assert not touchdown.touches
+    assert not touchdown.may_have_contact
 
 
 @pytest.mark.parametrize(
@@ -118,11 +118,11 @@ def test_what_is_pushed_up_near_the_floor_may_be_carried(
     touchdown = Touchdown(1.0)
     for i in range(20):
         touchdown.update(0.01 * i, 1.0, 1.0, sank_m_s, height_m, 0.0, 0.25)
-        assert not touchdown.touches
+        assert not touchdown.may_have_contact
     for i in range(20):
         speed = sank_m_s + (sinks_on_m_s - sank_m_s) * min(i / 15, 1.0)
         touchdown.update(0.2 + 0.01 * i, 1.0, lift_n, speed, height_m, 0.0, 0.25)
-    assert touchdown.touches == touches
+    assert touchdown.may_have_contact == touches
 
 
 @given(st.floats(0.0, 0.75, exclude_max=True), st.floats(-3.0, 0.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
@@ -157,7 +157,9 @@ def test_poses_that_stand_low_while_it_is_told_to_sink_are_of_a_vehicle_on_the_f
     stood = None
     for number, height_m in enumerate(heights_m):
         newest = Pose(number, every_s * number, every_s * number, (0.0, 0.0, -height_m), LEVEL)
-        looks = [touchdown.stands(newest, height_m, sinks_m_s) for _ in range(5)]  # several commands rest on one pose
+        looks = [
+            touchdown.is_at_rest_by_poses(newest, height_m, sinks_m_s) for _ in range(5)
+        ]  # several commands rest on one pose
         if stood is None and looks[0]:
             stood = newest.time_s
     assert stood == (None if stands_s is None else pytest.approx(stands_s))

@@ -44,7 +44,7 @@ def spooled(
         return Pose(number, at_s, at_s + LATENCY_S, (draw.gauss(0.0, noise_m), 0.0, down), LEVEL)
 
     for k in range(600):
-        standing.stands(pose(PERIOD_S * (k - 600), 0.0))
+        standing.add(pose(PERIOD_S * (k - 600), 0.0))
     spool = Spool(1.0, 1.3, 1.0, 0.0, 0.0, lag_s)
     spool_up = SpoolUp(standing, spool, vehicle, 1.0, G, noise_m)
     height = speed = thrust = told = highest = fastest = now = 0.0
@@ -55,11 +55,11 @@ def spooled(
         now = STEP_S * k
         while coming and coming[0].arrival_s <= now:
             newest = coming.pop(0)
-            spool_up.pose(newest)
+            spool_up.add_pose(newest)
         if k % round(PERIOD_S / STEP_S) == 0:
             coming.append(pose(now, height))
             if not fault:
-                flies = spool_up.flies
+                flies = spool_up.lift_off
                 if flies is not None:
                     off = flies.climb_m_s - speed
                     return Spooled("", now - spool.near_s, height, speed, flies.hover_share, off)
@@ -91,13 +91,13 @@ def test_what_leaps_aside_on_the_floor_as_no_vehicle_does_stops_the_motors(
 ) -> None:
     standing = StandingPoses()
     for k in range(100):
-        standing.stands(Pose(k, 0.02 * k, 0.02 * k, (0.0, 0.0, 0.0), LEVEL))
+        standing.add(Pose(k, 0.02 * k, 0.02 * k, (0.0, 0.0, 0.0), LEVEL))
     spool_up = SpoolUp(standing, Spool(1.0, 1.3, 1.0, 0.0, 1.8, 0.05), Vehicle(mass_kg=1.0 / G), 1.0, G, noise_m)
     at_s = 1.98 + elapsed_s + 0.8  # thrust is at 60 % of the weight
-    spool_up.pose(Pose(100, at_s - elapsed_s, at_s, (0.0, 0.0, 0.0), LEVEL))
-    spool_up.pose(Pose(101, at_s, at_s, (step_m, 0.0, 0.0), LEVEL, reset_count=resets))
+    spool_up.add_pose(Pose(100, at_s - elapsed_s, at_s, (0.0, 0.0, 0.0), LEVEL))
+    spool_up.add_pose(Pose(101, at_s, at_s, (step_m, 0.0, 0.0), LEVEL, reset_count=resets))
     after = Pose(102, at_s + 0.01, at_s + 0.01, (step_m, 0.0, 0.0), LEVEL, reset_count=resets)
-    spool_up.pose(after)
+    spool_up.add_pose(after)
     assert ("from one pose to the next" in str(spool_up.fault(at_s + 0.01, after, 0.25, None))) is stranger
 
 
@@ -135,15 +135,15 @@ def test_only_what_an_autopilot_has_felt_is_waited_for_though_the_floor_holds_it
         return Pose(number, at_s, at_s, (0.0, 0.0, -up_m), LEVEL, velocity_ned=velocity)
 
     for k in range(200):
-        standing.stands(pose(k, 0.0, 0.0))
+        standing.add(pose(k, 0.0, 0.0))
     spool_up, faults, told = SpoolUp(standing, spool, Vehicle(mass_kg=1.0 / G), 1.0, G, 0.0003), [""], []
     for k in range(200, 200 + round((spool.near_s + 0.6) / PERIOD_S)):
         since_s = PERIOD_S * (k - 200) - spool.near_s
         rises = 0.08 < since_s < 0.16
         newest = pose(k, 0.004 if rises else 0.0, 0.12 if rises else 0.0)
-        spool_up.pose(newest)
+        spool_up.add_pose(newest)
         faults.append(str(spool_up.fault(newest.time_s, newest, 0.25, None) or ""))
         told.append(spool_up.thrust_n(newest.time_s))
-    assert spool_up.flies is None
+    assert spool_up.lift_off is None
     assert any("the poses did not move" in fault for fault in faults) is not felt
     assert max(told[-10:]) <= 1.3

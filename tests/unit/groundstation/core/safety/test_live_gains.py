@@ -87,8 +87,8 @@ def test_a_change_can_be_taken_back_and_no_other_made_while_it_is_judged() -> No
     flight = Flown().on(11.0)
     assert flight.ask("controller.k2", 3.0)[0]
     flight.on(1.0)
-    assert "still being judged" in flight.ask("controller.k3", 5.0)[1]
-    assert "still being judged" in flight.ask("controller.k2", 3.1)[1]
+    assert "still being compared" in flight.ask("controller.k3", 5.0)[1]
+    assert "still being compared" in flight.ask("controller.k2", 3.1)[1]
     assert flight.ask("controller.k2", 2.0) == (True, "controller.k2 goes back to 2")
     flight.on(1.0)
     assert flight.k2 == 2.0

@@ -27,12 +27,12 @@ def found(late_s: float, strength: float, *, askew: Quat = so3.IDENTITY, seconds
         stamp = 0.02 * k
         while 0.05 * told + 0.003 <= stamp:
             at = 0.05 * told + 0.003
-            latency.attitude(Attitude(at, *true(at, strength)))
+            latency.add_attitude(Attitude(at, *true(at, strength)))
             told += 1
         attitude, _ = true(stamp - late_s, strength)
         a, b, c = rng.normal(0.0, NOISE_RAD, 3).tolist()
         seen = so3.rotate(multiply(attitude, askew), (a, b, c))
-        latency.pose(Pose(k, stamp, stamp, (0.0, 0.0, -1.0), seen))
+        latency.add_pose(Pose(k, stamp, stamp, (0.0, 0.0, -1.0), seen))
     return latency.late_s
 
 
@@ -60,8 +60,8 @@ def test_a_gap_and_a_clock_that_jumps_are_no_latency() -> None:
         at = 0.02 * k
         clock = at - (5.0 if k > 300 else 0.0)
         if not 500 < k < 560:
-            latency.attitude(Attitude(clock, *true(at, 0.1)))
-        latency.pose(Pose(k, at, at, (0.0, 0.0, -1.0), true(at, 0.1)[0]))
+            latency.add_attitude(Attitude(clock, *true(at, 0.1)))
+        latency.add_pose(Pose(k, at, at, (0.0, 0.0, -1.0), true(at, 0.1)[0]))
     assert latency.late_s is None
 
 
@@ -73,7 +73,7 @@ def answered(late_s: float, *, seconds: float = 15.0, hz: int = 50, askew: Quat 
         a, b, c = rng.normal(0.0, NOISE_RAD, 3).tolist()
         seen = so3.rotate(multiply(true(stamp - late_s, 0.1)[0], askew), (a, b, c))
         turn = so3.turn_between(true(stamp - dt, 0.1)[0], true(stamp, 0.1)[0])
-        response.pose(seen, turn, dt)
+        response.add_pose(seen, turn, dt)
     return response
 
 
@@ -97,7 +97,7 @@ def test_it_is_said_once_and_the_poses_own_latency_is_not_said_again() -> None:
     assert response.describe_news(lambda: (0.025, 0.0)) is None
     told = response.describe_news(lambda: None)
     assert told is not None
-    assert told.text.startswith(("poses seem 29 ms later than told", "poses seem 30 ms later than told"))
+    assert told.text.startswith(tuple(f"poses or the vehicle's turns are {late_ms} ms later" for late_ms in (29, 30)))
     assert response.describe_news(lambda: None) is None
     rates = answered(0.03).describe_news(lambda: (0.0, 0.0))
     assert rates is not None and rates.text.startswith("the vehicle turns")

@@ -15,8 +15,7 @@ from groundstation.core.safety.pose_response import (
     OWN_TURN,
     OWN_WAY,
     PLANE,
-    TURN_MEMORY_S,
-    WAY_MEMORY_S,
+    TONE_MEMORY_S,
     Alarm,
     HighPass,
     LatenessMonitor,
@@ -35,7 +34,7 @@ def swing(time_s: float, size: float = 0.002) -> tuple[float, float]:
 
 def asked(share: tuple[tuple[float, float], tuple[float, float]], *, seed: int = 0, for_s: float = 3.0) -> Alarm:
     """Alarm of poses that show ``share`` of what is asked, a 2 x 2 matrix, in noise."""
-    plane, draw = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(seed)
+    plane, draw = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(seed)
     alarm = Alarm(0.0, 0.0, False)
     for n in range(round(for_s / DT_S)):
         u, v = swing(n * DT_S)
@@ -43,7 +42,7 @@ def asked(share: tuple[tuple[float, float], tuple[float, float]], *, seed: int =
         plane.add((seen[0] - u, seen[1] - v), (u, v), (0.0, 0.0), DT_S)
         if (n + 1) % round(BLOCK_S / DT_S) == 0:
             found = plane.look(NOISE_M)
-            alarm = Alarm(max(alarm.asked, found.asked), max(alarm.own, found.own), found.is_known)
+            alarm = Alarm(max(alarm.tones, found.tones), max(alarm.own, found.own), found.is_known)
     return alarm
 
 
@@ -51,13 +50,13 @@ def asked(share: tuple[tuple[float, float], tuple[float, float]], *, seed: int =
 def test_true_poses_answer(seed: int) -> None:
     alarm = asked(((1.0, 0.0), (0.0, 1.0)), seed=seed)
     assert alarm.is_known
-    assert alarm.asked < 0.25
+    assert alarm.tones < 0.25
     assert alarm.own == 0.0
 
 
 @given(st.floats(0.7, 1.3), st.integers(0, 100))
 def test_a_scale_that_is_configured_wrong_by_less_than_half_is_accepted(scale: float, seed: int) -> None:
-    assert asked(((scale, 0.0), (0.0, scale)), seed=seed).asked < 0.5
+    assert asked(((scale, 0.0), (0.0, scale)), seed=seed).tones < 0.5
 
 
 @pytest.mark.parametrize(
@@ -73,12 +72,12 @@ def test_a_scale_that_is_configured_wrong_by_less_than_half_is_accepted(scale: f
     ],
 )
 def test_poses_that_show_something_else_are_accused(share: tuple[tuple[float, float], tuple[float, float]]) -> None:
-    assert asked(share).asked >= 1.0
+    assert asked(share).tones >= 1.0
 
 
 def blown(answer: float, *, late_s: float = 0.15) -> Alarm:
     """Largest alarm of a law that holds a place in wind: poses move by ``answer`` of the truth."""
-    plane, passes = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), HighPass(3, 2)
+    plane, passes = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), HighPass(3)
     draw, wind, largest = random.Random(1), 0.0, 0.0
     truth = speed = command = way = pushes = 0.0
     seen_before = 0.0
@@ -106,7 +105,7 @@ def test_wind_that_the_law_answers_accuses_nobody() -> None:
 
 def runaway(share: float) -> Alarm:
     """Alarm as the law's own motion grows, of poses that show ``share`` of it."""
-    plane, draw, alarm = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(2), Alarm(0, 0, False)
+    plane, draw, alarm = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), random.Random(2), Alarm(0, 0, False)
     for n in range(150):
         v = 0.0005 * math.exp(n * DT_S / 0.25)
         e = (share - 1.0) * v + draw.gauss(0.0, NOISE_M)
@@ -122,7 +121,7 @@ def test_a_mirrored_pose_that_runs_away_is_accused_without_any_tone() -> None:
 
 
 def test_the_high_pass_takes_out_a_constant_acceleration() -> None:
-    passes, y = HighPass(3, 1), 0.0
+    passes, y = HighPass(3), 0.0
     for n in range(400):
         t = n * DT_S
         (y,) = passes.step([0.5 * 5.0 * ((t + DT_S) ** 2 - t * t)], DT_S)
@@ -150,22 +149,22 @@ def test_a_still_vehicle_is_not_late() -> None:
 
 def test_a_standing_attitude_is_accused_within_the_second_window() -> None:
     alarm: Alarm | None = None
-    plane = Response(PLANE, TURN_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
+    plane = Response(PLANE, TONE_MEMORY_S, LEAST_TURN_RAD, OWN_TURN)
     for n in range(60):
         c = swing(n * DT_S, 0.015)
         plane.add((-c[0], -c[1]), c, (0.0, 0.0), DT_S)
         alarm = plane.look(LEAST_TURN_RAD) if (n + 1) % 5 == 0 else None
-    assert alarm is not None and alarm.asked >= 1.0
+    assert alarm is not None and alarm.tones >= 1.0
 
 
 def test_windows_that_became_too_short_say_nothing_any_more() -> None:
-    plane, alarm = Response(PLANE, WAY_MEMORY_S, LEAST_WAY_M, OWN_WAY), Alarm(0.0, 0.0, False)
+    plane, alarm = Response(PLANE, TONE_MEMORY_S, LEAST_WAY_M, OWN_WAY), Alarm(0.0, 0.0, False)
     for n in range(300):
         u = swing(n * DT_S)
         plane.add((-u[0], -u[1]), u, (0.0, 0.0), DT_S)
         if (n + 1) % 5 == 0:
             alarm = plane.look(NOISE_M)
-    assert alarm.asked >= 1.0
+    assert alarm.tones >= 1.0
     for _ in range(60):  # blocks without time
         plane.add((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), 1e-4)
         alarm = plane.look(NOISE_M)

@@ -135,7 +135,7 @@ def found_after(
     finding = None
     for i in range(6):
         tick = shown(1.0 + 0.02 * i, position=place, velocity=velocity)
-        finding = guards.see(tick, State.TRACKING)
+        finding = guards.check_command(tick, State.TRACKING)
         if i == 0:
             assert finding is None  # one pose alone may be another body's
     return finding
@@ -182,7 +182,7 @@ def test_one_that_is_not_seen_is_a_warning_and_then_as_configured(unknown: Any, 
     said: list[tuple[float, GuardAction | None]] = []
     for i in range(150):
         time_s = 1.0 + 0.02 * i
-        finding = guards.see(shown(time_s), State.TRACKING)
+        finding = guards.check_command(shown(time_s), State.TRACKING)
         said.append((time_s, None if finding is None else finding.step))
     begun = next(time_s for time_s, one in said if one is not None)
     assert begun == pytest.approx(1.0 + config.stale_s, abs=0.021)
@@ -197,7 +197,7 @@ def test_nearness_is_never_answered_by_a_descent_that_knows_no_place() -> None:
     escalation, steps = Escalation(2.0), []
     for i in range(1000):
         finding = GuardFinding(GuardAction.HOLD, Sentence("guard.separation", "near"), most=GuardAction.LAND)
-        answer = escalation.answer(finding, 0.02 * i)
+        answer = escalation.escalate(finding, 0.02 * i)
         steps += [answer.step] if answer is not None else []
     assert steps == [GuardAction.HOLD, GuardAction.LAND]
 
@@ -216,9 +216,9 @@ def apart(others: Others, **separation: Any) -> Check:
     [
         (seen((1.0, 0.0, 0.0)), {}, Verdict.PASS, "1.00 m away"),
         (seen((0.5, 0.0, 0.0)), {}, Verdict.FAIL, "0.50 m from bee, limit 0.6 m"),
-        (seen((1.0, 0.0, 0.0), until_s=0.5), {}, Verdict.FAIL, "do not see bee"),
-        (seen((1.0, 0.0, 0.0), until_s=0.5), {"unknown": "warn"}, Verdict.WARN, "do not see bee"),
-        (Others(("bee", "cat")), {}, Verdict.FAIL, "do not see bee, cat"),
+        (seen((1.0, 0.0, 0.0), until_s=0.5), {}, Verdict.FAIL, "no sighting of bee"),
+        (seen((1.0, 0.0, 0.0), until_s=0.5), {"unknown": "warn"}, Verdict.WARN, "no sighting of bee"),
+        (Others(("bee", "cat")), {}, Verdict.FAIL, "no sighting of bee, cat"),
     ],
 )
 def test_before_take_off_every_other_must_be_seen_and_far_enough_away(

@@ -20,7 +20,7 @@ def watch(places_m: list[float], model_m_s: list[float], push_m_s2: float = 0.0)
     for n, (place_m, speed_m_s) in enumerate(zip(places_m, model_m_s, strict=True)):
         pose = Pose(n, since_s, since_s, (place_m, 0.0, -1.0), IDENTITY)
         before, push = Motion((0.0, 0.0, -1.0), (speed_m_s, 0.0, 0.0), IDENTITY, 0.8, ZERO), (push_m_s2, 0.0, 0.0)
-        stopped |= detector.see(pose, before, push, ZERO, DT_S, NOISE_M) is not None
+        stopped |= detector.add_pose(pose, before, push, ZERO, DT_S, NOISE_M) is not None
         asked |= detector.is_driven
         since_s += DT_S
     return stopped, asked

@@ -58,16 +58,16 @@ def watch(
         if is_armed:
             witness.arm()
         angles = shown(true) if is_armed else true
-        witness.pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion(angles)))
+        witness.add_pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion(angles)))
         if n % round(ATTITUDE_S / POSE_S) == 0:
-            witness.attitude(told(time_s, lean(true) if is_armed else true))
+            witness.add_attitude(told(time_s, lean(true) if is_armed else true))
         verdict = witness.verdict(time_s)
     return verdict
 
 
 def test_a_body_that_hangs_still_says_neither() -> None:
     verdict = watch(still)
-    assert verdict is not None and verdict.agrees is None and verdict.doubts_s is None
+    assert verdict is not None and verdict.agrees is None and verdict.disagrees_since_s is None
 
 
 @pytest.mark.parametrize(("late_s", "agrees"), [(0.0, True), (0.04, True), (0.16, False), (0.3, False)])
@@ -78,9 +78,9 @@ def test_poses_that_come_later_than_the_autopilot_turns_are_doubted(late_s: floa
         if time_s >= 2.0:
             witness.arm()
         behind = late_s if time_s >= 2.0 else 0.0
-        witness.pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion(swing(time_s - behind))))
+        witness.add_pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion(swing(time_s - behind))))
         if n % round(ATTITUDE_S / POSE_S) == 0:
-            witness.attitude(told(time_s, swing(time_s)))
+            witness.add_attitude(told(time_s, swing(time_s)))
         verdict = witness.verdict(time_s)
     assert verdict is not None and verdict.agrees is agrees
 
@@ -90,10 +90,10 @@ def test_a_tilt_that_was_there_before_arming_is_how_the_body_is_mounted() -> Non
     witness = Witness()
     for n in range(400):
         time_s = n * POSE_S
-        witness.pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion((askew, 0.0, 0.0))))
-        witness.attitude(told(time_s, (0.0, 0.0, 0.0)))
+        witness.add_pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion((askew, 0.0, 0.0))))
+        witness.add_attitude(told(time_s, (0.0, 0.0, 0.0)))
     verdict = witness.verdict(8.0)
-    assert verdict is not None and verdict.askew_deg == pytest.approx(5.0, abs=0.1)
+    assert verdict is not None and verdict.mounting_deg == pytest.approx(5.0, abs=0.1)
     assert verdict.tilt_deg == pytest.approx(0.0, abs=0.1)
 
 
@@ -115,7 +115,7 @@ def test_an_autopilot_that_takes_a_third_of_a_lean_for_level_is_believed() -> No
 def test_without_attitudes_there_is_no_witness() -> None:
     witness = Witness()
     for n in range(100):
-        witness.pose(Pose(n, n * POSE_S, n * POSE_S, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
+        witness.add_pose(Pose(n, n * POSE_S, n * POSE_S, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
     assert witness.verdict(2.0) is None
     assert witness.in_poses(told(2.0, (0.0, 0.0, 0.0))) is None
 
@@ -135,8 +135,8 @@ def test_a_vehicle_that_is_moved_by_hand_shows_which_axes_go_the_same_way() -> N
     for n in range(300):
         time_s = n * POSE_S
         roll, pitch = 0.4 * math.sin(2.0 * time_s), 0.4 * math.sin(1.3 * time_s)
-        witness.pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion((roll, -pitch, 0.0))))
-        witness.attitude(told(time_s, (roll, pitch, 0.0)))
+        witness.add_pose(Pose(n, time_s, time_s, (0.0, 0.0, 0.0), quaternion((roll, -pitch, 0.0))))
+        witness.add_attitude(told(time_s, (roll, pitch, 0.0)))
     verdict = witness.verdict(6.0)
     assert verdict is not None
     assert "roll" in verdict.alike and "pitch" in verdict.unlike

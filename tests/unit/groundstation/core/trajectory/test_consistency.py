@@ -144,7 +144,7 @@ def test_the_fence_counts_too() -> None:
         config = from_dict({"trajectory": {"kind": "circle"}, "fence": box}, Config)
         told = explain_fence(config)
         assert (told is None) == fits
-        assert fits or "could not be braked within the fence" in str(told)
+        assert fits or "could not brake within the fence" in str(told)
         assert ("PASS" in describe_trajectory(config, examine_trajectory(config))) == fits
 
 

@@ -41,7 +41,7 @@ REFUSED = [
     ("x,y,height\n", "line 1: expected names of columns, such as t_s,north_m,east_m,up_m,yaw_deg, got 'height'"),
     ("x,y\n", "line 1: expected a column down_m or up_m: none of them is there"),
     ("x,y,z,up_m\n", "line 1: expected a column down_m or up_m: only one of them"),
-    ("x,north_m,y,z\n", "line 1: the column north_m stands there twice"),
+    ("x,north_m,y,z\n", "line 1: the column north_m is there twice"),
     ("x,y,z,vx\n", "line 1: expected a column v_east_m_s: none of them is there"),
     ("x,y,z\n1,2,3\n1,2\n", "line 3: expected 3 values, got 2"),
     ("# a\nx,y,z\n1,2,3\n1,abc,3\n", "line 4, column east_m: expected a number from -1000 to 1000, got 'abc'"),

@@ -81,7 +81,7 @@ async def test_a_server_that_answers_from_a_second_address_is_named(first: str) 
             own.sendto(info, station)
     advice = gated.status.advice
     assert poses == []
-    assert f"answers from another address, {SECOND}" in advice
+    assert f"replies from another address, {SECOND}" in advice
     assert f'write pose.server = "{SECOND}:1510"' in advice
     assert str(explain_drops(gated.status)) == advice
     said = [str(event) for event in told if event.id in ("pose.dropping", "pose.advice")]

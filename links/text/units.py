@@ -1,0 +1,11 @@
+"""Units that people read: milliseconds and percent of SI values. Sans-IO."""
+
+
+def to_ms(time_s: float) -> float:
+    """Convert seconds to milliseconds."""
+    return 1e3 * time_s
+
+
+def to_percent(share: float) -> float:
+    """Convert a share of 1 to percent."""
+    return 100.0 * share
