@@ -167,6 +167,17 @@ def test_a_gust_beyond_all_limits_ends_the_flight_softly() -> None:
     assert flown.touchdown_m_s is not None and flown.touchdown_m_s < 3.5
 
 
+def test_a_hold_at_full_thrust_lands_though_tones_are_flown_in_it() -> None:
+    """A wind down of 8 m/s² asks for a little more than the vehicle has."""
+
+    async def hold_down(flight: Flight, stage: Stage) -> None:
+        await until(lambda: flight.state is State.HOLD)
+        stage.plant.pull = lambda body: (0.0, 0.0, 8.0)
+
+    flown = mission(hold_down, "guards.error_m=50.0", "guards.speed_m_s=50.0", "vehicle.hover_range=[0.5, 1.9]")
+    assert "thrust at its limit" in flown.fault
+
+
 def test_a_gust_that_the_thrust_can_trim_is_flown_through() -> None:
     flown = mission(nothing, "sim.wind_step=[5.0, 0.0, 0.0]", "sim.wind_step_time_s=12.0", figure_s=20.0)
     assert flown.landed, flown.fault

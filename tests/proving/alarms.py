@@ -117,7 +117,7 @@ class WatchedHealth(PoseHealth):
     def add_pose(self, pose: Pose, *args: Any, **kwargs: Any) -> None:
         """Take one pose, as the real one does."""
         super().add_pose(pose, *args, **kwargs)
-        self.largest = max(self.largest, self.alarm)
+        self.largest = max(self.largest, self.alarm, self.push_alarm)
 
     def suspect(self, now_s: float) -> None:
         """Suspect the poses, as the real one does."""

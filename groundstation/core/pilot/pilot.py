@@ -458,6 +458,8 @@ class Pilot:
         level = SUSPECT_LEVEL if self.health.is_suspect or self.is_blind else float(is_calm)
         self._tones.set_level(time_s, level if settled and not self._mode.is_uplink_lost else 0.0)
         thrust, rates = self._tones.add_to(decision.drive, time_s)
+        if decision.drive.thrust >= self._vehicle.thrust_max_n:
+            thrust = decision.drive.thrust  # the tone would only take from it
         return decision._replace(drive=clamp_command(self._vehicle, thrust, rates)[0])
 
     def _level(self, decision: Decision, estimate: Estimate) -> Decision:

@@ -3,6 +3,7 @@
 A pose is believed as long as it responds to the commands. The tests, each derived in docs/explanation/trust.md:
 
 - response of attitude, position and height to the commands (:mod:`groundstation.core.safety.pose_response`);
+- acceleration beyond 1 g that no command explains (:class:`groundstation.core.safety.pose_gate.PushMonitor`);
 - frozen position: constant along a direction, though the model moves;
 - yaw rate that no command explains;
 - height behind the thrust, just off the floor.
@@ -16,8 +17,9 @@ from collections import deque
 from enum import IntEnum
 from typing import NamedTuple
 
-from groundstation.core.geometry import Vec3, conjugate, multiply, rotation_vector, subtract
+from groundstation.core.geometry import Vec3, add, conjugate, multiply, rotation_vector, subtract
 from groundstation.core.messages import ROUNDING_S, Pose, Sentence
+from groundstation.core.safety.pose_gate import PUSH_BASE_S, PushMonitor
 from groundstation.core.safety.pose_response import (
     BLOCK_S,
     BLOCKS,
@@ -286,6 +288,10 @@ class PlaceTests:
         self._pass = HighPass(3)
         self._speed: Vec3 = (0.0, 0.0, 0.0)
         self._settled_s = self._interval_s = 0.0
+        self.measured_m: Vec3 = (0.0, 0.0, 0.0)
+        """Displacement of the poses since the begin [m, NED]."""
+        self.model_m: Vec3 = (0.0, 0.0, 0.0)
+        """Displacement of the model since the begin [m, NED]."""
         self.forget()
 
     def forget(self) -> None:
@@ -311,6 +317,7 @@ class PlaceTests:
         u, v, w = self._speed
         model = (dt_s * u + way[0], dt_s * v + way[1], dt_s * w + way[2])
         self._speed = (u + push[0], v + push[1], w + push[2])
+        self.measured_m, self.model_m = add(self.measured_m, measured), add(self.model_m, model)
         sx, sy, sz, mx, my, mz, ux, uy, uz = self._pass.step([*measured, *model, *(tones_m or model)], dt_s)
         if tones_m is None:
             ux, uy, uz = mx, my, mz
@@ -337,6 +344,8 @@ class PoseHealth:
         """Id of the sentence why the poses are suspect or have failed; empty while they are OK."""
         self.attitude_alarm = self.position_alarm = self.alarm = 0.0
         """Evidence against attitude, position, and the larger of all, as shares of what fails the poses [-]."""
+        self.push_alarm = 0.0
+        """Acceleration that no command explains, as a share of what fails the position [-]."""
         self.is_confirmed = False
         """Whether the newest responses are known, and confirm the poses."""
         self.calm_s = -math.inf
@@ -361,10 +370,11 @@ class PoseHealth:
     def restart(self) -> None:
         """Forget the poses so far: the vehicle was released, or its commands did not arrive."""
         self._turns, self._places, self._stops = TurnTests(), PlaceTests(), StopDetector()
+        self._pushes = PushMonitor()
         self._last: Pose | None = None
         self._block_s = 0.0
         self.is_confirmed = False
-        self.attitude_alarm = self.position_alarm = self.alarm = 0.0
+        self.attitude_alarm = self.position_alarm = self.alarm = self.push_alarm = 0.0
 
     def lift_off(self, hover_share: float, climb_m_s: float) -> None:
         """Take the state at lift-off: hover thrust as a share of the weight [-], and climb speed [m/s]."""
@@ -425,6 +435,10 @@ class PoseHealth:
         measured = rotation_vector(multiply(conjugate(last.attitude), pose.attitude))
         self._turns.add(pose.time_s, measured, turn, tones_rad, dt)
         self._add_position(pose, last, response, None if is_blind else tones_m, dt, noise_m)
+        places = self._places
+        self.push_alarm = self._pushes.add(pose.time_s, places.measured_m, places.model_m, noise_m)
+        if may_stop and self.push_alarm >= 1.0:
+            self._fail_part("pose.position_mirrored", pose.time_s - 2.0 * PUSH_BASE_S)
         per_kg, (x, y, z) = effectiveness * self._per_newton / dt, response.impulse
         push = (per_kg * x, per_kg * y, per_kg * z + self._gravity)
         # An estimate with a velocity of its own uses inertial sensors: it wanders, and does not stop dead.

@@ -1,10 +1,15 @@
 """The gate of poses: which ones the model can have come to."""
 
-import pytest
+import math
+import random
 
-from groundstation.core.geometry import Vec3
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundstation.core.geometry import Vec3, add, scale
 from groundstation.core.messages import Pose
-from groundstation.core.safety.pose_gate import PoseGate
+from groundstation.core.safety.pose_gate import PoseGate, PushMonitor
 from groundstation.core.vehicle import Motion
 
 PERIOD_S = 0.02
@@ -53,3 +58,40 @@ def test_poses_that_jump_aside_and_come_back_are_believed_again() -> None:
 def test_a_place_that_stops_within_one_pose_is_believed_no_more() -> None:
     answers = believed(dict.fromkeys(range(10, 30), 9 * PERIOD_S), {})
     assert answers == [True] * 10 + [False] * 20
+
+
+def largest_share(push: Vec3, commanded: Vec3, noise_m: float, period_s: float) -> float:
+    """The largest share in half a second of a ``push`` beside what is ``commanded`` [m/s², NED]."""
+    draws, monitor, shares = random.Random(1), PushMonitor(), [0.0]
+    for n in range(round(0.5 / period_s)):
+        time_s = n * period_s
+        model = scale(0.5 * time_s * time_s, commanded)
+        moved = add(add(model, (0.3 * time_s, 0.0, 0.0)), scale(0.5 * time_s * time_s, push))
+        north, east, down = (part + draws.gauss(0.0, noise_m) for part in moved)
+        shares.append(monitor.add(time_s, (north, east, down), model, noise_m))
+    return max(shares)
+
+
+noises = st.floats(0.0, 0.004)
+periods = st.sampled_from([0.004, 0.01, 0.02, 0.05])
+commands = st.tuples(st.floats(-15.0, 15.0), st.floats(-15.0, 15.0), st.floats(-8.0, 9.8))
+
+
+@given(st.floats(0.0, 10.0), commands, noises, periods)
+def test_no_push_of_1_g_and_no_noise_fails_true_poses(
+    push_m_s2: float, commanded: Vec3, noise_m: float, period_s: float
+) -> None:
+    assert largest_share((0.6 * push_m_s2, -0.8 * push_m_s2, 0.0), commanded, noise_m, period_s) < 1.0
+
+
+@given(commands, noises, periods)
+def test_nothing_that_holds_the_vehicle_fails_true_poses(commanded: Vec3, noise_m: float, period_s: float) -> None:
+    assert largest_share(scale(-1.0, commanded), commanded, noise_m, period_s) < 1.0
+
+
+@pytest.mark.parametrize("tilt_deg", [38.0, 45.0, 60.0])
+@pytest.mark.parametrize("period_s", [0.004, 0.01, 0.02])
+def test_a_mirrored_position_fails_once_the_vehicle_leans(tilt_deg: float, period_s: float) -> None:
+    """It seems pushed against its commands by twice what they give."""
+    commanded = (9.81 * math.tan(math.radians(tilt_deg)), 0.0, 0.0)
+    assert largest_share(scale(-2.0, commanded), commanded, 0.0005, period_s) >= 1.0
