@@ -244,7 +244,7 @@ def test_the_fence_holds_before_it_and_a_hold_waits_for_the_operator() -> None:
         ),
         (
             ("fence.kind=box", "fence.north_m=[-3, 0]", "fence.east_m=[-3, 3]", "fence.height_m=3.0"),
-            "it stands 0.70 m outside the fence",
+            "0.70 m outside the fence",
         ),
         (("limits.max_speed_m_s=0.3",), "trajectory: "),
     ],
