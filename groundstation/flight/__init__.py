@@ -16,6 +16,7 @@ from groundstation.flight.prearm import (
     ensure_named,
     entry_of,
     examine_trajectory,
+    explain_drops,
     explain_fence,
     explain_refusal,
     hash_sections,

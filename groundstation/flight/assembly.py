@@ -329,18 +329,25 @@ async def recorder(
     quiet: IdleSlots,
     keep: Callable[[], bool] = lambda: True,
     *,
+    describe_error: Callable[[], Sentence | None] = lambda: None,
     view: str = "",
 ) -> AsyncIterator[Give | None]:
     """Record a flight in real time by a process of its own; None without ``recording.enabled``.
 
-    Records are handed over in ``quiet`` slots. ``keep`` returns at the end whether the recording is kept.
+    Records are handed over in ``quiet`` slots. ``keep`` returns at the end whether the recording is kept. If the
+    recorder has not told the flight's error, ``describe_error`` returns the sentence about it.
     ``view`` names a viewer that the recorder opens on it.
     """
-    if not config.recording.enabled:
-        yield None
-        return
-    process = RecorderProcess(config.recording, about(config), say, quiet, view=view)
+    process = None
+    if config.recording.enabled:
+        process = RecorderProcess(config.recording, about(config), say, quiet, view=view)
     try:
-        yield process.give
+        yield None if process is None else process.give
     finally:
-        await process.close(keep=keep())
+        kept = keep()
+        if process is not None:
+            await process.close(keep=kept)
+        if kept and (process is None or not process.has_told_error):
+            error = describe_error()
+            if error is not None:
+                say(error)

@@ -20,6 +20,7 @@ from groundstation.config import STEP_WATCH
 from groundstation.core.geometry import IDENTITY, ZERO
 from groundstation.core.messages import (
     FLOWN,
+    STEADY_S,
     Ask,
     Certificate,
     Check,
@@ -412,6 +413,7 @@ class FlightStatistics:
         self._state = State.IDLE
         self._disturbance = DisturbanceMeter(vehicle.mass_kg)
         self._steady = SteadyError()
+        self._flown_s = 0.0
         self._lateness = Lateness()
         self._late_s: float | None = None
 
@@ -431,6 +433,7 @@ class FlightStatistics:
                 if self._state == State.TRACKING and tick.flight_time_s >= 0.0:
                     error = math.dist(tick.estimate.motion.position, tick.reference.position_ned)
                     self._steady.add(tick.flight_time_s, error)
+                    self._flown_s = tick.flight_time_s
             case Notice(_, state):
                 self._notices.append(event)
                 self._state = State(state)
@@ -496,6 +499,14 @@ class FlightStatistics:
             late_us=self._lateness.percentiles_us() if self._lateness.count else None,
             late_octaves=tuple(self._lateness.octaves) if self._lateness.count else (),
         )
+
+    def describe_error(self) -> Sentence:
+        """Describe the error of a finished flight for which the recorder did not."""
+        rms_m, max_m = self._steady.rms_m, self._steady.max_m
+        numbers = {"from_s": STEADY_S, "flown_s": self._flown_s}
+        if rms_m is None or max_m is None:
+            return notice("recording.none_short", **numbers)
+        return notice("recording.none_figures", rms_cm=100.0 * rms_m, max_cm=100.0 * max_m, **numbers)
 
     def _rate(self, now: float) -> float:
         """Number of poses that arrived within the last second."""
@@ -827,6 +838,10 @@ class Flight:
             gains=self._live.now,
         )
 
+    def describe_error(self) -> Sentence:
+        """Describe the error of a finished flight for which the recorder did not."""
+        return self._statistics.describe_error()
+
     # ---- from beginning to end
 
     async def run(self) -> FlightOutcome:
@@ -864,13 +879,15 @@ class Flight:
 
     def _report_drops(self) -> None:
         """Report which messages and poses were lost in the flight, if they were many."""
-        watch, found = self._commands.drops, find_pose_drops(self._source.status)
+        watch, source = self._commands.drops, self._source.status
+        found = find_pose_drops(source)
         if watch is None:
             return
         lost = watch.summarize(self._link.status)
         if found is not None:
             reason, count, total = found
-            lost.append(notice("pose.dropped", count=count, total=total, why=describe_drop(reason)))
+            why = describe_drop(reason, source.excesses)
+            lost.append(notice("pose.dropped", count=count, total=total, why=why))
         for says in lost:
             self.say(notice("link.flown", says=says))
 

@@ -442,7 +442,7 @@ def explain_drops(source: PoseStatus) -> Sentence | None:
     losses = {reason: count for reason, count in dropped.items() if count and reason not in USUAL_POSE_DROPS}
     most = losses or dropped
     reason = max(most, key=lambda reason: most[reason])
-    return notice("pose.most_dropped", count=dropped[reason], why=describe_drop(reason))
+    return notice("pose.most_dropped", count=dropped[reason], why=describe_drop(reason, source.excesses))
 
 
 class Checks:
@@ -705,7 +705,8 @@ class Checks:
         if found is None:
             return report(name, Verdict.PASS, "pose.few_dropped", total=source.accepted)
         reason, count, total = found
-        return report(name, Verdict.WARN, "pose.dropped", count=count, total=total, why=describe_drop(reason))
+        why = describe_drop(reason, source.excesses)
+        return report(name, Verdict.WARN, "pose.dropped", count=count, total=total, why=why)
 
     def _failsafe(self) -> Check:
         """Warn that the receiver's failsafe can't be checked from here."""

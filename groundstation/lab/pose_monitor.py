@@ -30,6 +30,7 @@ from groundstation.core.messages import (
     Verdict,
     notice,
 )
+from groundstation.flight import explain_drops
 from groundstation.lab.pose_stream import (
     MOVES,
     AxisCalibration,
@@ -226,7 +227,7 @@ def summary_rows(seen: PoseStreamSummary) -> list[tuple[str, str]]:
         roll, pitch, yaw = seen.roll_pitch_yaw_deg
         lines.append(_row("watch.attitude", roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw))
         lines.append(("noise at rest", _noise(seen.noise_m, seen.noise_deg)))
-    lines += [("dropped", f"{count} {describe_drop(reason)}") for reason, count in seen.dropped.items()]
+    lines += [("dropped", f"{count} {describe_drop(reason, seen.excesses)}") for reason, count in seen.dropped.items()]
     if seen.advice:
         lines.append(("advice", seen.advice))
     if not seen.poses and not seen.dropped:
@@ -431,8 +432,8 @@ def _require_disarmed(connection: MavlinkConnection | None) -> None:
 
 def _say_not_made(move: str, source: PoseSource, *, deaf: bool) -> Sentence:
     """Why nothing was seen of a ``move``, and what to do; ``deaf``: the autopilot has sent nothing."""
-    dropped = source.status.dropped
-    seen = f"; poses are dropped: {dropped}" if dropped else ""
+    dropped = explain_drops(source.status)
+    seen = f"; {dropped}" if dropped else ""
     if deaf:
         seen = "; the autopilot does not send its attitude"
     return notice("carry.not_made", move=move, limit_s=PATIENCE_S, seen=seen)

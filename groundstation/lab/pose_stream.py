@@ -29,7 +29,7 @@ from groundstation.core.geometry import (
     rotation_vector,
     so3,
 )
-from groundstation.core.messages import Pose, PoseStatus, notice
+from groundstation.core.messages import Excess, Pose, PoseStatus, notice
 from links.text import Sentence
 
 if TYPE_CHECKING:
@@ -90,6 +90,8 @@ class PoseStreamSummary(msgspec.Struct, frozen=True, kw_only=True):
     """Attitude noise about the body's axes forward, right, down, 1σ [deg]."""
     dropped: dict[str, int]
     """Counts by reason."""
+    excesses: dict[str, Excess]
+    """Value and limit of the newest drop by reason, where there is a limit."""
     bodies: tuple[str, ...]
     """Names that the source has told, where ours was not among them or it tells all."""
     events: tuple[str, ...]
@@ -170,6 +172,7 @@ class PoseStreamMonitor:
             noise_m=None if noise is None else noise[0],
             noise_deg=None if noise is None else noise[1],
             dropped=dict(sorted(Counter(status.dropped).items())),
+            excesses=dict(status.excesses),
             bodies=bodies,
             events=tuple(self._events),
         )

@@ -20,8 +20,8 @@ import msgspec
 
 from groundstation.core.messages import STEADY_S, Sentence, notice
 from groundstation.machine import free_name, make_folder, tidy
+from groundstation.recording.headline import FlightHeadline
 from groundstation.recording.process import FORGET, RecorderSetup
-from groundstation.recording.reader import NoRecording, quick_headline
 from groundstation.recording.records import Record
 from groundstation.recording.writer import FLUSH_S, FlightLog
 from links.io import start_child
@@ -94,7 +94,7 @@ def main() -> None:
             if forget:
                 _forget(log.path)
             else:
-                _tell_figures(log.path)
+                _tell_figures(log.path, log.headline)
 
 
 def _forget(path: Path) -> None:
@@ -105,22 +105,20 @@ def _forget(path: Path) -> None:
     _tell(notice("recording.forgotten", name=path.name))
 
 
-def _tell_figures(path: Path) -> None:
-    """Tell the figures of a flight that is over, and where its recording is."""
-    with contextlib.suppress(NoRecording, OSError):  # what could not be written has been told
-        _, headline, _ = quick_headline(path)
-        if headline.rms_m is None or headline.max_m is None:
-            told = notice("recording.short", flown_s=headline.flown_s, from_s=STEADY_S, path=path)
-        else:
-            told = notice(
-                "recording.figures",
-                flown_s=headline.flown_s,
-                from_s=STEADY_S,
-                rms_cm=100.0 * headline.rms_m,
-                max_cm=100.0 * headline.max_m,
-                path=path,
-            )
-        _tell(told)
+def _tell_figures(path: Path, headline: FlightHeadline) -> None:
+    """Tell the figures of a flight that is over, and where its recording is; what is missing there has been told."""
+    if headline.rms_m is None or headline.max_m is None:
+        told = notice("recording.short", flown_s=headline.flown_s, from_s=STEADY_S, path=path)
+    else:
+        told = notice(
+            "recording.figures",
+            flown_s=headline.flown_s,
+            from_s=STEADY_S,
+            rms_cm=100.0 * headline.rms_m,
+            max_cm=100.0 * headline.max_m,
+            path=path,
+        )
+    _tell(told)
 
 
 def _messages() -> Iterator[bytes]:

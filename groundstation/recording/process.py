@@ -22,6 +22,8 @@ GATHER_S = 0.03
 for a quiet moment, which comes with the next command."""
 FORGET = b"forget"
 """A message: the recording is not worth keeping."""
+ERROR_NOTICES = ("recording.figures", "recording.short")
+"""Notices with which the recorder tells the error of a flight that is over."""
 END_S = 5.0
 """Timeout for the recorder to write its end [s]."""
 
@@ -61,6 +63,7 @@ class RecorderProcess:
         self._timer: asyncio.TimerHandle | None = None
         self._moment: asyncio.Future[None] | None = None
         self._told = False
+        self._has_told_error = False
         self._gone = self._loop.create_future()
         self._words = b""
         self._process = start_child("groundstation.recording", stdin=subprocess.PIPE, stdout=subprocess.PIPE)
@@ -78,6 +81,11 @@ class RecorderProcess:
     def pid(self) -> int:
         """The number of the recorder's process."""
         return self._process.pid
+
+    @property
+    def has_told_error(self) -> bool:
+        """Whether the recorder has told the operator the flight's error, or that it was too short for one."""
+        return self._has_told_error
 
     @property
     def waiting(self) -> int:
@@ -188,7 +196,9 @@ class RecorderProcess:
             return
         *lines, self._words = (self._words + data).split(b"\n")
         for line in lines:
-            self._say(msgspec.json.decode(line, type=Sentence))
+            sentence = msgspec.json.decode(line, type=Sentence)
+            self._has_told_error = self._has_told_error or sentence.id in ERROR_NOTICES
+            self._say(sentence)
         if not data:
             code = self._process.wait()  # its end of the pipe closes with its last breath
             self._close_out()

@@ -18,7 +18,7 @@ import msgspec
 
 from groundstation.core.messages import EndRecord, Say, notice
 from groundstation.recording.channels import CHANNELS, ChannelForm, MessageMaker, address, describe_channels
-from groundstation.recording.headline import HeadlineCounter
+from groundstation.recording.headline import FlightHeadline, HeadlineCounter
 from groundstation.recording.records import (
     About,
     Peer,
@@ -230,6 +230,11 @@ class FlightLog:
         if time_s - self._flushed_s >= FLUSH_S:
             self._flushed_s = time_s
             self.flush()
+
+    @property
+    def headline(self) -> FlightHeadline:
+        """The figures so far, whether or not they have reached the disk."""
+        return self._count.headline()
 
     def flush(self) -> None:
         """Write what there is."""

@@ -476,7 +476,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     coast_s: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=0.02,
             le=1.0,
             description="Longest age of the pose of a command [s]. After it comes the descent on "
             "the model (`guards.level_s`), where it took off from the floor, then the "
@@ -484,7 +484,7 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         ),
     ] = 0.25
     pose_wait_s: Annotated[
-        float, msgspec.Meta(gt=0.0, le=600.0, description="How long to wait for the first pose [s].")
+        float, msgspec.Meta(ge=0.1, le=600.0, description="How long to wait for the first pose [s].")
     ] = 5.0
     idle_thrust: Annotated[
         float,
@@ -492,7 +492,9 @@ class FlightConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             ge=0.0, le=0.9, description="Thrust streamed until the vehicle is armed, as a share of its weight [-]."
         ),
     ] = 0.0
-    descent_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=1.0, description="Fastest speed of the landing [m/s].")] = 0.4
+    descent_m_s: Annotated[float, msgspec.Meta(ge=0.05, le=1.0, description="Fastest speed of the landing [m/s].")] = (
+        0.4
+    )
     floor_z_m: Annotated[
         float,
         msgspec.Meta(

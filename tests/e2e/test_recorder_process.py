@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import random
+import re
 import resource
 import signal
 import subprocess
@@ -13,11 +14,12 @@ from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
+import msgspec
 import pytest
 
-from groundstation.core.messages import TickRecord
-from groundstation.flight import about
-from groundstation.machine import RecordingConfig
+from groundstation.core.messages import Sentence, TickRecord
+from groundstation.flight import about, recorder
+from groundstation.machine import IdleSlots, RecordingConfig
 from groundstation.pose import TlogReader
 from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord
 from groundstation.recording.process import BACKLOG_BYTES
@@ -122,20 +124,24 @@ def test_a_full_disk_is_told_of_and_what_waited_is_written_once_there_is_room(tm
     assert len(times(the_recording(tmp_path))) == 1500
 
 
-def test_a_disk_that_stays_full_leaves_a_recording_that_opens(tmp_path: Path) -> None:
+def test_a_disk_that_stays_full_leaves_a_recording_that_opens_and_the_error_of_all_of_the_flight(
+    tmp_path: Path,
+) -> None:
     tick = a_tick()
 
     async def script(process: RecorderProcess, _: list[str]) -> None:
-        for number in range(1500):
-            process.give(TickRecord(tick._replace(time_s=0.01 * number)))
+        process.give(LineRecord(0.0, "tracking", "on the trajectory"))
+        for number in range(1600):
+            process.give(TickRecord(tick._replace(time_s=0.01 * number, flight_time_s=0.01 * number)))
             process.give(SentRecord(0.01 * number, 0, None, os.urandom(200)))
         await asyncio.sleep(0.5)
 
     said = asyncio.run(talk(tmp_path, script, limit=100_000))
     assert any("is missing: File too large" in line for line in said), said
+    assert re.fullmatch(r"error .* cm at most, from \d+ s on of 16.0 s on the trajectory; recorded in .*", said[-1])
     found = times(the_recording(tmp_path))
     assert found == [0.01 * number for number in range(len(found))]
-    assert 100 < len(found) < 1500
+    assert 100 < len(found) < 1600
 
 
 def test_a_recorder_that_hangs_never_holds_up_the_loop_and_what_is_left_out_is_counted(tmp_path: Path) -> None:
@@ -247,4 +253,25 @@ def test_a_flight_lands_although_its_recorder_was_killed() -> None:
         assert run.returncode == 0, out
         assert "WARNING: the recorder has died (-9); the flight goes on" in out
         assert "landed and disarmed" in out
+        assert re.search(r"\(1.0 s were flown\); not recorded$", out.rstrip()), out
         assert len(list(Recording(the_recording(room.recordings)).entries())) > 10
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_flight_without_a_recording_ends_with_its_error_all_the_same(tmp_path: Path, *, enabled: bool) -> None:
+    folder = tmp_path / "file"
+    folder.write_text("in the place of a folder")
+    config = msgspec.structs.replace(Config(), recording=RecordingConfig(folder=str(folder / "runs"), enabled=enabled))
+    own = Sentence("error", "the error by the flight itself")
+    said: list[str] = []
+
+    async def flown() -> None:
+        async with recorder(
+            config, lambda told: said.append(str(told)), IdleSlots(), describe_error=lambda: own
+        ) as give:
+            if give is not None:
+                give(LineRecord(0.0, "tracking", "on the trajectory"))
+
+    asyncio.run(flown())
+    assert said[-1] == own.text
+    assert any(line.startswith("WARNING: not recording, the flight goes on: ") for line in said) == enabled

@@ -86,7 +86,7 @@ def test_a_crash_exits_1_and_says_why() -> None:
         (["fly", "ideal", "--scenario", "paper"], "not allowed with argument"),
         (["fly", "--set", "sim.mass=3"], "sim.mass: unknown key; did you mean mass_kg?"),
         (["fly", "--set", "sim.mass_kg=-1"], "sim.mass_kg: expected a number > 0, got -1"),
-        (["fly", "--set", "controller.k2=fast"], "controller.k2: expected a number > 0 and <= 10000, got 'fast'"),
+        (["fly", "--set", "controller.k2=fast"], "controller.k2: expected a number >= 0.01 and <= 200, got 'fast'"),
         (["fly", "--set", "controller.k2=nan"], "controller.k2"),
         (["fly", "--controller", "pigeon"], "--controller: expected one of"),
         (["fly", "--set", "nonsense"], "--set"),

@@ -80,7 +80,7 @@ def test_without_any_recording_it_is_said_where_they_would_be(folder: Path, run:
 def test_a_flight_ends_with_its_error_figures_and_the_path(capfd: pytest.CaptureFixture[str]) -> None:
     path, _, _ = recorded()
     headline = quick_headline(path)[1]
-    _tell_figures(path)
+    _tell_figures(path, headline)
     sentence = json.loads(capfd.readouterr().out)
     told = sentence["text"]
     assert told.endswith(f"recorded in {path}") and sentence["severity"] == "info"

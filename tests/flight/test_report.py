@@ -20,8 +20,10 @@ from groundstation.analysis.report.figures import (
 from groundstation.analysis.report.flight import numbers
 from groundstation.analysis.report.page import result_table
 from groundstation.config import ConfigError
-from groundstation.core.messages import SETTLED_M
-from groundstation.recording import Recording, quick_headline
+from groundstation.core.messages import SETTLED_M, CommandSent, Notice, TickRecord
+from groundstation.core.vehicle import Vehicle
+from groundstation.flight.flight import FlightStatistics
+from groundstation.recording import LineRecord, Recording, quick_headline
 from sim.runs import RECORDING, fly_mission, from_floor
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
@@ -73,6 +75,24 @@ def test_the_errors_are_those_that_the_list_of_flights_shows() -> None:
     assert facts()["error"]["max_cm"] == pytest.approx(100.0 * headline.max_m)
     assert facts()["flown_s"] == pytest.approx(headline.flown_s)
     assert facts()["commands"] == headline.commands
+
+
+def test_the_error_that_a_flight_keeps_in_memory_is_that_of_its_recording() -> None:
+    path, _, records = recorded(duration_s=17.0)
+    _, headline, _ = quick_headline(path)
+    kept = FlightStatistics(Vehicle(), 0.0)
+    for record in records:
+        match record:
+            case LineRecord(time_s, state, text):
+                kept.take(Notice(time_s, state, text))
+            case TickRecord(tick):
+                kept.take(CommandSent(tick))
+    told = kept.describe_error()
+    assert told.text.endswith(f"of {headline.flown_s:.1f} s on the trajectory; not recorded")
+    assert headline.rms_m is not None
+    assert headline.max_m is not None
+    assert told.numbers["rms_cm"] == pytest.approx(100.0 * headline.rms_m)
+    assert told.numbers["max_cm"] == pytest.approx(100.0 * headline.max_m)
 
 
 def test_settling_time_and_saturation_are_close_to_what_the_referee_saw_of_the_truth() -> None:

@@ -17,7 +17,14 @@ from groundstation.core.control.backstepping import (
     yaw_rate,
 )
 from groundstation.core.control.demand_limits import DemandLimits
-from groundstation.core.estimation import Composite, NonNegative, Positive
+from groundstation.core.estimation import (
+    Composite,
+    Gain,
+    GainOrOff,
+    Ratio,
+    SpeedBound,
+    WitnessGain,
+)
 from groundstation.core.geometry import FLOATS, Ops, Real, Vec3, add_scaled, rotate, third_column
 from groundstation.core.messages import Decision, Diagnostics, Estimate
 from groundstation.core.trajectory import Reference
@@ -44,14 +51,14 @@ class Gains(Law, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_fiel
         ),
     ] = "provable"
     kappa: Annotated[
-        NonNegative,
+        WitnessGain,
         msgspec.Meta(
             description="κ: pull of b̂ towards d̂ [1/s per kb], provable form only. The proof needs "
             "kb² κ < 4 k3 (the smaller k3)."
         ),
     ] = 28.0
     k_omega: Annotated[
-        Positive,
+        Gain,
         msgspec.Meta(
             description="Decay rate of a body-rate error [1/s]. By default it is the vehicle's own rate response, "
             "delay included, where that is faster."
@@ -64,15 +71,15 @@ class Uncompensated(
 ):
     """The printed law: the same keys with the paper's gains, and every block around it off unless it is switched on."""
 
-    k3: Positive = 4.0
-    k3_down: Positive = 4.0
-    kb: NonNegative = 1.0
-    sigma_bound: Positive = 1.5
-    sigma_slope: Positive = 3.0
-    rho_bound: Positive = 1.0
-    rho_slope: Positive = 1.0
+    k3: Gain = 4.0
+    k3_down: Gain = 4.0
+    kb: GainOrOff = 1.0
+    sigma_bound: SpeedBound = 1.5
+    sigma_slope: Gain = 3.0
+    rho_bound: Ratio = 1.0
+    rho_slope: Ratio = 1.0
     kappa: Annotated[
-        NonNegative,
+        WitnessGain,
         msgspec.Meta(
             description="κ, provable form: pull of b̂ towards d̂ [1/s per kb]; here the proof allows less than 16."
         ),

@@ -27,7 +27,15 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 
-from groundstation.core.estimation import Estimation, NonNegative, Positive
+from groundstation.core.estimation import (
+    AccelerationBound,
+    Estimation,
+    Gain,
+    GainOrOff,
+    Ratio,
+    Smoothing,
+    SpeedBound,
+)
 from groundstation.core.geometry import Ops, Quat, Real, Vec3, add, scale, third_column, to_body
 
 
@@ -39,56 +47,56 @@ class Law(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True, dic
     """
 
     k2: Annotated[
-        Positive,
+        AccelerationBound,
         msgspec.Meta(
             description="Gain on ρ(z2) [m/s²]; paper: 2. With calm gains at most 1.75: in climbs and "
             "descents, with poses more than 0.07 s apart, and in a hold while poses are doubted."
         ),
     ] = 2.0
-    k3: Annotated[Positive, msgspec.Meta(description="Gain on z3 [1/s]; paper: 4.")] = 5.0
+    k3: Annotated[Gain, msgspec.Meta(description="Gain on z3 [1/s]; paper: 4.")] = 5.0
     k3_down: Annotated[
-        Positive,
+        Gain,
         msgspec.Meta(
             description="The same for the vertical axis [1/s], where only thrust acts; paper: 4. "
             "In a hold at most 10, with calm gains (see k2) 6."
         ),
     ] = 14.0
     kb: Annotated[
-        NonNegative,
+        GainOrOff,
         msgspec.Meta(
             description="Adaptation gain [1/s² per m/s² of V's gradient]; paper: 1; 0 switches adaptation off."
         ),
     ] = 0.4
-    k_yaw: Annotated[NonNegative, msgspec.Meta(description="Heading gain [1/s].")] = 1.0
+    k_yaw: Annotated[GainOrOff, msgspec.Meta(description="Heading gain [1/s].")] = 1.0
     sigma_bound: Annotated[
-        Positive,
+        SpeedBound,
         msgspec.Meta(
             description="M: bound of σ [m/s], and the speed error up to which u* is linear in it; "
             "paper: 1.5. In a hold and with calm gains (see k2) at most 3."
         ),
     ] = 6.0
     sigma_slope: Annotated[
-        Positive, msgspec.Meta(description="r: slope of σ at 0 [1/s]; paper: 3. With calm gains (see k2) at most 3.")
+        Gain, msgspec.Meta(description="r: slope of σ at 0 [1/s]; paper: 3. With calm gains (see k2) at most 3.")
     ] = 4.5
     rho_bound: Annotated[
-        Positive, msgspec.Meta(description="Bound of ρ [-]. In a hold and with calm gains (see k2) at most 2.")
+        Ratio, msgspec.Meta(description="Bound of ρ [-]. In a hold and with calm gains (see k2) at most 2.")
     ] = 6.0
     rho_slope: Annotated[
-        Positive, msgspec.Meta(description="Slope of ρ at 0 [s/m]. In a hold at most 2, with calm gains (see k2) 1.")
+        Ratio, msgspec.Meta(description="Slope of ρ at 0 [s/m]. In a hold at most 2, with calm gains (see k2) 1.")
     ] = 3.0
     velocity_scale: Annotated[
-        Positive, msgspec.Meta(description="c: speed beyond M over which Ω' begins to grow [m/s]; less grows faster.")
+        SpeedBound, msgspec.Meta(description="c: speed beyond M over which Ω' begins to grow [m/s]; less grows faster.")
     ] = 1.0
     b_bound: Annotated[
-        Positive,
+        AccelerationBound,
         msgspec.Meta(
             description="B: largest disturbance to adapt to [m/s²]. The default 14, which the paper's vehicle "
             "can trim sideways, is replaced by what yours can: `vehicle.wind_share` of "
             "√((T_max/m)² - g²), but at least 5."
         ),
     ] = 14.0
-    epsilon: Annotated[Positive, msgspec.Meta(description="ε: b̂ stays within B + ε [m/s²].")] = 0.5
-    delta: Annotated[Positive, msgspec.Meta(description="δ: smooths the projection [m²/s⁴].")] = 0.1
+    epsilon: Annotated[AccelerationBound, msgspec.Meta(description="ε: b̂ stays within B + ε [m/s²].")] = 0.5
+    delta: Annotated[Smoothing, msgspec.Meta(description="δ: smooths the projection [m²/s⁴].")] = 0.1
     projection_order: Annotated[
         int, msgspec.Meta(ge=1, le=6, description="n: the projection is n times continuously differentiable.")
     ] = 1

@@ -43,7 +43,17 @@ from groundstation.core.control.attitude import (
 )
 from groundstation.core.control.backstepping import clamp_each, yaw_rate
 from groundstation.core.control.demand_limits import DemandLimits
-from groundstation.core.estimation import Estimation, NonNegative, Positive
+from groundstation.core.estimation import (
+    AccelerationBound,
+    AccelerationGain,
+    Estimation,
+    FilterTime,
+    Gain,
+    GainOrOff,
+    IntegralGain,
+    PositionGain,
+    SpeedBound,
+)
 from groundstation.core.geometry import FLOATS, ZERO, Vec3, add, add_scaled, scale, subtract, third_column
 from groundstation.core.messages import Controller, Decision, Estimate
 from groundstation.core.trajectory import Reference
@@ -53,10 +63,10 @@ from groundstation.core.vehicle import ActuatorCommand, Vehicle, lead
 class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Keys that every baseline has. "As ours" means: the default of the adaptive controller."""
 
-    k_yaw: Annotated[NonNegative, msgspec.Meta(description="Heading gain [1/s], as ours.")] = 1.0
+    k_yaw: Annotated[GainOrOff, msgspec.Meta(description="Heading gain [1/s], as ours.")] = 1.0
     tilt_limit_deg: Annotated[
         float,
-        msgspec.Meta(gt=0.0, le=80.0, description="Largest commanded tilt [deg]; PX4's default (MPC_TILTMAX_AIR)."),
+        msgspec.Meta(ge=2.0, le=80.0, description="Largest commanded tilt [deg]; PX4's default (MPC_TILTMAX_AIR)."),
     ] = 45.0
     actuator_compensation: Annotated[
         bool,
@@ -67,11 +77,11 @@ class Baseline(Estimation, frozen=True, kw_only=True, forbid_unknown_fields=True
         ),
     ] = False
     k_omega: Annotated[
-        Positive,
+        Gain,
         msgspec.Meta(description="With it: how fast an error of thrust or body rate shall decay [1/s], as ours."),
     ] = 14.0
     rate_feedforward: Annotated[
-        NonNegative,
+        FilterTime,
         msgspec.Meta(
             description="With it: time constant of the filter on the derivative of what is wanted [s], as ours."
         ),
@@ -169,19 +179,17 @@ class BaselineController(Generic[GainsType]):
 class Geometric(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="geometric"):
     """Gains of the geometric law, found by a search: docs/decisions/0006-baselines.md."""
 
-    k_position: Annotated[Positive, msgspec.Meta(description="k_x / m [1/s²].")] = 9.46
-    k_velocity: Annotated[Positive, msgspec.Meta(description="k_v / m [1/s].")] = 5.81
-    k_integral: Annotated[NonNegative, msgspec.Meta(description="k_i / m [1/s²].")] = 9.74
+    k_position: Annotated[PositionGain, msgspec.Meta(description="k_x / m [1/s²].")] = 9.46
+    k_velocity: Annotated[Gain, msgspec.Meta(description="k_v / m [1/s].")] = 5.81
+    k_integral: Annotated[IntegralGain, msgspec.Meta(description="k_i / m [1/s²].")] = 9.74
     coupling: Annotated[
-        Positive, msgspec.Meta(description="c1: share of the position error in the integral of e_v + c1 e_x [1/s].")
+        Gain, msgspec.Meta(description="c1: share of the position error in the integral of e_v + c1 e_x [1/s].")
     ] = 1.85
     integral_bound: Annotated[
-        Positive,
+        AccelerationBound,
         msgspec.Meta(description="σ: largest acceleration of the integral term, per axis [m/s²]; as b_bound of ours."),
     ] = 5.0
-    k_attitude: Annotated[Positive, msgspec.Meta(description="k_R over k_Ω: body rate per attitude error [1/s].")] = (
-        16.1
-    )
+    k_attitude: Annotated[Gain, msgspec.Meta(description="k_R over k_Ω: body rate per attitude error [1/s].")] = 16.1
 
     def build(self, vehicle: Vehicle) -> "GeometricController":
         """The controller."""
@@ -264,24 +272,22 @@ def track_on_se3(
 class L1(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="l1"):
     """Gains: those of the geometric law, and two of the adaptation, which were chosen, not searched."""
 
-    k_position: Annotated[Positive, msgspec.Meta(description="k_x / m [1/s²].")] = 9.46
-    k_velocity: Annotated[Positive, msgspec.Meta(description="k_v / m [1/s].")] = 5.81
+    k_position: Annotated[PositionGain, msgspec.Meta(description="k_x / m [1/s²].")] = 9.46
+    k_velocity: Annotated[Gain, msgspec.Meta(description="k_v / m [1/s].")] = 5.81
     predictor_pole: Annotated[
-        Positive,
+        Gain,
         msgspec.Meta(
             description="-A_s: how fast the predictor forgets its error [1/s]. At commands every "
             "T_s it leaves A_s T_s / 2 of a steady disturbance uncompensated."
         ),
     ] = 1.0
     bandwidth_rad_s: Annotated[
-        Positive,
+        Gain,
         msgspec.Meta(
             description="ω_c of the low-pass filter C(s) between what is found and what is counteracted [rad/s]."
         ),
     ] = 8.0
-    k_attitude: Annotated[Positive, msgspec.Meta(description="k_R over k_Ω: body rate per attitude error [1/s].")] = (
-        16.1
-    )
+    k_attitude: Annotated[Gain, msgspec.Meta(description="k_R over k_Ω: body rate per attitude error [1/s].")] = 16.1
 
     def build(self, vehicle: Vehicle) -> "L1Controller":
         """The controller."""
@@ -334,26 +340,26 @@ class L1Controller(BaselineController[L1]):
 class Pid(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="pid"):
     """Gains of the PID, found by a search: docs/decisions/0006-baselines.md. In brackets: PX4's parameters."""
 
-    p_position: Annotated[Positive, msgspec.Meta(description="Velocity per position error [1/s] (MPC_XY_P).")] = 2.32
+    p_position: Annotated[Gain, msgspec.Meta(description="Velocity per position error [1/s] (MPC_XY_P).")] = 2.32
     p_velocity: Annotated[
-        Positive, msgspec.Meta(description="Acceleration per velocity error [1/s] (MPC_XY_VEL_P_ACC).")
+        Gain, msgspec.Meta(description="Acceleration per velocity error [1/s] (MPC_XY_VEL_P_ACC).")
     ] = 4.69
     i_velocity: Annotated[
-        NonNegative,
+        IntegralGain,
         msgspec.Meta(description="Acceleration per integral of the velocity error [1/s²] (MPC_XY_VEL_I_ACC)."),
     ] = 6.83
     d_velocity: Annotated[
-        NonNegative, msgspec.Meta(description="Acceleration against acceleration [-] (MPC_XY_VEL_D_ACC).")
+        AccelerationGain, msgspec.Meta(description="Acceleration against acceleration [-] (MPC_XY_VEL_D_ACC).")
     ] = 0.0164
     speed_limit_m_s: Annotated[
-        Positive, msgspec.Meta(description="Largest commanded speed [m/s] (MPC_XY_VEL_MAX).")
+        SpeedBound, msgspec.Meta(description="Largest commanded speed [m/s] (MPC_XY_VEL_MAX).")
     ] = 12.0
     integral_bound: Annotated[
-        Positive,
+        AccelerationBound,
         msgspec.Meta(description="Largest acceleration of the integral, per axis [m/s²]; PX4 has g, upwards only."),
     ] = 5.0
     p_attitude: Annotated[
-        Positive, msgspec.Meta(description="Body rate per attitude error [1/s] (MC_ROLL_P, MC_PITCH_P).")
+        Gain, msgspec.Meta(description="Body rate per attitude error [1/s] (MC_ROLL_P, MC_PITCH_P).")
     ] = 20.0
 
     def build(self, vehicle: Vehicle) -> "PidController":
@@ -407,14 +413,14 @@ class PidController(BaselineController[Pid]):
 class Indi(Baseline, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind", tag="indi"):
     """Gains of INDI, found by a search: docs/decisions/0006-baselines.md."""
 
-    k_position: Annotated[Positive, msgspec.Meta(description="K_x [1/s²].")] = 17.8
-    k_velocity: Annotated[Positive, msgspec.Meta(description="K_v [1/s].")] = 6.36
-    k_acceleration: Annotated[NonNegative, msgspec.Meta(description="K_a [-].")] = 0.95
+    k_position: Annotated[PositionGain, msgspec.Meta(description="K_x [1/s²].")] = 17.8
+    k_velocity: Annotated[Gain, msgspec.Meta(description="K_v [1/s].")] = 6.36
+    k_acceleration: Annotated[AccelerationGain, msgspec.Meta(description="K_a [-].")] = 0.95
     filter_s: Annotated[
-        NonNegative,
+        FilterTime,
         msgspec.Meta(description="Time constant of the low-pass filter on acceleration and thrust vector [s]."),
     ] = 0.0041
-    k_attitude: Annotated[Positive, msgspec.Meta(description="Body rate per attitude error [1/s].")] = 18.3
+    k_attitude: Annotated[Gain, msgspec.Meta(description="Body rate per attitude error [1/s].")] = 18.3
 
     def build(self, vehicle: Vehicle) -> "IndiController":
         """The controller."""

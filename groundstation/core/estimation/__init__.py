@@ -1,5 +1,18 @@
 """The estimator: a Kalman filter at the newest pose, rolled forward through the commands sent since."""
 
+from groundstation.core.estimation.bounds import (
+    AccelerationBound,
+    AccelerationGain,
+    FilterTime,
+    Gain,
+    GainOrOff,
+    IntegralGain,
+    PositionGain,
+    Ratio,
+    Smoothing,
+    SpeedBound,
+    WitnessGain,
+)
 from groundstation.core.estimation.estimator import (
     NOISE_FLOOR_M2,
     NOISE_MEMORY,
@@ -15,8 +28,6 @@ from groundstation.core.estimation.estimator import (
     Effectiveness,
     Estimation,
     ModelEstimator,
-    NonNegative,
-    Positive,
     StampNoise,
     apply_effectiveness,
     correct_attitude,

@@ -41,6 +41,20 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
+from groundstation.core.estimation.bounds import (
+    Gravity,
+    Jitter,
+    MarkerWander,
+    ModelNoise,
+    PoseNoise,
+    ThrustDeviation,
+    ThrustWander,
+    VelocityBias,
+    VelocityNoise,
+    Wander,
+    WindNoise,
+    WindRateNoise,
+)
 from groundstation.core.geometry import (
     FLOATS,
     ZERO,
@@ -488,17 +502,6 @@ def update_effectiveness(
     return Effectiveness(value, variance, assumed, *chain, gained, score, noise, frozen), moved
 
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0, le=1e4)]
-"""A gain, a bound or a noise in SI units; more is a slip of the decimal point."""
-NonNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e4)]
-"""A gain, a bound or a noise in SI units, or 0."""
-Gravity = Annotated[float, msgspec.Meta(gt=0.0, le=30.0)]
-"""An acceleration of free fall [m/s²]; Jupiter has 25."""
-PoseNoise = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
-"""A noise of positions [m]; more is in millimetres."""
-Jitter = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
-"""A noise of stamps [s]; more is in milliseconds."""
-
 Composite: TypeAlias = Literal["provable", "raw", "off"]
 """Target of the innovations beside the motion: the observer's own d̂, a controller's b̂, or none."""
 
@@ -538,27 +541,27 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         ),
     ] = None
     velocity_noise_m_s: Annotated[
-        Positive,
+        VelocityNoise,
         msgspec.Meta(
             description="Velocity noise of a source that measures velocity, 1σ per axis, beside its bias [m/s]."
         ),
     ] = 0.02
     velocity_bias_m_s: Annotated[
-        NonNegative,
+        VelocityBias,
         msgspec.Meta(
             description="Largest mean difference of such a velocity from that of its own positions, which is then "
             "corrected, per axis [m/s]; ArduCopter's, with a simulated GPS, is 0.016. 0: no correction."
         ),
     ] = 0.05
     position_wander: Annotated[
-        NonNegative,
+        Wander,
         msgspec.Meta(
             description="Random walk of the position of such a source against its velocity [m/√s]; PX4 "
             "on simulated GPS: 0.18."
         ),
     ] = 0.2
     pose_wander: Annotated[
-        NonNegative,
+        MarkerWander,
         msgspec.Meta(
             description="Random walk of the positions of a source without velocity, beside their white noise [m/√s]; "
             "0: errors of neighbours are independent. `groundstation replay evidence` finds 0.0005 and 0.0006 of a "
@@ -566,18 +569,18 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         ),
     ] = 0.0
     acceleration_noise: Annotated[
-        Positive,
+        ModelNoise,
         msgspec.Meta(description="White noise of the model's acceleration [m/s² per √Hz]."),
     ] = 0.01
     wind_noise: Annotated[
-        Positive,
+        WindNoise,
         msgspec.Meta(
             description="White noise of the disturbance's rate [m/s³ per √Hz]: turbulence of 0.2 m/s² RMS and 2.6 s "
             "has 0.18."
         ),
     ] = 0.1
     wind_rate_noise: Annotated[
-        Positive,
+        WindRateNoise,
         msgspec.Meta(
             description="White noise of that rate's derivative [m/s⁴ per √Hz]: a larger one follows gusts faster, and "
             "more noise."
@@ -585,11 +588,11 @@ class Estimation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     ] = 1.2
 
     effectiveness_deviation: Annotated[
-        NonNegative,
+        ThrustDeviation,
         msgspec.Meta(description="Error of thrust over mass before the flight, 1σ [-]; 0: all error is disturbance."),
     ] = 0.15
     effectiveness_walk: Annotated[
-        NonNegative, msgspec.Meta(description="Its random walk in flight while its innovations are excited [1/√s].")
+        ThrustWander, msgspec.Meta(description="Its random walk in flight while its innovations are excited [1/√s].")
     ] = 0.005
 
     @property

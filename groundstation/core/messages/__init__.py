@@ -7,6 +7,7 @@ from groundstation.core.messages.pose import (
     BODIES_MAX,
     FAR_M,
     Distrusts,
+    Excess,
     Others,
     OverheardSource,
     Pose,

@@ -143,6 +143,15 @@ _TABLE: tuple[NoticeTemplate, ...] = (
         "{path}",
     ),
     NoticeTemplate(
+        "recording.none_figures",
+        "error {rms_cm:.2f} cm RMS, {max_cm:.2f} cm at most, from {from_s:g} s on of {flown_s:.1f} s on the "
+        "trajectory; not recorded",
+    ),
+    NoticeTemplate(
+        "recording.none_short",
+        "no error figures, which begin after {from_s:g} s on the trajectory ({flown_s:.1f} s were flown); not recorded",
+    ),
+    NoticeTemplate(
         "recording.none",
         "no flight is recorded in {folder}",
         "name a recording, or fly one",

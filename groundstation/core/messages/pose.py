@@ -3,11 +3,14 @@
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
-from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import msgspec
 
 from groundstation.core.geometry import Quat, Vec3
+
+Excess: TypeAlias = tuple[float, float]
+"""Value and limit, in the limit's unit."""
 
 
 class Pose(msgspec.Struct, frozen=True, gc=False):
@@ -36,6 +39,8 @@ class PoseStatus(msgspec.Struct, frozen=True):
     """Poses delivered."""
     dropped: dict[str, int]
     """Datagrams or records dropped, counted by reason."""
+    excesses: dict[str, Excess] = {}
+    """Value and limit of the newest drop by reason, in the limit's unit, where there is a limit."""
     rate_hz: float = 0.0
     """Poses per second by the source's own stamps [1/s]; 0 before the second pose."""
     latency_s: float = 0.0

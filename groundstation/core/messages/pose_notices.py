@@ -48,9 +48,23 @@ _DROPS = {
     "connection_lost": "the tracker has closed the connection; it is opened again",
 }
 """Causes and remedies by reason."""
+_MEASURED_DROPS = {
+    "jump": "{value:.2f} m from where the last ones were heading, limit {limit:.2f} m (gate.jump_m and "
+    "gate.acceleration_m_s2): markers mixed up, or another body",
+    "spin": "turned by {value:.0f}° since the last one, limit {limit:.0f}° (gate.rate_deg_s): markers mixed up",
+    "too_fast": "{value:.1f} m/s, limit {limit:g} m/s (gate.speed_m_s): is the position in metres?",
+    "tilted": "{value:.0f}° from upright, limit {limit:g}° (gate.tilt_deg): where it stands or flies upright, "
+    "pose.body or pose.world names the axes wrongly (`groundstation carry` finds them); a vehicle that loops needs 180",
+    "frozen": "the same to the last bit for {value:.2f} s, limit {limit:g} s (gate.frozen_s): the body is hidden, or "
+    "the tracker rounds (gate.drop_frozen)",
+    "late": "{value:.0f} ms old when it came, limit {limit:.0f} ms (flight.coast_s): look for a queue in the network "
+    "or the tracking computer",
+}
+"""The same of the reasons for which the newest drop has a number and a limit."""
 
 POSE_NOTICES: tuple[NoticeTemplate, ...] = (
     *(NoticeTemplate(f"drop.{reason}", f"{reason} ({meaning})") for reason, meaning in _DROPS.items()),
+    *(NoticeTemplate(f"drop.{reason}.by", f"{reason} ({meaning})") for reason, meaning in _MEASURED_DROPS.items()),
     NoticeTemplate("drop.other", "{reason}"),
     NoticeTemplate("pose.origin_moved", "the source has moved its origin"),
     NoticeTemplate("pose.agreed", "all poses have agreed on it for {settle_s:g} s"),

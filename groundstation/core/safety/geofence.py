@@ -14,7 +14,8 @@ LEAST_TURN_M2 = 1e-9
 """Least area, twice that of three corners in a row, of a convex polygon [m²]: rounding."""
 Coordinate = Annotated[float, msgspec.Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 Corner = tuple[Coordinate, Coordinate]
-Length = Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
+Length = Annotated[float, msgspec.Meta(ge=0.01, le=100.0)]
+"""A distance of vehicles or an error [m]; more is in millimetres, and less is within the noise of a flight."""
 
 
 class _Braking(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

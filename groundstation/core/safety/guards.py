@@ -70,7 +70,8 @@ class Escalation:
 
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 Share = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
-Angle = Annotated[float, msgspec.Meta(gt=0.0, le=90.0)]
+Angle = Annotated[float, msgspec.Meta(ge=2.0, le=90.0)]
+"""A tilt [deg]; less than 2 is in radians, of which 90 degrees are 1.6."""
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 
 
@@ -101,7 +102,7 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     error_m: Annotated[Length, msgspec.Meta(description="Largest distance from the reference [m].")] = 1.0
     error_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `error_m` [s].")] = 0.3
     speed_m_s: Annotated[
-        float, msgspec.Meta(gt=0.0, le=50.0, description="Largest velocity relative to the reference's [m/s].")
+        float, msgspec.Meta(ge=0.05, le=50.0, description="Largest velocity relative to the reference's [m/s].")
     ] = 2.5
     speed_s: Annotated[Seconds, msgspec.Meta(description="Longest time beyond `speed_m_s` [s].")] = 0.1
     thrust_limit_s: Annotated[Seconds, msgspec.Meta(description="Longest time with thrust at its upper limit [s].")] = (
@@ -133,7 +134,7 @@ class GuardsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     rtt_s: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0, le=5.0, description="Longest round trip to the vehicle and back, where the link measures it [s]."
+            ge=0.001, le=5.0, description="Longest round trip to the vehicle and back, where the link measures it [s]."
         ),
     ] = 0.2
     battery_share: Annotated[

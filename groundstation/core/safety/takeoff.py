@@ -311,7 +311,7 @@ LIGHT_S = 0.2
 """Time before ``SURE_SHARE`` at which that wind begins to count [s]."""
 
 
-Transit = Annotated[float, msgspec.Meta(gt=0.0, le=20.0)]
+Transit = Annotated[float, msgspec.Meta(ge=0.02, le=20.0)]
 
 
 class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -334,7 +334,7 @@ class TakeoffConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
             "vehicle.hover_n where that was measured. The larger it is, the higher a vehicle without true poses jumps."
         ),
     ] = None
-    climb_m_s: Annotated[float, msgspec.Meta(gt=0.0, le=5.0, description="Largest speed of the climb [m/s].")] = 0.5
+    climb_m_s: Annotated[float, msgspec.Meta(ge=0.02, le=5.0, description="Largest speed of the climb [m/s].")] = 0.5
     hold_s: Annotated[
         float,
         msgspec.Meta(

@@ -497,6 +497,8 @@ LOOKS = 16
 """The peak is looked for so often within the period of the fastest sine: it is met to 1 %."""
 
 Frequency = Annotated[float, msgspec.Meta(ge=0.05, le=10.0)]
+LEAST_SWING_DEG = 1.6
+"""Least swing of the heading, except none [deg]: 90 degrees are 1.57 in radians."""
 
 
 class ExcitationConfig(
@@ -541,6 +543,9 @@ class ExcitationConfig(
     ] = 2.0
 
     def __post_init__(self) -> None:
+        if 0.0 < self.yaw_swing_deg < LEAST_SWING_DEG:
+            swing = f"0 or from {LEAST_SWING_DEG:g} to 90 [deg]"
+            raise ValueError(f"yaw_swing_deg: expected {swing}, got {self.yaw_swing_deg:g}: is it in radians?")
         if math.floor(self.highest_hz * self.period_s) - math.ceil(self.lowest_hz * self.period_s) < 7:
             needed = self.lowest_hz + 8.0 / self.period_s
             raise ValueError(f"highest_hz: expected at least {needed:.3g} Hz with this lowest_hz and period_s")

@@ -39,8 +39,8 @@ from groundstation.core.geometry import (
     to_world,
 )
 
-Mass = Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
-"""A mass [kg]; heavier is one in grams."""
+Mass = Annotated[float, msgspec.Meta(ge=0.005, le=100.0)]
+"""A mass [kg]; heavier is one in grams, and lighter than 5 g flies no tracked vehicle."""
 Thrust = Annotated[float, msgspec.Meta(gt=0.0, le=5000.0)]
 """A thrust [N], of at most five times the weight of the heaviest vehicle."""
 Lag = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
@@ -49,10 +49,10 @@ Delay = Annotated[float, msgspec.Meta(ge=0.0, le=0.5)]
 """A dead time of an actuator [s]; a longer one is in milliseconds."""
 Drag = Annotated[float, msgspec.Meta(ge=0.0, le=10.0)]
 """Linear drag [1/s]: of 10, thrust of twice the weight makes no more than 2 m/s."""
-FramePeriod = Annotated[float, msgspec.Meta(gt=0.0, le=0.25)]
-"""A period of commands [s]; a longer one is in milliseconds."""
-Size = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]
-"""An extent [m]; more is in millimetres."""
+FramePeriod = Annotated[float, msgspec.Meta(ge=0.001, le=0.25)]
+"""A period of commands [s]; a longer one is in milliseconds, and no link carries more than 1000 a second."""
+Size = Annotated[float, msgspec.Meta(ge=0.03, le=10.0)]
+"""An extent [m]; more is in millimetres, and less is smaller than its own markers' triangle."""
 RateLimit = Annotated[float, msgspec.Meta(ge=15.0, le=1e5)]
 """A body rate [deg/s]; 100000 is no limit at all, and a limit of less than 15 is in radians per second."""
 WeightShare = Annotated[float, msgspec.Meta(gt=0.0, le=10.0)]

@@ -441,7 +441,10 @@ class Daemon:
         def keep() -> bool:
             return self._armed > before or self._once
 
-        async with recorder(self._config, _log, self._quiet, keep) as give:
+        def describe_error() -> Sentence | None:
+            return self._flight.describe_error() if self._armed > before else None
+
+        async with recorder(self._config, _log, self._quiet, keep, describe_error=describe_error) as give:
             self._flight = self._make_flight(give)
             renewing = asyncio.ensure_future(self._renew(self._flight))
             try:
@@ -563,7 +566,12 @@ async def _fly(config: Config, confirm: Callable[[], Awaitable[bool]], write: Ca
 
     quiet = IdleSlots()
     timer = StepTimer.start()
-    async with recorder(config, say, quiet, view=view) as give:
+    flight: Flight | None = None
+
+    def describe_error() -> Sentence | None:
+        return None if flight is None else flight.describe_error()
+
+    async with recorder(config, say, quiet, view=view, describe_error=describe_error) as give:
         subscribers = (tell_lines(write),)
         flight = make_flight(
             config, confirm=confirm, subscribers=subscribers, give=give, quiet=quiet, running=running_processes

@@ -57,14 +57,16 @@ class GatedSource:
             origin_moves=moves,
             accepted=status.accepted - dropped.total(),
             dropped=dict(Counter(status.dropped) + dropped),
+            excesses=dict(self._gate.excesses),
         )
 
     async def start(self, deliver: Callable[[Pose], None]) -> None:
         """Start the source; ``deliver`` gets each pose that passes."""
 
         def take(pose: Pose) -> None:
-            if pose.arrival_s - pose.time_s > self._lost_s:
-                self._gate.dropped["late"] += 1
+            age_s = pose.arrival_s - pose.time_s
+            if age_s > self._lost_s:
+                self._gate.drop("late", (1e3 * age_s, 1e3 * self._lost_s))
                 return
             passed, news = self._gate.take(pose)
             if news is not None:
@@ -192,7 +194,7 @@ class JsonConfig(ListensAt, frozen=True, kw_only=True, tag="json"):
     rate_hz: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=1.0,
             le=1000.0,
             description="Frames per second [1/s], for a tracker that numbers its frames and has no "
             "clock; found by itself if wrong.",

@@ -27,8 +27,9 @@ The outbreaks of dropped, late and missing poses are told of once as they begin,
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
+from types import MappingProxyType
 from typing import Annotated, NamedTuple, TypeVar
 
 import msgspec
@@ -37,6 +38,7 @@ from groundstation.core.geometry import Frames, Quat, Vec3, so3
 from groundstation.core.messages import (
     FAR_M,
     NOTICES,
+    Excess,
     Others,
     Pose,
     PoseStatus,
@@ -658,6 +660,8 @@ class Gate:
     def __init__(self, config: GateConfig) -> None:
         self.dropped: Counter[str] = Counter()
         """Counts by reason: not_finite, not_unit, out_of_order, tilted, frozen, too_fast, jump, spin."""
+        self.excesses: dict[str, Excess] = {}
+        """Value and limit of the newest drop by reason, where there is a limit."""
         self._config = config
         self._cos_tilt = math.cos(math.radians(config.tilt_deg))
         self._track: PoseTrack | None = None
@@ -690,19 +694,23 @@ class Gate:
             return self._add_moves(checked), None
         if checked.reset_count != track.last.reset_count:
             return self._move_track(checked, track.last, notice("pose.origin_moved"))
-        why = track.refuses(checked, after_jump=other is not None and other.why == "jump")
+        why, excess = track.refuses(checked, after_jump=other is not None and other.why == "jump")
         if why == "out_of_order":
             return self._drop(why), None
         # The older the last pose, the more fits it: so the pose belongs to the nearer of two tracks.
-        if other is not None and not other.refuses(checked) and (why or other.misfit(checked) < track.misfit(checked)):
+        if (
+            other is not None
+            and not other.refuses(checked)[0]
+            and (why or other.misfit(checked) < track.misfit(checked))
+        ):
             other.add(checked)
             if checked.time_s - other.first_s >= self._config.settle_s:
                 self._unannounced += 1
                 return self._move_track(checked, track.last, notice("pose.agreed", settle_s=self._config.settle_s))
-            return self._drop(why or other.why), None
+            return self._drop(why or other.why, excess), None
         if why:
             self._other = PoseTrack(checked, self._config, why)
-            return self._drop(why), None
+            return self._drop(why, excess), None
         self._other = None
         track.add(checked)
         return self._add_moves(checked), None
@@ -716,12 +724,13 @@ class Gate:
         if not 0.8 < square < 1.2:
             return self._drop("not_unit")
         if self._is_frozen(pose):
-            return self._drop("frozen")
-        if 1.0 - 2.0 * (x * x + y * y) / square < self._cos_tilt:
-            return self._drop("tilted")
+            return self._drop("frozen", (pose.time_s - self._since_s, self._config.frozen_s))
+        upright = 1.0 - 2.0 * (x * x + y * y) / square
+        if upright < self._cos_tilt:
+            return self._drop("tilted", (so3.angle_deg(upright), self._config.tilt_deg))
         velocity = pose.velocity_ned
         if velocity is not None and not math.hypot(*velocity) <= self._config.speed_m_s:
-            return self._drop("too_fast")
+            return self._drop("too_fast", (math.hypot(*velocity), self._config.speed_m_s))
         if abs(square - 1.0) > EXACT_TOLERANCE:
             w, x, y, z = so3.normalize((w, x, y, z))
         last = self._track.last.attitude if self._track is not None else (w, x, y, z)
@@ -737,8 +746,14 @@ class Gate:
             return False
         return self._config.drop_frozen and pose.time_s - self._since_s >= self._config.frozen_s
 
-    def _drop(self, why: str) -> Pose | None:
+    def drop(self, why: str, excess: Excess | None = None) -> None:
+        """Count a pose that is dropped, with the value beyond a limit, and the limit."""
         self.dropped[why] += 1
+        if excess is not None:
+            self.excesses[why] = excess
+
+    def _drop(self, why: str, excess: Excess | None = None) -> Pose | None:
+        self.drop(why, excess)
         return None
 
     def _add_moves(self, pose: Pose) -> Pose:
@@ -778,24 +793,30 @@ class PoseTrack:
         if pose.time_s - self._next_anchor.time_s >= BASE_S:
             self._anchor, self._next_anchor = self._next_anchor, pose
 
-    def refuses(self, pose: Pose, *, after_jump: bool = False) -> str:
-        """Return why ``pose`` can't be of the same vehicle; empty if it can. ``after_jump``: the one before jumped."""
+    def refuses(self, pose: Pose, *, after_jump: bool = False) -> tuple[str, Excess | None]:
+        """Return why ``pose`` can't be of the same vehicle, empty if it can, and which value is beyond which limit.
+
+        ``after_jump``: the one before jumped.
+        """
         config, elapsed = self._config, pose.time_s - self.last.time_s
         if elapsed <= 0.0:
-            return "out_of_order"
+            return "out_of_order", None
         # Without a speed any may be meant; with one, it had ``elapsed`` and half the base to change.
         base = self._base_s
         allowed = 0.5 * config.acceleration_m_s2 * elapsed * (elapsed + base) if base else config.speed_m_s * elapsed
         limit = config.jump_m + allowed
-        if self._away_m(pose) > (min(DOUBT * limit, config.jump_m) if after_jump else limit):
-            return "jump"
-        far = math.dist(pose.position_ned, self._anchor.position_ned)
-        if far > config.jump_m + config.speed_m_s * (pose.time_s - self._anchor.time_s):
-            return "too_fast"
+        limit = min(DOUBT * limit, config.jump_m) if after_jump else limit
+        away = self._away_m(pose)
+        if away > limit:
+            return "jump", (away, limit)
+        far, took_s = math.dist(pose.position_ned, self._anchor.position_ned), pose.time_s - self._anchor.time_s
+        if far > config.jump_m + config.speed_m_s * took_s:
+            return "too_fast", ((far - config.jump_m) / took_s, config.speed_m_s)
         # The floor levels a leaning vehicle at touchdown in less time than passes between two poses.
         levels = max(_lean_deg(self.last.attitude) - _lean_deg(pose.attitude), 0.0)
         turn = turned_deg(self.last.attitude, pose.attitude) - levels
-        return "spin" if turn > TURN_DEG + config.rate_deg_s * elapsed else ""
+        limit = TURN_DEG + config.rate_deg_s * elapsed
+        return ("spin", (turn, limit)) if turn > limit else ("", None)
 
     def misfit(self, pose: Pose) -> float:
         """Return the misfit of ``pose`` to this track, to compare tracks by [-]."""
@@ -859,7 +880,7 @@ class Outbreaks:
                 continue
             if reason not in self._running:
                 self._running[reason] = Outbreak(known, now_s if self._looked_s is None else self._looked_s)
-                news.append(notice("pose.dropping", why=describe_drop(reason)))
+                news.append(notice("pose.dropping", why=describe_drop(reason, status.excesses)))
             self._running[reason].newest_s = now_s
         self._looked_s = now_s
         if status.advice not in ("", self._advice):
@@ -914,7 +935,10 @@ def describe_unsteady_clock() -> Sentence:
     return notice("pose.unsteady_clock", count=BREAKS, within_s=UNSTEADY_S)
 
 
-def describe_drop(reason: str) -> Sentence:
-    """The reason for which poses are dropped, with its meaning where it has one."""
+def describe_drop(reason: str, excesses: Mapping[str, Excess] = MappingProxyType({})) -> Sentence:
+    """Describe the reason of dropped poses, with the newest value and its limit if ``excesses`` has them."""
+    if reason in excesses:
+        value, limit = excesses[reason]
+        return notice(f"drop.{reason}.by", value=value, limit=limit)
     id = f"drop.{reason}"
     return notice(id) if id in NOTICES else notice("drop.other", reason=reason)

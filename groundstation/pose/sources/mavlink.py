@@ -35,7 +35,7 @@ class MavlinkPoseConfig(PoseKind, frozen=True, kw_only=True, tag="mavlink"):
     rate_hz: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=1.0,
             le=1000.0,
             description="Poses per second to ask for [1/s]. PX4's estimator gives up to 124, ArduPilot's up to 250.",
         ),

@@ -57,7 +57,7 @@ class NatNetConfig(PoseKind, frozen=True, kw_only=True, tag="natnet"):
         float,
         msgspec.Meta(
             ge=0.0,
-            le=1.0,
+            le=0.1,
             description="Shortest time of a frame on its way here [s]; Motive itself tells how old it was as it left.",
         ),
     ] = 0.0003

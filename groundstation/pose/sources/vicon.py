@@ -37,7 +37,7 @@ class ViconConfig(ListensAt, frozen=True, kw_only=True, tag="vicon"):
     rate_hz: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0,
+            ge=1.0,
             le=1000.0,
             description="Frames per second that the cameras take [1/s]; where it is wrong, the true "
             "rate is found within three seconds.",

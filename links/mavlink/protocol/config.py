@@ -29,17 +29,17 @@ class ForwardConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         msgspec.Meta(description="Whether to send them; docs/how-to/px4.md says what the autopilot must be told."),
     ] = False
     rate_hz: Annotated[
-        float, msgspec.Meta(gt=0.0, le=200.0, description="At most so many a second [1/s]; autopilots want 30 to 50.")
+        float, msgspec.Meta(ge=1.0, le=200.0, description="At most so many a second [1/s]; autopilots want 30 to 50.")
     ] = 40.0
     noise_m: Annotated[
-        float, msgspec.Meta(gt=0.0, le=0.5, description="1σ of the position per axis that the autopilot is told [m].")
+        float, msgspec.Meta(ge=1e-4, le=0.5, description="1σ of the position per axis that the autopilot is told [m].")
     ] = 0.005
     noise_deg: Annotated[
         float,
         msgspec.Meta(ge=0.05, le=90.0, description="1σ of the attitude per axis that the autopilot is told [deg]."),
     ] = 0.5
     oldest_s: Annotated[
-        float, msgspec.Meta(gt=0.0, le=1.0, description="A pose that is older as it would leave does not [s].")
+        float, msgspec.Meta(ge=0.005, le=1.0, description="A pose that is older as it would leave does not [s].")
     ] = 0.1
 
 
@@ -95,7 +95,7 @@ class MavlinkLinkConfig(LinkKind, frozen=True, kw_only=True, tag="mavlink"):
     period_s: Annotated[
         float,
         msgspec.Meta(
-            gt=0.0, le=0.25, description="Time between two commands [s]. PX4 gives up OFFBOARD below two a second."
+            ge=0.001, le=0.25, description="Time between two commands [s]. PX4 gives up OFFBOARD below two a second."
         ),
     ] = 0.0225
     pace: Annotated[

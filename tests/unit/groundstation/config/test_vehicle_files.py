@@ -67,7 +67,7 @@ def test_a_file_is_found_beside_the_configuration_and_may_start_from_a_preset(tm
 
 
 REFUSED = [
-    (FULL.replace("0.5", "-0.5"), "vehicle.file: mine.toml: mass_kg: expected a number > 0 and <= 100, got -0.5"),
+    (FULL.replace("0.5", "-0.5"), "vehicle.file: mine.toml: mass_kg: expected a number >= 0.005 and <= 100, got -0.5"),
     (FULL + "masskg = 1\n", "vehicle.file: mine.toml: masskg: unknown key; did you mean mass_kg?"),
     (FULL + "x = = 1\n", "vehicle.file: mine.toml: not valid TOML: Invalid value (at line 9, column 5)"),
     ("mass_kg = 1\n", "vehicle.file: mine.toml: missing: name, thrust_max_n, thrust_min_n, rate_limits_deg_s,"),

@@ -1,16 +1,18 @@
 """The gate: what of a source's poses can't be true, how it is told, and how a new place comes to be believed."""
 
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from groundstation.core.geometry import Quat, Vec3, so3
 from groundstation.core.messages import Pose, PoseStatus, Sentence
-from groundstation.pose.sources import Gate, GateConfig
+from groundstation.pose.sources import Gate, GateConfig, describe_drop
 from groundstation.pose.sources.intake import Outbreaks
 
 DT = 0.02
@@ -92,6 +94,25 @@ def test_what_can_not_be_true_is_counted_and_the_next_good_pose_passes(wrong: Po
     assert gate.dropped == {reason: 1}
     good = pose(21)
     assert gate.take(good) == (good, None)
+
+
+@pytest.mark.parametrize(
+    ("config", "wrong", "told"),
+    [
+        ({}, {"attitude": so3.from_euler_zyx(math.pi, 0.0, 0.0)}, r"tilted \(180° from upright, limit 120° .*carry"),
+        ({"tilt_deg": 10.0}, {"attitude": leaning(12.0)}, r"tilted \(12° from upright, limit 10° \(gate.tilt_deg\)"),
+        ({}, {"position_ned": (0.4, 0.5, -1.0)}, r"jump \(0.50 m from .*, limit 0.1\d m \(gate.jump_m"),
+        ({}, {"attitude": yawed(90.0)}, r"spin \(turned by 90° since the last one, limit \d+° \(gate.rate_deg_s\)"),
+        ({}, {"velocity_ned": (0.0, 30.0, 0.0)}, r"too_fast \(30.0 m/s, limit 20 m/s \(gate.speed_m_s\)"),
+    ],
+)
+def test_a_drop_by_a_limit_is_told_with_its_number_and_the_limit(
+    config: dict[str, Any], wrong: dict[str, Any], told: str
+) -> None:
+    gate = gate_in_flight(**config)
+    gate.take(msgspec.structs.replace(pose(20), **wrong))
+    ((reason, _),) = gate.dropped.items()
+    assert re.match(told, describe_drop(reason, gate.excesses).text)
 
 
 def test_a_body_that_creeps_away_too_fast_is_dropped_though_each_step_is_small() -> None:

@@ -1,0 +1,90 @@
+"""Ranges of keys: a number in another unit is refused, and no honest vehicle is."""
+
+import math
+
+import msgspec
+import pytest
+
+from groundstation.config import ConfigError, from_dict
+from groundstation.core.control import ControllerConfig
+from groundstation.settings import Config
+
+KINDS = [kind.__struct_config__.tag for kind in ControllerConfig.__args__ if kind.__struct_config__.tag != "custom"]
+"""The controllers that come along."""
+
+
+def numbers(kind: str) -> dict[str, float]:
+    """The default of each number that a controller of this kind has, except zeros."""
+    keys = msgspec.to_builtins(from_dict({"controller": {"kind": kind}}, Config).controller)
+    return {key: value for key, value in keys.items() if isinstance(value, float) and value}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gains_and_noises_that_are_a_thousand_times_too_large_are_refused(kind: str) -> None:
+    for key, value in numbers(kind).items():
+        with pytest.raises(ConfigError, match=f"^controller.{key}: expected a number "):
+            from_dict({"controller": {"kind": kind, key: 1e3 * value}}, Config)
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        # radians and radians per second
+        f"controller.tilt_limit_deg={math.radians(45.0)}",
+        f"guards.tilt_deg={math.radians(80.0)}",
+        f"guards.oscillation_deg={math.radians(40.0)}",
+        f"limits.max_tilt_deg={math.radians(45.0)}",
+        f"gate.tilt_deg={math.radians(120.0)}",
+        f"gate.rate_deg_s={math.radians(1000.0)}",
+        # millimetres
+        "controller.pose_noise_m=0.3",
+        "gate.jump_m=150",
+        "guards.error_m=1000",
+        "separation.distance_m=600",
+        "takeoff.height_m=1000",
+        # milliseconds
+        "vehicle.thrust_lag_s=50",
+        "flight.coast_s=250",
+        "gate.frozen_s=100",
+        # seconds where a rate is meant, and the other way round
+        "vehicle.frame_period_s=44.4",
+        "link.forward.rate_hz=0.025",
+        # g
+        "controller.gravity=0.00981",
+        "controller.gravity=1e-3",
+        "takeoff.transit_m_s2=0.001",
+        # kilometres per second, as from a slip of the decimal point
+        "flight.descent_m_s=0.0004",
+        "takeoff.climb_m_s=0.0005",
+        # grams
+        "vehicle.mass_kg=800",
+        "vehicle.mass_kg=8e-5",
+    ],
+)
+def test_a_number_in_another_unit_is_refused_with_what_is_accepted(override: str) -> None:
+    key, _, _ = override.partition("=")
+    base = {"controller": {"kind": "pid"}, "link": {"forward": {}}}
+    with pytest.raises(ConfigError, match=f"^--set: {key}: expected a number "):
+        from_dict(base, Config, [override])
+
+
+def test_a_swing_of_the_heading_in_radians_is_refused_and_none_is_not() -> None:
+    def swinging(degrees: float) -> Config:
+        return from_dict({"trajectory": {"kind": "excitation", "yaw_swing_deg": degrees}}, Config)
+
+    with pytest.raises(ConfigError, match=r"yaw_swing_deg: expected 0 or from 1.6 to 90 \[deg\], got 0.17: is it in"):
+        swinging(0.17)
+    assert swinging(0.0) != swinging(2.0)
+
+
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        {"mass_kg": 0.02, "thrust_max_n": 0.35, "thrust_min_n": 0.002, "size_m": 0.06, "thrust_lag_s": 0.02},
+        {"mass_kg": 25.0, "thrust_max_n": 600.0, "thrust_min_n": 10.0, "size_m": 2.0, "thrust_lag_s": 0.3},
+    ],
+    ids=["20 g", "25 kg"],
+)
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_lightest_and_the_heaviest_vehicle_are_accepted(vehicle: dict[str, float], kind: str) -> None:
+    assert from_dict({"vehicle": vehicle, "controller": {"kind": kind}}, Config).vehicle.mass_kg == vehicle["mass_kg"]
