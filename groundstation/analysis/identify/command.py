@@ -471,9 +471,6 @@ def _rest(
     apart = each - drag
     drag_spread *= math.sqrt(max(1.0, float(apart @ np.linalg.solve(cover, apart)) / (len(each) - 1)))
 
-    def of_drag(value: float, deviation: float) -> float:
-        return math.hypot(deviation, DRAG_MODEL * value, DRAG_LEAST)
-
     place, turn = measure_noise(seen.at_s, pushed.left), measure_noise(seen.at_s, turned.left)
     jitter = measure_jitter(seen.at_s, pushed.left, seen.position_ned)
     if jitter.along > WIDE * JITTER_SPREAD * jitter.deviation:  # of the two, what does not come of the stamps
@@ -490,21 +487,11 @@ def _rest(
             "linear drag",
             "1/s",
             drag,
-            of_drag(drag, drag_spread),
+            math.hypot(drag_spread, DRAG_MODEL * drag, DRAG_LEAST),
             0.2,
             moved=moved.pushed,
             told=seen.config.vehicle.drag_per_s,
             note=DRAG_NOTE,
-        ),
-        *(
-            judge_parameter(name, title, "1/s", value, of_drag(value, spread), 0.2, moved=moved.pushed)
-            for name, title, value, spread in zip(
-                DRAGS,
-                ("the same forwards", "the same sideways", "the same upwards"),
-                pushed.fit.values[drags].tolist(),
-                pushed.fit.deviations[drags].tolist(),
-                strict=True,
-            )
         ),
         _latency(seen),
         jitter_of(jitter),
@@ -515,8 +502,6 @@ def _rest(
 
 CLOSE_S = 5.0
 """Motions are shown over this time, where they are strongest [s]."""
-LAGS = 60
-"""Innovations are held against themselves so many poses later."""
 TIME = "time since the first pose used [s]"
 
 
@@ -612,54 +597,10 @@ def curve(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
     finish_panels(panels, below="signal as sent, 0 to 1")
 
 
-def whiteness(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Innovations of turns and positions against themselves, later.
-
-    Far outside the band, the model lacks something; intervals are widened for it.
-    """
-    span = float(np.median(np.diff(found.seen.at_s)))
-    groups = (
-        (found.turned.fit.news, (("roll", BLUE, "-"), ("pitch", ORANGE, "--"), ("yaw", GREEN, "-."))),
-        (found.pushed.fit.news, (("north", BLUE, "-"), ("east", ORANGE, "--"), ("down", GREEN, "-."))),
-    )
-    for panel, (news, axes), name in zip(panels, groups, ("turns", "positions"), strict=True):
-        band = WIDE / np.sqrt(len(news))
-        panel.axhspan(-band, band, color=GREY, alpha=0.18, linewidth=0, label="95 % of white noise")
-        for axis, (label, colour, dash) in enumerate(axes):
-            one = news[:, axis] - news[:, axis].mean()
-            total = max(float(one @ one), 1e-12)
-            shares = [float(one[lag:] @ one[:-lag]) / total for lag in range(1, LAGS + 1)]
-            panel.plot(span * np.arange(1, LAGS + 1), shares, dash, color=colour, linewidth=1.0, label=label)
-        panel.set_ylim(-0.5, 0.5)
-        panel.set_ylabel(f"{name}:\nautocorrelation [-]")
-        panel.legend(ncols=4, loc="upper right")
-    panels[-1].set_xlabel("apart by [s]")
-
-
-def shares(panels: Sequence[Any], found: IdentifiedVehicle) -> None:
-    """Each parameter that the controller is told, and its 95 % interval, as a share of what this flight was told.
-
-    What it was told as 0 is in the table only.
-    """
-    (panel,) = panels
-    known = [one for one in found.parameters.values() if one.interval and one.value is not None and one.told]
-    for row, one in enumerate(known):
-        assert one.interval and one.value is not None and one.told, "chosen by them"
-        low, high, value = (100.0 * edge / one.told for edge in (*one.interval, one.value))
-        panel.plot([low, high], [row, row], color=BLUE, linewidth=2.0, solid_capstyle="butt")
-        panel.plot([value], [row], "o", color=BLUE, markersize=5)
-    panel.axvline(100.0, color="black", linestyle="--", linewidth=0.9)
-    panel.set_yticks(range(len(known)), [one.title for one in known])
-    panel.set_ylim(len(known) - 0.5, -0.5)
-    panel.set_xlabel("share of what was told [%]; bars: 95 %")
-
-
 FIGURES = (
-    ReportFigure("told", "Found against told", 1, 3.4, shares),
     ReportFigure("turns", "Body rates", 3, 5.2, turns),
     ReportFigure("pushes", "Accelerations", 3, 5.2, pushes),
     ReportFigure("curve", "Thrust curve", 2, 5.0, curve),
-    ReportFigure("whiteness", "What is left", 2, 4.6, whiteness),
 )
 
 

@@ -4,7 +4,9 @@ The numbers are what ``--json`` prints and the tables of the page show.
 """
 
 import base64
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -123,6 +125,13 @@ class FlightColumns:
     def t(self) -> Column:
         """Time since the trajectory began, of each command [s]."""
         return self.scalars["time_s"] - self.begun_s
+
+    @cached_property
+    def config(self) -> dict[str, Any]:
+        """The configuration in the recording; empty where it is none."""
+        with suppress(ValueError):
+            return parse_toml(self.recording.about.get("config", ""))
+        return {}
 
     @property
     def is_papers(self) -> bool:
@@ -359,7 +368,7 @@ def _read_disturbance(flown: FlightColumns) -> dict[str, Any]:
     keys = ("time_s", "modelled_thrust_n", "effectiveness", "effectiveness_deviation")
     at_s, thrust, scale, deviation = (flown.scalars[key] for key in keys)
     away = np.flatnonzero(np.isfinite(scale) & np.array([state in FLOWN for state in flown.states], bool))
-    mass_kg = parse_toml(flown.recording.about.get("config", "")).get("vehicle", {}).get("mass_kg")
+    mass_kg = flown.config.get("vehicle", {}).get("mass_kg")
     if not len(away) or mass_kg is None:
         return {}
     meter, vectors = DisturbanceMeter(mass_kg), flown.vectors
@@ -387,26 +396,17 @@ def latency(flown: FlightColumns) -> dict[str, Column]:
 
 def limits(flown: FlightColumns) -> dict[str, tuple[float, float]]:
     """Least and largest thrust [N] and body rates [rad/s] of the vehicle as told; empty where the config lacks them."""
-    try:
-        vehicle = parse_toml(flown.recording.about["config"])["vehicle"]
-        rates = [float(np.radians(rate)) for rate in vehicle["rate_limits_deg_s"]]
-        thrust = float(vehicle["thrust_min_n"]), float(vehicle["thrust_max_n"])
-    except (KeyError, ValueError, TypeError):
+    vehicle = flown.config.get("vehicle", {})
+    if not {"rate_limits_deg_s", "thrust_min_n", "thrust_max_n"} <= vehicle.keys():
         return {}
-    return {
-        "thrust": thrust,
-        "roll": (-rates[0], rates[0]),
-        "pitch": (-rates[1], rates[1]),
-        "yaw": (-rates[2], rates[2]),
-    }
+    rates = np.radians(vehicle["rate_limits_deg_s"]).tolist()
+    turns = {axis: (-rate, rate) for axis, rate in zip(("roll", "pitch", "yaw"), rates, strict=True)}
+    return {"thrust": (vehicle["thrust_min_n"], vehicle["thrust_max_n"]), **turns}
 
 
 def floor_z_m(flown: FlightColumns) -> float:
     """Down coordinate of the floor, from which heights count [m]; 0 where the config lacks it."""
-    try:
-        return float(parse_toml(flown.recording.about["config"])["flight"]["floor_z_m"])
-    except (KeyError, ValueError, TypeError):
-        return 0.0
+    return float(flown.config.get("flight", {}).get("floor_z_m", 0.0))
 
 
 def settled_s(t: Column, error: Column) -> float | None:
