@@ -81,25 +81,12 @@ def export_command(path: Path, form: str, channels: list[str], out: Path | None)
         raise ConfigError("--out", f"expected a name that ends in {ending}, as viewers go by it, got {target.name!r}")
     try:
         recording = Recording(path)
-        if form == "mcap":
-            print(f"{target}: {rewrite(recording, target, wanted)} messages{_short_of(recording)}")
-        elif form == "foxglove":
-            from groundstation.analysis.viewers import FoxgloveScene
-
-            count = rewrite(recording, target, wanted, FoxgloveScene("--format"))
-            print(f"{target}: {count} messages{_short_of(recording)}; Foxglove opens it")
-        elif form == "poses":
-            count = write_poses(recording, target)
-            print(f"{target}: {count} poses; pose.kind = 'csv' plays them{_short_of(recording)}")
-        elif form != "csv":
-            rows = write_tables(recording, form, wanted or list(CHANNELS), target)
-            print(f"{target}: {sum(rows.values())} rows of {len(rows)} channels{_short_of(recording)}")
-        elif to_screen:
+        if to_screen:
             write_csv(recording, {wanted[0]: sys.stdout})
             if not recording.whole:
                 print(f"groundstation: export: the recording {recording.trouble}", file=sys.stderr)
         else:
-            _write_folder(recording, wanted or list(CHANNELS), target)
+            print(f"{target}: {_export(recording, form, wanted, target)}{_short_of(recording)}")
     except NoRecording as error:
         raise ConfigError("LOG", str(error)) from None
     except ConfigError:
@@ -116,14 +103,20 @@ def _short_of(recording: "Recording") -> str:
     return "" if recording.whole else f"; the recording {recording.trouble}"
 
 
-def _write_folder(recording: "Recording", topics: list[str], folder: Path) -> None:
-    for topic, count in write_tables(recording, "csv", topics, folder).items():
-        if count:
-            print(f"{folder / _file_name(topic)}: {count} rows")
-        else:
-            print(f"{topic}: holds nothing, no file of it")
-    if not recording.whole:
-        print(f"the recording {recording.trouble}")
+def _export(recording: "Recording", form: str, topics: list[str], target: Path) -> str:
+    """Write ``recording`` to ``target``; returns what was written."""
+    match form:
+        case "mcap":
+            return f"{rewrite(recording, target, topics)} messages"
+        case "foxglove":
+            from groundstation.analysis.viewers import FoxgloveScene
+
+            scene = FoxgloveScene("--format")
+            return f"{rewrite(recording, target, topics, scene)} messages with the scene, for Foxglove"
+        case "poses":
+            return f"{write_poses(recording, target)} poses; pose.kind = 'csv' plays them"
+    rows = [count for count in write_tables(recording, form, topics or list(CHANNELS), target).values() if count]
+    return f"{sum(rows)} rows of {len(rows)} channels"
 
 
 def _file_name(topic: str) -> str:

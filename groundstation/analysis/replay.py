@@ -9,9 +9,10 @@ import asyncio
 import json
 import math
 import selectors
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -81,11 +82,11 @@ def replay_facts(path: Path, overrides: Sequence[str] = (), *, trust_modules: bo
     count = len(result.commands)
     return {
         "file": str(path),
-        "identical": nothing_differs and not result.lost and count + result.idle > 0,
+        "identical": nothing_differs and not result.lost and count + result.count["idle"] > 0,
         "first_difference": None if result.first is None else msgspec.to_builtins(result.first),
         "commands": count,
-        "idle_commands": result.idle,
-        "poses": result.poses,
+        "idle_commands": result.count["idle"],
+        "poses": result.count["pose"],
         "differing": result.differing,
         "lost": result.lost,
         "unheard_wires": result.deaf,
@@ -338,39 +339,6 @@ class Difference(msgspec.Struct, frozen=True):
     replayed: Any
 
 
-class Comparison:
-    """Counts what is the same and what is not."""
-
-    def __init__(self) -> None:
-        self.count = {"pose": 0, "idle": 0, "command": 0}
-        """Number of recorded entries of each kind."""
-        self.differing = {"pose": 0, "idle": 0, "command": 0}
-        """Number of those that differ."""
-        self.first: Difference | None = None
-
-    def compare(self, what: str, time_s: float, was: msgspec.Struct, now: msgspec.Struct) -> None:
-        """The next ``what`` as recorded, and as made anew."""
-        number = self._next(what)
-        for field in was.__struct_fields__:
-            a, b = getattr(was, field), getattr(now, field)
-            if a != b or _signs(a) != _signs(b):
-                self._differ(Difference(what, number, time_s, field, a, b))
-                return
-
-    def missing(self, what: str, time_s: float, was: Any) -> None:
-        """The next ``what``, as recorded, was not made anew."""
-        self._differ(Difference(what, self._next(what), time_s, "all of it", was, None))
-
-    def _next(self, what: str) -> int:
-        number = self.count[what]
-        self.count[what] = number + 1
-        return number
-
-    def _differ(self, difference: Difference) -> None:
-        self.differing[difference.what] += 1
-        self.first = self.first or difference
-
-
 def _signs(value: Any) -> Any:
     """The sign of a zero counts too."""
     if isinstance(value, tuple):
@@ -391,19 +359,35 @@ class CommandPair(NamedTuple):
     saturated: bool
 
 
-class ReplayResult(msgspec.Struct, frozen=True):
-    """Result of a replay."""
+@dataclass
+class ReplayResult:
+    """Result of a replay: what is the same and what is not."""
 
-    commands: list[CommandPair]
-    poses: int
-    idle: int
-    differing: dict[str, int]
-    """Number of poses, idle commands and commands that differ in any bit."""
-    first: Difference | None
-    lost: int
+    commands: list[CommandPair] = field(default_factory=list)
+    count: Counter[str] = field(default_factory=Counter)
+    """Number of recorded poses, idle commands and commands, by ``pose``, ``idle`` and ``command``."""
+    differing: dict[str, int] = field(default_factory=lambda: {"pose": 0, "idle": 0, "command": 0})
+    """Number of those that differ in any bit."""
+    first: Difference | None = None
+    lost: int = 0
     """Records that the recorder had to leave out: then nothing can be the same."""
-    deaf: list[str]
+    deaf: list[str] = field(default_factory=list)
     """Wires whose bytes nobody took."""
+
+    def compare(self, what: str, time_s: float, was: msgspec.Struct, now: msgspec.Struct) -> None:
+        """Compare the next ``what`` as recorded, and as made anew."""
+        for field_name in was.__struct_fields__:
+            a, b = getattr(was, field_name), getattr(now, field_name)
+            if a != b or _signs(a) != _signs(b):
+                self.differ(what, time_s, field_name, a, b)
+                return
+        self.count[what] += 1
+
+    def differ(self, what: str, time_s: float, field_name: str, recorded: Any, replayed: Any) -> None:
+        """Note that the next ``what`` differs in a field."""
+        self.first = self.first or Difference(what, self.count[what], time_s, field_name, recorded, replayed)
+        self.differing[what] += 1
+        self.count[what] += 1
 
 
 class ObedientPilot(Pilot):
@@ -442,7 +426,7 @@ def fly_again(recording: Recording, config: Config) -> ReplayResult:
         flight = _Replay(config, loop)
         for index, entry in enumerate(entries):
             flight.take(entry, entries, index)
-    return flight.result()
+    return flight.result
 
 
 class _Replay:
@@ -455,14 +439,11 @@ class _Replay:
         self._gate = Gate(config.gate)
         self._delivered: deque[Pose] = deque()
         self._wires: dict[int, Any] = {}
-        self._deaf: list[str] = []
         self._begun = False
         self._turn = -1
         self._command: ch.CommandMessage | None = None
         self._end: Callable[[float], Command] | None = None
-        self._pairs: list[CommandPair] = []
-        self._comparison = Comparison()
-        self._lost = 0
+        self.result = ReplayResult()
 
     def take(self, entry: Entry, entries: list[Entry], index: int) -> None:
         """Replay one entry; ``entries`` and ``index`` show what it led to."""
@@ -484,11 +465,7 @@ class _Replay:
             case ch.WireOpened() as opened:
                 self._open_wire(opened)
             case ch.LostMessage(_, count):
-                self._lost += count
-
-    def result(self) -> ReplayResult:
-        c = self._comparison
-        return ReplayResult(self._pairs, c.count["pose"], c.count["idle"], c.differing, c.first, self._lost, self._deaf)
+                self.result.lost += count
 
     async def _connect(self) -> None:
         """As a flight does; but the link only where poses come by it, and never one with a pacer.
@@ -514,7 +491,7 @@ class _Replay:
         protocol = self._loop.protocol((opened.kind, "" if opened.remote else opened.local, opened.remote))
         self._wires[opened.wire] = protocol
         if protocol is None:
-            self._deaf.append(f"{opened.kind} {opened.local or opened.remote}")
+            self.result.deaf.append(f"{opened.kind} {opened.local or opened.remote}")
 
     def _receive(self, received: ch.RawReceived, entries: list[Entry], index: int) -> None:
         if received.turn != self._turn:  # in the same turn no task has run
@@ -539,16 +516,16 @@ class _Replay:
         recorded = read_pose(seen)
         pose = self._delivered.popleft() if self._delivered and self._delivered[0].id == seen.id else None
         if pose is None:
-            self._comparison.missing("pose", seen.arrival_s, seen.id)
+            self.result.differ("pose", seen.arrival_s, "all of it", seen.id, None)
             pose = recorded
         else:
-            self._comparison.compare("pose", seen.arrival_s, recorded, pose)
+            self.result.compare("pose", seen.arrival_s, recorded, pose)
         self._pilot.add_pose(pose)
 
     def _idle(self, idle: ch.IdleMessage) -> None:
         end, self._end = self._end, None
         command = self._pilot.idle(idle.time_s, idle.thrust_n) if end is None else end(idle.time_s)
-        self._comparison.compare("idle", idle.time_s, read_command(idle), command)
+        self.result.compare("idle", idle.time_s, read_command(idle), command)
 
     def _switch(self, switch: ch.SwitchMessage) -> None:
         pilot, values = self._pilot, switch.values
@@ -588,8 +565,8 @@ class _Replay:
         was, command = read_command(recorded), tick.command
         if was != command:
             self._pilot.obey(recorded.time_s, was)
-        self._comparison.compare("command", recorded.time_s, was, command)
-        self._pairs.append(
+        self.result.compare("command", recorded.time_s, was, command)
+        self.result.commands.append(
             CommandPair(
                 (was.thrust_n, *was.rates_rad_s),
                 (command.thrust_n, *command.rates_rad_s),

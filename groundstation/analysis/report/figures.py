@@ -178,15 +178,12 @@ def _format_tick(value: float, _: int) -> str:
 
 def _linear_near_zero(panel: Any, values: Column) -> None:
     """Linear up to what 95 % of the flight keeps to, logarithmic above, where the start would dwarf the rest."""
-    from matplotlib.ticker import SymmetricalLogLocator
-
-    usual = float(np.percentile(np.abs(values[np.isfinite(values)]), 95)) if np.isfinite(values).any() else 0.0
-    if usual > 0.0 and np.nanmax(np.abs(values)) > 10.0 * usual:
+    known = np.abs(drop_unknown(values))
+    usual = float(np.percentile(known, 95)) if len(known) else 0.0
+    if usual > 0.0 and known.max() > 10.0 * usual:
         threshold = 10.0 ** np.ceil(np.log10(usual))
         panel.set_yscale("symlog", linthresh=threshold, linscale=2.0)
-        decades = SymmetricalLogLocator(base=10.0, linthresh=threshold)
-        decades.set_params(numticks=4)  # more would write one number over the other
-        panel.yaxis.set_major_locator(decades)
+        panel.yaxis.get_major_locator().set_params(numticks=4)  # more would write one number over the other
         panel.yaxis.set_major_formatter(_format_tick)
 
 

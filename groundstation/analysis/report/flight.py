@@ -130,7 +130,8 @@ class FlightColumns:
     def config(self) -> dict[str, Any]:
         """The configuration in the recording; empty where it is none."""
         with suppress(ValueError):
-            return parse_toml(self.recording.about.get("config", ""))
+            told = parse_toml(self.recording.about.get("config", ""))
+            return {name: table for name, table in told.items() if isinstance(table, dict)}
         return {}
 
     @property

@@ -5,14 +5,14 @@ from typing import Any
 import msgspec
 import pytest
 
-from groundstation.analysis.replay import Comparison, Difference
+from groundstation.analysis.replay import Difference, ReplayResult
 from links.core import Command, Segment
 
 WAS = Command(1.0, (0.0, 0.5, 0.0), 3, 0.0, 1.0, (Segment(1.0, 2.0, (0.0, 0.0, 0.0)),))
 
 
-def compared(now: Command) -> Comparison:
-    comparison = Comparison()
+def compared(now: Command) -> ReplayResult:
+    comparison = ReplayResult()
     comparison.compare("command", 0.5, WAS, WAS)
     comparison.compare("command", 0.5, WAS, now)
     return comparison
@@ -40,7 +40,7 @@ def test_the_sign_of_a_zero_counts_wherever_it_stands(field: str, value: Any) ->
 
 
 def test_what_was_not_made_anew_counts_as_different() -> None:
-    comparison = Comparison()
-    comparison.missing("pose", 0.5, 7)
+    comparison = ReplayResult()
+    comparison.differ("pose", 0.5, "all of it", 7, None)
     assert comparison.count["pose"] == comparison.differing["pose"] == 1
     assert comparison.first == Difference("pose", 0, 0.5, "all of it", 7, None)
