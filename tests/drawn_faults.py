@@ -1,0 +1,78 @@
+"""Faults that nobody chose: ``python -m tests.drawn_faults COUNT SEED``, and whether their room's tests fail.
+
+Each turns one comparison around, swaps one operator for its opposite, or doubles one number (0 becomes 1). What
+survives is a hole in the tests, or changes nothing that anybody could see. Not part of any `make` target.
+"""
+
+import ast
+import random
+import re
+import sys
+import tempfile
+from collections.abc import Iterator
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+from tests.seeded_faults import ROOT, catches, copy_checkout
+
+ROOMS = {
+    "groundstation/core": "unit/groundstation/core property contract/test_controllers.py contract/test_trajectories.py",
+    "groundstation/pose": "unit/groundstation/pose property/test_vicon_codec.py contract/test_poses.py",
+    "links/core": "unit/links/core property/test_mailbox.py contract/test_links.py",
+    "links/mavlink": "unit/links/mavlink property/test_mavlink_codec.py contract/test_links.py",
+    "links/rf": "unit/links/rf property/test_rf_codecs.py contract/test_links.py",
+}
+"""Tests of each room."""
+PAIRS = (("<", ">"), ("<=", ">="), ("==", "!="), ("+", "-"), ("*", "/"), ("and", "or"), ("is", "is not"))
+OPPOSITE = {one.encode(): other.encode() for pair in PAIRS for one, other in (pair, pair[::-1])}
+
+
+def slips(text: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Each fault of a module: from where to where, and what is to stand there."""
+    lines = [0, *accumulate(map(len, text.splitlines(keepends=True)))]
+
+    def span(node: Any) -> tuple[int, int]:
+        return lines[node.lineno - 1] + node.col_offset, lines[node.end_lineno - 1] + node.end_col_offset
+
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                yield *span(node), repr(2 * value or 1).encode()
+            case ast.BinOp(left=a, right=b) | ast.Compare(left=a, comparators=[b]) | ast.BoolOp(values=[a, b]):
+                found = re.compile(rb"[\s)]*(.+?)[\s(]*").fullmatch(text, span(a)[1], span(b)[0])
+                if found is not None and found[1] in OPPOSITE:
+                    yield *found.span(1), OPPOSITE[found[1]]
+
+
+def tests_of(room: str, module: Path) -> list[str]:
+    """The tests of a room; first those that name the module."""
+    folders = [ROOT / "tests" / told for told in ROOMS[room].split()]
+    found = [path for folder in folders for path in ([folder] if folder.is_file() else folder.rglob("test_*.py"))]
+    return [str(one.relative_to(ROOT)) for one in sorted(found, key=lambda one: module.stem not in one.read_text())]
+
+
+def main() -> int:
+    """Draw faults and tell what caught them."""
+    (count, seed), survived = map(int, sys.argv[1:]), 0
+    every = [(room, path, slip) for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))
+             for slip in slips(path.read_bytes())]  # fmt: skip
+    with tempfile.TemporaryDirectory(prefix="drawn-") as name:
+        copy_checkout(folder := Path(name) / "checkout")
+        for room, path, (begin, end, wrong) in random.Random(seed).sample(every, count):
+            right, file = path.read_bytes(), folder / path.relative_to(ROOT)
+            file.write_bytes(right[:begin] + wrong + right[end:])
+            try:
+                by = catches(folder, tests_of(room, path), "not (real_time or matrix or soak)")
+            except RuntimeError as error:
+                by = str(error).strip().splitlines()[-1]  # as a rule nothing can be imported any more
+            file.write_bytes(right)
+            place = path.relative_to(ROOT), right[:begin].count(b"\n") + 1
+            print(*place, right[begin:end].decode(), "->", wrong.decode(), by or "SURVIVED", flush=True)
+            survived += not by
+    print(f"{count - survived} of {count} caught")
+    return survived > 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
