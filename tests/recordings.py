@@ -1,15 +1,20 @@
 """Recordings of simulated flights, flown once in a run of tests however many of them look at it."""
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
+from mcap.writer import Writer
 
-from groundstation.recording import Record
-from sim.runs import RECORDING, fly
-from sim.runs.flight import Result
+from groundstation.recording import CHANNELS, Entry, Record, Recording
+from groundstation.settings import Config
+from sim.runs import RECORDING, MissionResult, fly, fly_mission
+from sim.runs.flight import Result, Script
 from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
+from sim.world import World
 from tests.flown_once import folder_of, once
 
 
@@ -34,3 +39,34 @@ def recorded(
 
     key = ("recorded", scenario, world, config, seed, duration_s)
     return folder_of(key) / RECORDING, *once(key, make)
+
+
+def record_mission(
+    folder: Path, world: World, config: Config, script: Script | None = None, scenario: str = "paper"
+) -> tuple[MissionResult, Path]:
+    """A mission with ``script`` beside it, and its recording in ``folder``."""
+    run = RunFolder(folder, config, world, scenario=scenario, seed=0)
+    mission = fly_mission(world, config, seed=0, script=script, give=run.give)
+    run.close({"completed": mission.landed, "why": mission.why})
+    return mission, folder / RECORDING
+
+
+def rewrite(
+    path: Path,
+    target: Path,
+    *,
+    about: Callable[[dict[str, str]], dict[str, str]] = dict,
+    edit: Callable[[Entry], list[tuple[str, bytes]]] = lambda entry: [(entry.topic, entry.data)],
+) -> Path:
+    """A copy of a recording that says something else of itself; ``edit`` gives what stands in place of each entry."""
+    recording = Recording(path)
+    with target.open("wb") as file:
+        writer: Any = Writer(file)
+        writer.start()
+        writer.add_metadata("about", about(recording.about))
+        ids = {topic: writer.register_channel(topic, "json", 0) for topic in CHANNELS}
+        for entry in recording.entries():
+            for topic, data in edit(entry):
+                writer.add_message(ids[topic], entry.stamp_ns, data, entry.stamp_ns)
+        writer.finish()
+    return target

@@ -11,6 +11,8 @@ from typing import Any
 from groundstation.config import ConfigError
 from groundstation.core.control import Law
 from groundstation.core.messages import Tick
+from groundstation.flight import Flight
+from groundstation.machine import sleep_until
 from sim.runs import Stage, fly
 from sim.runs.flight import Result
 from sim.scenarios import SCENARIOS, prepare
@@ -34,6 +36,13 @@ async def running(stage: Stage) -> AsyncIterator[Stage]:
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+
+
+async def flying(flight: Flight, seconds: float) -> None:
+    """Wait until the reference has run for ``seconds``."""
+    while flight.started_s is None:
+        await asyncio.sleep(0.01)
+    await sleep_until(flight.started_s + seconds)
 
 
 @cache

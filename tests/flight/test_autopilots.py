@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -29,13 +30,19 @@ def test_the_figure_eight_is_flown_on_either(autopilot: str, source: str) -> Non
     assert result.verdict.rms_cm is not None and result.verdict.rms_cm < 1.0
 
 
-def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[FlightOutcome, Stage, list[str]]:
+def ended(
+    autopilot: str,
+    *overrides: str,
+    parameters: Mapping[str, float] | None = None,
+    prepares: Callable[[Stage], None] = lambda _: None,
+) -> tuple[FlightOutcome, Stage, list[str]]:
     """A flight of 4 s that lands, on an autopilot with these parameters."""
     world, config = prepare(SCENARIOS["paper"], ["flight.duration_s=4", *overrides])
     said: list[str] = []
 
     async def main() -> tuple[FlightOutcome, Stage]:
         async with running(Stage(world, config, 0, autopilot=autopilot, parameters=parameters)) as stage:
+            prepares(stage)
             flight = make_flight(config, confirm=confirm_at(1.0), subscribers=(tell_lines(said.append),))
             return await flight.run(), stage
 
@@ -43,15 +50,34 @@ def ended(autopilot: str, *overrides: str, **parameters: float) -> tuple[FlightO
 
 
 def test_ardupilot_without_a_position_refuses_guided_in_its_own_words_and_flies_in_guided_nogps() -> None:
-    outcome, stage, _ = ended("ardupilot", EK3_SRC1_POSXY=0.0)
+    outcome, stage, _ = ended("ardupilot", parameters={"EK3_SRC1_POSXY": 0.0})
     assert outcome.state is State.ABORTED
     assert outcome.reason.startswith(
         "ArduPilot refused to enter GUIDED (it tried and failed, MAV_RESULT_FAILED): "
         "“Mode change to GUIDED failed: requires position”. "
     )
     assert stage.plant.released_s is None
-    outcome, _, _ = ended("ardupilot", "link.ardupilot_mode=GUIDED_NOGPS", EK3_SRC1_POSXY=0.0)
+    outcome, _, _ = ended("ardupilot", "link.ardupilot_mode=GUIDED_NOGPS", parameters={"EK3_SRC1_POSXY": 0.0})
     assert outcome.state is State.LANDED, outcome.reason
+
+
+LONG = "PreArm: compass 2 is not healthy, calibrate it away from the steel of the floor, then restart the autopilot"
+"""Three parts of 50 bytes."""
+
+
+def test_a_refusal_to_arm_is_told_in_words_and_with_the_gap_of_a_lost_part() -> None:
+    def lose_second_part(stage: Stage) -> None:
+        stage.autopilot.lacks, pack = LONG, stage.autopilot.codec.pack
+        vars(stage.autopilot.codec)["pack"] = lambda message: (
+            b"" if message.get_type() == "STATUSTEXT" and message.chunk_seq == 1 else pack(message)
+        )
+
+    outcome, _, said = ended("px4", prepares=lose_second_part)
+    assert outcome.state is State.ABORTED
+    (refused,) = [line for line in said if "refused to arm" in line]
+    assert outcome.reason in refused, "in the log as on the screen"
+    assert "not possible at this moment, MAV_RESULT_TEMPORARILY_REJECTED" in refused
+    assert f"{LONG[:50]}[…]{LONG[100:]}" in refused
 
 
 @AUTOPILOT
@@ -89,7 +115,7 @@ def test_poses_that_end_in_the_air_are_landed_by_the_autopilot_where_it_is_told_
     [({"GUID_OPTIONS": 0.0}, "climb rate"), ({"ATC_ANGLE_BOOST": 1.0}, "raise our thrust")],
 )
 def test_ardupilot_that_would_misunderstand_our_thrust_is_never_armed(parameters: dict[str, float], words: str) -> None:
-    outcome, stage, _ = ended("ardupilot", **parameters)
+    outcome, stage, _ = ended("ardupilot", parameters=parameters)
     assert outcome.state is State.ABORTED
     assert words in outcome.reason
     assert stage.plant.released_s is None

@@ -32,7 +32,7 @@ LAB = """\
 name = "mqx"
 
 [pose]  # the cameras
-kind = "KIND"
+kind = "vicon"
 latency_s = 0.02   # a guess
 
 [pose.alignment]
@@ -119,12 +119,19 @@ def room(lab: Path, monkeypatch: pytest.MonkeyPatch, autopilot: str = "px4", **m
     yield made
 
 
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    """A lab's file, of Vicon's cameras."""
+    path = tmp_path / "lab.toml"
+    path.write_text(LAB)
+    return path
+
+
 @pytest.mark.parametrize(("kind", "autopilot"), [("vicon", "px4"), ("json", "ardupilot"), ("qualisys", "px4")])
 def test_the_axes_and_the_latency_are_found_and_written(
-    kind: str, autopilot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    kind: str, autopilot: str, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lab = tmp_path / "lab.toml"
-    lab.write_text(LAB.replace("KIND", kind))
+    lab.write_text(LAB.replace("vicon", kind))
     with room(lab, monkeypatch, autopilot) as there:
         assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 0
     out, errors = capsys.readouterr()
@@ -139,8 +146,8 @@ def test_the_axes_and_the_latency_are_found_and_written(
     assert pose.alignment.centre_of_mass_m == (0.0, 0.0, 0.06), "what was not measured stays"
     assert pose.latency_s == pytest.approx(LATENCY_S, abs=0.005)
     assert "# our lab" in lab.read_text()
-    assert (tmp_path / "lab.toml.before-carry").read_text() == LAB.replace("KIND", kind)
-    assert sorted(tmp_path.iterdir()) == [lab, tmp_path / "lab.toml.before-carry"]
+    assert lab.with_name("lab.toml.before-carry").read_text() == LAB.replace("vicon", kind)
+    assert sorted(lab.parent.iterdir()) == [lab, lab.with_name("lab.toml.before-carry")]
     assert errors.startswith("Propellers off")
     assert [line[:6] for line in errors.splitlines()[1:10]] == [f"{n} of 9" for n in range(1, 10)]
     assert there.sent <= {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG"}
@@ -148,24 +155,21 @@ def test_the_axes_and_the_latency_are_found_and_written(
 
 @pytest.mark.parametrize("armed_at_s", [-1.0, 12.0])
 def test_an_armed_vehicle_is_refused_at_once_and_on_the_way(
-    armed_at_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    armed_at_s: float, lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lab = tmp_path / "lab.toml"
-    lab.write_text(LAB.replace("KIND", "vicon"))
     with room(lab, monkeypatch, armed_at_s=armed_at_s) as there:
         assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 1
     out, errors = capsys.readouterr()
     assert "ARMED" in json.loads(out)["why"]
     assert "9 of 9" not in errors
-    assert lab.read_text() == LAB.replace("KIND", "vicon")
+    assert lab.read_text() == LAB
     assert "SET_ATTITUDE_TARGET" not in there.sent
 
 
 def test_without_an_autopilot_json_is_one_object_with_the_reason(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lab = tmp_path / "lab.toml"
-    lab.write_text(LAB.replace("KIND", "vicon").replace("14540", "14541"))
+    lab.write_text(LAB.replace("14540", "14541"))
     with room(lab, monkeypatch):
         assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == 3
     out, errors = capsys.readouterr()
@@ -175,10 +179,8 @@ def test_without_an_autopilot_json_is_one_object_with_the_reason(
 
 
 def test_ctrl_c_leaves_one_object_and_writes_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    lab: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lab = tmp_path / "lab.toml"
-    lab.write_text(LAB.replace("KIND", "vicon"))
 
     def pressed(work: Coroutine[Any, Any, Any]) -> None:
         work.close()
@@ -188,16 +190,15 @@ def test_ctrl_c_leaves_one_object_and_writes_nothing(
     assert command.carry_command(load(lab, Config), lab, [], as_json=True, keep=False) == Exit.INTERRUPTED
     facts = json.loads(capsys.readouterr().out)
     assert (facts["ok"], facts["why_id"]) == (False, "carry.interrupted")
-    assert lab.read_text() == LAB.replace("KIND", "vicon")
+    assert lab.read_text() == LAB
 
 
 def test_a_file_that_can_not_be_changed_safely_is_left_and_the_lines_are_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lab: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lab = tmp_path / "lab.toml"
     text = 'pose = { kind = "vicon", latency_s = 0.02 }\n'
     lab.write_text(text)
     with room(lab, monkeypatch), pytest.raises(ConfigError, match=r'put this into it: .*world = "eus"'):
         command.carry_command(load(lab, Config), lab, [], as_json=False, keep=False)
     assert lab.read_text() == text
-    assert [*tmp_path.iterdir()] == [lab]
+    assert [*lab.parent.iterdir()] == [lab]

@@ -20,7 +20,7 @@ from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from sim.studies.bring_down import cut
 from sim.time import VirtualTimeLoop
-from tests.flight.flights import running
+from tests.flight.flights import flying, running
 
 SET_POINT = b"\x52\x00\x00"
 
@@ -107,12 +107,6 @@ def fly(script: Any, *overrides: str, seed: int = 0, pace: str = "period") -> Wi
     if wire.commands:
         wire.check(config.vehicle.thrust_max_n)
     return wire
-
-
-async def flying(flight: Flight, seconds: float) -> None:
-    while flight.started_s is None:
-        await asyncio.sleep(0.01)
-    await sleep_until(flight.started_s + seconds)
 
 
 async def nothing(_: Flight, __: Stage) -> None:

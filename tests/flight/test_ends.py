@@ -10,13 +10,12 @@ import pytest
 
 from groundstation.core.mission import State
 from groundstation.flight import Flight, FlightOutcome, make_flight
-from groundstation.machine import sleep_until
 from groundstation.settings import Config
 from sim.runs import Stage
 from sim.scenarios import SCENARIOS, prepare
 from sim.time import VirtualTimeLoop
 from sim.world import World
-from tests.flight.flights import flown, running
+from tests.flight.flights import flown, flying, running
 
 Script = Callable[[Flight, Stage], Coroutine[Any, Any, None]]
 
@@ -59,13 +58,6 @@ async def _play(scene: Scene, world: World, config: Config, script: Script, arm:
 def thrust_share(frame: bytes) -> float:
     """The thrust field of a SET_ATTITUDE_TARGET [0..1]."""
     return float(struct.unpack_from("<f", frame.ljust(60, b"\0"), 10 + 32)[0])
-
-
-async def flying(flight: Flight, seconds: float) -> None:
-    """Wait until the reference has run for ``seconds``."""
-    while flight.started_s is None:
-        await asyncio.sleep(0.01)
-    await sleep_until(flight.started_s + seconds)
 
 
 def test_poses_that_stop_are_answered_by_a_bring_down_within_the_coast_limit_and_then_by_silence() -> None:

@@ -4,10 +4,8 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from mcap.writer import Writer
 
 from groundstation import __main__ as program
 from groundstation.analysis import replay_command
@@ -15,8 +13,7 @@ from groundstation.analysis.replay import replay_facts
 from groundstation.analysis.report import figures
 from groundstation.config import ConfigError
 from groundstation.interfaces.tui.app import Tape
-from groundstation.recording import CHANNELS, Recording
-from tests.recordings import recorded
+from tests.recordings import recorded, rewrite
 
 MODULE = """import pathlib
 
@@ -33,17 +30,7 @@ OWN = 'kind = "custom"\nfactory = "{module}:make"\n'
 
 def changed(target: Path, edit: Callable[[dict[str, str]], dict[str, str]]) -> Path:
     """A recording that says something else about itself."""
-    path, _, _ = recorded()
-    recording = Recording(path)
-    with target.open("wb") as file:
-        writer: Any = Writer(file)
-        writer.start()
-        writer.add_metadata("about", edit(recording.about))
-        ids = {topic: writer.register_channel(topic, "json", 0) for topic in CHANNELS}
-        for entry in recording.entries():
-            writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data, entry.stamp_ns)
-        writer.finish()
-    return target
+    return rewrite(recorded()[0], target, about=edit)
 
 
 def flown_by(module: str) -> Callable[[dict[str, str]], dict[str, str]]:

@@ -8,17 +8,16 @@ from groundstation.core.control import CALM, HOLD, Gains, calm_gains, hold_gains
 from groundstation.core.mission import State
 from groundstation.flight import Flight
 from groundstation.recording import Recording
-from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
-from sim.runs.simulation import RunFolder
+from sim.runs import MissionResult, Stage, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.flight.test_missions import SHORT
 from tests.loops import until
+from tests.recordings import record_mission
 
 
 def flown(folder: Path, key: str, value: float) -> tuple[MissionResult, Path, list[str]]:
     """A mission with one change of a gain on the trajectory; its recording, and what it told."""
     world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 30.0)
-    run = RunFolder(folder, config, world, scenario="paper", seed=0)
     replies = []
 
     async def script(flight: Flight, _: Stage) -> None:
@@ -26,11 +25,10 @@ def flown(folder: Path, key: str, value: float) -> tuple[MissionResult, Path, li
         await asyncio.sleep(14.0)
         replies.append(flight.set_gain(key, value))
 
-    mission = fly_mission(world, config, seed=0, script=script, give=run.give)
-    run.close({"completed": mission.landed, "why": mission.why})
+    mission, path = record_mission(folder, world, config, script)
     assert [reply.done for reply in replies] == [True], replies
-    told = [entry.value()["text"] for entry in Recording(folder / RECORDING).entries(("/mission",))]
-    return mission, folder / RECORDING, told
+    told = [entry.value()["text"] for entry in Recording(path).entries(("/mission",))]
+    return mission, path, told
 
 
 def test_a_gain_changed_in_flight_is_recorded_and_flown_again_to_the_last_bit(tmp_path: Path) -> None:
@@ -47,15 +45,13 @@ def test_a_gain_changed_in_flight_is_recorded_and_flown_again_to_the_last_bit(tm
 
 def test_only_the_figure_is_flown_with_the_gains_of_a_figure(tmp_path: Path) -> None:
     world, config = from_floor(*prepare(SCENARIOS["paper"], list(SHORT)), 5.0)
-    run = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
-    mission = fly_mission(world, config, seed=0, give=run.give)
-    run.close({"completed": mission.landed, "why": mission.why})
-    told = [entry.value() for entry in Recording(tmp_path / RECORDING).entries(("/switch",))]
+    _, path = record_mission(tmp_path, world, config)
+    told = [entry.value() for entry in Recording(path).entries(("/switch",))]
     eased = [switch["values"] for switch in told if switch["what"] == "ease"]
     assert eased == [
         [1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0],
     ]  # fmt: skip
-    facts = replay_facts(tmp_path / RECORDING)
+    facts = replay_facts(path)
     assert (facts["first_difference"], facts["identical"]) == (None, True)
 
 

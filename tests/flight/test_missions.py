@@ -12,11 +12,11 @@ from groundstation.core.mission import IN_AIR, State
 from groundstation.flight import Flight
 from links.mavlink.protocol import MavResult
 from sim.autopilots import Px4Autopilot
-from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.runs.flight import Script
-from sim.runs.simulation import RunFolder
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import until
+from tests.recordings import record_mission
 
 WAY = ["connecting", "ready", "arming", "takeoff", "hold", "tracking", "returning", "landing", "disarming", "landed"]
 SHORT = (
@@ -59,18 +59,16 @@ def test_a_whole_mission_goes_from_the_floor_to_the_figure_and_softly_back(scena
     assert flown.tilt_max_deg < 30.0
 
 
-@pytest.mark.tried(1)  # scenarios
-@pytest.mark.parametrize("scenario", ["fast", "storm", "quad1kg"])
-def test_every_scenario_takes_off_and_lands(scenario: str) -> None:
-    flown = mission(scenario, *SHORT, seed=1)
-    assert flown.landed, flown.fault or flown.why
-    assert flown.touchdown_m_s is not None and flown.touchdown_m_s <= 0.5
-
-
-@pytest.mark.tried(1)  # each flies in contract/test_controllers.py
-@pytest.mark.parametrize("controller", ["geometric", "l1", "pid", "indi"])
-def test_every_controller_takes_off_and_lands(controller: str) -> None:
-    flown = mission("paper", *SHORT, f"controller.kind={controller}")
+@pytest.mark.tried(2)  # scenarios and controllers, of which each flies in contract/test_controllers.py
+@pytest.mark.parametrize(
+    ("scenario", "controller"),
+    [
+        *((scenario, "adaptive") for scenario in ("fast", "storm", "quad1kg")),
+        *(("paper", controller) for controller in ("geometric", "l1", "pid", "indi")),
+    ],
+)
+def test_every_scenario_and_every_controller_takes_off_and_lands(scenario: str, controller: str) -> None:
+    flown = mission(scenario, *SHORT, f"controller.kind={controller}", seed=1)
     assert flown.landed, flown.fault or flown.why
     assert flown.touchdown_m_s is not None and flown.touchdown_m_s <= 0.5
 
@@ -303,10 +301,8 @@ def test_holding_in_flight_waits_until_it_is_told_to_go_on() -> None:
 def test_a_mission_from_the_floor_is_flown_again_from_its_recording_to_the_last_bit(tmp_path: Path, ask: Ask) -> None:
     world, config = prepare(SCENARIOS["adverse"], list(SHORT))
     world, config = from_floor(world, config, 5.0)
-    run = RunFolder(tmp_path, config, world, scenario="adverse", seed=0)
-    flown = fly_mission(world, config, seed=0, script=in_state(State.TRACKING, ask, 1.0), give=run.give)
-    run.close({"completed": flown.landed, "why": flown.why})
-    facts = replay_facts(tmp_path / RECORDING)
+    _, path = record_mission(tmp_path, world, config, in_state(State.TRACKING, ask, 1.0), "adverse")
+    facts = replay_facts(path)
     assert facts["first_difference"] is None
     assert facts["commands"] > 200
     assert facts["idle_commands"] > 100

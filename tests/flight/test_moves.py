@@ -13,10 +13,10 @@ from groundstation.core.geometry import so3
 from groundstation.core.messages import Ask, Reply, Request, Waypoint
 from groundstation.core.mission import State
 from groundstation.flight import Flight
-from sim.runs import RECORDING, MissionResult, Stage, fly_mission, from_floor
-from sim.runs.simulation import RunFolder
+from sim.runs import MissionResult, Stage, fly_mission, from_floor
 from sim.scenarios import SCENARIOS, prepare
 from tests.loops import until
+from tests.recordings import record_mission
 
 SHORT = ("takeoff.height_m=0.5", "takeoff.hold_s=1.0", "trajectory.altitude_m=-0.5", "takeoff.climb_m_s=1.0")
 FENCE = 'fence={kind="box", north_m=[-3, 3], east_m=[-3, 3], height_m=2.5}'
@@ -58,15 +58,8 @@ def test_it_flies_straight_to_a_point_turns_as_asked_and_holds_there_until_told(
 
     done = flown(script)
     assert done.landed, done.fault or done.why
-    assert [one.state for one in done.states][4:] == [
-        "hold",
-        "moving",
-        "hold",
-        "returning",
-        "landing",
-        "disarming",
-        "landed",
-    ]
+    ways = ["hold", "moving", "hold", "returning", "landing", "disarming", "landed"]
+    assert [one.state for one in done.states][4:] == ways
     ((off_m, yaw),) = seen
     assert off_m < 0.05
     assert yaw == pytest.approx(math.pi / 2.0, abs=0.05)
@@ -87,22 +80,6 @@ def test_hold_ends_it_on_its_way_and_the_rest_of_the_points_is_forgotten() -> No
 
     done = flown(script)
     assert [one.state for one in done.states][5:] == ["moving", "hold", "landing", "disarming", "landed"]
-
-
-def test_points_are_flown_one_after_the_other() -> None:
-    told: list[str] = []
-
-    async def script(flight: Flight, _: Stage) -> None:
-        await hold_first(flight)
-        assert goto(flight, NEAR, Waypoint(0.0, 0.0, 0.0), Waypoint(0.5, 0.5, 0.2)).done
-        await until(lambda: flight.state is State.HOLD)
-        told.extend(notice.line for notice in flight.snapshot().events)
-        flight.land("the test")
-
-    done = flown(script)
-    assert done.landed or done.states[-1].state == "landed"
-    assert [line.partition("to north ")[2][:4] for line in told if "moving: to" in line] == ["1.00", "0.00", "0.50"]
-    assert any("hold: there: north 0.50" in line and "3 of 3" in line for line in told)
 
 
 CAN_NOT_BE_HELD_AT = (
@@ -173,19 +150,21 @@ def test_only_a_vehicle_that_holds_goes_anywhere() -> None:
     assert flown(script).landed
 
 
-def test_a_flight_with_points_is_flown_again_from_its_recording_to_the_last_bit(tmp_path: Path) -> None:
-    world, config = prepare(SCENARIOS["adverse"], [*SHORT, FENCE])
-    world, config = from_floor(world, config, 5.0)
-    run = RunFolder(tmp_path, config, world, scenario="adverse", seed=0)
+def test_points_are_flown_one_after_the_other_and_again_from_their_recording_to_the_last_bit(tmp_path: Path) -> None:
+    told: list[str] = []
 
     async def script(flight: Flight, _: Stage) -> None:
         await hold_first(flight)
-        assert goto(flight, NEAR, Waypoint(0.0, 0.0, 0.0)).done
+        assert goto(flight, NEAR, Waypoint(0.0, 0.0, 0.0), Waypoint(0.5, 0.5, 0.2)).done
         await until(lambda: flight.state is State.HOLD)
+        told.extend(notice.line for notice in flight.snapshot().events)
         flight.land("the test")
 
-    done = fly_mission(world, config, seed=0, script=script, give=run.give)
-    run.close({"completed": done.landed, "why": done.why})
-    facts = replay_facts(tmp_path / RECORDING)
+    world, config = from_floor(*prepare(SCENARIOS["adverse"], [*SHORT, FENCE]), 5.0)
+    mission, path = record_mission(tmp_path, world, config, script, "adverse")
+    assert mission.states[-1].state == "landed"
+    assert [line.partition("to north ")[2][:4] for line in told if "moving: to" in line] == ["1.00", "0.00", "0.50"]
+    assert any("hold: there: north 0.50" in line and "3 of 3" in line for line in told)
+    facts = replay_facts(path)
     assert facts["first_difference"] is None
     assert facts["commands"] > 250

@@ -7,29 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.writer import Writer
 
 from groundstation.analysis import replay_command
 from groundstation.analysis.replay import replay_facts
-from groundstation.recording import CHANNELS, Entry, Recording
-from tests.recordings import recorded
+from groundstation.recording import Entry
+from tests.recordings import recorded, rewrite
 
 
-def edited(path: Path, target: Path, edit: Callable[[Entry, dict[str, Any]], dict[str, Any] | None]) -> Path:
+def edited(path: Path, target: Path, edit: Callable[[str, dict[str, Any]], dict[str, Any] | None]) -> Path:
     """A copy of the recording, each message as ``edit`` returns it; None leaves it out."""
-    recording = Recording(path)
-    with target.open("wb") as file:
-        writer: Any = Writer(file)
-        writer.start()
-        writer.add_metadata("about", recording.about)
-        ids = {topic: writer.register_channel(topic, "json", 0) for topic in CHANNELS}
-        for entry in recording.entries():
-            value = edit(entry, entry.value())
-            if value is not None:
-                data = json.dumps(value).encode()
-                writer.add_message(ids[entry.topic], entry.stamp_ns, data, entry.stamp_ns)
-        writer.finish()
-    return target
+
+    def changed(entry: Entry) -> list[tuple[str, bytes]]:
+        value = edit(entry.topic, entry.value())
+        return [] if value is None else [(entry.topic, json.dumps(value).encode())]
+
+    return rewrite(path, target, edit=changed)
 
 
 @pytest.mark.tried(3)  # sources and links
@@ -79,9 +71,9 @@ def test_one_last_bit_of_one_command_is_found(tmp_path: Path, capsys: pytest.Cap
     path, _, _ = recorded()
     count = 0
 
-    def edit(entry: Entry, value: dict[str, Any]) -> dict[str, Any]:
+    def edit(topic: str, value: dict[str, Any]) -> dict[str, Any]:
         nonlocal count
-        if entry.topic == "/command":
+        if topic == "/command":
             if count == 123:
                 value["rates_rad_s"]["y"] = math.nextafter(value["rates_rad_s"]["y"], 9.0)
             count += 1
@@ -101,9 +93,9 @@ def test_a_datagram_that_is_missing_is_missed(tmp_path: Path) -> None:
     path, _, _ = recorded()
     count = 0
 
-    def edit(entry: Entry, value: dict[str, Any]) -> dict[str, Any] | None:
+    def edit(topic: str, value: dict[str, Any]) -> dict[str, Any] | None:
         nonlocal count
-        if entry.topic == "/raw/received" and len(value["data"]) > 90:
+        if topic == "/raw/received" and len(value["data"]) > 90:
             count += 1
             if count == 200:
                 return None
@@ -117,31 +109,17 @@ def test_a_datagram_that_is_missing_is_missed(tmp_path: Path) -> None:
 def test_records_that_the_recorder_left_out_are_never_called_identical(tmp_path: Path) -> None:
     path, _, _ = recorded()
 
-    def edit(entry: Entry, value: dict[str, Any]) -> dict[str, Any]:
-        return value
-
-    same = edited(path, tmp_path / "same.mcap", edit)
-    assert replay_facts(same)["identical"] is True
-    lacking = _with_loss(same, tmp_path / "lacking.mcap")
-    facts = replay_facts(lacking)
-    assert (facts["identical"], facts["lost"]) == (False, 7)
-
-
-def _with_loss(path: Path, target: Path) -> Path:
     told = False
-    recording = Recording(path)
-    with target.open("wb") as file:
-        writer: Any = Writer(file)
-        writer.start()
-        writer.add_metadata("about", recording.about)
-        ids = {topic: writer.register_channel(topic, "json", 0) for topic in CHANNELS}
-        for entry in recording.entries():
-            if entry.topic == "/command" and not told:
-                told = True
-                writer.add_message(ids["/lost"], entry.stamp_ns, b'{"time_s": 1.0, "count": 7}', entry.stamp_ns)
-            writer.add_message(ids[entry.topic], entry.stamp_ns, entry.data, entry.stamp_ns)
-        writer.finish()
-    return target
+
+    def with_loss(entry: Entry) -> list[tuple[str, bytes]]:
+        nonlocal told
+        lost = [] if told or entry.topic != "/command" else [("/lost", b'{"time_s": 1.0, "count": 7}')]
+        told = told or bool(lost)
+        return [*lost, (entry.topic, entry.data)]
+
+    assert replay_facts(rewrite(path, tmp_path / "same.mcap"))["identical"] is True
+    facts = replay_facts(rewrite(path, tmp_path / "lacking.mcap", edit=with_loss))
+    assert (facts["identical"], facts["lost"]) == (False, 7)
 
 
 def test_a_recording_that_was_cut_off_is_flown_again_up_to_there(tmp_path: Path) -> None:

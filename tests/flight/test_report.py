@@ -24,10 +24,9 @@ from groundstation.core.messages import SETTLED_M, CommandSent, Notice, TickReco
 from groundstation.core.vehicle import Vehicle
 from groundstation.flight.flight import FlightStatistics
 from groundstation.recording import LineRecord, Recording, quick_headline
-from sim.runs import RECORDING, fly_mission, from_floor
-from sim.runs.simulation import RunFolder
+from sim.runs import from_floor
 from sim.scenarios import SCENARIOS, prepare
-from tests.recordings import recorded
+from tests.recordings import record_mission, recorded
 
 LINKS = {"src", "href", "srcset", "action", "data", "poster"}
 
@@ -106,16 +105,14 @@ def test_settling_time_and_saturation_are_close_to_what_the_referee_saw_of_the_t
 
 def test_the_way_to_the_trajectory_and_the_landing_do_not_count(tmp_path: Path) -> None:
     world, config = from_floor(*prepare(SCENARIOS["paper"], ["takeoff.height_m=0.5", "takeoff.hold_s=1.0"]), 3.0)
-    run = RunFolder(tmp_path, config, world, scenario="paper", seed=0)
-    flown = fly_mission(world, config, seed=0, give=run.give)
-    run.close({"completed": flown.landed, "why": flown.why})
-    mission = numbers(read_columns(tmp_path / RECORDING))
+    _, path = record_mission(tmp_path, world, config)
+    mission = numbers(read_columns(path))
     begun = next(event["time_s"] for event in mission["events"] if event["kind"] == "tracking")
     assert begun < -1.0  # the way there
     assert 2.0 < mission["flown_s"] < 4.0
     assert mission["error"]["settle_s"] < 0.1
     assert mission["events"][-1]["kind"] == "landed"
-    lines = [entry.value() for entry in Recording(tmp_path / RECORDING).entries(("/mission",))]
+    lines = [entry.value() for entry in Recording(path).entries(("/mission",))]
     assert lines, "it has a mission"
     clocks = [event["clock_s"] for event in mission["events"] if event["kind"] != "request"]
     assert clocks == pytest.approx([line["time_s"] for line in lines])  # as the flight has said them
