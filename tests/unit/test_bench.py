@@ -1,11 +1,10 @@
 """The measurements measure what they say, and leave nothing behind."""
 
 import json
+from collections.abc import Sequence
 
 import pytest
 
-from groundstation.core.geometry import FLOATS
-from sim.__main__ import main
 from sim.runs import percentile
 from tests.proving.bench import batch as bench_batch
 from tests.proving.bench import bench
@@ -13,7 +12,6 @@ from tests.proving.bench import command as bench_command
 from tests.proving.bench import flight as bench_flight
 from tests.proving.bench import links as bench_links
 from tests.proving.bench import tick as bench_tick
-from tests.proving.bench.batch import Bench
 from tests.proving.bench.bench import in_turns
 from tests.proving.bench.links import Answers, Waiting, figures_of, together
 
@@ -52,50 +50,6 @@ def test_every_measurement_gives_json_and_words(monkeypatch: pytest.MonkeyPatch)
     assert all(f"\n{name}:" in words for name in bench.WHAT)
 
 
-def test_a_peer_that_cannot_run_says_why_and_the_others_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    def absent() -> Bench:
-        raise ModuleNotFoundError("No module named 'jax'")
-
-    def broken() -> Bench:
-        raise ValueError("no such GPU")
-
-    monkeypatch.setattr(bench_batch, "OURS", {"ours": lambda: bench_batch.law_and_plant(1, FLOATS, 2)})
-    monkeypatch.setattr(bench_batch, "PEERS", {"absent": absent, "broken": broken})
-    facts = bench_batch.measure(bench.Options(peers=True))
-    notes = {row["name"]: row["note"] for row in facts["rows"]}
-    assert "No module named 'jax'; install it with" in notes["absent"]
-    assert notes["broken"] == "not measured: ValueError: no such GPU"
-    assert facts["rows"][0]["ratio"] == pytest.approx(1.0)
-    assert "no such GPU" in "\n".join(bench_batch.text(facts))
-
-
-def test_a_whole_command_is_held_against_the_peers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_command, "DURATIONS_S", (bench_command.PEER_S,))
-    monkeypatch.setattr(bench_command, "ROUNDS", 1)
-    monkeypatch.setattr(bench_command, "find_spec", lambda _: object())
-    taken = iter([9.0, 9.0, 1.0, 4.0])  # the first round does not count
-    monkeypatch.setattr(bench_command, "_note", lambda command, spent: spent.append(next(taken)))
-    facts = bench_command.measure(bench.Options(peers=True))
-    assert [row["share"] for row in facts["rows"]] == [0.25, 1.0]
-    assert "0.250 of rotorpy's" in bench_command.text(facts)[0]
-
-
-def test_a_whole_command_without_its_peer_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_command, "DURATIONS_S", ())
-    monkeypatch.setattr(bench_command, "find_spec", lambda _: None)
-    assert "make bench" in bench_command.text(bench_command.measure(bench.Options(peers=True)))[-1]
-
-
-def test_an_unknown_measurement_is_refused_with_the_ones_there_are(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("sys.argv", ["groundstation-sim", "bench", "pigeons"])
-    assert main() == 2
-    names = ["tick", "flight", "command", "batch", "links"]
-    words = f"expected some of {names}, got 'pigeons'"
-    assert words in capsys.readouterr().err
-
-
 def test_runs_take_turns_and_the_first_round_does_not_count() -> None:
     order: list[str] = []
     found = in_turns({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
@@ -105,30 +59,30 @@ def test_runs_take_turns_and_the_first_round_does_not_count() -> None:
     assert percentile([3.0, 1.0, 2.0], 0.0) == 1.0
 
 
-def test_a_command_answers_the_pose_that_had_left_when_it_was_computed() -> None:
+Moments = Sequence[tuple[float, int | None]]
+"""When something came [s]: a pose left, or a command for the pose of this time [ms]."""
+
+
+@pytest.mark.parametrize(
+    ("moments", "latencies_s", "overtaken"),
+    [
+        ([(10.0001, None), (10.0009, 10_000)], [0.0008], 0),
+        ([(10.0021, None), (10.0023, 10_001), (10.0045, 10_004)], [0.0024], 0),
+        ([(10.0, None), (10.004, None), (10.005, 10_004)], [0.005, 0.001], 1),
+    ],
+    ids=["the pose that had left", "a command from before the pose is no answer", "overtaken by a newer pose"],
+)
+def test_a_command_answers_the_poses_that_had_left_when_it_was_computed(
+    moments: Moments, latencies_s: list[float], overtaken: int
+) -> None:
     waiting = Waiting()
-    waiting.left(10.0001)
-    waiting.command(10_000, 10.0009)
-    assert waiting.latencies_s == [pytest.approx(0.0008)]
-    assert waiting.overtaken == 0
-
-
-def test_a_command_from_before_the_pose_is_no_answer_to_it() -> None:
-    waiting = Waiting()
-    waiting.left(10.0021)
-    waiting.command(10_001, 10.0023)
-    assert waiting.latencies_s == []
-    waiting.command(10_004, 10.0045)
-    assert waiting.latencies_s == [pytest.approx(0.0024)]
-
-
-def test_a_pose_that_a_newer_one_overtakes_counts_until_their_command_comes() -> None:
-    waiting = Waiting()
-    waiting.left(10.0)
-    waiting.left(10.004)
-    waiting.command(10_004, 10.005)
-    assert waiting.latencies_s == [pytest.approx(0.005), pytest.approx(0.001)]
-    assert waiting.overtaken == 1
+    for when_s, of_ms in moments:
+        if of_ms is None:
+            waiting.left(when_s)
+        else:
+            waiting.command(of_ms, when_s)
+    assert waiting.latencies_s == pytest.approx(latencies_s)
+    assert waiting.overtaken == overtaken
 
 
 def test_what_had_no_answer_is_told_beside_the_percentiles() -> None:
