@@ -12,6 +12,9 @@ from pathlib import Path
 import pytest
 
 from groundstation.__main__ import main
+from groundstation.analysis.identify import find_outside
+from groundstation.analysis.report import report_command
+from groundstation.analysis.report.figures import FIGURES
 from groundstation.interfaces.tui import browser
 from tests.e2e.chromium import BROWSERS, Tab, opened
 from tests.e2e.stations import run_here
@@ -86,6 +89,19 @@ def test_a_recording_is_shown_in_the_browser(tmp_path: Path, needs_program: Call
         assert f"http://127.0.0.1:{port}" in server.stdout.readline()
         with opened(needs_program(*BROWSERS), f"http://127.0.0.1:{port}/", tmp_path) as tab:
             tab.until(lambda: "mqx" in shown(tab) and "recording" in shown(tab).lower())
+
+
+def test_the_page_of_a_report_opens_without_an_error_and_fetches_nothing(
+    tmp_path: Path, needs_program: Callable[..., str]
+) -> None:
+    report_command([recorded()[0]], tmp_path, find_outside, as_json=False)
+    with opened(needs_program(*BROWSERS), (tmp_path / "report.html").as_uri(), tmp_path) as tab:
+        tab.until(lambda: tab.script("document.readyState") == "complete")
+        sizes = tab.script("[...document.images].map(one => [one.naturalWidth, one.naturalHeight])")
+        asked = [one["request"]["url"] for one in tab.of("Network.requestWillBeSent")]
+        assert asked and all(url.startswith(("file:", "data:")) for url in asked), asked
+        assert tab.of("Network.loadingFailed") + tab.of("Runtime.exceptionThrown") + tab.of("Log.entryAdded") == []
+    assert len(sizes) == len(FIGURES) and all(width > 900 and height > 300 for width, height in sizes)
 
 
 def test_a_page_of_somebody_elses_cannot_look(page: str) -> None:

@@ -140,9 +140,9 @@ class Outside:
 
 
 def test_a_broker_a_dashboard_and_a_client_that_die_or_freeze_change_no_byte_that_leaves(
-    broker: Callable[[], Broker], terminal: Terminal, tmp_path: Path
+    broker: Broker, terminal: Terminal, tmp_path: Path
 ) -> None:
-    outside = Outside(broker(), terminal, tmp_path)
+    outside = Outside(broker, terminal, tmp_path)
     attended = left(outside.beside)
     assert set(outside.done) == {"broker", "dashboard", "client"}
     assert len(attended) > 1000

@@ -27,15 +27,6 @@ def test_the_exit_code_says_that_no_pose_came(silent: list[str]) -> None:
     assert json.loads(done.stdout)["ok"] is False
 
 
-def test_an_address_that_can_not_be_listened_on_is_named(silent: list[str]) -> None:
-    done = subprocess.run(
-        [*silent, "--set", "pose.listen=192.0.2.1:51001"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 3
-    assert "groundstation: check: " in done.stderr
-    assert "192.0.2.1" in done.stderr
-
-
 def test_a_taken_port_makes_one_object_too(tmp_path: Path) -> None:
     config = tmp_path / "lab.toml"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:

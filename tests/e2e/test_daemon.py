@@ -169,11 +169,3 @@ def test_a_daemon_without_poses_goes_on_trying_and_ends_on_sigterm(tmp_path: Pat
         daemon.process.terminate()
         assert daemon.process.wait(60) == 0
     assert not list((tmp_path / "flights").glob("*.mcap"))
-
-
-def test_sigterm_in_flight_lands_before_a_daemon_ends(tmp_path: Path) -> None:
-    with served() as room, running(room, tmp_path / "log", "--arm", "mqx") as daemon:
-        daemon.says("tracking: ")
-        daemon.process.terminate()
-        assert daemon.process.wait(60) == 0, daemon.log
-        assert "landing: told by SIGTERM" in daemon.log and "landed: " in daemon.log

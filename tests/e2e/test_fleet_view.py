@@ -82,7 +82,7 @@ async def test_a_broker_is_found_lost_and_found_again(lab: LabBroker) -> None:
         await until(screen, lambda: [cells[:2] for cells in shown(screen)] == [["quad2", "  OFFLINE"]])
         lab.kill()
         await until(screen, lambda: f"localhost:{lab.port}: " in headline(screen))
-        await lab.begin()
+        await lab.start()
         await until(screen, lambda: "1 offline" in headline(screen))
         await say(lab.address("quad2"), "groundstation/quad2/state", b"ready")
         await until(screen, lambda: shown(screen)[0][1] == "!!NO DATA")

@@ -56,19 +56,6 @@ TESTED = [
 OTHERS = list({line: block.document for block in SHOWN if not block.tested for line in block.lines}.items())
 
 
-def test_a_block_is_run_or_marked_or_a_part_of_the_one_above() -> None:
-    marked = "<!-- not tested: needs a vehicle -->\n```sh\na\n```\n"
-    run = "\n```sh\n# remark\n$ b --c \\\nd\n```\n```toml\ne\n```\n<!-- after the block above -->\n```sh\nf\n```\n"
-    assert shown_in(marked + run, "") == [Shown("", ["a"], False), Shown("", ["b --c  d", "f"], True)]
-
-
-def test_the_readme_shows_both_make_targets_first() -> None:
-    assert [line for block in SHOWN if block.document == "README.md" for line in block.lines][:2] == [
-        "make fly",
-        "make test",
-    ]
-
-
 @pytest.mark.parametrize(("line", "document"), OTHERS, ids=[line for line, _ in OTHERS])
 def test_a_command_that_can_not_be_run_here_is_one_that_the_program_takes(
     line: str, document: str, capsys: pytest.CaptureFixture[str]

@@ -17,15 +17,24 @@ from statistics import median
 import msgspec
 import pytest
 
-from groundstation.core.messages import Sentence, TickRecord
+from groundstation.core.messages import Pose, Sentence, Tick, TickRecord
+from groundstation.core.pilot import Pilot
 from groundstation.flight import about, recorder
 from groundstation.machine import IdleSlots, RecordingConfig
 from groundstation.pose import TlogReader
 from groundstation.recording import LineRecord, ReceivedRecord, RecorderProcess, Recording, SentRecord
 from groundstation.recording.process import BACKLOG_BYTES
 from groundstation.settings import Config
-from tests.e2e.endless_recording import a_tick
 from tests.e2e.stations import served
+
+
+def a_tick() -> Tick:
+    """One command of a pilot on its first pose."""
+    config = Config()
+    pilot = Pilot(config.vehicle, config.controller, config.flight.coast_s, config.flight.floor_z_m)
+    pilot.add_pose(Pose(0, 0.0, 0.02, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0)))
+    pilot.follow(config.trajectory.build(), 0.0)
+    return pilot.tick(0.03)
 
 
 def the_recording(folder: Path) -> Path:

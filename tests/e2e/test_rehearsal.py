@@ -31,7 +31,6 @@ SERIAL = {
     "link": {"kind": "mavlink", "serial": "/dev/serial/by-id/usb-telemetry", "baud": 57600, "period_s": 0.04},
 }
 TCP = {"pose": {"kind": "qualisys", "server": "192.0.2.1:22223"}, "link": {"kind": "mavlink", "tcp": "192.0.2.3:5760"}}
-REMOTE = {"pose": {"kind": "json", "listen": "192.0.2.1:51002"}, "link": {"remote": "192.0.2.3:14550"}}
 RADIO = {"pose": {"kind": "vicon", "listen": "192.0.2.2:51001"}, "link": {"kind": "dsm", "port": "/dev/ttyUSB0"}}
 
 

@@ -4,7 +4,6 @@ import asyncio
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -16,8 +15,6 @@ from sim.radio import PtyWire
 from sim.runs import Stage, confirm_at
 from sim.scenarios import SCENARIOS, prepare
 from tests.e2e.stations import free_udp_port
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "rf-dsm.toml"
 
 
 async def flown(duration_s: float) -> list[tuple[float, float]]:
@@ -69,19 +66,6 @@ def test_a_dsm_module_on_a_port_flies_the_paper_in_real_time() -> None:
 def test_a_minute_over_a_dsm_module_stays_within_a_centimetre() -> None:
     errors = asyncio.run(flown(60.0))
     assert rms_cm(errors, 15.0) < 1.0
-
-
-def test_fly_refuses_a_port_that_may_be_a_real_module(tmp_path: Path) -> None:
-    run = subprocess.run(
-        [sys.executable, "-m", "groundstation", "fly", str(EXAMPLE), "--arm", "mqx"],
-        capture_output=True,
-        check=False,
-        text=True,
-        timeout=60,
-        stdin=subprocess.DEVNULL,
-    )
-    assert run.returncode == 2
-    assert "fence: missing, and a real vehicle may fly here (link.port = /dev/ttyUSB0)" in run.stderr
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from random import Random
 
 import msgspec
 import pytest
-from textual.command import CommandList
 from textual.pilot import Pilot
 from textual.widgets import Static
 from textual.widgets._footer import FooterKey
@@ -137,14 +136,6 @@ async def test_something_else_at_the_socket_is_told_and_does_not_end_the_screen(
     server = await asyncio.start_unix_server(say, stage.path)
     await until(pilot, lambda: "not a ground" in " ".join(text(pilot, Banner).split()))
     server.close()
-
-
-def finds(pilot: Pilot[None], words: str) -> bool:
-    """Whether the palette's first command is what these words look for, not what an earlier search has found."""
-    lists = pilot.app.screen.query(CommandList)
-    if not lists or not lists.first().option_count:
-        return False
-    return words.rsplit(maxsplit=1)[-1] in str(lists.first().get_option_at_index(0).prompt).lower()
 
 
 def test_without_a_name_it_is_the_only_one_that_runs(short_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

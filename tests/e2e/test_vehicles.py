@@ -134,21 +134,6 @@ def test_cores_and_relay_end_with_a_supervisor_that_is_killed(tmp_path: Path) ->
     assert not list(tmp_path.glob("*.sock"))
 
 
-def test_a_bad_fleet_file_stops_before_anything_is_started(tmp_path: Path) -> None:
-    file = fleet_file(tmp_path)
-    file.write_text(file.read_text("utf-8").replace('name = "bee"', 'name = "ant"'), "utf-8")
-    for words, says in (
-        ([str(file)], "vehicle ant: name: 'ant' is ant's already"),
-        ([str(tmp_path / "lab.toml")], "lab.toml: "),
-    ):
-        found = subprocess.run(
-            [sys.executable, "-m", "groundstation", "fleet", *words],
-            capture_output=True, text=True, check=False, timeout=60,
-        )  # fmt: skip
-        assert found.returncode == 2
-        assert says in found.stderr
-
-
 def started(program: str, *words: str, into: IO[str]) -> "subprocess.Popen[str]":
     return subprocess.Popen(
         [sys.executable, "-m", program, *words], stdin=subprocess.DEVNULL, stdout=into, stderr=into, text=True
