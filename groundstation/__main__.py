@@ -301,10 +301,8 @@ def _mqtt(parser: argparse.ArgumentParser) -> None:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="{make-key,topics,schemas}")
     make_key = verbs.add_parser("make-key", help="write the new key of a client that may ask by MQTT")
     make_key.add_argument("file", type=path, metavar="FILE")
-    topics = verbs.add_parser("topics", help="list the topics")
-    topics.add_argument("--write", type=path, metavar="FILE.md", help="put them between the file's markers")
-    schemas = verbs.add_parser("schemas", help="print the JSON Schemas of the messages")
-    schemas.add_argument("--write", type=path, metavar="DIR", help="write one file each instead")
+    verbs.add_parser("topics", help="list the topics")
+    verbs.add_parser("schemas", help="print the JSON Schemas of the messages")
 
 
 def _error_budget(flown: "FlightColumns") -> "ErrorBudget":

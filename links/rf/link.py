@@ -24,20 +24,6 @@ SILENT_S = 1.0
 """A pacer that reports nothing for so long stands still, or can't be heard [s]."""
 
 
-def _radio(report: PacerReport) -> str:
-    """Describe the radio: link quality, and the flight controller's mode and lean, where they are reported."""
-    told, text = report.telemetry, ""
-    if told.uplink_share is not None:
-        share = 100.0 * told.uplink_share
-        text = f"; receiver gets {share:.0f} %, {told.uplink_dbm} dBm, {told.uplink_snr_db} dB over noise"
-    if told.mode:
-        text += f"; mode {told.mode}"
-    if told.attitude is not None:
-        _, x, y, _ = told.attitude
-        text += f"; leans by {math.degrees(2.0 * math.asin(min(math.hypot(x, y), 1.0))):.0f}°"
-    return text
-
-
 class HeardPacer:
     """One pacer after the other. Times are on the event loop's clock [s]."""
 
@@ -119,7 +105,7 @@ class HeardPacer:
         if report is None:
             return ""
         counts = f"{report.frames} frames, {report.lost} lost, {report.repeated} repeated"
-        return self.why_lost() or f"{counts}, 99 % within {report.late_us[1]} µs; {report.note}{_radio(report)}"
+        return self.why_lost() or f"{counts}, 99 % within {report.late_us[1]} µs; {report.note}"
 
     def ahead_of_frame(self, now_s: float) -> float:
         """The next instant that lies ``manner.lead_s`` before a frame."""
@@ -204,11 +190,6 @@ class PacedLink:
     def autopilot(self) -> None:
         """None: the receiver is told alone."""
         return None
-
-    @property
-    def report(self) -> PacerReport | None:
-        """The newest report of the pacer; None before the first."""
-        return self._heard.report
 
     @property
     def status(self) -> LinkStatus:

@@ -27,8 +27,8 @@ from groundstation.core.messages import NOTICES
 from groundstation.core.mission import FINAL, Event, State
 from groundstation.core.mission import TABLE as TRANSITIONS
 from groundstation.core.safety import list_limits
-from groundstation.interfaces.mqtt import write_schemas
-from groundstation.machine import fill_markers
+from groundstation.interfaces.mqtt import schema_text, schemas, topics_table
+from groundstation.machine import fill_markers, replace_between_markers
 from groundstation.recording import CHANNELS
 from groundstation.runtime import Program
 from groundstation.settings import Config
@@ -416,5 +416,10 @@ def reference_command(folder: Path | None) -> str:
         with refuse_io("--write", f"cannot write {folder / name}"):
             folder.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(page(name), "utf-8")
-    written = [folder / name for name in PAGES] + write_schemas(folder / SCHEMAS)
-    return "\n".join(f"{path} written" for path in written)
+    (folder / SCHEMAS).mkdir(exist_ok=True)
+    for name, schema in schemas().items():
+        (folder / SCHEMAS / name).write_text(schema_text(schema), "utf-8")
+    if (folder / "mqtt.md").exists():  # written by hand but for its table
+        replace_between_markers(folder / "mqtt.md", topics_table(), "mqtt-topics")
+    written = [*PAGES, *(f"{SCHEMAS}/{name}" for name in schemas())]
+    return "\n".join(f"{folder / name} written" for name in written)

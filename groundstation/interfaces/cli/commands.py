@@ -6,7 +6,6 @@ And completion: scripts by which a shell completes our command lines. No key pre
 import argparse
 import asyncio
 import json
-import math
 import os
 import shlex
 import signal
@@ -20,7 +19,7 @@ from typing import Any
 import msgspec
 
 from groundstation.config import ConfigError, dump, keys_of, load
-from groundstation.core.messages import FARTHEST_M, MOST_POINTS, TURN_DEG, Ask, Request, Waypoint, notice
+from groundstation.core.messages import MOST_POINTS, Ask, Request, Waypoint, notice
 from groundstation.runtime import Exit, Program, path
 from groundstation.settings import Config
 from links.bridge import BridgeConfig
@@ -231,21 +230,11 @@ def request(args: argparse.Namespace) -> Exit:
 
 COURSE_LETTERS = 100_000
 """A file of as many points as one request may hold is far shorter."""
-AXES_OF_GOTO = (("NORTH", FARTHEST_M), ("EAST", FARTHEST_M), ("DOWN", FARTHEST_M), ("YAW", TURN_DEG))
-
-
-def _read_number(name: str, word: str, most: float) -> float:
-    try:
-        value = float(word)
-    except ValueError:
-        value = math.nan  # is within no bounds
-    if not -most <= value <= most:
-        raise ConfigError("goto", f"{name}: expected a number from {-most:g} to {most:g}, got {word!r}")
-    return value
 
 
 def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     """Where ``goto`` and ``follow`` lead: the points travel in the request, as files here are none of the station's."""
+    rows: list[list[Any]]
     if ask == "follow":
         if len(where) != 1:
             raise ConfigError("follow", f"expected one FILE.csv, got {len(where)} words")
@@ -270,7 +259,7 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     elif ask == "goto":
         if len(where) not in (3, 4):
             raise ConfigError("goto", f"expected NORTH EAST DOWN [YAW], got {len(where)} numbers")
-        rows = [[_read_number(name, word, most) for (name, most), word in zip(AXES_OF_GOTO, where, strict=False)]]
+        rows = [where]
     elif where:
         raise ConfigError(ask, f"takes nothing behind it, got {' '.join(where)!r}")
     else:
@@ -280,9 +269,11 @@ def _read_points(ask: str, where: list[str]) -> tuple[Waypoint, ...]:
     points = []
     for number, row in enumerate(rows, start=1):
         try:
-            points.append(Waypoint(*row))
+            numbers: list[Any] = [None if each is None else float(each) for each in row]
+            points.append(Waypoint(*numbers))
         except ValueError as error:
-            raise ConfigError(ask, f"{where[0]}: point {number}: {error}") from None
+            where_at = f"{where[0]}: point {number}: " if ask == "follow" else ""
+            raise ConfigError(ask, f"{where_at}{error}") from None
     return tuple(points)
 
 
@@ -552,19 +543,12 @@ async def _serve(
             await link.serve(Service(what.replace("-", "_")), seconds)
         status = link.status
         say(f"{status.state}: {status.text}")
-        if link.report is not None:
-            say(f"late by: {_histogram(link.report.late_octaves)}")
     except LinkError as error:
         say(f"{what} failed: {error}")
         return False
     finally:
         await link.close()
     return status.state == "connected"
-
-
-def _histogram(octaves: tuple[int, ...]) -> str:
-    """``<64 µs 12, <128 µs 3`` of counts by lateness; see :class:`links.rf.pacer.PacerReport`."""
-    return ", ".join(f"<{2**k} µs {count}" for k, count in enumerate(octaves) if count)
 
 
 async def _bridge(config: BridgeConfig, shared: bytes, say: Say) -> bool:

@@ -16,7 +16,6 @@ from groundstation.config import (
     describe_name,
     describe_pattern,
     is_name,
-    refuse_io,
 )
 from groundstation.core.messages import RemoteAsk, Waypoint
 from groundstation.interfaces.mqtt.broker import MqttBroker, describe_error, from_url, heed_cancellation
@@ -33,9 +32,9 @@ from groundstation.interfaces.mqtt.messages import (
     properties,
 )
 from groundstation.interfaces.mqtt.requests import Place, open_answer, seal_request
-from groundstation.machine import replace_between_markers, wall_ms, write_whole
+from groundstation.machine import wall_ms
 from groundstation.runtime import Exit
-from links.io import read_key
+from links.io import make_key, read_key
 
 if TYPE_CHECKING:
     import aiomqtt
@@ -45,40 +44,28 @@ def mqtt_command(args: argparse.Namespace) -> Exit:
     """Do what the verb says.
 
     Raises:
-        ConfigError: a file can't be written.
+        ConfigError: a key can't be written.
     """
-    {"make-key": _make_key, "topics": _topics, "schemas": _schemas}[args.verb](args)
+    match args.verb:
+        case "topics":
+            print(topics_table())
+        case "schemas":
+            print(json.dumps(schemas(), indent=2, ensure_ascii=False))
+        case "make-key":
+            _make_key(args.file)
     return Exit.DONE
 
 
-def _make_key(args: argparse.Namespace) -> None:
-    from links.io import make_key
-
+def _make_key(file: Path) -> None:
     try:
-        make_key(args.file)
+        make_key(file)
     except ValueError as error:
         raise ConfigError("mqtt make-key", str(error)) from None
     print(
-        f"{args.file}: a new key, for your eyes only. Copy it to the client by a safe way, mode 0600, and name it "
+        f"{file}: a new key, for your eyes only. Copy it to the client by a safe way, mode 0600, and name it "
         "as key_file of mqtt.requests.clients.NAME",
         file=sys.stderr,
     )
-
-
-def _topics(args: argparse.Namespace) -> None:
-    if args.write is not None:
-        replace_between_markers(args.write, topics_table(), "mqtt-topics")
-    print(topics_table())
-
-
-def _schemas(args: argparse.Namespace) -> None:
-    if args.write is None:
-        print(json.dumps(schemas(), indent=2, ensure_ascii=False))
-        return
-    with refuse_io("--write", f"cannot write {args.write}"):
-        written = write_schemas(args.write)
-    for path in written:
-        print(path)
 
 
 LIFE_MS = 4000
@@ -252,16 +239,6 @@ def schema_text(schema: dict[str, Any]) -> str:
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 
-def write_schemas(folder: Path) -> list[Path]:
-    """Write all into ``folder``."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, schema in schemas().items():
-        write_whole(folder / name, schema_text(schema))
-        paths.append(folder / name)
-    return paths
-
-
 def topics_table() -> str:
     """The topics as a table in Markdown."""
     lines = ["| topic | holds | retained | QoS | expires |", "|---|---|---|---|---|"]
@@ -285,7 +262,7 @@ def _schema(topic: Topic) -> dict[str, Any]:
     root = made.pop(topic.message.__name__)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$comment": f"PREFIX/VEHICLE/{topic.name}; made by: groundstation mqtt schemas --write DIR",
+        "$comment": f"PREFIX/VEHICLE/{topic.name}; made by: groundstation-sim dev reference",
         **root,
         **({"$defs": made} if made else {}),
     }

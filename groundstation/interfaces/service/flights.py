@@ -170,10 +170,10 @@ def line_of(level: int, message: str, style: Format, event: Notice | Sentence | 
 _PRIORITY = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR: 3, logging.CRITICAL: 2}
 
 
-def is_journal(number: int, environment: Mapping[str, str] = os.environ) -> bool:
+def is_journal(number: int) -> bool:
     """Whether what is written to ``number`` goes to the journal (systemd.exec(5), ``$JOURNAL_STREAM``)."""
     info = os.fstat(number)
-    return environment.get("JOURNAL_STREAM", "") == f"{info.st_dev}:{info.st_ino}"
+    return os.environ.get("JOURNAL_STREAM", "") == f"{info.st_dev}:{info.st_ino}"
 
 
 def _log(told: Notice | Sentence, /) -> None:

@@ -187,9 +187,6 @@ def _join_spans(cells: Sequence[tuple[str, str]]) -> Spans:
     return spans
 
 
-ROWS = 3
-"""Height of the smaller letters [rows of text]."""
-
 # Five rows of pixels each; two pixels make one half-block character.
 _GLYPHS = {
     "A": ".#. #.# ### #.# #.#",
@@ -260,28 +257,22 @@ SMALL = 0.02
 """A smaller part of a vector has no arrow [m/s²]."""
 
 
-def number_rows(snapshot: Snapshot, room: float = math.inf) -> list[Spans]:
-    """Position, attitude, commands, disturbance, certificate, pose, link and battery, one row each.
-
-    Where ``room`` is less than that [rows], the rates are left out first, then the disturbance.
-    """
+def number_rows(snapshot: Snapshot) -> list[Spans]:
+    """Position, attitude, thrust, certificate, pose, link, battery, disturbance and rates, the most important first."""
     roll, pitch, yaw = (math.degrees(angle) for angle in euler_zyx(snapshot.attitude))
-    first = [
+    return [
         [("            north     east   height", LABEL)],
         row("position", f"{_place(snapshot.position_ned, snapshot.floor_z_m)} m"),
         row("reference", f"{_place(snapshot.reference_ned, snapshot.floor_z_m)} m"),
         row("error", f"{_centimetres(snapshot.error_m)}   rms {_centimetres(snapshot.rms_m or math.nan)}"),
         row("attitude", f"roll {roll:+.1f} pitch {pitch:+.1f} yaw {yaw:+.1f}°"),
         _thrust(snapshot),
+        _certificate(snapshot),
+        _pose(snapshot),
+        *_link(snapshot),
+        *_disturbance(snapshot),
+        *_rates(snapshot),
     ]
-    last = [_certificate(snapshot), _pose(snapshot), *_link(snapshot)]
-    rates, disturbance = _rates(snapshot), _disturbance(snapshot)
-    room -= len(first) + len(last)
-    if len(rates) + len(disturbance) > room:
-        rates = []
-        if len(disturbance) > room:
-            disturbance = []
-    return [*first, *rates, *disturbance, *last]
 
 
 def _thrust(snapshot: Snapshot) -> Spans:

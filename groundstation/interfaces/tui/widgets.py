@@ -280,7 +280,7 @@ class Numbers(Widget):
 
     def render(self) -> Content:
         """Its rows."""
-        rows = [] if self._snapshot is None else number_rows(self._snapshot, self.size.height)
+        rows = [] if self._snapshot is None else number_rows(self._snapshot)
         if self._stale:
             rows = [[(text, f"dim {LABEL}") for text, _ in row] for row in rows]
         return content(rows, self.content_size.width)

@@ -119,8 +119,8 @@ def test_a_course_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("words", "says"), [
-    (["goto", "nan", "0", "-1"], "goto: NORTH: expected a number from -1000 to 1000, got 'nan'"),
-    (["goto", "0", "0", "-1", "1e9"], "goto: YAW: expected a number from -360 to 360, got '1e9'"),
+    (["goto", "nan", "0", "-1"], "goto: north_m: expected a number from -1000 to 1000, got nan"),
+    (["goto", "0", "0", "-1", "1e9"], "goto: yaw_deg: expected a number from -360 to 360, got 1000000000.0"),
     (["follow", "turned.csv"], "turned.csv: point 2: yaw_deg: expected a number from -360 to 360, got 400.0"),
     (["goto", "1", "2"], "goto: expected NORTH EAST DOWN [YAW], got 2 numbers"),
     (["follow", "huge.csv"], "huge.csv: longer than a file of 64 points can be"),
